@@ -1,0 +1,3 @@
+"""camgen: checked robot and machine programs from drawings, photos and models."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,1 @@
+"""Lines and arcs in the plane: intersections, distances, offsets. Vectorised over whole drawings."""

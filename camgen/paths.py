@@ -1,0 +1,97 @@
+"""Tool paths and their order: what planners make, what the tour arranges and ``lower`` turns into a program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from camgen.pose import FloatArray, frozen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolPath:
+    """The waypoints of the PIST paper (eq. 1, 12) as columns, work frame, mm, mm/s, N.
+
+    Row 0 is the start; row i > 0 is segment i, which ends at ``position[i]``. What speaks of segments (via, press,
+    force, feed) repeats segment 1 in row 0, so that columns have one length; via[0] is NaN.
+
+    position: (N, 3) of the tool centre. axis: (N, 3) unit, tool z, towards the part. via: (N, 3), the point half-way
+    along an arc segment (at most half a circle), NaN for a straight one. press: (N, 2, 3) unit vectors from the tool
+    towards the surface at the start and at the end of the segment, zero where there is no surface (traced lines).
+    force: (N,) N along press, zero where contact is not expected. feed: (N,) of the tool centre.
+    closed: the last position is the first again. reversible: may be run backwards. parent: index of the path that
+    encloses this one in the same plan, -1 if none. depths: mm below ``position`` of each pass, in order.
+    """
+
+    id: str
+    layer: str
+    position: FloatArray
+    via: FloatArray
+    axis: FloatArray
+    press: FloatArray
+    force: FloatArray
+    feed: FloatArray
+    closed: bool
+    reversible: bool = True
+    parent: int = -1
+    depths: tuple[float, ...] = (0.0,)
+
+    def reversed(self) -> ToolPath:
+        """The same path run backwards."""
+        return replace(
+            self,
+            position=frozen(self.position[::-1]),
+            via=_no_via(_backwards(self.via)),
+            axis=frozen(self.axis[::-1]),
+            press=frozen(_backwards(self.press)[:, ::-1]),
+            force=_backwards(self.force),
+            feed=_backwards(self.feed),
+        )
+
+    @property
+    def length(self) -> float:
+        """Path length of one pass, mm, arcs exact."""
+        return float(segment_lengths(self.position, self.via).sum())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tour:
+    """The paths in the order and direction in which they are run, each rotated to its start.
+
+    travel: mm between the end of each path and the start of the next, from and back to the home position if given.
+    """
+
+    paths: tuple[ToolPath, ...]
+    travel: float
+    method: str
+
+
+def _backwards(column: FloatArray) -> FloatArray:
+    """A per-segment column of the reversed path: segment i becomes segment N - i, row 0 repeats segment 1."""
+    if len(column) < 2:
+        return column
+    turned = np.concatenate([column[-1:], column[:0:-1]])
+    return frozen(turned)
+
+
+def _no_via(via: FloatArray) -> FloatArray:
+    """``via`` with its row 0 cleared, since no segment ends at the start."""
+    cleared = via.copy()
+    cleared[0] = np.nan
+    return frozen(cleared)
+
+
+def segment_lengths(position: FloatArray, via: FloatArray) -> FloatArray:
+    """Lengths (N - 1,) of the segments of a path, arcs exact: chord c and half-chord to via h give the sweep."""
+    chord = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    half = np.linalg.norm(via[1:] - position[:-1], axis=1)
+    arc = ~np.isnan(half)
+    if not arc.any():
+        return np.asarray(chord, dtype=np.float64)
+    # half = 2 R sin(sweep / 4), chord = 2 R sin(sweep / 2) => cos(sweep / 4) = chord / (2 half)
+    quarter = np.arccos(np.clip(chord[arc] / np.maximum(2 * half[arc], 1e-300), -1.0, 1.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length = np.where(quarter > 1e-7, 2 * half[arc] * quarter / np.sin(quarter), chord[arc])
+    chord[arc] = length
+    return np.asarray(chord, dtype=np.float64)

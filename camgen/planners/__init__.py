@@ -1,0 +1,1 @@
+"""Planners: a Part to ToolPaths. One function per file."""

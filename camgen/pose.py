@@ -1,0 +1,174 @@
+"""Rotations and frames: the only module that knows a quaternion from an Euler angle.
+
+A transform is named ``a_from_b``: it takes coordinates in b to coordinates in a, so that
+``base_from_work @ work_from_tool`` reads correctly or visibly not. mm and rad throughout.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Vec3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+#: Below this the two outer angles of an Euler triple cannot be told apart (sine of the middle angle).
+_DEGENERATE = 1e-9
+
+
+def frozen(values: object) -> FloatArray:
+    """``values`` as a read-only float array of its own."""
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+IDENTITY = frozen(np.eye(3))
+#: Tool z towards the part, tool x along the work x: the tool straight down (contract, frames).
+TOOL_DOWN = frozen(np.diag([1.0, -1.0, -1.0]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """A rigid transform: ``rotation`` (3, 3), read-only and orthonormal; ``origin`` x, y, z in mm."""
+
+    rotation: FloatArray
+    origin: Vec3
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(frozen(self.rotation @ other.rotation), self.apply(other.origin))
+
+    def apply(self, point: Sequence[float]) -> Vec3:
+        """``point`` (mm, frame b) in frame a."""
+        x, y, z = (self.rotation @ np.asarray(point, dtype=np.float64)).tolist()
+        return (x + self.origin[0], y + self.origin[1], z + self.origin[2])
+
+    def inverse(self) -> Pose:
+        """b_from_a."""
+        back = self.rotation.T
+        x, y, z = (-(back @ np.asarray(self.origin))).tolist()
+        return Pose(frozen(back), (x, y, z))
+
+
+def translation(x: float, y: float, z: float) -> Pose:
+    """A frame with the same axes, its origin at x, y, z (mm)."""
+    return Pose(IDENTITY, (float(x), float(y), float(z)))
+
+
+def pose_from_values(values: Sequence[float]) -> Pose:
+    """Pose from ``[x, y, z, rx, ry, rz]``: mm and degrees, R = Rz Ry Rx (contract, section 3)."""
+    x, y, z, rx, ry, rz = (float(v) for v in values)
+    rotation = rotation_from_fixed_xyz(math.radians(rx), math.radians(ry), math.radians(rz))
+    return Pose(rotation, (x, y, z))
+
+
+def rotation_about(axis: int, angle: float) -> FloatArray:
+    """Rotation about coordinate axis 0, 1 or 2 by ``angle`` rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3)
+    matrix[i, i] = matrix[j, j] = c
+    matrix[i, j], matrix[j, i] = -s, s
+    return frozen(matrix)
+
+
+def rotation_about_axis(axis: FloatArray, angle: float) -> FloatArray:
+    """Rotation about the unit vector ``axis`` (3,) by ``angle`` rad (Rodrigues)."""
+    x, y, z = axis.tolist()
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return frozen(np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross))
+
+
+def rotation_between(a: FloatArray, b: FloatArray, fraction: float) -> FloatArray:
+    """The rotation at ``fraction`` 0..1 of the shortest turn from ``a`` to ``b``."""
+    w, x, y, z = quaternion(frozen(a.T @ b))
+    half = math.atan2(math.sqrt(x * x + y * y + z * z), w)
+    if half < 1e-12:
+        return a
+    axis = np.array([x, y, z]) / math.sin(half)
+    return frozen(a @ rotation_about_axis(axis, 2 * half * fraction))
+
+
+def rotation_from_axes(axis: Sequence[float], towards: Sequence[float]) -> FloatArray:
+    """Rotation whose z is ``axis`` and whose x is ``towards``, made square to z. Both (3,), not parallel."""
+    z = np.asarray(axis, dtype=np.float64)
+    z = z / np.linalg.norm(z)
+    x = np.asarray(towards, dtype=np.float64)
+    x = x - z * float(x @ z)
+    x = x / np.linalg.norm(x)
+    return frozen(np.column_stack([x, np.cross(z, x), z]))
+
+
+def quaternion(rotation: FloatArray) -> Quaternion:
+    """Unit quaternion (w, x, y, z), w >= 0 and the first component that is not zero positive (Shepperd's choice)."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    candidates = (a + e + i, a, e, i)
+    largest = max(range(4), key=lambda k: candidates[k])
+    if largest == 0:
+        q = (1 + a + e + i, h - f, c - g, d - b)
+    elif largest == 1:
+        q = (h - f, 1 + a - e - i, b + d, c + g)
+    elif largest == 2:
+        q = (c - g, b + d, 1 - a + e - i, f + h)
+    else:
+        q = (d - b, c + g, f + h, 1 - a - e + i)
+    norm = math.sqrt(sum(v * v for v in q))
+    lead = next(v for v in q if abs(v) > 1e-12 * norm)
+    if lead < 0:
+        norm = -norm
+    return (q[0] / norm + 0.0, q[1] / norm + 0.0, q[2] / norm + 0.0, q[3] / norm + 0.0)
+
+
+def rotation_from_quaternion(q: Sequence[float]) -> FloatArray:
+    """Rotation of the quaternion (w, x, y, z); it is normalised first."""
+    w, x, y, z = (float(v) for v in q)
+    n = 2.0 / (w * w + x * x + y * y + z * z)
+    return frozen(
+        [
+            [1 - n * (y * y + z * z), n * (x * y - w * z), n * (x * z + w * y)],
+            [n * (x * y + w * z), 1 - n * (x * x + z * z), n * (y * z - w * x)],
+            [n * (x * z - w * y), n * (y * z + w * x), 1 - n * (x * x + y * y)],
+        ]
+    )
+
+
+def fixed_xyz(rotation: FloatArray) -> Vec3:
+    """(rx, ry, rz) rad with R = Rz(rz) Ry(ry) Rx(rx); rx = 0 where ry = +-90 deg leaves it free (DENSO, contract)."""
+    r = rotation
+    s = math.hypot(r[0, 0], r[1, 0])
+    if s < _DEGENERATE:
+        return (0.0, math.copysign(math.pi / 2, -r[2, 0]), math.atan2(-r[0, 1], r[1, 1]))
+    return (math.atan2(r[2, 1], r[2, 2]), math.atan2(-r[2, 0], s), math.atan2(r[1, 0], r[0, 0]))
+
+
+def rotation_from_fixed_xyz(rx: float, ry: float, rz: float) -> FloatArray:
+    """R = Rz(rz) Ry(ry) Rx(rx), angles in rad."""
+    return frozen(rotation_about(2, rz) @ rotation_about(1, ry) @ rotation_about(0, rx))
+
+
+def zyz(rotation: FloatArray) -> Vec3:
+    """(yaw, pitch, roll) rad with R = Rz(yaw) Ry(pitch) Rz(roll); yaw = 0 at pitch 0 or 180 deg (V+ TRANS)."""
+    r = rotation
+    s = math.hypot(r[0, 2], r[1, 2])
+    if s < _DEGENERATE:
+        if r[2, 2] > 0:
+            return (0.0, 0.0, math.atan2(r[1, 0], r[0, 0]))
+        return (0.0, math.pi, math.atan2(r[1, 0], r[1, 1]))
+    return (math.atan2(r[1, 2], r[0, 2]), math.atan2(s, r[2, 2]), math.atan2(r[2, 1], -r[2, 0]))
+
+
+def rotation_from_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
+    """R = Rz(yaw) Ry(pitch) Rz(roll), angles in rad."""
+    return frozen(rotation_about(2, yaw) @ rotation_about(1, pitch) @ rotation_about(2, roll))
+
+
+def angle_between(a: FloatArray, b: FloatArray) -> float:
+    """The angle (rad) of the rotation that takes ``a`` to ``b``; exact for small angles too."""
+    skew = a.T @ b
+    sine = math.hypot(skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1])
+    return math.atan2(sine, float(np.trace(skew)) - 1.0)

@@ -1,0 +1,252 @@
+"""The contract of a post-processor and of its read-back, and how both are found.
+
+A post prints a ``Program`` for one controller. It overrides a handful of methods, one per instruction, each returning
+the lines of that instruction; the base class does dispatch, legality, comments, signal names and splitting. What a
+controller lacks is turned into what it has by a named pass (``passes``), or refused with its index and the reason.
+Nothing is dropped, nothing clamped.
+
+A read-back is the other half: a function from text to instructions, written from the manual and never from the post.
+Both are found through entry points (``camgen.posts``, ``camgen.readbacks``) or as a path to a Python file.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from camgen.errors import Refused
+from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.passes import PASSES
+from camgen.pose import Pose
+from camgen.text import harmless
+
+
+@dataclass(frozen=True, slots=True)
+class OutputFile:
+    """One file of a program: its name without folder, its text with LF line ends (written with the post's own)."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """The built-in cell in which a job without ``[cell]`` is posted: frames and home position. name: for messages."""
+
+    name: str
+    base_from_work: Pose
+    flange_from_tool: Pose
+    home: Joints | Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How exactly the text carries a program: half the last printed digit, with the rounding of angles on top.
+
+    mm: per coordinate. angle: rad of an orientation. joint: rad (or mm) per joint. speed: mm/s. force: N. seconds: s.
+    """
+
+    mm: float
+    angle: float
+    joint: float
+    speed: float
+    force: float
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something in a program text that cannot be right, or that the reader does not know. line: 1-based."""
+
+    line: int
+    what: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """What a program text says.
+
+    body: its instructions (comments left out), poses in the work frame. lines: for each, its 1-based line in the file
+    ``files[k]`` it came from, counted through all files in order. work and tool: the frames that the text defines,
+    None where it relies on the controller's. faults: in order of line.
+    """
+
+    body: tuple[Instruction, ...]
+    lines: tuple[int, ...]
+    faults: tuple[Fault, ...]
+    work: Pose | None = None
+    tool: Pose | None = None
+
+
+#: A read-back: the files by name in the order written, the post's options as given in ``[post]`` -> what they say.
+Readback = Callable[[Mapping[str, str], Mapping[str, object]], Reading]
+
+
+@dataclass
+class Post(ABC):
+    """Base of all posts. Subclasses are dataclasses whose public fields are the options of ``[post]``.
+
+    A post object renders one program: options come in through the constructor, state may live in private fields.
+
+    *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, force, refuses, assemble, cell,
+    tolerance. *Don't*: render, prepare, line, note.
+    """
+
+    #: What ``--post`` says, the file name's ending, the line end, and one line for ``camgen posts``.
+    name: ClassVar[str]
+    suffix: ClassVar[str]
+    about: ClassVar[str]
+    newline: ClassVar[str] = "\n"
+    #: Names of the passes that may replace what ``refuses`` turns down, in the order in which they are tried.
+    passes: ClassVar[tuple[str, ...]] = ("chords",)
+    #: What the text carries of each motion; the rest is not compared: "orientation", "speed", "joint-speed", "blend".
+    carries: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "blend"})
+
+    program: str = field(default="", kw_only=True, metadata={"help": "program name; the input's name when empty"})
+    decimals: int = field(default=3, kw_only=True, metadata={"help": "digits after the point of a coordinate in mm"})
+    max_lines: int = field(default=0, kw_only=True, metadata={"help": "lines per file before it is split; 0: never"})
+
+    # -- must override -------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def begin(self, program: Program) -> Sequence[str]:
+        """The lines before the first instruction: header, declarations, frames."""
+
+    @abstractmethod
+    def end(self, program: Program) -> Sequence[str]:
+        """The lines after the last instruction."""
+
+    @abstractmethod
+    def movej(self, motion: MoveJ) -> Sequence[str]:
+        """The lines of a joint-interpolated motion."""
+
+    @abstractmethod
+    def movel(self, motion: MoveL) -> Sequence[str]:
+        """The lines of a straight motion."""
+
+    @abstractmethod
+    def output(self, item: Output) -> Sequence[str]:
+        """The lines that set a signal."""
+
+    @abstractmethod
+    def wait(self, item: Wait) -> Sequence[str]:
+        """The lines that wait."""
+
+    @abstractmethod
+    def comment(self, text: str) -> str:
+        """``text``, already harmless, as a comment line."""
+
+    # -- may override --------------------------------------------------------------------------------------------
+
+    def movec(self, motion: MoveC) -> Sequence[str]:
+        """The lines of an arc. A post that does not override this must refuse MoveC and name the pass ``chords``."""
+        raise NotImplementedError(f"{self.name} has no arc")
+
+    def force(self, item: Force) -> Sequence[str]:
+        """The lines that turn force control on or off. A post without force must refuse it."""
+        raise NotImplementedError(f"{self.name} has no force control")
+
+    def refuses(self, item: Instruction, start: Pose | None) -> str:  # noqa: ARG002 (for those who override)
+        """Why the controller cannot do ``item`` from the pose ``start``; empty when it can. Ends with the remedy."""
+        return ""
+
+    def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
+        """Files from the printed body, one part unless it was longer than ``max_lines``."""
+        if len(parts) > 1:
+            raise Refused(self.name, -1, f"the program is longer than {self.max_lines} lines", "raise post.max_lines")
+        lines = [*self.begin(program), *parts[0], *self.end(program)]
+        return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
+
+    @classmethod
+    def cell(cls) -> Cell:
+        """The built-in cell."""
+        raise NotImplementedError
+
+    def tolerance(self) -> Tolerance:
+        """How exactly the read-back must agree."""
+        return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 0.01, 0.01, 0.001)
+
+    # -- don't override ------------------------------------------------------------------------------------------
+
+    def file_name(self, program: Program) -> str:
+        """The name of the (main) file."""
+        return program.name + self.suffix
+
+    def prepare(self, program: Program, chord: float) -> Program:
+        """The program in instructions this controller has. chord: mm that a replacement may deviate.
+
+        Raises Refused with the index and reason of the first instruction that it lacks.
+        """
+        body: list[Instruction] = []
+        start: Pose | None = None
+        changed = False
+        for index, item in enumerate(program.body):
+            reason = self.refuses(item, start)
+            if reason:
+                replaced = self._replace(item, start, chord)
+                if replaced is None:
+                    raise Refused(self.name, index, reason)
+                body += replaced
+                changed = True
+            else:
+                body.append(item)
+            if isinstance(item, (MoveL, MoveC, MoveJ)):
+                start = item.target if isinstance(item.target, Pose) else None
+        return program.with_body(tuple(body)) if changed else program
+
+    def _replace(self, item: Instruction, start: Pose | None, chord: float) -> list[Instruction] | None:
+        """``item`` as instructions that are accepted, by the first pass that achieves it."""
+        if not isinstance(item, MoveC) or start is None:
+            return None
+        for name in self.passes:
+            pieces = PASSES[name](start, item, chord)
+            here: Pose | None = start
+            for piece in pieces:
+                if self.refuses(piece, here):
+                    break
+                here = piece.target if isinstance(piece.target, Pose) else None
+            else:
+                return list(pieces)
+        return None
+
+    def render(self, program: Program) -> tuple[OutputFile, ...]:
+        """The program as files. Every instruction must be one that the controller has (``prepare``)."""
+        parts: list[list[str]] = [[]]
+        for item in program.body:
+            lines = self.line(item)
+            if self.max_lines and len(parts[-1]) + len(lines) > self.max_lines and parts[-1]:
+                parts.append([])
+            parts[-1] += lines
+        return self.assemble(program, parts)
+
+    def line(self, item: Instruction) -> Sequence[str]:
+        """The lines of one instruction."""
+        match item:
+            case MoveL():
+                return self.movel(item)
+            case MoveC():
+                return self.movec(item)
+            case MoveJ():
+                return self.movej(item)
+            case Output():
+                return self.output(item)
+            case Wait():
+                return self.wait(item)
+            case Force():
+                return self.force(item)
+            case Comment():
+                return (self.note(item.text),)
+
+    def note(self, text: str) -> str:
+        """Any text as a comment line that can neither end nor start anything."""
+        return self.comment(harmless(text))
+
+
+def pose_of(motion: Motion) -> Pose:
+    """The Cartesian target of a motion that has one."""
+    if isinstance(motion.target, Joints):
+        raise ValueError("a motion to joints has no pose")
+    return motion.target

@@ -1,0 +1,121 @@
+"""The tables of a job file with their defaults: lengths mm, angles deg, speeds mm/s, forces N, times s.
+
+These structures are the one place where a setting has a name, a type, a default and its sentence of explanation;
+``camgen init`` prints them, ``job`` checks a file against them.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct, field
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Values = list[float]
+
+
+class Table(Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of all tables."""
+
+
+class Input(Table, frozen=True):
+    """[input]: how the file is read."""
+
+    units: Annotated[str, Meta(description="unit of the drawing: auto (the file's own), mm, cm, m, inch, ft, ...")] = (
+        "auto"
+    )
+    layers: Annotated[list[str], Meta(description='layers to use, as globs; "!x" leaves out')] = field(
+        default_factory=lambda: ["*"]
+    )
+    join: Annotated[NotNegative, Meta(description="ends closer than this meet, mm")] = 0.05
+
+
+class Operation(Table, frozen=True):
+    """[operation]: what is done along the contours."""
+
+    kind: Annotated[
+        Literal["follow", "trace"],
+        Meta(description="follow: the tool runs beside the contour; trace: its centre runs on the line"),
+    ] = "follow"
+    side: Annotated[
+        Literal["auto", "outside", "inside", "left", "right", "on"],
+        Meta(description="auto: outer loops outside, holes inside; left, right, on: seen along the drawn direction"),
+    ] = "auto"
+    direction: Annotated[
+        Literal["climb", "conventional", "any"], Meta(description="climb: the part on the right of the travel")
+    ] = "climb"
+    corner_radius: Annotated[NotNegative, Meta(description="least radius of inner corners of the path, mm")] = 0.0
+    inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
+    depth: Annotated[NotNegative, Meta(description="depth of the tool tip below the top face, mm")] = 0.0
+    passes: Annotated[int, Meta(ge=1, description="the depth is reached in so many equal passes")] = 1
+    lead_in: Annotated[NotNegative, Meta(description="length of the run-in to a followed contour, mm")] = 0.0
+    lead_out: Annotated[NotNegative, Meta(description="length of the run-out, mm")] = 0.0
+    overlap: Annotated[NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")] = 0.0
+
+
+class Tool(Table, frozen=True):
+    """[tool]: the tool and how it is held."""
+
+    diameter: Annotated[Positive, Meta(description="cutting diameter, mm")] = 6.0
+    length: Annotated[NotNegative, Meta(description="from the flange to the tool tip, mm")] = 100.0
+    orient: Annotated[
+        Literal["fixed", "follow"], Meta(description="follow: tool x turns with the contour normal, towards the part")
+    ] = "fixed"
+
+
+class Process(Table, frozen=True):
+    """[process]: speeds, force, heights and the signal."""
+
+    feed: Annotated[Positive, Meta(description="speed of the contact point along the contour, mm/s")] = 20.0
+    force: Annotated[NotNegative, Meta(description="force against the contour, N; 0: off")] = 0.0
+    max_feed_factor: Annotated[
+        float, Meta(ge=1, description="the tool centre may run so many times faster than the feed on outer curves")
+    ] = 2.0
+    travel: Annotated[Positive, Meta(description="speed between contours, mm/s")] = 100.0
+    approach: Annotated[NotNegative, Meta(description="height above the start where the feed begins, mm")] = 2.0
+    clearance: Annotated[Positive, Meta(description="height of travel above the top face, mm")] = 20.0
+    spindle: Annotated[NotNegative, Meta(description="spindle speed for the whole program, rpm; 0: off")] = 0.0
+    signal: Annotated[
+        str, Meta(description='output that is on along a contour; "auto": process unless a spindle runs; "": none')
+    ] = "auto"
+    dwell: Annotated[NotNegative, Meta(description="wait after the signal or the spindle is switched on, s")] = 0.0
+
+
+class Tour(Table, frozen=True):
+    """[tour]: the order of the contours."""
+
+    method: Annotated[
+        Literal["best", "nearest", "as-drawn"], Meta(description="best: the shortest travel that camgen finds")
+    ] = "best"
+
+
+class CellTable(Table, frozen=True):
+    """[cell]: where the work and the tool are. Without it the post's built-in cell is used."""
+
+    base_from_work: Annotated[
+        Values | None, Meta(description="work frame in the robot's base: [x, y, z, rx, ry, rz], mm and deg")
+    ] = None
+    flange_from_tool: Annotated[
+        Values | None, Meta(description="tool frame at the flange: [x, y, z, rx, ry, rz], mm and deg")
+    ] = None
+    home: Annotated[Values | None, Meta(description="joint values of the first and last position, deg")] = None
+
+
+class Tolerance(Table, frozen=True):
+    """[tolerance]: how far curves may be left."""
+
+    chord: Annotated[Positive, Meta(description="deviation of lines and arcs from the drawn curve, mm")] = 0.01
+
+
+class Job(Table, frozen=True):
+    """A whole job."""
+
+    input: Input = Input()
+    operation: Operation = Operation()
+    tool: Tool = Tool()
+    process: Process = Process()
+    tour: Tour = Tour()
+    cell: CellTable = CellTable()
+    tolerance: Tolerance = Tolerance()
+    post: dict[str, object] = {}

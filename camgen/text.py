@@ -1,0 +1,40 @@
+"""Numbers and names as text: the one float formatter, and the cleaner for text that comes from a file."""
+
+from __future__ import annotations
+
+import re
+
+#: What may stand in a comment of any dialect: no bracket, quote, semicolon, percent sign, comma (LinuxCNC's active
+#: comments are ``(MSG,..)``), nor GRBL's real-time characters ``! ~ ?``.
+_UNSAFE = re.compile(r"[^A-Za-z0-9 _.+\-=/:#@*]")
+
+
+def fixed(value: float, decimals: int) -> str:
+    """``value`` with exactly ``decimals`` digits, never ``-0``, never an exponent.
+
+    >>> fixed(-0.0004, 3), fixed(12.5, 3)
+    ('0.000', '12.500')
+    """
+    text = f"{value:.{decimals}f}"
+    if text[0] == "-" and not text.strip("-0."):
+        return text[1:]
+    return text
+
+
+def short(value: float, decimals: int) -> str:
+    """``value`` rounded to ``decimals`` digits without trailing zeros, never ``-0``.
+
+    >>> short(12.50, 3), short(-0.0001, 3), short(100.0, 0)
+    ('12.5', '0', '100')
+    """
+    text = fixed(value, decimals)
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def harmless(text: str, limit: int = 72) -> str:
+    """``text`` as ASCII that can neither end a comment nor start an instruction in any dialect.
+
+    >>> harmless("holes) M3 (x")
+    'holes_ M3 _x'
+    """
+    return _UNSAFE.sub("_", text)[:limit].rstrip()

@@ -1,0 +1,1 @@
+"""Post-processors: one controller each."""

@@ -1,0 +1,1 @@
+"""Read-backs: one interpreter of a controller language each, written from its manual."""

@@ -1,0 +1,40 @@
+"""A module imports only lower floors (docs/architecture.md)."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FLOORS = {
+    "errors": 0, "pose": 0, "text": 0,
+    "shapes": 1, "paths": 1, "ir": 1, "settings": 1, "geometry": 1, "passes": 2,
+    "readers": 2, "planners": 2, "post": 3, "plugins": 4,
+    "tour": 3, "lower": 4, "check": 4, "testing": 5,
+    "job": 5, "preview": 6, "report": 6, "cli": 7,
+}  # fmt: skip
+POST_MAY_IMPORT = {"ir", "pose", "post", "errors", "text", "passes"}
+FILES = sorted([*ROOT.glob("camgen/**/*.py"), *ROOT.glob("postprocessors/**/*.py")])
+
+
+def imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+        elif isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+    return names
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_go_down(path: Path) -> None:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    rooms = {name.split(".")[1] for name in imported(path) if name.startswith("camgen.")}
+    if parts[0] == "postprocessors":
+        assert rooms <= POST_MAY_IMPORT
+        if "readback" in parts:
+            assert not any(n.startswith("camgen_posts") and "readback" not in n for n in imported(path))
+    elif parts[1] != "__init__":
+        own = FLOORS[parts[1]]
+        assert not {r for r in rooms if FLOORS[r] > own or (FLOORS[r] == own and r != parts[1] and own > 1)}
