@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +50,24 @@ class ToolPath:
             feed=_backwards(self.feed),
         )
 
+    def rows(self, low: int, high: int) -> ToolPath:
+        """The stretch from vertex ``low`` to vertex ``high`` - 1, as an open path."""
+        chosen = slice(low, high)
+        speaking = np.arange(low, high)
+        speaking[0] = min(low + 1, high - 1)
+        via = self.via[chosen].copy()
+        via[0] = np.nan
+        return replace(
+            self,
+            position=self.position[chosen],
+            via=frozen(via),
+            axis=self.axis[chosen],
+            press=frozen(self.press[speaking]),
+            force=frozen(self.force[speaking]),
+            feed=frozen(self.feed[speaking]),
+            closed=False,
+        )
+
     @property
     def length(self) -> float:
         """Path length of one pass, mm, arcs exact."""
@@ -65,6 +84,27 @@ class Tour:
     paths: tuple[ToolPath, ...]
     travel: float
     method: str
+
+
+def joined(paths: Sequence[ToolPath]) -> ToolPath:
+    """Paths that begin where the one before ends, as one open path with the name of the first."""
+    first = paths[0]
+
+    def column(name: str) -> FloatArray:
+        parts = [getattr(path, name)[1 if k else 0 :] for k, path in enumerate(paths)]
+        return frozen(np.concatenate(parts))
+
+    return replace(
+        first,
+        position=column("position"),
+        via=column("via"),
+        axis=column("axis"),
+        press=column("press"),
+        force=column("force"),
+        feed=column("feed"),
+        closed=False,
+        reversible=False,
+    )
 
 
 def _backwards(column: FloatArray) -> FloatArray:

@@ -1,0 +1,72 @@
+"""Exact distances from points to lines and arcs, with a box tree in front so that only near pairs are looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import shapely
+
+from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, passes
+from camgen.pose import FloatArray
+
+#: Point-segment pairs that are looked at together: bounds the memory of a query.
+_CHUNK = 500_000
+
+
+def distances(points: FloatArray, segments: Segments) -> FloatArray:
+    """(N,) distance of point k (N, 2) from segment k: pairs, not all against all."""
+    chord = segments.end - segments.start
+    rel = points - segments.start
+    square = np.maximum((chord**2).sum(axis=1), 1e-300)
+    along = np.clip((rel * chord).sum(axis=1) / square, 0.0, 1.0)
+    off = rel - along[:, None] * chord
+    result = np.hypot(off[:, 0], off[:, 1])
+    rows = np.flatnonzero(segments.is_arc)
+    if len(rows):
+        arcs = segments.take(rows)
+        arm = points[rows] - arcs.centre
+        beside = passes(arcs, np.arctan2(arm[:, 1], arm[:, 0]))
+        radial = np.abs(np.hypot(arm[:, 0], arm[:, 1]) - arcs.radius)
+        to_start = np.hypot(*(points[rows] - arcs.start).T)
+        to_end = np.hypot(*(points[rows] - arcs.end).T)
+        result[rows] = np.where(beside, radial, np.minimum(to_start, to_end))
+    return np.asarray(result)
+
+
+class Obstacles:
+    """Segments that a point must keep away from. group: (N,) labels; a point sees only its own group's segments."""
+
+    def __init__(self, segments: Segments, group: IntArray) -> None:
+        self.segments = segments
+        self.group = group
+        self._tree = shapely.STRtree(shapely.box(*bounds(segments).T))
+
+    def _pairs(self, points: FloatArray, group: IntArray, reach: float) -> Iterator[tuple[IntArray, IntArray]]:
+        """Pairs (point, segment) whose boxes are nearer than ``reach``, in chunks of whole points."""
+        step, first = 256, 0
+        while first < len(points):
+            x, y = points[first : first + step].T
+            point, segment = self._tree.query(shapely.box(x - reach, y - reach, x + reach, y + reach))
+            point = point + first
+            first += step
+            # As many points at a time as the last ones let expect: the drawing decides how many segments are near.
+            step = int(np.clip(_CHUNK * step / max(len(point), 1), 16, 4 * step))
+            same = group[point] == self.group[segment]
+            yield point[same], segment[same]
+
+    def nearer_than(self, points: FloatArray, group: IntArray, limit: FloatArray) -> BoolArray:
+        """(N,) true where a point (N, 2) of a group (N,) lies nearer than its limit (N,) to a segment of that group."""
+        hit = np.zeros(len(points), dtype=bool)
+        for point, segment in self._pairs(points, group, float(limit.max(initial=0.0))):
+            gap = distances(points[point], self.segments.take(segment))
+            hit[point[gap < limit[point]]] = True
+        return hit
+
+    def nearest(self, points: FloatArray, group: IntArray, reach: float) -> FloatArray:
+        """(N,) distance to the nearest segment of the group, inf when none is nearer than ``reach`` mm."""
+        best = np.full(len(points), np.inf)
+        for point, segment in self._pairs(points, group, reach):
+            np.minimum.at(best, point, distances(points[point], self.segments.take(segment)))
+        best[best > reach] = np.inf
+        return best

@@ -1,0 +1,106 @@
+"""Which loop lies inside which, and which loops cross: decides on what side of a loop the part is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, points_at
+from camgen.pose import FloatArray
+
+#: Arcs are flattened to this (mm) for the test of inside and outside; loops nearer than that are one another's touch.
+_CHORD = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nesting:
+    """For N loops: depth (N,) = how many loops lie around each; parent (N,) the tightest of them, -1 if none.
+
+    area: (N,) mm2, positive counter-clockwise. crossed: (N,) another loop that each crosses, itself if it crosses
+    itself, -1 if none. empty: (N,) true for loops without an inside, such as a line there and back.
+    """
+
+    depth: IntArray
+    parent: IntArray
+    area: FloatArray
+    crossed: IntArray
+    empty: BoolArray
+
+
+def nest(segments: Segments, count: int) -> Nesting:
+    """Nesting of the closed loops 0..count-1 that own ``segments``."""
+    points, owner = flatten(segments, _CHORD)
+    area = _areas(points, owner, count)
+    many = np.bincount(owner, minlength=count) >= 3
+    rings = np.flatnonzero(many)
+    chosen = many[owner]
+    polygons = shapely.polygons(shapely.linearrings(points[chosen], indices=np.cumsum(many)[owner[chosen]] - 1))
+    crossed = np.full(count, -1)
+    _cross_themselves(polygons, rings, area, crossed)
+    touching = _cross_others(polygons, rings, crossed)
+    depth, parent = _around(segments, polygons, rings, area, touching)
+    length = np.bincount(segments.owner, segments.length, count)
+    return Nesting(depth, parent, area, crossed, np.abs(area) <= 1e-6 * length)
+
+
+def _areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
+    """Signed areas by the shoelace formula about each loop's first point."""
+    first = np.searchsorted(owner, np.arange(count))
+    last = np.append(first[1:], len(owner)) - 1
+    following = np.arange(1, len(owner) + 1)
+    following[last] = first
+    a, b = points - points[first][owner], points[following] - points[first][owner]
+    return np.asarray(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count) / 2)
+
+
+def _cross_themselves(polygons: object, rings: IntArray, area: FloatArray, crossed: IntArray) -> None:
+    """Marks loops whose enclosed area is not what the shoelace says: parts of them run the other way round."""
+    bad = np.flatnonzero(~shapely.is_valid(polygons))
+    if len(bad):
+        suspects = np.asarray(polygons)[bad]
+        enclosed = shapely.area(shapely.make_valid(suspects))
+        slack = _CHORD * shapely.length(suspects)
+        wrong = bad[np.abs(enclosed - np.abs(area[rings[bad]])) > slack]
+        crossed[rings[wrong]] = rings[wrong]
+
+
+def _cross_others(polygons: object, rings: IntArray, crossed: IntArray) -> IntArray:
+    """Marks pairs of loops that cover each other in part; pairs (M, 2) of loops that touch, the inner one first."""
+    sound = np.flatnonzero(crossed[rings] < 0)
+    shapes = np.asarray(polygons)[sound]
+    lines = shapely.get_exterior_ring(shapes)
+    one, two = shapely.STRtree(lines).query(lines, predicate="intersects")
+    one, two = one[one < two], two[one < two]
+    valid = shapely.is_valid(shapes)
+    shapes = np.where(valid, shapes, shapely.make_valid(shapes)) if len(one) else shapes
+    common = shapely.area(shapely.intersection(shapes[one], shapes[two]))
+    smaller = np.minimum(shapely.area(shapes[one]), shapely.area(shapes[two]))
+    slack = _CHORD * np.minimum(shapely.length(shapes[one]), shapely.length(shapes[two]))
+    partly = (common > slack) & (smaller - common > slack)
+    loops = np.column_stack([rings[sound[one]], rings[sound[two]]])
+    for a, b in loops[partly].tolist():
+        crossed[a] = b if crossed[a] < 0 else crossed[a]
+        crossed[b] = a if crossed[b] < 0 else crossed[b]
+    inside = (common > slack) & ~partly
+    swapped = shapely.area(shapes[one]) > shapely.area(shapes[two])
+    return np.asarray(np.where(swapped[:, None], loops[:, ::-1], loops)[inside])
+
+
+def _around(
+    segments: Segments, polygons: object, rings: IntArray, area: FloatArray, touching: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Depth and parent: B lies around A when a point of A is properly inside B, or A touches B from within."""
+    count = len(area)
+    first = np.searchsorted(segments.owner, np.arange(count))
+    probes = points_at(segments.take(first), np.full(count, 0.5))
+    around, probe = shapely.STRtree(shapely.points(probes)).query(polygons, predicate="contains_properly")
+    pair = np.unique(np.concatenate([np.column_stack([probe, rings[around]]), touching]), axis=0)
+    pair = pair[pair[:, 0] != pair[:, 1]]
+    depth = np.bincount(pair[:, 0], minlength=count)
+    parent = np.full(count, -1)
+    order = np.argsort(-np.abs(area[pair[:, 1]]), kind="stable")
+    # Written from the largest to the smallest, the tightest remains.
+    parent[pair[order, 0]] = pair[order, 1]
+    return depth, parent

@@ -1,0 +1,171 @@
+"""The exact offset of lines and arcs: everything at one distance from a drawing, and nothing nearer.
+
+A point of the offset curve lies square to a segment of the source or on a circle about one of its corners. So the
+curve is part of a known set: each segment moved sideways (a line stays a line, an arc of radius r becomes r +- d) and
+an arc of radius d about each outer corner. These candidates are cut wherever they meet, the pieces that lie too near to
+any part of the source are dropped, and the rest is joined end to end. Islands, splits, holes that close and parts
+that come too near to each other need no case of their own, and no arc is ever flattened.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camgen.geometry.clearance import Obstacles
+from camgen.geometry.intersect import cuts, near_pairs
+from camgen.geometry.segments import BoolArray, IntArray, Segments, make, points_at, split, tangents_at
+from camgen.geometry.stitch import stitch
+from camgen.pose import FloatArray
+
+#: A kept piece must have room beyond its middle: a hundredth of its length, within these bounds (mm). A slot exactly as
+#: wide as the tool has none, so it counts as too narrow instead of leaving two paths on top of each other.
+_BEYOND = (1e-6, 1e-4)
+#: Rounding of a distance (mm): what is nearer than the offset by more than this is too near.
+_NOISE = 2e-7
+#: Cuts nearer than this (mm) to each other are one.
+_SAME_CUT = 1e-6
+#: A corner between arcs whose arc would leave the plain corner by less than this (mm) gets none.
+_SMOOTH = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Offset:
+    """Chains of segments beside a source, the source on their left.
+
+    segments: ordered, ``owner`` counts the chains. closed: (chains,). source: (N,) the source segment beside which a
+    segment runs; for an arc about a corner the one before the corner. corner: (N,) true for those arcs. turn: (N,)
+    rad by which the source turns at that corner, 0 elsewhere. open_ends: pieces that found no successor though their
+    source is closed; 0 unless the numbers were against it.
+    """
+
+    segments: Segments
+    closed: BoolArray
+    source: IntArray
+    corner: BoolArray
+    turn: FloatArray
+    open_ends: int
+
+
+def offset(source: Segments, following: IntArray, group: IntArray, distance: float, mitre: float) -> Offset:
+    """The curve at ``distance`` mm on the right of ``source`` and no nearer to any segment of the same group.
+
+    following: (N,) next segment of each, -1 at the end of an open chain. group: (N,) labels; segments of different
+    groups do not see each other. mitre: mm by which a corner between lines may be left to stay a plain corner.
+    """
+    obstacles = Obstacles(source, group)
+    candidates, origin, corner, turn = _candidates(source, following, distance, mitre)
+    label = group[origin]
+    kept = _hopeful(candidates, label, obstacles, distance)
+    candidates, origin, corner, turn, label = (
+        candidates.take(kept), origin[kept], corner[kept], turn[kept], label[kept],
+    )  # fmt: skip
+    row, low, high = _pieces(candidates, label)
+    free = _has_room(candidates, row, low, high, label, obstacles, distance)
+    row, low, high = row[free], low[free], high[free]
+    chain = stitch(candidates, row, low, high, label[row])
+    row, low, high = chain.row, chain.low, chain.high
+    segments = split(candidates, row, low, high)
+    segments = make(segments.start, segments.end, segments.bulge, chain.owner)
+    loose = ~chain.closed
+    loops = following >= 0
+    broken = int(np.count_nonzero(loops[origin[row[chain.last_of[loose]]]])) if loose.any() else 0
+    return Offset(segments, chain.closed, origin[row], corner[row], turn[row], broken)
+
+
+def _candidates(
+    source: Segments, following: IntArray, distance: float, mitre: float
+) -> tuple[Segments, IntArray, BoolArray, FloatArray]:
+    """All curves that can be part of the offset: moved segments, then arcs about outer corners; with their origin."""
+    zero, one = np.zeros(len(source)), np.ones(len(source))
+    start = source.start + distance * _right(tangents_at(source, zero))
+    end = source.end + distance * _right(tangents_at(source, one))
+    before = np.flatnonzero(following >= 0)
+    after = following[before]
+    first, second = tangents_at(source, one)[before], tangents_at(source, zero)[after]
+    turn = np.arctan2(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], (first * second).sum(axis=1))
+    turn = np.where(turn <= -np.pi + 1e-9, np.pi, turn)
+    plain = _plain_corners(source, before, after, turn, distance, mitre)
+    middle = _right(first) + _right(second)
+    square = np.maximum((middle**2).sum(axis=1), 1e-12)
+    corner_point = source.end[before] + middle * (2 * distance / square)[:, None]
+    start[after[plain]] = corner_point[plain]
+    end[before[plain]] = corner_point[plain]
+    radius = source.radius + np.sign(source.bulge) * distance
+    alive = np.flatnonzero(~source.is_arc | (radius > 1e-9))
+    outer = np.flatnonzero((turn > 0) & ~plain)
+    about = source.end[before[outer]]
+    candidates = make(
+        np.concatenate([start[alive], about + distance * _right(first[outer])]),
+        np.concatenate([end[alive], about + distance * _right(second[outer])]),
+        np.concatenate([source.bulge[alive], np.tan(turn[outer] / 4)]),
+        np.concatenate([source.owner[alive], source.owner[before[outer]]]),
+    )
+    origin = np.concatenate([alive, before[outer]])
+    corner = np.arange(len(origin)) >= len(alive)
+    return candidates, origin, corner, np.concatenate([np.zeros(len(alive)), turn[outer]])
+
+
+def _plain_corners(
+    source: Segments, before: IntArray, after: IntArray, turn: FloatArray, distance: float, mitre: float
+) -> BoolArray:
+    """Corners so flat that the moved neighbours may simply meet there."""
+    overshoot = distance * turn**2 / 8
+    lines = ~source.is_arc[before] & ~source.is_arc[after]
+    # Between lines the overshoot is on the outside; between arcs moving an end also bends the arc, so much less.
+    return np.asarray(np.where(lines & (turn > 0), overshoot <= mitre, overshoot <= _SMOOTH) & (np.abs(turn) < 0.5))
+
+
+def _right(direction: FloatArray) -> FloatArray:
+    return np.column_stack([direction[:, 1], -direction[:, 0]])
+
+
+def _hopeful(candidates: Segments, label: IntArray, obstacles: Obstacles, distance: float) -> BoolArray:
+    """Candidates that may have room somewhere: along a curve the distance changes no faster than one moves."""
+    middle = points_at(candidates, np.full(len(candidates), 0.5))
+    half = candidates.length / 2
+    short = np.flatnonzero(half < distance / 2)
+    hopeful = np.ones(len(candidates), dtype=bool)
+    if len(short):
+        nearest = obstacles.nearest(middle[short], label[short], distance)
+        hopeful[short] = nearest + half[short] > distance - _BEYOND[1]
+    return hopeful
+
+
+def _pieces(candidates: Segments, label: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """The candidates cut at each other: row, and the fractions where each piece begins and ends."""
+    count = len(candidates)
+    rows, fractions = cuts(candidates, *near_pairs(candidates, label))
+    every = np.arange(count)
+    row = np.concatenate([every, every, rows])
+    at = np.concatenate([np.zeros(count), np.ones(count), fractions])
+    same = _SAME_CUT / np.maximum(candidates.length, _SAME_CUT)
+    at = np.where(at < same[row], 0.0, np.where(at > 1 - same[row], 1.0, at))
+    order = np.lexsort((at, row))
+    row, at = row[order], at[order]
+    piece = (row[1:] == row[:-1]) & (at[1:] - at[:-1] > same[row[1:]])
+    # Where cuts lie closer than one, the piece before them must still end where the next begins.
+    first = np.append(np.ones(min(len(row), 1), dtype=bool), piece | (row[1:] != row[:-1]))
+    row, at = row[first], at[first]
+    inner = row[1:] == row[:-1]
+    return row[:-1][inner], at[:-1][inner], at[1:][inner]
+
+
+def _has_room(
+    candidates: Segments,
+    row: IntArray,
+    low: FloatArray,
+    high: FloatArray,
+    label: IntArray,
+    obstacles: Obstacles,
+    distance: float,
+) -> BoolArray:
+    """Pieces that lie at the distance: a step beyond their middle nothing of the source is nearer than that."""
+    chosen = candidates.take(row)
+    middle = (low + high) / 2
+    step = np.clip(0.01 * chosen.length * (high - low), *_BEYOND)
+    points = points_at(chosen, middle)
+    beyond = points + step[:, None] * _right(tangents_at(chosen, middle))
+    near = obstacles.nearer_than(points, label[row], np.full(len(row), distance - _NOISE))
+    return ~(near | obstacles.nearer_than(beyond, label[row], distance + step / 2))

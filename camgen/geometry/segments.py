@@ -1,0 +1,188 @@
+"""A table of plane segments: the lines and arcs of many contours as columns, so that a whole drawing is one array."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camgen.pose import FloatArray
+from camgen.shapes import Contour
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+#: An arc whose middle is nearer than this (mm) to its chord is a line: its centre would be noise.
+_FLAT = 1e-7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segments:
+    """N lines and arcs, mm.
+
+    start, end: (N, 2). bulge: (N,) tan(sweep / 4), counter-clockwise positive, 0 for a line. centre (N, 2) and radius
+    (N,): of arcs, 0 and inf for lines. owner: (N,) index of the contour that a segment belongs to.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    bulge: FloatArray
+    centre: FloatArray
+    radius: FloatArray
+    owner: IntArray
+
+    def __len__(self) -> int:
+        return len(self.bulge)
+
+    @property
+    def is_arc(self) -> BoolArray:
+        """(N,) true for arcs."""
+        return np.asarray(self.bulge != 0.0)
+
+    @property
+    def sweep(self) -> FloatArray:
+        """(N,) signed angle of arcs in rad, 0 for lines."""
+        return np.asarray(4.0 * np.arctan(self.bulge))
+
+    @property
+    def length(self) -> FloatArray:
+        """(N,) mm."""
+        chord = np.hypot(*(self.end - self.start).T)
+        arc = self.is_arc
+        chord[arc] = self.radius[arc] * np.abs(self.sweep[arc])
+        return np.asarray(chord)
+
+    def take(self, rows: IntArray | BoolArray) -> Segments:
+        """The rows chosen by index or mask."""
+        return Segments(
+            self.start[rows], self.end[rows], self.bulge[rows], self.centre[rows], self.radius[rows], self.owner[rows]
+        )
+
+
+def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray) -> Segments:
+    """Segments from end points (N, 2), bulges (N,) and owners (N,); centres and radii follow."""
+    chord = end - start
+    length = np.hypot(chord[:, 0], chord[:, 1])
+    flat = np.abs(bulge) * length / 2 <= _FLAT
+    bulge = np.where(flat, 0.0, bulge)
+    safe = np.where(flat, 1.0, bulge)
+    # The centre lies beside the middle of the chord, at (1 - b^2) / (4 b) of its length to the left.
+    left = np.column_stack([-chord[:, 1], chord[:, 0]])
+    centre = (start + end) / 2 + left * ((1 - safe**2) / (4 * safe))[:, None]
+    radius = length * (1 + safe**2) / (4 * np.abs(safe))
+    return Segments(
+        start, end, bulge, np.where(flat[:, None], 0.0, centre), np.where(flat, np.inf, radius), owner.astype(np.int64)
+    )
+
+
+def from_contours(contours: Sequence[Contour]) -> Segments:
+    """All segments of ``contours`` in order, ``owner`` counting the contours."""
+    if not contours:
+        return make(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=np.int64))
+    points = np.concatenate([c.points for c in contours])
+    bulges = np.concatenate([c.bulges for c in contours])
+    counts = np.array([len(c.points) for c in contours])
+    closed = np.array([c.closed for c in contours])
+    owner = np.repeat(np.arange(len(contours)), counts)
+    last = np.cumsum(counts) - 1
+    following = np.arange(1, len(points) + 1)
+    following[last] = last - counts + 1
+    keep = np.ones(len(points), dtype=bool)
+    keep[last[~closed]] = False
+    return make(points[keep], points[following[keep]], bulges[keep], owner[keep])
+
+
+def neighbours(segments: Segments, closed: BoolArray) -> IntArray:
+    """(N,) index of the segment that follows each within its owner, -1 at the end of an open one. closed: per owner."""
+    count = len(segments)
+    following = np.arange(1, count + 1)
+    owner = segments.owner
+    last = np.flatnonzero(np.append(owner[1:] != owner[:-1], True)) if count else np.zeros(0, dtype=np.int64)
+    first = np.append(0, last[:-1] + 1) if count else last
+    following[last] = np.where(closed[owner[last]], first, -1)
+    return following
+
+
+def bounds(segments: Segments) -> FloatArray:
+    """(N, 4) boxes xmin, ymin, xmax, ymax, arcs included where they bulge beyond their ends."""
+    low = np.minimum(segments.start, segments.end)
+    high = np.maximum(segments.start, segments.end)
+    rows = np.flatnonzero(segments.is_arc)
+    if len(rows):
+        arcs = segments.take(rows)
+        # Left, bottom, right and top of the circle, where the arc passes them.
+        for angle, axis, sign in ((0.0, 0, 1), (np.pi / 2, 1, 1), (np.pi, 0, -1), (-np.pi / 2, 1, -1)):
+            inside = rows[passes(arcs, np.full(len(rows), angle))]
+            value = segments.centre[inside, axis] + sign * segments.radius[inside]
+            side = high if sign > 0 else low
+            side[inside, axis] = value
+    return np.column_stack([low, high])
+
+
+def passes(arcs: Segments, angle: FloatArray) -> BoolArray:
+    """(N,) true where the arc passes the direction ``angle`` (rad, from its centre)."""
+    fraction = arc_fraction(arcs, angle)
+    return np.asarray((fraction > 0) & (fraction < 1))
+
+
+def arc_fraction(arcs: Segments, angle: FloatArray) -> FloatArray:
+    """(N,) where on each arc the direction ``angle`` lies, 0 at the start, 1 at the end; nearest way round the gap."""
+    first = np.arctan2(arcs.start[:, 1] - arcs.centre[:, 1], arcs.start[:, 0] - arcs.centre[:, 0])
+    sweep = arcs.sweep
+    # Measured from the middle of the arc, so that the cut of the angle lies opposite to it.
+    middle = first + sweep / 2
+    turn = np.mod(angle - middle + np.pi, 2 * np.pi) - np.pi
+    return np.asarray(0.5 + turn / sweep)
+
+
+def points_at(segments: Segments, fraction: FloatArray) -> FloatArray:
+    """(N, 2) points at ``fraction`` (N,) of the length of each segment; exact at 0 and 1."""
+    f = fraction[:, None]
+    points = segments.start + f * (segments.end - segments.start)
+    rows = np.flatnonzero(segments.is_arc & (fraction != 0.0) & (fraction != 1.0))
+    if len(rows):
+        arcs = segments.take(rows)
+        arm = arcs.start - arcs.centre
+        angle = arcs.sweep * fraction[rows]
+        c, s = np.cos(angle), np.sin(angle)
+        turned = np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]])
+        points[rows] = arcs.centre + turned
+    return np.asarray(points)
+
+
+def tangents_at(segments: Segments, fraction: FloatArray) -> FloatArray:
+    """(N, 2) unit directions of travel at ``fraction`` (N,) of each segment."""
+    chord = segments.end - segments.start
+    angle = np.arctan2(chord[:, 1], chord[:, 0]) + segments.sweep * (fraction - 0.5)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def split(segments: Segments, rows: IntArray, low: FloatArray, high: FloatArray) -> Segments:
+    """The pieces of ``segments[rows]`` from fraction ``low`` to ``high``."""
+    whole = segments.take(rows)
+    bulge = np.tan(np.arctan(whole.bulge) * (high - low))
+    return make(points_at(whole, low), points_at(whole, high), bulge, whole.owner)
+
+
+def backwards(segments: Segments) -> tuple[Segments, IntArray]:
+    """Every owner's segments run the other way, and the row that each came from. Owners keep their order."""
+    rows = np.argsort(segments.owner[::-1], kind="stable")
+    rows = (len(segments) - 1 - rows).astype(np.int64)
+    old = segments.take(rows)
+    return Segments(old.end, old.start, -old.bulge, old.centre, old.radius, old.owner), rows
+
+
+def flatten(segments: Segments, chord: float) -> tuple[FloatArray, IntArray]:
+    """Points (M, 2) along the segments, arcs as chords that leave them by at most ``chord`` mm, and their owners (M,).
+
+    The end of a segment is left to the one that follows it.
+    """
+    with np.errstate(invalid="ignore"):
+        step = 2 * np.arccos(np.clip(1 - chord / segments.radius, -1.0, 1.0))
+        pieces = np.where(segments.is_arc, np.ceil(np.abs(segments.sweep) / np.maximum(step, 1e-6)), 1)
+    count = np.maximum(pieces, 1).astype(np.int64)
+    row = np.repeat(np.arange(len(segments)), count)
+    place = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    return points_at(segments.take(row), place / count[row]), segments.owner[row]

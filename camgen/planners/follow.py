@@ -1,0 +1,238 @@
+"""Tool paths beside the contours: outer loops outside, holes inside, feed and force for a round tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from camgen.geometry.nesting import Nesting, nest
+from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, from_contours
+from camgen.paths import ToolPath
+from camgen.planners.beside import Beside, beside
+from camgen.planners.columns import Label, pass_depths, sideways, tool_paths
+from camgen.pose import FloatArray
+from camgen.settings import Job
+from camgen.shapes import Contour, Note, Part
+
+#: From this turn (rad) on an outer corner is sharp: the tool only rolls about it, so no force is put on (PIST 4.2.1).
+_SHARP = np.radians(15.0)
+#: The tool centre is never slowed below this part of the feed, however tight the inner curve.
+_SLOWEST = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loops:
+    """The contours that are followed. index: their place in the part. flip: run against the drawn direction so that
+    the part is on the left. group: label per contour; what has one label is kept clear of. parent: -1 if none.
+    """
+
+    index: list[int]
+    flip: BoolArray
+    group: IntArray
+    parent: IntArray
+
+
+def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
+    """Paths beside the contours of ``part`` and what could not be followed."""
+    loops, notes = _chosen(part, job.operation.side)
+    if not loops.index:
+        return (), tuple(notes)
+    contours = [part.contours[k] for k in loops.index]
+    drawn = from_contours(contours)
+    source = _turned(drawn, loops.flip)
+    closed = np.array([c.closed for c in contours])
+    curve = beside(source, closed, loops.group[source.owner], job.tool.diameter / 2, job.operation.corner_radius)
+    labels, order = _labels(curve, source, contours, loops, job)
+    notes += _left_out(curve, source, contours, job, order)
+    return _paths(curve, source, labels, order, job), tuple(notes)
+
+
+def _chosen(part: Part, side: str) -> tuple[_Loops, list[Note]]:
+    """Which contours are followed, and on which side."""
+    if side in ("left", "right"):
+        index = list(range(len(part.contours)))
+        count = np.arange(len(index))
+        return _Loops(index, np.full(len(index), side == "left"), count, np.full(len(index), -1)), []
+    index = [k for k, c in enumerate(part.contours) if c.closed]
+    notes = _open_notes([c for c in part.contours if not c.closed])
+    if not index:
+        return _Loops([], np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)), notes
+    nesting = nest(from_contours([part.contours[k] for k in index]), len(index))
+    keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
+    notes += _crossing_notes([part.contours[k] for k in index], nesting)
+    inside = {"auto": nesting.depth % 2 == 1, "outside": np.zeros(len(index), dtype=bool)}.get(
+        side, np.ones(len(index), dtype=bool)
+    )
+    group = np.zeros(len(index), dtype=np.int64) if side == "auto" else np.arange(len(index))
+    # The part on the left: outer loops counter-clockwise, holes clockwise.
+    flip = (nesting.area > 0) == inside
+    new = np.full(len(index), -1)
+    new[keep] = np.arange(len(keep))
+    parent = np.where(nesting.parent[keep] >= 0, new[nesting.parent[keep]], -1)
+    return _Loops([index[k] for k in keep], flip[keep], group[keep], parent), notes
+
+
+def _open_notes(contours: list[Contour]) -> list[Note]:
+    if not contours:
+        return []
+    gap = min(float(np.hypot(*(c.points[0] - c.points[-1]))) for c in contours)
+    why = f"an open contour has no outside, the smallest gap between its ends is {gap:.3g} mm; raise input.join"
+    why += " to close it, or set operation.side to left, right or on"
+    return [_not_followed(contours, "open", why)]
+
+
+def _crossing_notes(contours: list[Contour], nesting: Nesting) -> list[Note]:
+    own = nesting.crossed == np.arange(len(contours))
+    other = (nesting.crossed >= 0) & ~own
+    why = "no clear inside; draw one outline, or use operation.kind = trace"
+    return [
+        _not_followed([contours[k] for k in np.flatnonzero(chosen).tolist()], how, why)
+        for chosen, how in (
+            (own & ~nesting.empty, "crossing themselves"),
+            (other, "crossing each other"),
+            (nesting.empty & ~other, "without an inside"),
+        )
+        if chosen.any()
+    ]
+
+
+def _not_followed(contours: list[Contour], how: str, why: str) -> Note:
+    """One note on contours that have no path, all of them named."""
+    layers = ", ".join(sorted({c.layer for c in contours}))
+    names = ", ".join(_ranges([c.id for c in contours]))
+    noun = "contour" if len(contours) == 1 else "contours"
+    return Note("skipped", f"{len(contours)} {noun} not followed, {how}: {names} on layer {layers}", why)
+
+
+def _ranges(ids: list[str]) -> list[str]:
+    """``c1, c2, c3, c7`` as ``c1-c3, c7``; ids of another form stay as they are."""
+    runs: list[list[str]] = []
+    for name in ids:
+        follows = runs and name[1:].isdigit() and runs[-1][-1] == f"c{int(name[1:]) - 1}"
+        if follows:
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    return [run[0] if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs]
+
+
+def _turned(drawn: Segments, flip: BoolArray) -> Segments:
+    """The segments with the loops of ``flip`` run backwards."""
+    back, _ = backwards(drawn)
+    chosen = flip[drawn.owner]
+    # Both tables hold each owner's segments in the same rows, so rows can be chosen one by one.
+    rows = np.arange(len(drawn))
+    pick = np.where(chosen, rows + len(drawn), rows)
+    return Segments(*(np.concatenate([getattr(drawn, name), getattr(back, name)])[pick] for name in Segments.__slots__))
+
+
+def _labels(
+    curve: Beside, source: Segments, contours: list[Contour], loops: _Loops, job: Job
+) -> tuple[list[Label], IntArray]:
+    """Labels of the sound chains and their order: that of the contours they run beside for the longest part."""
+    main, chain, contour = _beside_which(curve, source, len(contours))
+    order = np.flatnonzero(curve.sound)
+    order = order[np.argsort(main[order], kind="stable")]
+    place = np.full(len(curve.closed), -1)
+    place[order] = np.arange(len(order))
+    # The first path beside each contour, also where its path is one with a neighbour's.
+    first = np.full(len(contours), -1)
+    pairs = np.flatnonzero(place[chain] >= 0)
+    pairs = pairs[np.argsort(-place[chain[pairs]], kind="stable")]
+    first[contour[pairs]] = place[chain[pairs]]
+    several = np.bincount(main[order], minlength=len(contours)) > 1
+    seen = [0] * len(contours)
+    labels = []
+    for c in order.tolist():
+        k = int(main[c])
+        seen[k] += 1
+        name = f"{contours[k].id}.{seen[k]}" if several[k] else contours[k].id
+        closed, parent = bool(curve.closed[c]), int(loops.parent[k])
+        around = int(first[parent]) if parent >= 0 else -1
+        reversible = job.operation.direction == "any" and not closed
+        labels.append(Label(name, contours[k].layer, closed, reversible, around))
+    return labels, order
+
+
+def _beside_which(curve: Beside, source: Segments, count: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Per chain the contour that it runs beside for longest; and all pairs (chain, contour) that touch."""
+    key = curve.segments.owner * count + source.owner[curve.source]
+    keys, inverse = np.unique(key, return_inverse=True)
+    total = np.bincount(inverse, curve.segments.length, len(keys))
+    chain, contour = keys // count, keys % count
+    main = np.full(len(curve.closed), -1)
+    shortest_first = np.lexsort((total, chain))
+    main[chain[shortest_first]] = contour[shortest_first]
+    return main, chain, contour
+
+
+def _left_out(curve: Beside, source: Segments, contours: list[Contour], job: Job, order: IntArray) -> list[Note]:
+    """Notes on loops that have no path, and on the length that no tool of this size can touch."""
+    touched = np.zeros(len(contours), dtype=bool)
+    good = curve.sound[curve.segments.owner]
+    touched[source.owner[curve.source[good]]] = True
+    tool = f"a {job.tool.diameter:g} mm tool" + (
+        f" with corner radius {job.operation.corner_radius:g}" if job.operation.corner_radius else ""
+    )
+    failed = np.isin(np.arange(len(contours)), source.owner[curve.source[~good]])
+    notes = [
+        _not_followed([contours[k] for k in np.flatnonzero(chosen).tolist()], how, why)
+        for chosen, how, why in (
+            (~touched & ~failed, "too narrow", f"{tool} does not fit"),
+            (~touched & failed, "check failed", "the path did not keep its distance; please report it"),
+        )
+        if chosen.any()
+    ]
+    contact = _contact(curve, source)
+    reached = np.bincount(source.owner[curve.source], np.where(good, contact, 0.0), len(contours))
+    whole = np.bincount(source.owner, source.length, len(contours))
+    missing = np.where(touched, np.maximum(whole - reached, 0.0), 0.0)
+    total = float(missing.sum())
+    if total > 1e-3 * float(whole.sum()) and total > 0.1:
+        worst = contours[int(np.argmax(missing))].id
+        what = f"{total:.4g} mm of {float(whole.sum()):.6g} mm of contour not touched, most of it on {worst}"
+        notes.append(Note("warning", what, f"inner corners and narrow places that {tool} does not reach"))
+    if len(order) < len(curve.closed) and not (failed & ~touched).any():
+        what = f"{len(curve.closed) - len(order)} pieces of path left out"
+        notes.append(Note("skipped", what, "they did not keep their distance from the drawing; please report it"))
+    return notes
+
+
+def _stretch(curve: Beside, source: Segments) -> FloatArray:
+    """(N,) length of path per length of contour touched: R'/R on arcs, 1 on lines (PIST eq. 11, exact)."""
+    touched = source.take(curve.source)
+    arc = touched.is_arc & curve.segments.is_arc & (curve.turn == 0) & ~curve.lost
+    with np.errstate(invalid="ignore"):
+        return np.where(arc, curve.segments.radius / np.where(arc, touched.radius, 1.0), 1.0)
+
+
+def _contact(curve: Beside, source: Segments) -> FloatArray:
+    """(N,) mm of contour touched along each segment of the path."""
+    length = curve.segments.length / _stretch(curve, source)
+    return np.where((curve.turn > 0) | curve.lost, 0.0, length)
+
+
+def _paths(curve: Beside, source: Segments, labels: list[Label], order: IntArray, job: Job) -> tuple[ToolPath, ...]:
+    """The sound chains in order as tool paths, in the direction of the job."""
+    process = job.process
+    rounding = (curve.turn > 0) & ~curve.lost
+    factor = np.clip(_stretch(curve, source), _SLOWEST, process.max_feed_factor)
+    feed = process.feed * np.where(rounding, process.max_feed_factor, np.where(curve.lost, 1.0, factor))
+    force = np.where(curve.lost | (curve.turn > _SHARP), 0.0, process.force)
+    place = np.full(len(curve.closed), -1)
+    place[order] = np.arange(len(order))
+    rows = np.flatnonzero(place[curve.segments.owner] >= 0)
+    rows = rows[np.argsort(place[curve.segments.owner[rows]], kind="stable")]
+    segments = curve.segments.take(rows)
+    segments = Segments(
+        segments.start, segments.end, segments.bulge, segments.centre, segments.radius, place[segments.owner]
+    )
+    feed, force, side = feed[rows], force[rows], 1
+    if job.operation.direction != "conventional":
+        # Climb: the part on the right of the travel.
+        segments, back = backwards(segments)
+        feed, force, side = feed[back], force[back], -1
+    press = sideways(segments, side)
+    depths = pass_depths(job.operation.depth, job.operation.passes)
+    return tool_paths(segments, labels, press, force, feed, depths)
