@@ -102,8 +102,11 @@ class Post(ABC):
     newline: ClassVar[str] = "\n"
     #: Names of the passes that may replace what ``refuses`` turns down, in the order in which they are tried.
     passes: ClassVar[tuple[str, ...]] = ("chords",)
-    #: What the text carries of each motion; the rest is not compared: "orientation", "speed", "joint-speed", "blend".
-    carries: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "blend"})
+    #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J; "blend": its
+    #: radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons.
+    carries: ClassVar[frozenset[str]] = frozenset(
+        {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}
+    )
 
     program: str = field(default="", kw_only=True, metadata={"help": "program name; the input's name when empty"})
     decimals: int = field(default=3, kw_only=True, metadata={"help": "digits after the point of a coordinate in mm"})

@@ -8,10 +8,12 @@ import pytest
 ROOT = Path(__file__).parent.parent
 FLOORS = {
     "errors": 0, "pose": 0, "text": 0,
-    "shapes": 1, "paths": 1, "ir": 1, "settings": 1, "geometry": 1, "passes": 2,
+    "shapes": 1, "paths": 1, "ir": 1, "settings": 1, "geometry": 1, "writing": 1, "tour_start": 1, "passes": 2,
     "readers": 2, "planners": 2, "post": 3, "plugins": 4,
-    "tour": 3, "lower": 4, "check": 4, "testing": 5,
-    "job": 5, "preview": 6, "report": 6, "cli": 7,
+    "tour_tree": 2, "tour": 3, "leads": 4, "lower_rows": 3, "lower": 4, "check": 4, "testing": 5, "testing_cases": 4,
+    "cli_job": 5, "report": 5, "job": 6, "preview_draw": 5, "preview": 6,
+    "cli_say": 6, "cli_plan": 6, "cli_summary": 7, "cli_build": 8, "cli_init": 8, "cli_inspect": 8, "cli_posts": 8,
+    "cli_verify": 8, "cli": 9, "__main__": 10,
 }  # fmt: skip
 POST_MAY_IMPORT = {"ir", "pose", "post", "errors", "text", "passes"}
 FILES = sorted([*ROOT.glob("camgen/**/*.py"), *ROOT.glob("postprocessors/**/*.py")])

@@ -1,0 +1,7 @@
+"""``python -m camgen``."""
+
+import sys
+
+from camgen.cli import main
+
+sys.exit(main())

@@ -1,0 +1,305 @@
+"""Does the text say what was planned? ``compare`` holds a read-back against the program that was posted.
+
+What is compared, and how exactly:
+
+* Kinds of instructions, one to one and in order, comments left out. The names of outputs; their values to 0.001.
+* Positions: each coordinate within ``tolerance.mm``, half the last printed digit.
+* Arcs as geometry: the point half-way along the arc that was read, wherever its ``via`` lies on it, against the one
+  half-way along the planned arc, within ``ARC_SLACK * tolerance.mm``. Both ends being compared as positions, three
+  points of the circle are. Why 6: let d be half the last digit. A text with ``via`` rounds three points by up to
+  sqrt(3) d = 1.73 d each. An error of ``via`` across the arc moves the half-way point by as much; errors of the two
+  ends shift it along the arc by their mean, and turn it about ``via`` by at most as much again, since an arc of half
+  a circle is no higher than half its chord: sqrt(1.73^2 + 3.46^2) d = 3.9 d. A text with a centre, in a plane, rounds
+  two ends and the centre by up to sqrt(2) d = 1.41 d each; the ends move the half-way point by at most 1.41 d
+  across and along it, the centre by sqrt(2) times its own error at half a circle: 4.9 d together. Where a radius
+  is only a few d, the second order adds up to 1 d.
+* Orientations within ``tolerance.angle``, from the skew part of the difference: the trace alone cannot tell 1e-8 rad
+  from 0. The orientation at ``via`` is left out: controllers interpolate from the start to the end.
+* Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``carries`` them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, compress
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camgen.errors import VerifyError
+from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.pose import FloatArray, Pose, quaternion
+from camgen.post import Reading, Tolerance
+from camgen.text import short
+
+#: What the point half-way along an arc may move per ``tolerance.mm``: see above.
+ARC_SLACK = 6.0
+#: What is left to the rounding of binary numbers, in every unit; and the tolerance of an output's value.
+_SLACK, _VALUE = 1e-9, 1e-3
+_REMEDY = "do not run the program: its post or its read-back is wrong"
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """The greatest distance (mm) of a target or of the middle of an arc from where it was planned, the greatest angle
+    (rad) of an orientation, 0 where the text carries none, and how many instructions were compared.
+    """
+
+    max_mm: float
+    max_angle: float
+    instructions: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Column:
+    """One property of M instructions on both sides. places: which ones among those compared. planned, read: values by
+    row. error (M,) and its limit, one or by row, in the property's unit; what is not a number is beyond every limit.
+    """
+
+    what: str
+    places: NDArray[np.intp]
+    planned: Sequence[Any] | FloatArray
+    read: Sequence[Any] | FloatArray
+    error: FloatArray
+    limit: float | FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """Some of the instructions: their places, planned and read."""
+
+    places: NDArray[np.intp]
+    planned: list[Any]
+    read: list[Any]
+
+    def where(self, keep: Sequence[bool]) -> _Group:
+        """Those of them to keep."""
+        mask = np.asarray(keep, dtype=bool)
+        return _Group(self.places[mask], list(compress(self.planned, keep)), list(compress(self.read, keep)))
+
+    @property
+    def sides(self) -> tuple[list[Any], list[Any]]:
+        """Planned and read."""
+        return self.planned, self.read
+
+    def column(self, what: str, name: str, limit: float, width: int = 1) -> _Column:
+        """An attribute, a number or a tuple of ``width``: the error is that of the worst number."""
+        a, b = (_numbers(side, name, width) for side in self.sides)
+        return _Column(what, self.places, a, b, np.abs(a - b).max(axis=1), limit)
+
+
+def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str) -> Deviation:
+    """The deviation of what was read from ``planned``, the program as prepared for the post.
+
+    carries: what the text holds (``Post.carries``). file: for messages. Raises VerifyError for the first fault of the
+    reading or the first instruction that differs, with its index in the planned body, its line, and both values.
+    """
+    for fault in reading.faults[:1]:
+        raise VerifyError(file, fault.what, fault.line, _REMEDY)
+    _compare_frames(planned, reading, tolerance, file)
+    indices, plan = _spoken(planned.body, range(len(planned.body)))
+    lines, read = _spoken(reading.body, reading.lines)
+    common = _same_kinds(plan, read)
+    both = _Group(np.arange(common), plan[:common], read[:common])
+    moves = both.where([type(item) in (MoveL, MoveC, MoveJ) for item in both.planned])
+    places, posed = _places(moves, tolerance)
+    columns = [*places, *_manners(moves, posed, tolerance, carries), *_others(both, tolerance, carries)]
+    differences = [found for column in columns for found in _first_beyond(column)]
+    if common < max(len(plan), len(read)):
+        differences.append((common, "instruction", _say(plan, common), _say(read, common)))
+    if differences:
+        place, what, was, says = min(differences, key=lambda difference: difference[0])
+        index = indices[place] if place < len(indices) else len(planned.body)
+        line = lines[place] if place < len(lines) else 0
+        raise VerifyError(file, f"instruction {index}: {what} reads {says}, planned is {was}", line, _REMEDY)
+    distance = (np.linalg.norm(np.subtract(c.planned, c.read), axis=1).max(initial=0.0) for c in places)
+    angle = (c.error.max(initial=0.0) for c in columns if c.what == "orientation")
+    return Deviation(float(max(distance)), float(max(angle, default=0.0)), len(plan))
+
+
+def _spoken(body: Sequence[Instruction], numbers: Sequence[int]) -> tuple[list[int], list[Instruction]]:
+    """The instructions that are no comments, and their numbers."""
+    if len(body) != len(numbers):
+        raise ValueError(f"{len(body)} instructions with {len(numbers)} lines")
+    keep = [type(item) is not Comment for item in body]
+    return list(compress(numbers, keep)), list(compress(body, keep))
+
+
+def _same_kinds(plan: list[Instruction], read: list[Instruction]) -> int:
+    """How many instructions at the start can be compared by number: same type, same signal, as many joints."""
+    count = min(len(plan), len(read))
+    types, others = list(map(type, plan[:count])), list(map(type, read[:count]))
+    if types != others:
+        count = next(i for i, (a, b) in enumerate(zip(types, others, strict=True)) if a is not b)
+    finer = (i for i, kind in enumerate(types[:count]) if kind is MoveJ or kind is Output)
+    return next((i for i in finer if _name(plan[i]) != _name(read[i])), count)
+
+
+def _name(item: Instruction) -> object:
+    """The signal of an output, the number of joints of a motion to joints."""
+    if isinstance(item, Output):
+        return item.signal
+    return len(item.target.values) if isinstance(item, MoveJ) and isinstance(item.target, Joints) else None
+
+
+# Messages.
+
+
+def _say(body: list[Instruction], place: int) -> str:
+    """An instruction in a few words."""
+    if place >= len(body):
+        return "nothing"
+    match body[place]:
+        case MoveJ(target=Joints(values)):
+            return f"MoveJ to {len(values)} joint values"
+        case MoveJ(target=Pose() as target) | MoveL(target=target) | MoveC(target=target):
+            return f"{type(body[place]).__name__} to {_text(target.origin)}"
+        case Output(signal, value):
+            return f"output {signal} {short(value, 3)}"
+        case Wait(seconds):
+            return f"wait {short(seconds, 3)} s"
+        case Force(newtons):
+            return f"force {short(newtons, 3)} N"
+    return type(body[place]).__name__
+
+
+def _text(value: object) -> str:
+    """A number, some numbers, or a rotation as its quaternion."""
+    array = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    if array.ndim == 2:
+        return "q " + " ".join(short(v, 9) for v in quaternion(array))
+    return " ".join(short(v, 6) for v in array.tolist())
+
+
+def _first_beyond(column: _Column) -> Iterator[tuple[int, str, str, str]]:
+    """Place, property, planned and read value of the first instruction that is beyond the limit, if any is."""
+    for row in np.flatnonzero(~(column.error <= column.limit + _SLACK))[:1].tolist():
+        yield int(column.places[row]), column.what, _text(column.planned[row]), _text(column.read[row])
+
+
+def _compare_frames(planned: Program, reading: Reading, tolerance: Tolerance, file: str) -> None:
+    """The frames that the text defines."""
+    both = (("work", planned.base_from_work, reading.work), ("tool", planned.flange_from_tool, reading.tool))
+    for name, was, says in both:
+        if says is None:
+            continue
+        off = np.abs(np.subtract(was.origin, says.origin)).max()
+        turn = _turns([was.rotation], [says.rotation])[0]
+        if not (off <= tolerance.mm + _SLACK and turn <= tolerance.angle + _SLACK):
+            reads, plan = (f"{_text(pose.origin)} {_text(pose.rotation)}" for pose in (says, was))
+            raise VerifyError(file, f"the {name} frame reads {reads}, planned is {plan}", 0, _REMEDY)
+
+
+# Columns.
+
+
+def _numbers(items: list[Any], name: str, width: int) -> FloatArray:
+    """An attribute as (M, width)."""
+    values = map(attrgetter(name), items)
+    flat = chain.from_iterable(values) if width > 1 else values
+    return np.fromiter(flat, np.float64, len(items) * width).reshape(-1, width)
+
+
+def _places(moves: _Group, tolerance: Tolerance) -> tuple[list[_Column], _Group]:
+    """Where motions end and what arcs pass half-way, and the motions to poses."""
+    is_pose = np.array([type(item.target) is Pose for item in moves.planned], dtype=bool)
+    is_arc = np.array([type(item) is MoveC for item in moves.planned], dtype=bool)
+    posed, arcs = moves.where(is_pose.tolist()), moves.where(is_arc.tolist())
+    target = posed.column("target", "target.origin", tolerance.mm, 3)
+    middles = []
+    for origins, side in zip((target.planned, target.read), arcs.sides, strict=True):
+        ends = np.full((len(is_pose), 3), np.nan)
+        ends[is_pose] = origins
+        starts = np.roll(ends, 1, axis=0)
+        middles.append(arc_middles(starts[is_arc], _numbers(side, "via.origin", 3), ends[is_arc]))
+    a, b = middles
+    error = np.linalg.norm(a - b, axis=1)
+    return [target, _Column("middle of the arc", arcs.places, a, b, error, ARC_SLACK * tolerance.mm)], posed
+
+
+def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """The points (N, 3) half-way along the arcs from ``start`` through ``via``, wherever on it, to ``end``.
+
+    In the arc's plane, with the middle of the chord as origin: via = (u, h), half the chord a; the centre is (0, k)
+    with k = (u^2 + h^2 - a^2) / 2h. Three points on one line: half-way along the chord if via is on it. A start that is
+    not known (NaN): via itself, and a via that is neither: itself too, so that it is not mistaken for an arc.
+    """
+    centre, span = (start + end) / 2, end - start
+    length = np.linalg.norm(span, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.where(length[:, None] > 0, span / length[:, None], 0.0)
+        u = np.einsum("ni,ni->n", via - centre, along)
+        across = via - centre - u[:, None] * along
+        h = np.linalg.norm(across, axis=1)
+        a = length / 2
+        k = (u * u + h * h - a * a) / (2 * h)
+        radius = np.hypot(a, k)
+        # The same number twice: the one for the short way does not lose digits for very flat arcs.
+        height = np.where(k < 0, a * a / (radius - k), radius + k)
+        flat = h < 1e-9 * a
+        middle = centre + np.where(flat, 0.0, height / h)[:, None] * across
+    unknown = np.isnan(start).any(axis=1) | (flat & (np.abs(u) > a * (1 - 1e-9))) | ((a == 0) & (h == 0))
+    return np.where(unknown[:, None], via, middle)
+
+
+def _turns(a: list[FloatArray], b: list[FloatArray]) -> FloatArray:
+    """``pose.angle_between`` by row (M,), rad. Each pair of arrays is looked at once: programs share rotations."""
+    seen: dict[tuple[int, int], int] = {}
+    index = [seen.setdefault(pair, len(seen)) for pair in zip(map(id, a), map(id, b), strict=True)]
+    if not index:
+        return np.zeros(0)
+    first = np.unique(index, return_index=True)[1].tolist()
+    p, q = (np.concatenate([side[i] for i in first]).reshape(-1, 3, 3) for side in (a, b))
+    turn = np.einsum("nji,njk->nik", p, q)
+    skew = turn - np.transpose(turn, (0, 2, 1))
+    # The entries of the skew part are 2 sin(angle) times the axis, each twice; the trace is 1 + 2 cos(angle).
+    sine = np.sqrt(np.einsum("nij,nij->n", skew, skew) / 2)
+    angles: FloatArray = np.arctan2(sine, np.einsum("nii->n", turn) - 1)[index]
+    return angles
+
+
+def _manners(moves: _Group, posed: _Group, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+    """How motions are made: orientation, joints, speed, blend, force."""
+    if "orientation" in carries:
+        a, b = ([item.target.rotation for item in side] for side in posed.sides)
+        yield _Column("orientation", posed.places, a, b, _turns(a, b), tolerance.angle)
+    jointed = moves.where([type(item.target) is Joints for item in moves.planned])
+    a, b = ([item.target.values for item in side] for side in jointed.sides)
+    error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
+    yield _Column("joint values", jointed.places, a, b, error, tolerance.joint)
+    rapid = [type(item) is MoveJ for item in moves.planned]
+    linear = moves.where([not one for one in rapid])
+    if "joint-speed" in carries:
+        yield moves.where(rapid).column("speed", "speed", tolerance.speed)
+    if "speed" in carries:
+        yield linear.column("speed", "speed", tolerance.speed)
+    if "blend" in carries:
+        yield moves.column("blend", "blend", tolerance.mm)
+    if "stop" in carries:
+        p, q = (_numbers(side, "blend", 1) for side in moves.sides)
+        yield _Column("blend", moves.places, p, q, ((p > 0) != (q > 0))[:, 0] * 1.0, 0.0)
+    yield from _forces(linear, "force", tolerance, carries)
+
+
+def _forces(group: _Group, name: str, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+    """Newtons, and their direction: a text gives it by components, so each may be off by both tolerances."""
+    newtons = group.column("force", name, tolerance.force)
+    yield newtons
+    if "force-direction" in carries and np.any(newtons.planned):
+        a, b = (
+            np.asarray(n) * _numbers(s, "press", 3)
+            for n, s in zip((newtons.planned, newtons.read), group.sides, strict=True)
+        )
+        limit = tolerance.force + tolerance.angle * np.asarray(newtons.planned)[:, 0]
+        yield _Column("force along x y z", group.places, a, b, np.abs(a - b).max(axis=1), limit)
+
+
+def _others(both: _Group, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+    """Outputs, waits and force control."""
+    outputs, waits, forces = (both.where([type(i) is kind for i in both.planned]) for kind in (Output, Wait, Force))
+    yield outputs.column("output", "value", _VALUE)
+    yield waits.column("wait", "seconds", tolerance.seconds)
+    yield from _forces(forces, "newtons", tolerance, carries)

@@ -1,0 +1,146 @@
+"""The command line: arguments, error lines and exit codes. What a command does is in its own module, imported late."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from typing import NoReturn
+
+from camgen import __version__
+from camgen.cli_say import Voice, voice
+from camgen.errors import CamgenError, JobError
+
+_INTERRUPTED = 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit code: 0 done, 1 fault in camgen, 2 usage or input, 3 no safe program, 4 the
+    text read back differs from the plan, 130 interrupted.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    says = voice(quiet=False, verbose=0)
+    try:
+        arguments = _parse(words)
+        says = voice(arguments.quiet, arguments.verbose)
+        command: Callable[[argparse.Namespace, Voice], int] = _command(arguments.command)
+        return command(arguments, says)
+    except SystemExit as leave:  # argparse after --help and --version
+        return leave.code if isinstance(leave.code, int) else 0
+    except CamgenError as error:
+        says.error(f"error: {error}")
+        _trace(says)
+        return error.exit_code
+    except KeyboardInterrupt:
+        says.error("interrupted")
+        return _INTERRUPTED
+    except Exception as error:  # the last resort: whatever it is, the user gets one line and exit code 1
+        says.error(f"fault: {type(error).__name__}: {error}; run it again with -vv and report what that prints")
+        _trace(says)
+        return 1
+
+
+def _trace(says: Voice) -> None:
+    if says.verbose > 1:
+        importlib.import_module("traceback").print_exc()
+
+
+def _command(name: str) -> Callable[[argparse.Namespace, Voice], int]:
+    command: Callable[[argparse.Namespace, Voice], int] = importlib.import_module(f"camgen.cli_{name}").run
+    return command
+
+
+class _Parser(argparse.ArgumentParser):
+    """Wrong usage is an error like any other: one line, exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        raise JobError(self.prog.removeprefix("camgen ") or "camgen", message, remedy=f"see {self.prog} --help")
+
+
+def _parse(words: list[str]) -> argparse.Namespace:
+    parser, commands = _parsers()
+    first = next((word for word in words if not word.startswith("-")), None)
+    if first is None and not {"-h", "--help", "--version"} & set(words):
+        raise JobError("command line", "no command is given", remedy=f"give one of {', '.join(commands)}")
+    if first is not None and first not in commands:
+        raise JobError("command line", f"no command {first!r}", remedy=f"nearest is {_nearest(first, commands)}")
+    arguments, unknown = parser.parse_known_args(words)
+    if unknown:
+        options = commands[arguments.command]._option_string_actions  # argparse has no public list
+        near = f"nearest is {_nearest(unknown[0], options)}" if unknown[0].startswith("-") else ""
+        raise JobError(arguments.command, f"unknown argument {unknown[0]!r}", remedy=near)
+    return arguments
+
+
+def _nearest(word: str, names: Iterable[str]) -> str:
+    near: list[str] = importlib.import_module("difflib").get_close_matches(word, list(names), 1, 0)
+    return near[0]
+
+
+def _parsers() -> tuple[_Parser, dict[str, _Parser]]:
+    parser = _Parser("camgen", description="Checked robot and machine programs from drawings.", allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"camgen {__version__}")
+    group = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands: dict[str, _Parser] = {}
+
+    def command(name: str, text: str, about: Callable[[_Parser], None]) -> None:
+        sub = group.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
+        about(sub)
+        loud = sub.add_mutually_exclusive_group()
+        loud.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
+        loud.add_argument("-v", "--verbose", action="count", default=0, help="say more; -vv: with tracebacks")
+        commands[name] = sub
+
+    command("build", "make a checked program from a drawing", _build)
+    command("inspect", "show what is in a drawing", _inspect)
+    command("init", "write a commented job file beside a drawing", _init)
+    command("verify", "read a program back and say what it does", _verify)
+    command("posts", "list the posts that are installed", lambda _: None)
+    return parser, commands
+
+
+def _build(sub: _Parser) -> None:
+    sub.add_argument(
+        "inputs", metavar="INPUT", nargs="+", help="drawing; several make one program; - reads standard input"
+    )
+    _post(sub)
+    _job(sub)
+    sub.add_argument("-o", "--output", metavar="FILE|DIR", help="where the program goes (default: this folder)")
+    sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
+    sub.add_argument("--plan", metavar="FILE.json", help="write the planned motion as data")
+    sub.add_argument("--report", metavar="FILE.json", help="write the summary as data")
+    sub.add_argument("--preview", metavar="FILE.svg", help="draw part, paths and travel")
+    sub.add_argument("--strict", action="store_true", help="anything left out is an error")
+
+
+def _inspect(sub: _Parser) -> None:
+    sub.add_argument("input", metavar="INPUT", help="drawing")
+    _job(sub)
+
+
+def _init(sub: _Parser) -> None:
+    sub.add_argument("input", metavar="INPUT", help="drawing; the job file gets its name with .toml")
+
+
+def _verify(sub: _Parser) -> None:
+    sub.add_argument("programs", metavar="PROGRAM", nargs="+", help="program, all its files in order")
+    _post(sub)
+    _job(sub)
+    sub.add_argument("--plan", metavar="PLAN.json", help="compare with this plan, as build --plan wrote it")
+
+
+def _post(sub: _Parser) -> None:
+    sub.add_argument("--post", metavar="NAME", required=True, help="controller; camgen posts lists them; or a .py file")
+
+
+def _job(sub: _Parser) -> None:
+    sub.add_argument("--job", metavar="FILE.toml", help="job file (default: the input's name with .toml, if it exists)")
+    sub.add_argument(
+        "--set",
+        metavar="TABLE.KEY=VALUE",
+        action="append",
+        default=[],
+        dest="sets",
+        help="one setting; wins; repeatable",
+    )

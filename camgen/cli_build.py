@@ -1,0 +1,141 @@
+"""``camgen build``: reads, plans, proves, and only then writes everything at once."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+
+import msgspec
+
+from camgen.cli_job import beside, load
+from camgen.cli_plan import encode
+from camgen.cli_say import Voice
+from camgen.cli_summary import rows
+from camgen.errors import InputError, JobError
+from camgen.job import Result, build
+from camgen.preview import svg
+from camgen.report import clean
+from camgen.writing import check_targets, write_all
+
+
+@dataclass(slots=True)
+class _Stages:
+    """Tells the terminal the stage that runs and remembers how long each took."""
+
+    says: Voice
+    names: list[str] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+
+    def __call__(self, name: str) -> None:
+        self.says.stage(name)
+        self.names.append(name)
+        self.times.append(perf_counter())
+
+    def spent(self) -> list[tuple[str, float]]:
+        """Each stage with its seconds, the last one up to now."""
+        ends = [*self.times[1:], perf_counter()]
+        return [(name, end - begin) for name, begin, end in zip(self.names, self.times, ends, strict=True)]
+
+
+def run(arguments: Namespace, says: Voice) -> int:
+    """Builds, writes, sums up."""
+    stages = _Stages(says)
+    with _inputs(arguments) as inputs:
+        job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
+        read = [*inputs, *([job_file] if job_file else [])]
+        folder, program = _place(arguments.output)
+        extra = [Path(p) for p in (arguments.plan, arguments.report, arguments.preview) if p]
+        check_targets([*([program] if program else []), *extra], read)
+        _check_preview(arguments.preview)
+        job = load(job_file, arguments.sets)
+        name = program.stem if program else ""
+        with _told_as("job", str(job_file or "job")):
+            result = build(inputs, post=arguments.post, job=job, name=name, strict=arguments.strict, watch=stages)
+        stages("writing")
+        programs = _programs(result, folder, program)
+        check_targets([*(path for path, _ in programs), *extra], read)
+        write_all([*programs, *_extras(arguments, result, [path.name for path, _ in programs])])
+    says.rows(rows(result, job_file, inputs, programs, says.verbose))
+    if says.verbose:
+        says.rows([("timing", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent()), "plain")])
+    return 0
+
+
+def _place(output: str | None) -> tuple[Path, Path | None]:
+    """The folder for the program, and its file where ``-o`` names one."""
+    if output is None:
+        return Path(), None
+    if os.path.isdir(output):  # unlike Path.is_dir it takes a name of any length
+        return Path(output), None
+    if output.endswith(("/", os.sep)):
+        raise JobError(output, "no such folder", remedy="make it first")
+    return Path(output).parent, Path(output)
+
+
+def _check_preview(name: str | None) -> None:
+    if name and Path(name).suffix.lower() != ".svg":
+        raise JobError(name, "a preview is drawn as SVG", remedy="give a name that ends in .svg")
+
+
+def _programs(result: Result, folder: Path, file: Path | None) -> list[tuple[Path, bytes]]:
+    """The program files with the controller's line ends."""
+    paths = [folder / one.name for one in result.files]
+    if file is not None:
+        if len(paths) > 1 and file.name != paths[0].name:
+            what = f"the program takes {len(paths)} files, which call each other by name"
+            raise JobError(str(file), what, remedy="give a folder with -o")
+        paths[0] = file
+    newline = result.post.newline
+    texts = [one.text.replace("\n", newline).encode("ascii") for one in result.files]
+    return list(zip(paths, texts, strict=True))
+
+
+def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Iterator[tuple[Path, bytes]]:
+    """Plan, report and preview, where asked for."""
+    if arguments.plan:
+        options = result.job.post
+        data = encode(result.program, result.post.name, options, result.job.tolerance.chord)
+        yield Path(arguments.plan), data
+    if arguments.report:
+        report = result.report | {"files": [clean(name) for name in files]}
+        yield Path(arguments.report), msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+    if arguments.preview:
+        drawing = svg(result.part, result.tour, result.notes, f"{result.part.source}, {result.post.name}")
+        yield Path(arguments.preview), drawing.encode("utf-8")
+
+
+@contextmanager
+def _inputs(arguments: Namespace) -> Iterator[list[Path]]:
+    """The inputs as files; standard input becomes one for as long as this lasts."""
+    names: list[str] = arguments.inputs
+    if "-" not in names:
+        if arguments.format:
+            raise JobError("--format", "is for standard input", remedy="leave it out, or give - as the input")
+        yield [Path(name) for name in names]
+        return
+    kind = (arguments.format or "").lstrip(".")
+    if not kind.isalnum():
+        raise JobError("-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf")
+    with tempfile.TemporaryDirectory(prefix="camgen-") as folder:
+        file = Path(folder) / f"stdin.{kind}"
+        file.write_bytes(sys.stdin.buffer.read())
+        with _told_as(str(file), "-"):
+            yield [file if name == "-" else Path(name) for name in names]
+
+
+@contextmanager
+def _told_as(inner: str, outer: str) -> Iterator[None]:
+    """Errors about ``inner`` are told as errors about ``outer``, the name that the user knows."""
+    try:
+        yield
+    except (InputError, JobError) as error:
+        if error.file == inner:
+            raise type(error)(outer, error.what, error.where, error.remedy) from error
+        raise

@@ -1,0 +1,304 @@
+"""From a tour to a program: approach, process on, the segments of the path, process off, retract, travel.
+
+Every path becomes the same sequence, so that a reader of the program knows it after the first one. Columns are
+computed once over the rows of all paths (numpy), the instructions are then written in one loop over plain lists.
+A *run* is one pass along a path at one depth; a path with three depths gives three runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camgen import lower_rows
+from camgen.errors import JobError, NoSafeProgram
+from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.lower_rows import ZONES, Orientations, Rows
+from camgen.paths import ToolPath, Tour
+from camgen.pose import TOOL_DOWN, FloatArray, Pose, Vec3, pose_from_values, translation
+from camgen.post import Cell
+from camgen.settings import Job, Process
+
+#: Nearer than this two points are one, mm.
+_SAME = 1e-6
+
+
+def lower(tour: Tour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) -> Program:
+    """The program that runs the paths of ``tour`` in order, from and back to the home position.
+
+    cell: of the post; what ``job`` says about frames and home goes first (``placed``). name, header: of the program.
+    Raises JobError for settings that do not go together, NoSafeProgram when there is no path.
+    """
+    if not tour.paths:
+        raise NoSafeProgram(name, "no path to run")
+    cell = placed(cell, job)
+    body: list[Instruction] = [MoveJ(cell.home, job.process.travel)]
+    if job.process.spindle > 0:
+        body += [Output("spindle", job.process.spindle), *_dwell(job.process)]
+    runs = _runs(tour.paths)
+    table = _table(runs, job)
+    for run in range(len(runs)):
+        body += _enter(table, run, job.process, run == 0, isinstance(cell.home, Pose))
+        body += _work(table, run, job.process)
+        body += _leave(table, run, job.process, isinstance(cell.home, Pose))
+    if job.process.spindle > 0:
+        body.append(Output("spindle", 0.0))
+    body.append(MoveJ(cell.home, job.process.travel))
+    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header)
+
+
+def placed(cell: Cell, job: Job) -> Cell:
+    """``cell`` with the frames and the home position of ``job``. The built-in tool is as long as ``tool.length``.
+
+    A home of joint values is given in deg, a sliding joint in the number that the controller shows; that of a machine
+    whose home is a pose is x, y, z in mm, work frame, tool down. Raises JobError for a wrong count or value.
+    """
+    table = job.cell
+    work = cell.base_from_work
+    if table.base_from_work is not None:
+        work = pose_from_values(_values("base_from_work", table.base_from_work, 6))
+    tool = translation(0.0, 0.0, job.tool.length)
+    if table.flange_from_tool is not None:
+        tool = pose_from_values(_values("flange_from_tool", table.flange_from_tool, 6))
+    home = cell.home
+    if table.home is not None and isinstance(home, Pose):
+        x, y, z = _values("home", table.home, 3)
+        home = Pose(TOOL_DOWN, (x, y, z))
+    elif table.home is not None:
+        count = len(table.home) or len(cell.home.values) if isinstance(cell.home, Joints) else 0
+        home = Joints(tuple(math.radians(v) for v in _values("home", table.home, count)))
+    return Cell(cell.name, work, tool, home)
+
+
+def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
+    if len(values) != count:
+        raise JobError("job", f"has {len(values)} values", f"cell.{key}", f"give {count} values")
+    if not all(math.isfinite(v) for v in values):
+        raise JobError("job", "has a value that is not a finite number", f"cell.{key}", "give numbers")
+    return values
+
+
+# Runs: which path, how deep, and whether the tool is already there.
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """One pass. linked: it starts where the run before it ended, so that nothing lies between them but the plunge."""
+
+    path: ToolPath
+    depth: float
+    linked: bool
+
+
+def _runs(paths: Sequence[ToolPath]) -> list[_Run]:
+    runs = []
+    for path in paths:
+        first, *deeper = path.depths
+        runs.append(_Run(path, first, False))
+        if not deeper:
+            continue
+        meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < _SAME
+        zigzag = path.reversible and not meets
+        ways = (path, path.reversed()) if zigzag else (path, path)
+        runs += [_Run(ways[k % 2], depth, meets or zigzag) for k, depth in enumerate(deeper, start=1)]
+    return runs
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """What the instructions are made of, as plain lists: by row (segment i ends in row i), then by run.
+
+    above_start, above_end: at the height of travel. near: where the feed begins.
+    """
+
+    runs: list[_Run]
+    position: list[Vec3]
+    via: list[Vec3]
+    arc: list[bool]
+    feed: list[float]
+    force: list[float]
+    press: list[tuple[Vec3, Vec3]]
+    blend: list[float]
+    orientations: Orientations
+    turns: list[bool]
+    first: list[int]
+    last: list[int]
+    above_start: list[Vec3]
+    near: list[Vec3]
+    above_end: list[Vec3]
+
+
+def _table(runs: list[_Run], job: Job) -> _Table:
+    rows = lower_rows.gather([run.path for run in runs], [run.depth for run in runs])
+    if job.tool.orient == "follow":
+        for row in lower_rows.unfollowed(rows)[:1].tolist():
+            path = runs[int(np.searchsorted(rows.last, row))].path
+            what = f'"follow" needs a followed contour, path {path.id} has no surface beside it'
+            raise JobError("job", what, "tool.orient", 'set tool.orient to "fixed"')
+        rows = lower_rows.halved(rows)
+        orientations = lower_rows.follow(rows)
+    else:
+        orientations = lower_rows.fixed(rows)
+    blend = lower_rows.blends(rows, job.tolerance.chord)
+    blend[np.flatnonzero(orientations.turns) - 1] = 0.0
+    above_start, near, above_end = _heights(rows, runs, job.process)
+    press = (_points(rows.press[:, k]) for k in (0, 1) if (rows.force > 0).any())
+    return _Table(
+        runs=runs,
+        position=_points(rows.position),
+        via=_points(rows.via),
+        arc=rows.arc.tolist(),
+        feed=rows.feed.tolist(),
+        force=rows.force.tolist(),
+        press=list(zip(*press, strict=True)),
+        blend=blend.tolist(),
+        orientations=orientations,
+        turns=orientations.turns.tolist(),
+        first=rows.first.tolist(),
+        last=rows.last.tolist(),
+        above_start=_points(above_start),
+        near=_points(near),
+        above_end=_points(above_end),
+    )
+
+
+def _points(column: FloatArray) -> list[Vec3]:
+    return list(zip(*column.T.tolist(), strict=True))
+
+
+def _heights(rows: Rows, runs: list[_Run], process: Process) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Above the start, where the feed begins, above the end: (R, 3) each.
+
+    All of them are measured from where the path was planned, not from its depth: the material of the first pass is
+    still there. With the tool straight down the travel height is z = clearance, else it is clearance along the axis.
+    """
+    depth = np.array([run.depth for run in runs])
+    top = np.zeros((len(runs), 3))
+    top[:, 2] = depth
+    start, end = rows.position[rows.first] + top, rows.position[rows.last] + top
+    up_start, up_end = -rows.axis[rows.first], -rows.axis[rows.last]
+    near = start + up_start * process.approach
+    room = _lift(start, up_start, process.clearance)
+    low = np.flatnonzero(room < process.approach - _SAME)
+    low = np.append(low, np.flatnonzero(_lift(end, up_end, process.clearance) < -_SAME))
+    if len(low):
+        what = f"{process.clearance:g} mm is below where the tool approaches path {runs[int(low[0])].path.id}"
+        raise JobError("job", what, "process.clearance", "raise process.clearance or lower process.approach")
+    above_end = end + up_end * _lift(end, up_end, process.clearance)[:, None]
+    return start + up_start * room[:, None], near, above_end
+
+
+def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
+    """The way (R,) from each point along ``up`` to the height of travel."""
+    straight = up[:, 2] > 1 - 1e-12
+    return np.where(straight, clearance - point[:, 2], clearance)
+
+
+# Instructions.
+
+
+def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
+    """From the end of the run before to the start of this one, process off."""
+    one, row = table.runs[run], table.first[run]
+    rotation, contact, feed = table.orientations.ends[row], table.position[row], table.feed[row]
+    yield Comment(f"path {one.path.id} layer {one.path.layer}")
+    if not one.linked:
+        above, near = table.above_start[run], table.near[run]
+        if from_home:
+            yield MoveJ(Pose(rotation, above), process.travel)
+        elif not _same(table.above_end[run - 1], above):
+            way = math.dist(table.above_end[run - 1], above), math.dist(above, contact if _same(above, near) else near)
+            yield _rapid(cartesian, Pose(rotation, above), process.travel, _zone(process, *way))
+        if not _same(above, near):
+            yield _rapid(cartesian, Pose(rotation, near), process.travel, 0.0)
+        if _same(near, contact):
+            return
+    yield MoveL(Pose(rotation, contact), feed)
+
+
+def _leave(table: _Table, run: int, process: Process, cartesian: bool) -> Iterator[Instruction]:
+    """Up to the height of travel, unless the next run starts where this one ended."""
+    following = run + 1
+    last = following == len(table.runs)
+    if not last and table.runs[following].linked:
+        return
+    row = table.last[run]
+    up, target = table.above_end[run], Pose(table.orientations.ends[row], table.above_end[run])
+    zone = 0.0
+    if not last:
+        zone = _zone(process, math.dist(table.position[row], up), math.dist(up, table.above_start[following]))
+    if not _same(table.position[row], up):
+        yield _rapid(cartesian, target, process.travel, zone)
+
+
+def _rapid(cartesian: bool, target: Pose, speed: float, blend: float) -> MoveJ | MoveL:
+    """Travel: robots keep to the line, machines whose axes are the coordinates have a rapid motion for it."""
+    return MoveJ(target, speed, blend) if cartesian else MoveL(target, speed, blend)
+
+
+def _zone(process: Process, *neighbours: float) -> float:
+    """The blend at a corner of travel: it stays in the upper half of the clearance and of its two neighbours."""
+    room = min(process.clearance, *neighbours) / 2 + 1e-9
+    return next((zone for zone in ZONES if zone <= room), 0.0)
+
+
+def _same(a: Vec3, b: Vec3) -> bool:
+    return math.dist(a, b) < _SAME
+
+
+def _dwell(process: Process) -> list[Instruction]:
+    return [Wait(process.dwell)] if process.dwell > 0 else []
+
+
+def _signal(process: Process) -> str:
+    if process.signal == "auto":
+        return "" if process.spindle > 0 else "process"
+    if process.signal == "spindle":
+        raise JobError("job", '"spindle" is the spindle', "process.signal", "set process.spindle to its rpm")
+    return process.signal
+
+
+def _work(table: _Table, run: int, process: Process) -> Iterator[Instruction]:
+    """The segments of a run between force on, process on and process off, force off."""
+    first, last = table.first[run], table.last[run]
+    signal = _signal(process)
+    pressing = last > first and table.force[first + 1] > 0
+    if pressing:
+        yield Force(table.force[first + 1], table.press[first + 1][0])
+    if signal:
+        yield Output(signal, 1.0)
+        yield from _dwell(process)
+    yield from _segments(table, range(first + 1, last + 1), pressing)
+    if signal:
+        yield Output(signal, 0.0)
+    if last > first and table.force[last] > 0:
+        yield Force(0.0)
+
+
+def _segments(table: _Table, rows: range, pressing: bool) -> Iterator[Instruction]:
+    """One motion a segment; force is switched where it begins or ends, the tool turned where its orientation jumps."""
+    position, feed, blend, forces = table.position, table.feed, table.blend, table.force
+    ends, vias = table.orientations.ends, table.orientations.vias
+    for row in rows:
+        force = forces[row]
+        end = (0.0, 0.0, 0.0)
+        wanted = force > 0
+        if wanted or pressing:
+            begin, end = table.press[row]
+        if pressing and not wanted:
+            yield Force(0.0)
+            end = (0.0, 0.0, 0.0)
+        if table.turns[row]:
+            held, press = (force, begin) if wanted and pressing else (0.0, (0.0, 0.0, 0.0))
+            yield MoveL(Pose(table.orientations.begins[row], position[row - 1]), feed[row], 0.0, held, press)
+        if wanted and not pressing:
+            yield Force(force, begin)
+        pressing = wanted
+        target = Pose(ends[row], position[row])
+        if table.arc[row]:
+            yield MoveC(Pose(vias[row], table.via[row]), target, feed[row], blend[row], force, end)
+        else:
+            yield MoveL(target, feed[row], blend[row], force, end)

@@ -1,0 +1,94 @@
+"""The bytes of a DXF file as an ezdxf document: strictly first, then tolerantly, with a note on what was wrong."""
+
+from __future__ import annotations
+
+import logging
+import re
+import struct
+from io import BytesIO, TextIOWrapper
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from camgen.errors import InputError, one_line
+from camgen.shapes import Note
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
+_BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
+_END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b")
+_SECTION = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*SECTION\b")
+_SAVE_AGAIN = "open it in the CAD program and save it again as DXF"
+
+#: ezdxf parses whatever it is given: besides its own errors (which are not all ValueErrors) a damaged file makes it
+#: stumble over missing values in each of these ways.
+_STUMBLES = (
+    ValueError, TypeError, LookupError, StopIteration, AttributeError, ArithmeticError, AssertionError, RecursionError,
+    struct.error, EOFError,
+)  # fmt: skip
+
+
+def content(path: Path) -> bytes:
+    """The file's bytes. ``InputError`` if there is no file or it cannot be read."""
+    try:
+        return path.read_bytes()
+    except IsADirectoryError:
+        raise InputError(path.name, "is a folder", "", "name a DXF file in it") from None
+    except FileNotFoundError:
+        raise InputError(path.name, "there is no such file") from None
+    except OSError as error:
+        raise InputError(path.name, f"cannot be read: {one_line(error.strerror or str(error))}") from error
+
+
+def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
+    """The document and notes on damage. ``InputError`` if the bytes are no DXF or damaged beyond repair."""
+    # Heavy, and not needed unless a DXF is read.
+    from ezdxf import recover  # noqa: PLC0415
+    from ezdxf.document import Drawing  # noqa: PLC0415
+    from ezdxf.filemanagement import read  # noqa: PLC0415
+    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
+    from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415
+
+    _insist_on_dxf(name, data)
+    # Without a handler of its own ezdxf's warnings would end up on stderr.
+    logging.getLogger("ezdxf").addHandler(logging.NullHandler())
+    notes: list[Note] = []
+    binary = data.startswith(_BINARY)
+    if not (b"\x00EOF\x00" in data if binary else _END.search(data)):
+        notes.append(Note("warning", "the file has no end mark", "it may be cut short: compare the contours"))
+    try:
+        if binary:
+            return Drawing.load(binary_tags_loader(data)), tuple(notes)
+        return read(_text(data)), tuple(notes)
+    except (DXFError, *_STUMBLES) as error:
+        cause = _plain(error)
+    try:
+        document, auditor = recover.read(BytesIO(data))
+    except (DXFError, *_STUMBLES) as error:
+        raise InputError(name, f"damaged beyond repair: {_plain(error)}", "", _SAVE_AGAIN) from error
+    count = len(auditor.fixes) + len(auditor.errors)
+    what = f"the file is damaged and was read tolerantly, {count} faults mended" if count else "the file is damaged"
+    notes.append(Note("repaired", f"{what}: {cause}", f"compare the contours, or {_SAVE_AGAIN}"))
+    return document, tuple(notes)
+
+
+def _insist_on_dxf(name: str, data: bytes) -> None:
+    if not data.strip():
+        raise InputError(name, "the file is empty")
+    if re.match(rb"AC1\d{3}|AC\d\.\d", data):
+        raise InputError(name, "is a DWG drawing", "", "save it as DXF")
+    if not data.startswith(_BINARY) and not _SECTION.search(data):
+        raise InputError(name, "is not a DXF file", "no section in it")
+
+
+def _text(data: bytes) -> TextIOWrapper:
+    """The text in the encoding its header names."""
+    from ezdxf.filemanagement import dxf_stream_info  # noqa: PLC0415
+
+    info = dxf_stream_info(TextIOWrapper(BytesIO(data), "utf-8", errors="ignore"))
+    return TextIOWrapper(BytesIO(data), info.encoding, errors="surrogateescape")
+
+
+def _plain(error: Exception) -> str:
+    text = one_line(str(error)).strip().rstrip(".")
+    return text[:120] if text else type(error).__name__

@@ -1,0 +1,189 @@
+"""What a program amounts to in numbers, and the report of a build as plain data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from camgen.ir import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.paths import ToolPath, Tour, segment_lengths
+from camgen.pose import FloatArray, Pose, Vec3, frozen
+from camgen.shapes import Note, Part
+
+#: The value of each of ``checks`` as long as the cell has no robot model.
+NOT_CHECKED = "not checked"
+
+
+@dataclass(frozen=True, slots=True)
+class Motions:
+    """What a program does, summed up.
+
+    counts: instructions by kind. straight, arc, joint: mm of the TCP; a joint motion is counted as the straight line
+    between its ends, 0 where one end is given in joints. seconds: those lengths at their speeds, and the waits; what
+    the controller spends on acceleration and signals is not in it. speeds: least and greatest, mm/s. extents: least
+    and greatest corner of all targets and via points, None without Cartesian targets. outputs: by name, the values
+    set, in order of first use. force: the greatest, N.
+    """
+
+    counts: dict[str, int]
+    straight: float
+    arc: float
+    joint: float
+    seconds: float
+    speeds: tuple[float, float]
+    extents: tuple[Vec3, Vec3] | None
+    outputs: dict[str, tuple[float, ...]]
+    force: float
+
+
+def sum_up(body: Sequence[Instruction]) -> Motions:
+    """The sums of a body of instructions."""
+    rows = _rows(body)
+    length = np.zeros(len(rows.kind))
+    arc = rows.kind == "C"
+    length[arc] = arc_lengths(rows.start[arc], rows.via[arc], rows.end[arc])
+    length[~arc] = np.nan_to_num(np.linalg.norm(rows.end[~arc] - rows.start[~arc], axis=1))
+    seconds = math.fsum((length / rows.speed).tolist())
+    waits = math.fsum(item.seconds for item in body if isinstance(item, Wait))
+    points = np.concatenate([rows.end, rows.via])
+    points = points[~np.isnan(points).any(axis=1)]
+    outputs: dict[str, dict[float, None]] = {}
+    for item in body:
+        if isinstance(item, Output):
+            outputs.setdefault(item.signal, {})[item.value] = None
+    return Motions(
+        counts=_counts(body),
+        straight=math.fsum(length[rows.kind == "L"].tolist()),
+        arc=math.fsum(length[arc].tolist()),
+        joint=math.fsum(length[rows.kind == "J"].tolist()),
+        seconds=seconds + waits,
+        speeds=(float(rows.speed.min()), float(rows.speed.max())) if len(rows.speed) else (0.0, 0.0),
+        extents=(_corner(points.min(axis=0)), _corner(points.max(axis=0))) if len(points) else None,
+        outputs={name: tuple(values) for name, values in outputs.items()},
+        force=max((i.newtons for i in body if isinstance(i, Force)), default=0.0),
+    )
+
+
+def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """Lengths (N,) of the arcs from start through via to end, each (N, 3).
+
+    The angle at via sees the chord from the arc: sweep = 2 (pi - angle), radius = chord / (2 sin(angle)).
+    """
+    to_start, to_end = start - via, end - via
+    sine = np.linalg.norm(np.cross(to_start, to_end), axis=1)
+    angle = np.arctan2(sine, np.einsum("ij,ij->i", to_start, to_end))
+    flat = np.linalg.norm(to_start, axis=1) + np.linalg.norm(to_end, axis=1)
+    turn = np.pi - angle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curved = np.linalg.norm(end - start, axis=1) / np.sin(turn) * turn
+    return np.asarray(np.where(turn > 1e-9, curved, flat), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """The motions of a body as columns; start, via and end (N, 3) are NaN where there is none."""
+
+    kind: np.ndarray[tuple[int], np.dtype[np.str_]]
+    start: FloatArray
+    via: FloatArray
+    end: FloatArray
+    speed: FloatArray
+
+
+def _rows(body: Sequence[Instruction]) -> _Rows:
+    nowhere = (math.nan, math.nan, math.nan)
+    kinds, vias, ends, speeds = [], [], [], []
+    for item in body:
+        if isinstance(item, (MoveL, MoveC, MoveJ)):
+            kinds.append("C" if isinstance(item, MoveC) else "L" if isinstance(item, MoveL) else "J")
+            vias.append(item.via.origin if isinstance(item, MoveC) else nowhere)
+            ends.append(item.target.origin if isinstance(item.target, Pose) else nowhere)
+            speeds.append(item.speed)
+    end = np.array(ends, dtype=np.float64).reshape(-1, 3)
+    start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
+    via = np.array(vias, dtype=np.float64).reshape(-1, 3)
+    return _Rows(np.array(kinds, dtype=np.str_), start, via, end, frozen(speeds))
+
+
+def _counts(body: Sequence[Instruction]) -> dict[str, int]:
+    names = [type(item).__name__ for item in body]
+    return {name: names.count(name) for name in ("MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force")}
+
+
+def _corner(values: FloatArray) -> Vec3:
+    x, y, z = values.tolist()
+    return (x, y, z)
+
+
+def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
+    """Length (mm) and duration (s, at the feeds alone) of every path, all its passes, each (N,)."""
+    if not paths:
+        return frozen([]), frozen([])
+    counts = [len(path.position) for path in paths]
+    first = np.cumsum([0, *counts[:-1]])
+    inner = segment_lengths(np.concatenate([p.position for p in paths]), np.concatenate([p.via for p in paths]))
+    steps = np.concatenate([[0.0], inner])
+    steps[first] = 0.0  # from one path to the next
+    passes = np.array([len(path.depths) for path in paths])
+    durations = steps / np.concatenate([path.feed for path in paths])
+    return frozen(np.add.reduceat(steps, first) * passes), frozen(np.add.reduceat(durations, first) * passes)
+
+
+def report(
+    part: Part,
+    tour: Tour,
+    notes: Sequence[Note],
+    seconds: float,
+    verified: float,
+    files: Sequence[str],
+) -> dict[str, object]:
+    """The report of a build (contract, section 5): mm, s, N; lengths to 1e-3 mm, the deviation to 1e-6 mm.
+
+    seconds: ``Motions.seconds`` of the program. verified: the largest deviation of the read-back, mm. files: names.
+    """
+    contours = part.contours
+    lengths, durations = path_sums(tour.paths)
+    rows = zip(tour.paths, lengths.tolist(), durations.tolist(), strict=True)
+    return {
+        "input": {
+            "source": clean(part.source),
+            "units": part.units,
+            "contours": len(contours),
+            "closed": sum(c.closed for c in contours),
+            "open": sum(not c.closed for c in contours),
+            "layers": sorted({clean(c.layer) for c in contours}),
+        },
+        "paths": [_path(*row) for row in rows],
+        "skipped": [{"what": clean(n.what), "why": clean(n.why)} for n in notes if n.kind == "skipped"],
+        "tour": {
+            "method": tour.method,
+            "work_mm": round(math.fsum(lengths.tolist()), 3),
+            "travel_mm": round(tour.travel, 3),
+            "bound_mm": None,
+        },
+        "time_s": round(seconds, 1),
+        "checks": {"reach": NOT_CHECKED, "collision": NOT_CHECKED, "limits": NOT_CHECKED},
+        "verify": {"status": "equal", "max_deviation_mm": round(verified, 6)},
+        "files": [clean(name) for name in files],
+        "notes": [{"kind": n.kind, "what": clean(n.what), "why": clean(n.why)} for n in notes],
+    }
+
+
+def _path(path: ToolPath, length: float, seconds: float) -> dict[str, object]:
+    """feed: mm/s of the tool centre, its mean; force: the greatest, N."""
+    return {
+        "id": path.id,
+        "layer": clean(path.layer),
+        "closed": path.closed,
+        "length_mm": round(length, 3),
+        "feed": round(length / seconds if seconds > 0 else float(path.feed[0]), 3),
+        "force": round(float(path.force.max()), 3),
+    }
+
+
+def clean(text: str) -> str:
+    """``text`` that UTF-8 can hold: names of files and layers may hold bytes that are no text."""
+    return text.encode("utf-8", "replace").decode("utf-8")

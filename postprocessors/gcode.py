@@ -1,0 +1,119 @@
+"""G-code for LinuxCNC 2.9.
+
+Sources: the LinuxCNC manual (G-code, M-code and overview chapters) and its interpreter, which judges the printed text
+in the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal
+
+from camgen.errors import JobError
+from camgen.ir import Force, Instruction, MoveC, MoveL, Output, Program
+from camgen.post import Tolerance
+from camgen.text import short
+
+from .rs274 import COOLANT, Rs274, check_signals, without_force
+
+#: What a signal may be put on: LinuxCNC has at most 64 digital outputs.
+_OUTPUTS = (*COOLANT, *(f"P{n}" for n in range(64)))
+
+
+@dataclass
+class GCode(Rs274):
+    """LinuxCNC 2.9, three axes."""
+
+    name: ClassVar[str] = "gcode"
+    suffix: ClassVar[str] = ".ngc"
+    about: ClassVar[str] = "G-code for LinuxCNC (RS-274/NGC), three-axis mill"
+    works: ClassVar[tuple[str, ...]] = (*Rs274.works, "G59.1", "G59.2", "G59.3")
+
+    tool: int = field(default=0, kw_only=True, metadata={"help": "tool to change to and measure by; 0: no change"})
+    path_tolerance: float = field(default=0.01, kw_only=True, metadata={"help": "G64 P, mm; 0: exact path (G61)"})
+    signals: dict[str, str] = field(
+        default_factory=lambda: {"process": "P0"},
+        kw_only=True,
+        metadata={"help": "digital output (P0 to P63) or coolant (M7, M8) of each signal"},
+    )
+    force: Literal["refuse", "ignore", "analog"] = field(  # type: ignore[assignment]  # see ``line``
+        default="refuse", kw_only=True, metadata={"help": "ignore: leave out; analog: an analog output (M67, M68)"}
+    )
+    force_channel: int = field(default=0, kw_only=True, metadata={"help": "analog output of the force, 0 to 63"})
+    force_scale: float = field(default=0.0, kw_only=True, metadata={"help": "output value per N; analog needs it"})
+
+    #: The printed analog value, empty while force is off.
+    _pressing: str = field(default="", init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.tool <= 99_999:
+            raise JobError("[post] tool", f"{self.tool} is no tool number", remedy="0 for none")
+        if self.path_tolerance != 0 and not 1e-4 <= self.path_tolerance <= 10:
+            remedy = "0 for the exact path; without a tolerance LinuxCNC would round corners by any amount"
+            raise JobError("[post] path_tolerance", f"{self.path_tolerance} is not 0.0001 to 10 mm", remedy=remedy)
+        check_signals(self.signals, _OUTPUTS, [COOLANT])
+        if not 0 <= self.force_channel <= 63:
+            raise JobError("[post] force_channel", f"{self.force_channel} is not 0 to 63")
+        if self.force == "analog" and not 1e-3 <= self.force_scale <= 1e3:
+            raise JobError("[post] force_scale", "analog force needs the output's value per N", remedy="0.001 to 1000")
+
+    def tolerance(self) -> Tolerance:
+        """Half the last printed digit, a force by its scale."""
+        scale = self.force_scale if self.force == "analog" else 1.0
+        return replace(super().tolerance(), force=0.5e-4 / scale)
+
+    def prepare(self, program: Program, chord: float) -> Program:
+        """See ``Rs274``; drops force where the user said so."""
+        return super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+
+    def begin(self, program: Program) -> Sequence[str]:
+        """Q0 keeps LinuxCNC from joining lines, so that the path stays within P."""
+        path = f"G64 P{short(self.path_tolerance, 4)} Q0" if self.path_tolerance else "G61"
+        change = (f"T{self.tool} M6", "G43") if self.tool else ()
+        return [*super().begin(program), path, *change]
+
+    def movel(self, motion: MoveL) -> Sequence[str]:
+        """G1, after the force of this line."""
+        return (*self._press(motion), *super().movel(motion))
+
+    def movec(self, motion: MoveC) -> Sequence[str]:
+        """G2 or G3, after the force of this arc."""
+        return (*self._press(motion), *super().movec(motion))
+
+    def output(self, item: Output) -> Sequence[str]:
+        """M64 and M65 wait for the end of the motion before them."""
+        if item.signal == "spindle":
+            return (f"S{short(item.value, 6)} M3" if item.value else "M5",)
+        word = self.signals[item.signal]
+        if word in COOLANT:
+            return (word if item.value else "M9",)
+        return (f"{'M64' if item.value else 'M65'} {word}",)
+
+    def line(self, item: Instruction) -> Sequence[str]:
+        """As the base does, but for force: the option ``force`` of the job takes that name from the method."""
+        if not isinstance(item, Force):
+            return super().line(item)
+        value = self._force_word(item.newtons)
+        self._pressing = value if item.newtons > 0 else ""
+        return (f"M68 E{self.force_channel} Q{value}",)
+
+    def _press(self, motion: MoveL | MoveC) -> Sequence[str]:
+        """M67 acts with the next motion, without a stop before it."""
+        value = self._force_word(motion.force)
+        if not self._pressing or value == self._pressing:
+            return ()
+        self._pressing = value
+        return (f"M67 E{self.force_channel} Q{value}",)
+
+    def _force_word(self, newtons: float) -> str:
+        return short(newtons * self.force_scale, 4)
+
+    def refuses_force(self, item: Force) -> str:
+        """An analog output can stand for a force; what it does to the tool is wired in HAL."""
+        if self.force != "analog":
+            return super().refuses_force(item) + ', or post.force = "analog" with an output wired to a regulator'
+        if item.newtons > 0 and self._force_word(item.newtons) == "0":
+            return f"{item.newtons:g} N is nothing at post.force_scale = {self.force_scale:g}; raise the scale"
+        return ""

@@ -1,0 +1,74 @@
+"""G-code for GRBL 1.1: lines of at most 79 characters, pure ASCII, and only the words that the firmware knows.
+
+Source: the firmware (gcode.c, protocol.c) and its list of error codes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+from camgen.errors import JobError, Refused
+from camgen.ir import Output, Program
+from camgen.text import short
+
+from .rs274 import COOLANT, Rs274, check_signals, without_force
+
+#: What a signal may be put on: the spindle line (M4: laser power that follows the speed) or a coolant.
+_SPINDLE = ("M3", "M4")
+
+
+@dataclass
+class Grbl(Rs274):
+    """GRBL 1.1, three axes."""
+
+    name: ClassVar[str] = "grbl"
+    suffix: ClassVar[str] = ".nc"
+    about: ClassVar[str] = "G-code for GRBL 1.1, three-axis mill, laser or plotter"
+
+    signals: dict[str, str] = field(
+        default_factory=lambda: {"process": "M3"},
+        kw_only=True,
+        metadata={"help": "spindle line (M3, M4: power follows the speed) or coolant (M7, M8) of each signal"},
+    )
+    power: float = field(
+        default=1000.0, kw_only=True, metadata={"help": "S of a signal on M3 or M4; $30 is full power"}
+    )
+    force: Literal["refuse", "ignore"] = field(  # type: ignore[assignment]  # never called: force is always refused
+        default="refuse", kw_only=True, metadata={"help": "ignore: leave out"}
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_signals(self.signals, (*_SPINDLE, *COOLANT), [_SPINDLE, COOLANT])
+        if not 0 < self.power <= 99_999:
+            raise JobError("[post] power", f"{self.power:g} is not more than 0 and at most 99999")
+
+    def prepare(self, program: Program, chord: float) -> Program:
+        """See ``Rs274``; drops force where the user said so, and keeps the spindle line to one use."""
+        self._one_use(program)
+        return super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+
+    def output(self, item: Output) -> Sequence[str]:
+        """The spindle line or a coolant."""
+        word = "M3" if item.signal == "spindle" else self.signals[item.signal]
+        if word in COOLANT:
+            return (word if item.value else "M9",)
+        power = item.value if item.signal == "spindle" else self.power
+        return (f"{word} S{short(power, 6)}" if item.value else "M5",)
+
+    def _one_use(self, program: Program) -> None:
+        """Refused where M3 S.. or M5 would not say whether the spindle or a signal is meant."""
+        outputs = [(i, item) for i, item in enumerate(program.body) if isinstance(item, Output)]
+        spins = [(i, item) for i, item in outputs if item.signal == "spindle"]
+        lines = {name for name, word in self.signals.items() if word in _SPINDLE}
+        if not spins or not lines:
+            return
+        remedy = 'put the signal on a coolant line, e.g. post.signals = {process = "M8"}'
+        for index, item in outputs:
+            if item.signal in lines:
+                raise Refused(self.name, index, f"signal {item.signal} and the spindle share one output", remedy)
+        if all(item.value in (0, self.power) for _, item in spins):
+            what = f"a spindle at {self.power:g} rpm reads like signal {min(lines)} at post.power"
+            raise Refused(self.name, spins[0][0], what, "change post.power or " + remedy)

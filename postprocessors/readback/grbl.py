@@ -1,0 +1,72 @@
+"""Reads a GRBL 1.1 program back: text -> instructions, faults by line.
+
+Written from the firmware's parser, its modal groups and its list of errors: what it answers with an error is a fault.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+from camgen.ir import Instruction, Output
+from camgen.post import Reading
+
+from .gcode import lines, number, signals
+from .gcode_lexis import Rules, by_group
+from .gcode_machine import run
+from .gcode_state import Expect
+
+_GROUPS = {
+    "motion": "G0 G1 G2 G3 G80",
+    "plane": "G17 G18 G19",
+    "distance": "G90 G91",
+    "arc distance": "G91.1",
+    "feed mode": "G94",
+    "units": "G20 G21",
+    "cutter compensation": "G40",
+    "length offset": "G49",
+    "work offset": "G54 G55 G56 G57 G58 G59",
+    "path": "G61",
+    "dwell": "G4",
+    "stop": "M2 M30",
+    "spindle": "M3 M4 M5",
+    "coolant": "M7 M8 M9",
+}
+GRBL = Rules(
+    name="GRBL",
+    codes=by_group(_GROUPS),
+    limit=79,
+    squeezed=True,
+    forbidden=re.compile(r"[!~?]|[^\t -~]"),
+    linuxcnc=False,
+    spiral=(0.005, 0.5, 0.005),
+    shorter=0.0,
+    least_radius=1e-6,
+)
+
+
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+    """What a GRBL program says. options: of the post; left out, its defaults (docs/posts/grbl.md)."""
+    table = signals(options, {"process": "M3"})
+    power = number(options, "power", 1000.0)
+    names = {word: name for name, word in table.items()}
+    reading = run(lines(files), GRBL, Expect(work=str(options.get("work", "G54")), names=names))
+    return replace(reading, body=_named(reading.body, names, power))
+
+
+def _named(body: tuple[Instruction, ...], names: Mapping[str, str], power: float) -> tuple[Instruction, ...]:
+    """``body`` with the spindle line under the name of the signal that is on it.
+
+    One line serves a spindle or a signal, not both in one program. It is the signal if nothing else than its word and
+    its power occurs; a single other value makes it a spindle throughout, which then differs from what was planned.
+    """
+    values = {item.value for item in body if isinstance(item, Output) and item.signal == "spindle"} - {0.0}
+    sign = -1.0 if any(value < 0 for value in values) else 1.0
+    signal = names.get("M4" if sign < 0 else "M3") if values else names.get("M3", names.get("M4"))
+    if signal is None or any(abs(value - sign * power) > 1e-6 for value in values):
+        return body
+    return tuple(
+        Output(signal, 1.0 if item.value else 0.0) if isinstance(item, Output) and item.signal == "spindle" else item
+        for item in body
+    )

@@ -1,0 +1,199 @@
+"""Motion statements: ``Move``, ``Approach``, ``Depart``, ``Draw``, and the speeds (PacScript reference, motion)."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from camgen.ir import Joints, MoveC, MoveJ, MoveL
+from camgen.pose import Pose, Vec3
+
+from .pacscript_machine import PASS_BLEND, Machine
+from .pacscript_values import Metres, Unreadable, Value, Vector, arguments, evaluate, number
+
+_MARK = re.compile(r"@\s*(0|P|E|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
+_MARKS = {"@0": 0.0, "@E": 0.0, "@e": 0.0, "@P": PASS_BLEND, "@p": PASS_BLEND}
+_OPTION = re.compile(r"(speed|s|accel|decel)\s*=\s*(.*)", re.IGNORECASE)
+_EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
+_LINEAR = {"l": True, "p": False, "ptp": False}
+
+
+def move(machine: Machine, rest: str) -> None:
+    """``Move P|L, [@mark] target, ... [, options]`` or ``Move C, via, [@mark] target [, options]``."""
+    parts = arguments(rest)
+    kind = parts[0].lower()
+    if kind != "c" and kind not in _LINEAR:
+        raise Unreadable(f"Move {parts[0]} is not evaluated")
+    targets, speed, at_once = _options(machine, parts[1:])
+    if kind == "c":
+        _arc(machine, targets, speed, at_once)
+        return
+    if not targets:
+        raise Unreadable("a motion without a target")
+    for text in targets:
+        blend, expression = _mark(text)
+        _go(machine, _LINEAR[kind], _place(machine, expression), blend, speed, at_once)
+
+
+def approach(machine: Machine, rest: str) -> None:
+    """``Approach P|L, reference, [@mark] length``: back from the reference along its tool z."""
+    parts = arguments(rest)
+    linear = _interpolation(parts)
+    (reference, length), speed, at_once = _exactly(machine, parts[1:], 2)
+    pose = _place(machine, reference)
+    blend, expression = _mark(length)
+    if isinstance(pose, Joints):
+        raise Unreadable("an approach to joints is not evaluated")
+    _go(machine, linear, _back(pose, number(expression, machine.lookup)), blend, speed, at_once)
+
+
+def depart(machine: Machine, rest: str) -> None:
+    """``Depart P|L, [@mark] length``: back from here along the tool z."""
+    parts = arguments(rest)
+    linear = _interpolation(parts)
+    (length,), speed, at_once = _exactly(machine, parts[1:], 1)
+    blend, expression = _mark(length)
+    _go(machine, linear, _back(_here(machine), number(expression, machine.lookup)), blend, speed, at_once)
+
+
+def draw(machine: Machine, rest: str) -> None:
+    """``Draw P|L, [@mark] V(dx, dy, dz)``: by a vector in the work frame, the orientation kept."""
+    parts = arguments(rest)
+    linear = _interpolation(parts)
+    (way,), speed, at_once = _exactly(machine, parts[1:], 1)
+    blend, expression = _mark(way)
+    value, here = evaluate(expression, machine.lookup), _here(machine)
+    if not isinstance(value, Vector):
+        raise Unreadable("Draw needs a vector")
+    x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
+    _go(machine, linear, Pose(here.rotation, (x, y, z)), blend, speed, at_once)
+
+
+def speed_statement(machine: Machine, rest: str) -> None:
+    """``Speed`` in percent or by ``Mps``: for motions without their own."""
+    machine.internal = _speed(evaluate(rest, machine.lookup))
+
+
+def external_speed(machine: Machine, rest: str) -> None:
+    """``ExtSpeed`` in percent of the internal one."""
+    values = [number(part, machine.lookup) for part in arguments(rest)]
+    if not 0 < values[0] <= 100:
+        raise Unreadable(f"an external speed of {values[0]:g} %")
+    machine.external = values[0]
+
+
+def acceleration(machine: Machine, rest: str) -> None:
+    """``Accel`` and ``Decel`` in percent: checked, as the program says nothing about them."""
+    for part in arguments(rest):
+        if not 0.0001 <= number(part, machine.lookup) <= 100:
+            raise Unreadable(f"an acceleration of {part} %")
+
+
+def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float, bool]:
+    """The parts that are no options, the speed in mm/s, and whether ``Next`` runs on before the arm arrives."""
+    targets: list[str] = []
+    speed: Value = machine.internal
+    at_once = False
+    for part in parts:
+        if "=" in part and (option := _OPTION.fullmatch(part)):
+            value = evaluate(option[2], machine.lookup)
+            if option[1].lower() in ("speed", "s"):
+                speed = value
+        elif part.lower() == "next":
+            at_once = True
+        elif ("x" in part or "X" in part) and _EXTENDED.search(part):
+            raise Unreadable("extended axes are not evaluated")
+        else:
+            targets.append(part)
+    return targets, machine.mm_per_second(_speed(speed)), at_once
+
+
+def _exactly(machine: Machine, parts: list[str], count: int) -> tuple[list[str], float, bool]:
+    targets, speed, at_once = _options(machine, parts)
+    if len(targets) != count:
+        raise Unreadable(f"{count} values expected, {len(targets)} found")
+    return targets, speed, at_once
+
+
+def _speed(value: Value) -> float | Metres:
+    if not isinstance(value, (float, Metres)):
+        raise Unreadable("a speed must be a number")
+    if isinstance(value, float) and not 0.1 <= value <= 100:
+        raise Unreadable(f"a speed of {value:g} %, the controller takes 0.1 to 100")
+    if isinstance(value, Metres) and value.per_second <= 0:
+        raise Unreadable(f"a speed of {value.per_second:g} m/s")
+    return value
+
+
+def _interpolation(parts: list[str]) -> bool:
+    if parts[0].lower() not in _LINEAR:
+        raise Unreadable(f"{parts[0] or 'no'} interpolation")
+    return _LINEAR[parts[0].lower()]
+
+
+def _mark(text: str) -> tuple[float, str]:
+    """The blend in mm that the pass mark before a target stands for, and the target."""
+    if not text.startswith("@"):
+        return 0.0, text
+    head, _, place = text.partition(" ")
+    if head in _MARKS:
+        return _MARKS[head], place.strip()
+    match = _MARK.match(text)
+    if match is None:
+        raise Unreadable(f"the pass mark of {text} is not understood")
+    mark = match[1].strip("[] \t").lower()
+    blend = _MARKS.get("@" + mark)
+    return float(mark) if blend is None else blend, text[match.end() :]
+
+
+def _place(machine: Machine, expression: str) -> Pose | Joints:
+    value = evaluate(expression, machine.lookup)
+    if not isinstance(value, (Pose, Joints)):
+        raise Unreadable(f"{expression} is no place to move to")
+    return value
+
+
+def _here(machine: Machine) -> Pose:
+    if machine.here is None:
+        raise Unreadable("a motion from a place that the text does not give")
+    return machine.here
+
+
+def _back(pose: Pose, length: float) -> Pose:
+    return Pose(pose.rotation, pose.apply((0.0, 0.0, -length)))
+
+
+def _go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, speed: float, at_once: bool) -> None:
+    passing = blend > 0 or at_once
+    if not linear:
+        machine.emit_motion(MoveJ(target, speed, blend), passing)
+    elif isinstance(target, Joints):
+        raise Unreadable("a straight line to joints is not evaluated")
+    else:
+        machine.emit_motion(MoveL(target, speed, blend, *machine.pressing()), passing)
+
+
+def _arc(machine: Machine, targets: list[str], speed: float, at_once: bool) -> None:
+    if len(targets) != 2:
+        raise Unreadable(f"Move C has {len(targets)} points instead of two")
+    blend, expression = _mark(targets[1])
+    via, end = _place(machine, targets[0]), _place(machine, expression)
+    if isinstance(via, Joints) or isinstance(end, Joints):
+        raise Unreadable("an arc through joints is not evaluated")
+    if machine.here is None:
+        machine.fault("an arc from a place that the text does not give")
+    elif shape := _shape(machine.here.origin, via.origin, end.origin):
+        machine.fault(shape)
+    machine.emit_motion(MoveC(via, end, speed, blend, *machine.pressing()), blend > 0 or at_once)
+
+
+def _shape(start: Vec3, via: Vec3, end: Vec3) -> str:
+    """What is wrong with an arc through three points. The angle at ``via`` is half the arc that it does not lie on."""
+    a = [p - q for p, q in zip(start, via, strict=True)]
+    b = [p - q for p, q in zip(end, via, strict=True)]
+    product = math.hypot(*a) * math.hypot(*b)
+    cross = math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    if cross <= 1e-6 * product:
+        return "the three points of the arc are on one line"
+    cosine = sum(p * q for p, q in zip(a, b, strict=True)) / product
+    return "an arc of more than 180 deg" if cosine > 0.01 else ""

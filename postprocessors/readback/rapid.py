@@ -1,0 +1,107 @@
+"""Reads ABB RAPID modules back: what the text makes the robot do, and what cannot be right in it.
+
+A subset is read: straight-line programs of declarations, PROCs without parameters, motions, outputs, waits and
+pressing. Everything else is a fault that names it. Written from the RAPID manuals, not from the post.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from camgen.post import Fault, Reading
+
+from .rapid_io import STATEMENTS
+from .rapid_lexis import Wrong
+from .rapid_link import Linked
+from .rapid_motion import MOTIONS, motion
+from .rapid_state import Known, State
+from .rapid_syntax import parse
+from .rapid_tree import Call, Routine
+
+#: The signals of a cell whose options name none.
+_SIGNALS: Mapping[str, object] = {"process": "doProcess"}
+#: Longest name on IRC5 and later, and on S4.
+_NAME, _NAME_S4 = 32, 16
+#: More statements than any controller holds: a text whose routines call each other without end.
+_MOST_STATEMENTS = 2_000_000
+_DEEPEST_CALL = 40
+
+
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+    """What the modules say when ``main`` is run once. Never raises for a text.
+
+    files: modules by file name; lines are counted through all of them in order. options: those of ``[post]`` that
+    the text cannot say: signals, declare, force_load, force_sign, s4.
+    """
+    known = _known(options)
+    program = Linked(known.longest_name)
+    line = 1
+    for text in files.values():
+        plain = text.replace("\r\n", "\n").replace("\r", "\n")
+        modules, faults = parse(plain, line)
+        program.faults += faults
+        for module in modules:
+            program.add(module)
+        line += plain.count("\n") + (not plain.endswith("\n"))
+    program.check()
+    state = _run(program, known, line - 1)
+    faults = sorted({*program.faults, *state.faults}, key=lambda fault: (fault.line, fault.what))
+    frame = {kind: pose for kind, (_, pose) in state.frames.items()}
+    return Reading(tuple(state.body), tuple(state.lines), tuple(faults), frame.get("work"), frame.get("tool"))
+
+
+def _run(program: Linked, known: Known, last_line: int) -> State:
+    """Runs ``main``, and notes what is still on or moving at its end."""
+    state = State(known, program.scope())
+    main = program.routines.get("main")
+    if main is None:
+        state.faults.append(Fault(max(last_line, 1), "there is no PROC main"))
+        return state
+    _run_routine(program, state, main, 0)
+    state.stopped("the end")
+    if state.pressing is not None:
+        state.faults.append(Fault(last_line, "FCPressEnd is missing at the end"))
+    return state
+
+
+def _run_routine(program: Linked, state: State, routine: Routine, depth: int) -> None:
+    """Runs a routine with what it calls, statement by statement."""
+    for call in routine.body:
+        state.count += 1
+        if state.count > _MOST_STATEMENTS:
+            state.faults.append(Fault(call.line, f"more than {_MOST_STATEMENTS} statements are run"))
+            return
+        state.scope = program.scopes[routine]
+        try:
+            if call.name in MOTIONS:
+                motion(state, call)
+            elif call.name in STATEMENTS:
+                STATEMENTS[call.name](state, call)
+            else:
+                _run_routine(program, state, _called(program, routine, call, depth), depth + 1)
+        except Wrong as wrong:
+            state.faults.append(wrong.fault)
+
+
+def _called(program: Linked, routine: Routine, call: Call, depth: int) -> Routine:
+    """The PROC that a statement calls."""
+    found = program.find(routine, call.name)
+    if found is None:
+        raise Wrong(call.line, f"the statement {call.name[:40]} is not read")
+    if call.args or call.options:
+        raise Wrong(call.line, f"{call.name[:40]} is called with arguments")
+    if depth >= _DEEPEST_CALL:
+        raise Wrong(call.line, f"{call.name[:40]} is called too deeply")
+    return found
+
+
+def _known(options: Mapping[str, object]) -> Known:
+    given = options.get("signals", _SIGNALS)
+    signals = {str(name).lower(): str(key) for key, name in given.items()} if isinstance(given, Mapping) else {}
+    return Known(
+        signals=signals,
+        external=options.get("declare", True) is False,
+        load=str(options.get("force_load", "")),
+        sign=-1 if options.get("force_sign", 1) == -1 else 1,
+        longest_name=_NAME_S4 if options.get("s4", False) is True else _NAME,
+    )

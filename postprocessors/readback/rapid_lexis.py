@@ -1,0 +1,105 @@
+"""RAPID text as tokens: the lexical part of the read-back (RAPID kernel manual, chapter 2)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import lru_cache
+
+from camgen.post import Fault
+
+_N = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_POINT = rf"\[\[{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N},{_N},{_N}\]\]"
+_NAME = r"[A-Za-z][A-Za-z0-9_]*"
+# A robtarget written out compactly, and a whole straight motion to one, are single tokens: a long program is made of
+# these, and reading it takes seconds instead of half a minute. The general rules read the same from them.
+_TOKEN = re.compile(
+    rf"""[ \t\f\v]*(?:
+    (?P<move>Move[LJ][ ]{_POINT},{_NAME},{_NAME},{_NAME}\\WObj:={_NAME};)
+  | (?P<point>{_POINT})
+  | (?P<newline>\n)
+  | (?P<comment>![^\n]*)
+  | (?P<name>{_NAME})
+  | (?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
+  | (?P<string>"(?:[^"\n]|"")*")
+  | (?P<mark>:=|[^ \t\f\v])
+  | (?P<end>\Z)
+    )""",
+    re.VERBOSE,
+)
+_MOVE = re.compile(rf"(Move[LJ])[ ](.*\]\]),({_NAME}),({_NAME}),({_NAME})\\WObj:=({_NAME});")
+#: The optional banner of old files: %%% VERSION:1 LANGUAGE:ENGLISH %%%.
+_BANNER = re.compile(r"\A\s*%%%[A-Za-z0-9:\s]*%%%[ \t]*(?=\n)")
+#: Never a name (RAPID kernel manual 2.4).
+RESERVED = frozenset(
+    """alias and backward case connect const default div do else elseif endfor endfunc endif endmodule endproc endrecord
+    endtest endtrap endwhile error exit false for from func goto if inout local mod module nostepin not noview or pers
+    proc raise readonly record retry return step sysmodule task test then to trap true trynext undo var viewonly while
+    with xor""".split()  # noqa: SIM905 (sixty words read better so)
+)
+#: The largest value of a num (IEEE single precision).
+_LARGEST = 3.4e38
+
+Token = tuple[str, str, int]  # kind, text, line
+
+
+class Wrong(Exception):
+    """A fault found while something is being read; the reader notes it and goes on behind it."""
+
+    def __init__(self, line: int, what: str) -> None:
+        super().__init__(line, what)
+        self.fault = Fault(line, what)
+
+
+def tokens(text: str, first_line: int) -> Iterator[Token]:
+    """The tokens of ``text`` (LF line ends) without comments, the first line being ``first_line``."""
+    line = first_line
+    position = 0
+    banner = _BANNER.match(text)
+    if banner:
+        line += banner.group().count("\n")
+        position = banner.end()
+    for match in _TOKEN.finditer(text, position):
+        kind = match.lastgroup or "end"
+        if kind == "newline":
+            line += 1
+        elif kind != "comment":
+            yield kind, match.group(kind), line
+
+
+def number(text: str, line: int) -> float:
+    """The num that ``text`` writes out. Wrong when it is larger than one can be."""
+    value = float(text)
+    if abs(value) > _LARGEST:
+        raise Wrong(line, f"{text[:40]} is larger than a num can be")
+    return value
+
+
+def point(text: str, line: int) -> tuple[tuple[float, ...], ...]:
+    """The numbers of the token ``point``, grouped as the manual groups them."""
+    trans, rot, rest = text[2:-2].split("],[", 2)
+    groups, largest = _groups(rest)
+    position, q = tuple(map(float, trans.split(","))), tuple(map(float, rot.split(",")))
+    if max(largest, *position, *q) > _LARGEST or min(*position, *q) < -_LARGEST:
+        raise Wrong(line, "a number of a robtarget is larger than a num can be")
+    return (position, q, *groups)
+
+
+@lru_cache(maxsize=1000)
+def _groups(text: str) -> tuple[tuple[tuple[float, ...], ...], float]:
+    """Configuration and external axes, and the largest number in them: the same for many points."""
+    groups = tuple(tuple(map(float, group.split(","))) for group in text.split("],["))
+    return groups, max(abs(v) for group in groups for v in group)
+
+
+def whole_move(text: str) -> tuple[str, str, str, str, str, str]:
+    """What the token ``move`` holds: instruction, point, speed, zone, tool and work object."""
+    match = _MOVE.fullmatch(text)
+    assert match is not None  # both patterns are made of the same parts
+    name, target, speed, zone, tool, work = match.groups()
+    return name, target, speed, zone, tool, work
+
+
+def shown(token: Token) -> str:
+    """A token for a message, short and on one line."""
+    return "the end of the file" if token[0] == "end" else ascii(token[1][:40])

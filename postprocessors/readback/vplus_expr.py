@@ -1,0 +1,290 @@
+"""V+ expressions: reals, locations and precision points. For the read-back ``vplus``.
+
+Sources: V+ Language Reference and User's Guide as docs/posts/vplus.md quotes them: ``TRANS`` is x, y, z, yaw, pitch,
+roll with R = Rz(yaw) Ry(pitch) Rz(roll), missing arguments are 0; ``a:b`` multiplies left to right; SIN and COS take
+degrees.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+from camgen.ir import Joints
+from camgen.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
+
+NULL = translation(0, 0, 0)
+#: Brackets deeper than this are no program that somebody wrote.
+_DEPTH = 40
+_LARGEST = 1e9
+#: A number, a name, or any other sign; blanks are nowhere needed.
+_TOKEN = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?|[#$]?[A-Z][A-Z0-9._]*|\S")
+_CONSTANTS = {"TRUE": -1.0, "ON": -1.0, "FALSE": 0.0, "OFF": 0.0, "PI": math.pi}
+_FUNCTIONS: dict[str, Callable[[float], float]] = {
+    "SIN": lambda deg: math.sin(math.radians(deg)),
+    "COS": lambda deg: math.cos(math.radians(deg)),
+    "ABS": abs,
+    "SQRT": math.sqrt,
+}
+_TURNS = {"RX": 0, "RY": 1, "RZ": 2}
+_PARTS = {"DX": 0, "DY": 1, "DZ": 2}
+
+
+class Unreadable(Exception):
+    """A statement that cannot be evaluated; the message says why."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Location:
+    """``local`` in the frame ``frame``, the first component of a compound. external: the name of that component where
+    only the controller knows it; then ``frame`` means nothing.
+    """
+
+    local: Pose
+    frame: Pose = NULL
+    external: str = ""
+    compound: bool = False
+
+    def in_base(self) -> Pose:
+        """The location in the base frame."""
+        if self.external:
+            raise Unreadable(f"location {self.external} is only on the controller")
+        return self.frame @ self.local if self.compound else self.local
+
+    def moved(self, by: Pose) -> Location:
+        """The location compounded with ``by`` on its right."""
+        return Location(self.local @ by, self.frame, self.external, self.compound)
+
+
+class Scope(Protocol):
+    """Where names get their values."""
+
+    def real(self, name: str) -> float:
+        """The value of a real variable."""
+
+    def location(self, name: str) -> Location:
+        """The value of a location variable."""
+
+    def point(self, name: str) -> Joints:
+        """The value of a precision point."""
+
+    def here(self, word: str) -> Location:
+        """HERE or DEST."""
+
+
+@lru_cache(maxsize=4096)
+def rotation_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
+    """R = Rz(yaw) Ry(pitch) Rz(roll), angles in degrees. Most targets of a program share theirs, hence the cache."""
+    a, b, c = math.radians(yaw), math.radians(pitch), math.radians(roll)
+    ca, sa, cb, sb, cc, sc = math.cos(a), math.sin(a), math.cos(b), math.sin(b), math.cos(c), math.sin(c)
+    return frozen(
+        [
+            [ca * cb * cc - sa * sc, -ca * cb * sc - sa * cc, ca * sb],
+            [sa * cb * cc + ca * sc, -sa * cb * sc + ca * cc, sa * sb],
+            [-sb * cc, sb * sc, cb],
+        ]
+    )
+
+
+class Expression:
+    """One text, read from left to right. Every method raises Unreadable where the text does not fit."""
+
+    def __init__(self, text: str, scope: Scope) -> None:
+        self._scope = scope
+        # An empty token closes the list, so that there is always a next one.
+        self._tokens: list[str] = [*_TOKEN.findall(text.upper()), ""]
+        self._at = 0
+        self._depth = 0
+
+    # -- tokens --------------------------------------------------------------------------------------------------
+
+    def peek(self) -> str:
+        """The next token in capitals, empty at the end."""
+        return self._tokens[self._at]
+
+    def take(self) -> str:
+        """The next token in capitals."""
+        token = self._tokens[self._at]
+        if not token:
+            raise Unreadable("something is missing at the end of the line")
+        self._at += 1
+        return token
+
+    def accept(self, token: str) -> bool:
+        """Whether the next token is ``token``; then it is taken."""
+        if self._tokens[self._at] != token:
+            return False
+        self._at += 1
+        return True
+
+    def expect(self, token: str) -> None:
+        """Takes ``token``."""
+        if not self.accept(token):
+            raise Unreadable(f"{token} expected before {self.peek() or 'the end of the line'}")
+
+    def finish(self) -> None:
+        """Nothing may be left."""
+        if self._tokens[self._at]:
+            raise Unreadable(f"{self._tokens[self._at][:20]!r} is not expected here")
+
+    def _deeper(self) -> None:
+        self._depth += 1
+        if self._depth > _DEPTH:
+            raise Unreadable("brackets are nested too deeply")
+
+    # -- reals ---------------------------------------------------------------------------------------------------
+
+    def real(self) -> float:
+        """A sum, finite."""
+        value = self._product()
+        while self.peek() in ("+", "-"):
+            value += self._product() if self.take() == "+" else -self._product()
+        if not abs(value) <= _LARGEST:
+            raise Unreadable("a number is not finite or beyond any machine")
+        return value
+
+    def _product(self) -> float:
+        value = self._factor()
+        while self.peek() in ("*", "/"):
+            if self.take() == "*":
+                value *= self._factor()
+            else:
+                divisor = self._factor()
+                if divisor == 0:
+                    raise Unreadable("a division by zero")
+                value /= divisor
+        return value
+
+    def _factor(self) -> float:
+        sign = 1.0
+        while self.peek() in ("+", "-"):
+            sign = sign if self.take() == "+" else -sign
+        token = self.take()
+        if token == "(":
+            value = self._bracketed()
+        elif token[0].isdigit() or token[0] == ".":
+            value = float(token)
+        elif token in _CONSTANTS:
+            value = _CONSTANTS[token]
+        elif token in _FUNCTIONS:
+            self.expect("(")
+            value = self._function(token)
+        elif token in _PARTS:
+            self.expect("(")
+            value = self._inner().in_base().origin[_PARTS[token]]
+        elif token[0].isalpha():
+            value = self._scope.real(token)
+        else:
+            raise Unreadable(f"a number expected instead of {token!r}")
+        return sign * value
+
+    def _bracketed(self) -> float:
+        self._deeper()
+        value = self.real()
+        self.expect(")")
+        self._depth -= 1
+        return value
+
+    def _function(self, word: str) -> float:
+        value = self._bracketed()
+        if word == "SQRT" and value < 0:
+            raise Unreadable("the root of a negative number")
+        return _FUNCTIONS[word](value)
+
+    def reals(self) -> list[float]:
+        """Numbers with commas between them; one that is missing is 0."""
+        values = [self._real_or_zero()]
+        while self.accept(","):
+            values.append(self._real_or_zero())
+        return values
+
+    def _real_or_zero(self) -> float:
+        return 0.0 if self.peek() in (",", ")", "") else self.real()
+
+    # -- locations -----------------------------------------------------------------------------------------------
+
+    def location(self) -> Location:
+        """A location or a compound ``a:b:c``."""
+        first = self._primary()
+        while self.accept(":"):
+            second = self._primary().in_base()
+            if first.compound or first.external:
+                first = first.moved(second)
+            else:
+                first = Location(second, first.local, compound=True)
+        return first
+
+    def _primary(self) -> Location:
+        token = self.take()
+        if token == "TRANS":
+            return self._trans()
+        if token == "SHIFT":
+            return self._shift()
+        if token == "INVERSE":
+            self.expect("(")
+            return Location(self._inner().in_base().inverse())
+        if token in _TURNS:
+            self.expect("(")
+            return Location(Pose(rotation_about(_TURNS[token], math.radians(self._bracketed())), (0.0, 0.0, 0.0)))
+        if token == "NULL":
+            return Location(NULL)
+        if token in ("HERE", "DEST"):
+            return self._scope.here(token)
+        if token in ("FRAME", "TRANSB"):
+            raise Unreadable(f"{token} is not evaluated")
+        if not token[0].isalpha():
+            raise Unreadable(f"a location expected instead of {token!r}")
+        return self._scope.location(token)
+
+    def _inner(self) -> Location:
+        """A location up to the closing bracket."""
+        self._deeper()
+        value = self.location()
+        self.expect(")")
+        self._depth -= 1
+        return value
+
+    def _trans(self) -> Location:
+        self.expect("(")
+        self._deeper()
+        values = self.reals()
+        self.expect(")")
+        self._depth -= 1
+        if len(values) > 6:
+            raise Unreadable(f"TRANS has {len(values)} arguments")
+        x, y, z, yaw, pitch, roll = values + [0.0] * (6 - len(values))
+        rotation = rotation_zyz(yaw, pitch, roll) if yaw or pitch or roll else IDENTITY
+        return Location(Pose(rotation, (x, y, z)))
+
+    def _shift(self) -> Location:
+        self.expect("(")
+        self._deeper()
+        pose = self.location().in_base()
+        self.expect("BY")
+        values = self.reals()
+        self.expect(")")
+        self._depth -= 1
+        if len(values) > 3:
+            raise Unreadable(f"SHIFT by {len(values)} values")
+        dx, dy, dz = values + [0.0] * (3 - len(values))
+        x, y, z = pose.origin
+        return Location(Pose(pose.rotation, (x + dx, y + dy, z + dz)))
+
+    # -- precision points ----------------------------------------------------------------------------------------
+
+    def point(self) -> Joints:
+        """``#PPOINT(..)`` or the name of a precision point. Degrees; mm for joint 3 of four (a SCARA)."""
+        token = self.take()
+        if token != "#PPOINT":
+            return self._scope.point(token)
+        self.expect("(")
+        values = self.reals()
+        self.expect(")")
+        if len(values) not in (4, 6):
+            raise Unreadable(f"#PPOINT has {len(values)} values, not 4 or 6")
+        slide = 2 if len(values) == 4 else None
+        return Joints(tuple(v if k == slide else math.radians(v) for k, v in enumerate(values)))

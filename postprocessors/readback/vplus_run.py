@@ -1,0 +1,179 @@
+"""V+ programs carried out, line by line. For the read-back ``vplus``.
+
+Sources: V+ Language User's Guide (program control) as docs/posts/vplus.md quotes it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from .vplus_expr import Expression, Unreadable
+from .vplus_names import variable
+from .vplus_robot import Robot
+from .vplus_text import Report, Routine, Statement, canonical
+
+#: Loops may add so many instructions to those that stand in the text.
+_LOOPED = 100_000
+_CALLS = 20
+_CALL = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(\s*(.*?)\s*\)")
+_OTHERS = frozenset(
+    """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE FOPEN GOTO HALT HERE IF
+    MC OPENI PARAMETER PAUSE REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
+    """.split()  # noqa: SIM905 (a table)
+)
+#: After these, and after a motion that cannot be read, nobody knows where the robot is.
+_MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
+_OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
+#: Instructions that change nothing which is compared, with what may follow them.
+_ALONE, _NUMBER = re.compile(""), re.compile(r"(\d+)?\s*(ALWAYS)?", re.IGNORECASE)
+_SILENT = {
+    **dict.fromkeys(("LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE"), _ALONE),
+    **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), _NUMBER),
+    "TYPE": re.compile(".*"),
+    "SELECT": re.compile(r"ROBOT\s*=\s*1", re.IGNORECASE),
+    "ATTACH": re.compile(r"(\(\s*\))?"),
+}
+
+
+@dataclass(slots=True)
+class _Loop:
+    start: int
+    end: int
+    name: str
+    last: float
+    step: float
+
+
+class _Exhausted(Exception):
+    """More instructions than any program needs."""
+
+
+class Machine(Robot):
+    """The controller: the robot and the programs that it runs. The other arguments as those of ``Robot``."""
+
+    def __init__(
+        self,
+        programs: Mapping[str, Routine],
+        report: Report,
+        rated: float,
+        signals: Mapping[int, str],
+        known: frozenset[str],
+    ) -> None:
+        super().__init__(report, rated, signals, known)
+        self._programs = programs
+        self._budget = _LOOPED + sum(len(p.statements) for p in programs.values())
+        self._line = 0
+        self._does: dict[str, Callable[[Statement], None]] = {
+            "=": self.let, "ACCEL": self.accel, "APPRO": self.appro, "APPROS": self.appro,
+            "AUTO": self._declares, "BASE": self.base, "BREAK": self.brake, "CALL": self._call,
+            "DELAY": self.delay, "DEPART": self.depart, "DEPARTS": self.depart, "DETACH": self.detach,
+            "DISABLE": self.switch, "ENABLE": self.switch, "GLOBAL": self._declares, "LOCAL": self._declares,
+            "MOVE": self.move, "MOVES": self.move, "SET": self.set, "SIGNAL": self.signal,
+            "SPEED": self.speed, "TOOL": self.set_tool, "WAIT.EVENT": self.wait_event,
+        }  # fmt: skip
+
+    def run(self, routine: Routine) -> None:
+        """Carries out ``routine`` and what it calls. What cannot be, is reported."""
+        try:
+            self._run(routine)
+        except _Exhausted:
+            self.report(self._line, "the loops of this program do not come to an end")
+
+    def _run(self, routine: Routine) -> None:
+        self.enter()
+        statements = routine.statements
+        loops: list[_Loop] = []
+        index = 0
+        while index < len(statements):
+            statement = statements[index]
+            self._line = statement.line
+            self._budget -= 1
+            if self._budget < 0:
+                raise _Exhausted
+            if statement.word == "RETURN":
+                break
+            try:
+                index = self._next(routine, index, statement, loops)
+            except Unreadable as error:
+                self.report(statement.line, str(error))
+                if statement.word in _MOTIONS:
+                    self.lost()
+                index = routine.partner.get(index, index) + 1
+        self.leave()
+
+    def _next(self, routine: Routine, index: int, statement: Statement, loops: list[_Loop]) -> int:
+        """Carries out one instruction; the index of the one after it."""
+        word = statement.word
+        if word in ("MOVES", "MOVE") and self.plain(statement):
+            return index + 1
+        if word == "FOR":
+            return self._loop(statement, index, routine.partner, loops)
+        if word == "END":
+            return self._again(index, loops)
+        if word in self._does:
+            self._does[word](statement)
+        else:
+            self._silent(word, statement.rest)
+        return index + 1
+
+    def _loop(self, statement: Statement, index: int, partner: Mapping[int, int], loops: list[_Loop]) -> int:
+        name, _, bounds = statement.rest.partition("=")
+        name = variable(name.strip())
+        text = Expression(bounds, self)
+        first = text.real()
+        text.expect("TO")
+        last = text.real()
+        step = text.real() if text.accept("STEP") else 1.0
+        text.finish()
+        if step == 0:
+            raise Unreadable("a loop with step 0")
+        if index not in partner:
+            raise Unreadable("a loop without END")
+        self.assign(name, first)
+        loop = _Loop(index, partner[index], name, last, step)
+        if (first - last) * step > 0:
+            return loop.end + 1
+        loops.append(loop)
+        return index + 1
+
+    def _again(self, index: int, loops: list[_Loop]) -> int:
+        if not loops or loops[-1].end != index:
+            return index + 1
+        loop = loops[-1]
+        value = self.real(loop.name) + loop.step
+        self.assign(loop.name, value)
+        if (value - loop.last) * loop.step > 0:
+            loops.pop()
+            return index + 1
+        return loop.start + 1
+
+    def _silent(self, word: str, rest: str) -> None:
+        """What changes nothing here, or is not evaluated."""
+        if word in _OTHER_MOTIONS:
+            self.lost()
+        if word in _OTHERS | _OTHER_MOTIONS:
+            raise Unreadable(f"{word} is not evaluated")
+        form = _SILENT.get(word)
+        if form is None:
+            raise Unreadable(f"unknown statement {word[:40]}")
+        if not form.fullmatch(rest):
+            raise Unreadable(f"{word} {rest[:30]} is not evaluated")
+
+    def _call(self, statement: Statement) -> None:
+        match = _CALL.fullmatch(statement.rest)
+        if match is None:
+            raise Unreadable("CALL wants name()")
+        routine = self._programs.get(canonical(match[1]))
+        if routine is None:
+            raise Unreadable(f"program {match[1]} is not in this text")
+        if match[2] or routine.arguments:
+            raise Unreadable("the arguments of a CALL are not evaluated")
+        if self.depth >= _CALLS:
+            raise Unreadable(f"more than {_CALLS} programs call each other")
+        self._run(routine)
+        self._line = statement.line
+
+    def _declares(self, statement: Statement) -> None:
+        self.declare(statement.rest, statement.word != "GLOBAL")

@@ -1,0 +1,247 @@
+"""What the G-code posts share: a three-axis machine with the tool straight down, printed in RS-274.
+
+Sources: the LinuxCNC manual (G-code, M-code and overview chapters) and its interpreter, which judges the printed text
+in the tests; for GRBL the firmware 1.1. Every pose is a point of the tool tip in the work offset, mm.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+from camgen.errors import JobError, Refused
+from camgen.ir import Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.passes import circle
+from camgen.pose import IDENTITY, TOOL_DOWN, FloatArray, Pose, Vec3, angle_between, translation
+from camgen.post import Cell, Post, Tolerance, pose_of
+from camgen.text import short
+
+#: Bounds of what is printed. Coordinates in mm and feeds in mm/min beyond them are no machine's; they also keep a line
+#: within GRBL's 79 characters. Seconds and rpm share the upper one.
+_FAR, _SLOWEST, _FASTEST = 99_999.0, 0.01, 999_999.0
+#: Arcs smaller than this are not well defined by three decimals; larger ones exceed GRBL's 32-bit arithmetic. mm.
+_LEAST_RADIUS, _MOST_RADIUS = 0.05, 10_000.0
+#: By how much the two radii of an arc may differ: GRBL's error 33, the stricter of the two controllers. mm.
+_RADII = 0.005
+#: First words that make a comment an order to LinuxCNC.
+_ACTIVE = re.compile(r"\s*(msg|debug|print|log|probe|axis|preview|py|abort|stop)", re.IGNORECASE)
+#: The two coolants; M9 switches both off.
+COOLANT = ("M7", "M8")
+
+
+@dataclass
+class Rs274(Post):
+    """What LinuxCNC and GRBL have in common. See docs/posts/gcode.md."""
+
+    passes: ClassVar[tuple[str, ...]] = ("chords",)
+    carries: ClassVar[frozenset[str]] = frozenset({"speed"})
+    works: ClassVar[tuple[str, ...]] = ("G54", "G55", "G56", "G57", "G58", "G59")
+
+    work: str = field(default="G54", kw_only=True, metadata={"help": "work offset in which the program runs"})
+    arcs: bool = field(default=True, kw_only=True, metadata={"help": "G2 and G3; false: chords within tolerance.chord"})
+    signals: dict[str, str] = field(default_factory=dict, kw_only=True, metadata={"help": "the output of each signal"})
+
+    #: The words of the last printed position (X, Y, Z), its numbers, the last printed F and its speed.
+    _words: tuple[str, ...] = field(default=(), init=False, repr=False)
+    _here: Vec3 = field(default=(0.0, 0.0, 0.0), init=False, repr=False)
+    _feed: str = field(default="", init=False, repr=False)
+    _speed: float = field(default=0.0, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.work not in self.works:
+            raise JobError("[post] work", f"{self.work!r} is no work offset", remedy="one of " + ", ".join(self.works))
+        if not 2 <= self.decimals <= 6:
+            raise JobError("[post] decimals", f"{self.decimals} is not between 2 and 6", remedy="3 is usual for mm")
+
+    @classmethod
+    def cell(cls) -> Cell:
+        """A mill whose home is 50 mm above the work zero."""
+        home = Pose(TOOL_DOWN, (0.0, 0.0, 50.0))
+        return Cell("3-axis mill, work offset G54", translation(0, 0, 0), translation(0, 0, 100), home)
+
+    def tolerance(self) -> Tolerance:
+        """Half the last printed digit; feeds have at least two digits in mm/min."""
+        return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 1e-4, 0.01, 5e-4)
+
+    def prepare(self, program: Program, chord: float) -> Program:
+        """See ``Post``. Also refuses a turned work frame: a work offset shifts the axes, it does not turn them."""
+        if angle_between(program.base_from_work.rotation, IDENTITY) > 1e-6:
+            remedy = "align the part with the axes and leave the angles of cell.base_from_work at 0"
+            raise Refused(self.name, -1, f"{self.work} cannot turn the work frame", remedy)
+        try:
+            return super().prepare(program, chord)
+        except ValueError as error:
+            raise Refused(self.name, -1, str(error), "give the arc a via point beside its chord") from error
+
+    def begin(self, program: Program) -> Sequence[str]:
+        """Header comments and the whole modal state, since the last program may have left another."""
+        remarks = (f"program {self.program or program.name}", f"post {self.name} mm work {self.work}", *program.header)
+        modes = f"G17 G21 G40 G49 {self.work} G80 G90 G94"
+        return [*(self.note(remark) for remark in remarks), modes, "G91.1"]
+
+    def end(self, program: Program) -> Sequence[str]:  # noqa: ARG002 (the contract's signature)
+        """LinuxCNC demands an end."""
+        return ("M2",)
+
+    def comment(self, text: str) -> str:
+        """A comment of its own line that is never one of LinuxCNC's active ones."""
+        return f"(- {text})" if _ACTIVE.match(text) else f"({text})"
+
+    # -- motion --------------------------------------------------------------------------------------------------
+
+    def movej(self, motion: MoveJ) -> Sequence[str]:
+        """G0. The first one lifts before it travels: where the machine stands is not known."""
+        first = not self._words
+        words = self._go(motion)
+        return (f"G0 {words[2]}", f"G0 {words[0]} {words[1]}") if first else ("G0 " + " ".join(words),)
+
+    def movel(self, motion: MoveL) -> Sequence[str]:
+        """G1, with the feed where it changes."""
+        return (" ".join(["G1", *self._go(motion), *self._feed_word(motion)]),)
+
+    def movec(self, motion: MoveC) -> Sequence[str]:
+        """G2 or G3 in the XY plane, centre from the printed start."""
+        arc = printed_arc(self._here, motion, self.decimals)
+        if isinstance(arc, str):
+            raise Refused(self.name, -1, arc)
+        self._go(motion)
+        return (" ".join([arc.code, *self._words[:2], arc.centre, *self._feed_word(motion)]),)
+
+    def _go(self, motion: Motion) -> list[str]:
+        """The axis words that change, at least one, so that every motion stays one in the text."""
+        x, y, z = pose_of(motion).origin
+        words = tuple(axis + short(value, self.decimals) for axis, value in zip("XYZ", (x, y, z), strict=True))
+        changed = [word for word, old in zip(words, self._words or ("",) * 3, strict=True) if word != old]
+        self._words = words
+        self._here = (x, y, z)
+        return changed or [words[0]]
+
+    def _feed_word(self, motion: Motion) -> list[str]:
+        if motion.speed == self._speed:
+            return []
+        self._speed, feed = motion.speed, motion.speed * 60.0
+        text = short(feed, max(2, 3 - math.floor(math.log10(feed))))
+        if text == self._feed:
+            return []
+        self._feed = text
+        return ["F" + text]
+
+    def wait(self, item: Wait) -> Sequence[str]:
+        """G4 takes seconds in both dialects."""
+        return (f"G4 P{short(item.seconds, 3)}",)
+
+    # -- legality ------------------------------------------------------------------------------------------------
+
+    def refuses(self, item: Instruction, start: Pose | None) -> str:
+        """Why the machine cannot do ``item``; arcs refused here become chords."""
+        match item:
+            case MoveJ() | MoveL() | MoveC():
+                return self._refuses_motion(item, start)
+            case Output():
+                return self.refuses_signal(item)
+            case Wait() if item.seconds > _FAR:
+                return f"a wait of {item.seconds:g} s cannot be meant"
+            case Force():
+                return self.refuses_force(item)
+        return ""
+
+    def _refuses_motion(self, item: Motion, start: Pose | None) -> str:
+        if isinstance(item.target, Joints):
+            return "a three-axis machine has no joint values to move to; give the home position as a pose"
+        if tilted(item.target.rotation) or (isinstance(item, MoveC) and tilted(item.via.rotation)):
+            return "the tool is not straight down, and the machine has three axes; use a robot's post or no axis tilt"
+        if max(map(abs, item.target.origin)) > _FAR:
+            return f"a coordinate is beyond {_FAR:g} mm"
+        if isinstance(item, MoveJ):
+            return ""
+        if not _SLOWEST <= item.speed * 60.0 <= _FASTEST:
+            return f"a feed of {item.speed * 60.0:g} mm/min cannot be meant; change process.feed"
+        if not isinstance(item, MoveC):
+            return ""
+        if start is None or not self.arcs:
+            return "arcs are off or start nowhere; set post.arcs"
+        arc = printed_arc(start.origin, item, self.decimals)
+        return arc if isinstance(arc, str) else ""
+
+    def refuses_signal(self, item: Output) -> str:
+        """Why the signal cannot be set: the dialect's."""
+        if item.signal == "spindle":
+            return "" if 0 <= item.value <= _FASTEST else f"a spindle speed of {item.value:g} rpm cannot be meant"
+        if item.signal not in self.signals:
+            known = ", ".join(["spindle", *sorted(self.signals)])
+            return f"signal {item.signal} has no output (known: {known}); give it one in post.signals"
+        return "" if item.value in (0, 1) else f"signal {item.signal} is on (1) or off (0), not {item.value:g}"
+
+    def refuses_force(self, item: Force) -> str:  # noqa: ARG002 (for those who override)
+        """Why force control cannot be turned on: G-code has none."""
+        return 'G-code has no force control; set process.force = 0 or post.force = "ignore"'
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """What is printed of an arc: G2 or G3, and the words of its centre."""
+
+    code: str
+    centre: str
+
+
+def printed_arc(start: Vec3, arc: MoveC, decimals: int) -> Arc | str:
+    """The arc in the XY plane from ``start`` (mm), or why it is left to chords.
+
+    The centre lies on the perpendicular bisector of the printed end points, so that both radii agree, at the distance
+    of the planned centre: exact for shallow arcs too, where three rounded points would not tell the radius.
+    Raises ValueError when the three points are on one line.
+    """
+    centre, radius, axis, sweep = circle(start, arc.via.origin, arc.target.origin)
+    x0, y0, z0 = (round(v, decimals) for v in start)
+    x1, y1, z1 = (round(v, decimals) for v in arc.target.origin)
+    digit = 10.0**-decimals
+    if z0 != z1 or abs(arc.via.origin[2] - z0) > digit:
+        return "the arc does not lie in the XY plane"
+    if not _LEAST_RADIUS <= radius <= _MOST_RADIUS or (sweep - math.pi) * radius > digit:
+        return "the arc is too small, too large or more than half a circle"
+    chord = math.hypot(x1 - x0, y1 - y0)
+    if radius * (1 - math.cos(sweep / 2)) < digit or chord < digit:
+        return "the arc cannot be told from its chord"
+    nx, ny = (y0 - y1) / chord, (x1 - x0) / chord
+    mx, my = (x0 + x1) / 2, (y0 + y1) / 2
+    k = (float(centre[0]) - mx) * nx + (float(centre[1]) - my) * ny
+    i, j = round(mx + k * nx - x0, decimals + 1), round(my + k * ny - y0, decimals + 1)
+    if abs(math.hypot(i, j) - math.hypot(x1 - x0 - i, y1 - y0 - j)) > _RADII:
+        return "the rounded arc has two radii"
+    return Arc("G3" if axis[2] > 0 else "G2", f"I{short(i, decimals + 1)} J{short(j, decimals + 1)}")
+
+
+def tilted(rotation: FloatArray) -> bool:
+    """Whether tool z is not straight down; its turn about itself does not matter."""
+    return rotation is not TOOL_DOWN and (math.hypot(rotation[0, 2], rotation[1, 2]) > 1e-6 or rotation[2, 2] > 0)
+
+
+def without_force(program: Program) -> Program:
+    """``program`` without what it says of force: only where the user chose so."""
+    body = tuple(
+        replace(item, force=0.0, press=(0.0, 0.0, 0.0)) if isinstance(item, (MoveL, MoveC)) else item
+        for item in program.body
+        if not isinstance(item, Force)
+    )
+    return program.with_body(body)
+
+
+def check_signals(signals: dict[str, str], allowed: Sequence[str], shared: Sequence[tuple[str, str]]) -> None:
+    """JobError unless every signal has an output of the dialect and its own way off.
+
+    allowed: the words that may be printed, and nothing else of the table is. shared: pairs that one word switches off.
+    """
+    remedy = "one of " + (", ".join(allowed) if len(allowed) < 9 else f"{allowed[0]} to {allowed[-1]}")
+    for name, word in signals.items():
+        where = f"[post.signals] {name}"
+        if name in ("", "spindle"):
+            raise JobError(where, "is not a free name", remedy="the spindle is built in")
+        if word not in allowed:
+            raise JobError(where, f"{word!r} is no output of this controller", remedy=remedy)
+        taken = {word, *(b for pair in shared for b in pair if word in pair)}
+        if any(other in taken for key, other in signals.items() if key != name):
+            raise JobError(where, f"{word} is switched off by another signal too", remedy="give each its own output")

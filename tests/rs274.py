@@ -1,0 +1,246 @@
+"""The outside judge of G-code: LinuxCNC's own interpreter, run without a machine, and what its output must equal.
+
+``rs274`` belongs to the Debian package linuxcnc-uspace. It prints the canonical calls of a program instead of moving.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from hypothesis import strategies as st
+
+from camgen.ir import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.pose import TOOL_DOWN, Pose, Vec3, translation
+from camgen.post import Post, Reading, Tolerance
+
+RS274 = shutil.which("rs274")
+needs_rs274 = pytest.mark.skipif(RS274 is None, reason="rs274 is not installed (Debian package linuxcnc-uspace)")
+#: Which argument of a call is its value.
+_SWITCHES = {
+    "DWELL": 0, "SET_AUX_OUTPUT_BIT": 0, "CLEAR_AUX_OUTPUT_BIT": 0, "SET_AUX_OUTPUT_VALUE": 1,
+    "SET_MOTION_OUTPUT_VALUE": 1, "START_SPINDLE_CLOCKWISE": 0, "STOP_SPINDLE_TURNING": 0,
+}  # fmt: skip
+_CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
+
+
+@dataclass(frozen=True)
+class Call:
+    """One canonical call that moves, waits or switches, mm. feed: mm/min. An arc's centre and turns (+ = ccw) are those
+    in its plane, given by its two axes.
+    """
+
+    kind: str
+    end: Vec3 = (0.0, 0.0, 0.0)
+    feed: float = 0.0
+    centre: tuple[float, float] = (0.0, 0.0)
+    turns: int = 0
+    value: float = 0.0
+    axes: tuple[int, int] = (0, 1)
+
+
+@dataclass(frozen=True)
+class Canon:
+    """calls in order; names of all calls, for those that are not kept; error: empty when the program was accepted."""
+
+    calls: tuple[Call, ...]
+    names: tuple[str, ...]
+    error: str
+
+
+def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
+    """What LinuxCNC makes of ``text``."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in (("in.ngc", text), ("tool.tbl", tools), ("my.var", "")):
+            Path(folder, name).write_text(content, encoding="utf-8")
+        command = [str(RS274), "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+    error = "" if done.returncode == 0 else done.stderr.replace("executing\n", "") or "rs274 failed"
+    return _parse(done.stdout, error)
+
+
+def _parse(output: str, error: str) -> Canon:
+    """The calls in mm: coordinates and feeds are printed in the unit of the program."""
+    calls: list[Call] = []
+    names: list[str] = []
+    feed = speed = 0.0
+    unit = 1.0
+    axes = (0, 1, 2)
+    for match in filter(None, map(_CALL.match, output.splitlines())):
+        name, arguments = match.groups()
+        names.append(name)
+        v = [float(n) for n in re.findall(r"-?\d+\.?\d*", arguments)] if name != "COMMENT" else []
+        if name == "USE_LENGTH_UNITS":
+            unit = 25.4 if "INCH" in arguments else 1.0
+        elif name == "SELECT_PLANE":
+            axes = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}[arguments[-2:]]
+        elif name == "SET_FEED_RATE":
+            feed = v[0] * unit
+        elif name == "SET_SPINDLE_SPEED":
+            speed = v[1]
+        elif name == "ARC_FEED":
+            point = {axes[0]: v[0] * unit, axes[1]: v[1] * unit, axes[2]: v[5] * unit}
+            centre = (v[2] * unit, v[3] * unit)
+            calls.append(Call(name, (point[0], point[1], point[2]), feed, centre, int(v[4]), axes=axes[:2]))
+        elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED"):
+            calls.append(Call(name, (v[0] * unit, v[1] * unit, v[2] * unit), feed))
+        elif name in _SWITCHES:
+            calls.append(Call(name, value=speed if name == "START_SPINDLE_CLOCKWISE" else v[_SWITCHES[name]]))
+    return Canon(tuple(calls), tuple(names), error)
+
+
+def moves(canon: Canon) -> list[Call]:
+    """The motions, without the first lift: the position is known from the second one on."""
+    found = [c for c in canon.calls if c.kind in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED")]
+    return found[1:]
+
+
+def assert_moves(program: Program, canon: Canon) -> None:
+    """The interpreter's motion is the program's, within half a digit of three plus rs274's own fourth decimal."""
+    wanted = [item for item in program.body if isinstance(item, (MoveJ, MoveL, MoveC))]
+    got = moves(canon)
+    assert [KINDS[type(item)] for item in wanted] == [call.kind for call in got]
+    start: Vec3 = (0.0, 0.0, 0.0)
+    for item, call in zip(wanted, got, strict=True):
+        assert isinstance(item.target, Pose)
+        assert close(item.target.origin, call.end, 5.6e-4), (item.target.origin, call)
+        if not isinstance(item, MoveJ):
+            assert abs(item.speed * 60 - call.feed) <= 1e-3 * item.speed * 60
+        if isinstance(item, MoveC):
+            assert_arc(start, item, call)
+        start = call.end
+    waits = [item.seconds for item in program.body if isinstance(item, Wait)]
+    dwells = [call.value for call in canon.calls if call.kind == "DWELL"]
+    assert close(waits, dwells, 5.6e-4)
+
+
+def assert_arc(start: Vec3, item: MoveC, call: Call) -> None:
+    """The planned via point lies on the interpreted arc, half-way and on the right side."""
+    cx, cy = call.centre
+    x, y, z = item.via.origin
+    radius = math.hypot(start[0] - cx, start[1] - cy)
+    assert abs(math.hypot(x - cx, y - cy) - radius) < 2.5e-3
+    assert abs(z - call.end[2]) < 1.6e-3
+    sense = 1 if call.turns > 0 else -1
+    assert abs(call.turns) == 1
+    whole = (sense * (angle(call.end, call.centre) - angle(start, call.centre))) % math.tau
+    half = (sense * (angle((x, y, z), call.centre) - angle(start, call.centre))) % math.tau
+    assert abs(half - whole / 2) * radius < 3e-3, (start, item, call)
+
+
+def angle(point: Vec3, centre: tuple[float, float]) -> float:
+    return math.atan2(point[1] - centre[1], point[0] - centre[0])
+
+
+def close(a: object, b: object, tolerance: float) -> bool:
+    """Whether two sequences of numbers are of one length and agree."""
+    left, right = list(a), list(b)  # type: ignore[call-overload]
+    return len(left) == len(right) and all(abs(p - q) <= tolerance for p, q in zip(left, right, strict=True))
+
+
+KINDS = {MoveJ: "STRAIGHT_TRAVERSE", MoveL: "STRAIGHT_FEED", MoveC: "ARC_FEED"}
+
+
+def difference(program: Program, reading: Reading, tolerance: Tolerance) -> str:
+    """The first thing that a fault-free reading says otherwise than the program; empty if nothing."""
+    if reading.faults:
+        return f"fault {reading.faults[0]}"
+    wanted = [item for item in program.body if not isinstance(item, Comment)]
+    if len(wanted) != len(reading.body):
+        return f"{len(wanted)} instructions, {len(reading.body)} read"
+    for item, got, line in zip(wanted, reading.body, reading.lines, strict=True):
+        if not _same(item, got, tolerance):
+            return f"line {line}: {item} read as {got}"
+    return ""
+
+
+def _same(item: Instruction, got: Instruction, tolerance: Tolerance) -> bool:
+    near = tolerance.mm + 1e-9
+    match item, got:
+        case MoveJ(target=Pose() as wanted), MoveJ(target=Pose() as read):
+            return close(wanted.origin, read.origin, near)
+        case MoveL() | MoveC(), MoveL() | MoveC() if type(item) is type(got):
+            if (
+                isinstance(item, MoveC)
+                and isinstance(got, MoveC)
+                and not close(item.via.origin, got.via.origin, 3 * near)
+            ):
+                return False
+            same = close(item.target.origin, got.target.origin, near) and abs(item.force - got.force) <= tolerance.force
+            return same and abs(item.speed - got.speed) <= tolerance.speed
+        case Output(), Output():
+            return item.signal == got.signal and abs(item.value - got.value) < 1e-6
+        case Wait(), Wait():
+            return abs(item.seconds - got.seconds) <= tolerance.seconds
+        case Force(), Force():
+            return abs(item.newtons - got.newtons) <= tolerance.force
+    return False
+
+
+def at(x: float, y: float, z: float) -> Pose:
+    """The tool straight down."""
+    return Pose(TOOL_DOWN, (float(x), float(y), float(z)))
+
+
+def program(*body: Instruction, name: str = "demo", header: tuple[str, ...] = ()) -> Program:
+    """A program of ``body`` after the home position of the built-in cell."""
+    return Program(name, translation(0, 0, 0), translation(0, 0, 100), (MoveJ(at(0, 0, 50), 100.0), *body), header)
+
+
+def posted(post: Post, plan: Program, chord: float = 0.01) -> tuple[Program, str]:
+    """The prepared program and its one file's text."""
+    ready = post.prepare(plan, chord)
+    (file,) = post.render(ready)
+    return ready, file.text
+
+
+# Programs by chance: what a three-axis machine can do, with the awkward sizes on purpose.
+
+
+def programs() -> object:
+    """A hypothesis strategy for whole programs."""
+    length = st.floats(-300, 300, allow_nan=False)
+    speed = st.one_of(st.floats(0.001, 900), st.sampled_from([20.0, 20.0, 33.3333]))
+    straight = st.tuples(st.sampled_from(["J", "L", "L"]), length, length, st.floats(-60, 80), speed)
+    radius = st.one_of(st.floats(0.02, 2), st.floats(2, 400), st.floats(400, 12000))
+    sweep = st.one_of(st.floats(1e-3, math.pi), st.just(math.pi), st.just(math.pi / 2))
+    arc = st.tuples(st.just("C"), radius, st.floats(-4, 4), sweep, st.sampled_from([1, -1]), speed)
+    other = st.one_of(
+        st.tuples(st.just("W"), st.floats(0, 5)),
+        st.tuples(st.just("O"), st.sampled_from([0.0, 1.0])),
+        st.tuples(st.just("#"), st.text(max_size=90)),
+        st.tuples(st.just("again"), speed),
+    )
+    steps = st.lists(st.one_of(straight, arc, arc, other), min_size=1, max_size=30)
+    return steps.map(lambda found: program(*_walk(found)))
+
+
+def _walk(steps: list[tuple[object, ...]]) -> list[Instruction]:
+    body: list[Instruction] = []
+    x, y, z = 0.0, 0.0, 50.0
+    for kind, *rest in steps:
+        if kind == "W":
+            body.append(Wait(*rest))  # type: ignore[arg-type]
+        elif kind == "O":
+            body.append(Output("process", *rest))  # type: ignore[arg-type]
+        elif kind == "#":
+            body.append(Comment(*rest))  # type: ignore[arg-type]
+        elif kind == "again":
+            body.append(MoveL(at(x, y, z), *rest))  # type: ignore[arg-type]
+        elif kind == "C":
+            radius, begin, sweep, sense, speed = rest
+            cx, cy = x - radius * math.cos(begin), y - radius * math.sin(begin)  # type: ignore[operator,arg-type]
+            points = [begin + sense * sweep / 2, begin + sense * sweep]  # type: ignore[operator]
+            via, end = ((cx + radius * math.cos(a), cy + radius * math.sin(a)) for a in points)
+            body.append(MoveC(at(*via, z), at(*end, z), speed))  # type: ignore[arg-type]
+            x, y = end
+        else:
+            x, y, z, speed = rest  # type: ignore[assignment]
+            body.append((MoveJ if kind == "J" else MoveL)(at(x, y, z), speed))  # type: ignore[arg-type]
+    return body

@@ -1,0 +1,294 @@
+"""What ``compare`` finds, what it forgives, and that its bounds follow from rounding."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.check import ARC_SLACK, arc_middles, compare
+from camgen.errors import VerifyError
+from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.passes import along
+from camgen.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about, rotation_about_axis, translation
+from camgen.post import Fault, Reading, Tolerance
+
+TOLERANCE = Tolerance(mm=0.0005, angle=1e-5, joint=1e-5, speed=0.01, force=0.01, seconds=0.001)
+ALL = frozenset({"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"})
+HOME = MoveJ(Joints((0.1, 0.2, 0.3)), 100.0)
+
+
+def at(x, y, z=0.0, rotation=TOOL_DOWN):
+    return Pose(rotation, (float(x), float(y), float(z)))
+
+
+BODY = (
+    HOME,
+    Comment("path c1"),
+    MoveJ(at(0, 0, 20), 90.0, 1.0),
+    MoveL(at(10, 0), 20.0),
+    Output("process", 1.0),
+    Wait(0.25),
+    Force(5.0, (0.0, 1.0, 0.0)),
+    MoveL(at(20, 0), 20.0, 0.3, 5.0, (0.0, 1.0, 0.0)),
+    MoveC(at(30, 10), at(20, 20), 15.0, 0.0, 5.0, (0.0, -1.0, 0.0)),
+    Force(0.0),
+    Output("process", 0.0),
+)
+
+
+def program(body=BODY):
+    return Program("p", translation(1, 2, 3), translation(0, 0, 100), tuple(body))
+
+
+def reading(body=BODY, **more):
+    return Reading(tuple(body), tuple(10 * i + 1 for i in range(len(body))), more.pop("faults", ()), **more)
+
+
+def changed(index, **fields):
+    return reading([*BODY[:index], replace(BODY[index], **fields), *BODY[index + 1 :]])
+
+
+def verify(read, carries=ALL, body=BODY, tolerance=TOLERANCE):
+    return compare(program(body), read, tolerance, carries, "part.txt")
+
+
+def test_the_same_is_the_same():
+    deviation = verify(reading())
+    assert (deviation.max_mm, deviation.max_angle, deviation.instructions) == (0.0, 0.0, 10)
+
+
+def test_comments_do_not_count():
+    verify(reading([item for item in BODY if not isinstance(item, Comment)]))
+    verify(reading([Comment("x"), *BODY, Comment("y")]))
+
+
+def test_a_fault_goes_before_everything():
+    read = reading(faults=(Fault(7, "unknown word"), Fault(9, "another")))
+    with pytest.raises(VerifyError, match=r"part\.txt: unknown word \(line 7\)") as caught:
+        verify(read)
+    assert caught.value.line == 7
+
+
+@pytest.mark.parametrize(
+    ("index", "fields", "says"),
+    [
+        (0, {"target": Joints((0.1, 0.2, 0.3001))}, "joint values reads 0.1 0.2 0.3001, planned is 0.1 0.2 0.3"),
+        (0, {"target": Joints((0.1, 0.2))}, "MoveJ to 2 joint values, planned is MoveJ to 3"),
+        (0, {"target": at(0, 0)}, "MoveJ to 0 0 0, planned is MoveJ to 3 joint values"),
+        (0, {"speed": 101.0}, "speed reads 101, planned is 100"),
+        (2, {"target": at(0, 0, 20.001)}, "target reads 0 0 20.001, planned is 0 0 20"),
+        (2, {"blend": 0.0}, "blend reads 0, planned is 1"),
+        (3, {"target": at(0, 10)}, "target reads 0 10 0, planned is 10 0 0"),
+        (3, {"target": at(10, math.nan)}, "target reads 10 nan 0"),
+        (3, {"target": at(10, 0, 0, IDENTITY)}, "orientation reads q 1 0 0 0, planned is q 0 1 0 0"),
+        (3, {"speed": 20.02}, "speed reads 20.02, planned is 20"),
+        (3, {"blend": 0.0001}, "blend reads 0.0001, planned is 0"),
+        (4, {"signal": "glue"}, "reads output glue 1, planned is output process 1"),
+        (4, {"value": 0.0}, "output reads 0, planned is 1"),
+        (5, {"seconds": 0.252}, "wait reads 0.252, planned is 0.25"),
+        (6, {"newtons": 5.02}, "force reads 5.02, planned is 5"),
+        (6, {"press": (1.0, 0.0, 0.0)}, "force along x y z reads 5 0 0, planned is 0 5 0"),
+        (7, {"force": 0.0}, "force reads 0, planned is 5"),
+        (7, {"press": (0.0, 0.0, 0.0)}, "force along x y z reads 0 0 0, planned is 0 5 0"),
+        (8, {"via": at(20, 20)}, "middle of the arc reads 20 20 0, planned is 30 10 0"),
+        (8, {"via": at(10, 10)}, "middle of the arc reads 10 10 0, planned is 30 10 0"),
+        (8, {"via": at(30, 10, 1)}, "middle of the arc"),
+        (8, {"press": (0.0, 1.0, 0.0)}, "force along x y z reads 0 5 0, planned is 0 -5 0"),
+    ],
+)
+def test_a_difference_is_named(index, fields, says):
+    with pytest.raises(VerifyError) as caught:
+        verify(changed(index, **fields))
+    assert f"instruction {index}: " in caught.value.what
+    assert says in caught.value.what
+    assert caught.value.line == 10 * index + 1
+
+
+def test_the_first_of_several_differences_is_named():
+    body = [*BODY[:2], replace(BODY[2], speed=1.0), replace(BODY[3], speed=1.0), Output("no", 1.0), *BODY[5:]]
+    with pytest.raises(VerifyError, match="instruction 2: speed"):
+        verify(reading(body))
+
+
+@pytest.mark.parametrize("index", [0, 3, 4, 8, 10])
+def test_a_missing_instruction_is_found(index):
+    with pytest.raises(VerifyError, match=f"instruction {index}: "):
+        verify(reading([*BODY[:index], *BODY[index + 1 :]]))
+
+
+def test_too_much_and_too_little_at_the_end_are_found():
+    with pytest.raises(
+        VerifyError, match=r"instruction 11: instruction reads wait 1 s, planned is nothing \(line 111\)"
+    ):
+        verify(reading([*BODY, Wait(1.0)]))
+    with pytest.raises(VerifyError, match="instruction 10: instruction reads nothing, planned is output process 0"):
+        verify(reading(BODY[:-1]))
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "fields"),
+    [
+        ("orientation", 3, {"target": at(10, 0, 0, IDENTITY)}),
+        ("speed", 3, {"speed": 99.0}),
+        ("joint-speed", 2, {"speed": 1.0}),
+        ("force-direction", 6, {"press": (1.0, 0.0, 0.0)}),
+        ("blend", 2, {"blend": 5.0}),
+    ],
+)
+def test_what_the_text_does_not_carry_is_not_compared(name, index, fields):
+    verify(changed(index, **fields), carries=ALL - {name})
+    with pytest.raises(VerifyError):
+        verify(changed(index, **fields), carries=frozenset({name}))
+
+
+def test_a_stop_is_compared_even_where_the_radius_is_not():
+    verify(changed(2, blend=0.0), carries=ALL - {"blend", "stop"})
+    with pytest.raises(VerifyError, match="instruction 2: blend"):
+        verify(changed(2, blend=0.0), carries=ALL - {"blend"})
+
+
+@pytest.mark.parametrize(
+    ("frames", "name"),
+    [
+        ({"work": translation(1, 2, 3.001)}, "work"),
+        ({"work": Pose(rotation_about(2, 1e-4), (1.0, 2.0, 3.0))}, "work"),
+        ({"tool": translation(0, 0, 99)}, "tool"),
+    ],
+)
+def test_frames_are_compared_where_the_text_has_them(frames, name):
+    verify(reading(work=translation(1, 2, 3.0005), tool=translation(0, 0, 100)))
+    with pytest.raises(VerifyError, match=f"the {name} frame reads"):
+        verify(reading(**frames))
+
+
+def test_half_a_digit_is_forgiven_and_measured_straight():
+    off = 0.0005
+    deviation = verify(changed(7, target=at(20 + off, -off, off)))
+    assert deviation.max_mm == pytest.approx(math.sqrt(3) * off)
+    with pytest.raises(VerifyError):
+        verify(changed(7, target=at(20.00051, 0)))
+
+
+def test_the_deviation_of_an_arc_is_that_of_its_middle():
+    via = at(*(np.array([20, 10]) + 10.002 * np.array([math.cos(0.4), math.sin(0.4)])))
+    deviation = verify(changed(8, via=via), tolerance=replace(TOLERANCE, mm=0.01))
+    # A circle through (0, -10), (0, 10) and a point 10.002 from the origin at the angle 0.4: x^2 + y^2 - 2 k x = 100.
+    k = (10.002**2 - 100) / (2 * 10.002 * math.cos(0.4))
+    assert deviation.max_mm == pytest.approx(k + math.hypot(10, k) - 10, rel=1e-6)
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-7, 3e-6, 9.9e-6])
+def test_a_small_angle_is_measured_as_it_is(angle):
+    rotation = frozen(TOOL_DOWN @ rotation_about_axis(np.array([0.6, 0.0, 0.8]), angle))
+    assert verify(changed(3, target=at(10, 0, 0, rotation))).max_angle == pytest.approx(angle, rel=1e-6)
+
+
+def test_a_half_turn_is_not_mistaken_for_none():
+    with pytest.raises(VerifyError, match="orientation"):
+        verify(changed(3, target=at(10, 0, 0, frozen(TOOL_DOWN @ rotation_about(2, math.pi)))))
+
+
+def test_arcs_may_have_their_via_anywhere_on_the_circle():
+    for angle in (-1.3, -0.2, 0.9, 1.5):
+        via = at(20 + 10 * math.cos(angle), 10 + 10 * math.sin(angle))
+        assert verify(changed(8, via=via)).max_mm < 1e-12
+
+
+def test_an_arc_from_joints_is_compared_by_its_points():
+    body = (HOME, MoveC(at(30, 10), at(20, 20), 15.0))
+    verify(reading(body), body=body)
+    other = (HOME, MoveC(at(30, 11), at(20, 20), 15.0))
+    with pytest.raises(VerifyError, match="middle of the arc"):
+        verify(reading(other), body=body)
+
+
+def test_lines_must_belong_to_instructions():
+    with pytest.raises(ValueError, match="11 instructions with 10 lines"):
+        verify(Reading(BODY, tuple(range(10)), ()))
+
+
+def test_degenerate_arcs_have_a_middle():
+    start, end = [[0.0, 0, 0]] * 4, [[2.0, 0, 0]] * 3 + [[0.0, 0, 0]]
+    via = [[0.5, 0, 0], [3.0, 0, 0], [1.0, 1, 0], [0.0, 2, 0]]
+    middles = arc_middles(*(np.array(v, dtype=float) for v in (start, via, end)))
+    assert middles == pytest.approx(np.array([[1.0, 0, 0], [3, 0, 0], [1, 1, 0], [0, 2, 0]]))
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(0.001, math.pi), st.floats(0.01, 0.99), st.sampled_from([1e-2, 1.0, 1e3, 1e6]), st.integers(0, 999))
+def test_the_middle_of_an_arc_agrees_with_turning_about_its_centre(sweep, fraction, radius, seed):
+    random = np.random.default_rng(seed)
+    normal = random.normal(size=3)
+    turn = rotation_about_axis(normal / np.linalg.norm(normal), 2.0)
+    points = (turn @ (radius * np.array([np.cos(a), np.sin(a), 0.0])) for a in (0, sweep * fraction, sweep, sweep / 2))
+    start, via, end, middle = points
+    # What the points themselves lose in double precision is magnified where the circle hangs on a short sweep.
+    slack = 1e-14 * radius / (sweep * min(fraction, 1 - fraction)) ** 2 + 1e-12
+    assert arc_middles(start[None], via[None], end[None])[0] == pytest.approx(middle, abs=slack)
+
+
+def _rounded(values, unit):
+    return np.round(np.asarray(values) / unit) * unit
+
+
+def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centre():
+    """A million-fold in small: random arcs rounded as a post would, against ARC_SLACK, and not far below it."""
+    random = np.random.default_rng(7)
+    count, unit = 200_000, 0.001
+    radius = 10 ** random.uniform(-2, 4, count)
+    least = np.minimum(0.02 / radius, 3.0)
+    sweep = least + (math.pi - least) * random.uniform(0, 1, count)
+    begin, centre = random.uniform(0, 2 * math.pi, count), random.uniform(-50, 50, (count, 2))
+    p, m, q = (
+        np.column_stack([centre + radius[:, None] * np.column_stack([np.cos(a), np.sin(a)]), np.zeros(count)])
+        for a in (begin, begin + sweep / 2, begin + sweep)
+    )
+    normal = random.normal(size=(count, 3))
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    mirror = np.eye(3) - 2 * normal[:, :, None] * normal[:, None, :]
+    turned = [np.einsum("nij,nj->ni", mirror, v) for v in (p, m, q)]
+    with_via = arc_middles(*(_rounded(v, unit) for v in turned))
+    worst_via = np.linalg.norm(with_via - turned[1], axis=1).max() / (unit / 2)
+    start, end = _rounded(p, unit), _rounded(q, unit)
+    heart = start[:, :2] + _rounded(centre - start[:, :2], unit)
+    # What an interpreter of I and J does: radius from the start, half-way between the two directions.
+    a, b = start[:, :2] - heart, end[:, :2] - heart
+    angle = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ni,ni->n", a, b)) % (2 * math.pi)
+    half = np.arctan2(a[:, 1], a[:, 0]) + angle / 2
+    with_centre = heart + np.linalg.norm(a, axis=1)[:, None] * np.column_stack([np.cos(half), np.sin(half)])
+    worst_centre = np.linalg.norm(with_centre - m[:, :2], axis=1).max() / (unit / 2)
+    assert 2.0 < worst_via < ARC_SLACK
+    assert 2.0 < worst_centre < ARC_SLACK
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.5, 3.1))
+def test_rounded_programs_are_accepted(seed, sweep):
+    """Lines and arcs anywhere, each number rounded to three digits: never a false alarm."""
+    random = np.random.default_rng(seed)
+    points = random.uniform(-100, 100, (4, 3))
+    body = [HOME, MoveJ(at(*points[0]), 50.0)]
+    body += [MoveL(at(*p), 20.0) for p in points[1:]]
+    radius = float(random.uniform(0.05, 80))
+    start = at(*(points[3] + 0.0))
+    side = at(points[3][0] + radius * math.sin(sweep), points[3][1] + radius * (1 - math.cos(sweep)), points[3][2])
+    half = at(
+        points[3][0] + radius * math.sin(sweep / 2), points[3][1] + radius * (1 - math.cos(sweep / 2)), points[3][2]
+    )
+    arc = MoveC(half, side, 20.0)
+    assert along(start, arc, np.array([0.5]))[0].origin == pytest.approx(half.origin, abs=1e-9)
+    body.append(arc)
+
+    def rounded(item):
+        poses = {
+            name: Pose(TOOL_DOWN, tuple(round(v, 3) for v in getattr(item, name).origin))
+            for name in ("target", "via")
+            if isinstance(getattr(item, name, None), Pose)
+        }
+        return replace(item, **poses)
+
+    deviation = verify(reading([rounded(item) for item in body]), body=body)
+    assert 0 < deviation.max_mm <= ARC_SLACK * TOLERANCE.mm

@@ -1,0 +1,571 @@
+import json
+import os
+import re
+import resource
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import camgen.cli_say
+from camgen.cli import main
+from camgen.cli_plan import decode, encode
+from camgen.errors import JobError
+from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, dump
+from camgen.pose import TOOL_DOWN, Pose, rotation_from_fixed_xyz, translation
+from camgen.writing import check_targets, write_all
+
+PLATE = (
+    "0\nSECTION\n2\nENTITIES\n"
+    "0\nCIRCLE\n8\nholes\n10\n50\n20\n25\n40\n10\n"
+    "0\nLINE\n8\noutline\n10\n0\n20\n0\n11\n100\n21\n0\n"
+    "0\nLINE\n8\noutline\n10\n100\n20\n0\n11\n100\n21\n50\n"
+    "0\nLINE\n8\noutline\n10\n100\n20\n50\n11\n0\n21\n50\n"
+    "0\nLINE\n8\noutline\n10\n0\n20\n50\n11\n0\n21\n0\n"
+    "0\nENDSEC\n0\nEOF\n"
+)
+POSTS = ["gcode", "grbl", "pacscript", "rapid", "vplus"]
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a plate in it, and nothing else; commands run in it."""
+    (tmp_path / "plate.dxf").write_text(PLATE)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def files(folder: Path) -> set[str]:
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+
+
+def error_of(capsys: Captured) -> str:
+    """The one line that was said."""
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1, said.err
+    assert said.err.startswith("camgen: error: ")
+    return said.err.removeprefix("camgen: error: ").rstrip("\n")
+
+
+# -- build
+
+
+@pytest.mark.parametrize("post", POSTS)
+def test_build_writes_the_program_and_sums_it_up(post: str, here: Path, capsys: Captured) -> None:
+    assert main(["build", "plate.dxf", "--post", post]) == 0
+    said = capsys.readouterr()
+    assert said.out == ""
+    (program,) = files(here) - {"plate.dxf"}
+    assert Path(program).stem == "plate"
+    rows = dict(line.split(maxsplit=1) for line in said.err.splitlines())
+    assert rows["input"].startswith("plate.dxf: ")
+    assert "2 contours (2 closed, 0 open), layers holes, outline" in rows["input"]
+    # Outside the plate and inside the hole with a 6 mm tool: 300 + 6 pi and 2 pi (10 - 3).
+    assert rows["plan"] == "2 paths, work 362.8 mm"
+    assert "reach, collision and limits not checked: no robot model" in rows["cell"]
+    assert program in rows["program"]
+    assert re.fullmatch(r"read back, \d+ instructions equal, largest deviation 0\.00\d+ mm", rows["verified"])
+    assert "assumed" in rows
+    assert not re.search(r"[\r\x1b]", said.err)
+
+
+def test_line_ends_are_those_of_the_controller(here: Path) -> None:
+    for post in POSTS:
+        main(["build", "plate.dxf", "--post", post, "-q", "-o", f"{post}.out"])
+    from camgen.plugins import find_post  # noqa: PLC0415 (numpy comes with it)
+
+    for post in POSTS:
+        data = (here / f"{post}.out").read_bytes()
+        data.decode("ascii")
+        newline = find_post(post).newline.encode()
+        assert data.count(newline) == data.count(b"\n") > 5
+        assert data.endswith(newline)
+
+
+@pytest.mark.usefixtures("here")
+def test_quiet_says_nothing_and_verbose_says_when(capsys: Captured) -> None:
+    assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main(["build", "plate.dxf", "--post", "gcode", "-v"]) == 0
+    assert re.search(r"^timing +reading \d+\.\d\d s, .*writing", capsys.readouterr().err, re.MULTILINE)
+
+
+def test_all_outputs_of_one_build(here: Path, capsys: Captured) -> None:
+    (here / "out").mkdir()
+    words = ["build", "plate.dxf", "--post", "rapid", "-o", "out/part.mod", "--plan", "out/plan.json"]
+    assert main([*words, "--report", "out/r.json", "--preview", "out/p.svg"]) == 0
+    assert files(here / "out") == {"part.mod", "plan.json", "r.json", "p.svg"}
+    report = json.loads((here / "out/r.json").read_text())
+    assert report["files"] == ["part.mod"]
+    assert report["verify"]["status"] == "equal"
+    assert report["tour"]["work_mm"] == pytest.approx(362.83, abs=0.01)
+    assert (here / "out/p.svg").read_text().startswith("<svg ")
+    capsys.readouterr()
+    assert main(["verify", "out/part.mod", "--post", "rapid", "--plan", "out/plan.json"]) == 0
+    assert "deviation  0.0" in capsys.readouterr().out
+
+
+def test_same_bytes_twice(here: Path) -> None:
+    for folder in ("a", "b"):
+        (here / folder).mkdir()
+        extra = [f"--plan={folder}/a.json", f"--report={folder}/b.json", f"--preview={folder}/c.svg"]
+        assert main(["build", "plate.dxf", "--post", "gcode", "-q", "-o", folder, *extra]) == 0
+    assert files(here / "a") == files(here / "b")
+    for name in files(here / "a"):
+        assert (here / "a" / name).read_bytes() == (here / "b" / name).read_bytes()
+
+
+def test_the_job_beside_the_input_is_used_and_named(here: Path, capsys: Captured) -> None:
+    (here / "plate.toml").write_text("[tool]\ndiameter = 25\n")
+    assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
+    said = capsys.readouterr().err
+    assert re.search(r"^job +plate\.toml$", said, re.MULTILINE)
+    assert re.search(r"^skipped .*c1.*25 mm tool", said, re.MULTILINE)
+    assert main(["build", "plate.dxf", "--post", "gcode", "--set", "tool.diameter=4"]) == 0
+    assert "skipped" not in capsys.readouterr().err
+    (here / "other.toml").write_text("[tool]\ndiameter = 4\n")
+    assert main(["build", "plate.dxf", "--post", "gcode", "--job", "other.toml"]) == 0
+    assert re.search(r"^job +other\.toml$", capsys.readouterr().err, re.MULTILINE)
+
+
+def test_a_job_file_of_another_input_is_told_to_be_unused(here: Path, capsys: Captured) -> None:
+    (here / "second.dxf").write_text(PLATE.replace("\n20\n", "\n20\n1").replace("\n21\n", "\n21\n1"))
+    (here / "second.toml").write_text("")
+    assert main(["build", "plate.dxf", "second.dxf", "--post", "gcode", "--set", "operation.kind=trace"]) == 0
+    said = capsys.readouterr().err
+    assert "second.toml is not used" in said
+    assert re.search(r"^plan +4 paths", said, re.MULTILINE)
+
+
+def test_strict(here: Path, capsys: Captured) -> None:
+    words = ["build", "plate.dxf", "--post", "gcode", "--set", "tool.diameter=25"]
+    assert main([*words, "--strict"]) == 3
+    assert re.match(r"plate\.dxf: --strict and 1 left out, first: .*c1", error_of(capsys))
+    assert files(here) == {"plate.dxf"}
+    assert main(words) == 0
+
+
+def test_standard_input(here: Path) -> None:
+    words = [sys.executable, "-m", "camgen", "build", "-", "--post", "gcode"]
+    done = subprocess.run([*words, "--format", "dxf"], input=PLATE.encode(), capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert files(here) == {"plate.dxf", "stdin.ngc"}
+    assert b"(part: stdin.dxf)" in (here / "stdin.ngc").read_bytes()
+    for data, what in ((b"", b"the file is empty"), (b"rubbish", b"")):
+        done = subprocess.run([*words, "--format", "dxf"], input=data, capture_output=True, check=False)
+        assert done.returncode == 2
+        assert done.stderr.startswith(b"camgen: error: -: " + what)
+    done = subprocess.run(words, input=b"x", capture_output=True, check=False)
+    assert done.stderr == b"camgen: error: -: standard input has no suffix; say what it is, e.g. --format dxf\n"
+
+
+# -- what is refused, with one line, and nothing written
+
+REFUSED = {
+    "none.dxf --post gcode": (2, "none.dxf: no such file"),
+    "plat.dxf --post gcode": (2, "plat.dxf: no such file; nearest is plate.dxf"),
+    "none/plate.dxf --post gcode": (2, "none/plate.dxf: no such file; its folder does not exist"),
+    "folder --post gcode": (2, "folder: is a folder; name the files in it"),
+    "plate.dxf/x --post gcode": (2, "plate.dxf/x: cannot be read: Not a directory"),
+    "empty.dxf --post gcode": (2, "empty.dxf: the file is empty"),
+    "/dev/null --post gcode": (2, "/dev/null: is not a regular file; copy it to a file, or use - with --format"),
+    "plate.dxf": (2, "build: the following arguments are required: --post; see camgen build --help"),
+    "plate.dxf --post rapd": (2, "post rapd: is not installed; nearest is rapid; camgen posts lists them"),
+    "plate.dxf --post none.py": (2, "none.py: no such file"),
+    "plate.dxf --post gcode --previw x.svg": (2, "build: unknown argument '--previw'; nearest is --preview"),
+    "plate.dxf --post gcode --preview x.png": (2, "x.png: a preview is drawn as SVG; give a name that ends in .svg"),
+    "plate.dxf --post gcode --format dxf": (
+        2, "--format: is for standard input; leave it out, or give - as the input"),
+    "plate.dxf --post gcode --job none.toml": (2, "none.toml: cannot be read: No such file or directory"),
+    "plate.dxf --post gcode --set post.wrk=1": (2, "job: gcode has no such option ([post] wrk); nearest is work"),
+    "plate.dxf --post gcode -o plate.dxf": (
+        2, "plate.dxf: would overwrite plate.dxf, which is read; give another name"),
+    "plate.dxf --post gcode -o link.dxf": (2, "link.dxf: would overwrite plate.dxf, which is read; give another name"),
+    "plate.dxf --post gcode --plan ./plate.dxf": (
+        2, "plate.dxf: would overwrite plate.dxf, which is read; give another name"),
+    "plate.dxf --post gcode --job a.toml --report a.toml": (
+        2, "a.toml: would overwrite a.toml, which is read; give another name"),
+    "plate.dxf --post gcode --plan a.json --report a.json": (
+        2, "a.json: is named for two outputs; give another name"),
+    "plate.dxf --post gcode --plan plate.ngc": (2, "plate.ngc: is named for two outputs; give another name"),
+    "plate.dxf --post gcode -o none/": (2, "none/: no such folder; make it first"),
+    "plate.dxf --post gcode -o none/a.ngc": (
+        2, "none/a.ngc: its folder does not exist (none); make the folder first"),
+    "plate.dxf --post gcode --plan folder": (2, "folder: is a folder; give a file name"),
+    "plate.dxf --post gcode -o /dev/null": (2, "/dev/null: is not a regular file; give a file name"),
+    "plate.dxf --post gcode -o -": (2, "-: is not a file name; give a file or an existing folder"),
+    "plate.dxf --post gcode -o /proc/a.ngc": (2, "/proc/a.ngc: cannot be written: No such file or directory"),
+    "plate.dxf plate.dxf --post gcode": (2, "plate.dxf: is given twice; name every input once"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("line", REFUSED)
+def test_a_build_that_is_refused(line: str, here: Path, capsys: Captured) -> None:
+    (here / "folder").mkdir()
+    (here / "empty.dxf").touch()
+    (here / "a.toml").touch()
+    (here / "link.dxf").symlink_to("plate.dxf")
+    before = {name: (here / name).read_bytes() for name in files(here)}
+    code, said = REFUSED[line]
+    assert main(["build", *line.split()]) == code
+    assert error_of(capsys) == said
+    assert {name: (here / name).read_bytes() for name in files(here)} == before
+
+
+def test_the_input_is_never_overwritten_by_its_own_program(here: Path, capsys: Captured) -> None:
+    (here / "plate.ngc").write_text(PLATE)
+    assert main(["build", "plate.ngc", "--post", "gcode"]) == 2
+    assert "would overwrite plate.ngc" in error_of(capsys)
+    assert (here / "plate.ngc").read_text() == PLATE
+
+
+@pytest.mark.parametrize(
+    "name", ["a plate (2).dxf", "plåte ☃.dxf", "-plate.dxf", "p" * 251 + ".dxf", "PLATE.DXF", "a.b.dxf"]
+)
+def test_unusual_names(name: str, here: Path) -> None:
+    (here / name).write_text(PLATE)
+    assert main(["build", "--post", "gcode", "--", name]) == 0
+    assert Path(name).stem + ".ngc" in files(here)
+    (here / Path(name).with_suffix(".ngc")).read_bytes().decode("ascii")
+
+
+@pytest.mark.usefixtures("here")
+def test_a_name_that_is_too_long(capsys: Captured) -> None:
+    name = "p" * 5000 + ".dxf"
+    assert main(["build", name, "--post", "gcode"]) == 2
+    assert error_of(capsys) == f"{name}: cannot be read: File name too long"
+    assert main(["build", "plate.dxf", "--post", "gcode", "-o", name]) == 2
+    assert error_of(capsys) == f"{name}: cannot be written: File name too long"
+
+
+def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
+    name = os.fsdecode(b"pl\xe4te.dxf")
+    (here / name).write_text(PLATE)
+    assert main(["build", name, "--post", "gcode", "--report", "r.json", "--preview", "p.svg", "--plan", "p.json"]) == 0
+    assert json.loads((here / "r.json").read_text())["input"]["source"] == "pl?te.dxf"
+    assert json.loads((here / "p.json").read_text())["name"] == "pl?te"
+    assert "pl te.dxf" in capsys.readouterr().err
+
+
+# -- usage
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "command line: no command is given; give one of build, inspect, init, verify, posts"),
+        (["biuld"], "command line: no command 'biuld'; nearest is build"),
+        (["posts", "--quite"], "posts: unknown argument '--quite'; nearest is --quiet"),
+        (["posts", "x"], "posts: unknown argument 'x'"),
+        (["build", "a", "--post"], "build: argument --post: expected one argument; see camgen build --help"),
+        (
+            ["posts", "-q", "-v"],
+            "posts: argument -v/--verbose: not allowed with argument -q/--quiet; see camgen posts --help",
+        ),
+    ],
+)
+def test_wrong_usage(words: list[str], said: str, capsys: Captured) -> None:
+    assert main(words) == 2
+    assert error_of(capsys) == said
+
+
+def test_help_and_version(capsys: Captured) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"camgen {camgen.__version__}\n"
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    for command in ("build", "inspect", "init", "verify", "posts"):
+        assert re.search(rf"^    {command} ", out, re.MULTILINE)
+        assert main([command, "--help"]) == 0
+
+
+def test_help_loads_nothing_heavy() -> None:
+    heavy = {"numpy", "msgspec", "ezdxf", "difflib", "importlib.metadata"}
+    code = f"import sys\nfrom camgen.cli import main\nmain(['--help'])\nprint(sorted({heavy!r} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("\n[]\n")
+
+
+# -- faults, interrupts, pipes
+
+
+@pytest.mark.usefixtures("here")
+def test_a_fault_is_one_line_and_a_traceback_only_on_demand(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("one\ntwo")
+
+    monkeypatch.setattr("camgen.cli_build.build", broken)
+    assert main(["build", "plate.dxf", "--post", "gcode"]) == 1
+    said = capsys.readouterr().err
+    assert said == ("camgen: fault: ZeroDivisionError: one two; run it again with -vv and report what that prints\n")
+    assert main(["build", "plate.dxf", "--post", "gcode", "-vv"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+    assert main(["build", "none.dxf", "--post", "gcode", "-v"]) == 1
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_an_interrupt_is_one_line(here: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("camgen.cli_build.build", interrupted)
+    assert main(["build", "plate.dxf", "--post", "gcode"]) == 130
+    assert capsys.readouterr().err == "camgen: interrupted\n"
+    assert files(here) == {"plate.dxf"}
+
+
+def test_a_reader_that_leaves_is_no_fault(here: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    for words in (["posts"], ["build", "plate.dxf", "--post", "gcode"], ["--help"]):
+        done = subprocess.run([sys.executable, "-m", "camgen", *words], stdout=write, stderr=write, check=False)
+        assert done.returncode == 0
+    os.close(write)
+    assert "plate.ngc" in files(here)
+
+
+@pytest.mark.usefixtures("here")
+def test_a_stage_is_shown_on_a_terminal_only(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
+    said = capsys.readouterr().err
+    assert "\r\x1b[2Kreading ..." in said
+    assert "\x1b[32mverified" in said
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert main(["build", "plate.dxf", "--post", "gcode"]) == 0
+    assert "\x1b[32m" not in capsys.readouterr().err
+
+
+# -- writing
+
+
+def test_a_failed_build_spoils_no_old_file(here: Path, capsys: Captured) -> None:
+    (here / "plate.ngc").write_text("old")
+    assert main(["build", "plate.dxf", "--post", "gcode", "--set", "tool.diameter=x"]) == 2
+    assert main(["build", "plate.dxf", "--post", "gcode", "--report", "/proc/r.json"]) == 2
+    assert "/proc/r.json: cannot be written" in capsys.readouterr().err
+    assert files(here) == {"plate.dxf", "plate.ngc"}
+    assert (here / "plate.ngc").read_text() == "old"
+
+
+def test_a_full_disk_spoils_nothing(here: Path) -> None:
+    (here / "plate.svg").write_text("old")
+    (here / "plate.ngc").write_text("old program")
+
+    def small_disk() -> None:
+        # The program (about 1 kB) fits, the preview does not. Python ignores SIGXFSZ, so the write fails.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+
+    words = [sys.executable, "-B", "-m", "camgen", "build", "plate.dxf", "--post", "gcode", "--preview", "plate.svg"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, preexec_fn=small_disk)
+    assert done.returncode == 2
+    assert done.stderr == "camgen: error: plate.svg: cannot be written: File too large\n"
+    assert files(here) == {"plate.dxf", "plate.svg", "plate.ngc"}
+    assert (here / "plate.svg").read_text() == "old"
+    assert (here / "plate.ngc").read_text() == "old program"
+
+
+@pytest.mark.parametrize("stop", [0, 1, 2])
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, OSError(28, "No space left on device")])
+@pytest.mark.parametrize("after", [False, True])
+def test_all_files_or_none(
+    stop: int, kind: type[BaseException] | BaseException, after: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The renaming of file number ``stop`` fails, before or just after it happened: old files stay, new ones go."""
+    (tmp_path / "old").write_text("old")
+    (tmp_path / "older").write_text("older")
+    names = ["old", "new", "older"]
+    real, calls = os.replace, []
+
+    def replace(source: Path, target: Path) -> None:
+        calls.append(target)
+        if len(calls) == stop + 1:
+            if after:
+                real(source, target)
+            raise kind
+        real(source, target)
+
+    monkeypatch.setattr("os.replace", replace)
+    with pytest.raises((KeyboardInterrupt, JobError)):
+        write_all([(tmp_path / name, b"fresh") for name in names])
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"old": "old", "older": "older"}
+
+
+def test_writing_keeps_rights_and_follows_links(tmp_path: Path) -> None:
+    real, link, fresh = tmp_path / "real", tmp_path / "link", tmp_path / "fresh"
+    real.write_text("old")
+    real.chmod(0o640)
+    link.symlink_to(real)
+    before = os.umask(0o027)
+    try:
+        write_all([(link, b"new"), (fresh, b"new")])
+    finally:
+        os.umask(before)
+    assert link.is_symlink()
+    assert real.read_text() == fresh.read_text() == "new"
+    assert stat.S_IMODE(real.stat().st_mode) == 0o640
+    assert stat.S_IMODE(fresh.stat().st_mode) == 0o640
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_writing_into_what_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(JobError, match="cannot be written: Not a directory"):
+        write_all([(tmp_path / "a", b"1"), (tmp_path / "file" / "b", b"2")])
+    assert {p.name for p in tmp_path.iterdir()} == {"file"}
+    with pytest.raises(JobError, match="its folder does not exist"):
+        check_targets([tmp_path / "file" / "b"], [])
+
+
+# -- the plan file
+
+
+def test_a_plan_reads_back_to_the_last_bit() -> None:
+    turned = Pose(rotation_from_fixed_xyz(0.1, 0.2, 3.0), (1 / 3, 2e-17, -7.1))
+    down = Pose(TOOL_DOWN, (1.1, 2 / 3, 3.0))
+    body = (
+        Comment('a "b" ü'),
+        MoveJ(Joints((0.1, 1 / 3)), 100.0),
+        Wait(0.5),
+        MoveJ(down, 50.0, 1.0, Joints((1.0, 2.0))),
+        MoveL(turned, 20.0, joints=Joints((1 / 7,))),
+        Force(5.0, (1.0, 0.0, 0.0)),
+        MoveC(turned, down, 2 / 3, 0.3, 4.0, (0.0, 1.0, 0.0)),
+        MoveL(down, 3.0),
+        Force(0.0),
+        Output("process", 1.0),
+    )
+    program = Program("a b", translation(600, 0, 1 / 3), turned, body, ("one", "two"))
+    data = encode(program, "rapid", {"x": 1, "y": [1.5, "a"]}, 0.01)
+    plan = decode(data)
+    assert (plan.post, plan.options, plan.chord) == ("rapid", {"x": 1, "y": [1.5, "a"]}, 0.01)
+    assert dump(plan.program) == dump(program)
+    assert encode(plan.program, plan.post, plan.options, plan.chord) == data
+    move = plan.program.body[4]
+    assert isinstance(move, MoveL)
+    assert move.target.origin == turned.origin
+    assert (move.target.rotation == turned.rotation).all()
+    loaded = json.loads(data)
+    assert loaded["format"] == "camgen-plan 1"
+    assert [line["do"] for line in loaded["body"]] == [type(item).__name__.lower() for item in body]
+
+
+# -- verify, inspect, init, posts
+
+
+@pytest.fixture
+def built(here: Path, capsys: Captured) -> Path:
+    assert main(["build", "plate.dxf", "--post", "rapid", "--plan", "plan.json"]) == 0
+    capsys.readouterr()
+    return here
+
+
+@pytest.mark.usefixtures("built")
+def test_verify_sums_the_motion_up(capsys: Captured) -> None:
+    assert main(["verify", "plate.mod", "--post", "rapid"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    rows = dict(line.split(maxsplit=1) for line in said.out.splitlines())
+    # The plate's outline is 3 mm outside, its corners are quarter circles; the hole is 3 mm inside.
+    assert rows["extents"] == "x -3 to 103, y -3 to 53, z 0 to 20 mm"
+    assert rows["output"] == "process: 1, 0"
+    assert rows["arcs"] == "62.8 mm"  # 6 pi around the corners, 14 pi in the hole
+    assert rows["speed"].endswith("to 100 mm/s")
+
+
+def test_verify_finds_a_changed_number(built: Path, capsys: Captured) -> None:
+    text = (built / "plate.mod").read_text()
+    changed = text.replace("103.000", "103.002", 1).replace("[103,", "[103.002,", 1)
+    assert changed != text
+    (built / "plate.mod").write_text(changed)
+    assert main(["verify", "plate.mod", "--post", "rapid", "--plan", "plan.json"]) == 4
+    assert error_of(capsys).startswith("plate.mod: instruction ")
+
+
+def test_verify_lists_faults_by_line(built: Path, capsys: Captured) -> None:
+    lines = (built / "plate.mod").read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if "MoveL" in line)
+    lines[at] = lines[at].replace("MoveL", "MoveQ")
+    (built / "plate.mod").write_text("\n".join(lines) + "\n")
+    assert main(["verify", "plate.mod", "--post", "rapid"]) == 2
+    said = capsys.readouterr()
+    assert f"plate.mod line {at + 1}: " in said.out
+    assert re.match(r"camgen: error: plate\.mod: \d+ faults?, first: ", said.err)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("none.mod --post rapid", "none.mod: cannot be read: No such file or directory"),
+        ("empty.mod --post rapid", "empty.mod: is empty; give a program"),
+        ("binary.mod --post rapid", "binary.mod: is not a text; give a program"),
+        (
+            "plate.mod plate.mod --post rapid",
+            "plate.mod: another file has this name; the files of a program differ in name",
+        ),
+        ("plate.mod --post rapid --plan plate.mod", "plate.mod: is not a plan: "),
+        ("plate.mod --post rapid --plan none.json", "none.json: cannot be read: No such file or directory"),
+    ],
+)
+def test_verify_refuses(line: str, said: str, built: Path, capsys: Captured) -> None:
+    (built / "empty.mod").touch()
+    (built / "binary.mod").write_bytes(b"a\0b")
+    assert main(["verify", *line.split()]) == 2
+    assert error_of(capsys).startswith(said)
+
+
+@pytest.mark.usefixtures("here")
+def test_inspect_shows_what_is_in_the_file(capsys: Captured) -> None:
+    assert main(["inspect", "plate.dxf"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    for word in ("holes", "outline", "CIRCLE", "LINE"):
+        assert word in said.out
+    assert main(["inspect", "plat.dxf"]) == 2
+    assert error_of(capsys) == "plat.dxf: no such file; nearest is plate.dxf"
+
+
+def test_init_writes_a_job_file_once(here: Path, capsys: Captured) -> None:
+    assert main(["init", "plate.dxf"]) == 0
+    capsys.readouterr()
+    text = (here / "plate.toml").read_text()
+    assert main(["init", "plate.dxf"]) == 2
+    assert error_of(capsys) == "plate.toml: exists; rename it, or delete it to get a new one"
+    assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
+    first = (here / "plate.ngc").read_bytes()
+    (here / "plate.toml").unlink()
+    assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
+    assert (here / "plate.ngc").read_bytes() == first
+    assert "diameter = 6.0" in text
+
+
+def test_posts_lists_all_and_says_why_one_is_broken(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    from camgen.plugins import Installed, installed  # noqa: PLC0415 (numpy comes with it)
+
+    listed = [*installed(), Installed("ours", "our-posts 1.0", "", "", "plug-in ours: no module named x")]
+    monkeypatch.setattr("camgen.cli_posts.installed", lambda: listed, raising=False)
+    assert main(["posts"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["name", "suffix", "origin", "about"]
+    assert [line.split()[0] for line in lines[1:]] == [*POSTS, "ours"]
+    assert lines[-1].endswith("our-posts 1.0  broken: plug-in ours: no module named x")
+
+
+# -- how numbers are told
+
+
+def test_numbers_for_people() -> None:
+    say = camgen.cli_say
+    assert [say.duration(s) for s in (0.44, 9.99, 59.6, 61, 3599.6, 7260)] == [
+        "0.4 s", "10.0 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "2 h 01 min",
+    ]  # fmt: skip
+    assert [say.length(mm) for mm in (0.04, 9999.94, 12345.6)] == ["0.0 mm", "9999.9 mm", "12.35 m"]
+    assert [say.size(n) for n in (1, 9999, 10_000, 12_345_678)] == ["1 bytes", "9999 bytes", "10 kB", "12.3 MB"]
+    assert [say.counted(n, "path") for n in (1, 0, 12345)] == ["1 path", "0 paths", "12 345 paths"]
+    assert say.listed(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"

@@ -1,0 +1,456 @@
+"""Tour -> Program: sequence, heights, blends, orientations and forces, against written text and other geometry."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.errors import JobError, NoSafeProgram
+from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, dump
+from camgen.lower import lower, placed
+from camgen.passes import circle, corner_blend
+from camgen.paths import ToolPath, Tour
+from camgen.pose import TOOL_DOWN, Pose, angle_between, frozen, pose_from_values, rotation_about, translation
+from camgen.post import Cell
+from camgen.settings import CellTable, Job, Process, Tolerance, Tool
+
+ROBOT = Cell("arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0)))
+MILL = Cell("mill", translation(0, 0, 0), translation(0, 0, 0), Pose(TOOL_DOWN, (0.0, 0.0, 50.0)))
+FOLLOW = Tool(orient="follow")
+
+
+def path(points, bulges=None, press=None, force=None, feed=20.0, **more):
+    """A tool path through 2-D points; bulges (DXF) by segment; press by segment as (start, end) pairs."""
+    points = np.asarray(points, dtype=float)
+    n = len(points)
+    position = np.column_stack([points, np.zeros(n)])
+    via = np.full((n, 3), np.nan)
+    for i, b in enumerate(bulges or [], start=1):
+        if b:
+            a, c = points[i - 1], points[i]
+            chord = c - a
+            # A bulge is the sagitta over half the chord; counter-clockwise arcs bow to the right of their chord.
+            via[i, :2] = (a + c) / 2 + b / 2 * np.array([chord[1], -chord[0]])
+            via[i, 2] = 0
+    pressed = np.zeros((n, 2, 3))
+    if press is not None:
+        pressed[1:, :, :2] = press
+        pressed[0] = pressed[1]
+    forces = np.zeros(n)
+    if force is not None:
+        forces[1:] = force
+        forces[0] = forces[1]
+    columns = (
+        frozen(position),
+        frozen(via),
+        frozen(np.tile([0.0, 0.0, -1.0], (n, 1))),
+        frozen(pressed),
+        frozen(forces),
+    )
+    settings_ = {"id": "c1", "layer": "cut", "closed": False, **more}
+    own = dict(zip(("position", "via", "axis", "press", "force"), columns, strict=True))
+    return ToolPath(**own, feed=frozen(np.full(n, feed)), **settings_)
+
+
+def program(*paths, cell=ROBOT, job=None) -> Program:
+    return lower(Tour(tuple(paths), 0.0, "as-drawn"), cell, job or Job(), "part", ("made for a test",))
+
+
+def kinds(body):
+    return " ".join(type(item).__name__ for item in body)
+
+
+SQUARE = path([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)], closed=True)
+
+
+def test_a_square_becomes_the_written_sequence():
+    job = Job(process=Process(dwell=0.25), tool=Tool(length=80.0))
+    assert dump(program(SQUARE, job=job)) == (
+        "camgen-ir 1\nname part\nwork 100 0 0 q 1 0 0 0\ntool 0 0 80 q 1 0 0 0\n# made for a test\nbody\n"
+        "movej joints 0 0.1 0.2 0 0.3 0 speed 100\n"
+        "# path c1 layer cut\n"
+        "movej 0 0 20 q 0 1 0 0 speed 100\n"
+        "movel 0 0 2 q 0 1 0 0 speed 100\n"
+        "movel 0 0 0 q 0 1 0 0 speed 20\n"
+        "output process 1\n"
+        "wait 0.25\n"
+        "movel 40 0 0 q 0 1 0 0 speed 20\n"
+        "movel 40 30 0 q 0 1 0 0 speed 20\n"
+        "movel 0 30 0 q 0 1 0 0 speed 20\n"
+        "movel 0 0 0 q 0 1 0 0 speed 20\n"
+        "output process 0\n"
+        "movel 0 0 20 q 0 1 0 0 speed 100\n"
+        "movej joints 0 0.1 0.2 0 0.3 0 speed 100\n"
+    )
+
+
+def test_a_mill_travels_by_rapid_motions_only():
+    job = Job(process=Process(spindle=9000, dwell=1.0, travel=50.0))
+    body = program(SQUARE, path([(60, 0), (70, 0)], id="c2"), cell=MILL, job=job).body
+    assert [type(i) for i in body[:3]] == [MoveJ, Output, Wait]
+    assert body[1] == Output("spindle", 9000)
+    assert body[-2] == Output("spindle", 0.0)
+    assert body[0].target is MILL.home
+    assert body[-1].target is MILL.home
+    assert all(isinstance(i, MoveJ) == (i.speed == 50.0) for i in body if isinstance(i, (MoveJ, MoveL)))
+    assert [i for i in body if isinstance(i, Output)] == [Output("spindle", 9000), Output("spindle", 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("process", "signal"),
+    [
+        (Process(), "process"),
+        (Process(spindle=1.0), None),
+        (Process(spindle=1.0, signal="air"), "air"),
+        (Process(signal=""), None),
+        (Process(signal="glue"), "glue"),
+    ],
+)
+def test_the_signal(process, signal):
+    names = {i.signal for i in program(SQUARE, job=Job(process=process)).body if isinstance(i, Output)}
+    assert names - {"spindle"} == ({signal} if signal else set())
+    assert ("spindle" in names) == (process.spindle > 0)
+
+
+def test_the_spindle_is_no_signal():
+    with pytest.raises(JobError, match=r"process\.signal"):
+        program(SQUARE, job=Job(process=Process(signal="spindle")))
+
+
+def test_travel_between_paths_is_high_and_rounds_its_two_upper_corners():
+    body = program(path([(0, 0), (9, 0)]), path([(50, 0), (60, 0)], id="c2")).body
+    up, comment, over, down = body[8:12]
+    assert (up.target.origin, up.blend) == ((9, 0, 20), 5.0)
+    assert comment == Comment("path c2 layer cut")
+    assert (over.target.origin, over.blend, over.speed) == ((50, 0, 20), 5.0, 100.0)
+    assert (down.target.origin, down.blend, down.speed) == ((50, 0, 2), 0.0, 100.0)
+
+
+@pytest.mark.parametrize(("gap", "zone"), [(9.99, 1.0), (1.9, 0.3), (0.5, 0.0), (10.0, 5.0)])
+def test_travel_corners_stay_in_half_of_a_short_way(gap, zone):
+    body = program(path([(0, 0), (9, 0)]), path([(9 + gap, 0), (60, 0)], id="c2")).body
+    assert [body[8].blend, body[10].blend] == [zone, zone]
+
+
+def test_a_path_that_starts_where_the_last_ended_needs_no_travel():
+    body = program(path([(0, 0), (9, 0)]), path([(9, 0), (9, 9)], id="c2")).body
+    ends = [i.target.origin for i in body[8:12] if not isinstance(i, Comment)]
+    assert ends == [(9, 0, 20), (9, 0, 2), (9, 0, 0)]
+    assert body[8].blend == 0.0
+
+
+def test_the_feed_begins_above_the_uncut_top_whatever_the_depth():
+    body = program(path([(0, 0), (9, 0)], depths=(6.0,)), job=Job(process=Process(approach=1.5))).body
+    travelled = [
+        i.target.origin[2] for i in body if isinstance(i, (MoveL, MoveJ)) and i.speed == 100 and i.target != ROBOT.home
+    ]
+    assert travelled == [20, 1.5, 20]
+    assert {i.target.origin[2] for i in body if isinstance(i, MoveL) and i.speed == 20} == {-6.0}
+
+
+def test_a_closed_path_plunges_from_pass_to_pass():
+    body = program(replace(SQUARE, depths=(1.0, 2.0, 3.0))).body
+    heights = [i.target.origin[2] for i in body if isinstance(i, MoveL)]
+    assert heights == [2, -1, -1, -1, -1, -1, -2, -2, -2, -2, -2, -3, -3, -3, -3, -3, 20]
+
+
+def test_an_open_path_runs_back_and_forth():
+    body = program(path([(0, 0), (9, 0), (9, 5)], depths=(1.0, 2.0, 3.0))).body
+    ways = [i.target.origin for i in body if isinstance(i, MoveL) and i.speed == 20]
+    assert ways == [
+        (0, 0, -1), (9, 0, -1), (9, 5, -1),
+        (9, 5, -2), (9, 0, -2), (0, 0, -2),
+        (0, 0, -3), (9, 0, -3), (9, 5, -3),
+    ]  # fmt: skip
+    assert sum(isinstance(i, MoveL) and i.target.origin[2] == 20 for i in body) == 1
+
+
+def test_an_open_path_that_keeps_its_direction_retracts_between_passes():
+    body = program(path([(0, 0), (9, 0)], depths=(1.0, 2.0), reversible=False)).body
+    assert [i.target.origin for i in body if isinstance(i, MoveL)] == [
+        (0, 0, 2), (0, 0, -1), (9, 0, -1), (9, 0, 20), (0, 0, 20), (0, 0, 2), (0, 0, -2), (9, 0, -2), (9, 0, 20),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("process", "expected"),
+    [
+        (Process(approach=0.0), [(0, 0, 20, 100), (0, 0, 0, 100)]),
+        (Process(approach=20.0), [(0, 0, 20, 100), (0, 0, 0, 20)]),
+        (Process(approach=2.0), [(0, 0, 20, 100), (0, 0, 2, 100), (0, 0, 0, 20)]),
+    ],
+)
+def test_no_motion_without_a_way(process, expected):
+    body = program(path([(0, 0), (9, 0)]), job=Job(process=process)).body
+    first = body.index(Output("process", 1.0))
+    assert [(*i.target.origin, i.speed) for i in body[2:first]] == expected
+
+
+def test_an_approach_above_the_clearance_is_an_error():
+    with pytest.raises(JobError, match=r"path c1.*process\.clearance"):
+        program(SQUARE, job=Job(process=Process(approach=21.0)))
+
+
+def test_a_tilted_tool_goes_back_along_its_own_axis():
+    axis = np.array([math.sin(0.5), 0.0, -math.cos(0.5)])
+    tilted = replace(path([(0, 0), (0, 9)]), axis=frozen(np.tile(axis, (2, 1))))
+    body = program(tilted).body
+    assert body[2].target.origin == pytest.approx(tuple(-20 * axis))
+    assert body[3].target.origin == pytest.approx(tuple(-2 * axis))
+    assert body[8].target.origin == pytest.approx(tuple(np.array([0, 9, 0]) - 20 * axis))
+    rotation = body[4].target.rotation
+    assert rotation[:, 2] == pytest.approx(axis)
+    assert rotation[1, 0] == pytest.approx(0.0)
+    assert rotation[0, 0] > 0
+
+
+def test_a_tool_along_the_work_x_still_has_an_orientation():
+    level = replace(path([(0, 0), (0, 9)]), axis=frozen([[-1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
+    assert program(level).body[2].target.rotation[:, 0] == pytest.approx([0, 1, 0])
+
+
+def test_rotations_are_shared():
+    rotations = {id(i.target.rotation) for i in program(SQUARE).body if isinstance(i, MoveL)}
+    assert rotations == {id(TOOL_DOWN)}
+
+
+def test_a_tour_without_paths_is_no_program():
+    with pytest.raises(NoSafeProgram):
+        program()
+
+
+def test_a_single_point_is_touched():
+    assert kinds(program(path([(3, 4)])).body) == "MoveJ Comment MoveJ MoveL MoveL Output Output MoveL MoveJ"
+
+
+# Blends.
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-3.1, 3.1), st.floats(0.05, 40.0)), min_size=2, max_size=8),
+    st.sampled_from([0.001, 0.01, 0.3]),
+)
+def test_blends_of_a_polyline_are_those_of_its_corners(steps, tolerance):
+    points, heading = [(0.0, 0.0)], 0.0
+    for turn, length in steps:
+        heading += turn
+        points.append((points[-1][0] + length * math.cos(heading), points[-1][1] + length * math.sin(heading)))
+    body = program(path(points), job=Job(tolerance=Tolerance(chord=tolerance))).body
+    first = body.index(Output("process", 1.0)) + 1
+    cuts = body[first : first + len(steps)]
+    for i, cut in enumerate(cuts[:-1]):
+        at_corner = corner_blend(steps[i + 1][0], tolerance)
+        half = min(steps[i][1], steps[i + 1][1]) / 2
+        # A turn within 1e-9 of where a zone just fits may fall on either side of it.
+        if abs(corner_blend(steps[i + 1][0] + 1e-9, tolerance) - corner_blend(steps[i + 1][0] - 1e-9, tolerance)) == 0:
+            zones = [z for z in (5.0, 1.0, 0.3) if z <= at_corner and (z <= half + 1e-9 or z == 0.3)]
+            assert cut.blend == pytest.approx(max(zones, default=0.0)) or abs(cut.blend - half) < 1e-6
+    assert cuts[-1].blend == 0.0
+
+
+def test_an_arc_that_leaves_a_line_along_its_tangent_is_not_stopped_at():
+    quarter = math.tan(math.pi / 8)
+    smooth = path([(0, 0), (20, 0), (30, 10), (30, 40)], bulges=[0, quarter, 0])
+    cuts = [i for i in program(smooth).body if isinstance(i, (MoveL, MoveC)) and i.speed == 20][1:]
+    assert [c.blend for c in cuts] == [5.0, 5.0, 0.0]
+    kinked = path([(0, 0), (20, 0), (30, 10), (30, 40)], bulges=[0, -quarter, 0])
+    cuts = [i for i in program(kinked).body if isinstance(i, (MoveL, MoveC)) and i.speed == 20][1:]
+    assert [c.blend for c in cuts] == [0.0, 0.0, 0.0]
+
+
+# Orientation along the contour.
+
+
+def slot(force=0.0):
+    """Outside a slot: two lines and two half circles, run clockwise, the surface on the right."""
+    points = [(0, 10), (40, 10), (40, -10), (0, -10), (0, 10)]
+    down, up = (0, -1), (0, 1)
+    press = [(down, down), (down, up), (up, up), (up, down)]
+    return path(points, [0, -1, 0, -1], press, [force] * 4, closed=True, id="slot")
+
+
+def test_follow_keeps_tool_x_on_the_surface():
+    body = program(slot(), job=Job(tool=FOLLOW)).body
+    cuts = [i for i in body if isinstance(i, (MoveL, MoveC)) and i.speed == 20]
+    for cut in cuts:
+        x, y, _ = cut.target.origin
+        centre = np.array([min(max(x, 0.0), 40.0), 0.0, 0.0])
+        towards = (centre - (x, y, 0.0)) / 10.0
+        assert cut.target.rotation[:, 0] == pytest.approx(towards, abs=1e-12)
+        assert cut.target.rotation[:, 2] == pytest.approx([0, 0, -1])
+        if isinstance(cut, MoveC):
+            x, y, _ = cut.via.origin
+            centre = np.array([min(max(x, 0.0), 40.0), 0.0, 0.0])
+            assert cut.via.rotation[:, 0] == pytest.approx((centre - (x, y, 0.0)) / 10.0, abs=1e-12)
+
+
+def test_half_circles_are_halved_where_the_tool_turns_with_them():
+    body = program(slot(force=5.0), job=Job(tool=FOLLOW)).body
+    arcs = [(start.target, arc) for start, arc in pairwise(body) if isinstance(arc, MoveC)]
+    assert len(arcs) == 4
+    for start, arc in arcs:
+        centre, radius, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+        assert radius == pytest.approx(10)
+        assert sweep == pytest.approx(math.pi / 2)
+        assert axis[2] == pytest.approx(-1)
+        assert angle_between(start.rotation, arc.target.rotation) == pytest.approx(math.pi / 2)
+        assert arc.press == pytest.approx(tuple((centre - np.array(arc.target.origin)) / 10))
+        assert math.dist(start.origin, arc.via.origin) == pytest.approx(math.dist(arc.via.origin, arc.target.origin))
+    assert sum(isinstance(i, MoveC) for i in program(slot()).body) == 2
+
+
+def test_the_tool_turns_where_it_stands_at_an_inner_corner():
+    inner = path([(0, 0), (20, 0), (20, 20)], press=[((0, 1), (0, 1)), ((1, 0), (1, 0))], force=[4.0, 6.0])
+    body = program(inner, job=Job(tool=FOLLOW)).body
+    first = next(i for i, item in enumerate(body) if isinstance(item, Force)) + 2
+    arrive, turn, leave = body[first : first + 3]
+    assert arrive.target.origin == turn.target.origin == (20, 0, 0)
+    assert arrive.blend == turn.blend == 0.0
+    assert arrive.target.rotation[:, 0] == pytest.approx([0, 1, 0])
+    assert turn.target.rotation[:, 0] == pytest.approx([1, 0, 0])
+    assert (arrive.force, turn.force, leave.force) == (4.0, 6.0, 6.0)
+    assert (arrive.press, turn.press, leave.press) == ((0, 1, 0), (1, 0, 0), (1, 0, 0))
+
+
+def test_a_turn_of_less_than_half_a_degree_is_made_on_the_way():
+    a = math.radians(0.4)
+    slight = path([(0, 0), (20, 0), (40, 0)], press=[((0, 1), (0, 1)), ((-math.sin(a), math.cos(a)),) * 2])
+    cuts = [i for i in program(slight, job=Job(tool=FOLLOW)).body if isinstance(i, MoveL) and i.speed == 20]
+    assert len(cuts) == 3
+
+
+def test_follow_needs_a_surface():
+    with pytest.raises(JobError, match=r"path c1.*tool\.orient"):
+        program(slot(), path([(0, 0), (9, 0)]), job=Job(tool=FOLLOW))
+
+
+# Force.
+
+
+def test_force_is_on_only_along_sections_that_ask_for_it():
+    press = [((0, 1), (0, 1))] * 5
+    partly = path([(0, 0), (9, 0), (19, 0), (29, 0), (39, 0), (49, 0)], press=press, force=[0, 7, 8, 0, 9])
+    body = program(partly).body
+    first = body.index(Output("process", 1.0))
+    assert kinds(body[first:]) == "Output MoveL Force MoveL MoveL Force MoveL Force MoveL Output Force MoveL MoveJ"
+    assert [i.newtons for i in body if isinstance(i, Force)] == [7.0, 0.0, 9.0, 0.0]
+    cuts = [i for i in body[first:] if isinstance(i, MoveL)]
+    assert [c.force for c in cuts] == [0, 7, 8, 0, 9, 0]
+    # The section from 7 N to 8 N goes on, all other corners stop: force begins or ends there.
+    assert [c.blend for c in cuts] == [0, 5, 0, 0, 0, 0]
+
+
+def test_force_is_on_before_the_process_and_off_after_it():
+    pressed = path([(0, 0), (9, 0)], press=[((0, 1), (0, 1))], force=[7])
+    body = program(pressed).body
+    assert kinds(body[4:]) == "MoveL Force Output MoveL Output Force MoveL MoveJ"
+    assert body[5] == Force(7.0, (0.0, 1.0, 0.0))
+
+
+# Properties of whole programs.
+
+
+@st.composite
+def tours(draw):
+    count = draw(st.integers(1, 4))
+    paths = []
+    for k in range(count):
+        n = draw(st.integers(2, 5))
+        spots = st.tuples(st.integers(-50, 50), st.integers(-50, 50))
+        points = draw(st.lists(spots, min_size=n, max_size=n, unique=True))
+        closed = draw(st.booleans())
+        points += [points[0]] * closed
+        bulges = draw(st.lists(st.sampled_from([0, 0, 1.0, -0.4]), min_size=len(points) - 1, max_size=len(points) - 1))
+        force = draw(st.lists(st.sampled_from([0, 0, 5.0, 9.0]), min_size=len(points) - 1, max_size=len(points) - 1))
+        angles = draw(st.lists(st.floats(0, 6.28), min_size=len(points) - 1, max_size=len(points) - 1))
+        press = [((math.cos(a), math.sin(a)), (math.cos(a + 0.2), math.sin(a + 0.2))) for a in angles]
+        depths = draw(st.sampled_from([(0.0,), (1.0,), (1.0, 2.0), (0.5, 1.0, 1.5)]))
+        more = {"closed": closed, "depths": depths, "reversible": draw(st.booleans()), "id": f"c{k}"}
+        paths.append(path(points, bulges, press, force, **more))
+    return paths
+
+
+@settings(max_examples=120, deadline=None)
+@given(tours(), st.sampled_from([ROBOT, MILL]), st.sampled_from(["fixed", "follow"]), st.sampled_from([0.0, 8000.0]))
+def test_any_program(paths, cell, orient, spindle):
+    job = Job(tool=Tool(orient=orient), process=Process(spindle=spindle, signal="on"))
+    body = program(*paths, cell=cell, job=job).body
+    on = pressing = False
+    seen: list[str] = []
+    cut: dict[int, list] = {}
+    here = None
+    for before, item in zip((None, *body), body, strict=False):
+        if isinstance(item, Comment):
+            seen.append(item.text.split()[1])
+        elif isinstance(item, Output) and item.signal == "on":
+            assert on != bool(item.value)
+            assert not getattr(before, "blend", 0.0)
+            on = bool(item.value)
+            if on:
+                cut[len(seen) - 1] = [here]
+        elif isinstance(item, Force):
+            pressing = item.newtons > 0
+        elif isinstance(item, (MoveJ, MoveL, MoveC)):
+            travel = item.speed == job.process.travel
+            assert not (travel and (on or pressing))
+            assert isinstance(item, MoveJ) <= travel
+            if on:
+                cut[len(seen) - 1].append(item.target.origin)
+            here = item.target.origin if isinstance(item.target, Pose) else None
+    assert not on
+    assert seen == [p.id for p in paths for _ in p.depths]
+    runs = [(p, depth) for p in paths for depth in p.depths]
+    for k, (p, depth) in enumerate(runs):
+        want = {(x, y, -depth) for x, y, _ in p.position.tolist()}
+        assert want <= set(cut[k])
+        assert {z for _, _, z in cut[k]} == {-depth}
+
+
+# Frames.
+
+
+def test_the_job_goes_before_the_cell():
+    table = CellTable(base_from_work=[1, 2, 3, 0, 0, 90], flange_from_tool=[0, 0, 9, 0, 180, 0], home=[90, 0, -90])
+    cell = placed(ROBOT, Job(cell=table))
+    assert cell.base_from_work.origin == (1, 2, 3)
+    assert angle_between(cell.base_from_work.rotation, rotation_about(2, math.pi / 2)) < 1e-12
+    assert angle_between(cell.flange_from_tool.rotation, rotation_about(1, math.pi)) < 1e-12
+    assert cell.home == Joints((math.pi / 2, 0.0, -math.pi / 2))
+    again = placed(cell, Job(cell=table))
+    assert again.home == cell.home
+    assert again.flange_from_tool.origin == pose_from_values([0, 0, 9, 0, 180, 0]).origin
+
+
+def test_without_a_cell_the_tool_is_as_long_as_it_is():
+    cell = placed(ROBOT, Job(tool=Tool(length=42.0)))
+    assert cell.flange_from_tool.origin == (0, 0, 42)
+    assert cell.home is ROBOT.home
+    assert cell.base_from_work is ROBOT.base_from_work
+
+
+def test_the_home_of_a_mill_is_a_place():
+    home = placed(MILL, Job(cell=CellTable(home=[1, 2, 30]))).home
+    assert home.origin == (1, 2, 30)
+    assert home.rotation is TOOL_DOWN
+
+
+@pytest.mark.parametrize(
+    ("cell", "table"),
+    [
+        (ROBOT, {"base_from_work": [1, 2, 3]}),
+        (ROBOT, {"flange_from_tool": [0] * 16}),
+        (ROBOT, {"home": []}),
+        (ROBOT, {"home": [math.nan] * 6}),
+        (ROBOT, {"base_from_work": [math.inf, 0, 0, 0, 0, 0]}),
+        (MILL, {"home": [0] * 6}),
+    ],
+)
+def test_wrong_numbers_in_the_cell_are_named(cell, table):
+    (key,) = table
+    with pytest.raises(JobError, match=f"cell.{key}"):
+        placed(cell, Job(cell=CellTable(**table)))
