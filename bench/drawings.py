@@ -42,7 +42,7 @@ def verdict(part: Part, truth: dict[str, object]) -> str:
     total = truth.get("visible_exact") or truth.get("total_exact")
     if not isinstance(total, int | float) or not total:
         return "no measured length"
-    code = truth.get("insunits_raw")
+    code = truth.get("insunits" if truth.get("binary") else "insunits_raw")
     expected = total * MM[INSUNITS.get(code if isinstance(code, int) else 0, "mm")]
     found = sum(map(length, part.contours))
     share = found / expected - 1

@@ -5,14 +5,13 @@ What is compared, and how exactly:
 * Kinds of instructions, one to one and in order, comments left out. The names of outputs; their values to 0.001.
 * Positions: each coordinate within ``tolerance.mm``, half the last printed digit.
 * Arcs as geometry: the point half-way along the arc that was read, wherever its ``via`` lies on it, against the one
-  half-way along the planned arc, within ``ARC_SLACK * tolerance.mm``. Both ends being compared as positions, three
-  points of the circle are. Why 6: let d be half the last digit. A text with ``via`` rounds three points by up to
-  sqrt(3) d = 1.73 d each. An error of ``via`` across the arc moves the half-way point by as much; errors of the two
-  ends shift it along the arc by their mean, and turn it about ``via`` by at most as much again, since an arc of half
-  a circle is no higher than half its chord: sqrt(1.73^2 + 3.46^2) d = 3.9 d. A text with a centre, in a plane, rounds
-  two ends and the centre by up to sqrt(2) d = 1.41 d each; the ends move the half-way point by at most 1.41 d
-  across and along it, the centre by sqrt(2) times its own error at half a circle: 4.9 d together. Where a radius
-  is only a few d, the second order adds up to 1 d.
+  half-way along the planned arc, within ``ARC_SLACK * tolerance.mm``. Why 6: let d be half the last digit. A text with
+  ``via`` rounds three points by up to sqrt(3) d = 1.73 d each. An error of ``via`` across the arc moves the middle by
+  as much; errors of the ends shift it along the arc by their mean, and turn it about ``via`` by as much again at most,
+  since up to half a circle an arc is no higher than half its chord: sqrt(1.73^2 + 3.46^2) d = 3.9 d. A text with a
+  centre, in a plane, rounds ends and centre by up to sqrt(2) d = 1.41 d each; the ends move the middle by 1.41 d
+  across and along the arc, the centre by sqrt(2) times its own error at half a circle: 4.9 d together. Where a radius
+  is only a few d, the second order adds up to 1 d. Rounding 200,000 arcs at random gives 2.2 d and 3.1 d.
 * Orientations within ``tolerance.angle``, from the skew part of the difference: the trace alone cannot tell 1e-8 rad
   from 0. The orientation at ``via`` is left out: controllers interpolate from the start to the end.
 * Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``carries`` them.
@@ -55,8 +54,8 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Column:
-    """One property of M instructions on both sides. places: which ones among those compared. planned, read: values by
-    row. error (M,) and its limit, one or by row, in the property's unit; what is not a number is beyond every limit.
+    """One property of M instructions, by row: their places among those compared, both values, the error (M,) and its
+    limit, one or (M,), in the property's unit. An error that is not a number is beyond every limit.
     """
 
     what: str
@@ -77,8 +76,8 @@ class _Group:
 
     def where(self, keep: Sequence[bool]) -> _Group:
         """Those of them to keep."""
-        mask = np.asarray(keep, dtype=bool)
-        return _Group(self.places[mask], list(compress(self.planned, keep)), list(compress(self.read, keep)))
+        places = self.places[np.asarray(keep, dtype=bool)]
+        return _Group(places, list(compress(self.planned, keep)), list(compress(self.read, keep)))
 
     @property
     def sides(self) -> tuple[list[Any], list[Any]]:
@@ -224,8 +223,8 @@ def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     """The points (N, 3) half-way along the arcs from ``start`` through ``via``, wherever on it, to ``end``.
 
     In the arc's plane, with the middle of the chord as origin: via = (u, h), half the chord a; the centre is (0, k)
-    with k = (u^2 + h^2 - a^2) / 2h. Three points on one line: half-way along the chord if via is on it. A start that is
-    not known (NaN): via itself, and a via that is neither: itself too, so that it is not mistaken for an arc.
+    with k = (u^2 + h^2 - a^2) / 2h. Three points on one line: half-way if via is between the others, else via itself,
+    so that it is not mistaken for an arc. A start that is not known (NaN): via too.
     """
     centre, span = (start + end) / 2, end - start
     length = np.linalg.norm(span, axis=1)

@@ -81,9 +81,6 @@ def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
     return values
 
 
-# Runs: which path, how deep, and whether the tool is already there.
-
-
 @dataclass(frozen=True, slots=True)
 class _Run:
     """One pass. linked: it starts where the run before it ended, so that nothing lies between them but the plunge."""
@@ -195,9 +192,6 @@ def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
     """The way (R,) from each point along ``up`` to the height of travel."""
     straight = up[:, 2] > 1 - 1e-12
     return np.where(straight, clearance - point[:, 2], clearance)
-
-
-# Instructions.
 
 
 def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian: bool) -> Iterator[Instruction]:

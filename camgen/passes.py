@@ -19,12 +19,13 @@ Pass = Callable[[Pose, MoveC, float], list[MoveL | MoveC]]
 def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     """The arc as straight lines, sagitta R (1 - cos(step / 2)) <= tolerance. Orientation turns evenly with the arc.
 
-    The blend of the arc stays with its last line; between the lines the corner is left no further than ``tolerance``.
+    The blend of the arc stays with its last line. Between the lines the tool flies by: a zone reaches at most half-way to
+    the next corner, and from there the corner of two chords is cut by no more than their sagitta.
     """
     _, radius, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     step = 2 * math.acos(max(-1.0, 1 - tolerance / radius)) if tolerance < radius else math.pi / 2
     count = max(1, math.ceil(sweep / step - 1e-9))
-    blend = corner_blend(sweep / count, tolerance)
+    blend = max(corner_blend(sweep / count, tolerance), ZONES[-1])
     poses = along(start, arc, np.arange(1, count) / count)
     presses = _turned(arc.press, axis, sweep, count)
     lines: list[MoveL | MoveC] = [
@@ -50,6 +51,10 @@ def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
 PASSES: dict[str, Pass] = {"halves": halves, "chords": chords}
 
 
+#: The usual fly-by zones, mm, the widest first.
+ZONES = (5.0, 1.0, 0.3)
+
+
 def corner_blend(turn: float, tolerance: float) -> float:
     """The largest usual blend radius (mm) that leaves a corner of ``turn`` rad by at most ``tolerance`` mm.
 
@@ -57,7 +62,7 @@ def corner_blend(turn: float, tolerance: float) -> float:
     result is one of 0 (stop), 0.3, 1 and 5 mm: the usual fly-by zones.
     """
     reach = 2 * tolerance / max(math.sin(min(abs(turn), math.pi) / 2), 1e-9)
-    return next((b for b in (5.0, 1.0, 0.3) if b <= reach), 0.0)
+    return next((zone for zone in ZONES if zone <= reach), 0.0)
 
 
 def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[FloatArray, float, FloatArray, float]:

@@ -23,6 +23,9 @@ Line = tuple[int, float, float, float, float, float]
 Arc = tuple[int, float, float, float, float, float, float, float, float, float, float, float]
 Entry = tuple[float, float, float, float, int]
 
+#: No piece shorter than this is cut off a segment, mm. It would gain no travel, and the ends of a short arc, rounded
+#: to what a controller's text carries, lie on any circle.
+SEAM = 0.1
 #: Pieces in a leaf and boxes in a box. 4 to 12 are equally fast.
 _FAN = 6
 _GRID = 65535
@@ -159,22 +162,26 @@ class Tree:
         return node
 
     def project(self, start: int, x: float, y: float) -> tuple[float, float, float]:
-        """The point of ``start`` nearest to x, y: its fraction 0..1 of the segment, and x, y."""
+        """Where ``start`` is begun from x, y: the fraction 0..1 of its segment, and that point's x, y.
+
+        The nearest point, or the end of the segment if that is nearer to it than ``SEAM``.
+        """
         item = self.items[start]
         if len(item) == 6:
             _, px, py, dx, dy, inverse = item
             fraction = min(max(((x - px) * dx + (y - py) * dy) * inverse, 0.0), 1.0)
+            fraction = _off_the_ends(fraction, math.hypot(dx, dy))
             return fraction, px + fraction * dx, py + fraction * dy
         _, cx, cy, radius, mx, my, _, ax, ay, bx, by, sweep = item
         vx, vy = x - cx, y - cy
         fraction = 0.5 + math.atan2(mx * vy - my * vx, mx * vx + my * vy) / sweep
-        if 0 <= fraction <= 1:
-            scale = math.hypot(vx, vy)
-            ux, uy = (vx / scale, vy / scale) if scale > 0 else (mx, my)
-            return fraction, cx + radius * ux, cy + radius * uy
-        if math.hypot(x - ax, y - ay) <= math.hypot(x - bx, y - by):
-            return 0.0, ax, ay
-        return 1.0, bx, by
+        if not 0 <= fraction <= 1:
+            fraction = float(math.hypot(x - ax, y - ay) > math.hypot(x - bx, y - by))
+        fraction = _off_the_ends(fraction, radius * abs(sweep))
+        if fraction in (0.0, 1.0):
+            return (1.0, bx, by) if fraction else (0.0, ax, ay)
+        scale = radius / math.hypot(vx, vy) if vx or vy else 0.0
+        return (fraction, cx + scale * vx, cy + scale * vy) if scale else (fraction, cx + radius * mx, cy + radius * my)
 
     def _close(self, node: int) -> None:
         parent = self.parents[node]
@@ -189,6 +196,11 @@ class Tree:
             if not self.kids[parent - self.leaves]:
                 self._open(parent)
             self.kids[parent - self.leaves].append(self.entries[node])
+
+
+def _off_the_ends(fraction: float, length: float) -> float:
+    """``fraction``, or 0 or 1 where it would cut a piece shorter than SEAM off a segment of ``length`` mm."""
+    return fraction if min(fraction, 1 - fraction) * length >= SEAM else float(round(fraction))
 
 
 def _scan(pot: list[Line | Arc], x: float, y: float, best: float, choice: int) -> tuple[float, int]:

@@ -44,6 +44,8 @@ class Rapid(RapidOptions):
     _rotations: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
     #: The change of force that the next motion makes.
     _change: Force | None = field(default=None, init=False, repr=False)
+    #: What is printed behind the first motion.
+    _calibration: tuple[str, ...] = field(default=(), init=False, repr=False)
 
     # -- legality ------------------------------------------------------------------------------------------------
 
@@ -66,6 +68,11 @@ class Rapid(RapidOptions):
         if not any(isinstance(item, Force) for item in program.body):
             return super().prepare(program, chord)
         check_sections(self.name, program.body)
+        if self.force_load:
+            index, first = next(motions(program.body))
+            if first.blend:
+                raise Refused(self.name, index, "the first motion must stop, so that FCCalib can follow it")
+            self._calibration = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};")
         prepared = super().prepare(program.with_body(settled(program.body, chord)), chord)
         check_sections(self.name, prepared.body)
         return prepared
@@ -107,11 +114,13 @@ class Rapid(RapidOptions):
             return "an arc from a pose that is not known; put a straight motion before it"
         ends = start.origin, arc.via.origin, arc.target.origin
         pairs = ((ends[0], ends[1]), (ends[1], ends[2]), (ends[0], ends[2]))
-        sweep = _sweep(*ends)
+        sweep, height = _sweep(*ends)
         if sweep > _WIDEST + 1e-6:
             return "an arc of more than 120 deg; split it"
-        if sweep < _FLATTEST or any(math.dist(a, b) < _CLOSEST for a, b in pairs):
-            return f"an arc of less than 4 deg or {_CLOSEST} mm; use a straight motion"
+        digit = 10**-self.decimals
+        closest = max(_CLOSEST, 10 * digit)
+        if sweep < _FLATTEST or height < 2 * digit or any(math.dist(a, b) < closest for a, b in pairs):
+            return f"an arc of less than 4 deg, {closest:g} mm or {2 * digit:g} mm height; use a straight motion"
         if arc.force > 0 and not self.force_arcs:
             return "an arc while pressing; use straight motions, or post.force_arcs = true for FCPressC"
         return ""
@@ -123,19 +132,18 @@ class Rapid(RapidOptions):
         return self._switch(item) if isinstance(item, Force) else super().line(item)
 
     def _switch(self, item: Force) -> Sequence[str]:
-        """Force on and off are part of the next motion; the sensor is set to zero before, in the air."""
+        """Force on and off are part of the next motion."""
         self._change = item
-        if item.newtons > 0 and self.force_load:
-            return f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};"
         return ()
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
-        """MoveAbsJ to joints, in deg, else MoveJ."""
+        """MoveAbsJ to joints, in deg, else MoveJ. After the first one, in the air, the force sensor is set to zero."""
         if isinstance(motion.target, Pose):
             return (f"{_IN2}MoveJ {self._target(motion.target, motion)},{self._tail(motion)};",)
         angles = ",".join(fixed(math.degrees(v), _JOINT_DIGITS) for v in motion.target.values)
         rest = f"{speed_name(motion.speed)},{zone_name(motion.blend)},{self.tool}"
-        return (f"{_IN2}MoveAbsJ [[{angles}],{_NO_AXES}],{rest};",)
+        calibration, self._calibration = self._calibration, ()
+        return (f"{_IN2}MoveAbsJ [[{angles}],{_NO_AXES}],{rest};", *calibration)
 
     def movel(self, motion: MoveL) -> Sequence[str]:
         """MoveL, or the FCPress instruction in its place."""
@@ -293,11 +301,15 @@ def _far(pose: Pose) -> bool:
     return any(abs(v) > _FARTHEST for v in pose.origin)
 
 
-def _sweep(start: Vec3, via: Vec3, end: Vec3) -> float:
-    """Sweep (rad) of the arc through three points: its rest is twice the angle that its ends make at ``via``."""
+def _sweep(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
+    """Sweep (rad) of the arc through three points, the rest of which is twice the angle that its ends make at ``via``,
+    and the distance (mm) of ``via`` from the line through its ends.
+    """
     u, w = [a - b for a, b in zip(start, via, strict=True)], [a - b for a, b in zip(end, via, strict=True)]
     cross = (u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0])
-    return 2 * (math.pi - math.atan2(math.hypot(*cross), sum(a * b for a, b in zip(u, w, strict=True))))
+    area = math.hypot(*cross)
+    sweep = 2 * (math.pi - math.atan2(area, sum(a * b for a, b in zip(u, w, strict=True))))
+    return sweep, area / max(math.dist(start, end), 1e-9)
 
 
 def _flat_arc(body: Sequence[Instruction]) -> int:

@@ -13,6 +13,7 @@ from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.passes import circle
 from camgen.plugins import find_post, find_readback, make_post
 from camgen.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
+from camgen.testing import Case, cases, check_case
 from tests.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data" / "gcode"
@@ -77,6 +78,11 @@ M5
 G0 X0 Y0 Z50
 M2
 """
+
+
+def test_the_page_of_the_post_shows_this_text():
+    page = Path(__file__).parents[1] / "docs" / "posts" / "gcode.md"
+    assert f"```\n{TEXT}```" in page.read_text()
 
 
 def test_text_of_a_part():
@@ -271,6 +277,16 @@ def test_a_force_too_small_to_print_is_refused():
     plan = program(Force(0.01, (1.0, 0.0, 0.0)), MoveL(at(1, 0, 0), 10.0), Force(0.0))
     with pytest.raises(Refused, match=r"0\.01 N is nothing at post\.force_scale = 0\.001; raise the scale"):
         gcode(force="analog", force_scale=0.001).prepare(plan, 0.01)
+
+
+@pytest.mark.parametrize("case", cases(), ids=str)
+@pytest.mark.parametrize(
+    "force", [{"force": "ignore"}, {"force": "analog", "force_scale": 0.1}], ids=["ignore", "analog"]
+)
+def test_conformance(case: Case, force):
+    signals = {name: f"P{n}" for n, name in enumerate(("process", "glue", "vacuum", "air"))}
+    post, lacks = find_post("gcode"), {"joints", "tilt", "signals", "large", "split"}
+    check_case(post, find_readback("gcode"), case, {"signals": signals, **force}, lacks)
 
 
 # The outside judge.

@@ -1,6 +1,7 @@
 import math
 import random
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from camgen.errors import JobError, Refused
 from camgen.ir import Comment, Force, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.plugins import find_post, find_readback, make_post
+from camgen.testing import Case, cases, check_case
 from tests.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
 
 SLOW = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -81,6 +83,11 @@ G1 Z10
 G0 X0 Y0 Z50
 M2
 """
+
+
+def test_the_page_of_the_post_shows_this_text():
+    page = Path(__file__).parents[1] / "docs" / "posts" / "grbl.md"
+    assert f"```\n{TEXT}```" in page.read_text()
 
 
 def test_text_of_a_part():
@@ -185,6 +192,12 @@ def test_options_that_cannot_be_meant(options, says):
     with pytest.raises(JobError) as caught:
         grbl(**options)
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("case", cases(), ids=str)
+def test_conformance(case: Case):
+    post, lacks = find_post("grbl"), {"joints", "tilt", "signals", "large", "force", "split"}
+    check_case(post, find_readback("grbl"), case, {}, lacks)
 
 
 HOSTILE = ["!", "~", "?", "a) M3 S1000 (b", "a\nM3 S1000", "%", "$H", "Größe", "\x18", "\x85", "ä" * 300, "x" * 300]

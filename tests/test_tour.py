@@ -14,6 +14,7 @@ from camgen.paths import ToolPath
 from camgen.pose import frozen
 from camgen.tour import order, starting_at, travel
 from camgen.tour_start import reversed_each
+from camgen.tour_tree import SEAM
 
 XY = tuple[float, float]
 
@@ -166,11 +167,13 @@ def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_firs
         begin = complex(*path.position[0, :2])
         others = np.concatenate([starts[i] for i in allowed])
         if here is None:
-            assert begin.real <= others.real.min() + 1e-6
+            assert begin.real <= others.real.min() + SEAM
         else:
-            assert abs(begin - here) <= np.abs(others - here).min() + 1e-6
+            assert abs(begin - here) <= np.abs(others - here).min() + SEAM
             walked += abs(begin - here)
         assert np.abs(starts[index] - begin).min() < 1.5
+        if len(path.position) > len(paths[index].position):
+            assert min(length(piece) for piece in (pieces(path)[0], pieces(path)[-1])) > SEAM - 1e-6
         assert path.length == pytest.approx(paths[index].length, abs=1e-6)
         here = complex(*path.position[-1, :2])
         left.remove(index)

@@ -1,7 +1,7 @@
 """The V+ post: its text by hand, its refusals, and that the read-back finds again what was printed."""
 
-import itertools
 import dataclasses
+import itertools
 import math
 import re
 from pathlib import Path
@@ -52,8 +52,11 @@ def agree(planned: Program, found: Reading, options: dict[str, object] | None = 
     body = [item for item in planned.body if not isinstance(item, Comment)]
     assert [type(i) for i in body] == [type(i) for i in found.body]
     for item, other in zip(body, found.body, strict=True):
-        if isinstance(item, (Output, Wait)):
-            assert item == other or abs(item.seconds - other.seconds) <= tolerance.seconds
+        if isinstance(item, Output):
+            assert item == other
+            continue
+        if isinstance(item, Wait):
+            assert abs(item.seconds - other.seconds) <= tolerance.seconds
             continue
         assert abs(item.speed - other.speed) <= tolerance.speed + slack
         assert abs(item.speed - other.speed) <= 1e-3 * item.speed
@@ -337,6 +340,7 @@ def test_a_given_name_is_not_cut() -> None:
     assert render(source, {"program": "outline_of_part"})[1].startswith(".PROGRAM outline_of_part()\n")
 
 
+@settings(deadline=None)
 @given(st.text(max_size=30))
 def test_any_input_name_becomes_a_name_of_its_own(name: str) -> None:
     _, text = render(Program(name, CELL.base_from_work, CELL.flange_from_tool, (HOME,)))
@@ -406,18 +410,19 @@ def settled(items: list[Instruction]) -> tuple[Instruction, ...]:
     return tuple(items)
 
 
-@settings(max_examples=200)
+@settings(max_examples=200, deadline=None)
 @given(bodies(ANY, HOME6), st.sampled_from([0, 5, 2000]))
 def test_what_is_printed_is_read_six_axes(body: tuple[Instruction, ...], max_lines: int) -> None:
     round_trip(program(*body, header=("any",)), {"max_lines": max_lines})
 
 
-@settings(max_examples=100)
+@settings(max_examples=100, deadline=None)
 @given(bodies(STRAIGHT, HOME))
 def test_what_is_printed_is_read_scara(body: tuple[Instruction, ...]) -> None:
     round_trip(program(*body), {"posture": ["RIGHTY"], "rated": 7600})
 
 
+@settings(deadline=None)
 @given(st.text(max_size=80), ANY, st.tuples(NUMBERS, NUMBERS, NUMBERS))
 def test_any_remark_and_any_frame(remark: str, rotation: FloatArray, origin: tuple[float, float, float]) -> None:
     frame = Pose(rotation, origin)
@@ -510,6 +515,7 @@ def test_locations(text: str, origin: tuple[float, ...]) -> None:
     assert (found.work @ move.target).origin == pytest.approx(origin, abs=1e-12)
 
 
+@settings(deadline=None)
 @given(ANGLES, st.floats(0, 180) | DEGENERATE, ANGLES)
 def test_trans_turns_about_z_y_z(yaw: float, pitch: float, roll: float) -> None:
     found = reading(f"MOVE TRANS(0,0,0,{yaw:.9f},{pitch:.9f},{roll:.9f})")
@@ -604,6 +610,8 @@ def test_a_text_with_several_programs() -> None:
         (["CALL t()"], (2, "more than 20 programs call each other")),
         (["SET tool = NULL"], (2, "tool is a word of V+")),
         (["a = 1", "SET a = NULL"], (3, "a is used as a real and as a location")),
+        (["a = ."], (2, "a number expected instead of '.'")),
+        (["a = ²"], (2, "a number expected instead of '²'")),
         (["a = 1/0"], (2, "a division by zero")),
         (["a = 1E30*1E30"], (2, "a number is not finite or beyond any machine")),
         (["a = " + "(" * 60 + "1" + ")" * 60], (2, "brackets are nested too deeply")),
@@ -674,12 +682,15 @@ def test_a_missing_line_is_noticed(victim: str) -> None:
     )  # fmt: skip
     prepared, text = render(source)
     lines = text.splitlines()
-    for i, line in enumerate(lines):
-        if line.strip().startswith(victim):
-            found = read({"a": "\n".join(lines[:i] + lines[i + 1 :])}, {})
-            if not found.faults and found.tool is not None:
-                with pytest.raises((AssertionError, AttributeError)):
-                    agree(prepared, found)
+    places = [i for i, line in enumerate(lines) if line.strip().startswith(victim)]
+    assert places
+    for i in places:
+        found = read({"a": "\n".join(lines[:i] + lines[i + 1 :])}, {})
+        if victim == "TOOL":
+            assert found.tool is None
+        elif not found.faults:
+            with pytest.raises(AssertionError):
+                agree(prepared, found)
 
 
 GOOD = EXPECTED + ".PROGRAM x()\nFOR i = 1 TO 3\nAPPRO p:RX(i*2), 5\nSHIFT(p BY 1,2)\nEND\nIF a THEN\nEND\n.END\n"
@@ -713,7 +724,8 @@ EDITS = st.lists(
 )
 
 
-@settings(max_examples=500)
+# The deadline is the point: no text may keep the reader busy.
+@settings(max_examples=500, deadline=20_000)
 @given(EDITS)
 def test_no_text_breaks_the_reader(edits: list[tuple[int, int, str]]) -> None:
     text = GOOD
@@ -729,6 +741,7 @@ def test_no_text_breaks_the_reader(edits: list[tuple[int, int, str]]) -> None:
             assert np.isfinite(item.target.rotation).all()
 
 
+@settings(deadline=None)
 @given(st.text(max_size=200))
 def test_nonsense_is_a_fault(text: str) -> None:
     assert read({"a": text}, {}).faults

@@ -97,7 +97,8 @@ def _around(
     probes = points_at(segments.take(first), np.full(count, 0.5))
     around, probe = shapely.STRtree(shapely.points(probes)).query(polygons, predicate="contains_properly")
     pair = np.unique(np.concatenate([np.column_stack([probe, rings[around]]), touching]), axis=0)
-    pair = pair[pair[:, 0] != pair[:, 1]]
+    # What lies around is larger; loops on top of each other would else enclose each other.
+    pair = pair[np.abs(area[pair[:, 0]]) < np.abs(area[pair[:, 1]])]
     depth = np.bincount(pair[:, 0], minlength=count)
     parent = np.full(count, -1)
     order = np.argsort(-np.abs(area[pair[:, 1]]), kind="stable")

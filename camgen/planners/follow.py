@@ -25,12 +25,14 @@ _SLOWEST = 0.02
 class _Loops:
     """The contours that are followed. index: their place in the part. flip: run against the drawn direction so that
     the part is on the left. group: label per contour; what has one label is kept clear of. parent: -1 if none.
+    depth: how many loops lie around.
     """
 
     index: list[int]
     flip: BoolArray
     group: IntArray
     parent: IntArray
+    depth: IntArray
 
 
 def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
@@ -53,11 +55,12 @@ def _chosen(part: Part, side: str) -> tuple[_Loops, list[Note]]:
     if side in ("left", "right"):
         index = list(range(len(part.contours)))
         count = np.arange(len(index))
-        return _Loops(index, np.full(len(index), side == "left"), count, np.full(len(index), -1)), []
+        return _Loops(index, np.full(len(index), side == "left"), count, np.full(len(index), -1), 0 * count), []
     index = [k for k, c in enumerate(part.contours) if c.closed]
     notes = _open_notes([c for c in part.contours if not c.closed])
     if not index:
-        return _Loops([], np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)), notes
+        none = np.zeros(0, dtype=np.int64)
+        return _Loops([], none == 0, none, none, none), notes
     nesting = nest(from_contours([part.contours[k] for k in index]), len(index))
     keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
     notes += _crossing_notes([part.contours[k] for k in index], nesting)
@@ -70,7 +73,7 @@ def _chosen(part: Part, side: str) -> tuple[_Loops, list[Note]]:
     new = np.full(len(index), -1)
     new[keep] = np.arange(len(keep))
     parent = np.where(nesting.parent[keep] >= 0, new[nesting.parent[keep]], -1)
-    return _Loops([index[k] for k in keep], flip[keep], group[keep], parent), notes
+    return _Loops([index[k] for k in keep], flip[keep], group[keep], parent, nesting.depth[keep]), notes
 
 
 def _open_notes(contours: list[Contour]) -> list[Note]:
@@ -149,7 +152,10 @@ def _labels(
         seen[k] += 1
         name = f"{contours[k].id}.{seen[k]}" if several[k] else contours[k].id
         closed, parent = bool(curve.closed[c]), int(loops.parent[k])
+        # A path that also runs beside the contour around it is not inside anything of that contour.
         around = int(first[parent]) if parent >= 0 else -1
+        if around >= 0 and loops.depth[main[order[around]]] >= loops.depth[k]:
+            around = -1
         reversible = job.operation.direction == "any" and not closed
         labels.append(Label(name, contours[k].layer, closed, reversible, around))
     return labels, order

@@ -31,6 +31,8 @@ Outline = tuple[FloatArray, FloatArray]
 _SAMPLES = 12
 #: Part of the tolerance that the samples may use; the rest is for what lies between them.
 _SHARE = 0.9
+#: Least deviation asked for, as a part of the size of the curve.
+_FINEST = 1e-11
 #: Divisions at most: a cusp ends in an interval far below any tolerance.
 _DEPTH = 40
 #: Parts at most of one division, since a large deviation says little.
@@ -60,7 +62,7 @@ def ellipse(center: FloatArray, first: FloatArray, second: FloatArray, start: fl
 
 
 def bezier(control: FloatArray) -> FloatArray:
-    """Plain Bezier segments (S, degree + 1, 2) with weight 1."""
+    """Plain Bezier segments (S, degree + 1, 2) as a run."""
     return np.concatenate([control, np.ones((*control.shape[:2], 1))], axis=2)
 
 
@@ -104,16 +106,14 @@ def _blossom(
 def fit(curves: Sequence[FloatArray], chord: float) -> list[Outline]:
     """Each curve as points (N, 2) and bulges (N,), open, last bulge 0; no farther than ``chord`` from the curve.
 
-    Deviation is meant both ways (Hausdorff). Every arc is at most a half circle.
+    Deviation is meant both ways (Hausdorff). Every arc is at most a half circle. Where a curve has no finite points
+    (weights or coordinates out of all proportion) the outline holds infinities.
     """
-    outlines: list[Outline | None] = [None] * len(curves)
-    by_degree: dict[int, list[int]] = {}
-    for i, curve in enumerate(curves):
-        by_degree.setdefault(curve.shape[1], []).append(i)
-    for members in by_degree.values():
-        for i, outline in zip(members, _fit_alike([curves[i] for i in members], chord), strict=True):
-            outlines[i] = outline
-    return [o for o in outlines if o is not None]
+    outlines: dict[int, Outline] = {}
+    for size in {curve.shape[1] for curve in curves}:
+        members = [i for i, curve in enumerate(curves) if curve.shape[1] == size]
+        outlines |= zip(members, _fit_alike([curves[i] for i in members], chord), strict=True)
+    return [outlines[i] for i in range(len(curves))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +179,10 @@ def _fit_alike(curves: list[FloatArray], chord: float) -> list[Outline]:
     # Close to zero the full precision is there, wherever the drawing lies.
     control[..., :2] -= origin[owner][:, None] * control[..., 2:]
     run = _Run(control, origin)
+    with np.errstate(all="ignore"):
+        reach = np.nanmax(np.abs(control[..., :2] / control[..., 2:]), initial=0.0)
+    # No interval can be closer than rounding leaves it.
+    chord = max(chord, _FINEST * float(reach)) if np.isfinite(reach) else chord
     done: list[tuple[IntArray, FloatArray, FloatArray]] = []
     for first in range(0, len(control), _BATCH):
         segment = np.arange(first, min(first + _BATCH, len(control)))
@@ -214,7 +218,7 @@ def _outlines(
     outlines = []
     for i in range(count):
         mine = rows[ends[i] : ends[i + 1]]
-        mine = mine[np.isfinite(mine[:, 0])]
+        mine = mine[~np.isnan(mine[:, 0])]
         points = np.concatenate([mine[:, :2], final[i : i + 1]]) + run.origin[i]
         outlines.append((points, np.append(mine[:, 2], 0.0)))
     return outlines
@@ -242,6 +246,9 @@ def _biarcs(run: _Run, todo: _Intervals, chord: float) -> tuple[FloatArray, Floa
     rows = np.stack([np.column_stack([start, b0]), np.column_stack([joint, b1])], axis=1)
     rows[line, 0, 2] = 0.0
     rows[line, 1] = np.nan
+    broken = ~np.isfinite(samples).all(axis=(1, 2))
+    rows[broken, 0], rows[broken, 1] = np.inf, np.nan
+    line |= broken
     return rows, np.where(line, 0.0, np.where(refused, np.inf, deviation))
 
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: So many curves out of the plane are named one by one, the rest is counted.
 _NAMED = 5
+#: Layers that every document has, whether the file names them or not.
+_ALWAYS = {"0", "defpoints"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,10 @@ class LayerFacts:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is in a DXF file. closed and open: contours after joining; size: mm; notes as of ``read``."""
+    """What is in a DXF file; its ``str`` is a page to print.
+
+    closed and open: contours after joining; size: mm; notes as of ``read``.
+    """
 
     version: str
     units: str
@@ -50,6 +55,17 @@ class Facts:
     open: int
     size: tuple[float, float]
     notes: tuple[Note, ...]
+
+    def __str__(self) -> str:
+        width, height = (short(v, 3) for v in self.size)
+        lines = [
+            f"DXF {self.version}, units {self.units}, used part {width} x {height} mm",
+            f"entities: {_listed(self.counts)}",
+            f"contours: {self.closed} closed, {self.open} open",
+            *(f"layer {layer.name}: {layer.state}; {_listed(layer.counts)}" for layer in self.layers),
+            *map(str, self.notes),
+        ]
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +95,8 @@ def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
     """``read`` for the bytes of a file called ``name``."""
     found = _read(name, data, settings, chord)
     if not found.contours:
-        left = "; ".join(f"{n.what}: {n.why}" for n in found.left)
+        damage = [n.what for n in found.about_file if n.kind in {"repaired", "skipped", "warning"}]
+        left = "; ".join([*damage, *(f"{n.what}: {n.why}" for n in found.left)])
         raise InputError(name, "nothing to machine", left or "the drawing is empty", "draw curves on a visible layer")
     return Part(Path(name).stem, name, found.units, found.contours, found.notes)
 
@@ -96,6 +113,7 @@ def inspect(path: Path, settings: Input | None = None) -> Facts:
     layers = tuple(
         LayerFacts(harmless(drawn.layers.names[key]), drawn.layers.why_not(drawn.layers.names[key]) or "used", counts)
         for key, counts in ((key, tuple(sorted(by_layer[key].items()))) for key in sorted(by_layer))
+        if counts or key not in _ALWAYS
     )
     closed = sum(c.closed for c in found.contours)
     return Facts(
@@ -147,6 +165,10 @@ def _size(contours: tuple[Contour, ...]) -> tuple[float, float]:
     points = np.concatenate([c.points for c in contours])
     width, height = np.ptp(points, axis=0).tolist()
     return width, height
+
+
+def _listed(counts: tuple[tuple[str, int], ...]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in counts) or "none"
 
 
 def _counted(counts: Counter[tuple[str, str]]) -> str:

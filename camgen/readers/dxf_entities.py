@@ -18,6 +18,7 @@ import numpy as np
 
 from camgen.errors import InputError
 from camgen.pose import FloatArray
+from camgen.readers.dxf_blocks import cells, ocs_matrix, unusable
 from camgen.readers.dxf_layers import FROZEN, Layers
 
 if TYPE_CHECKING:
@@ -110,20 +111,6 @@ class _Place:
             drawn.matrices.append(drawn.matrices[self.index] @ ocs_matrix(key))
             self.by_extrusion[key] = len(drawn.matrices) - 1
         return self.by_extrusion[key]
-
-
-def ocs_matrix(extrusion: tuple[float, float, float]) -> FloatArray:
-    """4 x 4 from the object to the world coordinate system, by the arbitrary axis algorithm of the DXF reference."""
-    z = np.array(extrusion)
-    size = float(np.linalg.norm(z))
-    if not 0 < size < math.inf:
-        return np.eye(4)
-    z /= size
-    x = np.cross((0.0, 1.0, 0.0) if abs(z[0]) < 1 / 64 and abs(z[1]) < 1 / 64 else (0.0, 0.0, 1.0), z)
-    x /= np.linalg.norm(x)
-    matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = x, np.cross(z, x), z
-    return matrix
 
 
 def walk(name: str, document: Drawing, scale: float, layers: Layers) -> Drawn:
@@ -284,55 +271,12 @@ def _insert(name: str, drawn: Drawn, entity: Any, a: Attributes, layer: str, pla
     for attrib in entity.attribs:
         drawn.leave(_NO_CURVE, "ATTRIB", attrib.dxfattribs().get("layer", "0"))
     block = entity.block()
-    why = _unusable(entity, block, a, place)
+    why = unusable(entity, block, a, place.blocks)
     if why:
         drawn.leave(why, "INSERT", layer)
         return
     base = block.block.dxf.base_point.xyz
     blocks = (*place.blocks, str(a.get("name")).casefold())
-    for matrix in _cells(name, a, base):
+    for matrix in cells(name, a, base):
         drawn.matrices.append(drawn.matrices[place.index] @ matrix)
         _entities(name, drawn, block, _Place(len(drawn.matrices) - 1, layer, blocks))
-
-
-def _unusable(entity: Any, block: Any, a: Attributes, place: _Place) -> str:
-    if block is None:
-        return "its block is missing"
-    if block.block_record.is_xref:
-        return "an external reference, not in this file"
-    if str(a.get("name")).casefold() in place.blocks:
-        return "its block contains itself"
-    if not (a.get("xscale", 1.0) and a.get("yscale", 1.0)):
-        return "scaled to nothing"
-    if entity.has_extension_dict and _clipped(entity):
-        return "clipped (XCLIP), which cannot be honoured; explode it"
-    return ""
-
-
-def _clipped(entity: Any) -> bool:
-    from ezdxf.xclip import XClip  # noqa: PLC0415 - rare
-
-    clip = XClip(entity)
-    return bool(clip.has_clipping_path and clip.is_clipping_enabled)
-
-
-def _cells(name: str, a: Attributes, base: tuple[float, float, float]) -> Iterable[FloatArray]:
-    """World from block (4 x 4) for each cell: the array is turned with the reference but not scaled."""
-    ocs = ocs_matrix(a["extrusion"].xyz) if "extrusion" in a else np.eye(4)
-    turn = math.radians(a.get("rotation", 0.0))
-    rotation = np.eye(4)
-    rotation[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
-    # Some writers leave 0 for z in a flat drawing; heights are judged later and must not be hidden by it.
-    scale = np.diag([a.get("xscale", 1.0), a.get("yscale", 1.0), a.get("zscale", 1.0) or 1.0, 1.0])
-    scale[:3, 3] = scale[:3, :3] @ -np.array(base)
-    columns, rows = max(1, a.get("column_count", 1)), max(1, a.get("row_count", 1))
-    if columns * rows > MOST_ENTITIES:
-        raise InputError(name, f"a block array of {columns} x {rows}", "INSERT", "explode or thin it")
-    dx, dy = a.get("column_spacing", 0.0), a.get("row_spacing", 0.0)
-    at = a["insert"].xyz if "insert" in a else (0.0, 0.0, 0.0)
-    for row in range(rows if dy else 1):
-        for column in range(columns if dx else 1):
-            step = rotation[:3, :3] @ (column * dx, row * dy, 0.0)
-            place = np.eye(4)
-            place[:3, 3] = step + at
-            yield ocs @ place @ rotation @ scale

@@ -15,7 +15,7 @@ import numpy as np
 from camgen.pose import FloatArray
 from camgen.readers import curves
 from camgen.readers.dxf_entities import Drawn, Smooth
-from camgen.readers.pieces import FARTHEST, BoolArray, IntArray, Soup, next_row, ramp
+from camgen.readers.pieces import FARTHEST, BoolArray, IntArray, Soup, credible, next_row, ramp
 
 #: A curve may leave its plane by this much (mm), or by this part of its size.
 FLAT_MM, FLAT_SHARE = 1e-3, 1e-6
@@ -65,7 +65,9 @@ def flatten(drawn: Drawn, chord: float) -> Flat:
     level = ~(high - low > _allowed(world))
     oval = _has_arcs(given) & ~similar[which]
     world.bulges[:] *= np.repeat(np.where(mirrored[which], -1.0, 1.0), given.counts)
-    chains = [_oval(drawn, given, int(i), matrices[which[i]], float(low[i])) for i in np.flatnonzero(level & oval)]
+    sound = credible(world)
+    ovals = np.flatnonzero(level & oval & sound)
+    chains = [_oval(drawn, given, int(i), matrices[which[i]], float(low[i])) for i in ovals]
     tilted = dict(zip(given.owner[~level].tolist(), (high - low)[~level].tolist(), strict=True))
     damaged: list[int] = []
     for number, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
@@ -77,7 +79,7 @@ def flatten(drawn: Drawn, chord: float) -> Flat:
         else:
             tilted[number] = made
     fitted = _soup(drawn, _stitched(chains, chord))
-    plain = level & ~oval
+    plain = level & ~(oval & sound)
     owner = np.concatenate([given.owner[plain], np.array([c.owner for c in chains], dtype=np.intp)])
     heights = np.concatenate([low[plain], [c.height for c in chains]])
     soup = _together(world.take(plain), fitted).take(np.argsort(owner, kind="stable"))

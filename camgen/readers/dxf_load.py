@@ -55,13 +55,17 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     notes: list[Note] = []
     binary = data.startswith(_BINARY)
     if not (b"\x00EOF\x00" in data if binary else _END.search(data)):
-        notes.append(Note("warning", "the file has no end mark", "it may be cut short: compare the contours"))
+        notes.append(Note("skipped", "the file ends before its end mark", "what would follow is lost"))
+        data = data if binary else _ended(data)
     try:
         if binary:
             return Drawing.load(binary_tags_loader(data)), tuple(notes)
         return read(_text(data)), tuple(notes)
     except (DXFError, *_STUMBLES) as error:
         cause = _plain(error)
+        if binary:
+            # The tolerant reader of ezdxf takes text only.
+            raise InputError(name, f"damaged beyond repair: {cause}", "binary DXF", _SAVE_AGAIN) from error
     try:
         document, auditor = recover.read(BytesIO(data))
     except (DXFError, *_STUMBLES) as error:
@@ -79,6 +83,13 @@ def _insist_on_dxf(name: str, data: bytes) -> None:
         raise InputError(name, "is a DWG drawing", "", "save it as DXF")
     if not data.startswith(_BINARY) and not _SECTION.search(data):
         raise InputError(name, "is not a DXF file", "no section in it")
+
+
+def _ended(data: bytes) -> bytes:
+    """A text that is cut short up to its last whole entity, with the marks that close it."""
+    lines = data.splitlines()
+    starts = [i for i in range(0, len(lines), 2) if lines[i].strip() == b"0"]
+    return b"\n".join([*lines[: starts[-1] if starts else 0], b"0", b"ENDSEC", b"0", b"EOF", b""])
 
 
 def _text(data: bytes) -> TextIOWrapper:

@@ -8,13 +8,14 @@ where a contour starts, which way it runs, and ties.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from camgen.pose import FloatArray, frozen
+from camgen.readers.join_chains import Joints, assembled, chained
 from camgen.readers.pieces import (
     OFF_GRID,
     BoolArray,
@@ -79,7 +80,7 @@ def _dropped(soup: Soup, keep: BoolArray, kind: str, verb: str, why: str, notes:
     return soup.take(keep)
 
 
-def _joint_notes(joints: _Joints, tolerance: float) -> list[Note]:
+def _joint_notes(joints: Joints, tolerance: float) -> list[Note]:
     notes = []
     limit = f"input.join = {short(tolerance, 6)} mm"
     if joints.count:
@@ -89,15 +90,6 @@ def _joint_notes(joints: _Joints, tolerance: float) -> list[Note]:
         what = f"contours over more than one layer: {joints.mixed}"
         notes.append(Note("joined", what, "each counts to the layer of its first piece"))
     return notes
-
-
-@dataclass(frozen=True, slots=True)
-class _Joints:
-    """Gaps that were closed, the largest in mm, and contours made of several layers."""
-
-    count: int
-    largest: float
-    mixed: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +102,7 @@ class _Ends:
     length: FloatArray
 
 
-def _joined(soup: Soup, tolerance: float) -> tuple[Soup, _Joints]:
+def _joined(soup: Soup, tolerance: float) -> tuple[Soup, Joints]:
     """The soup with its open pieces chained; in order of the first piece of each chain."""
     same = same_distance(soup)
     tolerance = max(tolerance, 4 * same)
@@ -121,8 +113,8 @@ def _joined(soup: Soup, tolerance: float) -> tuple[Soup, _Joints]:
     for group in groups:
         _pair_coincident(partner, free, ends, group, same)
         _pair_near(partner, free, ends, group, (same, tolerance))
-    chains, closed = _walk(partner.tolist(), soup.closed.tolist())
-    return _assembled(soup, chains, closed, same)
+    chains, closed = chained(partner.tolist(), soup.closed.tolist())
+    return assembled(soup, chains, closed, same)
 
 
 def _ends(soup: Soup) -> _Ends:
@@ -270,90 +262,3 @@ def _chain_ends(partner: IntArray, length: FloatArray, loose: IntArray) -> tuple
         other[end], other[far] = far, end
         total[end] = total[far] = run
     return other, total
-
-
-def _walk(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list[bool]]:
-    """Chains of the ends at which each piece is entered, and whether they close; in order of their first pieces."""
-    count = len(closed)
-    seen = [False] * count
-
-    def follow(end: int) -> list[int]:
-        chain = []
-        while end >= 0 and not seen[end >> 1]:
-            seen[end >> 1] = True
-            chain.append(end)
-            end = partner[end ^ 1]
-        return chain
-
-    found: list[tuple[int, list[int], bool]] = []
-    for end in range(2 * count):
-        if partner[end] < 0 and not seen[end >> 1] and not closed[end >> 1]:
-            chain = follow(end)
-            first = min(chain, key=lambda e: e >> 1)
-            if first & 1:
-                chain = [e ^ 1 for e in reversed(chain)]
-            found.append((first >> 1, chain, False))
-    rest = (piece for piece in range(count) if not seen[piece])
-    found += [(piece, [2 * piece] if closed[piece] else follow(2 * piece), True) for piece in rest]
-    found.sort(key=lambda item: item[0])
-    return [chain for _, chain, _ in found], [loop for _, _, loop in found]
-
-
-def _assembled(soup: Soup, chains: list[list[int]], closed: list[bool], same: float) -> tuple[Soup, _Joints]:
-    """The chains as pieces; where ends do not coincide a line gives way, two arcs get a short line between them."""
-    sizes = np.array([len(c) for c in chains], dtype=np.intp)
-    entered = np.array([e for c in chains for e in c], dtype=np.intp)
-    piece, backwards = entered >> 1, (entered & 1).astype(np.bool_)
-    counts = np.diff(soup.first)[piece]
-    step = np.repeat(np.where(backwards, -1, 1), counts)
-    base = np.where(backwards, soup.first[1:][piece] - 1, soup.first[:-1][piece])
-    rows = np.repeat(base, counts) + step * ramp(counts)
-    points = soup.points[rows]
-    bulges = np.where(step < 0, -soup.bulges[rows - 1], soup.bulges[rows])
-    whole = soup.closed[piece]
-    last = np.cumsum(counts) - 1
-    bulges[last[~whole]] = 0.0
-    start = last - counts + 1
-    loop = np.array(closed, dtype=np.bool_)
-    ends = np.cumsum(sizes)
-    follower = np.arange(1, len(piece) + 1)
-    follower[ends - 1] = ends - sizes
-    meets = ~whole
-    meets[ends - 1] &= loop
-    keep, gaps = _meet(points, bulges, last[meets], start[follower[meets]], same)
-    chain_of_row = np.repeat(np.repeat(np.arange(len(chains)), sizes), counts)
-    heads = piece[ends - sizes]
-    layers = soup.layer[piece]
-    strange = np.repeat(np.arange(len(chains)), sizes)[layers != np.repeat(soup.layer[heads], sizes)]
-    length = np.bincount(chain_of_row[keep], minlength=len(chains))
-    made = replace(
-        soup,
-        points=points[keep],
-        bulges=bulges[keep] + 0.0,  # no minus zero
-        first=np.concatenate([[0], np.cumsum(length)]),
-        closed=loop,
-        layer=soup.layer[heads],
-        kind=soup.kind[heads],
-    )
-    wide = gaps[gaps > same]
-    return made, _Joints(len(wide), float(wide.max(initial=0.0)), len(np.unique(strange)))
-
-
-def _meet(
-    points: FloatArray, bulges: FloatArray, a: IntArray, b: IntArray, same: float
-) -> tuple[BoolArray, FloatArray]:
-    """Let row ``a``, the end of a piece, meet row ``b``, the start of the next; which rows remain, and the gaps.
-
-    Two lines meet half-way; a line moves to the end of an arc; between two arcs both points stay.
-    """
-    gaps = np.hypot(*(points[a] - points[b]).T)
-    arc_before, arc_after = bulges[a - 1] != 0, bulges[b] != 0
-    goal = np.where(arc_before[:, None], points[a], points[b])
-    goal = np.where((arc_before == arc_after)[:, None], (points[a] + points[b]) / 2, goal)
-    bridged = arc_before & arc_after & (gaps > same)
-    exact = gaps <= same
-    goal[exact] = points[b][exact]
-    points[b[~bridged]] = goal[~bridged]
-    keep = np.ones(len(points), dtype=np.bool_)
-    keep[a[~bridged]] = False
-    return keep, gaps

@@ -22,7 +22,8 @@ NULL = translation(0, 0, 0)
 _DEPTH = 40
 _LARGEST = 1e9
 #: A number, a name, or any other sign; blanks are nowhere needed.
-_TOKEN = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?|[#$]?[A-Z][A-Z0-9._]*|\S")
+_TOKEN = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?|[#$]?[A-Z][A-Z0-9._]*|\S", re.ASCII)
+_DIGITS = frozenset("0123456789.")
 _CONSTANTS = {"TRUE": -1.0, "ON": -1.0, "FALSE": 0.0, "OFF": 0.0, "PI": math.pi}
 _FUNCTIONS: dict[str, Callable[[float], float]] = {
     "SIN": lambda deg: math.sin(math.radians(deg)),
@@ -166,7 +167,7 @@ class Expression:
         token = self.take()
         if token == "(":
             value = self._bracketed()
-        elif token[0].isdigit() or token[0] == ".":
+        elif token[0] in _DIGITS and token != ".":
             value = float(token)
         elif token in _CONSTANTS:
             value = _CONSTANTS[token]

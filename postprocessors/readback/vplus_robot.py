@@ -25,7 +25,7 @@ _INCH = 25.4
 _NUMBER = r"-?\d{1,9}(?:\.\d{0,9})?"
 _PLAIN = re.compile(
     rf"([A-Z][A-Z0-9._]*):TRANS\(({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER})\)",
-    re.IGNORECASE,
+    re.IGNORECASE | re.ASCII,
 )
 _PROFILE = re.compile(r"\(\s*\d\s*\)\s*(?=[\d.])")
 

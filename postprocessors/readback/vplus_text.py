@@ -14,7 +14,7 @@ from functools import lru_cache
 #: Names are told apart by so many characters; the rest is cut silently.
 NAME = 15
 _LINE_END = re.compile(r"\r\n|\r|\n")
-_LABEL = re.compile(r"\s*(\d+)(?:\s+|$)")
+_LABEL = re.compile(r"\s*(\d+)(?:\s+|$)", re.ASCII)
 _WORD = re.compile(r"\s*([A-Za-z][A-Za-z0-9._]*)\s*(.*)", re.DOTALL)
 _LONG_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9._]{{{NAME - 1},}}")
 _HEADER = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(([^()]*)\)\s*")

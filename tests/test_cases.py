@@ -1,0 +1,61 @@
+"""Golden programs: each folder of fixtures/cases holds a job and what it makes, as a plan and for every controller.
+
+The part is the drawing of fixtures/parts whose name the folder's name begins with. ``posts.toml`` may hold the options
+of ``[post]`` for single controllers. A changed expectation (``pytest --accept``) needs its reason in the changelog.
+"""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import camgen
+from camgen.ir import dump, parse
+from camgen.job import Result
+from camgen.lower import lower
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+CASES = sorted(p for p in (FIXTURES / "cases").iterdir() if p.is_dir())
+POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
+
+
+def built(case: Path, post: str) -> Result:
+    job = tomllib.loads((case / "job.toml").read_text())
+    options = case / "posts.toml"
+    if options.exists():
+        job["post"] = tomllib.loads(options.read_text()).get(post, {})
+    part = FIXTURES / "parts" / f"{case.name.split('-')[0]}.dxf"
+    return camgen.build(part, post=post, job=job, name="part")
+
+
+def compare(file: Path, text: str, accept: bool) -> None:
+    if accept:
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text)
+    assert file.exists(), f"{file.name} is not expected; look at it and run pytest --accept"
+    assert text.splitlines() == file.read_text().splitlines()
+
+
+def test_there_are_cases() -> None:
+    assert len(CASES) >= 5
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda p: p.name)
+def test_the_plan_is_the_expected_one(case: Path, accept: bool) -> None:
+    result = built(case, "rapid")
+    plan = dump(lower(result.tour, result.cell, result.job, "part", ()))
+    compare(case / "expected" / "plan.ir", plan, accept)
+    assert len(parse(plan).body) == plan.count("\n") - 5
+
+
+@pytest.mark.parametrize("post", POSTS)
+@pytest.mark.parametrize("case", CASES, ids=lambda p: p.name)
+def test_the_program_is_the_expected_one(case: Path, post: str, accept: bool) -> None:
+    result = built(case, post)
+    for file in result.files:
+        compare(case / "expected" / file.name, file.text, accept)
+
+
+@pytest.mark.parametrize("post", POSTS)
+def test_the_same_job_gives_the_same_bytes(post: str) -> None:
+    assert built(CASES[0], post).text == built(CASES[0], post).text

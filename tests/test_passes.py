@@ -1,0 +1,133 @@
+"""Passes: what replaces an arc stays where the arc is."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.ir import MoveC, MoveL
+from camgen.passes import PASSES, along, chords, circle, corner_blend, halves
+from camgen.pose import TOOL_DOWN, Pose, angle_between, frozen, rotation_about_axis, rotation_from_fixed_xyz
+
+ANGLES = st.floats(-3.1, 3.1)
+RADII = st.floats(0.05, 500)
+SWEEPS = st.floats(0.05, math.pi)
+
+
+@st.composite
+def arcs(draw):
+    """Start, arc, and the arc as functions of the fraction: point, tangent, and its plane."""
+    plane = rotation_from_fixed_xyz(draw(ANGLES), draw(ANGLES), draw(ANGLES))
+    radius, sweep = draw(RADII), draw(SWEEPS)
+    centre = np.array([draw(st.floats(-100, 100)) for _ in range(3)])
+
+    def point(fraction):
+        a = sweep * fraction
+        return tuple((centre + plane @ (radius * np.array([math.cos(a), math.sin(a), 0.0]))).tolist())
+
+    first = rotation_from_fixed_xyz(draw(ANGLES), draw(ANGLES), draw(ANGLES))
+    turn = draw(st.sampled_from([0.0, 0.5, 2.0]))
+    last = first if not turn else frozen(first @ rotation_about_axis(frozen([0.0, 0.6, 0.8]), turn))
+    press = tuple((-(plane @ np.array([math.cos(sweep), math.sin(sweep), 0.0]))).tolist())
+    middle = Pose(first, point(0.5))
+    arc = MoveC(middle, Pose(last, point(1)), 10.0, draw(st.sampled_from([0.0, 5.0])), 7.0, press)
+    return Pose(first, point(0)), arc, (centre, radius, plane[:, 2], sweep), turn
+
+
+@given(arcs())
+def test_a_circle_through_three_points(drawn):
+    start, arc, (centre, radius, axis, sweep), _ = drawn
+    found = circle(start.origin, arc.via.origin, arc.target.origin)
+    # A short arc says little about its centre: rounding grows with the square of its sweep.
+    slack = 1e-9 * max(1.0, radius) / sweep**2 + 1e-9 / sweep**2
+    assert found[0] == pytest.approx(centre, abs=slack)
+    assert found[1] == pytest.approx(radius, abs=slack)
+    assert found[2] == pytest.approx(axis, abs=1e-6)
+    assert found[3] == pytest.approx(sweep, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "points", [((0, 0, 0), (1, 0, 0), (2, 0, 0)), ((0, 0, 0),) * 3, ((0, 0, 0), (1, 1, 1), (1, 1, 1))]
+)
+def test_three_points_on_a_line_are_no_circle(points):
+    with pytest.raises(ValueError, match="on one line"):
+        circle(*points)
+
+
+@given(arcs(), st.floats(0.001, 0.5))
+def test_chords_stay_within_the_tolerance_and_reach_the_end(drawn, tolerance):
+    start, arc, (centre, radius, _, sweep), turn = drawn
+    lines = chords(start, arc, tolerance)
+    points = np.array([start.origin, *(line.target.origin for line in lines)])
+    arms = np.linalg.norm(points - centre, axis=1)
+    middles = np.linalg.norm((points[1:] + points[:-1]) / 2 - centre, axis=1)
+    assert arms == pytest.approx(radius, abs=1e-6 * max(1, radius))
+    assert (radius - middles).max() <= tolerance + 1e-6
+    assert lines[-1].target is arc.target
+    assert [type(line) for line in lines] == [MoveL] * len(lines)
+    assert lines[-1].blend == arc.blend
+    assert {(line.speed, line.force) for line in lines} == {(10.0, 7.0)}
+    # Not more lines than needed: with one less the sagitta would be beyond the tolerance.
+    if len(lines) > 1 and tolerance < radius:
+        assert radius * (1 - math.cos(sweep / (len(lines) - 1) / 2)) > tolerance * (1 - 1e-6)
+    # Between two lines the corner is left by no more than the tolerance as well.
+    for line in lines[:-1]:
+        assert line.blend * math.sin(sweep / len(lines) / 2) / 2 <= tolerance * (1 + 1e-9)
+    turns = [angle_between(start.rotation, line.target.rotation) for line in lines]
+    assert turns == pytest.approx([turn * (i + 1) / len(lines) for i in range(len(lines))], abs=1e-6)
+
+
+@given(arcs())
+def test_halves_are_the_same_arc(drawn):
+    start, arc, (centre, radius, axis, sweep), turn = drawn
+    pieces = halves(start, arc, 0.01)
+    assert [type(piece) for piece in pieces] == [MoveC, MoveC]
+    here = start
+    for piece in pieces:
+        begin, middle, end = here.origin, piece.via.origin, piece.target.origin
+        for point in (begin, middle, end):
+            arm = np.array(point) - centre
+            assert np.linalg.norm(arm) == pytest.approx(radius, abs=1e-9 * max(1, radius / sweep**2))
+            assert float(arm @ axis) == pytest.approx(0, abs=1e-8 * max(1, radius))
+        assert math.dist(begin, middle) == pytest.approx(2 * radius * math.sin(sweep / 8), abs=1e-7)
+        assert math.dist(middle, end) == pytest.approx(2 * radius * math.sin(sweep / 8), abs=1e-7)
+        assert angle_between(here.rotation, piece.target.rotation) == pytest.approx(turn / 2, abs=1e-6)
+        here = piece.target
+    assert pieces[0].target.origin == pytest.approx(arc.via.origin, abs=1e-7)
+    assert pieces[0].blend > 0
+    assert (pieces[1].target, pieces[1].blend, pieces[1].press) == (arc.target, arc.blend, arc.press)
+
+
+@pytest.mark.parametrize("name", sorted(PASSES))
+@given(drawn=arcs())
+def test_the_press_turns_with_the_arc(name, drawn):
+    start, arc, (centre, radius, _, _), _ = drawn
+    for piece in PASSES[name](start, arc, 0.05):
+        inwards = (centre - np.array(piece.target.origin)) / radius
+        assert piece.press == pytest.approx(tuple(inwards), abs=1e-5)
+
+
+def test_a_press_of_nothing_stays_nothing():
+    arc = MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 0.0)), Pose(TOOL_DOWN, (0.0, 10.0, 0.0)), 10.0)
+    pieces = [p for one in PASSES.values() for p in one(Pose(TOOL_DOWN, (0.0, 0.0, 0.0)), arc, 0.05)]
+    assert {piece.press for piece in pieces} == {(0.0, 0.0, 0.0)}
+
+
+def test_rotations_are_shared_where_the_tool_does_not_turn():
+    arc = MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 0.0)), Pose(TOOL_DOWN, (0.0, 10.0, 0.0)), 10.0)
+    start = Pose(TOOL_DOWN, (0.0, 0.0, 0.0))
+    assert all(pose.rotation is TOOL_DOWN for pose in along(start, arc, np.array([0.1, 0.9])))
+
+
+@given(st.floats(-math.pi, math.pi), st.floats(0.001, 1.0))
+def test_a_blend_leaves_its_corner_by_no_more_than_the_tolerance(turn, tolerance):
+    blend = corner_blend(turn, tolerance)
+    assert blend in (0.0, 0.3, 1.0, 5.0)
+    # The parabola from b before to b after the corner passes half-way between the corner and the middle of its chord.
+    before, after = np.array([-1.0, 0.0]), np.array([math.cos(turn), math.sin(turn)])
+    assert np.linalg.norm(blend * (before + after)) / 4 <= tolerance * (1 + 1e-9)
+    larger = {0.0: 0.3, 0.3: 1.0, 1.0: 5.0}.get(blend)
+    if larger:
+        assert np.linalg.norm(larger * (before + after)) / 4 > tolerance * (1 - 1e-9)

@@ -1,0 +1,89 @@
+"""Tool paths: reversal and length."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.paths import ToolPath, segment_lengths
+from camgen.pose import frozen
+
+
+@st.composite
+def paths(draw):
+    """Arcs and lines in space with press, force and feed by segment; and the length from the arcs' own numbers."""
+    n = draw(st.integers(2, 7))
+    random = np.random.default_rng(draw(st.integers(0, 10_000)))
+    position = [random.uniform(-50, 50, 3)]
+    via = [np.full(3, np.nan)]
+    length = 0.0
+    for _ in range(n - 1):
+        if draw(st.booleans()):
+            radius, sweep = random.uniform(0.1, 40), draw(st.sampled_from([0.01, 0.5, 2.0, math.pi]))
+            u, v = np.linalg.qr(random.normal(size=(3, 2)))[0].T
+            centre = position[-1] - radius * u
+            via.append(centre + radius * (math.cos(sweep / 2) * u + math.sin(sweep / 2) * v))
+            position.append(centre + radius * (math.cos(sweep) * u + math.sin(sweep) * v))
+            length += radius * sweep
+        else:
+            via.append(np.full(3, np.nan))
+            position.append(random.uniform(-50, 50, 3))
+            length += math.dist(position[-1], position[-2])
+    press = random.normal(size=(n, 2, 3))
+    columns = {"press": press, "force": random.uniform(0, 9, n), "feed": random.uniform(1, 90, n)}
+    for column in columns.values():
+        column[0] = column[1]
+    axis = random.normal(size=(n, 3))
+    path = ToolPath(
+        id="p",
+        layer="l",
+        position=frozen(position),
+        via=frozen(via),
+        axis=frozen(axis),
+        closed=False,
+        **{name: frozen(column) for name, column in columns.items()},
+    )
+    return path, length
+
+
+COLUMNS = ("position", "via", "axis", "press", "force", "feed")
+
+
+@given(paths())
+def test_twice_reversed_is_the_same(drawn):
+    path, _ = drawn
+    again = path.reversed().reversed()
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(again, name), getattr(path, name))
+        assert not getattr(path.reversed(), name).flags.writeable
+
+
+@given(paths())
+def test_length_is_that_of_lines_and_arcs_either_way(drawn):
+    path, length = drawn
+    assert path.length == pytest.approx(length, rel=1e-9)
+    assert path.reversed().length == pytest.approx(length, rel=1e-9)
+
+
+@given(paths())
+def test_reversal_keeps_what_belongs_to_a_segment_with_it(drawn):
+    path, _ = drawn
+    back = path.reversed()
+    n = len(path.position)
+    for i in range(1, n):
+        j = n - i
+        np.testing.assert_array_equal(back.position[j], path.position[i - 1])
+        np.testing.assert_array_equal(back.position[j - 1], path.position[i])
+        np.testing.assert_array_equal(back.via[j], path.via[i])
+        np.testing.assert_array_equal(back.press[j], path.press[i][::-1])
+        assert (back.force[j], back.feed[j]) == (path.force[i], path.feed[i])
+    assert np.isnan(back.via[0]).all()
+    np.testing.assert_array_equal(back.press[0], back.press[1])
+
+
+def test_very_flat_arcs_are_as_long_as_their_chord():
+    position = np.array([[0.0, 0, 0], [10, 0, 0], [10, 0, 0]])
+    via = np.array([[np.nan] * 3, [5.0, 1e-9, 0], [np.nan] * 3])
+    assert segment_lengths(position, via) == pytest.approx([10.0, 0.0])

@@ -1,0 +1,169 @@
+"""Posts and read-backs: found by name and by path, and what is wrong with one is said."""
+
+import importlib
+import sys
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import pytest
+
+from camgen.errors import JobError
+from camgen.plugins import POSTS, READBACKS, find_post, find_readback, installed, make_post
+from camgen.post import Post
+
+POST = """
+from dataclasses import dataclass, field
+from typing import ClassVar
+from camgen.post import Post
+
+@dataclass
+class {name}(Post):
+    name: ClassVar[str] = "mini"
+    suffix: ClassVar[str] = ".min"
+    about: ClassVar[str] = "a post in a file"
+    count: int = field(default=2, kw_only=True, metadata={{"help": "a number"}})
+    def begin(self, program): return ()
+    def end(self, program): return ()
+    def movej(self, motion): return ()
+    def movel(self, motion): return ()
+    def output(self, item): return ()
+    def wait(self, item): return ()
+    def comment(self, text): return text
+"""
+
+
+def write(tmp_path, text, name="mini_post.py"):
+    file = tmp_path / name
+    file.write_text(text)
+    return str(file)
+
+
+@pytest.mark.parametrize("name", ["gcode", "grbl", "pacscript", "rapid", "vplus"])
+def test_the_built_in_posts_are_found_with_their_readbacks(name):
+    pytest.importorskip(f"camgen_posts.{name}", reason=f"the post {name} is not there")
+    post = find_post(name)
+    assert post.name == name
+    assert callable(find_readback(name))
+    entry = next(entry for entry in installed() if entry.name == name)
+    assert (entry.suffix, entry.about, entry.broken) == (post.suffix, post.about, "")
+
+
+def test_a_post_is_found_by_path(tmp_path):
+    path = write(tmp_path, POST.format(name="Mini") + "def read(files, options): return files\n")
+    assert find_post(path).name == "mini"
+    assert find_readback(path)({"a": "b"}, {}) == {"a": "b"}
+
+
+def test_a_post_file_may_postpone_its_annotations(tmp_path):
+    """A dataclass looks its module up by name; a file loaded by path must be there."""
+    path = write(tmp_path, "from __future__ import annotations\n" + POST.format(name="Mini"))
+    assert make_post(find_post(path), {"count": 3}).count == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("x = 1\n", "defines 0 posts"),
+        (POST.format(name="One") + POST.format(name="Two"), "defines 2 posts"),
+        ("import no_such_module\n", "cannot be loaded: ModuleNotFoundError"),
+        ("def f(:\n", "cannot be loaded: SyntaxError"),
+        ("1 / 0\n", "cannot be loaded: ZeroDivisionError"),
+    ],
+)
+def test_a_file_that_is_no_post_is_named(tmp_path, text, says):
+    path = write(tmp_path, text)
+    with pytest.raises(JobError, match=says) as caught:
+        find_post(path)
+    assert caught.value.file == path
+    assert "\n" not in str(caught.value)
+
+
+def test_a_post_file_without_a_readback_is_no_post(tmp_path):
+    path = write(tmp_path, POST.format(name="Mini"))
+    with pytest.raises(JobError, match="has no function read"):
+        find_readback(path)
+
+
+def test_a_file_that_is_not_there():
+    with pytest.raises(JobError, match="no such file"):
+        find_post("nowhere/post.py")
+
+
+@pytest.mark.parametrize("find", [find_post, find_readback])
+def test_a_name_that_is_not_installed_has_a_nearest_one(find):
+    with pytest.raises(JobError, match="is not installed; nearest is rapid"):
+        find("rapidd")
+
+
+def install(tmp_path, monkeypatch, posts, readbacks, module):
+    """A distribution in a folder of its own, found through its metadata as an installed one is."""
+    (tmp_path / "strange_post.py").write_text(module)
+    info = tmp_path / "strange-3.1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: strange\nVersion: 3.1\n")
+    lines = [f"[{POSTS}]", *posts, f"[{READBACKS}]", *readbacks]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "strange_post", raising=False)
+    importlib.invalidate_caches()
+    return {entry.name: entry for entry in installed()}
+
+
+def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch):
+    module = POST.format(name="Mini") + "def read(files, options): return None\n"
+    found = install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module)
+    entry = found["strange"]
+    assert (entry.origin, entry.suffix, entry.about, entry.broken) == ("strange 3.1", ".min", "a post in a file", "")
+
+
+@pytest.mark.parametrize(
+    ("module", "says"),
+    [
+        ("import no_such_module\n", "No module named 'no_such_module'"),
+        ("raise RuntimeError('dongle')\n", "RuntimeError: dongle"),
+        ("Mini = 3\n", "is not a camgen.post.Post"),
+        ("", "AttributeError"),
+    ],
+)
+def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(tmp_path, monkeypatch, module, says):
+    found = install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module)
+    assert says in found["strange"].broken
+    assert found["strange"].origin == "strange 3.1"
+    assert {"gcode", "rapid"} <= set(found)
+
+
+def test_a_post_without_a_readback_is_listed_as_broken(tmp_path, monkeypatch):
+    found = install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], [], POST.format(name="Mini"))
+    assert "has no read-back" in found["strange"].broken
+
+
+@dataclass
+class Options(Post):
+    name: ClassVar[str] = "options"
+    count: int = field(default=2, kw_only=True)
+    ratio: float = field(default=0.5, kw_only=True)
+    numbers: dict[str, int] = field(default_factory=dict, kw_only=True)
+    _state: int = field(default=0, init=False)
+
+    begin = end = movej = movel = output = wait = comment = lambda *_: ()
+
+
+def test_options_are_those_of_the_post():
+    post = make_post(Options, {"count": 3, "ratio": 1, "numbers": {"a": 1}, "decimals": 4})
+    assert (post.count, post.ratio, post.numbers, post.decimals, post.program) == (3, 1, {"a": 1}, 4, "")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"cuont": 3}, r"\[post\] cuont: options has no such option; nearest is count"),
+        ({"_state": 3}, "no such option"),
+        ({"count": "3"}, r"\[post\] count: Expected `int`, got `str`"),
+        ({"count": 1.5}, "Expected `int`"),
+        ({"numbers": {"a": "x"}}, r"\[post\] numbers: Expected `int`, got `str`"),
+        ({"decimals": None}, "Expected `int`"),
+    ],
+)
+def test_options_that_cannot_be_meant_are_named(options, says):
+    with pytest.raises(JobError, match=says):
+        make_post(Options, options)

@@ -1,0 +1,157 @@
+"""Rotations and frames: forms against each other, against products of plain matrices, and at their poles."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.pose import (
+    IDENTITY,
+    TOOL_DOWN,
+    Pose,
+    angle_between,
+    fixed_xyz,
+    frozen,
+    pose_from_values,
+    quaternion,
+    rotation_about,
+    rotation_about_axis,
+    rotation_between,
+    rotation_from_axes,
+    rotation_from_fixed_xyz,
+    rotation_from_quaternion,
+    rotation_from_zyz,
+    translation,
+    zyz,
+)
+
+#: Angles with their poles, and what lies close to one.
+ANGLES = st.one_of(
+    st.sampled_from([k * math.pi / 4 for k in range(-4, 5)]),
+    st.builds(
+        lambda k, e: k * math.pi / 2 + e,
+        st.integers(-2, 2),
+        st.sampled_from([1e-15, 1e-12, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4, -1e-9, -1e-7, -1e-10]),
+    ),
+    st.floats(-math.pi, math.pi),
+)
+ROTATIONS = st.builds(rotation_from_fixed_xyz, ANGLES, ANGLES, ANGLES)
+POSES = st.builds(lambda r, *p: Pose(r, p), ROTATIONS, *[st.floats(-1e4, 1e4)] * 3)
+
+
+def matrix(axis, angle):
+    """A turn about a coordinate axis, written out."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array(
+        {
+            "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
+            "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
+            "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
+        }[axis]
+    )
+
+
+@given(ROTATIONS)
+def test_forms_say_the_same_rotation(rotation):
+    # Near a pole an angle keeps its sine only to 1e-9 (the sine below which it counts as the pole).
+    assert angle_between(rotation_from_fixed_xyz(*fixed_xyz(rotation)), rotation) < 4e-9
+    assert angle_between(rotation_from_zyz(*zyz(rotation)), rotation) < 4e-9
+    assert angle_between(rotation_from_quaternion(quaternion(rotation)), rotation) < 1e-14
+
+
+@given(ROTATIONS)
+def test_forms_are_in_their_ranges(rotation):
+    rx, ry, rz = fixed_xyz(rotation)
+    assert abs(ry) <= math.pi / 2
+    assert max(abs(rx), abs(rz)) <= math.pi
+    assert 0 <= zyz(rotation)[1] <= math.pi
+    q = quaternion(rotation)
+    assert math.hypot(*q) == pytest.approx(1.0, abs=1e-12)
+    assert q[0] > -1e-12
+    assert next(v for v in q if abs(v) > 1e-12) > 0
+    assert "-0.0" not in map(str, q)
+
+
+@given(ANGLES, ANGLES, ANGLES)
+def test_angles_are_products_of_turns(a, b, c):
+    fixed = matrix("z", c) @ matrix("y", b) @ matrix("x", a)
+    assert rotation_from_fixed_xyz(a, b, c) == pytest.approx(fixed, abs=1e-15)
+    assert rotation_from_zyz(a, b, c) == pytest.approx(matrix("z", a) @ matrix("y", b) @ matrix("z", c), abs=1e-15)
+
+
+@pytest.mark.parametrize(("rotation", "angles"), [(TOOL_DOWN, (math.pi, 0, 0)), (IDENTITY, (0, 0, 0))])
+def test_fixed_angles_of_usual_tools(rotation, angles):
+    assert fixed_xyz(rotation) == pytest.approx(angles)
+
+
+def test_the_tool_straight_down_in_the_other_forms():
+    assert zyz(TOOL_DOWN) == pytest.approx((0, math.pi, math.pi))
+    assert zyz(frozen(np.diag([-1.0, 1.0, -1.0]))) == pytest.approx((0, math.pi, 0))
+    assert quaternion(TOOL_DOWN) == (0, 1, 0, 0)
+    assert quaternion(frozen(np.diag([-1.0, 1.0, -1.0]))) == (0, 0, 1, 0)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.0, math.pi])
+@pytest.mark.parametrize("ry", [math.pi / 2, -math.pi / 2])
+def test_the_free_angle_is_zero_at_a_pole(turn, ry):
+    at_pole = rotation_from_fixed_xyz(turn, ry, 0.3)
+    assert fixed_xyz(at_pole)[0] == 0.0
+    for pitch in (0.0, math.pi):
+        assert zyz(rotation_from_zyz(0.3, pitch, turn))[0] == 0.0
+
+
+@given(ROTATIONS, st.floats(1e-9, 3.1), ANGLES, ANGLES)
+def test_the_angle_between_is_the_turn(rotation, angle, a, b):
+    axis = frozen([math.cos(a) * math.cos(b), math.sin(a) * math.cos(b), math.sin(b)])
+    other = frozen(rotation @ rotation_about_axis(axis, angle))
+    assert angle_between(rotation, other) == pytest.approx(angle, rel=1e-6, abs=1e-14)
+    half = rotation_between(rotation, other, 0.5)
+    assert angle_between(rotation, half) == pytest.approx(angle / 2, rel=1e-6, abs=1e-14)
+    assert angle_between(half, other) == pytest.approx(angle / 2, rel=1e-6, abs=1e-14)
+
+
+def test_the_angle_of_half_a_turn():
+    assert angle_between(IDENTITY, TOOL_DOWN) == pytest.approx(math.pi)
+    assert angle_between(IDENTITY, IDENTITY) == 0.0
+
+
+@given(ROTATIONS, st.integers(0, 2), ANGLES)
+def test_turns_about_axes_agree(rotation, axis, angle):
+    assert rotation_about(axis, angle) == pytest.approx(matrix("xyz"[axis], angle), abs=1e-15)
+    assert rotation_about_axis(frozen(np.eye(3)[axis]), angle) == pytest.approx(rotation_about(axis, angle), abs=1e-15)
+    assert rotation_between(rotation, rotation, 0.3) is rotation
+
+
+@given(POSES, POSES, st.tuples(*[st.floats(-1e3, 1e3)] * 3))
+def test_frames_compose_as_points_go_through_them(a, b, point):
+    assert (a @ b).apply(point) == pytest.approx(a.apply(b.apply(point)), abs=1e-7)
+    assert a.inverse().apply(a.apply(point)) == pytest.approx(point, abs=1e-7)
+    same = a @ a.inverse()
+    assert same.origin == pytest.approx((0, 0, 0), abs=1e-8)
+    assert angle_between(same.rotation, IDENTITY) < 1e-12
+
+
+@given(ROTATIONS, st.tuples(*[st.floats(-1, 1)] * 3))
+def test_a_rotation_from_axes_has_them(rotation, noise):
+    z, x = rotation[:, 2] * 3.0, rotation[:, 0] + 0.4 * rotation[:, 2] * noise[0]
+    assert rotation_from_axes(z, x) == pytest.approx(rotation, abs=1e-12)
+
+
+def test_values_are_millimetres_and_degrees():
+    pose = pose_from_values([1, 2, 3, 90, 0, 90])
+    assert pose.origin == (1, 2, 3)
+    assert pose.rotation == pytest.approx(matrix("z", math.pi / 2) @ matrix("x", math.pi / 2))
+    assert translation(1, 2, 3).apply((1, 1, 1)) == (2, 3, 4)
+
+
+def test_rotations_cannot_be_changed():
+    for rotation in (
+        IDENTITY,
+        TOOL_DOWN,
+        rotation_about(0, 1.0),
+        (translation(0, 0, 0) @ translation(0, 0, 1)).rotation,
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            rotation[0, 0] = 2.0

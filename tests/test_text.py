@@ -1,0 +1,51 @@
+"""Numbers and names as text."""
+
+import math
+import re
+from decimal import Decimal
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.text import fixed, harmless, short
+
+NUMBERS = st.floats(-1e9, 1e9) | st.sampled_from([0.0, -0.0, -1e-12, 5e-324, -5e-324])
+
+
+@given(NUMBERS, st.integers(0, 9))
+def test_fixed_is_the_nearest_number_of_so_many_digits(value, decimals):
+    text = fixed(value, decimals)
+    assert re.fullmatch(r"-?\d+" + (rf"\.\d{{{decimals}}}" if decimals else ""), text)
+    assert not re.fullmatch(r"-0(\.0*)?", text)
+    assert abs(Decimal(text) - Decimal(value)) <= Decimal(5).scaleb(-decimals - 1)
+
+
+@given(NUMBERS, st.integers(0, 9))
+def test_short_is_fixed_without_what_says_nothing(value, decimals):
+    text = short(value, decimals)
+    assert Decimal(text) == Decimal(fixed(value, decimals))
+    assert re.fullmatch(r"-?\d+(\.\d*[1-9])?", text)
+    assert text != "-0"
+
+
+@pytest.mark.parametrize(("value", "text"), [(100.0, "100"), (0.5, "0"), (1.5, "2"), (-0.4, "0"), (-0.6, "-1")])
+def test_short_keeps_the_zeros_of_whole_numbers(value, text):
+    assert short(value, 0) == text
+
+
+def test_numbers_that_are_none_are_not_made_to_look_like_some():
+    assert not re.search(r"\d", fixed(math.nan, 3) + fixed(math.inf, 3))
+
+
+@given(st.text(max_size=200), st.integers(1, 100))
+def test_harmless_text_has_nothing_that_any_dialect_acts_on(text, limit):
+    cleaned = harmless(text, limit)
+    assert cleaned.isascii()
+    assert len(cleaned) <= limit
+    assert set(cleaned).isdisjoint("()[]{}<>\"'`;%,!~?&$\\|^\n\r\t\x00\x18")
+    assert harmless(cleaned, limit) == cleaned
+
+
+def test_harmless_keeps_what_names_are_made_of():
+    assert harmless("Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4") == "Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4"
