@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import tempfile
@@ -47,7 +48,7 @@ class _Stages:
 def run(arguments: Namespace, says: Voice) -> int:
     """Builds, writes, sums up."""
     stages = _Stages(says)
-    with _inputs(arguments) as inputs:
+    with _no_collector(), _inputs(arguments) as inputs:
         job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
         read = [*inputs, *([job_file] if job_file else [])]
         folder, program = _place(arguments.output)
@@ -109,6 +110,20 @@ def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Itera
     if arguments.preview:
         drawing = svg(result.part, result.tour, result.notes, f"{result.part.source}, {result.post.name}")
         yield Path(arguments.preview), drawing.encode("utf-8")
+
+
+@contextmanager
+def _no_collector() -> Iterator[None]:
+    """Without the search for cyclic garbage, of which a build makes little: 15 000 circles take 11.0 s of processor
+    time instead of 12.9 s (median of three), and 5 % more memory.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 @contextmanager

@@ -175,15 +175,15 @@ def _toured(paths: Sequence[ToolPath], part: Part, job: Job, cell: Cell) -> tupl
 def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:
     """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out."""
     skipped = [note for note in notes if note.kind == "skipped"]
-    reason = f": {skipped[0].what}" if skipped else ""
-    why = skipped[0].why if skipped else ""
     if not part.contours:
-        raise InputError(part.source, f"nothing to work on{reason}", why, "camgen inspect shows what the file holds")
+        raise InputError(part.source, "nothing to work on", remedy="camgen inspect shows what the file holds")
     if not something:
-        raise NoSafeProgram(part.source, f"no path is left{reason}", why, "change the tool or the operation")
+        # What the planner left out comes last; what the reader left out is not why the contours have no path.
+        last = next((note for note in reversed(skipped) if note not in part.notes), Note("skipped", "nothing fits"))
+        raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
     if strict and skipped:
-        what = f"--strict and {len(skipped)} left out, first{reason}"
-        raise NoSafeProgram(part.source, what, why, "mend the input, or build without --strict")
+        what = f"--strict and {len(skipped)} left out, first: {skipped[0].what}"
+        raise NoSafeProgram(part.source, what, skipped[0].why, "mend the input, or build without --strict")
 
 
 def _header(sources: Sequence[Path], part: Part, post: Post, job: Job, cell: Cell, digest: str) -> tuple[str, ...]:

@@ -106,6 +106,9 @@ class Tolerance(Table, frozen=True):
     """[tolerance]: how far curves may be left."""
 
     chord: Annotated[Positive, Meta(description="deviation of lines and arcs from the drawn curve, mm")] = 0.01
+    arc_fit: Annotated[
+        NotNegative, Meta(description="short lines become an arc that leaves them by at most this, mm; 0: they stay")
+    ] = 0.01
 
 
 class Job(Table, frozen=True):

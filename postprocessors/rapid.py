@@ -12,11 +12,11 @@ from typing import ClassVar
 
 from camgen.errors import JobError, Refused
 from camgen.ir import Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait, motions
-from camgen.passes import circle
-from camgen.pose import Pose, Vec3, quaternion, translation
+from camgen.pose import Pose, quaternion, translation
 from camgen.post import Cell, OutputFile, Tolerance
 from camgen.text import fixed, short
 
+from .rapid_arcs import arc_fault, flat_arc
 from .rapid_force import DIGITS as FORCE_DIGITS
 from .rapid_force import check_sections, settled, tool_axis, without_force
 from .rapid_names import DIGITS, legal_name, motion_data, speed_name, zone_name
@@ -25,8 +25,6 @@ from .rapid_options import RapidOptions
 #: Digits of a joint angle in deg; of a quaternion, whose square may differ from 1 by 1e-5.
 _JOINT_DIGITS, _Q_DIGITS = 4, 7
 _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
-#: MoveC: the manual's limits are not confirmed, so arcs stay well inside them (docs, uncertain facts).
-_WIDEST, _FLATTEST, _CLOSEST = math.radians(120), math.radians(4), 0.2
 #: Up to here a num (24 bits) tells 0.001 mm apart; least and greatest speed, mm/s, and least blend radius, mm.
 _FARTHEST, _LEAST, _FASTEST = 8388, 0.001, 99999
 _IN, _IN2 = "    ", "        "
@@ -62,7 +60,7 @@ class Rapid(RapidOptions):
         try:
             return self._pressing_prepared(program, chord)
         except ValueError as error:  # a pass found an arc whose three points are on one line
-            raise Refused(self.name, _flat_arc(program.body), str(error)) from error
+            raise Refused(self.name, flat_arc(program.body), str(error)) from error
 
     def _pressing_prepared(self, program: Program, chord: float) -> Program:
         if not any(isinstance(item, Force) for item in program.body):
@@ -112,18 +110,9 @@ class Rapid(RapidOptions):
     def _refuses_arc(self, arc: MoveC, start: Pose | None) -> str:
         if start is None:
             return "an arc from a pose that is not known; put a straight motion before it"
-        ends = start.origin, arc.via.origin, arc.target.origin
-        pairs = ((ends[0], ends[1]), (ends[1], ends[2]), (ends[0], ends[2]))
-        sweep, height = _sweep(*ends)
-        if sweep > _WIDEST + 1e-6:
-            return "an arc of more than 120 deg; split it"
-        digit = 10**-self.decimals
-        closest = max(_CLOSEST, 10 * digit)
-        if sweep < _FLATTEST or height < 2 * digit or any(math.dist(a, b) < closest for a, b in pairs):
-            return f"an arc of less than 4 deg, {closest:g} mm or {2 * digit:g} mm height; use a straight motion"
         if arc.force > 0 and not self.force_arcs:
             return "an arc while pressing; use straight motions, or post.force_arcs = true for FCPressC"
-        return ""
+        return arc_fault(start.origin, arc.via.origin, arc.target.origin, 10**-self.decimals)
 
     # -- instructions --------------------------------------------------------------------------------------------
 
@@ -299,30 +288,6 @@ class Rapid(RapidOptions):
 
 def _far(pose: Pose) -> bool:
     return any(abs(v) > _FARTHEST for v in pose.origin)
-
-
-def _sweep(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
-    """Sweep (rad) of the arc through three points, the rest of which is twice the angle that its ends make at ``via``,
-    and the distance (mm) of ``via`` from the line through its ends.
-    """
-    u, w = [a - b for a, b in zip(start, via, strict=True)], [a - b for a, b in zip(end, via, strict=True)]
-    cross = (u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0])
-    area = math.hypot(*cross)
-    sweep = 2 * (math.pi - math.atan2(area, sum(a * b for a, b in zip(u, w, strict=True))))
-    return sweep, area / max(math.dist(start, end), 1e-9)
-
-
-def _flat_arc(body: Sequence[Instruction]) -> int:
-    """The index of the first arc whose three points are on one line."""
-    start: Pose | None = None
-    for index, motion in motions(tuple(body)):
-        if isinstance(motion, MoveC) and start is not None:
-            try:
-                circle(start.origin, motion.via.origin, motion.target.origin)
-            except ValueError:
-                return index
-        start = motion.target if isinstance(motion.target, Pose) else None
-    return -1
 
 
 def _quarters(joints: Joints) -> str:

@@ -1,3 +1,4 @@
+import gc
 import json
 import os
 import re
@@ -107,6 +108,13 @@ def test_all_outputs_of_one_build(here: Path, capsys: Captured) -> None:
     capsys.readouterr()
     assert main(["verify", "out/part.mod", "--post", "rapid", "--plan", "out/plan.json"]) == 0
     assert "deviation  0.0" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("here")
+def test_the_collector_runs_again_after_a_build() -> None:
+    for words in (["plate.dxf"], ["none.dxf"]):
+        main(["build", *words, "--post", "gcode", "-q"])
+        assert gc.isenabled()
 
 
 def test_same_bytes_twice(here: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from camgen.paths import ToolPath
 from camgen.settings import Job
@@ -19,11 +19,13 @@ class Plan:
 
 def plan(part: Part, job: Job) -> Plan:
     """The tool paths of ``part`` as ``job`` asks for them."""
+    from camgen.planners.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.planners.recover import recover  # noqa: PLC0415
+    from camgen.planners.trace import trace  # noqa: PLC0415
+
+    contours, recovered = recover(part.contours, job.tolerance.arc_fit)
+    part = replace(part, contours=contours)
     if job.operation.kind == "trace" or job.operation.side == "on":
-        from camgen.planners.trace import trace  # noqa: PLC0415 (shapely is loaded only by what needs it)
-
-        return Plan(trace(part, job), ())
-    from camgen.planners.follow import follow  # noqa: PLC0415
-
+        return Plan(trace(part, job), recovered)
     paths, notes = follow(part, job)
-    return Plan(paths, notes)
+    return Plan(paths, recovered + notes)

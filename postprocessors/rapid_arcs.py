@@ -1,0 +1,49 @@
+"""Which arcs MoveC takes. Its limits are not confirmed, so arcs stay well inside them (docs, what is not certain)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from camgen.ir import Instruction, MoveC, motions
+from camgen.passes import circle
+from camgen.pose import Pose, Vec3
+
+#: Sweep in rad; distance in mm between any two of the three points.
+_WIDEST, _FLATTEST, _CLOSEST = math.radians(120), math.radians(4), 0.2
+
+
+def arc_fault(start: Vec3, via: Vec3, end: Vec3, digit: float) -> str:
+    """Why the arc cannot be one MoveC, empty when it can. digit: the last one printed, mm."""
+    sweep, height = _sweep(start, via, end)
+    if sweep > _WIDEST + 1e-6:
+        return "an arc of more than 120 deg; split it"
+    closest = max(_CLOSEST, 10 * digit)
+    near = min(math.dist(start, via), math.dist(via, end), math.dist(start, end))
+    if sweep < _FLATTEST or height < 2 * digit or near < closest:
+        return f"an arc of less than 4 deg, {closest:g} mm or {2 * digit:g} mm height; use a straight motion"
+    return ""
+
+
+def _sweep(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
+    """Sweep (rad) of the arc through three points, the rest of which is twice the angle that its ends make at ``via``,
+    and the distance (mm) of ``via`` from the line through its ends.
+    """
+    u, w = [a - b for a, b in zip(start, via, strict=True)], [a - b for a, b in zip(end, via, strict=True)]
+    cross = (u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0])
+    area = math.hypot(*cross)
+    sweep = 2 * (math.pi - math.atan2(area, sum(a * b for a, b in zip(u, w, strict=True))))
+    return sweep, area / max(math.dist(start, end), 1e-9)
+
+
+def flat_arc(body: Sequence[Instruction]) -> int:
+    """The index of the first arc whose three points are on one line."""
+    start: Pose | None = None
+    for index, motion in motions(tuple(body)):
+        if isinstance(motion, MoveC) and start is not None:
+            try:
+                circle(start.origin, motion.via.origin, motion.target.origin)
+            except ValueError:
+                return index
+        start = motion.target if isinstance(motion.target, Pose) else None
+    return -1
