@@ -207,7 +207,7 @@ def _digest(job: Job, sources: Sequence[Path]) -> str:
     """Twelve hex digits that stand for the settings and the bytes of the inputs."""
     if not sources:
         raise InputError("input", "none is given")
-    total = hashlib.sha256(msgspec.json.encode(job, order="deterministic"))
+    total = hashlib.sha256(msgspec.json.encode(_own(job), order="deterministic"))
     seen: dict[str, Path] = {}
     for source in sources:
         data = readable(source)
@@ -218,6 +218,16 @@ def _digest(job: Job, sources: Sequence[Path]) -> str:
         total.update(b"%d:" % len(data))
         total.update(data)
     return total.hexdigest()[:12]
+
+
+def _own(job: Job) -> dict[str, object]:
+    """What the job sets differently from the defaults: a new setting leaves the programs of old jobs as they are."""
+    tables, defaults = msgspec.to_builtins(job), msgspec.to_builtins(Job())
+    return {
+        name: {key: value for key, value in table.items() if value != defaults[name].get(key)}
+        for name, table in tables.items()
+        if table != defaults[name]
+    }
 
 
 def readable(source: Path) -> bytes:

@@ -333,6 +333,8 @@ def test_arcs_are_halved_or_become_lines() -> None:
     assert [type(item) for item in posted(half)[0].body] == [MoveJ, MoveL, MoveC, MoveC]
     third = program(HOME, start, MoveC(at(5, 5 / math.sqrt(3), 0), at(10, 0, 0), 9.0))  # 120 deg, as it is
     assert posted(third)[0] is third
+    wider = program(HOME, start, MoveC(at(5, 5 / math.sqrt(3) + 0.01, 0), at(10, 0, 0), 9.0))
+    assert [type(item) for item in posted(wider)[0].body] == [MoveJ, MoveL, MoveC, MoveC]
     small = program(HOME, start, MoveC(at(0.1, 0.02, 0), at(0.2, 0, 0), 9.0))
     flat = program(HOME, start, MoveC(at(5, 0.04, 0), at(10, 0, 0), 9.0))
     for plan in (small, flat):
