@@ -19,8 +19,8 @@ Pass = Callable[[Pose, MoveC, float], list[MoveL | MoveC]]
 def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     """The arc as straight lines, sagitta R (1 - cos(step / 2)) <= tolerance. Orientation turns evenly with the arc.
 
-    The blend of the arc stays with its last line. Between the lines the tool flies by: a zone reaches at most half-way to
-    the next corner, and from there the corner of two chords is cut by no more than their sagitta.
+    The blend of the arc stays with its last line. Between the lines the tool flies by: a zone reaches at most half-way
+    to the next corner, and from there the corner of two chords is cut by no more than their sagitta.
     """
     _, radius, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     step = 2 * math.acos(max(-1.0, 1 - tolerance / radius)) if tolerance < radius else math.pi / 2
@@ -85,17 +85,33 @@ def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[FloatArray, float, FloatA
     return centre, radius, axis, sweep
 
 
+def is_arc(start: Pose, arc: MoveC) -> bool:
+    """Whether the three points of an arc make one: they are apart and not on one line."""
+    try:
+        circle(start.origin, arc.via.origin, arc.target.origin)
+    except ValueError:
+        return False
+    return True
+
+
 def along(start: Pose, arc: MoveC, fractions: FloatArray) -> list[Pose]:
-    """Poses on the arc at fractions 0..1 of its sweep; the orientation turns evenly from start to target."""
+    """Poses on the arc at fractions 0..1 of its sweep; the orientation turns from start through via to target."""
     centre, _, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     arm = np.asarray(start.origin) - centre
     same = start.rotation is arc.target.rotation or np.array_equal(start.rotation, arc.target.rotation)
     poses = []
     for fraction in fractions.tolist():
         x, y, z = (centre + rotation_about_axis(axis, sweep * fraction) @ arm).tolist()
-        rotation = start.rotation if same else rotation_between(start.rotation, arc.target.rotation, fraction)
+        rotation = start.rotation if same else _turning(start, arc, fraction)
         poses.append(Pose(rotation, (x, y, z)))
     return poses
+
+
+def _turning(start: Pose, arc: MoveC, fraction: float) -> FloatArray:
+    """The orientation at ``fraction``: evenly to the via point, evenly on. Half a turn has no shorter way otherwise."""
+    if fraction <= 0.5:
+        return rotation_between(start.rotation, arc.via.rotation, 2 * fraction)
+    return rotation_between(arc.via.rotation, arc.target.rotation, 2 * fraction - 1)
 
 
 def _turned(press: Vec3, axis: FloatArray, sweep: float, count: int) -> list[Vec3]:

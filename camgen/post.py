@@ -19,7 +19,7 @@ from typing import ClassVar
 
 from camgen.errors import Refused
 from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.passes import PASSES
+from camgen.passes import PASSES, is_arc
 from camgen.pose import Pose
 from camgen.text import harmless
 
@@ -102,8 +102,8 @@ class Post(ABC):
     newline: ClassVar[str] = "\n"
     #: Names of the passes that may replace what ``refuses`` turns down, in the order in which they are tried.
     passes: ClassVar[tuple[str, ...]] = ("chords",)
-    #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J; "blend": its
-    #: radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons.
+    #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J; "blend":
+    #: its radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons.
     carries: ClassVar[frozenset[str]] = frozenset(
         {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}
     )
@@ -203,6 +203,8 @@ class Post(ABC):
     def _replace(self, item: Instruction, start: Pose | None, chord: float) -> list[Instruction] | None:
         """``item`` as instructions that are accepted, by the first pass that achieves it."""
         if not isinstance(item, MoveC) or start is None:
+            return None
+        if not is_arc(start, item):
             return None
         for name in self.passes:
             pieces = PASSES[name](start, item, chord)

@@ -1,5 +1,6 @@
 """Curves become arcs and lines within the tolerance, both ways, against points computed by other formulas."""
 
+import itertools
 import math
 
 import numpy as np
@@ -32,7 +33,7 @@ def sampled(points: Array, bulges: Array, per_segment: int = 60) -> Array:
 def farthest(points: Array, line: Array) -> float:
     """The largest distance of ``points`` from the polyline ``line``, segment by segment."""
     best = np.full(len(points), np.inf)
-    for a, b in zip(line[:-1], line[1:], strict=True):
+    for a, b in itertools.pairwise(line):
         d = b - a
         f = np.clip(((points - a) @ d) / max(float(d @ d), 1e-300), 0, 1)
         best = np.minimum(best, np.hypot(*(points - a - f[:, None] * d).T))

@@ -31,7 +31,8 @@ def arcs(draw):
     turn = draw(st.sampled_from([0.0, 0.5, 2.0]))
     last = first if not turn else frozen(first @ rotation_about_axis(frozen([0.0, 0.6, 0.8]), turn))
     press = tuple((-(plane @ np.array([math.cos(sweep), math.sin(sweep), 0.0]))).tolist())
-    middle = Pose(first, point(0.5))
+    half = frozen(first @ rotation_about_axis(frozen([0.0, 0.6, 0.8]), turn / 2)) if turn else first
+    middle = Pose(half, point(0.5))
     arc = MoveC(middle, Pose(last, point(1)), 10.0, draw(st.sampled_from([0.0, 5.0])), 7.0, press)
     return Pose(first, point(0)), arc, (centre, radius, plane[:, 2], sweep), turn
 
@@ -72,9 +73,12 @@ def test_chords_stay_within_the_tolerance_and_reach_the_end(drawn, tolerance):
     # Not more lines than needed: with one less the sagitta would be beyond the tolerance.
     if len(lines) > 1 and tolerance < radius:
         assert radius * (1 - math.cos(sweep / (len(lines) - 1) / 2)) > tolerance * (1 - 1e-6)
-    # Between two lines the corner is left by no more than the tolerance as well.
+    # Between two lines the tool flies by, and the corner is left by no more than the tolerance as well: a zone reaches
+    # at most half-way to the next corner.
     for line in lines[:-1]:
-        assert line.blend * math.sin(sweep / len(lines) / 2) / 2 <= tolerance * (1 + 1e-9)
+        zone = min(line.blend, radius * math.sin(sweep / len(lines) / 2))
+        assert line.blend > 0
+        assert zone * math.sin(sweep / len(lines) / 2) / 2 <= tolerance * (1 + 1e-9)
     turns = [angle_between(start.rotation, line.target.rotation) for line in lines]
     assert turns == pytest.approx([turn * (i + 1) / len(lines) for i in range(len(lines))], abs=1e-6)
 
