@@ -6,7 +6,6 @@ This process imports nothing heavy: on Linux a child's peak memory counts what i
 from __future__ import annotations
 
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -14,6 +13,8 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+
+from machine import machine
 
 POSTS = ("gcode", "rapid")
 PITCH = (36.0, 24.0)
@@ -38,7 +39,7 @@ HELP_GOAL, HELP_RUNS = 0.12, 15
 
 
 def draw(file: str, circles: int, slots: int) -> None:
-    """An outline round holes on a grid, mm: diameters 10 to 20, slots 30 x 8 of two lines and two arcs each."""
+    """An outline around holes on a grid, mm: 10 to 20 in diameter, and slots 30 x 8 of two lines and two arcs each."""
     import ezdxf  # noqa: PLC0415  # only where this file is run to draw
 
     document = ezdxf.new("R2010", units=4)
@@ -62,16 +63,6 @@ def draw(file: str, circles: int, slots: int) -> None:
     low, top = -PITCH[1], PITCH[1] * -(-count // columns)
     space.add_lwpolyline([(left, low), (right, low), (right, top), (left, top)], close=True)
     document.saveas(file)
-
-
-def machine() -> str:
-    """The machine and the Python that the figures belong to."""
-    name = platform.processor()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        named = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if "model name" in line]
-        name = named[0] if named else name
-    return f"{name}, {os.cpu_count()} cores, Python {platform.python_version()}, {platform.system()}"
 
 
 def measured(command: list[str]) -> tuple[float, float]:
@@ -101,7 +92,9 @@ def bench(folder: Path, name: str, case: Case) -> None:
     subprocess.run([sys.executable, __file__, "draw", drawing, str(case.circles), str(case.slots)], check=True)
     commands = {"ezdxf": [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]}
     for post in POSTS:
-        build = ["build", drawing, "--post", post, "-q", "-o", str(folder / f"plate_{post}")]
+        programs = folder / post
+        programs.mkdir()
+        build = ["build", drawing, "--post", post, "-q", "-o", str(programs)]
         commands[post] = [sys.executable, "-m", "camgen", *build]
     values: dict[str, list[tuple[float, float]]] = {who: [] for who in commands}
     for _ in range(case.runs):

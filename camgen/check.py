@@ -43,8 +43,10 @@ _REMEDY = "do not run the program: its post or its read-back is wrong"
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """The greatest distance (mm) of a target or of the middle of an arc from where it was planned, the greatest angle
-    (rad) of an orientation, 0 where the text carries none, and how many instructions were compared.
+    """How far the text is from the plan.
+
+    max_mm: greatest distance of a target or of the middle of an arc. max_angle: greatest angle of an orientation, rad,
+    0 where the text carries none. instructions: how many were compared.
     """
 
     max_mm: float
@@ -79,14 +81,9 @@ class _Group:
         places = self.places[np.asarray(keep, dtype=bool)]
         return _Group(places, list(compress(self.planned, keep)), list(compress(self.read, keep)))
 
-    @property
-    def sides(self) -> tuple[list[Any], list[Any]]:
-        """Planned and read."""
-        return self.planned, self.read
-
     def column(self, what: str, name: str, limit: float, width: int = 1) -> _Column:
         """An attribute, a number or a tuple of ``width``: the error is that of the worst number."""
-        a, b = (_numbers(side, name, width) for side in self.sides)
+        a, b = _numbers(self.planned, name, width), _numbers(self.read, name, width)
         return _Column(what, self.places, a, b, np.abs(a - b).max(axis=1), limit)
 
 
@@ -209,7 +206,7 @@ def _places(moves: _Group, tolerance: Tolerance) -> tuple[list[_Column], _Group]
     posed, arcs = moves.where(is_pose.tolist()), moves.where(is_arc.tolist())
     target = posed.column("target", "target.origin", tolerance.mm, 3)
     middles = []
-    for origins, side in zip((target.planned, target.read), arcs.sides, strict=True):
+    for origins, side in ((target.planned, arcs.planned), (target.read, arcs.read)):
         ends = np.full((len(is_pose), 3), np.nan)
         ends[is_pose] = origins
         starts = np.roll(ends, 1, axis=0)
@@ -263,10 +260,10 @@ def _turns(a: list[FloatArray], b: list[FloatArray]) -> FloatArray:
 def _manners(moves: _Group, posed: _Group, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
     """How motions are made: orientation, joints, speed, blend, force."""
     if "orientation" in carries:
-        a, b = ([item.target.rotation for item in side] for side in posed.sides)
+        a, b = ([item.target.rotation for item in side] for side in (posed.planned, posed.read))
         yield _Column("orientation", posed.places, a, b, _turns(a, b), tolerance.angle)
     jointed = moves.where([type(item.target) is Joints for item in moves.planned])
-    a, b = ([item.target.values for item in side] for side in jointed.sides)
+    a, b = ([item.target.values for item in side] for side in (jointed.planned, jointed.read))
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
     yield _Column("joint values", jointed.places, a, b, error, tolerance.joint)
     rapid = [type(item) is MoveJ for item in moves.planned]
@@ -278,7 +275,7 @@ def _manners(moves: _Group, posed: _Group, tolerance: Tolerance, carries: frozen
     if "blend" in carries:
         yield moves.column("blend", "blend", tolerance.mm)
     if "stop" in carries:
-        p, q = (_numbers(side, "blend", 1) for side in moves.sides)
+        p, q = (_numbers(side, "blend", 1) for side in (moves.planned, moves.read))
         yield _Column("blend", moves.places, p, q, ((p > 0) != (q > 0))[:, 0] * 1.0, 0.0)
     yield from _forces(linear, "force", tolerance, carries)
 
@@ -288,10 +285,8 @@ def _forces(group: _Group, name: str, tolerance: Tolerance, carries: frozenset[s
     newtons = group.column("force", name, tolerance.force)
     yield newtons
     if "force-direction" in carries and np.any(newtons.planned):
-        a, b = (
-            np.asarray(n) * _numbers(s, "press", 3)
-            for n, s in zip((newtons.planned, newtons.read), group.sides, strict=True)
-        )
+        a = np.asarray(newtons.planned) * _numbers(group.planned, "press", 3)
+        b = np.asarray(newtons.read) * _numbers(group.read, "press", 3)
         limit = tolerance.force + tolerance.angle * np.asarray(newtons.planned)[:, 0]
         yield _Column("force along x y z", group.places, a, b, np.abs(a - b).max(axis=1), limit)
 

@@ -116,6 +116,8 @@ class Program:
     header: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
+        for frame in (self.base_from_work, self.flange_from_tool):
+            _check_finite(-1, *frame.origin, *frame.rotation.ravel().tolist())
         check(self.body)
 
     def with_body(self, body: tuple[Instruction, ...]) -> Program:
@@ -134,12 +136,13 @@ def check(body: tuple[Instruction, ...]) -> None:
     """Raises Refused for the first instruction that breaks a rule of ``Program``."""
     blending = -1
     pressing = moved = False
+    rotations: set[int] = set()
     for index, item in enumerate(body):
         if isinstance(item, (MoveL, MoveC, MoveJ)):
             if not moved and not isinstance(item, MoveJ):
                 raise Refused("program", index, "the first motion must be joint-interpolated")
             moved = True
-            _check_motion(index, item, pressing)
+            _check_motion(index, item, pressing, rotations)
             blending = index if item.blend > 0 else -1
         elif not isinstance(item, Comment):
             if blending >= 0:
@@ -157,24 +160,31 @@ def check(body: tuple[Instruction, ...]) -> None:
         raise Refused("program", len(body) - 1, "force control must be off at the end")
 
 
-def _check_motion(index: int, item: Motion, pressing: bool) -> None:
-    target = item.target
-    if isinstance(target, Joints):
-        _check_finite(index, item.speed, item.blend, *target.values)
-    else:
-        _check_finite(index, item.speed, item.blend, *target.origin)
-    if isinstance(item, MoveC):
-        _check_finite(index, *item.via.origin)
+def _check_motion(index: int, item: Motion, pressing: bool, rotations: set[int]) -> None:
+    """``rotations``: the ids of those that were looked at, since a program shares them."""
+    numbers = [item.speed, item.blend]
+    if item.joints is not None:
+        numbers += item.joints.values
+    for target in (item.via, item.target) if isinstance(item, MoveC) else (item.target,):
+        if isinstance(target, Joints):
+            numbers += target.values
+            continue
+        numbers += target.origin
+        if id(target.rotation) not in rotations:
+            rotations.add(id(target.rotation))
+            numbers += target.rotation.ravel().tolist()
+    if not isinstance(item, MoveJ):
+        numbers += (item.force, *item.press)
+        if item.force > 0 and not pressing:
+            raise Refused("program", index, "a motion presses while force control is off")
+    _check_finite(index, *numbers)
     if item.speed <= 0 or item.blend < 0:
         raise Refused("program", index, "a speed must be positive and a blend not negative")
-    if not isinstance(item, MoveJ) and item.force > 0 and not pressing:
-        raise Refused("program", index, "a motion presses while force control is off")
 
 
 def _check_finite(index: int, *values: float) -> None:
-    for value in values:
-        if not math.isfinite(value):
-            raise Refused("program", index, "a number is not finite")
+    if not math.isfinite(sum(values)):  # nothing cancels an infinity or what is no number
+        raise Refused("program", index, "a number is not finite")
 
 
 # The text form: one instruction a line, words and numbers, `camgen-ir 1` first.
@@ -182,7 +192,7 @@ def _check_finite(index: int, *values: float) -> None:
 
 def dump(program: Program) -> str:
     """The program as text, exact to 1e-6 mm. ``parse`` is its inverse."""
-    lines = ["camgen-ir 1", f"name {program.name}"]
+    lines = ["camgen-ir 1", f"name {harmless(program.name)}"]
     lines.append("work " + _pose_text(program.base_from_work))
     lines.append("tool " + _pose_text(program.flange_from_tool))
     lines += [f"# {harmless(line, 200)}" for line in program.header]
@@ -260,7 +270,7 @@ def parse(text: str) -> Program:
                 header.append(rest)
             elif word:
                 body.append(_parse_instruction(word, rest))
-        except (ValueError, IndexError, KeyError) as error:
+        except (ValueError, IndexError, KeyError, ZeroDivisionError) as error:
             raise ValueError(f"line {number}: {line!r}: {error}") from error
     return Program(name, work, tool, tuple(body), tuple(header))
 

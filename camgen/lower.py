@@ -53,8 +53,8 @@ def lower(tour: Tour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) 
 def placed(cell: Cell, job: Job) -> Cell:
     """``cell`` with the frames and the home position of ``job``. The built-in tool is as long as ``tool.length``.
 
-    A home of joint values is given in deg, a sliding joint in the number that the controller shows; that of a machine
-    whose home is a pose is x, y, z in mm, work frame, tool down. Raises JobError for a wrong count or value.
+    A home of joint values is given in deg, of sliding joints in mm; that of a machine whose home is a pose is x, y, z
+    in mm, work frame, tool down. Raises JobError for a wrong count or value.
     """
     table = job.cell
     work = cell.base_from_work
@@ -69,8 +69,11 @@ def placed(cell: Cell, job: Job) -> Cell:
         home = Pose(TOOL_DOWN, (x, y, z))
     elif table.home is not None:
         count = len(table.home) or len(cell.home.values) if isinstance(cell.home, Joints) else 0
-        home = Joints(tuple(math.radians(v) for v in _values("home", table.home, count)))
-    return Cell(cell.name, work, tool, home)
+        # Another count is another arm than the built-in one: the six-axis arms that the posts know only turn.
+        sliding = cell.sliding if isinstance(cell.home, Joints) and count == len(cell.home.values) else frozenset()
+        values = enumerate(_values("home", table.home, count))
+        home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
+    return Cell(cell.name, work, tool, home, cell.sliding)
 
 
 def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
@@ -100,7 +103,9 @@ def _runs(paths: Sequence[ToolPath]) -> list[_Run]:
         meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < _SAME
         zigzag = path.reversible and not meets
         ways = (path, path.reversed()) if zigzag else (path, path)
-        runs += [_Run(ways[k % 2], depth, meets or zigzag) for k, depth in enumerate(deeper, start=1)]
+        # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
+        linked = (meets or zigzag) and not path.force.any()
+        runs += [_Run(ways[k % 2], depth, linked) for k, depth in enumerate(deeper, start=1)]
     return runs
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import importlib.util
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -108,6 +109,7 @@ def _module(path: str) -> object:
     if spec is None or spec.loader is None:
         raise JobError(path, "is not a Python file")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where dataclasses and type hints look their names up
     try:
         spec.loader.exec_module(module)
     except Exception as error:

@@ -34,12 +34,16 @@ class OutputFile:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """The built-in cell in which a job without ``[cell]`` is posted: frames and home position. name: for messages."""
+    """The built-in cell in which a job without ``[cell]`` is posted: frames and home position.
+
+    name: for messages. sliding: the joints, counted from 0, whose values are mm.
+    """
 
     name: str
     base_from_work: Pose
     flange_from_tool: Pose
     home: Joints | Pose
+    sliding: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +95,8 @@ class Post(ABC):
 
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
-    *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, force, refuses, assemble, cell,
-    tolerance. *Don't*: render, prepare, line, note.
+    *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, press, refuses, assemble, cell,
+    tolerance; prepare only around a call of the base's. *Don't*: render, line, note.
     """
 
     #: What ``--post`` says, the file name's ending, the line end, and one line for ``camgen posts``.
@@ -148,7 +152,7 @@ class Post(ABC):
         """The lines of an arc. A post that does not override this must refuse MoveC and name the pass ``chords``."""
         raise NotImplementedError(f"{self.name} has no arc")
 
-    def force(self, item: Force) -> Sequence[str]:
+    def press(self, item: Force) -> Sequence[str]:
         """The lines that turn force control on or off. A post without force must refuse it."""
         raise NotImplementedError(f"{self.name} has no force control")
 
@@ -187,6 +191,9 @@ class Post(ABC):
         start: Pose | None = None
         changed = False
         for index, item in enumerate(program.body):
+            if isinstance(item, MoveC) and start is not None and not is_arc(start, item):
+                what = "the three points of the arc are on one line"
+                raise Refused(self.name, index, what, "give the arc a via point beside its chord, or plan a line")
             reason = self.refuses(item, start)
             if reason:
                 replaced = self._replace(item, start, chord)
@@ -203,8 +210,6 @@ class Post(ABC):
     def _replace(self, item: Instruction, start: Pose | None, chord: float) -> list[Instruction] | None:
         """``item`` as instructions that are accepted, by the first pass that achieves it."""
         if not isinstance(item, MoveC) or start is None:
-            return None
-        if not is_arc(start, item):
             return None
         for name in self.passes:
             pieces = PASSES[name](start, item, chord)
@@ -241,7 +246,7 @@ class Post(ABC):
             case Wait():
                 return self.wait(item)
             case Force():
-                return self.force(item)
+                return self.press(item)
             case Comment():
                 return (self.note(item.text),)
 

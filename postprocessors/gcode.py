@@ -11,11 +11,12 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
 from camgen.errors import JobError
-from camgen.ir import Force, Instruction, MoveC, MoveL, Output, Program
+from camgen.ir import Force, MoveC, MoveL, Output, Program
+from camgen.passes import without_force
 from camgen.post import Tolerance
 from camgen.text import short
 
-from .rs274 import COOLANT, Rs274, check_signals, without_force
+from .rs274 import COOLANT, Rs274, check_signals
 
 #: What a signal may be put on: LinuxCNC has at most 64 digital outputs.
 _OUTPUTS = (*COOLANT, *(f"P{n}" for n in range(64)))
@@ -37,7 +38,7 @@ class GCode(Rs274):
         kw_only=True,
         metadata={"help": "digital output (P0 to P63) or coolant (M7, M8) of each signal"},
     )
-    force: Literal["refuse", "ignore", "analog"] = field(  # type: ignore[assignment]  # see ``line``
+    force: Literal["refuse", "ignore", "analog"] = field(
         default="refuse", kw_only=True, metadata={"help": "ignore: leave out; analog: an analog output (M67, M68)"}
     )
     force_channel: int = field(default=0, kw_only=True, metadata={"help": "analog output of the force, 0 to 63"})
@@ -76,11 +77,11 @@ class GCode(Rs274):
 
     def movel(self, motion: MoveL) -> Sequence[str]:
         """G1, after the force of this line."""
-        return (*self._press(motion), *super().movel(motion))
+        return (*self._pressed(motion), *super().movel(motion))
 
     def movec(self, motion: MoveC) -> Sequence[str]:
         """G2 or G3, after the force of this arc."""
-        return (*self._press(motion), *super().movec(motion))
+        return (*self._pressed(motion), *super().movec(motion))
 
     def output(self, item: Output) -> Sequence[str]:
         """M64 and M65 wait for the end of the motion before them."""
@@ -91,15 +92,13 @@ class GCode(Rs274):
             return (word if item.value else "M9",)
         return (f"{'M64' if item.value else 'M65'} {word}",)
 
-    def line(self, item: Instruction) -> Sequence[str]:
-        """As the base does, but for force: the option ``force`` of the job takes that name from the method."""
-        if not isinstance(item, Force):
-            return super().line(item)
+    def press(self, item: Force) -> Sequence[str]:
+        """M68 acts at once, after the motion before it has ended."""
         value = self._force_word(item.newtons)
         self._pressing = value if item.newtons > 0 else ""
         return (f"M68 E{self.force_channel} Q{value}",)
 
-    def _press(self, motion: MoveL | MoveC) -> Sequence[str]:
+    def _pressed(self, motion: MoveL | MoveC) -> Sequence[str]:
         """M67 acts with the next motion, without a stop before it."""
         value = self._force_word(motion.force)
         if not self._pressing or value == self._pressing:

@@ -11,9 +11,10 @@ from typing import ClassVar, Literal
 
 from camgen.errors import JobError, Refused
 from camgen.ir import Output, Program
+from camgen.passes import without_force
 from camgen.text import short
 
-from .rs274 import COOLANT, Rs274, check_signals, without_force
+from .rs274 import COOLANT, Rs274, check_signals
 
 #: What a signal may be put on: the spindle line (M4: laser power that follows the speed) or a coolant.
 _SPINDLE = ("M3", "M4")
@@ -35,9 +36,7 @@ class Grbl(Rs274):
     power: float = field(
         default=1000.0, kw_only=True, metadata={"help": "S of a signal on M3 or M4; $30 is full power"}
     )
-    force: Literal["refuse", "ignore"] = field(  # type: ignore[assignment]  # never called: force is always refused
-        default="refuse", kw_only=True, metadata={"help": "ignore: leave out"}
-    )
+    force: Literal["refuse", "ignore"] = field(default="refuse", kw_only=True, metadata={"help": "ignore: leave out"})
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -12,7 +12,7 @@ import numpy as np
 
 from camgen.errors import Refused
 from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.passes import circle
+from camgen.passes import circle, without_force
 from camgen.pose import IDENTITY, Pose, Vec3, angle_between, fixed_xyz, translation
 from camgen.post import Cell, OutputFile, Tolerance
 from camgen.text import fixed, harmless, short
@@ -89,7 +89,7 @@ class PacScript(PacScriptOptions):
         return ""
 
     def _force_reason(self, newtons: float, press: Vec3) -> str:
-        if newtons <= 0 or self.force == "ignore":
+        if newtons <= 0:
             return ""
         if self.force == "refuse":
             remedy = 'check post.force_on and set post.force to "template", or to "ignore"'
@@ -103,11 +103,7 @@ class PacScript(PacScriptOptions):
     def _arc_reason(self, arc: MoveC, start: Pose | None) -> str:
         if start is None:
             return "an arc starts where the text gives no pose; move to a pose first"
-        try:
-            _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
-        except ValueError as error:
-            # The passes cannot replace what is no arc at all.
-            raise Refused(self.name, -1, str(error), "plan a line instead") from error
+        _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
         if sweep > math.pi + 1e-6:
             return "an arc of more than 180 deg; halve it"
         if angle_between(start.rotation, arc.target.rotation) > _TURN:
@@ -125,7 +121,7 @@ class PacScript(PacScriptOptions):
             if not getattr(self, option) and not np.allclose([*frame.origin, *(frame.rotation - IDENTITY).flat], 0):
                 what = f"{option} 0 is the controller's own, but the program has a frame of its own"
                 raise Refused(self.name, -1, what, f"give post.{option} from 1 on")
-        prepared = super().prepare(program, chord)
+        prepared = super().prepare(without_force(program) if self.force == "ignore" else program, chord)
         body = tuple(chain.from_iterable(self._stated(item) for item in prepared.body))
         same = len(body) == len(prepared.body) and all(map(lambda a, b: a is b, body, prepared.body))
         return prepared if same else prepared.with_body(body)
@@ -133,10 +129,6 @@ class PacScript(PacScriptOptions):
     def _stated(self, item: Instruction) -> list[Instruction]:
         if isinstance(item, Output) and item.signal == "spindle" and item.value not in (0, 1):
             return [Comment(f"spindle at {item.value:g} rpm: set at its drive"), replace(item, value=1.0)]
-        if self.force == "ignore" and isinstance(item, Force):
-            return []
-        if self.force == "ignore" and isinstance(item, (MoveL, MoveC)) and (item.force or any(item.press)):
-            return [replace(item, force=0.0, press=(0.0, 0.0, 0.0))]
         return [item]
 
     # -- what is written -----------------------------------------------------------------------------------------
@@ -172,10 +164,6 @@ class PacScript(PacScriptOptions):
         """Gives the arm back."""
         return (f"{_INDENT}GiveArm", "End Sub")
 
-    def line(self, item: Instruction) -> Sequence[str]:
-        """As the base does, but for force: the option ``force`` of the job takes that name from the method."""
-        return self._force_lines(item) if isinstance(item, Force) else super().line(item)
-
     def movej(self, motion: MoveJ) -> Sequence[str]:
         """Move P to joints or to a pose."""
         if isinstance(motion.target, Joints):
@@ -206,7 +194,8 @@ class PacScript(PacScriptOptions):
         """A comment line."""
         return f"' {text}"
 
-    def _force_lines(self, item: Force) -> list[str]:
+    def press(self, item: Force) -> list[str]:
+        """The lines of the template."""
         if item.newtons <= 0:
             self._pressing = None
             return [line.format(n=self.force_table) for line in self.force_off]

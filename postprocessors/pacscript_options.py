@@ -44,7 +44,7 @@ class PacScriptOptions(Post):
     accel: float = field(default=50.0, metadata={"help": "acceleration and deceleration, %"})
     signals: dict[str, int] = field(default_factory=lambda: {"process": 24}, metadata={"help": "IO number by signal"})
     spindle: Literal["refuse", "on-off"] = field(default="refuse", metadata={"help": "on-off: IO without its rpm"})
-    force: Literal["refuse", "template", "ignore"] = field(  # type: ignore[assignment]  # see ``line``
+    force: Literal["refuse", "template", "ignore"] = field(
         default="refuse", metadata={"help": "template: force lines as below; ignore: leave force out"}
     )
     force_table: int = field(default=1, metadata={"help": "number of the force parameter table, {n}"})

@@ -12,13 +12,14 @@ from typing import ClassVar
 
 from camgen.errors import JobError, Refused
 from camgen.ir import Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait, motions
+from camgen.passes import without_force
 from camgen.pose import Pose, quaternion, translation
 from camgen.post import Cell, OutputFile, Tolerance
 from camgen.text import fixed, short
 
-from .rapid_arcs import arc_fault, flat_arc
+from .rapid_arcs import arc_fault
 from .rapid_force import DIGITS as FORCE_DIGITS
-from .rapid_force import check_sections, settled, tool_axis, without_force
+from .rapid_force import check_sections, settled, tool_axis
 from .rapid_names import DIGITS, legal_name, motion_data, speed_name, zone_name
 from .rapid_options import RapidOptions
 
@@ -50,17 +51,14 @@ class Rapid(RapidOptions):
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Post``; each change of force is moved to its motion, or all pressing left out where options say so."""
         if self.force == "ignore":
-            program = program.with_body(without_force(program.body))
+            program = without_force(program)
         index, first = next(motions(program.body), (-1, None))
         if first is not None and not isinstance(first.target, Joints):
             raise Refused(self.name, index, "the first motion must be to joint values; give the home position in deg")
         for frame in (program.base_from_work, program.flange_from_tool):
             if _far(frame):
                 raise Refused(self.name, -1, f"a frame is farther than {_FARTHEST} mm from its base")
-        try:
-            return self._pressing_prepared(program, chord)
-        except ValueError as error:  # a pass found an arc whose three points are on one line
-            raise Refused(self.name, flat_arc(program.body), str(error)) from error
+        return self._pressing_prepared(program, chord)
 
     def _pressing_prepared(self, program: Program, chord: float) -> Program:
         if not any(isinstance(item, Force) for item in program.body):
@@ -116,11 +114,7 @@ class Rapid(RapidOptions):
 
     # -- instructions --------------------------------------------------------------------------------------------
 
-    def line(self, item: Instruction) -> Sequence[str]:
-        """As the base does, but for force: the option ``force`` of the job takes that name from the method."""
-        return self._switch(item) if isinstance(item, Force) else super().line(item)
-
-    def _switch(self, item: Force) -> Sequence[str]:
+    def press(self, item: Force) -> Sequence[str]:
         """Force on and off are part of the next motion."""
         self._change = item
         return ()

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
-from camgen.ir import Instruction, MoveC, motions
-from camgen.passes import circle
-from camgen.pose import Pose, Vec3
+from camgen.pose import Vec3
 
 #: Sweep in rad; distance in mm between any two of the three points.
 _WIDEST, _FLATTEST, _CLOSEST = math.radians(120), math.radians(4), 0.2
@@ -34,16 +31,3 @@ def _sweep(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
     area = math.hypot(*cross)
     sweep = 2 * (math.pi - math.atan2(area, sum(a * b for a, b in zip(u, w, strict=True))))
     return sweep, area / max(math.dist(start, end), 1e-9)
-
-
-def flat_arc(body: Sequence[Instruction]) -> int:
-    """The index of the first arc whose three points are on one line."""
-    start: Pose | None = None
-    for index, motion in motions(tuple(body)):
-        if isinstance(motion, MoveC) and start is not None:
-            try:
-                circle(start.origin, motion.via.origin, motion.target.origin)
-            except ValueError:
-                return index
-        start = motion.target if isinstance(motion.target, Pose) else None
-    return -1

@@ -33,15 +33,6 @@ def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
     return (axis, sign) if float(np.abs(along).max()) <= _ALIGNED else None
 
 
-def without_force(body: Sequence[Instruction]) -> tuple[Instruction, ...]:
-    """The same motions without any pressing."""
-    return tuple(
-        replace(item, force=0.0, press=(0.0, 0.0, 0.0)) if isinstance(item, (MoveL, MoveC)) else item
-        for item in body
-        if not isinstance(item, Force)
-    )
-
-
 def settled(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]:
     """Each ``Force`` moved right before its motion, which becomes straight; one that leaves the surface also stops.
 

@@ -39,7 +39,7 @@ class RapidOptions(Post):
     conf: Literal["auto", "off"] = field(
         default="auto", kw_only=True, metadata={"help": "auto: supervise the posture where it is known; off: never"}
     )
-    force: Literal["fcpress", "ignore"] = field(  # type: ignore[assignment]  # see ``line``
+    force: Literal["fcpress", "ignore"] = field(
         default="fcpress", kw_only=True, metadata={"help": "fcpress: Machining FC; ignore: leave pressing out"}
     )
     force_load: str = field(

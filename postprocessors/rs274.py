@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from camgen.errors import JobError, Refused
@@ -71,10 +71,7 @@ class Rs274(Post):
         if angle_between(program.base_from_work.rotation, IDENTITY) > 1e-6:
             remedy = "align the part with the axes and leave the angles of cell.base_from_work at 0"
             raise Refused(self.name, -1, f"{self.work} cannot turn the work frame", remedy)
-        try:
-            return super().prepare(program, chord)
-        except ValueError as error:
-            raise Refused(self.name, -1, str(error), "give the arc a via point beside its chord") from error
+        return super().prepare(program, chord)
 
     def begin(self, program: Program) -> Sequence[str]:
         """Header comments and the whole modal state, since the last program may have left another."""
@@ -218,16 +215,6 @@ def printed_arc(start: Vec3, arc: MoveC, decimals: int) -> Arc | str:
 def tilted(rotation: FloatArray) -> bool:
     """Whether tool z is not straight down; its turn about itself does not matter."""
     return rotation is not TOOL_DOWN and (math.hypot(rotation[0, 2], rotation[1, 2]) > 1e-6 or rotation[2, 2] > 0)
-
-
-def without_force(program: Program) -> Program:
-    """``program`` without what it says of force: only where the user chose so."""
-    body = tuple(
-        replace(item, force=0.0, press=(0.0, 0.0, 0.0)) if isinstance(item, (MoveL, MoveC)) else item
-        for item in program.body
-        if not isinstance(item, Force)
-    )
-    return program.with_body(body)
 
 
 def check_signals(signals: dict[str, str], allowed: Sequence[str], shared: Sequence[tuple[str, str]]) -> None:

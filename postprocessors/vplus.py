@@ -13,6 +13,7 @@ from typing import ClassVar, Literal
 
 from camgen.errors import JobError, Refused
 from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.passes import without_force
 from camgen.pose import FloatArray, Pose, translation
 from camgen.post import Cell, OutputFile, Post, Tolerance, pose_of
 from camgen.text import short
@@ -58,8 +59,7 @@ class VPlus(Post):
     posture: list[Posture] = field(
         default_factory=list, kw_only=True, metadata={"help": "words before the first MOVE, such as RIGHTY"}
     )
-    # The contract names the option like the method that prints Force; prepare leaves no Force, so none is printed.
-    force: Literal["refuse", "ignore", "signal"] = field(  # type: ignore[assignment]
+    force: Literal["refuse", "ignore", "signal"] = field(
         default="refuse",
         kw_only=True,
         metadata={"help": "what a force becomes: refuse, ignore, or signal (the output named force)"},
@@ -90,7 +90,7 @@ class VPlus(Post):
     def cell(cls) -> Cell:
         """Adept Cobra s600: a sheet of 200 x 150 mm before the robot, its top face 150 mm above the mounting face."""
         home = Joints((0.0, math.radians(45.0), 50.0, 0.0))
-        return Cell("Adept Cobra s600", translation(250, -75, 150), translation(0, 0, 100), home)
+        return Cell("Adept Cobra s600", translation(250, -75, 150), translation(0, 0, 100), home, frozenset({2}))
 
     def tolerance(self) -> Tolerance:
         """Half the last digit; of a percentage, counted in mm/s."""
@@ -111,7 +111,7 @@ class VPlus(Post):
             if reason:
                 raise Refused(self.name, rules.WHOLE, f"the {what}: {reason}")
         self._by_hand = rules.by_hand(program, self.force, self.spindle, self.name)
-        prepared = super().prepare(program, chord)
+        prepared = super().prepare(without_force(program) if self.force == "ignore" else program, chord)
         if not any(isinstance(i, Force) or (isinstance(i, Output) and i.signal == "spindle") for i in prepared.body):
             return prepared
         return prepared.with_body(tuple(new for item in prepared.body for new in self._rewritten(item)))
@@ -166,7 +166,7 @@ class VPlus(Post):
     def _rewritten(self, item: Instruction) -> Sequence[Instruction]:
         match item:
             case Force():
-                return () if self.force == "ignore" else (Output("force", float(item.newtons > 0)),)
+                return (Output("force", float(item.newtons > 0)),)
             case MoveL() if item.force or any(item.press):
                 return (replace(item, force=0.0, press=(0.0, 0.0, 0.0)),)
             case Output(signal="spindle"):

@@ -14,7 +14,7 @@ from camgen.readers import curves
 Array = NDArray[np.float64]
 
 
-def sampled(points: Array, bulges: Array, per_segment: int = 60) -> Array:
+def sampled(points: Array, bulges: Array, per_segment: int = 24) -> Array:
     """Points on lines and arcs, by center and radius from the textbook: r = c (1 + b b) / (4 |b|)."""
     out = [points[:1]]
     for p, q, b in zip(points[:-1], points[1:], bulges[:-1], strict=True):
@@ -46,7 +46,7 @@ def assert_within(outline: curves.Outline, exact: Array, chord: float) -> None:
     # The polylines themselves deviate from their curves by their own sagitta.
     slack = 1e-3 * chord + max(sagitta(exact), sagitta(fitted))
     assert farthest(exact, fitted) <= chord + slack
-    assert farthest(fitted[:: max(1, len(fitted) // 1500)], exact) <= chord + slack
+    assert farthest(fitted[:: max(1, len(fitted) // 600)], exact) <= chord + slack
     assert np.abs(bulges).max() <= 1
     assert bulges[-1] == 0
 
@@ -75,7 +75,7 @@ def de_boor(control: Array, knots: list[float], degree: int, weights: Array, t: 
 def test_ellipse_of_100_mm(ratio: float, chord: float) -> None:
     run = curves.ellipse(np.zeros(2), np.array([50.0, 0.0]), np.array([0.0, 50 * ratio]), 0.0, math.tau)
     outline = curves.fit([run], chord)[0]
-    t = np.linspace(0, math.tau, 4001)
+    t = np.linspace(0, math.tau, 1501)
     assert_within(outline, np.column_stack([50 * np.cos(t), 50 * ratio * np.sin(t)]), chord)
 
 
@@ -88,13 +88,13 @@ def test_a_full_ellipse_takes_some_tens_of_arcs() -> None:
     st.floats(-7, 7), st.floats(0.01, math.tau), st.floats(0.01, 200), st.floats(0.01, 200), st.floats(-3, 3),
     st.booleans(),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_any_elliptical_arc(start: float, sweep: float, a: float, b: float, skew: float, back: bool) -> None:
     u, v = np.array([a, skew]), np.array([-skew, b])
     end = start - sweep if back else start + sweep
     center = np.array([1000.0, -300.0])
     outline = curves.fit([curves.ellipse(center, u, v, start, end)], 0.01)[0]
-    t = np.linspace(start, end, 2001)[:, None]
+    t = np.linspace(start, end, 801)[:, None]
     assert_within(outline, center + np.cos(t) * u + np.sin(t) * v, 0.01)
 
 
@@ -114,7 +114,7 @@ def test_splines(name: str, weighted: bool) -> None:
     knots, degree = KNOTS[name]
     weights = np.array([1.0, 4.0, 0.3, 2.0, 1.0, 1.0]) if weighted else np.ones(6)
     run = curves.bspline(CONTROL, np.array(knots, dtype=float), degree, weights if weighted else None)
-    t = np.linspace(knots[degree], knots[len(CONTROL)], 3001)
+    t = np.linspace(knots[degree], knots[len(CONTROL)], 1201)
     exact = np.array([de_boor(CONTROL, [float(k) for k in knots], degree, weights, float(x)) for x in t])
     assert_within(curves.fit([run], 0.01)[0], exact, 0.01)
 
@@ -138,7 +138,7 @@ def test_a_line_in_disguise_is_one_line() -> None:
 )
 def test_beziers_that_are_hard(control: list[list[float]]) -> None:
     c = np.array(control, dtype=float)
-    t = np.linspace(0, 1, 3001)[:, None]
+    t = np.linspace(0, 1, 1201)[:, None]
     exact = (1 - t) ** 3 * c[0] + 3 * t * (1 - t) ** 2 * c[1] + 3 * t * t * (1 - t) * c[2] + t**3 * c[3]
     outline = curves.fit([curves.bezier(c[None])], 0.01)[0]
     assert_within(outline, exact, 0.01)

@@ -186,7 +186,7 @@ def test_feeds_within_a_thousandth(speed, word):
             1,
             'G-code has no force control; set process.force = 0 or post.force = "ignore"',
         ),
-        (program(MoveC(at(1, 1, 50), at(2, 2, 50), 10.0)), -1, "the three points of the arc are on one line"),
+        (program(MoveC(at(1, 1, 50), at(2, 2, 50), 10.0)), 1, "the three points of the arc are on one line"),
     ],
 )
 def test_refusals_name_index_and_remedy(plan, index, says):

@@ -454,3 +454,19 @@ def test_wrong_numbers_in_the_cell_are_named(cell, table):
     (key,) = table
     with pytest.raises(JobError, match=f"cell.{key}"):
         placed(cell, Job(cell=CellTable(**table)))
+
+
+def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
+    cell = Cell("scara", translation(0, 0, 0), translation(0, 0, 0), Joints((0.0, 0.0, 50.0, 0.0)), frozenset({2}))
+    home = placed(cell, Job(cell=CellTable(home=[0.0, 90.0, 40.0, 180.0]))).home
+    assert isinstance(home, Joints)
+    assert home.values == pytest.approx((0.0, math.pi / 2, 40.0, math.pi))
+
+
+def test_with_force_every_pass_leaves_the_surface_before_the_next() -> None:
+    def lifts(force: float) -> int:
+        loop = path([(0, 0), (40, 0), (40, 30), (0, 0)], press=[[(0, 1)] * 2] * 3, force=force, closed=True)
+        body = program(replace(loop, depths=(1.0, 2.0)), job=Job(process=Process(force=force))).body
+        return sum(isinstance(item, MoveL) and item.target.origin[2] == 20.0 for item in body)
+
+    assert lifts(5.0) == lifts(0.0) + 1

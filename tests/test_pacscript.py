@@ -19,6 +19,7 @@ from camgen.plugins import make_post
 from camgen.pose import (
     TOOL_DOWN,
     Pose,
+    frozen,
     pose_from_values,
     rotation_about,
     rotation_about_axis,
@@ -350,7 +351,9 @@ def test_fractional_pass_mark_is_refused_in_millimetres() -> None:
 
 
 def test_three_points_on_a_line_are_no_arc() -> None:
-    with pytest.raises(Refused, match="the three points of the arc are on one line; plan a line instead"):
+    with pytest.raises(
+        Refused, match=r"the three points of the arc are on one line \(instruction \d+\); give the arc a via point"
+    ):
         PacScript().prepare(program(MoveL(down(0, 0), 20.0), MoveC(down(1, 0), down(2, 0), 20.0)), 0.01)
 
 
@@ -447,7 +450,8 @@ def test_arcs_that_the_controller_may_not_take_are_lowered(
 
 def test_arc_that_turns_the_tool_by_half_a_turn_is_halved() -> None:
     line, turn = arc(10.0, math.radians(180.0))
-    turned = replace(turn, target=Pose(rotation_about(2, math.pi) @ TOOL_DOWN, turn.target.origin))
+    half, whole = (frozen(rotation_about(2, angle) @ TOOL_DOWN) for angle in (math.pi / 2, math.pi))
+    turned = replace(turn, via=Pose(half, turn.via.origin), target=Pose(whole, turn.target.origin))
     prepared = PacScript().prepare(program(line, turned), 0.01)
     assert [type(item) for item in prepared.body[3:]] == [MoveC, MoveC]
 

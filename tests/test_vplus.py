@@ -247,8 +247,7 @@ def test_refusals_name_the_remedy(options: dict[str, object], body: tuple[Instru
     ("work", "tool", "message"),
     [
         (translation(0, 9000, 0), CELL.flange_from_tool, "vplus: the work frame: at (0, 9000, 0) mm is beyond 8192 mm"),
-        (CELL.base_from_work, translation(0, 0, math.inf), "vplus: the tool: at (0, 0, inf) mm is beyond 8192 mm"),
-        (Pose(frozen(np.full((3, 3), math.nan)), (0, 0, 0)), CELL.flange_from_tool, "an orientation is not finite"),
+        (CELL.base_from_work, translation(0, 0, -9000), "vplus: the tool: at (0, 0, -9000) mm is beyond 8192 mm"),
     ],
 )
 def test_frames_that_cannot_be_printed(work: Pose, tool: Pose, message: str) -> None:

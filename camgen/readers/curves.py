@@ -9,7 +9,7 @@ Only distances from the curve to the biarc are taken. The way back holds by cont
 curve its foot runs along the biarc from end to end, so that every point of the biarc is a foot. That needs arcs whose
 radius is well above the tolerance; smaller ones are refused, and the curve is divided until lines serve.
 
-A run of segments is an array (S, degree + 1, 3) of homogeneous control points (w x, w y, w).
+A run is an array (S, degree + 1, 3) of segments as homogeneous control points (w x, w y, w).
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ _SAMPLES = 12
 _SHARE = 0.9
 #: Least deviation asked for, as a part of the size of the curve.
 _FINEST = 1e-11
+#: Control points beyond this are damage.
+_FARTHEST = 1e15
 #: Divisions at most: a cusp ends in an interval far below any tolerance.
 _DEPTH = 40
 #: Parts at most of one division, since a large deviation says little.
@@ -106,14 +108,17 @@ def _blossom(
 def fit(curves: Sequence[FloatArray], chord: float) -> list[Outline]:
     """Each curve as points (N, 2) and bulges (N,), open, last bulge 0; no farther than ``chord`` from the curve.
 
-    Deviation is meant both ways (Hausdorff). Every arc is at most a half circle. Where a curve has no finite points
-    (weights or coordinates out of all proportion) the outline holds infinities.
+    Deviation is meant both ways (Hausdorff). Every arc is at most a half circle. A curve with numbers that are not
+    finite or out of all proportion comes back as two points at infinity.
     """
+    lost = (np.full((2, 2), np.inf), np.zeros(2))
+    with np.errstate(all="ignore"):
+        sound = [bool((np.abs(c[..., :2] / c[..., 2:]) < _FARTHEST).all()) for c in curves]
     outlines: dict[int, Outline] = {}
-    for size in {curve.shape[1] for curve in curves}:
-        members = [i for i, curve in enumerate(curves) if curve.shape[1] == size]
+    for size in {c.shape[1] for c, good in zip(curves, sound, strict=True) if good}:
+        members = [i for i, c in enumerate(curves) if sound[i] and c.shape[1] == size]
         outlines |= zip(members, _fit_alike([curves[i] for i in members], chord), strict=True)
-    return [outlines[i] for i in range(len(curves))]
+    return [outlines.get(i, lost) for i in range(len(curves))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,28 +184,32 @@ def _fit_alike(curves: list[FloatArray], chord: float) -> list[Outline]:
     # Close to zero the full precision is there, wherever the drawing lies.
     control[..., :2] -= origin[owner][:, None] * control[..., 2:]
     run = _Run(control, origin)
-    with np.errstate(all="ignore"):
-        reach = np.nanmax(np.abs(control[..., :2] / control[..., 2:]), initial=0.0)
     # No interval can be closer than rounding leaves it.
-    chord = max(chord, _FINEST * float(reach)) if np.isfinite(reach) else chord
+    reach = np.abs(control[..., :2] / control[..., 2:]).max(axis=(1, 2))
+    limit = _SHARE * np.maximum(chord, _FINEST * reach)
     done: list[tuple[IntArray, FloatArray, FloatArray]] = []
     for first in range(0, len(control), _BATCH):
         segment = np.arange(first, min(first + _BATCH, len(control)))
-        _divide(run, _Intervals(segment, np.zeros(len(segment)), np.ones(len(segment))), chord, done)
+        _divide(run, _Intervals(segment, np.zeros(len(segment)), np.ones(len(segment))), limit, done)
     return _outlines(run, owner, len(curves), done)
 
 
-def _divide(run: _Run, todo: _Intervals, chord: float, done: list[tuple[IntArray, FloatArray, FloatArray]]) -> None:
-    """Append segment, start and rows of every interval that fits to ``done``, dividing what does not."""
+def _divide(
+    run: _Run, todo: _Intervals, limit: FloatArray, done: list[tuple[IntArray, FloatArray, FloatArray]]
+) -> None:
+    """Append segment, start and rows of every interval that fits to ``done``, dividing what does not.
+
+    limit: deviation allowed for each segment of the run.
+    """
     for depth in range(_DEPTH):
-        rows, deviation = _biarcs(run, todo, chord)
-        good = (deviation <= _SHARE * chord) | (depth == _DEPTH - 1)
-        done.append((todo.segment[good], todo.low[good], rows[good]))
-        if good.all():
+        allowed = limit[todo.segment]
+        rows, deviation = _biarcs(run, todo, allowed)
+        bad = (deviation > allowed) & (depth < _DEPTH - 1)
+        done.append((todo.segment[~bad], todo.low[~bad], rows[~bad]))
+        if not bad.any():
             return
-        bad = ~good
-        parts = np.clip(np.ceil(np.cbrt(deviation[bad] / (_SHARE * chord))), 2, _MOST_PARTS).astype(np.intp)
-        parts[np.isinf(deviation[bad])] = 2
+        wanted = np.where(np.isinf(deviation), 2, np.ceil(np.cbrt(deviation / allowed)))[bad]
+        parts = np.clip(wanted, 2, _MOST_PARTS).astype(np.intp)
         todo = _Intervals(todo.segment[bad], todo.low[bad], todo.high[bad]).divided(parts)
 
 
@@ -224,7 +233,7 @@ def _outlines(
     return outlines
 
 
-def _biarcs(run: _Run, todo: _Intervals, chord: float) -> tuple[FloatArray, FloatArray]:
+def _biarcs(run: _Run, todo: _Intervals, allowed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rows of x, y, bulge (K, 2, 3) of the biarc of each interval and its deviation (K,), inf where there is none.
 
     A straight interval is one row, the other is NaN.
@@ -239,16 +248,13 @@ def _biarcs(run: _Run, todo: _Intervals, chord: float) -> tuple[FloatArray, Floa
     with np.errstate(all="ignore"):
         deviation = np.minimum(_to_arc(inner, start, joint, b0), _to_arc(inner, joint, end, b1)).max(axis=1)
         refused = (np.einsum("kd,kd->k", t0, t1) < _LEAST_TURN_COSINE) | ~np.isfinite(deviation)
-        refused |= np.minimum(_radius(start, joint, b0), _radius(joint, end, b1)) < 2 * chord
+        refused |= np.minimum(_radius(start, joint, b0), _radius(joint, end, b1)) < 2 * allowed
         straight = _to_arc(inner, start, end, np.zeros(len(start))).max(axis=1)
     straight = np.where(np.isfinite(straight), straight, np.ptp(samples, axis=1).max(axis=1))
-    line = (straight <= 1e-9 * np.hypot(*(end - start).T)) | (refused & (straight <= _SHARE * chord))
+    line = (straight <= 1e-9 * np.hypot(*(end - start).T)) | (refused & (straight <= allowed))
     rows = np.stack([np.column_stack([start, b0]), np.column_stack([joint, b1])], axis=1)
     rows[line, 0, 2] = 0.0
     rows[line, 1] = np.nan
-    broken = ~np.isfinite(samples).all(axis=(1, 2))
-    rows[broken, 0], rows[broken, 1] = np.inf, np.nan
-    line |= broken
     return rows, np.where(line, 0.0, np.where(refused, np.inf, deviation))
 
 

@@ -133,12 +133,12 @@ def _read(name: str, data: bytes, settings: Input, chord: float) -> _Read:
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(name, settings.units, *_stated(document, data))
     layers = layers_of(document, settings.layers)
-    drawn = walk(name, document, scale, layers)
-    layers.check(name)
-    # The document is the largest thing in memory and no longer needed.
-    del document
     # Damaged files hold infinities; what comes of them is found and told by name.
     with np.errstate(invalid="ignore", over="ignore"):
+        drawn = walk(name, document, scale, layers)
+        layers.check(name)
+        # The document is the largest thing in memory and no longer needed.
+        del document
         flat = flatten(drawn, chord)
         contours, join_notes = join.contours(flat.soup, settings.join)
     size = _size(contours)
