@@ -312,4 +312,6 @@ def test_changed_texts_never_raise(chance: random.Random):
 @settings(max_examples=150, deadline=None)
 @given(st.one_of(st.text(), st.text("GMXYZIJKRFSTPQ0123456789.-+ \n%()/;", max_size=200)))
 def test_any_text_gives_a_reading(text):
-    assert read(text).faults
+    reading = read(text)
+    # Only a text that ends as a program does can be without a fault.
+    assert reading.faults or any(end in text.upper().replace(" ", "") for end in ("M2", "M02", "M30"))
