@@ -21,7 +21,6 @@ from camgen.cli_say import Voice
 from camgen.cli_summary import rows
 from camgen.errors import InputError, JobError
 from camgen.job import Result, build
-from camgen.preview import svg
 from camgen.report import clean
 from camgen.writing import check_targets, write_all
 
@@ -108,6 +107,8 @@ def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Itera
         report = result.report | {"files": [clean(name) for name in files]}
         yield Path(arguments.report), msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
     if arguments.preview:
+        from camgen.preview import svg  # noqa: PLC0415 (only where a picture is asked for)
+
         drawing = svg(result.part, result.tour, result.notes, f"{result.part.source}, {result.post.name}")
         yield Path(arguments.preview), drawing.encode("utf-8")
 

@@ -51,6 +51,8 @@ def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
 PASSES: dict[str, Pass] = {"halves": halves, "chords": chords}
 
 
+#: Three points are on one line when the squared sine of the angle between them is below this.
+_LINE = 1e-18
 #: The usual fly-by zones, mm, the widest first.
 ZONES = (5.0, 1.0, 0.3)
 
@@ -73,7 +75,7 @@ def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]
     u, w = _minus(via, start), _minus(end, start)
     axis = _cross(u, w)
     uu, ww, area2 = _dot(u, u), _dot(w, w), _dot(axis, axis)
-    if area2 < 1e-18 * uu * ww or area2 == 0.0:
+    if area2 < _LINE * uu * ww or area2 == 0.0:
         raise ValueError("the three points of the arc are on one line")
     one, two = _cross(axis, u), _cross(w, axis)
     f, g = ww / (2 * area2), uu / (2 * area2)
@@ -88,11 +90,10 @@ def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]
 
 def is_arc(start: Pose, arc: MoveC) -> bool:
     """Whether the three points of an arc make one: they are apart and not on one line."""
-    try:
-        circle(start.origin, arc.via.origin, arc.target.origin)
-    except ValueError:
-        return False
-    return True
+    u, w = _minus(arc.via.origin, start.origin), _minus(arc.target.origin, start.origin)
+    axis = _cross(u, w)
+    area2 = _dot(axis, axis)
+    return area2 > 0.0 and area2 >= _LINE * _dot(u, u) * _dot(w, w)
 
 
 def along(start: Pose, arc: MoveC, fractions: Sequence[float]) -> list[Pose]:

@@ -27,8 +27,10 @@ def short(value: float, decimals: int) -> str:
     >>> short(12.50, 3), short(-0.0001, 3), short(100.0, 0)
     ('12.5', '0', '100')
     """
-    text = fixed(value, decimals)
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    text = f"{value:.{decimals}f}"
+    if decimals:
+        text = text.rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
 
 
 def harmless(text: str, limit: int = 72) -> str:

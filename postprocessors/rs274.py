@@ -49,6 +49,8 @@ class Rs274(Post):
     _here: Vec3 = field(default=(0.0, 0.0, 0.0), init=False, repr=False)
     _feed: str = field(default="", init=False, repr=False)
     _speed: float = field(default=0.0, init=False, repr=False)
+    #: What was worked out of an arc when it was accepted, until it is printed: by identity, with the arc itself.
+    _arcs: dict[int, tuple[MoveC, Arc]] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.work not in self.works:
@@ -101,7 +103,9 @@ class Rs274(Post):
 
     def movec(self, motion: MoveC) -> Sequence[str]:
         """G2 or G3 in the XY plane, centre from the printed start."""
-        arc = printed_arc(self._here, motion, self.decimals)
+        known, arc = self._arcs.pop(id(motion), (None, ""))
+        if known is not motion:
+            arc = printed_arc(self._here, motion, self.decimals)
         if isinstance(arc, str):
             raise Refused(self.name, -1, arc)
         self._go(motion)
@@ -109,12 +113,20 @@ class Rs274(Post):
 
     def _go(self, motion: Motion) -> list[str]:
         """The axis words that change, at least one, so that every motion stays one in the text."""
-        x, y, z = pose_of(motion).origin
-        words = tuple(axis + short(value, self.decimals) for axis, value in zip("XYZ", (x, y, z), strict=True))
-        changed = [word for word, old in zip(words, self._words or ("",) * 3, strict=True) if word != old]
-        self._words = words
-        self._here = (x, y, z)
-        return changed or [words[0]]
+        place, digits, old = pose_of(motion).origin, self.decimals, self._words
+        if not old:
+            words = [axis + short(value, digits) for axis, value in zip("XYZ", place, strict=True)]
+            self._words, self._here = tuple(words), place
+            return words
+        changed, words = [], list(old)
+        for k in (0, 1, 2):
+            if place[k] != self._here[k]:
+                word = "XYZ"[k] + short(place[k], digits)
+                if word != old[k]:
+                    words[k] = word
+                    changed.append(word)
+        self._words, self._here = tuple(words), place
+        return changed or words[:1]
 
     def _feed_word(self, motion: Motion) -> list[str]:
         if motion.speed == self._speed:
@@ -161,7 +173,10 @@ class Rs274(Post):
         if start is None or not self.arcs:
             return "arcs are off or start nowhere; set post.arcs"
         arc = printed_arc(start.origin, item, self.decimals)
-        return arc if isinstance(arc, str) else ""
+        if isinstance(arc, str):
+            return arc
+        self._arcs[id(item)] = item, arc
+        return ""
 
     def refuses_signal(self, item: Output) -> str:
         """Why the signal cannot be set: the dialect's."""

@@ -678,3 +678,29 @@ def test_found_programs_have_the_length_that_linuxcnc_gives(name):
             true_length += math.hypot(here[0] - cx, here[1] - cy) * sweep
         here = call.end if call.kind.startswith(("STRAIGHT", "ARC")) else here
     assert read_length == pytest.approx(true_length, rel=1e-4)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["", "G0", "G1", "G2", "G3"]),
+            st.dictionaries(st.sampled_from("XYZIJF"), st.decimals(-999, 999, places=3), max_size=6),
+        ),
+        max_size=6,
+    )
+)
+def test_plain_lines_are_read_as_all_others(lines):
+    """A line in the usual form says what the same line says in small letters, which goes the long way."""
+    text = "G17 G21 G40 G49 G54 G80 G90 G94\nG64 P0.01 Q0\nG0 Z9\nG0 X0 Y0\nF100\n"
+    for code, words in lines:
+        ordered = [f"{letter}{words[letter]}" for letter in "XYZIJF" if letter in words]
+        text += " ".join([code, *ordered]).strip() + "\n"
+    text += "M2\n"
+    plain, long = read(text), read(text.lower())
+    assert plain.lines == long.lines
+    assert [type(item) for item in plain.body] == [type(item) for item in long.body]
+    assert [getattr(i, "target", None) and i.target.origin for i in plain.body] == [
+        getattr(i, "target", None) and i.target.origin for i in long.body
+    ]
+    assert [fault.line for fault in plain.faults] == [fault.line for fault in long.faults]

@@ -114,7 +114,7 @@ def test_two_arcs_stay_as_they_are_with_a_short_line_between() -> None:
 def test_wider_gaps_stay_open() -> None:
     made, notes = joined([line((0, 0), (10, 0)), line((10, 0.06), (10, 10))])
     assert [c.closed for c in made] == [False, False]
-    assert notes == ["warning: open contours: 2 (no other end within input.join = 0.05 mm; they stay open)"]
+    assert notes == ["warning: open contours: 2 (their ends meet no free end within input.join = 0.05 mm)"]
 
 
 def test_a_row_of_close_points_does_not_collapse() -> None:

@@ -14,24 +14,34 @@ from camgen.pose import FloatArray
 _CHUNK = 500_000
 
 
-def distances(points: FloatArray, segments: Segments) -> FloatArray:
-    """(N,) distance of point k (N, 2) from segment k: pairs, not all against all."""
-    chord = segments.end - segments.start
-    rel = points - segments.start
-    square = np.maximum((chord**2).sum(axis=1), 1e-300)
-    along = np.clip((rel * chord).sum(axis=1) / square, 0.0, 1.0)
-    off = rel - along[:, None] * chord
-    result = np.hypot(off[:, 0], off[:, 1])
-    rows = np.flatnonzero(segments.is_arc)
-    if len(rows):
-        arcs = segments.take(rows)
-        arm = points[rows] - arcs.centre
-        beside = passes(arcs, np.arctan2(arm[:, 1], arm[:, 0]))
-        radial = np.abs(np.hypot(arm[:, 0], arm[:, 1]) - arcs.radius)
-        to_start = np.hypot(*(points[rows] - arcs.start).T)
-        to_end = np.hypot(*(points[rows] - arcs.end).T)
-        result[rows] = np.where(beside, radial, np.minimum(to_start, to_end))
-    return np.asarray(result)
+def distances(points: FloatArray, segments: Segments, rows: IntArray) -> FloatArray:
+    """(N,) distance of point k (N, 2) from segment ``rows[k]``: pairs, not all against all."""
+    arc = segments.is_arc[rows]
+    result = np.empty(len(rows))
+    for chosen, measure in ((~arc, _from_lines), (arc, _from_arcs)):
+        which = np.flatnonzero(chosen)
+        if len(which):
+            result[which] = measure(points[which], segments, rows[which])
+    return result
+
+
+def _from_lines(points: FloatArray, segments: Segments, rows: IntArray) -> FloatArray:
+    start = segments.start[rows]
+    chord = segments.end[rows] - start
+    rel = points - start
+    square = np.maximum(chord[:, 0] ** 2 + chord[:, 1] ** 2, 1e-300)
+    along = np.clip((rel[:, 0] * chord[:, 0] + rel[:, 1] * chord[:, 1]) / square, 0.0, 1.0)
+    return np.hypot(rel[:, 0] - along * chord[:, 0], rel[:, 1] - along * chord[:, 1])
+
+
+def _from_arcs(points: FloatArray, segments: Segments, rows: IntArray) -> FloatArray:
+    arcs = segments.take(rows)
+    arm = points - arcs.centre
+    beside = passes(arcs, np.arctan2(arm[:, 1], arm[:, 0]))
+    radial = np.abs(np.hypot(arm[:, 0], arm[:, 1]) - arcs.radius)
+    to_start = np.hypot(points[:, 0] - arcs.start[:, 0], points[:, 1] - arcs.start[:, 1])
+    to_end = np.hypot(points[:, 0] - arcs.end[:, 0], points[:, 1] - arcs.end[:, 1])
+    return np.where(beside, radial, np.minimum(to_start, to_end))
 
 
 class Obstacles:
@@ -59,7 +69,7 @@ class Obstacles:
         """(N,) true where a point (N, 2) of a group (N,) lies nearer than its limit (N,) to a segment of that group."""
         hit = np.zeros(len(points), dtype=bool)
         for point, segment in self._pairs(points, group, float(limit.max(initial=0.0))):
-            gap = distances(points[point], self.segments.take(segment))
+            gap = distances(points[point], self.segments, segment)
             hit[point[gap < limit[point]]] = True
         return hit
 
@@ -67,6 +77,6 @@ class Obstacles:
         """(N,) distance to the nearest segment of the group, inf when none is nearer than ``reach`` mm."""
         best = np.full(len(points), np.inf)
         for point, segment in self._pairs(points, group, reach):
-            np.minimum.at(best, point, distances(points[point], self.segments.take(segment)))
+            np.minimum.at(best, point, distances(points[point], self.segments, segment))
         best[best > reach] = np.inf
         return best

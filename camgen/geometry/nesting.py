@@ -11,7 +11,7 @@ from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, poi
 from camgen.pose import FloatArray
 
 #: Arcs are flattened to this (mm) for the test of inside and outside; loops nearer than that are one another's touch.
-_CHORD = 0.01
+_CHORD = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -183,6 +183,17 @@ def flatten(segments: Segments, chord: float) -> tuple[FloatArray, IntArray]:
         step = 2 * np.arccos(np.clip(1 - chord / segments.radius, -1.0, 1.0))
         pieces = np.where(segments.is_arc, np.ceil(np.abs(segments.sweep) / np.maximum(step, 1e-6)), 1)
     count = np.maximum(pieces, 1).astype(np.int64)
-    row = np.repeat(np.arange(len(segments)), count)
-    place = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    return points_at(segments.take(row), place / count[row]), segments.owner[row]
+    first = np.cumsum(count) - count
+    points = np.empty((int(count.sum()), 2))
+    points[first] = segments.start
+    # The other points of arcs, as complex numbers: a whole drawing has millions of them.
+    rows = np.flatnonzero(count > 1)
+    inner = np.repeat(rows, count[rows] - 1)
+    place = np.arange(len(inner)) - np.repeat(np.cumsum(count[rows] - 1) - (count[rows] - 1), count[rows] - 1) + 1
+    centre = segments.centre[rows] @ np.array([1, 1j])
+    arm = segments.start[rows] @ np.array([1, 1j]) - centre
+    turn = segments.sweep[rows] / count[rows]
+    which = np.repeat(np.arange(len(rows)), count[rows] - 1)
+    curve = centre[which] + arm[which] * np.exp(1j * (turn[which] * place))
+    points[first[inner] + place] = curve.view(np.float64).reshape(-1, 2)
+    return points, np.repeat(segments.owner, count)

@@ -8,7 +8,7 @@ where a contour starts, which way it runs, and ties.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -37,6 +37,10 @@ _OWN_GAP = 0.25
 #: Up to so many ends at one point are paired by the least turn of all pairs; beyond, by opposite directions.
 _CROWD = 32
 
+_DAMAGED = Note("skipped", "damaged", "coordinates that are not finite or not credible")
+_NO_LENGTH = Note("repaired", "dropped", "without length")
+_TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
+
 
 def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours of the drawn pieces in drawing order, and notes on what was dropped, mended and joined.
@@ -44,22 +48,20 @@ def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[N
     tolerance: mm, ends closer than this meet. A contour has the layer of its first piece.
     """
     notes: list[Note] = []
-    soup = _dropped(
-        soup, credible(soup), "skipped", "damaged", "coordinates that are not finite or not credible", notes
-    )
+    soup = _dropped(soup, credible(soup), _DAMAGED, notes)
     soup = tidy(soup)
-    soup = _dropped(soup, np.diff(soup.first) > 1, "repaired", "dropped", "without length", notes)
-    again = "drawn twice; each is used once"
-    soup = _dropped(soup, first_of_its_kind(soup), "repaired", "dropped", again, notes)
+    soup = _dropped(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
+    soup = _dropped(soup, first_of_its_kind(soup), _TWICE, notes)
     soup, joints = _joined(soup, tolerance)
     notes += _joint_notes(joints, tolerance)
     soup = tidy(soup)
     soup = soup.take(np.diff(soup.first) > 1)
-    soup = _dropped(soup, first_of_its_kind(soup), "repaired", "dropped", again, notes)
+    # What was drawn as pieces and as a whole is the same only now.
+    soup = _dropped(soup, first_of_its_kind(soup), _TWICE, notes)
     count = int((~soup.closed).sum())
     if count:
         limit = f"input.join = {short(tolerance, 6)} mm"
-        notes.append(Note("warning", f"open contours: {count}", f"no other end within {limit}; they stay open"))
+        notes.append(Note("warning", f"open contours: {count}", f"their ends meet no free end within {limit}"))
     points, bulges = frozen(soup.points), frozen(soup.bulges)
     spans = pairwise(soup.first.tolist())
     rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), strict=True)
@@ -70,13 +72,13 @@ def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[N
     return made, tuple(notes)
 
 
-def _dropped(soup: Soup, keep: BoolArray, kind: str, verb: str, why: str, notes: list[Note]) -> Soup:
-    """The pieces to keep; a note counts the others."""
+def _dropped(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
+    """The pieces to keep; the note ``told`` counts the others."""
     if keep.all():
         return soup
     lost = np.flatnonzero(~keep)
     what = tally([soup.kinds[k] for k in soup.kind[lost]], [soup.layers[k] for k in soup.layer[lost]])
-    notes.append(Note("skipped" if kind == "skipped" else "repaired", f"{verb}: {what}", why))
+    notes.append(replace(told, what=f"{told.what}: {what}"))
     return soup.take(keep)
 
 

@@ -113,6 +113,8 @@ def _divide(axes: tuple[int, int, int], start: Vec3, end: Vec3, centre: Vec2, sw
         count = _count(abs(sweep) / step)
         return [*((None, at(i / count)) for i in range(1, count)), (None, end)]
     over = min(_OVER_MM / radius, _OVER_RAD)
+    if abs(sweep) - over <= math.pi:
+        return [(at(0.5), end)]
     count = _count((abs(sweep) - over) / math.pi)
     ends = [*(at(i / count) for i in range(1, count)), end]
     return [(at((i + 0.5) / count), point) for i, point in enumerate(ends)]
