@@ -68,23 +68,11 @@ def by_group(table: Mapping[str, str]) -> dict[str, str]:
     return {code: group for group, codes in table.items() for code in codes.split()}
 
 
-#: A line as most are: a motion in capitals, words in the usual order, one blank between them. Read at once; every other
-#: line, and none of these differently, goes the long way.
-_NUMBER = r"(-?[0-9]{1,6}(?:\.[0-9]{1,8})?)"
-_PLAIN = re.compile("(?:(G[0-3])(?: |$))?" + "".join(f"(?:{letter}{_NUMBER}(?: |$))?" for letter in "XYZIJF"))
-_PLAIN_LENGTH = 70
-
-
 Line = tuple[dict[str, str], dict[str, float]]
 
 
 def lex(raw: str, rules: Rules) -> Line | None:
     """Codes by group and words by letter of the line ``raw``; None where it holds neither. Raises Wrong."""
-    plain = _PLAIN.fullmatch(raw)
-    if plain and 0 < len(raw) <= _PLAIN_LENGTH:
-        code, *numbers = plain.groups()
-        given = {letter: float(text) for letter, text in zip("XYZIJF", numbers, strict=True) if text is not None}
-        return ({"motion": code} if code else {}), given
     text = _bare(raw, rules)
     if not text:
         return None

@@ -12,6 +12,7 @@ from camgen.post import Fault, Reading
 
 from .gcode_lexis import Rules, Wrong, is_percent, lex
 from .gcode_motion import move
+from .gcode_plain import read_plain
 from .gcode_state import HANDLERS, Expect, Machine, feed, speed_and_tool
 
 
@@ -21,6 +22,8 @@ def run(text: Iterable[str], rules: Rules, expect: Expect) -> Reading:
     opened = begun = False
     for m.line, raw in enumerate(text, start=1):
         try:
+            if read_plain(m, raw):
+                continue
             if "%" in raw and is_percent(raw) and rules.linuxcnc:
                 opened = _percent(m, opened, begun)
                 continue

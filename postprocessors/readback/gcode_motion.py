@@ -7,10 +7,9 @@ from camgen.pose import TOOL_DOWN, Pose, Vec3
 
 from .gcode_arcs import pieces
 from .gcode_lexis import Wrong
+from .gcode_plain import RAPID
 from .gcode_state import Machine
 
-#: G0 runs at the machine's own speed, which no text tells; the instruction needs a positive one (mm/s).
-_RAPID = 100.0
 _ARCS = ("G2", "G3")
 
 
@@ -45,7 +44,7 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
 
 def _write(m: Machine, start: Vec3, target: Vec3, words: dict[str, float]) -> None:
     if m.motion == "G0":
-        m.add(MoveJ(Pose(TOOL_DOWN, target), _RAPID))
+        m.add(MoveJ(Pose(TOOL_DOWN, target), RAPID))
         return
     force = m.newtons if m.pressing else 0.0
     if m.motion == "G1":
