@@ -114,7 +114,8 @@ def along(start: np.ndarray, item: MoveL | MoveC) -> np.ndarray:
     if isinstance(item, MoveL):
         count = max(2, int(np.linalg.norm(end - start) / 0.2) + 2)
         return start + np.linspace(0, 1, count)[:, None] * (end - start)
-    centre, radius, axis, sweep = circle(tuple(start), item.via.origin, item.target.origin)
+    centre, radius, axis, sweep = circle(tuple(start.tolist()), item.via.origin, item.target.origin)
+    axis = np.array(axis)
     count = max(3, int(radius * sweep / 0.2) + 3)
     return np.array([centre + rotation_about_axis(axis, a) @ (start - centre) for a in np.linspace(0, sweep, count)])
 

@@ -493,6 +493,16 @@ def test_no_wrong_value_is_a_fault(name: str, value: bytes) -> None:
             assert all(np.isfinite(c.points).all() and (np.abs(c.bulges) <= 1).all() for c in found.contours)
 
 
+def test_a_document_without_model_space() -> None:
+    document, space = new()
+    space.add_circle((0, 0), 5)
+    text = written(document).replace("\nModel\n", "\nModal\n")
+    found = outcome(text.encode())
+    assert found == (
+        "bad.dxf: damaged beyond repair: no entry 'MODEL'; open it in the CAD program and save it again as DXF"
+    )
+
+
 def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a folder"):
         dxf.read(tmp_path, Input(), 0.01)

@@ -153,3 +153,20 @@ def test_trace_runs_on_every_line() -> None:
     result = plan(part(circle(0, 0, 10), contour([(0, 0), (3, 4)], closed=False)), job)
     assert [p.length for p in result.paths] == pytest.approx([20 * math.pi, 5.0])
     assert not any(p.press.any() for p in result.paths)
+
+
+@pytest.mark.parametrize("diameter", [1.0, 3.0, 6.0])
+@pytest.mark.parametrize("digits", [2, 4])
+def test_outlines_drawn_with_rounded_numbers_stay_whole(diameter: float, digits: int) -> None:
+    """Rounded numbers make corners that are nearly but not quite tangent: the path must be closed all the same."""
+    t = np.linspace(0, math.pi / 2, 12)
+    arc = 1.15 * np.column_stack([np.cos(t), np.sin(t)])
+    corners = []
+    for k, centre in enumerate([(60.0, 40.0), (0.0, 43.0), (-3.0, 0.0), (57.0, -5.0)]):
+        c, s = math.cos(k * math.pi / 2), math.sin(k * math.pi / 2)
+        corners.append(arc @ np.array([[c, s], [-s, c]]) + centre)
+    outline = contour(np.concatenate(corners).round(digits).tolist())
+    job = Job(tool=Tool(diameter=diameter))
+    result = plan(part(outline), job)
+    assert [(p.id, p.closed) for p in result.paths] == [("c1", True)]
+    assert not [n for n in result.notes if n.kind == "skipped"]

@@ -26,8 +26,8 @@ _BEYOND = (1e-6, 1e-4)
 _NOISE = 2e-7
 #: Cuts nearer than this (mm) to each other are one.
 _SAME_CUT = 1e-6
-#: A corner between arcs whose arc would leave the plain corner by less than this (mm) gets none.
-_SMOOTH = 1e-6
+#: Neighbours that run on past a flat corner may miss each other by this (mm) and still be joined.
+_MISS = 5e-5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +52,7 @@ def offset(source: Segments, following: IntArray, group: IntArray, distance: flo
     """The curve at ``distance`` mm on the right of ``source`` and no nearer to any segment of the same group.
 
     following: (N,) next segment of each, -1 at the end of an open chain. group: (N,) labels; segments of different
-    groups do not see each other. mitre: mm by which a corner between lines may be left to stay a plain corner.
+    groups do not see each other. mitre: mm by which a corner may be left to stay a plain corner.
     """
     obstacles = Obstacles(source, group)
     candidates, origin, corner, turn = _candidates(source, following, distance, mitre)
@@ -79,27 +79,26 @@ def _candidates(
 ) -> tuple[Segments, IntArray, BoolArray, FloatArray]:
     """All curves that can be part of the offset: moved segments, then arcs about outer corners; with their origin."""
     zero, one = np.zeros(len(source)), np.ones(len(source))
-    start = source.start + distance * _right(tangents_at(source, zero))
-    end = source.end + distance * _right(tangents_at(source, one))
     before = np.flatnonzero(following >= 0)
     after = following[before]
     first, second = tangents_at(source, one)[before], tangents_at(source, zero)[after]
     turn = np.arctan2(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], (first * second).sum(axis=1))
     turn = np.where(turn <= -np.pi + 1e-9, np.pi, turn)
-    plain = _plain_corners(source, before, after, turn, distance, mitre)
-    middle = _right(first) + _right(second)
-    square = np.maximum((middle**2).sum(axis=1), 1e-12)
-    corner_point = source.end[before] + middle * (2 * distance / square)[:, None]
-    start[after[plain]] = corner_point[plain]
-    end[before[plain]] = corner_point[plain]
     radius = source.radius + np.sign(source.bulge) * distance
+    plain = _plain_corners(turn, radius[before], radius[after], distance, mitre)
+    # At a plain corner both neighbours run on along themselves until they meet.
+    extra = np.where(plain, distance * np.tan(turn / 2), 0.0)
+    early, late = np.zeros(len(source)), np.zeros(len(source))
+    late[before], early[after] = extra, extra
+    moved = _moved(source, distance, radius, early, late)
     alive = np.flatnonzero(~source.is_arc | (radius > 1e-9))
     outer = np.flatnonzero((turn > 0) & ~plain)
     about = source.end[before[outer]]
+    start, end, bulge = (column[alive] for column in moved)
     candidates = make(
-        np.concatenate([start[alive], about + distance * _right(first[outer])]),
-        np.concatenate([end[alive], about + distance * _right(second[outer])]),
-        np.concatenate([source.bulge[alive], np.tan(turn[outer] / 4)]),
+        np.concatenate([start, about + distance * _right(first[outer])]),
+        np.concatenate([end, about + distance * _right(second[outer])]),
+        np.concatenate([bulge, np.tan(turn[outer] / 4)]),
         np.concatenate([source.owner[alive], source.owner[before[outer]]]),
     )
     origin = np.concatenate([alive, before[outer]])
@@ -107,14 +106,37 @@ def _candidates(
     return candidates, origin, corner, np.concatenate([np.zeros(len(alive)), turn[outer]])
 
 
+def _moved(
+    source: Segments, distance: float, radius: FloatArray, early: FloatArray, late: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Start, end and bulge of the segments moved sideways, begun ``early`` mm before their start and run on ``late`` mm
+    beyond their end; ``radius`` is that of the moved arcs.
+    """
+    zero, one = np.zeros(len(source)), np.ones(len(source))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sweep = source.sweep
+        before, beyond = (np.where(source.is_arc, x / radius * np.sign(sweep), 0.0) for x in (early, late))
+        begin, finish = (np.where(source.is_arc, x / np.where(sweep == 0, 1.0, sweep), 0.0) for x in (before, beyond))
+    # Beyond its ends an arc goes on with the fractions below 0 and above 1; a line along its tangent.
+    tangent = tangents_at(source, zero), tangents_at(source, one)
+    start, end = points_at(source, -begin), points_at(source, 1 + finish)
+    start = start + distance * _right(tangents_at(source, -begin))
+    end = end + distance * _right(tangents_at(source, 1 + finish))
+    line = ~source.is_arc
+    start[line] -= early[line, None] * tangent[0][line]
+    end[line] += late[line, None] * tangent[1][line]
+    return start, end, np.tan((sweep + before + beyond) / 4)
+
+
 def _plain_corners(
-    source: Segments, before: IntArray, after: IntArray, turn: FloatArray, distance: float, mitre: float
+    turn: FloatArray, radius_before: FloatArray, radius_after: FloatArray, distance: float, mitre: float
 ) -> BoolArray:
-    """Corners so flat that the moved neighbours may simply meet there."""
+    """Outer corners so flat that the moved neighbours may simply run on until they meet."""
     overshoot = distance * turn**2 / 8
-    lines = ~source.is_arc[before] & ~source.is_arc[after]
-    # Between lines the overshoot is on the outside; between arcs moving an end also bends the arc, so much less.
-    return np.asarray(np.where(lines & (turn > 0), overshoot <= mitre, overshoot <= _SMOOTH) & (np.abs(turn) < 0.5))
+    # Along a curve they miss each other by the square of how far they run on.
+    run_on = distance * np.abs(turn) / 2
+    miss = run_on**2 / 2 * (1 / np.maximum(radius_before, 1e-9) + 1 / np.maximum(radius_after, 1e-9))
+    return np.asarray((turn > 0) & (turn < 0.5) & (overshoot <= mitre) & (miss <= _MISS))
 
 
 def _right(direction: FloatArray) -> FloatArray:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -12,6 +14,10 @@ from camgen.pose import FloatArray
 
 #: Ends nearer than this (mm) meet: ten times what the cuts of nearly tangent curves can be off.
 _MEET = 2e-4
+#: Where curves are nearly tangent, their crossing leaves pieces shorter than this (mm), of which some lead nowhere.
+_TAIL = 0.05
+#: So many short pieces are looked through for the way to a long one.
+_WIDEST = 64
 #: A loop shorter than this (mm), or thinner than a thousandth of it, is the sliver between two curves that touch.
 _SLIVER = 2e-3
 
@@ -35,45 +41,102 @@ def stitch(candidates: Segments, row: IntArray, low: FloatArray, high: FloatArra
     """Chains of the pieces ``candidates[row]`` from fraction low to high; only pieces of one label are joined."""
     chosen = candidates.take(row)
     start, end = points_at(chosen, low), points_at(chosen, high)
-    following = _following(start, end, row, label)
-    order, first, closed = _runs(following)
+    length = chosen.length * (high - low)
+    ends, starts = _meetings(start, end, label)
+    alive, ends, starts = _without_tails(length, ends, starts)
+    following = _following(start, end, row, length, ends, starts)
+    order, first, closed = _runs(following, alive)
     owner = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(order))))
-    keep = ~_slivers(start[order], end[order], chosen.take(order).length * (high - low)[order], owner, closed)
+    keep = ~_slivers(start[order], end[order], length[order], owner, closed)
     order, owner = order[keep[owner]], np.cumsum(keep)[owner[keep[owner]]] - 1
     return _united(row[order], low[order], high[order], owner, closed[keep])
 
 
-def _following(start: FloatArray, end: FloatArray, row: IntArray, label: IntArray) -> IntArray:
-    """(N,) the piece that begins where each ends, -1 if none. A start is used once; the nearest has precedence."""
-    following = np.full(len(start), -1)
+def _meetings(start: FloatArray, end: FloatArray, label: IntArray) -> tuple[IntArray, IntArray]:
+    """Pairs of pieces of one label, the second of which begins where the first ends."""
     if not len(start):
-        return following
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     tree = shapely.STRtree(shapely.points(start))
     ends, starts = tree.query(shapely.points(end), predicate="dwithin", distance=_MEET)
     same = label[ends] == label[starts]
-    ends, starts = ends[same], starts[same]
+    return ends[same], starts[same]
+
+
+def _without_tails(length: FloatArray, ends: IntArray, starts: IntArray) -> tuple[BoolArray, IntArray, IntArray]:
+    """Which pieces remain, and their meetings, without short ones that come from nowhere or lead nowhere."""
+    count = len(length)
+    alive = np.ones(count, dtype=bool)
+    while True:
+        linked = (np.bincount(ends, minlength=count) > 0) & (np.bincount(starts, minlength=count) > 0)
+        tails = alive & ~linked & (length < _TAIL)
+        if not tails.any():
+            return alive, ends, starts
+        alive &= ~tails
+        kept = alive[ends] & alive[starts]
+        ends, starts = ends[kept], starts[kept]
+
+
+def _following(
+    start: FloatArray, end: FloatArray, row: IntArray, length: FloatArray, ends: IntArray, starts: IntArray
+) -> IntArray:
+    """(N,) the piece that begins where each ends, -1 if none. A start is used once.
+
+    Where several meet, a long piece is led to a long one first, through short ones if need be: what nearly tangent
+    curves leave beside their crossing must not use up the way of the others. Then the same curve is preferred, then
+    the nearest.
+    """
+    following = np.full(len(start), -1)
     gap = np.hypot(*(end[ends] - start[starts]).T)
-    # Of several at one place the piece that continues the same curve comes first, then the nearest.
     order = np.lexsort((starts, np.round(gap, 9), row[ends] != row[starts]))
     ends, starts = ends[order], starts[order]
-    lonely = (np.bincount(ends, minlength=len(end)) == 1)[ends] & (np.bincount(starts, minlength=len(start)) == 1)[
-        starts
-    ]
-    following[ends[lonely]] = starts[lonely]
-    taken = np.zeros(len(start), dtype=bool)
-    for e, s in zip(ends[~lonely].tolist(), starts[~lonely].tolist(), strict=True):
-        if following[e] < 0 and not taken[s]:
-            following[e] = s
-            taken[s] = True
+    lonely = (np.bincount(ends, minlength=len(end)) == 1)[ends]
+    lonely &= (np.bincount(starts, minlength=len(start)) == 1)[starts]
+    short = length < _TAIL
+    sure = lonely & ~short[ends] & ~short[starts]
+    following[ends[sure]] = starts[sure]
+    options: dict[int, list[int]] = {}
+    for e, s in zip(ends[~sure].tolist(), starts[~sure].tolist(), strict=True):
+        options.setdefault(e, []).append(s)
+    is_short, taken, used = short.tolist(), set(starts[sure].tolist()), set[int]()
+    for e in sorted(options, key=lambda piece: (is_short[piece], piece)):
+        if e in used:
+            continue
+        way = _way(e, options, is_short, taken)
+        for here, there in pairwise([e, *way]):
+            following[here] = there
+            taken.add(there)
+            used.add(here)
     return following
 
 
-def _runs(following: IntArray) -> tuple[IntArray, IntArray, BoolArray]:
-    """Pieces in running order, where each chain begins in it, and whether it is closed."""
+def _way(begin: int, options: dict[int, list[int]], is_short: list[bool], taken: set[int]) -> list[int]:
+    """The fewest pieces from the end of ``begin`` to a long one that is free, or to any that is free; the last of them
+    is the one to go on with. Empty if there is none.
+    """
+    came: dict[int, int] = {}
+    queue = deque([begin])
+    while queue:
+        here = queue.popleft()
+        for there in options.get(here, []):
+            if there in came or there in taken:
+                continue
+            came[there] = here
+            if not is_short[there] or (is_short[begin] and there == begin):
+                way = [there]
+                while came[way[0]] != begin:
+                    way.insert(0, came[way[0]])
+                return way
+            if len(came) < _WIDEST:
+                queue.append(there)
+    return [next(iter(came))] if came else []
+
+
+def _runs(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """The pieces that are ``alive`` in running order, where each chain begins in it, and whether it is closed."""
     successor = following.tolist()
     begins = np.ones(len(following), dtype=bool)
     begins[following[following >= 0]] = False
-    seen = [False] * len(successor)
+    seen = (~alive).tolist()
     order: list[int] = []
     first: list[int] = []
     closed: list[bool] = []
@@ -100,7 +163,7 @@ def _slivers(start: FloatArray, end: FloatArray, length: FloatArray, owner: IntA
     area = np.abs(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count))
     few = np.bincount(owner, minlength=count) <= 3
     thin = closed & few & (area < 1e-3 * _SLIVER * total) & (total < 1.0)
-    return np.asarray((total < _SLIVER) | thin)
+    return np.asarray((total < _SLIVER) | thin | (~closed & (total < _TAIL)))
 
 
 def _united(row: IntArray, low: FloatArray, high: FloatArray, owner: IntArray, closed: BoolArray) -> Chains:

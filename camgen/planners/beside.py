@@ -13,7 +13,7 @@ from camgen.pose import FloatArray
 
 #: How far (mm) a path may be from the distance that was asked for; the plan is checked against it.
 EXACT = 0.005
-#: Corners between lines may be left by this much (mm) to stay corners: a tenth of the usual chord tolerance.
+#: Corners may be left by this much (mm) to stay corners: a tenth of the usual chord tolerance.
 _MITRE = 0.001
 
 
@@ -44,7 +44,7 @@ def beside(source: Segments, closed: BoolArray, group: IntArray, distance: float
     out = _offset(source, following, group, distance + corner_radius)
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
-        return _checked(out.segments, out.closed, out.source, out.turn, lost, source, group, distance)
+        return _checked(out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance)
     turned, rows = backwards(out.segments)
     label = group[out.source[rows]]
     back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
@@ -52,7 +52,7 @@ def beside(source: Segments, closed: BoolArray, group: IntArray, distance: float
     origin = rows[back.source[order]]
     lost = back.corner[order]
     turn = np.where(lost, 0.0, out.turn[origin])
-    return _checked(segments, back.closed, out.source[origin], turn, lost, source, group, distance)
+    return _checked(segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance)
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
@@ -67,20 +67,25 @@ def _offset(source: Segments, following: IntArray, group: IntArray, distance: fl
     return result
 
 
-def _checked(
+def _checked(  # noqa: PLR0913, PLR0917 (the columns of Beside, and what they are measured against)
     segments: Segments,
     closed: BoolArray,
     source: IntArray,
     turn: FloatArray,
     lost: BoolArray,
     drawing: Segments,
+    drawn_closed: BoolArray,
     group: IntArray,
     distance: float,
 ) -> Beside:
-    """The curve with the verdict of measuring it: every sampled point at the distance, or farther where nothing is
-    touched.
+    """The curve with the verdict of measuring it.
+
+    Every sampled point must be at the distance, or farther where nothing is touched, and what runs beside closed loops
+    must be closed.
     """
     sound = np.ones(len(closed), dtype=bool)
+    open_piece = ~closed[segments.owner] & drawn_closed[drawing.owner[source]]
+    sound[segments.owner[open_piece]] = False
     obstacles = Obstacles(drawing, group)
     for fraction in (0.0, 0.35, 0.8):
         points = points_at(segments, np.full(len(segments), fraction))

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
 _END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b")
 _SECTION = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*SECTION\b")
+_QUIET = logging.NullHandler()
 _SAVE_AGAIN = "open it in the CAD program and save it again as DXF"
 
 #: ezdxf parses whatever it is given: besides its own errors (which are not all ValueErrors) a damaged file makes it
@@ -51,16 +52,17 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
 
     _insist_on_dxf(name, data)
     # Without a handler of its own ezdxf's warnings would end up on stderr.
-    logging.getLogger("ezdxf").addHandler(logging.NullHandler())
+    logging.getLogger("ezdxf").addHandler(_QUIET)
     notes: list[Note] = []
     binary = data.startswith(_BINARY)
     if not (b"\x00EOF\x00" in data if binary else _END.search(data)):
         notes.append(Note("skipped", "the file ends before its end mark", "what would follow is lost"))
         data = data if binary else _ended(data)
     try:
-        if binary:
-            return Drawing.load(binary_tags_loader(data)), tuple(notes)
-        return read(_text(data)), tuple(notes)
+        document = Drawing.load(binary_tags_loader(data)) if binary else read(_text(data))
+        # Damaged OBJECTS cost a document its model space, which shows only when it is asked for.
+        document.modelspace()
+        return document, tuple(notes)
     except (DXFError, *_STUMBLES) as error:
         cause = _plain(error)
         if binary:
@@ -68,6 +70,7 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
             raise InputError(name, f"damaged beyond repair: {cause}", "binary DXF", _SAVE_AGAIN) from error
     try:
         document, auditor = recover.read(BytesIO(data))
+        document.modelspace()
     except (DXFError, *_STUMBLES) as error:
         raise InputError(name, f"damaged beyond repair: {_plain(error)}", "", _SAVE_AGAIN) from error
     count = len(auditor.fixes) + len(auditor.errors)
@@ -102,4 +105,6 @@ def _text(data: bytes) -> TextIOWrapper:
 
 def _plain(error: Exception) -> str:
     text = one_line(str(error)).strip().rstrip(".")
+    if isinstance(error, KeyError):
+        text = f"no entry {text}"
     return text[:120] if text else type(error).__name__
