@@ -112,6 +112,7 @@ def _module(path: str) -> object:
     sys.modules[spec.name] = module  # where dataclasses and type hints look their names up
     try:
         spec.loader.exec_module(module)
+    # As with entry points: a foreign file may fail in any way, and the user is told its reason.
     except Exception as error:
         raise JobError(path, f"cannot be loaded: {type(error).__name__}: {error}") from error
     return module
