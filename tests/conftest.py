@@ -1,4 +1,12 @@
+import os
+
 import pytest
+from hypothesis import settings
+
+# The same examples in every CI run: a run that fails can be run again. At a desk new ones are tried each time.
+settings.register_profile("ci", derandomize=True)
+if os.environ.get("CI"):
+    settings.load_profile("ci")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
