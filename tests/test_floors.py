@@ -9,7 +9,7 @@ ROOT = Path(__file__).parent.parent
 FLOORS = {
     "errors": 0, "pose": 0, "text": 0,
     "shapes": 1, "paths": 1, "ir": 1, "settings": 1, "geometry": 1, "writing": 1, "tour_start": 1, "passes": 2,
-    "readers": 2, "planners": 2, "post": 3, "plugins": 4,
+    "vision": 2, "readers": 3, "planners": 3, "post": 3, "plugins": 4,
     "tour_tree": 2, "tour": 3, "leads": 4, "lower_rows": 3, "lower": 4, "check": 4, "testing": 5, "testing_cases": 4,
     "cli_job": 5, "report": 5, "job": 6, "preview_draw": 5, "preview": 6,
     "cli_say": 6, "cli_plan": 6, "cli_summary": 7, "cli_build": 8, "cli_init": 8, "cli_inspect": 8, "cli_posts": 8,
