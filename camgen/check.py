@@ -20,12 +20,12 @@ What is compared, and how exactly:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain, compress
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.errors import VerifyError
@@ -41,8 +41,7 @@ _SLACK, _VALUE = 1e-9, 1e-3
 _REMEDY = "do not run the program: its post or its read-back is wrong"
 
 
-@dataclass(frozen=True, slots=True)
-class Deviation:
+class Deviation(Struct, frozen=True):
     """How far the text is from the plan.
 
     max_mm: greatest distance of a target or of the middle of an arc. max_angle: greatest angle of an orientation, rad,
@@ -54,8 +53,7 @@ class Deviation:
     instructions: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Column:
+class _Column(Struct, frozen=True, eq=False):
     """One property of M instructions, by row: their places among those compared, both values, the error (M,) and its
     limit, one or (M,), in the property's unit. An error that is not a number is beyond every limit.
     """
@@ -68,8 +66,7 @@ class _Column:
     limit: float | FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Group:
+class _Group(Struct, frozen=True, eq=False):
     """Some of the instructions: their places, planned and read."""
 
     places: NDArray[np.intp]

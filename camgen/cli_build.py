@@ -9,11 +9,11 @@ import tempfile
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 
 import msgspec
+from msgspec import Struct, field
 
 from camgen.cli_job import beside, load
 from camgen.cli_plan import encode
@@ -25,8 +25,7 @@ from camgen.report import clean
 from camgen.writing import check_targets, write_all
 
 
-@dataclass(slots=True)
-class _Stages:
+class _Stages(Struct):
     """Tells the terminal the stage that runs and remembers how long each took."""
 
     says: Voice

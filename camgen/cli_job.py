@@ -8,13 +8,13 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
+from msgspec import Struct
 
 from camgen.errors import JobError
 from camgen.settings import Job
@@ -22,8 +22,7 @@ from camgen.settings import Job
 Tree = dict[str, dict[str, object]]
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
+class Setting(Struct, frozen=True):
     """One key of a job file. allowed: what may stand there, in words. about: what it means."""
 
     table: str

@@ -8,12 +8,12 @@ place in it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 import numpy as np
+from msgspec import Struct, field
 
 from camgen.errors import CamgenError, JobError
 from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
@@ -99,8 +99,7 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     body: tuple[_Any, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Plan:
+class Plan(Struct, frozen=True, eq=False):
     """What a plan file holds. options: of ``[post]``. chord: mm that a replacement of an arc may deviate."""
 
     program: Program
@@ -109,8 +108,7 @@ class Plan:
     chord: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Rotations:
+class _Rotations(Struct, frozen=True):
     """Rotation matrices by their place, each once."""
 
     places: dict[bytes, int] = field(default_factory=dict)

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from camgen.errors import Refused
 from camgen.pose import Pose, quaternion, rotation_from_quaternion
@@ -19,15 +21,13 @@ from camgen.text import harmless, short
 _DIGITS, _ANGLE_DIGITS = 6, 9
 
 
-@dataclass(frozen=True, slots=True)
-class Joints:
+class Joints(Struct, frozen=True, gc=False):
     """Controller joint values: rad for revolute, mm for sliding joints, axis 1 first."""
 
     values: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MoveJ:
+class MoveJ(Struct, frozen=True, eq=False, gc=False):
     """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s."""
 
     target: Pose | Joints
@@ -36,8 +36,7 @@ class MoveJ:
     joints: Joints | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MoveL:
+class MoveL(Struct, frozen=True, eq=False, gc=False):
     """Straight line of the TCP. target: work_from_tcp. blend: radius in mm within which the corner may be rounded, 0
     = exact stop. force: N to press with during this motion, while a ``Force`` is on. press: its direction at the
     target, unit vector in the work frame from the tool towards the surface.
@@ -51,8 +50,7 @@ class MoveL:
     joints: Joints | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MoveC:
+class MoveC(Struct, frozen=True, eq=False, gc=False):
     """Arc of the TCP from where it is through ``via`` (half-way) to ``target``, at most half a circle."""
 
     via: Pose
@@ -64,23 +62,20 @@ class MoveC:
     joints: Joints | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
+class Output(Struct, frozen=True, gc=False):
     """Sets a named signal. value: 0 off, 1 on; for ``spindle`` its speed in rpm."""
 
     signal: str
     value: float
 
 
-@dataclass(frozen=True, slots=True)
-class Wait:
+class Wait(Struct, frozen=True, gc=False):
     """Stands still for so many seconds."""
 
     seconds: float
 
 
-@dataclass(frozen=True, slots=True)
-class Force:
+class Force(Struct, frozen=True, gc=False):
     """Force control on, pressing with ``newtons`` along ``press`` (unit, work frame) from the next motion on; 0 N: off,
     and the next motion leaves the surface.
     """
@@ -89,8 +84,7 @@ class Force:
     press: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Comment:
+class Comment(Struct, frozen=True, gc=False):
     """A remark for whoever reads the program; posts clean it."""
 
     text: str
@@ -100,8 +94,7 @@ Motion = MoveJ | MoveL | MoveC
 Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | Comment
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Program:
+class Program(Struct, frozen=True, eq=False, gc=False):
     """A whole program in one work frame.
 
     base_from_work and flange_from_tool: the frames that the poses are in. header: remarks for its top, in order.

@@ -11,10 +11,11 @@ import math
 import os
 import stat
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import msgspec
+from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen import __version__
 from camgen.check import Deviation, compare
@@ -40,8 +41,7 @@ from camgen.tour import order, travel
 Watch = Callable[[str], None]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Result:
+class Result(Struct, frozen=True, eq=False):
     """What a build made. All lengths mm, angles rad, times s.
 
     part: what was read. paths: as planned, before the tour. tour: in order, with their leads. program: as the text

@@ -8,9 +8,10 @@ then another place of a closed path, then none, with a note.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry.clearance import Obstacles
 from camgen.geometry.segments import from_contours
@@ -28,8 +29,7 @@ _SAMPLES, _SLACK = 65, 0.005
 _PLACES = 16
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lead:
+class _Lead(Struct, frozen=True, eq=False):
     """A run-in or run-out. path: of one segment. samples: (M, 2) points along it."""
 
     path: ToolPath
@@ -39,8 +39,7 @@ class _Lead:
 def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[ToolPath], list[Note]]:
     """The paths with the leads and the overlap of ``job``, and notes on those that have shorter ones or none."""
     operation = job.operation
-    wanted = (operation.lead_in, operation.lead_out)
-    if not any(wanted) and not operation.overlap:
+    if not (operation.lead_in or operation.lead_out or operation.overlap):
         return list(paths), []
     drawn = from_contours(part.contours)
     obstacles = Obstacles(drawn, np.zeros(len(drawn), dtype=np.int64))
@@ -50,9 +49,7 @@ def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[Too
     for path in paths:
         # Only what runs beside a contour has a free side to lead in from.
         followed = bool(path.press[:, :, :2].any())
-        led, scale = (
-            _with_leads(path, wanted, operation.overlap, obstacles, job.tool.diameter / 2) if followed else (path, 1.0)
-        )
+        led, scale = _with_leads(path, job, obstacles) if followed else (path, 1.0)
         result.append(led)
         if scale < 1.0:
             (short if scale else without).append(path.id)
@@ -67,19 +64,19 @@ def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[Too
     return result, notes
 
 
-def _with_leads(
-    path: ToolPath, wanted: tuple[float, float], overlap: float, obstacles: Obstacles, radius: float
-) -> tuple[ToolPath, float]:
+def _with_leads(path: ToolPath, job: Job, obstacles: Obstacles) -> tuple[ToolPath, float]:
     """The path with the longest leads that fit, and what part of the wanted length that is."""
+    operation, feed = job.operation, job.process.feed
+    ends = ((operation.lead_in, -1), (operation.lead_out, 1))
     for scale in _SCALES:
         for start in _starts(path):
-            run = _overlapped(start, overlap)
-            leads = [_lead(run, length * scale, way, path.closed) for length, way in zip(wanted, (-1, 1), strict=True)]
-            if all(lead is None or _is_clear(lead, obstacles, radius) for lead in leads):
+            run = _overlapped(start, operation.overlap)
+            leads = [_lead(run, length * scale, way, path.closed, feed) for length, way in ends]
+            if all(lead is None or _is_clear(lead, obstacles, job.tool.diameter / 2) for lead in leads):
                 before, after = ([] if lead is None else [lead.path] for lead in leads)
                 pieces = [*before, run, *after]
                 return (joined(pieces) if len(pieces) > 1 else run), scale
-    return _overlapped(path, overlap), 0.0
+    return _overlapped(path, operation.overlap), 0.0
 
 
 def _starts(path: ToolPath) -> list[ToolPath]:
@@ -105,8 +102,11 @@ def _overlapped(path: ToolPath, overlap: float) -> ToolPath:
     return joined([path, cut.rows(old, len(cut.position))])
 
 
-def _lead(path: ToolPath, length: float, way: int, ring: bool) -> _Lead | None:
-    """The run-in (way -1) or run-out (+1): a quarter of a circle to a ring, along its tangent to an open path."""
+def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _Lead | None:
+    """The run-in (way -1) or run-out (+1): a quarter of a circle to a ring, along its tangent to an open path.
+
+    It never runs faster than ``feed``: a path may, but only where the tool rolls about an outer corner.
+    """
     if length == 0.0:
         return None
     row, end, at = (1, 0, path.position[0]) if way < 0 else (-1, 1, path.position[-1])
@@ -131,7 +131,7 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool) -> _Lead | None:
         axis=frozen([axis, axis]),
         press=frozen([presses, presses]),
         force=frozen([0.0, 0.0]),
-        feed=frozen(np.full(2, path.feed[row])),
+        feed=frozen(np.full(2, min(path.feed[row], feed))),
         closed=False,
     )
     return _Lead(lead, points[:, :2])

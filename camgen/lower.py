@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from camgen import lower_rows
 from camgen.errors import JobError, NoSafeProgram
@@ -84,8 +84,7 @@ def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
     return values
 
 
-@dataclass(frozen=True, slots=True)
-class _Run:
+class _Run(Struct, frozen=True):
     """One pass. linked: it starts where the run before it ended, so that nothing lies between them but the plunge."""
 
     path: ToolPath
@@ -109,8 +108,7 @@ def _runs(paths: Sequence[ToolPath]) -> list[_Run]:
     return runs
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Table:
+class _Table(Struct, frozen=True, eq=False):
     """What the instructions are made of, as plain lists: by row (segment i ends in row i), then by run.
 
     above_start, above_end: at the height of travel. near: where the feed begins.
@@ -202,7 +200,9 @@ def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
 def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
     """From the end of the run before to the start of this one, process off."""
     one, row = table.runs[run], table.first[run]
-    rotation, contact, feed = table.orientations.ends[row], table.position[row], table.feed[row]
+    rotation, contact = table.orientations.ends[row], table.position[row]
+    # A path that starts on an outer corner is faster there than the feed; the plunge before it must not be.
+    feed = min(table.feed[row], process.feed)
     yield Comment(f"path {one.path.id} layer {one.path.layer}")
     if not one.linked:
         above, near = table.above_start[run], table.near[run]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.paths import ToolPath, segment_lengths
@@ -24,8 +25,7 @@ _JUMP = math.radians(0.5)
 _WIDE = math.radians(120.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class Rows(Struct, frozen=True, eq=False):
     """The columns of ``ToolPath``, one path after the other. first, last: row indices of each path."""
 
     position: FloatArray
@@ -43,8 +43,7 @@ class Rows:
         return ~np.isnan(self.via[:, 0])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Orientations:
+class Orientations(Struct, frozen=True, eq=False):
     """Rotations work_from_tool by row, equal neighbours as one object.
 
     begins, ends: at the start and the end of the segment that ends in the row, at a path's first row both at its

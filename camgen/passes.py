@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.ir import Force, Instruction, MoveC, MoveL, Program
 from camgen.pose import FloatArray, Pose, Vec3, rotation_between

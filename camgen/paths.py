@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.pose import FloatArray, frozen
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ToolPath:
+class ToolPath(Struct, frozen=True, eq=False):
     """The waypoints of the PIST paper (eq. 1, 12) as columns, work frame, mm, mm/s, N.
 
     Row 0 is the start; row i > 0 is segment i, which ends at ``position[i]``. What speaks of segments (via, press,
@@ -74,8 +74,7 @@ class ToolPath:
         return float(segment_lengths(self.position, self.via).sum())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tour:
+class Tour(Struct, frozen=True, eq=False):
     """The paths in the order and direction in which they are run, each rotated to its start.
 
     travel: mm between the end of each path and the start of the next, from and back to the home position if given.

@@ -7,12 +7,12 @@ import difflib
 import importlib.util
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import get_type_hints
 
 import msgspec
+from msgspec import Struct
 
 from camgen.errors import JobError
 from camgen.post import Post, Readback
@@ -20,8 +20,7 @@ from camgen.post import Post, Readback
 POSTS, READBACKS = "camgen.posts", "camgen.readbacks"
 
 
-@dataclass(frozen=True, slots=True)
-class Installed:
+class Installed(Struct, frozen=True):
     """One post as ``camgen posts`` lists it. broken: why it cannot be loaded, empty when it can."""
 
     name: str

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -33,8 +33,7 @@ IDENTITY = frozen(np.eye(3))
 TOOL_DOWN = frozen(np.diag([1.0, -1.0, -1.0]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class Pose(Struct, frozen=True, eq=False, gc=False):
     """A rigid transform: ``rotation`` (3, 3), read-only and orthonormal; ``origin`` x, y, z in mm."""
 
     rotation: FloatArray

@@ -17,6 +17,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from msgspec import Struct
+
 from camgen.errors import Refused
 from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.passes import PASSES, is_arc
@@ -24,16 +26,14 @@ from camgen.pose import Pose
 from camgen.text import harmless
 
 
-@dataclass(frozen=True, slots=True)
-class OutputFile:
+class OutputFile(Struct, frozen=True):
     """One file of a program: its name without folder, its text with LF line ends (written with the post's own)."""
 
     name: str
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
+class Cell(Struct, frozen=True):
     """The built-in cell in which a job without ``[cell]`` is posted: frames and home position.
 
     name: for messages. sliding: the joints, counted from 0, whose values are mm.
@@ -46,8 +46,7 @@ class Cell:
     sliding: frozenset[int] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
-class Tolerance:
+class Tolerance(Struct, frozen=True):
     """How exactly the text carries a program: half the last printed digit, with the rounding of angles on top.
 
     mm: per coordinate. angle: rad of an orientation. joint: rad (or mm) per joint. speed: mm/s. force: N. seconds: s.
@@ -61,16 +60,14 @@ class Tolerance:
     seconds: float
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
+class Fault(Struct, frozen=True):
     """Something in a program text that cannot be right, or that the reader does not know. line: 1-based."""
 
     line: int
     what: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class Reading(Struct, frozen=True, eq=False):
     """What a program text says.
 
     body: its instructions (comments left out), poses in the work frame. lines: for each, its 1-based line in the file

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from xml.sax.saxutils import escape
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.errors import one_line
 from camgen.paths import ToolPath, Tour
@@ -36,8 +36,7 @@ path,line{fill:none;stroke-linecap:round;stroke-linejoin:round}.arrow{stroke:non
 .travel{stroke:#9aa0a6}.bar{stroke:#e8eaed}.unused{stroke:#ff6b81}.warn{fill:#ff6b81}}"""
 
 
-@dataclass(frozen=True, slots=True)
-class _Sheet:
+class _Sheet(Struct, frozen=True):
     """The page and its size, page mm. bottom: where the legend begins."""
 
     page: Page

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.paths import ToolPath, segment_lengths
 from camgen.pose import FloatArray
 from camgen.shapes import Contour
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Page:
+class Page(Struct, frozen=True, eq=False):
     """From the work frame (mm, y up) to the page: scale, then the page position of the work origin."""
 
     scale: float
@@ -25,8 +24,7 @@ class Page:
         return np.asarray(points[:, :2] * (self.scale, -self.scale) + (self.x, self.y), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Chains:
+class Chains(Struct, frozen=True, eq=False):
     """Many chains in one table. points (N, 2); bulge (N,): of the segment that ends at the point; first: (M,) rows
     where a chain begins.
     """

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.ir import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.paths import ToolPath, Tour, segment_lengths
@@ -17,8 +17,7 @@ from camgen.shapes import Note, Part
 NOT_CHECKED = "not checked"
 
 
-@dataclass(frozen=True, slots=True)
-class Motions:
+class Motions(Struct, frozen=True):
     """What a program does, summed up.
 
     counts: instructions by kind. straight, arc, joint: mm of the TCP; a joint motion is counted as the straight line
@@ -82,8 +81,7 @@ def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     return np.asarray(np.where(turn > 1e-9, curved, flat), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
+class _Rows(Struct, frozen=True, eq=False):
     """The motions of a body as columns; start, via and end (N, 3) are NaN where there is none."""
 
     kind: np.ndarray[tuple[int], np.dtype[np.str_]]

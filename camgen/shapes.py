@@ -6,8 +6,9 @@ counter-clockwise (the DXF convention; CavalierContours shows that arcs survive 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
+
+from msgspec import Struct
 
 from camgen.pose import FloatArray
 
@@ -15,8 +16,7 @@ from camgen.pose import FloatArray
 NoteKind = Literal["assumed", "repaired", "joined", "skipped", "warning"]
 
 
-@dataclass(frozen=True, slots=True)
-class Note:
+class Note(Struct, frozen=True):
     """One thing the user should know. ``what`` names and counts it, ``why`` gives the reason and the remedy."""
 
     kind: NoteKind
@@ -27,8 +27,7 @@ class Note:
         return f"{self.kind}: {self.what}" + (f" ({self.why})" if self.why else "")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Contour:
+class Contour(Struct, frozen=True, eq=False):
     """A chain of lines and arcs in the plane, work frame, mm.
 
     points: (N, 2), no point repeated at the end of a closed chain. bulges: (N,); ``bulges[i]`` shapes the segment
@@ -43,8 +42,7 @@ class Contour:
     id: str = ""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class Part(Struct, frozen=True, eq=False):
     """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was."""
 
     name: str

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.pose import (
@@ -25,8 +26,7 @@ from camgen.post import Cell
 Body = tuple[Instruction, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
+class Case(Struct, frozen=True):
     """A program that starts at the home position of the post's cell. name: what it is about. body: after home, joint
     values for as many axes as that has. work: its work frame, that of the cell if none. title, header: of the program.
     options: of the post, added to those of the test. clean: its comments are harmless

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.paths import ToolPath, Tour
 from camgen.tour_start import ends_of, reversed_each, starting_at, starting_each
@@ -19,8 +19,7 @@ from camgen.tour_tree import Tree, starts
 __all__ = ["order", "starting_at", "travel"]
 
 
-@dataclass(frozen=True, slots=True)
-class _Choices:
+class _Choices(Struct, frozen=True):
     """order: indices of the paths as they are run. row, fraction: by path, where it begins."""
 
     order: list[int]

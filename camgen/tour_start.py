@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.paths import ToolPath
@@ -23,8 +23,7 @@ _COLUMNS = ("position", "via", "axis", "press", "force", "feed")
 _AT_VERTICES = ("position", "axis")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Segments:
+class Segments(Struct, frozen=True, eq=False):
     """K segments. An arc is written from its middle ``via``: towards it from the centre, along the travel there.
 
     start, end, via: (K, 3) mm. curved: (K,) bool. towards, along: (K, 3) unit. radius: (K,) mm, sweep: (K,) rad,
@@ -54,7 +53,7 @@ class Segments:
 
     def pick(self, index: IntArray) -> Segments:
         """The segments at ``index``, in that order."""
-        return Segments(*(getattr(self, name)[index] for name in Segments.__slots__))
+        return Segments(*(getattr(self, name)[index] for name in Segments.__struct_fields__))
 
 
 def segments(start: FloatArray, via: FloatArray, end: FloatArray) -> Segments:

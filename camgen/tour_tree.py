@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.paths import ToolPath
 from camgen.pose import FloatArray
@@ -31,8 +31,7 @@ _FAN = 6
 _GRID = 65535
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Starts:
+class Starts(Struct, frozen=True, eq=False):
     """Where paths may begin: S starts in the order of paths and of rows.
 
     path: (S,) index of the path. row: (S,) the segment that ends at this row, for an open path its first or last row.

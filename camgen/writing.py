@@ -8,14 +8,14 @@ import shutil
 import stat
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
+
+from msgspec import Struct
 
 from camgen.errors import JobError
 
 
-@dataclass(frozen=True, slots=True)
-class _Staged:
+class _Staged(Struct, frozen=True):
     """One file on its way. asked: as the user wrote it; target: links followed; fresh: what is written; old: where the
     former file is kept meanwhile, if it ``existed``.
     """

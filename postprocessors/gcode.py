@@ -7,8 +7,10 @@ in the tests.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
+
+from msgspec.structs import replace
 
 from camgen.errors import JobError
 from camgen.ir import Force, MoveC, MoveL, Output, Program

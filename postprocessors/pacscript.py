@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import ClassVar
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.errors import Refused
 from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait

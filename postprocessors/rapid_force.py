@@ -7,9 +7,10 @@ A section is ``Force`` on, motions that press, ``Force`` off, one motion that le
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.errors import Refused
 from camgen.ir import Force, Instruction, MoveC, MoveJ, MoveL

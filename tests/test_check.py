@@ -1,12 +1,12 @@
 """What ``compare`` finds, what it forgives, and that its bounds follow from rounding."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from camgen.check import ARC_SLACK, arc_middles, compare
 from camgen.errors import VerifyError

@@ -1,12 +1,12 @@
 import math
 import random
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from camgen.errors import JobError, Refused
 from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait

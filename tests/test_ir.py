@@ -1,13 +1,13 @@
 """The program's own rules, and its text form."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from camgen.errors import Refused
 from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, dump, motions, parse
@@ -163,7 +163,7 @@ def same(a, b):
         return len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, (str, type(None))):
         return a == b
-    return type(a) is type(b) and all(same(getattr(a, name), getattr(b, name)) for name in a.__dataclass_fields__)
+    return type(a) is type(b) and all(same(getattr(a, name), getattr(b, name)) for name in a.__struct_fields__)
 
 
 @settings(max_examples=150, deadline=None)

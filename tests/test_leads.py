@@ -13,6 +13,7 @@ from camgen.paths import ToolPath, segment_lengths
 from camgen.planners import plan
 from camgen.settings import Job, Operation, Process
 from camgen.shapes import Contour, Note
+from camgen.tour_start import starting_at
 
 
 def led(*contours: Contour, **operation: object) -> tuple[list[ToolPath], list[Note]]:
@@ -86,6 +87,17 @@ def test_no_force_along_a_lead() -> None:
     assert path.force[1] == 0.0
     assert path.force[-1] == 0.0
     assert (path.force[2:-1] == 5.0).all()
+
+
+def test_a_lead_beside_an_outer_corner_keeps_to_the_feed() -> None:
+    job = Job(operation=Operation(lead_in=4.0, lead_out=4.0), process=Process(feed=10.0))
+    drawn = part(rectangle(0, 0, 60, 40))
+    (planned,) = plan(drawn, job).paths
+    corner = starting_at(planned, int(np.argmax(planned.feed[1:])) + 1, 0.5)
+    assert corner.feed[1] == corner.feed[-1] == 20.0
+    ((path,), _) = add_leads([corner], drawn, job)
+    assert path.feed[[1, -1]].tolist() == [10.0, 10.0]
+    assert path.feed[[2, -2]].tolist() == [20.0, 20.0]
 
 
 def test_press_turns_with_the_lead_and_stays_square_to_the_travel() -> None:

@@ -1,13 +1,13 @@
 """Tour -> Program: sequence, heights, blends, orientations and forces, against written text and other geometry."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from camgen.errors import JobError, NoSafeProgram
 from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, dump
@@ -156,6 +156,19 @@ def test_a_closed_path_plunges_from_pass_to_pass():
     body = program(replace(SQUARE, depths=(1.0, 2.0, 3.0))).body
     heights = [i.target.origin[2] for i in body if isinstance(i, MoveL)]
     assert heights == [2, -1, -1, -1, -1, -1, -2, -2, -2, -2, -2, -3, -3, -3, -3, -3, 20]
+
+
+def test_the_plunge_is_never_faster_than_the_feed():
+    fast = replace(SQUARE, feed=frozen([40.0, 40.0, 20.0, 20.0, 20.0]), depths=(1.0, 2.0))
+    body = [i for i in program(fast).body if not isinstance(i, Comment)]
+    down = [b for a, b in pairwise(body) if isinstance(b, MoveL) and sinks(a, b)]
+    assert [(i.target.origin[2], i.speed) for i in down] == [(2, 100), (-1, 20), (-2, 20)]
+    assert [i.speed for i in body if isinstance(i, MoveL)][2] == 40
+
+
+def sinks(before, motion) -> bool:
+    target = getattr(before, "target", None)
+    return isinstance(target, Pose) and motion.target.origin[2] < target.origin[2]
 
 
 def test_an_open_path_runs_back_and_forth():

@@ -1,10 +1,10 @@
 import math
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from camgen.paths import ToolPath, Tour
 from camgen.pose import FloatArray, frozen

@@ -6,12 +6,12 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from camgen.errors import JobError, Refused
 from camgen.ir import Comment, Joints, MoveJ, MoveL, Output, Wait

@@ -3,12 +3,12 @@ import math
 import random
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from camgen.paths import ToolPath
 from camgen.pose import frozen

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import shapely
+from msgspec import Struct
 
 from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, points_at
 from camgen.pose import FloatArray
@@ -14,8 +13,7 @@ from camgen.pose import FloatArray
 _CHORD = 0.02
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Nesting:
+class Nesting(Struct, frozen=True, eq=False):
     """For N loops: depth (N,) = how many loops lie around each; parent (N,) the tightest of them, -1 if none.
 
     area: (N,) mm2, positive counter-clockwise. crossed: (N,) another loop that each crosses, itself if it crosses

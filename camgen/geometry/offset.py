@@ -9,9 +9,8 @@ that come too near to each other need no case of their own, and no arc is ever f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 
 from camgen.geometry.clearance import Obstacles
 from camgen.geometry.intersect import cuts, near_pairs
@@ -30,8 +29,7 @@ _SAME_CUT = 1e-6
 _MISS = 5e-5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Offset:
+class Offset(Struct, frozen=True, eq=False):
     """Chains of segments beside a source, the source on their left.
 
     segments: ordered, ``owner`` counts the chains. closed: (chains,). source: (N,) the source segment beside which a

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.pose import FloatArray
@@ -18,8 +18,7 @@ BoolArray = NDArray[np.bool_]
 _FLAT = 1e-7
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Segments:
+class Segments(Struct, frozen=True, eq=False):
     """N lines and arcs, mm.
 
     start, end: (N, 2). bulge: (N,) tan(sweep / 4), counter-clockwise positive, 0 for a line. centre (N, 2) and radius

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import shapely
+from msgspec import Struct
 
 from camgen.geometry.segments import BoolArray, IntArray, Segments, points_at
 from camgen.pose import FloatArray
@@ -22,8 +22,7 @@ _WIDEST = 64
 _SLIVER = 2e-3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Chains:
+class Chains(Struct, frozen=True, eq=False):
     """Pieces in running order. row, low, high: (N,) as given, pieces of one candidate that follow each other united.
 
     owner: (N,) the chain. closed: (chains,). last_of: (chains,) the last piece of each.

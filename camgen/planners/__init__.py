@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.paths import ToolPath
 from camgen.settings import Job
 from camgen.shapes import Note, Part
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
+class Plan(Struct, frozen=True):
     """The paths of a part in the order of its contours, and what the planner left out or wants known."""
 
     paths: tuple[ToolPath, ...]

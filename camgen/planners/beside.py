@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 
 from camgen.geometry.clearance import Obstacles
 from camgen.geometry.offset import Offset, offset
@@ -17,8 +16,7 @@ EXACT = 0.005
 _MITRE = 0.001
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Beside:
+class Beside(Struct, frozen=True, eq=False):
     """Chains beside a source, the source on their left.
 
     segments: ``owner`` counts the chains. closed: (chains,). source: (N,) the source segment that is touched. turn:

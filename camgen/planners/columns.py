@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.geometry.segments import Segments, points_at, tangents_at
 from camgen.paths import ToolPath
 from camgen.pose import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Label:
+class Label(Struct, frozen=True):
     """What a path is called and how it may be run."""
 
     id: str

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 
 from camgen.geometry.nesting import Nesting, nest
 from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, from_contours
@@ -21,8 +20,7 @@ _SHARP = np.radians(15.0)
 _SLOWEST = 0.02
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Loops:
+class _Loops(Struct, frozen=True, eq=False):
     """The contours that are followed. index: their place in the part. flip: run against the drawn direction so that
     the part is on the left. group: label per contour; what has one label is kept clear of. parent: -1 if none.
     depth: how many loops lie around.
@@ -127,7 +125,9 @@ def _turned(drawn: Segments, flip: BoolArray) -> Segments:
     # Both tables hold each owner's segments in the same rows, so rows can be chosen one by one.
     rows = np.arange(len(drawn))
     pick = np.where(chosen, rows + len(drawn), rows)
-    return Segments(*(np.concatenate([getattr(drawn, name), getattr(back, name)])[pick] for name in Segments.__slots__))
+    return Segments(
+        *(np.concatenate([getattr(drawn, name), getattr(back, name)])[pick] for name in Segments.__struct_fields__)
+    )
 
 
 def _labels(

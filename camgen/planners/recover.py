@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.geometry.segments import BoolArray, from_contours
 from camgen.pose import FloatArray, frozen

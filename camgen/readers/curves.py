@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import comb
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.pose import FloatArray
@@ -122,8 +122,7 @@ def fit(curves: Sequence[FloatArray], chord: float) -> list[Outline]:
     return [outlines.get(i, lost) for i in range(len(curves))]
 
 
-@dataclass(frozen=True, slots=True)
-class _Run:
+class _Run(Struct, frozen=True):
     """Bezier segments of several curves of one degree end to end; parameter u runs over segment floor(u)."""
 
     control: FloatArray
@@ -158,8 +157,7 @@ def _bernstein(degree: int, t: FloatArray) -> FloatArray:
     return np.asarray(binomials * t[..., None] ** i * (1 - t[..., None]) ** (degree - i))
 
 
-@dataclass(frozen=True, slots=True)
-class _Intervals:
+class _Intervals(Struct, frozen=True):
     """Pieces of segments by their parameters."""
 
     segment: IntArray

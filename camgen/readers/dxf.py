@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.errors import InputError
 from camgen.readers import dxf_load, join, units
@@ -31,8 +31,7 @@ _NAMED = 5
 _ALWAYS = {"0", "defpoints"}
 
 
-@dataclass(frozen=True, slots=True)
-class LayerFacts:
+class LayerFacts(Struct, frozen=True):
     """A layer: name, state ("used", or why not) and how many entities of each kind it has, blocks expanded."""
 
     name: str
@@ -40,8 +39,7 @@ class LayerFacts:
     counts: tuple[tuple[str, int], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Facts:
+class Facts(Struct, frozen=True):
     """What is in a DXF file; its ``str`` is a page to print.
 
     closed and open: contours after joining; size: mm; notes as of ``read``.
@@ -68,8 +66,7 @@ class Facts:
         return "\n".join(lines)
 
 
-@dataclass(frozen=True, slots=True)
-class _Read:
+class _Read(Struct, frozen=True):
     version: str
     units: str
     drawn: Drawn

@@ -11,10 +11,10 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from msgspec import Struct, field
 
 from camgen.errors import InputError
 from camgen.pose import FloatArray
@@ -37,8 +37,7 @@ _UP = (0.0, 0.0, 1.0)
 Attributes = dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Smooth:
+class Smooth(Struct, frozen=True):
     """An ellipse (center, two half axes as control rows; start and end parameter) or a spline, in its own frame."""
 
     control: FloatArray
@@ -47,8 +46,7 @@ class Smooth:
     weights: FloatArray | None
 
 
-@dataclass(slots=True, eq=False)
-class Drawn:
+class Drawn(Struct, eq=False):
     """Columns, filled by the walk. Owner numbers count the pieces in drawing order and index ``matrix`` etc.
 
     lines: x, y, z of start and end. arcs: center x, y, z, radius, start and sweep in degrees. outlines: rows x, y, z,
@@ -91,8 +89,7 @@ class Drawn:
         return len(self.matrix) - 1
 
 
-@dataclass(slots=True, eq=False)
-class _Place:
+class _Place(Struct, eq=False):
     """Where a block is put: its matrix, the layer that its layer 0 stands for, and the blocks around it."""
 
     index: int

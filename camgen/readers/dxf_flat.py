@@ -8,9 +8,9 @@ elliptical ones, which are fitted by arcs and lines.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.pose import FloatArray
 from camgen.readers import curves
@@ -23,8 +23,7 @@ FLAT_MM, FLAT_SHARE = 1e-3, 1e-6
 _SIMILAR = 1e-9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Flat:
+class Flat(Struct, frozen=True, eq=False):
     """The pieces in drawing order and what was left out, by owner number.
 
     tilted: owner -> mm by which the curve leaves its plane. damaged: owners. heights: (P,) mm, one per piece.
@@ -36,8 +35,7 @@ class Flat:
     heights: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
+class _Rows(Struct, frozen=True, eq=False):
     """Pieces of lines and arcs: owner (P,), counts (P,), rows of x, y, z, bulge (V, 4)."""
 
     owner: IntArray
@@ -45,8 +43,7 @@ class _Rows:
     rows: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Chain:
+class _Chain(Struct, frozen=True, eq=False):
     """One piece made of runs: a run of Bezier segments to fit, or points and bulges as they are."""
 
     owner: int

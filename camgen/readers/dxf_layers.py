@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
 
 from camgen.errors import JobError
 from camgen.text import harmless
@@ -16,8 +17,7 @@ if TYPE_CHECKING:
 OFF, FROZEN, NOT_ASKED = "the layer is off", "the layer is frozen", "left out by input.layers"
 
 
-@dataclass(slots=True)
-class Layers:
+class Layers(Struct):
     """States by folded name (CAD ignores case), and the verdicts reached so far. ``met`` grows while reading."""
 
     names: dict[str, str]

@@ -8,10 +8,11 @@ where a contour starts, which way it runs, and ties.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.pose import FloatArray, frozen
@@ -94,8 +95,7 @@ def _joint_notes(joints: Joints, tolerance: float) -> list[Note]:
     return notes
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Ends:
+class _Ends(Struct, frozen=True, eq=False):
     """Ends 2 i (start) and 2 i + 1 (end) of each open piece i; outward directions point into the piece."""
 
     points: FloatArray

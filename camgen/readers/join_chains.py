@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.pose import FloatArray
 from camgen.readers.pieces import BoolArray, IntArray, Soup, ramp
 
 
-@dataclass(frozen=True, slots=True)
-class Joints:
+class Joints(Struct, frozen=True):
     """Gaps that were closed, the largest in mm, and contours made of several layers."""
 
     count: int

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.pose import FloatArray
@@ -25,8 +26,7 @@ _WIDEST = 1e9
 OFF_GRID = 0.381966
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Soup:
+class Soup(Struct, frozen=True, eq=False):
     """Drawn pieces, flat: piece i owns rows first[i] to first[i + 1] of points (V, 2, mm) and bulges (V,).
 
     The bulge of the last row of an open piece means nothing. layer and kind (P,) index the names in layers and kinds.
