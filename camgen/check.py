@@ -20,7 +20,6 @@ What is compared, and how exactly:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import chain, compress
 from operator import attrgetter
 from typing import Any
 
@@ -28,6 +27,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.body import Mask, are, numbers, posed, taken
 from camgen.errors import VerifyError
 from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.pose import FloatArray, Pose, quaternion
@@ -73,14 +73,13 @@ class _Group(Struct, frozen=True, eq=False):
     planned: list[Any]
     read: list[Any]
 
-    def where(self, keep: Sequence[bool]) -> _Group:
+    def where(self, keep: Mask) -> _Group:
         """Those of them to keep."""
-        places = self.places[np.asarray(keep, dtype=bool)]
-        return _Group(places, list(compress(self.planned, keep)), list(compress(self.read, keep)))
+        return _Group(self.places[keep], taken(self.planned, keep), taken(self.read, keep))
 
     def column(self, what: str, name: str, limit: float, width: int = 1) -> _Column:
         """An attribute, a number or a tuple of ``width``: the error is that of the worst number."""
-        a, b = _numbers(self.planned, name, width), _numbers(self.read, name, width)
+        a, b = numbers(self.planned, name, width), numbers(self.read, name, width)
         return _Column(what, self.places, a, b, np.abs(a - b).max(axis=1), limit)
 
 
@@ -97,9 +96,9 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
     lines, read = _spoken(reading.body, reading.lines)
     common = _same_kinds(plan, read)
     both = _Group(np.arange(common), plan[:common], read[:common])
-    moves = both.where([type(item) in (MoveL, MoveC, MoveJ) for item in both.planned])
-    places, posed = _places(moves, tolerance)
-    columns = [*places, *_manners(moves, posed, tolerance, carries), *_others(both, tolerance, carries)]
+    moves = both.where(are(both.planned, MoveL, MoveC, MoveJ))
+    places, to_poses = _places(moves, tolerance)
+    columns = [*places, *_manners(moves, to_poses, tolerance, carries), *_others(both, tolerance, carries)]
     differences = [found for column in columns for found in _first_beyond(column)]
     if common < max(len(plan), len(read)):
         differences.append((common, "instruction", _say(plan, common), _say(read, common)))
@@ -113,12 +112,12 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
     return Deviation(float(max(distance)), float(max(angle, default=0.0)), len(plan))
 
 
-def _spoken(body: Sequence[Instruction], numbers: Sequence[int]) -> tuple[list[int], list[Instruction]]:
+def _spoken(body: Sequence[Instruction], places: Sequence[int]) -> tuple[list[int], list[Instruction]]:
     """The instructions that are no comments, and their numbers."""
-    if len(body) != len(numbers):
-        raise ValueError(f"{len(body)} instructions with {len(numbers)} lines")
-    keep = [type(item) is not Comment for item in body]
-    return list(compress(numbers, keep)), list(compress(body, keep))
+    if len(body) != len(places):
+        raise ValueError(f"{len(body)} instructions with {len(places)} lines")
+    keep = ~are(body, Comment)
+    return taken(places, keep), taken(body, keep)
 
 
 def _same_kinds(plan: list[Instruction], read: list[Instruction]) -> int:
@@ -189,28 +188,20 @@ def _compare_frames(planned: Program, reading: Reading, tolerance: Tolerance, fi
 # Columns.
 
 
-def _numbers(items: list[Any], name: str, width: int) -> FloatArray:
-    """An attribute as (M, width)."""
-    values = map(attrgetter(name), items)
-    flat = chain.from_iterable(values) if width > 1 else values
-    return np.fromiter(flat, np.float64, len(items) * width).reshape(-1, width)
-
-
 def _places(moves: _Group, tolerance: Tolerance) -> tuple[list[_Column], _Group]:
     """Where motions end and what arcs pass half-way, and the motions to poses."""
-    is_pose = np.array([type(item.target) is Pose for item in moves.planned], dtype=bool)
-    is_arc = np.array([type(item) is MoveC for item in moves.planned], dtype=bool)
-    posed, arcs = moves.where(is_pose.tolist()), moves.where(is_arc.tolist())
-    target = posed.column("target", "target.origin", tolerance.mm, 3)
+    is_pose, is_arc = posed(moves.planned), are(moves.planned, MoveC)
+    to_poses, arcs = moves.where(is_pose), moves.where(is_arc)
+    target = to_poses.column("target", "target.origin", tolerance.mm, 3)
     middles = []
     for origins, side in ((target.planned, arcs.planned), (target.read, arcs.read)):
         ends = np.full((len(is_pose), 3), np.nan)
         ends[is_pose] = origins
         starts = np.roll(ends, 1, axis=0)
-        middles.append(arc_middles(starts[is_arc], _numbers(side, "via.origin", 3), ends[is_arc]))
+        middles.append(arc_middles(starts[is_arc], numbers(side, "via.origin", 3), ends[is_arc]))
     a, b = middles
     error = np.linalg.norm(a - b, axis=1)
-    return [target, _Column("middle of the arc", arcs.places, a, b, error, ARC_SLACK * tolerance.mm)], posed
+    return [target, _Column("middle of the arc", arcs.places, a, b, error, ARC_SLACK * tolerance.mm)], to_poses
 
 
 def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
@@ -254,17 +245,17 @@ def _turns(a: list[FloatArray], b: list[FloatArray]) -> FloatArray:
     return angles
 
 
-def _manners(moves: _Group, posed: _Group, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+def _manners(moves: _Group, to_poses: _Group, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
     """How motions are made: orientation, joints, speed, blend, force."""
     if "orientation" in carries:
-        a, b = ([item.target.rotation for item in side] for side in (posed.planned, posed.read))
-        yield _Column("orientation", posed.places, a, b, _turns(a, b), tolerance.angle)
-    jointed = moves.where([type(item.target) is Joints for item in moves.planned])
+        a, b = (list(map(attrgetter("target.rotation"), side)) for side in (to_poses.planned, to_poses.read))
+        yield _Column("orientation", to_poses.places, a, b, _turns(a, b), tolerance.angle)
+    jointed = moves.where(~posed(moves.planned))
     a, b = ([item.target.values for item in side] for side in (jointed.planned, jointed.read))
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
     yield _Column("joint values", jointed.places, a, b, error, tolerance.joint)
-    rapid = [type(item) is MoveJ for item in moves.planned]
-    linear = moves.where([not one for one in rapid])
+    rapid = are(moves.planned, MoveJ)
+    linear = moves.where(~rapid)
     if "joint-speed" in carries:
         yield moves.where(rapid).column("speed", "speed", tolerance.speed)
     if "speed" in carries:
@@ -272,7 +263,7 @@ def _manners(moves: _Group, posed: _Group, tolerance: Tolerance, carries: frozen
     if "blend" in carries:
         yield moves.column("blend", "blend", tolerance.mm)
     if "stop" in carries:
-        p, q = (_numbers(side, "blend", 1) for side in (moves.planned, moves.read))
+        p, q = (numbers(side, "blend", 1) for side in (moves.planned, moves.read))
         yield _Column("blend", moves.places, p, q, ((p > 0) != (q > 0))[:, 0] * 1.0, 0.0)
     yield from _forces(linear, "force", tolerance, carries)
 
@@ -282,15 +273,15 @@ def _forces(group: _Group, name: str, tolerance: Tolerance, carries: frozenset[s
     newtons = group.column("force", name, tolerance.force)
     yield newtons
     if "force-direction" in carries and np.any(newtons.planned):
-        a = np.asarray(newtons.planned) * _numbers(group.planned, "press", 3)
-        b = np.asarray(newtons.read) * _numbers(group.read, "press", 3)
+        a = np.asarray(newtons.planned) * numbers(group.planned, "press", 3)
+        b = np.asarray(newtons.read) * numbers(group.read, "press", 3)
         limit = tolerance.force + tolerance.angle * np.asarray(newtons.planned)[:, 0]
         yield _Column("force along x y z", group.places, a, b, np.abs(a - b).max(axis=1), limit)
 
 
 def _others(both: _Group, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
     """Outputs, waits and force control."""
-    outputs, waits, forces = (both.where([type(i) is kind for i in both.planned]) for kind in (Output, Wait, Force))
+    outputs, waits, forces = (both.where(are(both.planned, kind)) for kind in (Output, Wait, Force))
     yield outputs.column("output", "value", _VALUE)
     yield waits.column("wait", "seconds", tolerance.seconds)
     yield from _forces(forces, "newtons", tolerance, carries)

@@ -72,28 +72,46 @@ def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]
 
     ValueError when they are on one line. Plain arithmetic: on three numbers it is ten times as fast as arrays.
     """
-    u, w = _minus(via, start), _minus(end, start)
-    axis = _cross(u, w)
-    uu, ww, area2 = _dot(u, u), _dot(w, w), _dot(axis, axis)
+    if start[2] == via[2] == end[2]:
+        return _flat_circle(start, via, end)
+    (x0, y0, z0), (ux, uy, uz), (wx, wy, wz) = start, _minus(via, start), _minus(end, start)
+    ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+    uu, ww, area2 = ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz, ax * ax + ay * ay + az * az
     if area2 < _LINE * uu * ww or area2 == 0.0:
         raise ValueError("the three points of the arc are on one line")
-    one, two = _cross(axis, u), _cross(w, axis)
+    # From the centre to the start: -(ww axis x u + uu w x axis) / 2 area^2.
     f, g = ww / (2 * area2), uu / (2 * area2)
-    arm = (-one[0] * f - two[0] * g, -one[1] * f - two[1] * g, -one[2] * f - two[2] * g)
-    centre = _minus(start, arm)
+    rx = (az * uy - ay * uz) * f + (ay * wz - az * wy) * g
+    ry = (ax * uz - az * ux) * f + (az * wx - ax * wz) * g
+    rz = (ay * ux - ax * uy) * f + (ax * wy - ay * wx) * g
     size = math.sqrt(area2)
-    unit = (axis[0] / size, axis[1] / size, axis[2] / size)
-    last = _minus(end, centre)
-    sweep = math.atan2(_dot(_cross(arm, last), unit), _dot(arm, last)) % (2 * math.pi)
-    return centre, math.sqrt(_dot(arm, arm)), unit, sweep
+    ax, ay, az = ax / size, ay / size, az / size
+    lx, ly, lz = wx + rx, wy + ry, wz + rz
+    sine = (ry * lz - rz * ly) * ax + (rz * lx - rx * lz) * ay + (rx * ly - ry * lx) * az
+    sweep = math.atan2(sine, rx * lx + ry * ly + rz * lz) % (2 * math.pi)
+    return (x0 - rx, y0 - ry, z0 - rz), math.sqrt(rx * rx + ry * ry + rz * rz), (ax, ay, az), sweep
+
+
+def _flat_circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]:
+    """``circle`` for three points of the same height, as almost all are."""
+    x0, y0, z0 = start
+    ux, uy, wx, wy = via[0] - x0, via[1] - y0, end[0] - x0, end[1] - y0
+    uu, ww, area = ux * ux + uy * uy, wx * wx + wy * wy, ux * wy - uy * wx
+    if area * area < _LINE * uu * ww or area == 0.0:
+        raise ValueError("the three points of the arc are on one line")
+    cx, cy = (uu * wy - ww * uy) / (2 * area), (ww * ux - uu * wx) / (2 * area)
+    lx, ly = wx - cx, wy - cy
+    up = math.copysign(1.0, area)
+    sweep = math.atan2(up * (cy * lx - cx * ly), -cx * lx - cy * ly) % (2 * math.pi)
+    return (x0 + cx, y0 + cy, z0), math.hypot(cx, cy), (0.0, 0.0, up), sweep
 
 
 def is_arc(start: Pose, arc: MoveC) -> bool:
     """Whether the three points of an arc make one: they are apart and not on one line."""
-    u, w = _minus(arc.via.origin, start.origin), _minus(arc.target.origin, start.origin)
-    axis = _cross(u, w)
-    area2 = _dot(axis, axis)
-    return area2 > 0.0 and area2 >= _LINE * _dot(u, u) * _dot(w, w)
+    (ux, uy, uz), (wx, wy, wz) = _minus(arc.via.origin, start.origin), _minus(arc.target.origin, start.origin)
+    ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+    area2 = ax * ax + ay * ay + az * az
+    return area2 > 0.0 and area2 >= _LINE * (ux * ux + uy * uy + uz * uz) * (wx * wx + wy * wy + wz * wz)
 
 
 def along(start: Pose, arc: MoveC, fractions: Sequence[float]) -> list[Pose]:

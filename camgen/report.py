@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.body import are, column, ends, moves_of, vias
 from camgen.ir import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.paths import ToolPath, Tour, segment_lengths
-from camgen.pose import FloatArray, Pose, Vec3, frozen
+from camgen.pose import FloatArray, Vec3, frozen
 from camgen.shapes import Note, Part
 
 #: The value of each of ``checks`` as long as the cell has no robot model.
@@ -40,14 +41,15 @@ class Motions(Struct, frozen=True):
 
 def sum_up(body: Sequence[Instruction]) -> Motions:
     """The sums of a body of instructions."""
-    rows = _rows(body)
-    length = np.zeros(len(rows.kind))
-    arc = rows.kind == "C"
-    length[arc] = arc_lengths(rows.start[arc], rows.via[arc], rows.end[arc])
-    length[~arc] = np.nan_to_num(np.linalg.norm(rows.end[~arc] - rows.start[~arc], axis=1))
-    seconds = math.fsum((length / rows.speed).tolist())
+    moves, _ = moves_of(body)
+    end, via, speed = ends(moves), vias(moves), column(moves, "speed")
+    start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
+    arc, line, joint = are(moves, MoveC), are(moves, MoveL), are(moves, MoveJ)
+    length = np.nan_to_num(np.linalg.norm(end - start, axis=1))
+    length[arc] = arc_lengths(start[arc], via[arc], end[arc])
+    seconds = math.fsum((length / speed).tolist())
     waits = math.fsum(item.seconds for item in body if isinstance(item, Wait))
-    points = np.concatenate([rows.end, rows.via])
+    points = np.concatenate([end, via])
     points = points[~np.isnan(points).any(axis=1)]
     outputs: dict[str, dict[float, None]] = {}
     for item in body:
@@ -55,11 +57,11 @@ def sum_up(body: Sequence[Instruction]) -> Motions:
             outputs.setdefault(item.signal, {})[item.value] = None
     return Motions(
         counts=_counts(body),
-        straight=math.fsum(length[rows.kind == "L"].tolist()),
+        straight=math.fsum(length[line].tolist()),
         arc=math.fsum(length[arc].tolist()),
-        joint=math.fsum(length[rows.kind == "J"].tolist()),
+        joint=math.fsum(length[joint].tolist()),
         seconds=seconds + waits,
-        speeds=(float(rows.speed.min()), float(rows.speed.max())) if len(rows.speed) else (0.0, 0.0),
+        speeds=(float(speed.min()), float(speed.max())) if moves else (0.0, 0.0),
         extents=(_corner(points.min(axis=0)), _corner(points.max(axis=0))) if len(points) else None,
         outputs={name: tuple(values) for name, values in outputs.items()},
         force=max((i.newtons for i in body if isinstance(i, Force)), default=0.0),
@@ -79,31 +81,6 @@ def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     with np.errstate(divide="ignore", invalid="ignore"):
         curved = np.linalg.norm(end - start, axis=1) / np.sin(turn) * turn
     return np.asarray(np.where(turn > 1e-9, curved, flat), dtype=np.float64)
-
-
-class _Rows(Struct, frozen=True, eq=False):
-    """The motions of a body as columns; start, via and end (N, 3) are NaN where there is none."""
-
-    kind: np.ndarray[tuple[int], np.dtype[np.str_]]
-    start: FloatArray
-    via: FloatArray
-    end: FloatArray
-    speed: FloatArray
-
-
-def _rows(body: Sequence[Instruction]) -> _Rows:
-    nowhere = (math.nan, math.nan, math.nan)
-    kinds, vias, ends, speeds = [], [], [], []
-    for item in body:
-        if isinstance(item, (MoveL, MoveC, MoveJ)):
-            kinds.append("C" if isinstance(item, MoveC) else "L" if isinstance(item, MoveL) else "J")
-            vias.append(item.via.origin if isinstance(item, MoveC) else nowhere)
-            ends.append(item.target.origin if isinstance(item.target, Pose) else nowhere)
-            speeds.append(item.speed)
-    end = np.array(ends, dtype=np.float64).reshape(-1, 3)
-    start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    via = np.array(vias, dtype=np.float64).reshape(-1, 3)
-    return _Rows(np.array(kinds, dtype=np.str_), start, via, end, frozen(speeds))
 
 
 def _counts(body: Sequence[Instruction]) -> dict[str, int]:

@@ -18,7 +18,8 @@ import numpy as np
 
 from camgen.check import compare
 from camgen.errors import CamgenError, Refused
-from camgen.ir import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, dump
+from camgen.ir import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.ir_text import dump
 from camgen.plugins import make_post
 from camgen.pose import TOOL_DOWN, Pose
 from camgen.post import OutputFile, Post, Readback

@@ -26,8 +26,8 @@ def _sweep(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
     """Sweep (rad) of the arc through three points, the rest of which is twice the angle that its ends make at ``via``,
     and the distance (mm) of ``via`` from the line through its ends.
     """
-    u, w = [a - b for a, b in zip(start, via, strict=True)], [a - b for a, b in zip(end, via, strict=True)]
-    cross = (u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0])
-    area = math.hypot(*cross)
-    sweep = 2 * (math.pi - math.atan2(area, sum(a * b for a, b in zip(u, w, strict=True))))
+    (sx, sy, sz), (vx, vy, vz), (ex, ey, ez) = start, via, end
+    ux, uy, uz, wx, wy, wz = sx - vx, sy - vy, sz - vz, ex - vx, ey - vy, ez - vz
+    area = math.hypot(uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx)
+    sweep = 2 * (math.pi - math.atan2(area, ux * wx + uy * wy + uz * wz))
     return sweep, area / max(math.dist(start, end), 1e-9)

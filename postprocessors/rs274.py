@@ -207,9 +207,10 @@ def printed_arc(start: Vec3, arc: MoveC, decimals: int) -> Arc | str:
     of the planned centre: exact for shallow arcs too, where three rounded points would not tell the radius.
     Raises ValueError when the three points are on one line.
     """
-    centre, radius, axis, sweep = circle(start, arc.via.origin, arc.target.origin)
-    x0, y0, z0 = (round(v, decimals) for v in start)
-    x1, y1, z1 = (round(v, decimals) for v in arc.target.origin)
+    end = arc.target.origin
+    centre, radius, axis, sweep = circle(start, arc.via.origin, end)
+    x0, y0, z0 = round(start[0], decimals), round(start[1], decimals), round(start[2], decimals)
+    x1, y1, z1 = round(end[0], decimals), round(end[1], decimals), round(end[2], decimals)
     digit = 10.0**-decimals
     if z0 != z1 or abs(arc.via.origin[2] - z0) > digit:
         return "the arc does not lie in the XY plane"
@@ -220,7 +221,7 @@ def printed_arc(start: Vec3, arc: MoveC, decimals: int) -> Arc | str:
         return "the arc cannot be told from its chord"
     nx, ny = (y0 - y1) / chord, (x1 - x0) / chord
     mx, my = (x0 + x1) / 2, (y0 + y1) / 2
-    k = (float(centre[0]) - mx) * nx + (float(centre[1]) - my) * ny
+    k = (centre[0] - mx) * nx + (centre[1] - my) * ny
     i, j = round(mx + k * nx - x0, decimals + 1), round(my + k * ny - y0, decimals + 1)
     if abs(math.hypot(i, j) - math.hypot(x1 - x0 - i, y1 - y0 - j)) > _RADII:
         return "the rounded arc has two radii"

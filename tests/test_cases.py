@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import camgen
-from camgen.ir import dump, parse
+from camgen.ir_text import dump, parse
 from camgen.job import Result
 from camgen.lower import lower
 

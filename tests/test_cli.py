@@ -14,7 +14,8 @@ import camgen.cli_say
 from camgen.cli import main
 from camgen.cli_plan import decode, encode
 from camgen.errors import JobError
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, dump
+from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.ir_text import dump
 from camgen.pose import TOOL_DOWN, Pose, rotation_from_fixed_xyz, translation
 from camgen.writing import check_targets, write_all
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.errors import Refused
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, dump, motions, parse
+from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, motions
+from camgen.ir_text import dump, parse
 from camgen.pose import TOOL_DOWN, Pose, angle_between, rotation_from_fixed_xyz, translation
 
 PROGRAMS = sorted((Path(__file__).parent.parent / "fixtures" / "programs").glob("*.ir"))

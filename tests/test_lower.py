@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.errors import JobError, NoSafeProgram
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, dump
+from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.ir_text import dump
 from camgen.lower import lower, placed
 from camgen.passes import circle, corner_blend
 from camgen.paths import ToolPath, Tour

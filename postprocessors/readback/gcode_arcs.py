@@ -26,19 +26,28 @@ Piece = tuple[Vec3 | None, Vec3]
 def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float], absolute: bool, inch: bool,
            rules: Rules) -> list[Piece]:  # fmt: skip
     """The arc from ``start`` to ``end`` (mm). words: I J K R in mm and P, taken out as they are used. Raises Wrong."""
-    first, second, normal = _PLANES[plane]
+    first, second, normal = axes = _PLANES[plane]
     a0, b0, a1, b1 = start[first], start[second], end[first], end[second]
     offsets = (words.pop("IJK"[first], None), words.pop("IJK"[second], None))
     radius = words.pop("R", None)
-    if radius is not None:
-        if offsets != (None, None):
-            raise Wrong("R and a centre in one arc")
+    if radius is None:
+        a, b = _centre(offsets, (a0, b0), absolute)
+    elif offsets == (None, None):
         a, b = _centre_of(code, a0, b0, a1, b1, radius, rules)
     else:
-        a, b = _centre(offsets, (a0, b0), absolute)
-        _check_radii(math.hypot(a0 - a, b0 - b), math.hypot(a1 - a, b1 - b), inch, rules)
-    sweep = _sweep(code, math.atan2(b0 - b, a0 - a), math.atan2(b1 - b, a1 - a), words.pop("P", 1.0), rules)
-    return _divide((first, second, normal), start, end, (a, b), sweep)
+        raise Wrong("R and a centre in one arc")
+    r0, r1 = math.hypot(a0 - a, b0 - b), math.hypot(a1 - a, b1 - b)
+    if radius is None:
+        _check_radii(r0, r1, inch, rules)
+    begin = math.atan2(b0 - b, a0 - a)
+    sweep = _sweep(code, begin, math.atan2(b1 - b, a1 - a), words.pop("P", 1.0), rules)
+    rise = end[normal] - start[normal]
+    if rise or abs(sweep) - min(_OVER_MM / max(r0, r1), _OVER_RAD) > math.pi:
+        return _divide(axes, start, end, (a, b), (r0, r1, begin, sweep))
+    r, angle = (r0 + r1) / 2, begin + sweep / 2
+    point = [start[normal]] * 3
+    point[first], point[second] = a + r * math.cos(angle), b + r * math.sin(angle)
+    return [((point[0], point[1], point[2]), end)]
 
 
 def _centre(offsets: tuple[float | None, float | None], start: tuple[float, float], absolute: bool) -> Vec2:
@@ -92,13 +101,13 @@ def _sweep(code: str, begin: float, finish: float, turns: float, rules: Rules) -
     return turn if code == "G3" else -turn
 
 
-def _divide(axes: tuple[int, int, int], start: Vec3, end: Vec3, centre: Vec2, sweep: float) -> list[Piece]:
+def _divide(
+    axes: tuple[int, int, int], start: Vec3, end: Vec3, centre: Vec2, arc: tuple[float, float, float, float]
+) -> list[Piece]:
+    """A helix as lines, a wide arc as several. arc: radii at start and end, angle at the start, sweep."""
     first, second, normal = axes
-    (a, b), lift = centre, end[normal] - start[normal]
-    r0 = math.hypot(start[first] - a, start[second] - b)
-    r1 = math.hypot(end[first] - a, end[second] - b)
-    begin = math.atan2(start[second] - b, start[first] - a)
-    radius = max(r0, r1)
+    (a, b), (r0, r1, begin, sweep) = centre, arc
+    lift, radius = end[normal] - start[normal], max(r0, r1)
 
     def at(fraction: float) -> Vec3:
         """The point of the arc; between unequal radii the radius changes evenly."""
@@ -112,10 +121,7 @@ def _divide(axes: tuple[int, int, int], start: Vec3, end: Vec3, centre: Vec2, sw
         step = 2 * math.acos(max(0.0, 1 - _HELIX / radius))
         count = _count(abs(sweep) / step)
         return [*((None, at(i / count)) for i in range(1, count)), (None, end)]
-    over = min(_OVER_MM / radius, _OVER_RAD)
-    if abs(sweep) - over <= math.pi:
-        return [(at(0.5), end)]
-    count = _count((abs(sweep) - over) / math.pi)
+    count = _count((abs(sweep) - min(_OVER_MM / radius, _OVER_RAD)) / math.pi)
     ends = [*(at(i / count) for i in range(1, count)), end]
     return [(at((i + 0.5) / count), point) for i, point in enumerate(ends)]
 

@@ -1,0 +1,83 @@
+"""The instructions of a program, frozen values that a body of a hundred thousand can hold.
+
+A signal is a name, a posture is a joint solution, an arc is two poses: how a controller spells them is its post's.
+"""
+
+from __future__ import annotations
+
+from msgspec import Struct
+
+from camgen.pose import Pose
+
+
+class Joints(Struct, frozen=True, gc=False):
+    """Controller joint values: rad for revolute, mm for sliding joints, axis 1 first."""
+
+    values: tuple[float, ...]
+
+
+class MoveJ(Struct, frozen=True, eq=False, gc=False):
+    """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s."""
+
+    target: Pose | Joints
+    speed: float
+    blend: float = 0.0
+    joints: Joints | None = None
+
+
+class MoveL(Struct, frozen=True, eq=False, gc=False):
+    """Straight line of the TCP. target: work_from_tcp. blend: radius in mm within which the corner may be rounded, 0
+    = exact stop. force: N to press with during this motion, while a ``Force`` is on. press: its direction at the
+    target, unit vector in the work frame from the tool towards the surface.
+    """
+
+    target: Pose
+    speed: float
+    blend: float = 0.0
+    force: float = 0.0
+    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    joints: Joints | None = None
+
+
+class MoveC(Struct, frozen=True, eq=False, gc=False):
+    """Arc of the TCP from where it is through ``via`` (half-way) to ``target``, at most half a circle."""
+
+    via: Pose
+    target: Pose
+    speed: float
+    blend: float = 0.0
+    force: float = 0.0
+    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    joints: Joints | None = None
+
+
+class Output(Struct, frozen=True, gc=False):
+    """Sets a named signal. value: 0 off, 1 on; for ``spindle`` its speed in rpm."""
+
+    signal: str
+    value: float
+
+
+class Wait(Struct, frozen=True, gc=False):
+    """Stands still for so many seconds."""
+
+    seconds: float
+
+
+class Force(Struct, frozen=True, gc=False):
+    """Force control on, pressing with ``newtons`` along ``press`` (unit, work frame) from the next motion on; 0 N: off,
+    and the next motion leaves the surface.
+    """
+
+    newtons: float
+    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class Comment(Struct, frozen=True, gc=False):
+    """A remark for whoever reads the program; posts clean it."""
+
+    text: str
+
+
+Motion = MoveJ | MoveL | MoveC
+Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | Comment
