@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
+from camgen.geometry.plain import loop_areas, plain
 from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, points_at
 from camgen.pose import FloatArray
 
@@ -29,14 +30,15 @@ class Nesting(Struct, frozen=True, eq=False):
 
 def nest(segments: Segments, count: int) -> Nesting:
     """Nesting of the closed loops 0..count-1 that own ``segments``."""
-    points, owner = flatten(segments, _CHORD)
-    area = _areas(points, owner, count)
+    area = loop_areas(segments, count)
+    # Most loops of a large drawing need no test against others.
+    points, owner = flatten(segments.take(np.flatnonzero(~plain(segments, count)[segments.owner])), _CHORD)
     many = np.bincount(owner, minlength=count) >= 3
     rings = np.flatnonzero(many)
     chosen = many[owner]
     polygons = shapely.polygons(shapely.linearrings(points[chosen], indices=np.cumsum(many)[owner[chosen]] - 1))
     crossed = np.full(count, -1)
-    _cross_themselves(polygons, rings, area, crossed)
+    _cross_themselves(polygons, rings, _areas(points, owner, count), crossed)
     touching = _cross_others(polygons, rings, crossed)
     depth, parent = _around(segments, polygons, rings, area, touching)
     length = np.bincount(segments.owner, segments.length, count)
@@ -45,11 +47,14 @@ def nest(segments: Segments, count: int) -> Nesting:
 
 def _areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
     """Signed areas by the shoelace formula about each loop's first point."""
+    if not len(owner):
+        return np.zeros(count)
     first = np.searchsorted(owner, np.arange(count))
-    last = np.append(first[1:], len(owner)) - 1
+    own = points - points[np.minimum(first, len(owner) - 1)][owner]
     following = np.arange(1, len(owner) + 1)
-    following[last] = first
-    a, b = points - points[first][owner], points[following] - points[first][owner]
+    last = np.flatnonzero(np.append(owner[1:] != owner[:-1], True))
+    following[last] = first[owner[last]]
+    a, b = own, own[following]
     return np.asarray(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count) / 2)
 
 

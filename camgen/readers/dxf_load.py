@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
 _END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b")
+_TAIL = 256
 _SECTION = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*SECTION\b")
 _QUIET = logging.NullHandler()
 _SAVE_AGAIN = "open it in the CAD program and save it again as DXF"
@@ -55,7 +56,8 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     logging.getLogger("ezdxf").addHandler(_QUIET)
     notes: list[Note] = []
     binary = data.startswith(_BINARY)
-    if not (b"\x00EOF\x00" in data if binary else _END.search(data)):
+    # At the end of most files; what a program has written behind it is rare and costs a look at everything.
+    if not (b"\x00EOF\x00" in data if binary else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)):
         notes.append(Note("skipped", "the file ends before its end mark", "what would follow is lost"))
         data = data if binary else _ended(data)
     try:
