@@ -102,8 +102,10 @@ class GCode(Rs274):
 
     def _pressed(self, motion: MoveL | MoveC) -> Sequence[str]:
         """M67 acts with the next motion, without a stop before it."""
+        if not self._pressing:
+            return ()
         value = self._force_word(motion.force)
-        if not self._pressing or value == self._pressing:
+        if value == self._pressing:
             return ()
         self._pressing = value
         return (f"M67 E{self.force_channel} Q{value}",)

@@ -119,9 +119,9 @@ class Rs274(Post):
             self._words, self._here = tuple(words), place
             return words
         changed, words = [], list(old)
-        for k in (0, 1, 2):
-            if place[k] != self._here[k]:
-                word = "XYZ"[k] + short(place[k], digits)
+        for k, (value, before) in enumerate(zip(place, self._here, strict=True)):
+            if value != before:
+                word = "XYZ"[k] + short(value, digits)
                 if word != old[k]:
                     words[k] = word
                     changed.append(word)
@@ -158,11 +158,13 @@ class Rs274(Post):
         return ""
 
     def _refuses_motion(self, item: Motion, start: Pose | None) -> str:
-        if isinstance(item.target, Joints):
+        target = item.target
+        if isinstance(target, Joints):
             return "a three-axis machine has no joint values to move to; give the home position as a pose"
-        if tilted(item.target.rotation) or (isinstance(item, MoveC) and tilted(item.via.rotation)):
+        if tilted(target.rotation) or (isinstance(item, MoveC) and tilted(item.via.rotation)):
             return "the tool is not straight down, and the machine has three axes; use a robot's post or no axis tilt"
-        if max(map(abs, item.target.origin)) > _FAR:
+        x, y, z = target.origin
+        if not (-_FAR <= x <= _FAR and -_FAR <= y <= _FAR and -_FAR <= z <= _FAR):
             return f"a coordinate is beyond {_FAR:g} mm"
         if isinstance(item, MoveJ):
             return ""

@@ -48,7 +48,9 @@ def _convex(segments: Segments, count: int) -> BoolArray:
     sense = np.sign(turn)[segments.owner]
     wrong = (segments.sweep * sense < 0) | (corner * sense < -_STRAIGHT) | (np.abs(corner) > _BACK)
     many = np.bincount(segments.owner, minlength=count) >= 2
-    return many & (np.abs(np.abs(turn) - 2 * np.pi) < 1e-6) & (np.bincount(segments.owner, wrong, count) == 0)
+    return np.asarray(
+        many & (np.abs(np.abs(turn) - 2 * np.pi) < 1e-6) & (np.bincount(segments.owner, wrong, count) == 0)
+    )
 
 
 def _alone(segments: Segments, loops: IntArray) -> BoolArray:

@@ -10,31 +10,43 @@ from collections.abc import Iterable
 
 from camgen.post import Fault, Reading
 
-from .gcode_lexis import Rules, Wrong, is_percent, lex
+from .gcode_lexis import Line, Rules, Wrong, is_percent, lex
 from .gcode_motion import move
-from .gcode_plain import read_plain
+from .gcode_plain import is_settled, read_plain
 from .gcode_state import HANDLERS, Expect, Machine, feed, speed_and_tool
+
+#: So many lines are remembered.
+_KNOWN = 200
 
 
 def run(text: Iterable[str], rules: Rules, expect: Expect) -> Reading:
     """What the lines say. Never raises for anything that they hold."""
     m = Machine(rules, expect)
-    opened = begun = False
+    opened = begun = settled = False
+    known: dict[str, Line | None] = {}
     for m.line, raw in enumerate(text, start=1):
+        if settled and read_plain(m, raw):
+            continue
         try:
-            if read_plain(m, raw):
-                continue
             if "%" in raw and is_percent(raw) and rules.linuxcnc:
                 opened = _percent(m, opened, begun)
                 continue
             begun = begun or not raw.isspace()
-            line = lex(raw, rules)
+            line = known[raw] if raw in known else _remembered(known, raw, lex(raw, rules))
             if line is not None:
-                _execute(m, *line)
+                _execute(m, line[0].copy(), line[1].copy())
         except Wrong as wrong:
             m.fault(str(wrong))
+        settled = is_settled(m)
     _finish(m)
     return Reading(tuple(m.body), tuple(m.lines), tuple(m.faults))
+
+
+def _remembered(known: dict[str, Line | None], raw: str, line: Line | None) -> Line | None:
+    """``line``, kept for when the same words come again: outputs do, for every path."""
+    if len(known) < _KNOWN:
+        known[raw] = line
+    return line
 
 
 def _percent(m: Machine, opened: bool, begun: bool) -> bool:

@@ -7,9 +7,10 @@ through ``gcode_lexis`` and ``gcode_motion``; a test holds both ways against eac
 from __future__ import annotations
 
 import re
+from typing import cast
 
 from camgen.ir import MoveC, MoveJ, MoveL
-from camgen.pose import TOOL_DOWN, Pose
+from camgen.pose import TOOL_DOWN, Pose, Vec3
 
 from .gcode_arcs import pieces
 from .gcode_lexis import Wrong
@@ -25,9 +26,12 @@ _LENGTH = 70
 
 
 def read_plain(m: Machine, raw: str) -> bool:
-    """Whether the line was read. Then its instruction is written down and the state moved on."""
+    """Whether the line was read. Then its instruction is written down and the state moved on.
+
+    Only where nothing but the words of a line decides what it does (``is_settled``).
+    """
     plain = _PLAIN.fullmatch(raw)
-    if plain is None or len(raw) > _LENGTH or not _usual(m):
+    if plain is None or len(raw) > _LENGTH:
         return False
     code, x, y, z, i, j, f = plain.groups()
     feed = float(f) / 60.0 if f else m.feed
@@ -35,7 +39,7 @@ def read_plain(m: Machine, raw: str) -> bool:
         return False
     if (i is not None or j is not None) != (code in ("G2", "G3")):
         return False
-    x0, y0, z0 = (v or 0.0 for v in m.at)
+    x0, y0, z0 = cast(Vec3, m.at)
     target = (x0 if x is None else float(x), y0 if y is None else float(y), z0 if z is None else float(z))
     if code == "G0":
         m.add(MoveJ(Pose(TOOL_DOWN, target), RAPID))
@@ -51,18 +55,16 @@ def read_plain(m: Machine, raw: str) -> bool:
 RAPID = 100.0
 
 
-def _usual(m: Machine) -> bool:
-    """Whether nothing but the words of a line decides what it does."""
-    settled = m.started and m.placed and not m.ended and m.unit == 1.0 and m.plane == "G17"
+def is_settled(m: Machine) -> bool:
+    """Whether nothing but the words of a line decides what it does: the position is known, no mode is unusual."""
+    settled = m.started and m.placed and None not in m.at and not m.ended and m.unit == 1.0 and m.plane == "G17"
     return settled and not (m.incremental or m.absolute_centre or m.waiting or m.next_newtons is not None)
 
 
-def _arc(m: Machine, code: str, target: tuple[float, float, float], i: str | None, j: str | None, feed: float) -> bool:
+def _arc(m: Machine, code: str, target: Vec3, i: str | None, j: str | None, feed: float) -> bool:
     words = {letter: float(text) for letter, text in (("I", i), ("J", j)) if text is not None}
-    x, y, z = m.at
-    start = (x or 0.0, y or 0.0, z or 0.0)
     try:
-        found = pieces("G17", code, start, target, words, False, False, m.rules)
+        found = pieces("G17", code, cast(Vec3, m.at), target, words, False, False, m.rules)
     except Wrong:
         return False  # the long way says what is wrong
     force = m.newtons if m.pressing else 0.0
