@@ -72,7 +72,7 @@ def _planned(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
     travel = result.tour.travel
     return [
-        ("plan", f"{counted(len(result.paths), 'path')}, work {length(work)}", "plain"),
+        ("plan", f"{counted(len(result.tour.paths), 'path')}, work {length(work)}", "plain"),
         ("tour", f"{result.tour.method}: work {length(work)}, travel {length(travel)}", "plain"),
     ]
 

@@ -44,16 +44,15 @@ Watch = Callable[[str], None]
 class Result(Struct, frozen=True, eq=False):
     """What a build made. All lengths mm, angles rad, times s.
 
-    part: what was read. paths: as planned, before the tour. tour: in order, with their leads. program: as the text
-    says it, arcs already replaced where the controller has none. files: the text with LF line ends. report: the
-    contract's report as plain data. deviation: of the text read back. motions: the sums of the program.
+    part: what was read. tour: the paths in order, with their leads. program: as the text says it, arcs already
+    replaced where the controller has none. files: the text with LF line ends. report: the contract's report as plain
+    data. deviation: of the text read back. motions: the sums of the program.
     """
 
     part: Part
     job: Job
     post: Post
     cell: Cell
-    paths: tuple[ToolPath, ...]
     tour: Tour
     notes: tuple[Note, ...]
     program: Program
@@ -90,7 +89,7 @@ def build(
     watch("reading")
     digest = _digest(settings, sources)
     part = joined([_read(source, settings) for source in sources])
-    planned, tour, notes, cell = _planned(part, settings, poster, strict, watch)
+    tour, notes, cell = _planned(part, settings, poster, strict, watch)
     watch("programming")
     header = _header(sources, part, poster, settings, cell, digest)
     title = poster.program or name or part.name
@@ -101,9 +100,7 @@ def build(
     deviation = compare(program, reading, poster.tolerance(), poster.carries, files[0].name)
     motions = sum_up(program.body)
     report = report_of(part, tour, notes, motions.seconds, deviation.max_mm, [file.name for file in files])
-    return Result(
-        part, settings, poster, cell, planned, tour, notes, program, files, deviation, motions, report
-    )  # fmt: skip
+    return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions, report)
 
 
 def joined(parts: Sequence[Part]) -> Part:
@@ -148,10 +145,8 @@ def _poster(name: str, job: Job, origin: str) -> Post:
         raise JobError(origin, error.what, error.file, error.remedy) from error
 
 
-def _planned(
-    part: Part, job: Job, poster: Post, strict: bool, watch: Watch
-) -> tuple[tuple[ToolPath, ...], Tour, tuple[Note, ...], Cell]:
-    """The paths, their tour, all notes and the cell in which the program will run."""
+def _planned(part: Part, job: Job, poster: Post, strict: bool, watch: Watch) -> tuple[Tour, tuple[Note, ...], Cell]:
+    """The tour of the paths, all notes and the cell in which the program will run."""
     watch("planning")
     planned = plan(part, job)
     notes = part.notes + planned.notes
@@ -161,7 +156,7 @@ def _planned(
     tour, lead_notes = _toured(planned.paths, part, job, cell)
     notes += lead_notes
     _insist(part, notes, bool(tour.paths), strict)
-    return planned.paths, tour, notes, cell
+    return tour, notes, cell
 
 
 def _toured(paths: Sequence[ToolPath], part: Part, job: Job, cell: Cell) -> tuple[Tour, tuple[Note, ...]]:
