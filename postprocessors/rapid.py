@@ -13,7 +13,7 @@ from typing import ClassVar
 from camgen.errors import JobError, Refused
 from camgen.ir import Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait, motions
 from camgen.passes import without_force
-from camgen.pose import Pose, quaternion, translation
+from camgen.pose import FloatArray, Pose, quaternion, translation
 from camgen.post import Cell, OutputFile, Tolerance
 from camgen.text import fixed, short
 
@@ -40,7 +40,8 @@ class Rapid(RapidOptions):
     about: ClassVar[str] = "ABB RAPID modules (IRC5, OmniCore, S4)"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
 
-    _rotations: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
+    #: Rotations as they are printed, by identity, with the rotation itself: programs share them.
+    _rotations: dict[int, tuple[FloatArray, str]] = field(default_factory=dict, init=False, repr=False)
     #: The change of force that the next motion makes.
     _change: Force | None = field(default=None, init=False, repr=False)
     #: What is printed behind the first motion.
@@ -93,12 +94,12 @@ class Rapid(RapidOptions):
         return ""
 
     def _refuses_motion(self, motion: Motion) -> str:
-        for joints in (motion.target, motion.joints):
+        target = motion.target
+        for joints in (target, motion.joints):
             if isinstance(joints, Joints) and len(joints.values) != 6:
                 return f"{len(joints.values)} joint values; RAPID here is for arms of six axes"
-        for pose in (motion.target, motion.via if isinstance(motion, MoveC) else None):
-            if isinstance(pose, Pose) and _far(pose):
-                return f"a coordinate of more than {_FARTHEST} mm, which a num does not carry exactly"
+        if (isinstance(target, Pose) and _far(target)) or (isinstance(motion, MoveC) and _far(motion.via)):
+            return f"a coordinate of more than {_FARTHEST} mm, which a num does not carry exactly"
         if not _LEAST <= motion.speed <= _FASTEST:
             return f"a speed of {motion.speed:g} mm/s; use {_LEAST} to {_FASTEST}"
         if motion.blend and not _LEAST <= motion.blend <= _FARTHEST:
@@ -176,15 +177,16 @@ class Rapid(RapidOptions):
 
     def _target(self, pose: Pose, motion: Motion) -> str:
         """A robtarget written out: cheaper in program memory than a named one."""
-        x, y, z = (fixed(v, self.decimals) for v in pose.origin)
         conf = "0,0,0,0" if motion.joints is None or self.conf == "off" else _quarters(motion.joints)
-        return f"[[{x},{y},{z}],[{self._rotation(pose)}],[{conf}],{_NO_AXES}]"
+        (x, y, z), digits = pose.origin, self.decimals
+        place = f"{fixed(x, digits)},{fixed(y, digits)},{fixed(z, digits)}"
+        return f"[[{place}],[{self._rotation(pose)}],[{conf}],{_NO_AXES}]"
 
     def _rotation(self, pose: Pose) -> str:
-        key = pose.rotation.tobytes()
-        if key not in self._rotations:
-            self._rotations[key] = ",".join(fixed(v, _Q_DIGITS) for v in quaternion(pose.rotation))
-        return self._rotations[key]
+        rotation = pose.rotation
+        if id(rotation) not in self._rotations:
+            self._rotations[id(rotation)] = rotation, ",".join(fixed(v, _Q_DIGITS) for v in quaternion(rotation))
+        return self._rotations[id(rotation)][1]
 
     def _tail(self, motion: Motion) -> str:
         """Speed, force while pressing, zone, tool and work object."""
@@ -281,7 +283,8 @@ class Rapid(RapidOptions):
 
 
 def _far(pose: Pose) -> bool:
-    return any(abs(v) > _FARTHEST for v in pose.origin)
+    x, y, z = pose.origin
+    return not (abs(x) <= _FARTHEST and abs(y) <= _FARTHEST and abs(z) <= _FARTHEST)
 
 
 def _quarters(joints: Joints) -> str:

@@ -6,6 +6,7 @@ RAPID kernel manual 2.3 and 2.4; system data types manual, speeddata and zonedat
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 from camgen.ir import Program, motions
 from camgen.text import short
@@ -60,12 +61,14 @@ def legal_name(text: str, longest: int) -> str:
     return f"m{name}" if name_fault(name, longest) else name
 
 
+@lru_cache(maxsize=1000)
 def speed_name(speed: float) -> str:
     """The speeddata of ``speed`` (mm/s): predefined where there is one, else declared by ``motion_data``."""
     text = short(speed, DIGITS)
     return f"v{text}" if float(text) in SPEEDS else "vCam" + text.replace(".", "_")
 
 
+@lru_cache(maxsize=1000)
 def zone_name(blend: float) -> str:
     """The zonedata of ``blend`` (mm), a stop point for 0."""
     text = short(blend, DIGITS)
@@ -77,8 +80,8 @@ def motion_data(program: Program) -> list[str]:
 
     The components beside the TCP speed, and a zone's ratio of 1.5 to the TCP radius, are those of the predefined ones.
     """
-    speeds = {short(motion.speed, DIGITS) for _, motion in motions(program.body)}
-    zones = {short(motion.blend, DIGITS) for _, motion in motions(program.body)}
+    speeds = {short(speed, DIGITS) for speed in {motion.speed for _, motion in motions(program.body)}}
+    zones = {short(blend, DIGITS) for blend in {motion.blend for _, motion in motions(program.body)}}
     lines = [
         f"CONST speeddata {speed_name(float(v))}:=[{v},500,5000,1000];"
         for v in sorted(speeds, key=float)
