@@ -16,6 +16,7 @@ from camgen.post import Fault, Reading
 from . import pacscript_force as force
 from . import pacscript_motion as motion
 from .pacscript_machine import Machine
+from .pacscript_plain import Plain, carry_out
 from .pacscript_text import Procedure, Source, Statement, read_source
 from .pacscript_values import Unreadable, Value, arguments, evaluate, index, number
 
@@ -49,11 +50,12 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
 
     A blend of ``@P`` is given as 1 mm, as its radius is the controller's. Speeds in percent are of ``rated``.
     """
-    source = read_source(files)
+    templates = force.templates(options)
+    source = read_source(files, short=not force.may_say(templates, "Move"))
     rated = options.get("rated", 0.0)
     machine = Machine(float(rated) if isinstance(rated, (int, float)) and rated > 0 else 0.0, _names(options))
     if main := source.procedures.get("main"):
-        _Run(machine, source, force.templates(options)).procedure(main)
+        _Run(machine, source, templates).procedure(main)
         _finish(machine)
     faults = sorted({*source.faults, *machine.faults}, key=lambda fault: (fault.line, fault.what))
     work, tool = (machine.frames.get((kind, machine.numbers[kind])) for kind in ("work", "tool"))
@@ -88,12 +90,17 @@ class _Run:
         """Carries out the statements of a procedure to its end or ``Exit Sub``."""
         statements, at = procedure.statements, 0
         while at < len(statements):
-            self.machine.line, text = statements[at]
+            statement = statements[at]
+            self.machine.line = statement.line if isinstance(statement, Plain) else statement[0]
             self.steps += 1
             if self.steps > _STEPS:
                 self.machine.fault("more statements than a program can have")
                 return
-            at += self._step(statements, at, text)
+            if isinstance(statement, Plain):
+                carry_out(self.machine, statement)
+                at += 1
+            else:
+                at += self._step(statements, at, statement[1])
 
     def _step(self, statements: list[Statement], at: int, text: str) -> int:
         """Carries out one statement; returns by how many statements to go on."""
@@ -104,7 +111,7 @@ class _Run:
             match = _VERB.fullmatch(text)
             verb = match[1].lower() if match else ""
             if verb in _BLOCKS:
-                return self._skip(statements, at, verb)
+                return self._skip(statements, at, text.lower(), verb)
             if match and verb == "exit" and match[2].lower() in ("sub", "function"):
                 return len(statements)
             if match and verb == "call":
@@ -118,23 +125,23 @@ class _Run:
             machine.here = None
         return 1
 
-    def _skip(self, statements: list[Statement], at: int, verb: str) -> int:
+    def _skip(self, statements: list[Statement], at: int, text: str, verb: str) -> int:
         """Names a block that is not evaluated and passes it by: what it does depends on the running machine."""
-        text = statements[at][1].lower()
         self.machine.here = None
         if verb == "if" and not text.endswith("then"):
             self.machine.fault("If is not evaluated")
             return 1
         depth, closing = 0, _BLOCKS[verb]
-        for count, (_, other) in enumerate(statements[at:]):
-            words = " ".join(other.lower().split())
+        for count, other in enumerate(statements[at:]):
+            if isinstance(other, Plain):
+                continue
+            words = " ".join(other[1].lower().split())
             if re.match(rf"{verb}\b", words) and (verb != "if" or words.endswith("then")):
                 depth += 1
             elif re.match(rf"{closing}\b", words) or (verb == "if" and words == "endif"):
                 depth -= 1
             if depth == 0:
-                last = statements[at + count][0]
-                self.machine.fault(f"{verb.capitalize()} is not evaluated, up to line {last}")
+                self.machine.fault(f"{verb.capitalize()} is not evaluated, up to line {other[0]}")
                 self.steps += count
                 return count + 1
         self.machine.fault(f"{verb.capitalize()} has no {closing.title()}")

@@ -12,6 +12,7 @@ from camgen.ir import Force
 from camgen.pose import Pose, Vec3
 
 from .pacscript_machine import Machine
+from .pacscript_plain import Plain
 from .pacscript_text import Statement, without_comment
 from .pacscript_values import Unreadable, arguments, evaluate, index, number
 
@@ -64,17 +65,25 @@ def _off(machine: Machine) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Template:
-    """The lines of one option: a pattern per line and the places in it, in order."""
+    """The lines of one option: a pattern per line, the places in it in order, and the sign that it starts with, empty
+    for a number.
+    """
 
     kind: str
     patterns: tuple[re.Pattern[str], ...]
     places: tuple[tuple[str, ...], ...]
+    starts: tuple[str, ...]
 
 
 def templates(options: Mapping[str, object]) -> list[Template]:
     """The force templates that the options give, those of more lines first."""
     found = [_template(kind, options.get(f"force_{kind}")) for kind in _KINDS]
     return sorted((t for t in found if t is not None), key=lambda t: -len(t.patterns))
+
+
+def may_say(known: list[Template], word: str) -> bool:
+    """Whether a line of a template may be one that starts with ``word``."""
+    return any(_may_start(start, word) for template in known for start in template.starts)
 
 
 def apply_template(machine: Machine, known: list[Template], statements: list[Statement], at: int) -> int:
@@ -109,28 +118,45 @@ def _template(kind: str, lines: object) -> Template | None:
         read = [_line(text) for text in map(without_comment, lines) if text]
     except ValueError:
         return None  # Braces that do not match: no post writes by such a template.
-    places = {place for _, names in read for place in names}
+    places = {place for _, names, _ in read for place in names}
     if not read or (kind != "off" and not {"x", "y", "z"} <= places):
         return None
-    return Template(kind, tuple(pattern for pattern, _ in read), tuple(names for _, names in read))
+    patterns, names, starts = zip(*read, strict=True)
+    return Template(kind, patterns, names, starts)
 
 
-def _line(text: str) -> tuple[re.Pattern[str], tuple[str, ...]]:
-    pattern, names = "", []
+def _line(text: str) -> tuple[re.Pattern[str], tuple[str, ...], str]:
+    """The pattern of a template's line, the places in it, and the sign that it starts with, empty for a number."""
+    pattern, names, start = "", [], ""
     for literal, name, _, _ in string.Formatter().parse(text):
-        pattern += re.escape(_bare(literal))
+        bare = _bare(literal)
+        start = start if pattern else bare[:1]
+        pattern += re.escape(bare)
         if name is not None:
             pattern += _NUMBER
             names.append(name)
-    return re.compile(pattern, re.IGNORECASE), tuple(names)
+    return re.compile(pattern, re.IGNORECASE), tuple(names), start
+
+
+def _may_start(start: str, text: str) -> bool:
+    """Whether ``text`` may be a line that starts with the sign ``start``; all that is not ASCII may be."""
+    first = text.lstrip()[:1]
+    if not start:
+        return first in ("+", "-") or first.isdecimal()
+    return not (start + first).isascii() or start.lower() == first.lower()
 
 
 def _match(template: Template, statements: list[Statement]) -> dict[str, float] | None:
     if len(statements) < len(template.patterns):
         return None
     values: dict[str, float] = {}
-    for (_, text), pattern, names in zip(statements, template.patterns, template.places, strict=True):
-        match = pattern.fullmatch(_bare(text))
+    for statement, pattern, names, start in zip(
+        statements, template.patterns, template.places, template.starts, strict=True
+    ):
+        # There are no plain motions where a template may be one.
+        if isinstance(statement, Plain) or not _may_start(start, statement[1]):
+            return None
+        match = pattern.fullmatch(_bare(statement[1]))
         if match is None:
             return None
         values.update(zip(names, map(float, match.groups()), strict=True))

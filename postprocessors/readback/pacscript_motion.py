@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 
+from msgspec import Struct
+
 from camgen.ir import Joints, MoveC, MoveJ, MoveL
 from camgen.pose import Pose, Vec3
 
@@ -16,6 +18,14 @@ _MARKS = {"@0": 0.0, "@E": 0.0, "@e": 0.0, "@P": PASS_BLEND, "@p": PASS_BLEND}
 _OPTION = re.compile(r"(speed|s|accel|decel)\s*=\s*(.*)", re.IGNORECASE)
 _EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
 _LINEAR = {"l": True, "p": False, "ptp": False}
+
+
+class Manner(Struct, frozen=True, gc=False):
+    """How a motion is made. linear: ``L``, else ``P``; blend: mm; speed: its own, None where it has none."""
+
+    linear: bool
+    blend: float
+    speed: float | Metres | None
 
 
 def move(machine: Machine, rest: str) -> None:
@@ -32,7 +42,25 @@ def move(machine: Machine, rest: str) -> None:
         raise Unreadable("a motion without a target")
     for text in targets:
         blend, expression = _mark(text)
-        _go(machine, _LINEAR[kind], _place(machine, expression), blend, speed, at_once)
+        go(machine, _LINEAR[kind], _place(machine, expression), blend, speed, at_once)
+
+
+def manner_of(kind: str, mark: str, speed: str) -> Manner:
+    """What a ``Move`` says beside its places. kind: L, P or C; mark, speed: as between and after them in the text, or
+    empty. Unreadable where ``move`` would find a fault.
+    """
+    said = None
+    for part in arguments(speed)[1:]:
+        option = _OPTION.fullmatch(part)
+        if option is None:
+            raise Unreadable(f"{part} is no speed")
+        said = _speed(evaluate(option[2], nothing))
+    return Manner(_LINEAR.get(kind.lower(), True), _mark(f"{mark}P()")[0], said)
+
+
+def nothing(key: str | tuple[str, int]) -> Value:
+    """The values of a text without names."""
+    raise Unreadable(f"{key} is not asked for")
 
 
 def approach(machine: Machine, rest: str) -> None:
@@ -44,7 +72,7 @@ def approach(machine: Machine, rest: str) -> None:
     blend, expression = _mark(length)
     if isinstance(pose, Joints):
         raise Unreadable("an approach to joints is not evaluated")
-    _go(machine, linear, _back(pose, number(expression, machine.lookup)), blend, speed, at_once)
+    go(machine, linear, _back(pose, number(expression, machine.lookup)), blend, speed, at_once)
 
 
 def depart(machine: Machine, rest: str) -> None:
@@ -53,7 +81,7 @@ def depart(machine: Machine, rest: str) -> None:
     linear = _interpolation(parts)
     (length,), speed, at_once = _exactly(machine, parts[1:], 1)
     blend, expression = _mark(length)
-    _go(machine, linear, _back(_here(machine), number(expression, machine.lookup)), blend, speed, at_once)
+    go(machine, linear, _back(_here(machine), number(expression, machine.lookup)), blend, speed, at_once)
 
 
 def draw(machine: Machine, rest: str) -> None:
@@ -66,7 +94,7 @@ def draw(machine: Machine, rest: str) -> None:
     if not isinstance(value, Vector):
         raise Unreadable("Draw needs a vector")
     x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
-    _go(machine, linear, Pose(here.rotation, (x, y, z)), blend, speed, at_once)
+    go(machine, linear, Pose(here.rotation, (x, y, z)), blend, speed, at_once)
 
 
 def speed_statement(machine: Machine, rest: str) -> None:
@@ -163,7 +191,8 @@ def _back(pose: Pose, length: float) -> Pose:
     return Pose(pose.rotation, pose.apply((0.0, 0.0, -length)))
 
 
-def _go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, speed: float, at_once: bool) -> None:
+def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, speed: float, at_once: bool) -> None:
+    """Moves to ``target``. at_once: what follows does not wait for the arm."""
     passing = blend > 0 or at_once
     if not linear:
         machine.emit_motion(MoveJ(target, speed, blend), passing)
@@ -180,6 +209,11 @@ def _arc(machine: Machine, targets: list[str], speed: float, at_once: bool) -> N
     via, end = _place(machine, targets[0]), _place(machine, expression)
     if isinstance(via, Joints) or isinstance(end, Joints):
         raise Unreadable("an arc through joints is not evaluated")
+    arc(machine, via, end, blend, speed, at_once)
+
+
+def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float, at_once: bool) -> None:
+    """Moves through ``via`` to ``end``."""
     if machine.here is None:
         machine.fault("an arc from a place that the text does not give")
     elif shape := _shape(machine.here.origin, via.origin, end.origin):
@@ -189,11 +223,12 @@ def _arc(machine: Machine, targets: list[str], speed: float, at_once: bool) -> N
 
 def _shape(start: Vec3, via: Vec3, end: Vec3) -> str:
     """What is wrong with an arc through three points. The angle at ``via`` is half the arc that it does not lie on."""
-    a = [p - q for p, q in zip(start, via, strict=True)]
-    b = [p - q for p, q in zip(end, via, strict=True)]
-    product = math.hypot(*a) * math.hypot(*b)
-    cross = math.hypot(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    x, y, z = via
+    ax, ay, az = start[0] - x, start[1] - y, start[2] - z
+    bx, by, bz = end[0] - x, end[1] - y, end[2] - z
+    product = math.hypot(ax, ay, az) * math.hypot(bx, by, bz)
+    cross = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
     if cross <= 1e-6 * product:
         return "the three points of the arc are on one line"
-    cosine = sum(p * q for p, q in zip(a, b, strict=True)) / product
+    cosine = (ax * bx + ay * by + az * bz) / product
     return "an arc of more than 180 deg" if cosine > 0.01 else ""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
 from camgen.post import Fault
+
+from .pacscript_plain import LINE, PIECE, Plain, plain
 
 #: A line may hold so many bytes; macros may nest so deep and a line may grow so long before it is given up.
 _LINE, _NESTING, _GROWN = 1024, 10, 8192
@@ -18,7 +20,7 @@ _CLOSING = re.compile(r"end\s+(sub|function)", re.IGNORECASE)
 _PARAMETER = re.compile(r"\s*(?:byval\s+|byref\s+)?([a-z]\w*)\s*(?:as\s+\w+)?\s*", re.IGNORECASE)
 
 #: A statement: its line counted through all files, and its text without comment, macros replaced.
-Statement = tuple[int, str]
+Statement = tuple[int, str] | Plain
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +40,16 @@ class Source:
     faults: list[Fault] = field(default_factory=list)
 
 
-def read_source(files: Mapping[str, str]) -> Source:
-    """All files in order. ``Main`` of a file after the first is known by the file's name, as ``Call`` calls it."""
+def read_source(files: Mapping[str, str], short: bool) -> Source:
+    """All files in order. ``Main`` of a file after the first is known by the file's name, as ``Call`` calls it.
+
+    short: motions in the usual spelling become ``Plain``.
+    """
     source = Source()
     line = 0
     for index, (name, text) in enumerate(files.items()):
-        rows = text.split("\n")
-        if rows and not rows[-1]:
-            rows.pop()
-        _read_file(rows, line, PurePath(name).stem.lower() if index else "main", source)
-        line += len(rows)
+        pieces = (PIECE if short else LINE).finditer(text)
+        line = _read_file(pieces, line, PurePath(name).stem.lower() if index else "main", source)
     if "main" not in source.procedures:
         source.faults.append(Fault(1, "there is no Sub Main"))
     return source
@@ -70,10 +72,15 @@ class _Macros:
     pattern: re.Pattern[str] | None = None
 
 
-def _read_file(rows: list[str], before: int, main: str, source: Source) -> None:
+def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: Source) -> int:
+    """Reads a file, ``before`` lines after the start; returns the number of its last line."""
     macros = _Macros()
     current: Procedure | None = None
-    for number, row in enumerate(rows, start=before + 1):
+    number = before
+    for number, piece in enumerate(pieces, start=before + 1):
+        if piece.lastindex and current is not None and _is_plain(piece, number, macros, current):
+            continue
+        row = piece[0].removesuffix("\n")
         if len(row) > _LINE // 4 and len(row.rstrip("\r").encode("utf-8", "replace")) > _LINE:
             source.faults.append(Fault(number, f"a line of more than {_LINE} bytes"))
         text = without_comment(row)
@@ -86,6 +93,18 @@ def _read_file(rows: list[str], before: int, main: str, source: Source) -> None:
             current = _statement(text, number, current, main, source)
     if current is not None:
         source.faults.append(Fault(current.line, "the procedure has no end"))
+    return number
+
+
+def _is_plain(piece: re.Match[str], number: int, macros: _Macros, current: Procedure) -> bool:
+    """Whether a line is a motion in the usual spelling; then it is filed."""
+    if macros.pattern and macros.pattern.search(piece[0]):
+        return False
+    item = plain(piece, number)
+    if item is None:
+        return False
+    current.statements.append(item)
+    return True
 
 
 def _statement(text: str, number: int, current: Procedure | None, main: str, source: Source) -> Procedure | None:

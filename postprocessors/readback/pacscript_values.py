@@ -37,6 +37,7 @@ Lookup = Callable[[str | tuple[str, int]], Value]
 
 _DEPTH = 40
 _PLAIN = re.compile(r"P\(([-+.\d\s,]+)\)", re.IGNORECASE)
+_WHOLE = re.compile(r"[0-9]{1,9}")
 _RATE = re.compile(r"Mps\(\s*(\d+\.?\d*)\s*\)", re.IGNORECASE | re.ASCII)
 #: One part of a list whose brackets do not nest, and the comma after it.
 _PART = re.compile(r'((?:[^,()\[\]"]|\([^()\[\]"]*+\)|\[[^()\[\]"]*+\])*+)(,|$)')
@@ -72,6 +73,8 @@ def arguments(text: str) -> list[str]:
 
 def evaluate(text: str, lookup: Lookup) -> Value:
     """The value of an expression. Unreadable when it has none that the text alone gives."""
+    if _WHOLE.fullmatch(text):
+        return float(text)
     if plain := _PLAIN.fullmatch(text):
         try:
             return position([float(v) for v in plain[1].split(",")])

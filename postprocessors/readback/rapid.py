@@ -13,10 +13,10 @@ from camgen.post import Fault, Reading
 from .rapid_io import STATEMENTS
 from .rapid_lexis import Wrong
 from .rapid_link import Linked
-from .rapid_motion import MOTIONS, motion
+from .rapid_motion import MOTIONS, inline, motion
 from .rapid_state import Known, State
 from .rapid_syntax import parse
-from .rapid_tree import Call, Routine
+from .rapid_tree import Call, Inline, Routine
 
 #: The signals of a cell whose options name none.
 _SIGNALS: Mapping[str, object] = {"process": "doProcess"}
@@ -33,16 +33,21 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     files: modules by file name; lines are counted through all of them in order. options: those of ``[post]`` that
     the text cannot say: signals, declare, force_load, force_sign, s4.
     """
+    return read_with(files, options, plain=True)
+
+
+def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain: bool) -> Reading:
+    """As ``read``; without ``plain`` every statement is read by the general rules alone, which says the same."""
     known = _known(options)
     program = Linked(known.longest_name)
     line = 1
     for text in files.values():
-        plain = text.replace("\r\n", "\n").replace("\r", "\n")
-        modules, faults = parse(plain, line)
+        lines = text.replace("\r\n", "\n").replace("\r", "\n")
+        modules, faults = parse(lines, line, plain)
         program.faults += faults
         for module in modules:
             program.add(module)
-        line += plain.count("\n") + (not plain.endswith("\n"))
+        line += lines.count("\n") + (not lines.endswith("\n"))
     program.check()
     state = _run(program, known, line - 1)
     faults = sorted({*program.faults, *state.faults}, key=lambda fault: (fault.line, fault.what))
@@ -66,21 +71,29 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
 
 def _run_routine(program: Linked, state: State, routine: Routine, depth: int) -> None:
     """Runs a routine with what it calls, statement by statement."""
-    for call in routine.body:
+    scope = program.scopes[routine]
+    for item in routine.body:
         state.count += 1
         if state.count > _MOST_STATEMENTS:
-            state.faults.append(Fault(call.line, f"more than {_MOST_STATEMENTS} statements are run"))
+            state.faults.append(Fault(item.line, f"more than {_MOST_STATEMENTS} statements are run"))
             return
-        state.scope = program.scopes[routine]
+        state.scope = scope
         try:
-            if call.name in MOTIONS:
-                motion(state, call)
-            elif call.name in STATEMENTS:
-                STATEMENTS[call.name](state, call)
+            if isinstance(item, Inline) and item.shape.name in MOTIONS:
+                inline(state, item)
             else:
-                _run_routine(program, state, _called(program, routine, call, depth), depth + 1)
+                _run_call(program, state, routine, item.call() if isinstance(item, Inline) else item, depth)
         except Wrong as wrong:
             state.faults.append(wrong.fault)
+
+
+def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth: int) -> None:
+    if call.name in MOTIONS:
+        motion(state, call)
+    elif call.name in STATEMENTS:
+        STATEMENTS[call.name](state, call)
+    else:
+        _run_routine(program, state, _called(program, routine, call, depth), depth + 1)
 
 
 def _called(program: Linked, routine: Routine, call: Call, depth: int) -> Routine:

@@ -104,7 +104,7 @@ class Scope:
         if isinstance(expr, Point):
             if want != "robtarget":
                 raise Wrong(line, f"a robtarget stands where {want} is needed")
-            what = _orient(expr.value[1]) or _posture_fault(expr.value[2:])
+            what = orient_fault(expr.value[1]) or _posture_fault(expr.value[2:])
             if what:
                 raise Wrong(line, what)
             return expr.value
@@ -222,7 +222,8 @@ def _posture_fault(parts: tuple[tuple[float, ...], ...]) -> str:
     return _quarters(conf) or _external(external)
 
 
-def _orient(q: tuple[float, ...]) -> str:
+def orient_fault(q: tuple[float, ...]) -> str:
+    """What is wrong with a quaternion."""
     w, x, y, z = q
     off = abs(w * w + x * x + y * y + z * z - 1)
     return f"a quaternion is not normalised (its square differs from 1 by {off:.2g})" if off > 1e-5 else ""
@@ -245,5 +246,5 @@ def _zone(zone: tuple[float, ...]) -> str:
 
 
 _CHECKS: dict[str, Callable[[tuple[float, ...]], str]] = {
-    "orient": _orient, "extjoint": _external, "confdata": _quarters, "speeddata": _speed, "zonedata": _zone,
+    "orient": orient_fault, "extjoint": _external, "confdata": _quarters, "speeddata": _speed, "zonedata": _zone,
 }  # fmt: skip

@@ -38,9 +38,9 @@ RESERVED = frozenset(
     with xor""".split()  # noqa: SIM905 (sixty words read better so)
 )
 #: The largest value of a num (IEEE single precision).
-_LARGEST = 3.4e38
+LARGEST = 3.4e38
 
-Token = tuple[str, str, int]  # kind, text, line
+Token = tuple[str, str, int, int]  # kind, text, line, offset of its start
 
 
 class Wrong(Exception):
@@ -51,26 +51,27 @@ class Wrong(Exception):
         self.fault = Fault(line, what)
 
 
-def tokens(text: str, first_line: int) -> Iterator[Token]:
-    """The tokens of ``text`` (LF line ends) without comments, the first line being ``first_line``."""
+def banner(text: str) -> int:
+    """The length of the banner that ``text`` begins with, if any."""
+    found = _BANNER.match(text)
+    return found.end() if found else 0
+
+
+def tokens(text: str, first_line: int, start: int = 0) -> Iterator[Token]:
+    """The tokens of ``text`` (LF line ends) from the offset ``start``, in ``first_line``, on; without comments."""
     line = first_line
-    position = 0
-    banner = _BANNER.match(text)
-    if banner:
-        line += banner.group().count("\n")
-        position = banner.end()
-    for match in _TOKEN.finditer(text, position):
+    for match in _TOKEN.finditer(text, start):
         kind = match.lastgroup or "end"
         if kind == "newline":
             line += 1
         elif kind != "comment":
-            yield kind, match.group(kind), line
+            yield kind, match[kind], line, match.start(kind)
 
 
 def number(text: str, line: int) -> float:
     """The num that ``text`` writes out. Wrong when it is larger than one can be."""
     value = float(text)
-    if abs(value) > _LARGEST:
+    if abs(value) > LARGEST:
         raise Wrong(line, f"{text[:40]} is larger than a num can be")
     return value
 
@@ -80,7 +81,7 @@ def point(text: str, line: int) -> tuple[tuple[float, ...], ...]:
     trans, rot, rest = text[2:-2].split("],[", 2)
     groups, largest = _groups(rest)
     position, q = tuple(map(float, trans.split(","))), tuple(map(float, rot.split(",")))
-    if max(largest, *position, *q) > _LARGEST or min(*position, *q) < -_LARGEST:
+    if max(largest, *position, *q) > LARGEST or min(*position, *q) < -LARGEST:
         raise Wrong(line, "a number of a robtarget is larger than a num can be")
     return (position, q, *groups)
 

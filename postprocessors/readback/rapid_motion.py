@@ -12,8 +12,8 @@ from camgen.post import Fault
 
 from .rapid_data import Value, numbers
 from .rapid_lexis import Wrong
-from .rapid_state import State
-from .rapid_tree import Call, Expr, Ref
+from .rapid_state import Bound, State
+from .rapid_tree import Call, Expr, Inline, Ref
 
 _MOVE = {"wobj": "wobjdata", "v": "num", "z": "num"}
 #: Positional arguments of each motion, in order, and its optional ones. A type "" is a switch.
@@ -36,37 +36,62 @@ _TYPES = {
     "tool": "tooldata", "force": "num", "threshold": "num",
 }  # fmt: skip
 _WORLD = Ref("wobj0")
+_PRESSING = frozenset(name for name in MOTIONS if name.startswith("fc"))
 
 
-def motion(state: State, call: Call) -> None:
-    """One motion statement. Wrong when it cannot be read; the state then stays as it is."""
+def motion(state: State, call: Call) -> Bound:
+    """One motion statement, and what it says beside its points. Wrong when it cannot be read."""
     values = _bound(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
-    blend = _blend(values)
-    if not state.moved and call.name != "moveabsj":
-        state.faults.append(Fault(call.line, f"the first motion is {call.name}, not MoveAbsJ"))
+    bound = Bound(call.name, speed, _blend(values), values)
+    if call.name == "moveabsj":
+        axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
+        _move(state, call.line, bound, None, Joints(tuple(math.radians(v) for v in axes)))
+    else:
+        via = state.pose(values["via"]) if "via" in values else None
+        _move(state, call.line, bound, via, state.pose(values["to"]))
+    return bound
+
+
+def inline(state: State, move: Inline) -> None:
+    """A motion to points written out. What it says beside them is looked up where the routine has said it before."""
+    key = state.scope, move.shape
+    bound = state.bound.get(key)
+    through = None if move.via is None else state.turned(move.via_turn)
+    rotation = state.turned(move.turn)
+    if bound is None or rotation is None or (through is None and move.via is not None):
+        bound = motion(state, move.call())
+        if ("via" in bound.values) == (move.via is not None):  # else one of the points has a name
+            state.bound[key] = bound
+        return
+    via = None if move.via is None or through is None else Pose(through, move.via)
+    _move(state, move.line, bound, via, Pose(rotation, move.to))
+
+
+def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
+    """Moves through ``via``, if that is given, to ``target``."""
+    if not state.moved and bound.name != "moveabsj":
+        state.faults.append(Fault(line, f"the first motion is {bound.name}, not MoveAbsJ"))
     state.moved = True
-    _check_arc(state, call.line, values)
-    if call.name.startswith("fc"):
-        _press(state, call, values, speed, blend)
+    if via is not None and state.here is not None and isinstance(target, Pose):
+        _check_arc(state, line, state.here, via, target)
+    if bound.name in _PRESSING and isinstance(target, Pose):
+        _press(state, line, bound, via, target)
     else:
         if state.pressing is not None:
-            state.faults.append(Fault(call.line, f"{call.name} while pressing, before FCPressEnd"))
-        state.add(_free(state, call.name, values, speed, blend), call.line)
-    target = state.body[-1].target  # type: ignore[union-attr]  # what was added last is a motion
+            state.faults.append(Fault(line, f"{bound.name} while pressing, before FCPressEnd"))
+        state.add(_free(bound, via, target), line)
     state.here = target if isinstance(target, Pose) else None
-    state.blending = call.line if blend > 0 else 0
+    state.blending = line if bound.blend > 0 else 0
 
 
-def _free(state: State, name: str, values: Mapping[str, Value], speed: float, blend: float) -> Motion:
+def _free(bound: Bound, via: Pose | None, target: Pose | Joints) -> Motion:
     """A motion without force."""
-    if name == "moveabsj":
-        axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
-        return MoveJ(Joints(tuple(math.radians(v) for v in axes)), speed, blend)
-    target = state.pose(values["to"])
-    if name == "movec":
-        return MoveC(state.pose(values["via"]), target, speed, blend)
-    return (MoveJ if name == "movej" else MoveL)(target, speed, blend)
+    if isinstance(target, Joints) or bound.name == "movej":
+        return MoveJ(target, bound.speed, bound.blend)
+    if via is not None:
+        return MoveC(via, target, bound.speed, bound.blend)
+    return MoveL(target, bound.speed, bound.blend)
 
 
 def _bound(state: State, call: Call) -> dict[str, Value]:
@@ -112,14 +137,12 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, 
     state.frame_of[kind] = (expr.name, state.scope)
 
 
-def _check_arc(state: State, line: int, values: Mapping[str, Value]) -> None:
+def _check_arc(state: State, line: int, start: Pose, via: Pose, target: Pose) -> None:
     """Notes an arc whose three points are on one line."""
-    if "via" not in values or state.here is None:
-        return
-    a, b, c = state.here.origin, state.pose(values["via"]).origin, state.pose(values["to"]).origin
-    u, w = [q - p for p, q in zip(a, b, strict=True)], [q - p for p, q in zip(a, c, strict=True)]
-    cross = (u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0])
-    if sum(v * v for v in cross) <= 1e-18 * sum(v * v for v in u) * sum(v * v for v in w):
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = start.origin, via.origin, target.origin
+    ux, uy, uz, wx, wy, wz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+    x, y, z = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+    if x * x + y * y + z * z <= 1e-18 * (ux * ux + uy * uy + uz * uz) * (wx * wx + wy * wy + wz * wz):
         state.faults.append(Fault(line, "the points of an arc are on one line"))
 
 
@@ -132,48 +155,49 @@ def _blend(values: Mapping[str, Value]) -> float:
     return cast(float, values.get("z", zone[1]))
 
 
-def _press(state: State, call: Call, values: Mapping[str, Value], speed: float, blend: float) -> None:
-    target = state.pose(values["to"])
-    if call.name == "fcpress1lstart":
-        force = _begin_pressing(state, call, values)
+def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose) -> None:
+    """A motion that begins pressing, presses or ends it."""
+    name, speed, blend = bound.name, bound.speed, bound.blend
+    if name == "fcpress1lstart":
+        force = _begin_pressing(state, line, bound.values)
     elif state.pressing is None:
-        raise Wrong(call.line, f"{call.name} without FCPress1LStart")
-    elif call.name == "fcpressend":
-        state.stopped(call.name)
+        raise Wrong(line, f"{name} without FCPress1LStart")
+    elif name == "fcpressend":
+        state.stopped(name)
         state.pressing = None
-        state.add(Force(0.0), call.line)
-        state.add(MoveL(target, speed, blend), call.line)
+        state.add(Force(0.0), line)
+        state.add(MoveL(target, speed, blend), line)
         return
     else:
-        force = cast(float, values["force"]) * state.known.sign * state.pressing[1]
+        force = cast(float, bound.values["force"]) * state.known.sign * state.pressing[1]
         if force <= 0:
-            raise Wrong(call.line, f"{call.name} does not press in the direction of FCPress1LStart")
+            raise Wrong(line, f"{name} does not press in the direction of FCPress1LStart")
     assert state.pressing is not None
     press = _direction(target, state.pressing)
-    if call.name == "fcpressc":
-        state.add(MoveC(state.pose(values["via"]), target, speed, blend, force, press), call.line)
+    if via is not None:
+        state.add(MoveC(via, target, speed, blend, force, press), line)
     else:
-        state.add(MoveL(target, speed, blend, force, press), call.line)
+        state.add(MoveL(target, speed, blend, force, press), line)
 
 
-def _begin_pressing(state: State, call: Call, values: Mapping[str, Value]) -> float:
+def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:
     """Adds the Force that FCPress1LStart implies: along a tool axis at the point where it starts."""
     given = [(axis, cast(float, values[name])) for axis, name in enumerate(("fx", "fy", "fz")) if name in values]
     if len(given) != 1 or given[0][1] == 0:
-        raise Wrong(call.line, "FCPress1LStart needs a force along one axis of the tool")
+        raise Wrong(line, "FCPress1LStart needs a force along one axis of the tool")
     if state.pressing is not None or state.here is None:
-        raise Wrong(call.line, "FCPress1LStart " + ("twice" if state.pressing else "from an unknown pose"))
+        raise Wrong(line, "FCPress1LStart " + ("twice" if state.pressing else "from an unknown pose"))
     if not 0 <= cast(float, values["threshold"]) <= 100:
-        raise Wrong(call.line, "the threshold of FCPress1LStart is 0 to 100 %")
+        raise Wrong(line, "the threshold of FCPress1LStart is 0 to 100 %")
     axis, force = given[0]
-    state.stopped(call.name)
+    state.stopped("fcpress1lstart")
     state.pressing = (axis, state.known.sign if force > 0 else -state.known.sign)
-    state.add(Force(abs(force), _direction(state.here, state.pressing)), call.line)
+    state.add(Force(abs(force), _direction(state.here, state.pressing)), line)
     return abs(force)
 
 
 def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
     """The signed tool axis in the work frame."""
     axis, sign = pressing
-    x, y, z = (at.rotation[:, axis] * sign).tolist()
-    return (x, y, z)
+    x, y, z = at.rotation[:, axis].tolist()
+    return (x * sign, y * sign, z * sign)

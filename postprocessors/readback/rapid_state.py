@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import cast
 
+from msgspec import Struct
+
 from camgen.ir import Instruction
 from camgen.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
 from camgen.post import Fault
 
-from .rapid_data import Scope, Value, pose
+from .rapid_data import Scope, Value, orient_fault, pose
 from .rapid_lexis import Wrong
-from .rapid_tree import Expr, Ref
+from .rapid_tree import Expr, Ref, Shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,15 @@ class Known:
     longest_name: int
 
 
+class Bound(Struct, frozen=True, eq=False):
+    """What a motion says beside its points: its name in lower case, mm/s, mm, and all its arguments by name."""
+
+    name: str
+    speed: float
+    blend: float
+    values: Mapping[str, Value]
+
+
 @dataclass
 class State:
     """What has been read so far. scope: what the current routine sees."""
@@ -41,6 +52,7 @@ class State:
     faults: list[Fault] = field(default_factory=list)
     frames: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)  # tool and work: name, frame
     frame_of: dict[str, tuple[str, Scope]] = field(default_factory=dict)  # tool and work: what was checked last
+    bound: dict[tuple[Scope, Shape], Bound] = field(default_factory=dict)  # of motions that could be read
     here: Pose | None = None
     blending: int = 0  # line of the last motion, if it blends
     moved: bool = False
@@ -71,9 +83,17 @@ class State:
     def pose(self, value: Value) -> Pose:
         """The pose of a robtarget; equal orientations share one matrix."""
         trans, q, *_ = cast(tuple[Vec3, tuple[float, ...]], value)
+        return Pose(self._rotation(q), trans)
+
+    def turned(self, q: tuple[float, ...]) -> FloatArray | None:
+        """The rotation of a quaternion as written, unless it is not normalised."""
+        found = self.rotations.get(q)
+        return found if found is not None or orient_fault(q) else self._rotation(q)
+
+    def _rotation(self, q: tuple[float, ...]) -> FloatArray:
         if q not in self.rotations:
             self.rotations[q] = rotation_from_quaternion(q)
-        return Pose(self.rotations[q], trans)
+        return self.rotations[q]
 
 
 def _tool(value: Value, line: int) -> Pose:

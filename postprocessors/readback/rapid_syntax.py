@@ -6,68 +6,38 @@ fault that names it; no text makes the parser raise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from camgen.post import Fault
 
-from .rapid_lexis import RESERVED, Token, Wrong, number, point, shown, tokens, whole_move
-from .rapid_tree import Call, Data, Expr, Module, Point, Ref, Routine, refs, work_object
+from .rapid_call import Calls
+from .rapid_lexis import RESERVED, Wrong, banner, shown
+from .rapid_plain import read_plain
+from .rapid_tree import Call, Data, Expr, Inline, Module, Ref, Routine
 
 #: Words at which a statement that lost its semicolon must have ended.
 _STRUCTURE = frozenset(("module", "endmodule", "proc", "endproc", "func", "endfunc", "trap", "endtrap"))
 #: Words that only continue or close a control statement whose opening has been reported.
 _CONTINUES = frozenset(("else", "elseif", "endif", "endfor", "endwhile", "endtest", "case", "default", "then", "do"))
 _DATA = frozenset(("local", "task", "const", "pers", "var"))
-_DEEPEST = 12
 
 
-def parse(text: str, first_line: int) -> tuple[list[Module], list[Fault]]:
-    """The modules of one file whose first line has the number ``first_line``, and what is wrong with its grammar."""
-    parser = _Parser(tokens(text, first_line))
+def parse(text: str, first_line: int, plain: bool) -> tuple[list[Module], list[Fault]]:
+    """The modules of one file whose first line has the number ``first_line``, and what is wrong with its grammar.
+
+    plain: whether statements in the usual spelling are read at once.
+    """
+    parser = _Parser(text, first_line, plain)
     modules = parser.modules()
     return modules, parser.faults
 
 
-class _Parser:
-    """Recursive descent with one token of look-ahead."""
+class _Parser(Calls):
+    """Modules and routines."""
 
-    def __init__(self, source: Iterator[Token]) -> None:
-        self.source = source
+    def __init__(self, text: str, first_line: int, plain: bool) -> None:
+        start = banner(text)
+        super().__init__(text, first_line + text.count("\n", 0, start), start)
+        self.plain = plain
         self.faults: list[Fault] = []
-        self.token: Token = ("end", "", 1)
-        self.take()
-
-    # -- tokens --------------------------------------------------------------------------------------------------
-
-    def take(self) -> Token:
-        """The current token; the next one becomes current. The end stays the end."""
-        token = self.token
-        self.token = next(self.source, ("end", "", token[2]))
-        return token
-
-    def word(self) -> str:
-        """The current name in lower case, or nothing."""
-        return self.token[1].lower() if self.token[0] == "name" else ""
-
-    def accept(self, mark: str) -> bool:
-        """Takes ``mark`` if it is next."""
-        if self.token[0] == "mark" and self.token[1] == mark:
-            self.take()
-            return True
-        return False
-
-    def expect(self, mark: str) -> None:
-        """Takes ``mark`` or raises Wrong."""
-        if not self.accept(mark):
-            raise Wrong(self.token[2], f"{mark} expected, found {shown(self.token)}")
-
-    def name(self, what: str) -> str:
-        """Takes a name that is no reserved word."""
-        kind, text, line = self.token
-        if kind != "name" or text.lower() in RESERVED:
-            raise Wrong(line, f"{what} expected, found {shown(self.token)}")
-        self.take()
-        return text
 
     def recover(self) -> None:
         """Skips behind the next semicolon, but never over a word that opens or closes a routine or module."""
@@ -77,7 +47,7 @@ class _Parser:
 
     def ended(self) -> bool:
         """Takes a token and says whether a statement ends with it."""
-        kind, text, _ = self.take()
+        kind, text, _, _ = self.take()
         return kind == "move" or text == ";"
 
     # -- modules -------------------------------------------------------------------------------------------------
@@ -170,7 +140,7 @@ class _Parser:
             self.skip_past("endproc")
             raise Wrong(line, f"PROC {name} has parameters, which are not read")
         data: list[Data] = []
-        body: list[Call] = []
+        body: list[Call | Inline] = []
         while self.word() != "endproc":
             if self.token[0] == "end" or self.word() in _STRUCTURE:
                 self.faults.append(Fault(self.token[2], f"ENDPROC of {name} is missing"))
@@ -197,34 +167,24 @@ class _Parser:
             raise Wrong(line, f"{word.upper()} after the first statement of a routine")
         return self.data(line, False, False)
 
-    def statement(self, body: list[Call]) -> None:
-        kind, text, line = self.token
-        if kind == "move":
-            self.take()
-            name, target, speed, zone, tool, work = whole_move(text)
-            args: tuple[Expr, ...] = (Point(point(target, line)), *refs(speed, zone, tool))
-            body.append(Call(line, name.lower(), args, work_object(work)))
-            return
-        if kind != "name":
+    def statement(self, body: list[Call | Inline]) -> None:
+        """One statement, or as many as can be read at once."""
+        token = self.token
+        kind, text, line, start = token
+        if kind not in ("name", "move"):
             self.take()
             if text != ";":  # an empty statement
-                raise Wrong(line, f"a statement expected, found {shown((kind, text, line))}")
+                raise Wrong(line, f"a statement expected, found {shown(token)}")
             return
         if text.lower() in RESERVED:
             self.control()
             return
-        self.take()
-        if self.token[0] == "mark" and self.token[1] in (":=", ":", ".", "{", "("):
-            raise Wrong(line, f"{text}{self.token[1]} is a statement that is not read")
-        body.append(self.call(text, line))
-
-    def call(self, name: str, line: int) -> Call:
-        """The rest of a statement ``name arguments;``."""
-        if self.accept(";"):
-            return Call(line, name.lower())
-        args, options = self.arguments(0)
-        self.expect(";")
-        return Call(line, name.lower(), args, options)
+        if self.plain:
+            end, line = read_plain(self.text, start, line, body)
+            if end != start:
+                self.jump(end, line)
+                return
+        body.append(self.statement_call())
 
     def control(self) -> None:
         """Reports a control statement and skips its head, so that the statements inside it are still looked at."""
@@ -238,55 +198,6 @@ class _Parser:
                 return
             if self.ended():
                 return
-
-    # -- expressions ---------------------------------------------------------------------------------------------
-
-    def arguments(self, depth: int) -> tuple[tuple[Expr, ...], tuple[tuple[str, Expr | None], ...]]:
-        """Arguments up to what is none, optional ones (after a backslash) apart."""
-        args: list[Expr] = []
-        options: list[tuple[str, Expr | None]] = []
-        while True:
-            if self.accept("\\"):
-                name = self.name("the name of an optional argument").lower()
-                options.append((name, self.expression(depth) if self.accept(":=") else None))
-            else:
-                args.append(self.expression(depth))
-            if not self.accept(",") and self.token[1] != "\\":
-                return tuple(args), tuple(options)
-
-    def expression(self, depth: int = 0) -> Expr:
-        kind, text, line = self.token
-        if depth > _DEEPEST:
-            raise Wrong(line, "an expression nested too deeply")
-        if kind in ("number", "string", "point"):
-            self.take()
-            if kind == "number":
-                return number(text, line)
-            return Point(point(text, line)) if kind == "point" else text[1:-1].replace('""', '"')
-        if kind == "name":
-            return self.named(depth)
-        self.take()
-        if text == "[":
-            items = [self.expression(depth + 1)]
-            while self.accept(","):
-                items.append(self.expression(depth + 1))
-            self.expect("]")
-            return tuple(items)
-        if text in ("+", "-") and self.token[0] == "number":
-            return number(text + self.take()[1], line)
-        raise Wrong(line, f"a value expected, found {shown((kind, text, line))}")
-
-    def named(self, depth: int) -> Expr:
-        """A name, TRUE, FALSE or a function with its arguments."""
-        line = self.token[2]
-        if self.word() in ("true", "false"):
-            return self.take()[1].lower() == "true"
-        name = self.name("a value")
-        if not self.accept("("):
-            return Ref(name)
-        args, options = self.arguments(depth + 1)
-        self.expect(")")
-        return Call(line, name.lower(), args, options)
 
 
 def _literal(value: Expr | None) -> bool:

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
+from msgspec import Struct
 
-@dataclass(frozen=True, slots=True)
-class Ref:
+from camgen.pose import Vec3
+
+Numbers = tuple[float, ...]
+
+
+class Ref(Struct, frozen=True, gc=False):
     """A name used as a value."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class Point:
+class Point(Struct, frozen=True, gc=False):
     """A robtarget written out: its numbers, grouped as the manual groups them."""
 
-    value: tuple[tuple[float, ...], ...]
+    value: tuple[Numbers, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Call:
+class Call(Struct, frozen=True, eq=False, gc=False):
     """A statement, or a function inside one: name in lower case, arguments in order, optional arguments by name."""
 
     line: int
@@ -33,8 +35,42 @@ class Call:
 Expr = float | bool | str | tuple["Expr", ...] | Ref | Point | Call
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Data:
+class Shape(Struct, frozen=True, eq=False, gc=False):
+    """What statements have in common that differ in the positions and orientations of their points only.
+
+    name, args, options: as in Call, without the points, which come first. points: for each its configuration and
+    external axes. lead, lines: line ends before the name and before the semicolon, from the statement before on.
+    """
+
+    name: str
+    points: tuple[tuple[Numbers, ...], ...]
+    args: tuple[Expr, ...]
+    options: tuple[tuple[str, Expr | None], ...]
+    lead: int
+    lines: int
+
+
+class Inline(Struct, frozen=True, eq=False, gc=False):
+    """A motion to a point written out, through another one if its shape has two: a Call in a few bytes.
+
+    to, via: positions. turn, via_turn: quaternions, as written.
+    """
+
+    line: int
+    shape: Shape
+    to: Vec3
+    turn: Numbers
+    via: Vec3 | None = None
+    via_turn: Numbers = ()
+
+    def call(self) -> Call:
+        """The same motion as a statement like any other."""
+        ends = ((self.to, self.turn),) if self.via is None else ((self.via, self.via_turn), (self.to, self.turn))
+        points = (Point((*end, *rest)) for end, rest in zip(ends, self.shape.points, strict=True))
+        return Call(self.line, self.shape.name, (*points, *self.shape.args), self.shape.options)
+
+
+class Data(Struct, frozen=True, eq=False, gc=False):
     """A declaration. storage: const, pers or var."""
 
     line: int
@@ -45,19 +81,17 @@ class Data:
     value: Expr | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Routine:
+class Routine(Struct, frozen=True, eq=False, gc=False):
     """A PROC without parameters."""
 
     line: int
     name: str
     local: bool
     data: tuple[Data, ...]
-    body: tuple[Call, ...]
+    body: tuple[Call | Inline, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Module:
+class Module(Struct, frozen=True, eq=False, gc=False):
     """A module with what it declares."""
 
     line: int

@@ -6,15 +6,17 @@ jumps, arguments) are not guessed at: every such line is a fault.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 
 from camgen.errors import one_line
-from camgen.ir import Instruction, Joints, MoveJ, MoveL
+from camgen.ir import Instruction, MoveJ, MoveL
 from camgen.pose import Pose
 from camgen.post import Fault, Reading
 
-from .vplus_expr import NULL, Location, Unreadable
-from .vplus_robot import Other, Step, same
+from .vplus_places import BASE, NULL, Frame, Location, Unreadable
+from .vplus_plain import Stretch
+from .vplus_robot import Robot, same
 from .vplus_run import Machine
 from .vplus_text import Report, Routine, canonical, routines
 
@@ -35,6 +37,14 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     def report(line: int, what: str) -> None:
         faults.setdefault((line, one_line(what)[:_WIDE]))
 
+    machine = _run(files, options, report)
+    work, body, lines = _translated(machine, report)
+    ordered = sorted(faults, key=lambda f: f[0])
+    return Reading(tuple(body), tuple(lines), tuple(Fault(line, what) for line, what in ordered), work, machine.tool)
+
+
+def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report) -> Machine:
+    """The machine after it has run what the files say."""
     found = routines(files, report)
     programs: dict[str, Routine] = {}
     for routine in found:
@@ -42,9 +52,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     machine = Machine(programs, report, _rated(options), _signal_names(options), _known(options))
     for start in _start(list(programs.values()), report):
         machine.run(start)
-    work, body, lines = _translated(machine.steps, report)
-    ordered = sorted(faults, key=lambda f: f[0])
-    return Reading(body, lines, tuple(Fault(line, what) for line, what in ordered), work, machine.tool)
+    return machine
 
 
 def _rated(options: Mapping[str, object]) -> float:
@@ -69,7 +77,7 @@ def _start(found: list[Routine], report: Report) -> list[Routine]:
     called = set()
     for routine in found:
         for statement in routine.statements:
-            if statement.word == "CALL":
+            if not isinstance(statement, Stretch) and statement.word == "CALL":
                 called.add(canonical(statement.rest.partition("(")[0].strip()))
     roots = [r for r in found if canonical(r.name) not in called] or found[:1]
     for other in roots[1:]:
@@ -79,50 +87,45 @@ def _start(found: list[Routine], report: Report) -> list[Routine]:
     return roots[:1]
 
 
-def _translated(
-    steps: list[Step | Other], report: Report
-) -> tuple[Pose | None, tuple[Instruction, ...], tuple[int, ...]]:
+def _translated(robot: Robot, report: Report) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
     """The common frame, the instructions with poses in it, and their lines."""
-    targets = [s.target for s in steps if isinstance(s, Step) and isinstance(s.target, Location)]
-    common = _common(targets)
+    # Most frames are the same object as the one before.
+    given = [frame for frame, _ in groupby(robot.frames) if frame is not None]
+    common = _common(given)
+    if common is not None:
+        return None if common.external else common.pose, robot.body, robot.lines
+    if all(frame is BASE for frame in given):
+        return NULL if given else None, robot.body, robot.lines
     body: list[Instruction] = []
     lines: list[int] = []
-    for step in steps:
-        if isinstance(step, Step):
-            try:
-                body.append(_motion(step, common))
-            except Unreadable as error:
-                report(step.line, f"the frames of the targets differ, and {error}")
-                continue
-            lines.append(step.line)
-        else:
-            lines.append(step[0])
-            body.append(step[1])
-    work = common.frame if common is not None and not common.external else None
-    if common is None and targets:
-        work = NULL
-    return work, tuple(body), tuple(lines)
+    for item, line, frame in zip(robot.body, robot.lines, robot.frames, strict=True):
+        try:
+            body.append(_in_base(item, frame))
+        except Unreadable as error:
+            report(line, f"the frames of the targets differ, and {error}")
+            continue
+        lines.append(line)
+    return NULL, body, lines
 
 
-def _motion(step: Step, common: Location | None) -> Instruction:
-    target = step.target
-    if isinstance(target, Joints):
-        return MoveJ(target, step.speed, step.blend)
-    pose = target.local if common is not None else target.in_base()
-    return MoveL(pose, step.speed, step.blend) if step.straight else MoveJ(pose, step.speed, step.blend)
+def _in_base(item: Instruction, frame: Frame | None) -> Instruction:
+    if frame is None or not isinstance(item, (MoveJ, MoveL)) or not isinstance(item.target, Pose):
+        return item
+    pose = Location(item.target, frame).in_base()
+    return MoveL(pose, item.speed, item.blend) if isinstance(item, MoveL) else MoveJ(pose, item.speed, item.blend)
 
 
-def _common(targets: list[Location]) -> Location | None:
-    """One of the targets if all have the same frame, else nothing."""
-    if not targets:
+def _common(given: list[Frame]) -> Frame | None:
+    """One of the frames if all are the same, else nothing; nothing, too, if that is the base."""
+    if not given:
         return None
-    first = targets[0]
-    frame = first.frame
-    for target in targets:
-        if target.external != first.external or target.compound != first.compound:
+    first = given[0]
+    pose = first.pose
+    for frame in given:
+        if frame.external != first.external or frame.compound != first.compound:
             return None
-        if target.frame is not frame:
-            if not same(target.frame, frame):
+        if frame.pose is not pose:
+            if not same(frame.pose, pose):
                 return None
-            frame = target.frame
+            pose = frame.pose
     return first if first.compound or first.external else None

@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import Protocol
 
 from camgen.ir import Joints
-from camgen.pose import IDENTITY, FloatArray, Pose, frozen, rotation_about, translation
+from camgen.pose import Pose, rotation_about
 
-NULL = translation(0, 0, 0)
+from .vplus_places import NULL, Frame, Location, Unreadable, rotation_zyz
+
 #: Brackets deeper than this are no program that somebody wrote.
 _DEPTH = 40
 _LARGEST = 1e9
@@ -33,32 +32,6 @@ _FUNCTIONS: dict[str, Callable[[float], float]] = {
 }
 _TURNS = {"RX": 0, "RY": 1, "RZ": 2}
 _PARTS = {"DX": 0, "DY": 1, "DZ": 2}
-
-
-class Unreadable(Exception):
-    """A statement that cannot be evaluated; the message says why."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Location:
-    """``local`` in the frame ``frame``, the first component of a compound. external: the name of that component where
-    only the controller knows it; then ``frame`` means nothing.
-    """
-
-    local: Pose
-    frame: Pose = NULL
-    external: str = ""
-    compound: bool = False
-
-    def in_base(self) -> Pose:
-        """The location in the base frame."""
-        if self.external:
-            raise Unreadable(f"location {self.external} is only on the controller")
-        return self.frame @ self.local if self.compound else self.local
-
-    def moved(self, by: Pose) -> Location:
-        """The location compounded with ``by`` on its right."""
-        return Location(self.local @ by, self.frame, self.external, self.compound)
 
 
 class Scope(Protocol):
@@ -77,29 +50,22 @@ class Scope(Protocol):
         """HERE or DEST."""
 
 
-@lru_cache(maxsize=4096)
-def rotation_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
-    """R = Rz(yaw) Ry(pitch) Rz(roll), angles in degrees. Most targets of a program share theirs, hence the cache."""
-    a, b, c = math.radians(yaw), math.radians(pitch), math.radians(roll)
-    ca, sa, cb, sb, cc, sc = math.cos(a), math.sin(a), math.cos(b), math.sin(b), math.cos(c), math.sin(c)
-    return frozen(
-        [
-            [ca * cb * cc - sa * sc, -ca * cb * sc - sa * cc, ca * sb],
-            [sa * cb * cc + ca * sc, -sa * cb * sc + ca * cc, sa * sb],
-            [-sb * cc, sb * sc, cb],
-        ]
-    )
-
-
 class Expression:
-    """One text, read from left to right. Every method raises Unreadable where the text does not fit."""
+    """One text, read from left to right. Every method raises Unreadable where the text does not fit. constant: no name
+    had a say in what was read so far.
+    """
 
     def __init__(self, text: str, scope: Scope) -> None:
         self._scope = scope
+        self.constant = True
         # An empty token closes the list, so that there is always a next one.
         self._tokens: list[str] = [*_TOKEN.findall(text.upper()), ""]
         self._at = 0
         self._depth = 0
+
+    def _named(self) -> Scope:
+        self.constant = False
+        return self._scope
 
     # -- tokens --------------------------------------------------------------------------------------------------
 
@@ -178,7 +144,7 @@ class Expression:
             self.expect("(")
             value = self._inner().in_base().origin[_PARTS[token]]
         elif token[0].isalpha():
-            value = self._scope.real(token)
+            value = self._named().real(token)
         else:
             raise Unreadable(f"a number expected instead of {token!r}")
         return sign * value
@@ -213,10 +179,10 @@ class Expression:
         first = self._primary()
         while self.accept(":"):
             second = self._primary().in_base()
-            if first.compound or first.external:
+            if first.frame.compound or first.frame.external:
                 first = first.moved(second)
             else:
-                first = Location(second, first.local, compound=True)
+                first = Location(second, Frame(first.local, compound=True))
         return first
 
     def _primary(self) -> Location:
@@ -234,12 +200,12 @@ class Expression:
         if token == "NULL":
             return Location(NULL)
         if token in ("HERE", "DEST"):
-            return self._scope.here(token)
+            return self._named().here(token)
         if token in ("FRAME", "TRANSB"):
             raise Unreadable(f"{token} is not evaluated")
         if not token[0].isalpha():
             raise Unreadable(f"a location expected instead of {token!r}")
-        return self._scope.location(token)
+        return self._named().location(token)
 
     def _inner(self) -> Location:
         """A location up to the closing bracket."""
@@ -258,8 +224,7 @@ class Expression:
         if len(values) > 6:
             raise Unreadable(f"TRANS has {len(values)} arguments")
         x, y, z, yaw, pitch, roll = values + [0.0] * (6 - len(values))
-        rotation = rotation_zyz(yaw, pitch, roll) if yaw or pitch or roll else IDENTITY
-        return Location(Pose(rotation, (x, y, z)))
+        return Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)))
 
     def _shift(self) -> Location:
         self.expect("(")
@@ -281,7 +246,7 @@ class Expression:
         """``#PPOINT(..)`` or the name of a precision point. Degrees; mm for joint 3 of four (a SCARA)."""
         token = self.take()
         if token != "#PPOINT":
-            return self._scope.point(token)
+            return self._named().point(token)
         self.expect("(")
         values = self.reals()
         self.expect(")")

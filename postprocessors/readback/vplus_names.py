@@ -6,14 +6,14 @@ import re
 
 from camgen.ir import Joints
 
-from .vplus_expr import NULL, Location, Unreadable
+from .vplus_places import BASE, NULL, Frame, Location, Unreadable
 from .vplus_text import canonical
 
 _NAME = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
 _TAKEN = frozenset(
     """ABS ACCEL ALIGN ALWAYS APPRO APPROS ATTACH AUTO BASE BREAK CALL COS DEPART DEPARTS DEST DETACH DX DY DZ END FALSE
     FOR FRAME GLOBAL GOTO HERE IF INVERSE LOCAL MOVE MOVES NULL OFF ON PI RETURN RX RY RZ SELECT SET SHIFT SIGNAL SIN
-    SPEED SQRT STATE TIME TOOL TRANS TRUE TYPE WAIT WHILE
+    SPEED SQRT STATE TIME TOOL TRANS TRANSB TRUE TYPE WAIT WHILE
     """.split()  # noqa: SIM905 (a table)
 )
 
@@ -29,6 +29,7 @@ class Variables:
         self._known = known
         self._globals: dict[str, Value] = {}
         self._locals: list[dict[str, Value | None]] = [{}]
+        self._given = BASE
 
     @property
     def depth(self) -> int:
@@ -54,11 +55,23 @@ class Variables:
         """The value of a location variable, or a location that only the controller knows."""
         key = canonical(name)
         if self._external(key):
-            return Location(NULL, external=key)
+            return Location(NULL, Frame(external=key))
         value = self._value(key)
         if not isinstance(value, Location):
             raise Unreadable(f"location {name} is not defined" if value is None else f"{name} is no location")
         return value
+
+    def frame(self, name: str) -> Frame | None:
+        """What a compound that starts with the location ``name`` is given in; nothing where that takes more to say."""
+        key = canonical(name)
+        if self._external(key):
+            return Frame(external=key)
+        value = self._value(key)
+        if not isinstance(value, Location) or value.frame.compound or value.frame.external:
+            return None
+        if self._given.pose is not value.local:
+            self._given = Frame(value.local, compound=True)
+        return self._given
 
     def point(self, name: str) -> Joints:
         """The value of a precision point."""

@@ -7,46 +7,38 @@ each other unless BREAK stands between them; SPEED without ALWAYS is for one mot
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from itertools import repeat
+from typing import Any, TypeVar
 
 import numpy as np
 
-from camgen.ir import Joints, Output, Wait
+from camgen.ir import Joints, MoveJ, MoveL, Output, Wait
 from camgen.pose import Pose, translation
 
-from .vplus_expr import Expression, Location, Unreadable, rotation_zyz
+from . import vplus_words as words
+from .vplus_expr import Expression
 from .vplus_names import Variables, variable
-from .vplus_text import Report, Statement, canonical
+from .vplus_places import Frame, Location, Unreadable, rotation_zyz
+from .vplus_plain import Stretch, pace
+from .vplus_text import Report, Statement
 
 #: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
 ROUNDED = 1.0
-_INCH = 25.4
+#: So many texts are kept with what they say.
+_KEPT = 4096
 _NUMBER = r"-?\d{1,9}(?:\.\d{0,9})?"
 _PLAIN = re.compile(
     rf"([A-Z][A-Z0-9._]*):TRANS\(({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER})\)",
     re.IGNORECASE | re.ASCII,
 )
+T = TypeVar("T")
 _PROFILE = re.compile(r"\(\s*\d\s*\)\s*(?=[\d.])")
 
 
-@dataclass(slots=True)
-class Step:
-    """A motion; its target in the frame that it was written in."""
-
-    line: int
-    straight: bool
-    target: Location | Joints
-    speed: float
-    blend: float
-
-
-#: An instruction that is no motion, and its line.
-Other = tuple[int, Output | Wait]
-
-
 class Robot(Variables):
-    """The robot while a text is carried out. steps: what it does, in order. tool: None while it is the controller's.
+    """The robot while a text is carried out. body: what it does, in order. lines, frames: for each its line, and what
+    its target is given in, None where it has no pose. tool: None while it is the controller's.
 
     Methods with a ``Statement`` carry it out; Unreadable when they cannot.
     """
@@ -54,18 +46,22 @@ class Robot(Variables):
     def __init__(self, report: Report, rated: float, signals: Mapping[int, str], known: frozenset[str]) -> None:
         super().__init__(known)
         self.report = report
-        self.steps: list[Step | Other] = []
+        self.body: list[MoveJ | MoveL | Output | Wait] = []
+        self.lines: list[int] = []
+        self.frames: list[Frame | None] = []
         self.tool: Pose | None = None
         self._rated = rated
         self._signals = signals
         self._tool_name = ""
-        self._last: Step | None = None
+        #: The place of the last motion in the body.
+        self._last: int | None = None
         self._at: Location | None = None
         self._moving = False
         self._path = True
         self._always: tuple[float, str] = (100.0, "%")
         self._once: tuple[float, str] | None = None
         self._monitor = 1.0
+        self._constants: dict[tuple[object, str], Any] = {}
 
     def here(self, word: str) -> Location:
         """Where the last motion went."""
@@ -80,7 +76,7 @@ class Robot(Variables):
     def let(self, statement: Statement) -> None:
         """``name = number``."""
         name, _, text = statement.rest.partition("=")
-        value = self._only_real(text)
+        value = self._read(text, words.real)
         self.assign(variable(name.strip()), value)
 
     def set(self, statement: Statement) -> None:
@@ -94,31 +90,45 @@ class Robot(Variables):
         expression.finish()
         self.assign(name, value)
 
-    def _only_real(self, text: str) -> float:
+    def _read(self, text: str, what: Callable[[Expression], T]) -> T:
+        """``what`` of a text; kept, if no name has a say in it."""
+        key = (what, text)
+        if key in self._constants:
+            value: T = self._constants[key]
+            return value
         expression = Expression(text, self)
-        value = expression.real()
-        expression.finish()
+        value = what(expression)
+        if expression.constant and len(self._constants) < _KEPT:
+            self._constants[key] = value
         return value
 
     # -- motion --------------------------------------------------------------------------------------------------
 
+    def stretch(self, plain: Stretch) -> bool:
+        """The motions of a stretch at once, if the state is the usual one; else nothing is done."""
+        frame = self.frame(plain.name)
+        first, others = self._once or self._always, self._always
+        straight = plain.word == "MOVES"
+        if frame is None or not (straight or first[1] == others[1] == "%"):
+            return False
+        kind, blend, count = MoveL if straight else MoveJ, ROUNDED if self._path else 0.0, len(plain.poses)
+        self.body.append(kind(plain.poses[0], self._mm_per_second(first), blend))
+        if count > 1:
+            self.body += map(kind, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend))
+        self.lines += range(plain.line, plain.line + count)
+        self.frames += repeat(frame, count)
+        self._once = None
+        self._at, self._moving, self._last = Location(plain.poses[-1], frame), True, len(self.body) - 1
+        return True
+
     def plain(self, statement: Statement) -> bool:
         """The usual target ``frame:TRANS(six numbers)`` without an expression: for speed, and for nothing else."""
         match = _PLAIN.fullmatch(statement.rest)
-        if match is None:
+        frame = self.frame(match[1]) if match else None
+        if match is None or frame is None:
             return False
-        key = canonical(match[1])
-        external = self._external(key)
-        frame = self._value(key)
-        if not external and not (isinstance(frame, Location) and not frame.compound and not frame.external):
-            return False
-        rotation = rotation_zyz(float(match[5]), float(match[6]), float(match[7]))
-        pose = Pose(rotation, (float(match[2]), float(match[3]), float(match[4])))
-        if isinstance(frame, Location):
-            target = Location(pose, frame.local, compound=True)
-        else:
-            target = Location(pose, external=key)
-        self._go(statement, target)
+        x, y, z, yaw, pitch, roll = map(float, match.groups()[1:])
+        self._go(statement, Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)), frame))
         return True
 
     def move(self, statement: Statement) -> None:
@@ -139,7 +149,7 @@ class Robot(Variables):
 
     def depart(self, statement: Statement) -> None:
         """Back along the tool z from where the last motion went."""
-        distance = self._only_real(statement.rest)
+        distance = self._read(statement.rest, words.real)
         self._go(statement, self.here("DEST").moved(translation(0, 0, -distance)))
 
     def lost(self) -> None:
@@ -148,18 +158,32 @@ class Robot(Variables):
 
     def _go(self, statement: Statement, target: Location | Joints) -> None:
         straight = statement.word.endswith("S")
-        speed, unit = self._once or self._always
+        setting = self._once or self._always
         self._once = None
         self._at = target if isinstance(target, Location) else None
         self._moving = True
+        if setting[1] != "%" and not straight:
+            self.report(statement.line, "a joint motion wants its SPEED in percent")
+        speed, blend = self._mm_per_second(setting), ROUNDED if self._path else 0.0
+        if isinstance(target, Location):
+            item = MoveL(target.local, speed, blend) if straight else MoveJ(target.local, speed, blend)
+            self._add(statement, item, target.frame)
+        elif straight:
+            raise Unreadable("a straight motion to joint values is not evaluated")
+        else:
+            self._add(statement, MoveJ(target, speed, blend))
+        self._last = len(self.body) - 1
+
+    def _mm_per_second(self, setting: tuple[float, str]) -> float:
+        speed, unit = setting
         if unit == "%":
             speed *= self._rated / 100
-        elif not straight:
-            self.report(statement.line, "a joint motion wants its SPEED in percent")
-        if straight and isinstance(target, Joints):
-            raise Unreadable("a straight motion to joint values is not evaluated")
-        self._last = Step(statement.line, straight, target, speed * self._monitor, ROUNDED if self._path else 0.0)
-        self.steps.append(self._last)
+        return speed * self._monitor
+
+    def _add(self, statement: Statement, item: MoveJ | MoveL | Output | Wait, frame: Frame | None = None) -> None:
+        self.body.append(item)
+        self.lines.append(statement.line)
+        self.frames.append(frame)
 
     def brake(self, statement: Statement) -> None:
         """``BREAK``: the motion comes to its end."""
@@ -169,31 +193,22 @@ class Robot(Variables):
 
     def _stopped(self) -> None:
         if self._last is not None:
-            self._last.blend = 0.0
+            motion = self.body[self._last]
+            if isinstance(motion, MoveL):
+                self.body[self._last] = MoveL(motion.target, motion.speed, 0.0)
+            elif isinstance(motion, MoveJ):
+                self.body[self._last] = MoveJ(motion.target, motion.speed, 0.0)
         self._moving = False
 
     def speed(self, statement: Statement) -> None:
         """All forms of ``SPEED``."""
-        text = Expression(statement.rest, self)
-        value = text.real()
-        if text.accept(",") and text.real() <= 0:
-            raise Unreadable("a rotational speed must be positive")
-        words = []
-        while text.peek():
-            words.append(text.take())
-        units = [w for w in words if w != "ALWAYS"]
-        if len(units) > 1 or len(set(words)) < len(words) or not set(words) <= {"ALWAYS", "MMPS", "IPS", "MONITOR"}:
-            raise Unreadable(f"SPEED cannot end with {' '.join(words)[:40]}")
-        if value <= 0:
-            raise Unreadable("a speed must be positive")
-        if "MONITOR" in units:
+        value, unit, always = pace(statement.rest) or self._read(statement.rest, words.speed)
+        if unit == "MONITOR":
             self._monitor = min(value, 100.0) / 100
-            return
-        setting = (value, "%") if not units else (value * (_INCH if "IPS" in units else 1.0), "mm/s")
-        if "ALWAYS" in words:
-            self._always, self._once = setting, None
+        elif always:
+            self._always, self._once = (value, unit), None
         else:
-            self._once = setting
+            self._once = (value, unit)
 
     def accel(self, statement: Statement) -> None:
         """``ACCEL``: read, not compared."""
@@ -213,18 +228,17 @@ class Robot(Variables):
         text = Expression(statement.rest, self)
         location = text.location()
         text.finish()
-        tool = None if location.external else location.in_base()
-        changed = location.external != self._tool_name or not same(tool, self.tool)
-        self.tool, self._tool_name = tool, location.external
+        external = location.frame.external
+        tool = None if external else location.in_base()
+        changed = external != self._tool_name or not same(tool, self.tool)
+        self.tool, self._tool_name = tool, external
         if changed and self._last is not None:
             self._at = None
             raise Unreadable("the tool changes between motions")
 
     def base(self, statement: Statement) -> None:
         """``BASE``: only one that moves nothing; it stops the path."""
-        text = Expression(statement.rest, self)
-        values = text.reals()
-        text.finish()
+        values = self._read(statement.rest, words.reals)
         self._stopped()
         if any(values):
             raise Unreadable("BASE moves the world frame, which is not evaluated")
@@ -233,37 +247,25 @@ class Robot(Variables):
 
     def signal(self, statement: Statement) -> None:
         """``SIGNAL``: each number one output."""
-        text = Expression(statement.rest, self)
-        values = text.reals()
-        text.finish()
-        for value in values:
-            number = abs(value)
-            if number != int(number) or number == 0 or 1000 < number <= 2000:
-                raise Unreadable(f"{value:g} is no output")
+        values = self._read(statement.rest, words.outputs)
         self._standing(statement, "an output")
         for value in values:
             name = self._signals.get(int(abs(value)), f"signal {abs(value):g}")
-            self.steps.append((statement.line, Output(name, 1.0 if value > 0 else 0.0)))
+            self._add(statement, Output(name, 1.0 if value > 0 else 0.0))
 
     def wait_event(self, statement: Statement) -> None:
         """``WAIT.EVENT , s``: a dwell."""
-        text = Expression(statement.rest, self)
-        if not text.accept(","):
-            raise Unreadable("WAIT.EVENT with an event is not evaluated")
-        self._pause(statement, text)
+        self._pause(statement, words.event)
 
     def delay(self, statement: Statement) -> None:
         """``DELAY``: read as a dwell and reported."""
         self.report(statement.line, "DELAY is uncertain: it delays the next motion; WAIT.EVENT , s is a dwell")
-        self._pause(statement, Expression(statement.rest, self))
+        self._pause(statement, words.dwell)
 
-    def _pause(self, statement: Statement, text: Expression) -> None:
-        seconds = text.real()
-        text.finish()
-        if seconds <= 0:
-            raise Unreadable("a dwell must be positive")
+    def _pause(self, statement: Statement, what: Callable[[Expression], float]) -> None:
+        seconds = self._read(statement.rest, what)
         self._standing(statement, "a dwell")
-        self.steps.append((statement.line, Wait(seconds)))
+        self._add(statement, Wait(seconds))
 
     def _standing(self, statement: Statement, what: str) -> None:
         if self._moving:

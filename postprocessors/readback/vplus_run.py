@@ -9,10 +9,12 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from .vplus_expr import Expression, Unreadable
+from .vplus_expr import Expression
 from .vplus_names import variable
+from .vplus_places import Unreadable
+from .vplus_plain import Stretch
 from .vplus_robot import Robot
-from .vplus_text import Report, Routine, Statement, canonical
+from .vplus_text import Report, Routine, Statement, canonical, one_by_one
 
 #: Loops may add so many instructions to those that stand in the text.
 _LOOPED = 100_000
@@ -63,16 +65,8 @@ class Machine(Robot):
     ) -> None:
         super().__init__(report, rated, signals, known)
         self._programs = programs
-        self._budget = _LOOPED + sum(len(p.statements) for p in programs.values())
+        self._budget = _LOOPED + sum(map(_length, (s for p in programs.values() for s in p.statements)))
         self._line = 0
-        self._does: dict[str, Callable[[Statement], None]] = {
-            "=": self.let, "ACCEL": self.accel, "APPRO": self.appro, "APPROS": self.appro,
-            "AUTO": self._declares, "BASE": self.base, "BREAK": self.brake, "CALL": self._call,
-            "DELAY": self.delay, "DEPART": self.depart, "DEPARTS": self.depart, "DETACH": self.detach,
-            "DISABLE": self.switch, "ENABLE": self.switch, "GLOBAL": self._declares, "LOCAL": self._declares,
-            "MOVE": self.move, "MOVES": self.move, "SET": self.set, "SIGNAL": self.signal,
-            "SPEED": self.speed, "TOOL": self.set_tool, "WAIT.EVENT": self.wait_event,
-        }  # fmt: skip
 
     def run(self, routine: Routine) -> None:
         """Carries out ``routine`` and what it calls. What cannot be, is reported."""
@@ -88,20 +82,44 @@ class Machine(Robot):
         index = 0
         while index < len(statements):
             statement = statements[index]
-            self._line = statement.line
-            self._budget -= 1
-            if self._budget < 0:
-                raise _Exhausted
+            if isinstance(statement, Stretch):
+                self._stretch(statement)
+                index += 1
+                continue
+            self._spend(statement.line)
             if statement.word == "RETURN":
                 break
             try:
                 index = self._next(routine, index, statement, loops)
             except Unreadable as error:
-                self.report(statement.line, str(error))
-                if statement.word in _MOTIONS:
-                    self.lost()
+                self._unreadable(statement, error)
                 index = routine.partner.get(index, index) + 1
         self.leave()
+
+    def _stretch(self, plain: Stretch) -> None:
+        count = len(plain.poses)
+        if count <= self._budget and self.stretch(plain):
+            self._budget -= count
+            return
+        for statement in one_by_one(plain):
+            self._spend(statement.line)
+            try:
+                if not self.plain(statement):
+                    self.move(statement)
+            except Unreadable as error:
+                self._unreadable(statement, error)
+
+    def _spend(self, line: int) -> None:
+        """The budget pays for the instruction in ``line``."""
+        self._line = line
+        self._budget -= 1
+        if self._budget < 0:
+            raise _Exhausted
+
+    def _unreadable(self, statement: Statement, error: Unreadable) -> None:
+        self.report(statement.line, str(error))
+        if statement.word in _MOTIONS:
+            self.lost()
 
     def _next(self, routine: Routine, index: int, statement: Statement, loops: list[_Loop]) -> int:
         """Carries out one instruction; the index of the one after it."""
@@ -112,8 +130,8 @@ class Machine(Robot):
             return self._loop(statement, index, routine.partner, loops)
         if word == "END":
             return self._again(index, loops)
-        if word in self._does:
-            self._does[word](statement)
+        if word in _DOES:
+            _DOES[word](self, statement)
         else:
             self._silent(word, statement.rest)
         return index + 1
@@ -161,7 +179,8 @@ class Machine(Robot):
         if not form.fullmatch(rest):
             raise Unreadable(f"{word} {rest[:30]} is not evaluated")
 
-    def _call(self, statement: Statement) -> None:
+    def call(self, statement: Statement) -> None:
+        """``CALL name()``."""
         match = _CALL.fullmatch(statement.rest)
         if match is None:
             raise Unreadable("CALL wants name()")
@@ -175,5 +194,21 @@ class Machine(Robot):
         self._run(routine)
         self._line = statement.line
 
-    def _declares(self, statement: Statement) -> None:
+    def declares(self, statement: Statement) -> None:
+        """``AUTO``, ``LOCAL`` and ``GLOBAL``."""
         self.declare(statement.rest, statement.word != "GLOBAL")
+
+
+def _length(statement: Statement | Stretch) -> int:
+    return len(statement.poses) if isinstance(statement, Stretch) else 1
+
+
+#: Not kept by the machine: it would then be in a circle with itself, and stay when nobody needs it any more.
+_DOES: dict[str, Callable[[Machine, Statement], None]] = {
+    "=": Machine.let, "ACCEL": Machine.accel, "APPRO": Machine.appro, "APPROS": Machine.appro,
+    "AUTO": Machine.declares, "BASE": Machine.base, "BREAK": Machine.brake, "CALL": Machine.call,
+    "DELAY": Machine.delay, "DEPART": Machine.depart, "DEPARTS": Machine.depart, "DETACH": Machine.detach,
+    "DISABLE": Machine.switch, "ENABLE": Machine.switch, "GLOBAL": Machine.declares, "LOCAL": Machine.declares,
+    "MOVE": Machine.move, "MOVES": Machine.move, "SET": Machine.set, "SIGNAL": Machine.signal,
+    "SPEED": Machine.speed, "TOOL": Machine.set_tool, "WAIT.EVENT": Machine.wait_event,
+}  # fmt: skip

@@ -11,9 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
+from msgspec import Struct
+
+from .vplus_plain import PIECE, Stretch, stretch
+
 #: Names are told apart by so many characters; the rest is cut silently.
 NAME = 15
-_LINE_END = re.compile(r"\r\n|\r|\n")
 _LABEL = re.compile(r"\s*(\d+)(?:\s+|$)", re.ASCII)
 _WORD = re.compile(r"\s*([A-Za-z][A-Za-z0-9._]*)\s*(.*)", re.DOTALL)
 _LONG_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9._]{{{NAME - 1},}}")
@@ -22,12 +25,13 @@ _STRING = re.compile(r'"[^"]*"')
 _DECLARE = frozenset({"AUTO", "LOCAL", "GLOBAL"})
 #: Words that open a block which END closes, with the word that has to stand in the line, too.
 _OPENS = {"IF": "THEN", "FOR": "", "WHILE": "", "CASE": ""}
+#: So many different lines are remembered with what they say.
+_REMEMBERED = 4096
 
 Report = Callable[[int, str], None]
 
 
-@dataclass(frozen=True, slots=True)
-class Statement:
+class Statement(Struct, frozen=True, gc=False):
     """One instruction: its line (1-based through all files), its first word in capitals, what follows the word."""
 
     line: int
@@ -42,8 +46,30 @@ class Routine:
     name: str
     line: int
     arguments: str
-    statements: list[Statement] = field(default_factory=list)
+    statements: list[Statement | Stretch] = field(default_factory=list)
     partner: dict[int, int] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _File:
+    """A file while it is read. first: what its lines are counted from. reports: how often something was reported.
+
+    long_names: by their first ``NAME`` characters. usual: word and rest by line, of lines with nothing to report.
+    """
+
+    first: int
+    tell: Report
+    reports: int = 0
+    found: list[Routine] = field(default_factory=list)
+    current: Routine | None = None
+    section: str = ""
+    long_names: dict[str, str] = field(default_factory=dict)
+    usual: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    def report(self, line: int, what: str) -> None:
+        """Passes it on."""
+        self.reports += 1
+        self.tell(line, what)
 
 
 @lru_cache(maxsize=4096)
@@ -56,13 +82,11 @@ def canonical(name: str) -> str:
 def routines(files: Mapping[str, str], report: Report) -> list[Routine]:
     """All programs of all files in order. What is no program, or no V+, is reported."""
     found: list[Routine] = []
-    first = 1
+    number = 1
     for text in files.values():
-        lines = _LINE_END.split(text)
-        if lines and not lines[-1]:
-            lines.pop()
-        found += _routines(lines, first, report)
-        first += len(lines)
+        file = _File(number, report)
+        number = _read(text, file)
+        found += file.found
     seen: dict[str, Routine] = {}
     for routine in found:
         if seen.setdefault(canonical(routine.name), routine) is not routine:
@@ -71,30 +95,59 @@ def routines(files: Mapping[str, str], report: Report) -> list[Routine]:
     return found
 
 
-def _routines(lines: list[str], first: int, report: Report) -> list[Routine]:
-    found: list[Routine] = []
-    current: Routine | None = None
-    section = ""
-    long_names: dict[str, str] = {}
-    for number, raw in enumerate(lines, start=first):
-        code = _code(raw, number, report)
-        for name in _LONG_NAME.findall(_STRING.sub("", code) if '"' in code else code):
-            _collision(name.lower(), long_names, number, report)
-        if not code:
+def _read(text: str, file: _File) -> int:
+    """Reads a file; returns the number that the first line of the next one has."""
+    number = file.first
+    for piece in PIECE.finditer(text):
+        kind, raw = piece.lastgroup, piece[0]
+        if kind and kind != "pace":
+            number = _stretch(stretch(piece, number), file)
             continue
-        if code[0] == ".":
-            if current is not None and not code.upper().startswith(".END"):
-                report(number, f"{code.split()[0]} before the .END of {current.name}")
-            current, section = _dot(code, number, current, section, report)
-            if current is not None:
-                found.append(current)
-        elif current is not None:
-            _add(current, code, number, report)
-        elif not section:
-            report(number, "an instruction outside of a .PROGRAM")
-    if current is not None or section:
-        report(first + len(lines) - 1, f"{current.name if current else section} has no .END")
-    return found
+        usual = ("SPEED", piece["pace"]) if kind else file.usual.get(raw)
+        if usual is not None and file.current is not None:
+            file.current.statements.append(Statement(number, *usual))
+        else:
+            _line(raw, number, file)
+        number += 1
+    if file.current is not None or file.section:
+        name = file.current.name if file.current is not None else file.section
+        file.report(number - 1, f"{name} has no .END")
+    return number
+
+
+def _stretch(plain: Stretch, file: _File) -> int:
+    """Reads a stretch; returns the number of the line after it."""
+    name, after = plain.name.lower(), plain.line + len(plain.poses)
+    known = name if len(name) < NAME else file.long_names.setdefault(name[:NAME], name)
+    if file.current is None or known != name:
+        for number, raw in enumerate(plain.lines, start=plain.line):
+            _line(raw, number, file)
+    else:
+        file.current.statements.append(plain)
+    return after
+
+
+def _line(raw: str, number: int, file: _File) -> None:
+    """Reads any line."""
+    before = file.reports
+    code = _code(raw, number, file.report)
+    for name in _LONG_NAME.findall(_STRING.sub("", code) if '"' in code else code):
+        _collision(name.lower(), file.long_names, number, file.report)
+    if not code:
+        return
+    if code[0] == ".":
+        if file.current is not None and not code.upper().startswith(".END"):
+            file.report(number, f"{code.split()[0]} before the .END of {file.current.name}")
+        file.current, file.section = _dot(code, number, file.current, file.section, file.report)
+        if file.current is not None:
+            file.found.append(file.current)
+    elif file.current is not None:
+        said = _add(file.current, code, number, file.report)
+        # A declaration may be wrong further down; all else means the same in every place.
+        if said and said[0] not in _DECLARE and file.reports == before and len(file.usual) < _REMEMBERED:
+            file.usual[raw] = said
+    elif not file.section:
+        file.report(number, "an instruction outside of a .PROGRAM")
 
 
 def _code(raw: str, number: int, report: Report) -> str:
@@ -138,18 +191,19 @@ def _dot(code: str, number: int, current: Routine | None, section: str, report: 
     return None, word
 
 
-def _add(routine: Routine, code: str, number: int, report: Report) -> None:
+def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str, str] | None:
+    """Adds a statement; returns its word and what follows it, nothing where there is none."""
     label = _LABEL.match(code)
     if label:
         if len(label[1]) > 5 or int(label[1]) > 65535:
             report(number, f"label {label[1][:12]} is above 65535")
         code = code[label.end() :]
         if not code:
-            return
+            return None
     match = _WORD.fullmatch(code)
     if match is None:
         report(number, f"unknown statement {code[:40]!r}")
-        return
+        return None
     word, rest = match[1], match[2]
     if rest[:1] == "=":
         word, rest = "=", f"{word} {rest}"
@@ -157,12 +211,20 @@ def _add(routine: Routine, code: str, number: int, report: Report) -> None:
     if word in _DECLARE and any(s.word not in _DECLARE for s in routine.statements):
         report(number, f"{word} after the first instruction")
     routine.statements.append(Statement(number, word, rest))
+    return word, rest
+
+
+def one_by_one(plain: Stretch) -> list[Statement]:
+    """The instructions of a stretch."""
+    return [Statement(number, plain.word, raw.split()[1]) for number, raw in enumerate(plain.lines, start=plain.line)]
 
 
 def _partners(routine: Routine, report: Report) -> dict[int, int]:
     partner: dict[int, int] = {}
     open_blocks: list[int] = []
     for index, statement in enumerate(routine.statements):
+        if isinstance(statement, Stretch):
+            continue
         word = statement.word
         if word == "DO" or (word in _OPENS and _OPENS[word] in statement.rest.upper()):
             open_blocks.append(index)
