@@ -20,14 +20,14 @@ What is compared, and how exactly:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from operator import attrgetter
+from operator import attrgetter, eq
 from typing import Any
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
+from msgspec.structs import replace
 
-from camgen.body import Mask, are, numbers, posed, taken
+from camgen.body import Columns, Indices, Mask, numbers, taken
 from camgen.errors import VerifyError
 from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.pose import FloatArray, Pose, quaternion
@@ -59,28 +59,45 @@ class _Column(Struct, frozen=True, eq=False):
     """
 
     what: str
-    places: NDArray[np.intp]
-    planned: Sequence[Any] | FloatArray
-    read: Sequence[Any] | FloatArray
+    places: Indices
+    planned: Any
+    read: Any
     error: FloatArray
     limit: float | FloatArray
 
 
-class _Group(Struct, frozen=True, eq=False):
-    """Some of the instructions: their places, planned and read."""
+class _Both(Struct, frozen=True, eq=False):
+    """The bodies, planned and read, as far as they can be held against each other by number: their first ``common``
+    instructions, comments left out, M of them motions. indices: where the planned ones stand in their body.
+    """
 
-    places: NDArray[np.intp]
-    planned: list[Any]
-    read: list[Any]
+    plan: Columns
+    read: Columns
+    indices: Indices
+    common: int
+    moves: int
 
-    def where(self, keep: Mask) -> _Group:
-        """Those of them to keep."""
-        return _Group(self.places[keep], taken(self.planned, keep), taken(self.read, keep))
+    def places(self, *kinds: type) -> Indices:
+        """The places, among what is compared, of the instructions of the types ``kinds``."""
+        return np.flatnonzero(self.plan.are(*kinds)[self.indices[: self.common]])
 
-    def column(self, what: str, name: str, limit: float, width: int = 1) -> _Column:
-        """An attribute, a number or a tuple of ``width``: the error is that of the worst number."""
-        a, b = numbers(self.planned, name, width), numbers(self.read, name, width)
-        return _Column(what, self.places, a, b, np.abs(a - b).max(axis=1), limit)
+    def moving(self, what: str, name: str, where: Mask, limit: float) -> _Column:
+        """A column of the motions ``where`` (M,): the error is that of the worst number."""
+        a, b = (getattr(side, name)[: self.moves][where] for side in (self.plan, self.read))
+        places = self.places(MoveJ, MoveL, MoveC)[where]
+        return _Column(what, places, a, b, _worst(a - b), limit)
+
+    def others(self, kind: type, what: str, name: str, limit: float, width: int = 1) -> _Column:
+        """An attribute of the instructions of one type, a number or a tuple of ``width``."""
+        places = self.places(kind)
+        a, b = (numbers(side.of(kind)[: len(places)], name, width) for side in (self.plan, self.read))
+        return _Column(what, places, a, b, _worst(a - b), limit)
+
+
+def _worst(error: FloatArray) -> FloatArray:
+    """(N,): the largest number of each row."""
+    size = np.abs(error)
+    return np.asarray(size.max(axis=1) if size.ndim == 2 else size)
 
 
 def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str) -> Deviation:
@@ -92,70 +109,75 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
     for fault in reading.faults[:1]:
         raise VerifyError(file, fault.what, fault.line, _REMEDY)
     _compare_frames(planned, reading, tolerance, file)
-    indices, plan = _spoken(planned.body, range(len(planned.body)))
-    lines, read = _spoken(reading.body, reading.lines)
-    common = _same_kinds(plan, read)
-    both = _Group(np.arange(common), plan[:common], read[:common])
-    moves = both.where(are(both.planned, MoveL, MoveC, MoveJ))
-    places, to_poses = _places(moves, tolerance)
-    columns = [*places, *_manners(moves, to_poses, tolerance, carries), *_others(both, tolerance, carries)]
+    both, read_at = _paired(planned, reading)
+    places, moving = _places(both, tolerance)
+    columns = [*places, *_manners(both, moving, tolerance, carries), *_others(both, tolerance, carries)]
     differences = [found for column in columns for found in _first_beyond(column)]
-    if common < max(len(plan), len(read)):
-        differences.append((common, "instruction", _say(plan, common), _say(read, common)))
+    if both.common < max(len(both.indices), len(read_at)):
+        was, says = _say(planned.body, both.indices, both.common), _say(reading.body, read_at, both.common)
+        differences.append((both.common, "instruction", was, says))
     if differences:
         place, what, was, says = min(differences, key=lambda difference: difference[0])
-        index = indices[place] if place < len(indices) else len(planned.body)
-        line = lines[place] if place < len(lines) else 0
+        index = int(both.indices[place]) if place < len(both.indices) else len(planned.body)
+        line = reading.lines[read_at[place]] if place < len(read_at) else 0
         raise VerifyError(file, f"instruction {index}: {what} reads {says}, planned is {was}", line, _REMEDY)
     distance = (np.linalg.norm(np.subtract(c.planned, c.read), axis=1).max(initial=0.0) for c in places)
     angle = (c.error.max(initial=0.0) for c in columns if c.what == "orientation")
-    return Deviation(float(max(distance)), float(max(angle, default=0.0)), len(plan))
+    return Deviation(float(max(distance)), float(max(angle, default=0.0)), len(both.indices))
 
 
-def _spoken(body: Sequence[Instruction], places: Sequence[int]) -> tuple[list[int], list[Instruction]]:
-    """The instructions that are no comments, and their numbers."""
-    if len(body) != len(places):
-        raise ValueError(f"{len(body)} instructions with {len(places)} lines")
-    keep = ~are(body, Comment)
-    return taken(places, keep), taken(body, keep)
+def _paired(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
+    """Both bodies as far as their instructions are of the same kinds, and where those read stand in their body."""
+    if len(reading.body) != len(reading.lines):
+        raise ValueError(f"{len(reading.body)} instructions with {len(reading.lines)} lines")
+    plan, read = planned.columns, Columns(reading.body)
+    at, read_at = (np.flatnonzero(~side.are(Comment)) for side in (plan, read))
+    size = min(len(at), len(read_at))
+    same = np.ones(size, np.bool_)
+    for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force):
+        same &= plan.are(kind)[at[:size]] == read.are(kind)[read_at[:size]]
+    common = _first_false(same)
+    for kind, name in ((Output, _signal), (MoveJ, _joints)):
+        places = np.flatnonzero(plan.are(kind)[at[:common]])
+        a, b = (map(name, side.of(kind)[: len(places)]) for side in (plan, read))
+        alike = np.fromiter(map(eq, a, b), np.bool_, len(places))
+        common = int(np.append(places, common)[_first_false(alike)])
+    moves = int(plan.are(MoveJ, MoveL, MoveC)[at[:common]].sum())
+    return _Both(plan, read, at, common, moves), read_at
 
 
-def _same_kinds(plan: list[Instruction], read: list[Instruction]) -> int:
-    """How many instructions at the start can be compared by number: same type, same signal, as many joints."""
-    count = min(len(plan), len(read))
-    types, others = list(map(type, plan[:count])), list(map(type, read[:count]))
-    if types != others:
-        count = next(i for i, (a, b) in enumerate(zip(types, others, strict=True)) if a is not b)
-    finer = (i for i, kind in enumerate(types[:count]) if kind is MoveJ or kind is Output)
-    return next((i for i in finer if _name(plan[i]) != _name(read[i])), count)
+def _first_false(mask: Mask) -> int:
+    return int(np.append(mask, False).argmin())
 
 
-def _name(item: Instruction) -> object:
-    """The signal of an output, the number of joints of a motion to joints."""
-    if isinstance(item, Output):
-        return item.signal
-    return len(item.target.values) if isinstance(item, MoveJ) and isinstance(item.target, Joints) else None
+_signal = attrgetter("signal")
+
+
+def _joints(motion: MoveJ) -> int:
+    """The number of joints of a motion to joint values, -1 for one to a pose."""
+    return len(motion.target.values) if isinstance(motion.target, Joints) else -1
 
 
 # Messages.
 
 
-def _say(body: list[Instruction], place: int) -> str:
+def _say(body: Sequence[Instruction], at: Indices, place: int) -> str:
     """An instruction in a few words."""
-    if place >= len(body):
+    if place >= len(at):
         return "nothing"
-    match body[place]:
+    item = body[at[place]]
+    match item:
         case MoveJ(target=Joints(values)):
             return f"MoveJ to {len(values)} joint values"
         case MoveJ(target=Pose() as target) | MoveL(target=target) | MoveC(target=target):
-            return f"{type(body[place]).__name__} to {_text(target.origin)}"
+            return f"{type(item).__name__} to {_text(target.origin)}"
         case Output(signal, value):
             return f"output {signal} {short(value, 3)}"
         case Wait(seconds):
             return f"wait {short(seconds, 3)} s"
         case Force(newtons):
             return f"force {short(newtons, 3)} N"
-    return type(body[place]).__name__
+    return type(item).__name__
 
 
 def _text(value: object) -> str:
@@ -188,20 +210,19 @@ def _compare_frames(planned: Program, reading: Reading, tolerance: Tolerance, fi
 # Columns.
 
 
-def _places(moves: _Group, tolerance: Tolerance) -> tuple[list[_Column], _Group]:
-    """Where motions end and what arcs pass half-way, and the motions to poses."""
-    is_pose, is_arc = posed(moves.planned), are(moves.planned, MoveC)
-    to_poses, arcs = moves.where(is_pose), moves.where(is_arc)
-    target = to_poses.column("target", "target.origin", tolerance.mm, 3)
-    middles = []
-    for origins, side in ((target.planned, arcs.planned), (target.read, arcs.read)):
-        ends = np.full((len(is_pose), 3), np.nan)
-        ends[is_pose] = origins
-        starts = np.roll(ends, 1, axis=0)
-        middles.append(arc_middles(starts[is_arc], numbers(side, "via.origin", 3), ends[is_arc]))
-    a, b = middles
-    error = np.linalg.norm(a - b, axis=1)
-    return [target, _Column("middle of the arc", arcs.places, a, b, error, ARC_SLACK * tolerance.mm)], to_poses
+def _places(both: _Both, tolerance: Tolerance) -> tuple[list[_Column], Mask]:
+    """Where motions end and what arcs pass half-way, and which motions (M,) go to poses."""
+    posed, arc = both.plan.posed[: both.moves], both.plan.moves_are(MoveC)[: both.moves]
+    a, b = (_middles(side, arc) for side in (both.plan, both.read))
+    places = both.places(MoveJ, MoveL, MoveC)[arc]
+    middle = _Column("middle of the arc", places, a, b, np.linalg.norm(a - b, axis=1), ARC_SLACK * tolerance.mm)
+    return [both.moving("target", "ends", posed, tolerance.mm), middle], posed
+
+
+def _middles(side: Columns, arc: Mask) -> FloatArray:
+    """The points half-way along the arcs among the first motions."""
+    ends = side.ends[: len(arc)]
+    return arc_middles(np.roll(ends, 1, axis=0)[arc], side.vias[: len(arc)][arc], ends[arc])
 
 
 def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
@@ -245,43 +266,47 @@ def _turns(a: list[FloatArray], b: list[FloatArray]) -> FloatArray:
     return angles
 
 
-def _manners(moves: _Group, to_poses: _Group, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
     """How motions are made: orientation, joints, speed, blend, force."""
+    places = both.places(MoveJ, MoveL, MoveC)
+    p, q = (side.moves[: both.moves] for side in (both.plan, both.read))
     if "orientation" in carries:
-        a, b = (list(map(attrgetter("target.rotation"), side)) for side in (to_poses.planned, to_poses.read))
-        yield _Column("orientation", to_poses.places, a, b, _turns(a, b), tolerance.angle)
-    jointed = moves.where(~posed(moves.planned))
-    a, b = ([item.target.values for item in side] for side in (jointed.planned, jointed.read))
+        a, b = (list(map(attrgetter("target.rotation"), taken(side, posed))) for side in (p, q))
+        yield _Column("orientation", places[posed], a, b, _turns(a, b), tolerance.angle)
+    a, b = ([item.target.values for item in taken(side, ~posed)] for side in (p, q))
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
-    yield _Column("joint values", jointed.places, a, b, error, tolerance.joint)
-    rapid = are(moves.planned, MoveJ)
-    linear = moves.where(~rapid)
+    yield _Column("joint values", places[~posed], a, b, error, tolerance.joint)
+    rapid = both.plan.moves_are(MoveJ)[: both.moves]
     if "joint-speed" in carries:
-        yield moves.where(rapid).column("speed", "speed", tolerance.speed)
+        yield both.moving("speed", "speed", rapid, tolerance.speed)
     if "speed" in carries:
-        yield linear.column("speed", "speed", tolerance.speed)
+        yield both.moving("speed", "speed", ~rapid, tolerance.speed)
+    every = np.ones(both.moves, np.bool_)
     if "blend" in carries:
-        yield moves.column("blend", "blend", tolerance.mm)
+        yield both.moving("blend", "blend", every, tolerance.mm)
     if "stop" in carries:
-        p, q = (numbers(side, "blend", 1) for side in (moves.planned, moves.read))
-        yield _Column("blend", moves.places, p, q, ((p > 0) != (q > 0))[:, 0] * 1.0, 0.0)
-    yield from _forces(linear, "force", tolerance, carries)
-
-
-def _forces(group: _Group, name: str, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
-    """Newtons, and their direction: a text gives it by components, so each may be off by both tolerances."""
-    newtons = group.column("force", name, tolerance.force)
+        stop = both.moving("blend", "blend", every, 0.0)
+        yield replace(stop, error=((stop.planned > 0) != (stop.read > 0)) * 1.0)
+    newtons = both.moving("force", "force", ~rapid, tolerance.force)
     yield newtons
     if "force-direction" in carries and np.any(newtons.planned):
-        a = np.asarray(newtons.planned) * numbers(group.planned, "press", 3)
-        b = np.asarray(newtons.read) * numbers(group.read, "press", 3)
-        limit = tolerance.force + tolerance.angle * np.asarray(newtons.planned)[:, 0]
-        yield _Column("force along x y z", group.places, a, b, np.abs(a - b).max(axis=1), limit)
+        was, says = (numbers(taken(side, ~rapid), "press", 3) for side in (p, q))
+        yield _along(newtons, was, says, tolerance)
 
 
-def _others(both: _Group, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+def _along(newtons: _Column, a: FloatArray, b: FloatArray, tolerance: Tolerance) -> _Column:
+    """Forces by component, from their size and direction: each component may be off by both tolerances."""
+    planned, read = (np.reshape(size, (-1, 1)) for size in (newtons.planned, newtons.read))
+    limit = tolerance.force + tolerance.angle * planned[:, 0]
+    return _Column("force along x y z", newtons.places, planned * a, read * b, _worst(planned * a - read * b), limit)
+
+
+def _others(both: _Both, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
     """Outputs, waits and force control."""
-    outputs, waits, forces = (both.where(are(both.planned, kind)) for kind in (Output, Wait, Force))
-    yield outputs.column("output", "value", _VALUE)
-    yield waits.column("wait", "seconds", tolerance.seconds)
-    yield from _forces(forces, "newtons", tolerance, carries)
+    yield both.others(Output, "output", "value", _VALUE)
+    yield both.others(Wait, "wait", "seconds", tolerance.seconds)
+    newtons = both.others(Force, "force", "newtons", tolerance.force)
+    yield newtons
+    if "force-direction" in carries and np.any(newtons.planned):
+        press = both.others(Force, "press", "press", 0.0, 3)
+        yield _along(newtons, np.asarray(press.planned), np.asarray(press.read), tolerance)

@@ -7,6 +7,7 @@ from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from camgen.body import Columns
 from camgen.check import compare
 from camgen.cli_job import beside, load
 from camgen.cli_plan import load as load_plan
@@ -38,7 +39,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     files = _texts(paths)
     reading = find_readback(arguments.post)(files, options)
     says.clear()
-    rows = _rows(sum_up(reading.body), sum(text.count("\n") for text in files.values()))
+    rows = _rows(sum_up(Columns(reading.body)), sum(text.count("\n") for text in files.values()))
     if reading.faults:
         out(table(rows) + _faults(reading.faults, files))
         first = reading.faults[0]

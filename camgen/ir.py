@@ -7,10 +7,12 @@ post, posts on hand-written text without any planner.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.body import Columns
 from camgen.instructions import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.ir_rules import check, check_frame
 from camgen.pose import Pose
@@ -21,7 +23,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-class Program(Struct, frozen=True, eq=False, gc=False):
+class Program(Struct, frozen=True, eq=False, dict=True):
     """A whole program in one work frame.
 
     base_from_work and flange_from_tool: the frames that the poses are in. header: remarks for its top, in order.
@@ -38,7 +40,12 @@ class Program(Struct, frozen=True, eq=False, gc=False):
     def __post_init__(self) -> None:
         for frame in (self.base_from_work, self.flange_from_tool):
             check_frame(frame)
-        check(self.body)
+        check(self.columns)
+
+    @cached_property
+    def columns(self) -> Columns:
+        """The body by column."""
+        return Columns(self.body)
 
     def with_body(self, body: tuple[Instruction, ...]) -> Program:
         """The same program with another body."""

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.body import are, column, ends, moves_of, vias
-from camgen.ir import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.body import Columns
+from camgen.ir import Force, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.paths import ToolPath, Tour, segment_lengths
 from camgen.pose import FloatArray, Vec3, frozen
 from camgen.shapes import Note, Part
@@ -39,32 +39,30 @@ class Motions(Struct, frozen=True):
     force: float
 
 
-def sum_up(body: Sequence[Instruction]) -> Motions:
+def sum_up(columns: Columns) -> Motions:
     """The sums of a body of instructions."""
-    moves, _ = moves_of(body)
-    end, via, speed = ends(moves), vias(moves), column(moves, "speed")
+    end, via, speed = columns.ends, columns.vias, columns.speed
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    arc, line, joint = are(moves, MoveC), are(moves, MoveL), are(moves, MoveJ)
+    arc, line, joint = (columns.moves_are(kind) for kind in (MoveC, MoveL, MoveJ))
     length = np.nan_to_num(np.linalg.norm(end - start, axis=1))
     length[arc] = arc_lengths(start[arc], via[arc], end[arc])
     seconds = math.fsum((length / speed).tolist())
-    waits = math.fsum(item.seconds for item in body if isinstance(item, Wait))
+    waits = math.fsum(item.seconds for item in columns.of(Wait))
     points = np.concatenate([end, via])
     points = points[~np.isnan(points).any(axis=1)]
     outputs: dict[str, dict[float, None]] = {}
-    for item in body:
-        if isinstance(item, Output):
-            outputs.setdefault(item.signal, {})[item.value] = None
+    for item in columns.of(Output):
+        outputs.setdefault(item.signal, {})[item.value] = None
     return Motions(
-        counts=_counts(body),
+        counts={kind.__name__: int(columns.are(kind).sum()) for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force)},
         straight=math.fsum(length[line].tolist()),
         arc=math.fsum(length[arc].tolist()),
         joint=math.fsum(length[joint].tolist()),
         seconds=seconds + waits,
-        speeds=(float(speed.min()), float(speed.max())) if moves else (0.0, 0.0),
+        speeds=(float(speed.min()), float(speed.max())) if len(speed) else (0.0, 0.0),
         extents=(_corner(points.min(axis=0)), _corner(points.max(axis=0))) if len(points) else None,
         outputs={name: tuple(values) for name, values in outputs.items()},
-        force=max((i.newtons for i in body if isinstance(i, Force)), default=0.0),
+        force=max((item.newtons for item in columns.of(Force)), default=0.0),
     )
 
 
@@ -81,11 +79,6 @@ def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     with np.errstate(divide="ignore", invalid="ignore"):
         curved = np.linalg.norm(end - start, axis=1) / np.sin(turn) * turn
     return np.asarray(np.where(turn > 1e-9, curved, flat), dtype=np.float64)
-
-
-def _counts(body: Sequence[Instruction]) -> dict[str, int]:
-    names = [type(item).__name__ for item in body]
-    return {name: names.count(name) for name in ("MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force")}
 
 
 def _corner(values: FloatArray) -> Vec3:

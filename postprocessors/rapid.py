@@ -10,12 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
+
+from camgen.body import Columns, Mask, taken
 from camgen.errors import JobError, Refused
-from camgen.ir import Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait, motions
+from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait, motions
 from camgen.passes import without_force
 from camgen.pose import FloatArray, Pose, quaternion, translation
 from camgen.post import Cell, OutputFile, Tolerance
-from camgen.text import fixed, short
+from camgen.text import fixed, fixed_each, short
 
 from .rapid_arcs import arc_fault
 from .rapid_force import DIGITS as FORCE_DIGITS
@@ -73,6 +76,17 @@ class Rapid(RapidOptions):
         prepared = super().prepare(program.with_body(settled(program.body, chord)), chord)
         check_sections(self.name, prepared.body)
         return prepared
+
+    def accepts(self, columns: Columns) -> Mask:
+        """Motions without a posture to poses, in bounds, that are no arcs."""
+        speed, blend = columns.speed, columns.blend
+        fine = columns.posed & ~columns.moves_are(MoveC) & (speed >= _LEAST) & (speed <= _FASTEST)
+        fine &= (blend == 0) | ((blend >= _LEAST) & (blend <= _FARTHEST))
+        fine[fine] = (np.abs(columns.ends[fine]) <= _FARTHEST).all(axis=1)
+        fine[fine] = [move.joints is None for move in taken(columns.moves, fine)]
+        accepted = columns.are(Comment)
+        accepted[columns.at[fine]] = True
+        return accepted
 
     def refuses(self, item: Instruction, start: Pose | None) -> str:
         """What RAPID, or its rules of names and numbers, does not allow."""
@@ -178,9 +192,7 @@ class Rapid(RapidOptions):
     def _target(self, pose: Pose, motion: Motion) -> str:
         """A robtarget written out: cheaper in program memory than a named one."""
         conf = "0,0,0,0" if motion.joints is None or self.conf == "off" else _quarters(motion.joints)
-        (x, y, z), digits = pose.origin, self.decimals
-        place = f"{fixed(x, digits)},{fixed(y, digits)},{fixed(z, digits)}"
-        return f"[[{place}],[{self._rotation(pose)}],[{conf}],{_NO_AXES}]"
+        return f"[[{fixed_each(pose.origin, self.decimals)}],[{self._rotation(pose)}],[{conf}],{_NO_AXES}]"
 
     def _rotation(self, pose: Pose) -> str:
         rotation = pose.rotation
@@ -238,7 +250,8 @@ class Rapid(RapidOptions):
         """ConfJ and ConfL: on where every motion of the kind knows its posture."""
         lines = []
         for word, kinds in (("ConfJ", (MoveJ,)), ("ConfL", (MoveL, MoveC))):
-            found = [m for _, m in motions(program.body) if isinstance(m, kinds) and isinstance(m.target, Pose)]
+            columns = program.columns
+            found = taken(columns.moves, columns.moves_are(*kinds) & columns.posed)
             on = self.conf == "auto" and found and all(m.joints is not None for m in found)
             lines.append(f"{word}\\{'On' if on else 'Off'};")
         return lines

@@ -8,7 +8,9 @@ from __future__ import annotations
 import re
 from functools import lru_cache
 
-from camgen.ir import Program, motions
+import numpy as np
+
+from camgen.ir import Program
 from camgen.text import short
 
 SPEEDS = {
@@ -80,8 +82,8 @@ def motion_data(program: Program) -> list[str]:
 
     The components beside the TCP speed, and a zone's ratio of 1.5 to the TCP radius, are those of the predefined ones.
     """
-    speeds = {short(speed, DIGITS) for speed in {motion.speed for _, motion in motions(program.body)}}
-    zones = {short(blend, DIGITS) for blend in {motion.blend for _, motion in motions(program.body)}}
+    speeds = {short(speed, DIGITS) for speed in np.unique(program.columns.speed).tolist()}
+    zones = {short(blend, DIGITS) for blend in np.unique(program.columns.blend).tolist()}
     lines = [
         f"CONST speeddata {speed_name(float(v))}:=[{v},500,5000,1000];"
         for v in sorted(speeds, key=float)

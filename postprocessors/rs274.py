@@ -12,8 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
+
+from camgen.body import Columns, Mask
 from camgen.errors import JobError, Refused
-from camgen.ir import Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.passes import circle
 from camgen.pose import IDENTITY, TOOL_DOWN, FloatArray, Pose, Vec3, angle_between, translation
 from camgen.post import Cell, Post, Tolerance, pose_of
@@ -143,6 +146,16 @@ class Rs274(Post):
         return (f"G4 P{short(item.seconds, 3)}",)
 
     # -- legality ------------------------------------------------------------------------------------------------
+
+    def accepts(self, columns: Columns) -> Mask:
+        """Straight motions that stay in bounds, tool down."""
+        fine = columns.turned_as(TOOL_DOWN) & ~columns.moves_are(MoveC)
+        fine[fine] = (np.abs(columns.ends[fine]) <= _FAR).all(axis=1)
+        feed = columns.speed * 60.0
+        fine &= columns.moves_are(MoveJ) | ((feed >= _SLOWEST) & (feed <= _FASTEST))
+        accepted = columns.are(Comment)
+        accepted[columns.at[fine]] = True
+        return accepted
 
     def refuses(self, item: Instruction, start: Pose | None) -> str:
         """Why the machine cannot do ``item``; arcs refused here become chords."""

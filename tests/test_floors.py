@@ -16,7 +16,7 @@ FLOORS = {
     "cli_say": 9, "cli_plan": 9, "cli_summary": 10, "cli_build": 11, "cli_init": 11, "cli_inspect": 11, "cli_posts": 11,
     "cli_verify": 11, "cli_calibrate": 11, "cli_markers": 11, "cli": 12, "__main__": 13,
 }  # fmt: skip
-POST_MAY_IMPORT = {"ir", "pose", "post", "errors", "text", "passes"}
+POST_MAY_IMPORT = {"body", "ir", "pose", "post", "errors", "text", "passes"}
 FILES = sorted([*ROOT.glob("camgen/**/*.py"), *ROOT.glob("postprocessors/**/*.py")])
 
 

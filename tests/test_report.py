@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from camgen.body import Columns
 from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.paths import ToolPath, Tour
 from camgen.pose import TOOL_DOWN, Pose, frozen
@@ -33,7 +34,7 @@ BODY = (
 
 
 def test_lengths_time_and_extents() -> None:
-    found = sum_up(BODY)
+    found = sum_up(Columns(BODY))
     assert found.straight == pytest.approx(50.0)
     assert found.arc == pytest.approx(math.pi * 5)
     assert found.joint == pytest.approx(40.0)  # the one from joints has no known length
@@ -46,7 +47,7 @@ def test_lengths_time_and_extents() -> None:
 
 
 def test_a_program_without_motion_has_no_extents() -> None:
-    found = sum_up((Wait(2.0),))
+    found = sum_up(Columns((Wait(2.0),)))
     assert (found.extents, found.seconds, found.speeds) == (None, 2.0, (0.0, 0.0))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
+from camgen.geometry.boxes import boxed
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, passes
 from camgen.pose import FloatArray
 
@@ -50,14 +51,14 @@ class Obstacles:
     def __init__(self, segments: Segments, group: IntArray) -> None:
         self.segments = segments
         self.group = group
-        self._tree = shapely.STRtree(shapely.box(*bounds(segments).T))
+        self._tree = shapely.STRtree(boxed(bounds(segments)))
 
     def _pairs(self, points: FloatArray, group: IntArray, reach: float) -> Iterator[tuple[IntArray, IntArray]]:
         """Pairs (point, segment) whose boxes are nearer than ``reach``, in chunks of whole points."""
         step, first = 256, 0
         while first < len(points):
-            x, y = points[first : first + step].T
-            point, segment = self._tree.query(shapely.box(x - reach, y - reach, x + reach, y + reach))
+            near = points[first : first + step]
+            point, segment = self._tree.query(boxed(np.column_stack([near - reach, near + reach])))
             point = point + first
             first += step
             # As many points at a time as the last ones let expect: the drawing decides how many segments are near.

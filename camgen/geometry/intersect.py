@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
+from camgen.geometry.boxes import boxed
 from camgen.geometry.segments import BoolArray, IntArray, Segments, arc_fraction, bounds, points_at
 from camgen.pose import FloatArray
 
@@ -17,8 +18,8 @@ _CHUNK = 500_000
 def near_pairs(segments: Segments, group: IntArray) -> tuple[IntArray, IntArray]:
     """Pairs i < j of segments of one group whose boxes touch."""
     boxes = bounds(segments)
-    tree = shapely.STRtree(shapely.box(*boxes.T))
-    grown = shapely.box(*(boxes + np.array([-TOUCH, -TOUCH, TOUCH, TOUCH])).T)
+    tree = shapely.STRtree(boxed(boxes))
+    grown = boxed(boxes + np.array([-TOUCH, -TOUCH, TOUCH, TOUCH]))
     i, j = tree.query(grown)
     keep = (i < j) & (group[i] == group[j])
     return i[keep], j[keep]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
+from camgen.geometry.boxes import boxed
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, neighbours, tangents_at
 from camgen.pose import FloatArray
 
@@ -59,12 +60,12 @@ def _alone(segments: Segments, loops: IntArray) -> BoolArray:
     owners, first = np.unique(segments.owner, return_index=True)
     place = np.searchsorted(owners, loops)
     low, high = np.minimum.reduceat(boxes[:, :2], first)[place], np.maximum.reduceat(boxes[:, 2:], first)[place]
-    tree = shapely.STRtree(shapely.box(*boxes.T))
+    tree = shapely.STRtree(boxed(boxes))
     result = np.ones(len(loops), dtype=np.bool_)
     step, done = 256, 0
     while done < len(loops):
         rows = slice(done, done + step)
-        which, segment = tree.query(shapely.box(*low[rows].T, *high[rows].T))
+        which, segment = tree.query(boxed(np.column_stack([low[rows], high[rows]])))
         result[done + which[segments.owner[segment] != loops[rows][which]]] = False
         done += step
         # As many loops at a time as the last ones let expect.

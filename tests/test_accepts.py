@@ -1,0 +1,45 @@
+"""What a post accepts by column it accepts one by one too, and hardly anything of a usual program is left to that."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.body import Columns
+from camgen.ir import Comment, Instruction, Joints, MoveJ, MoveL, Output
+from camgen.plugins import find_post, make_post
+from camgen.pose import TOOL_DOWN, Pose, translation
+
+POSTS = ("gcode", "grbl", "rapid", "pacscript", "vplus")
+TILTED = translation(0, 0, 0).rotation
+
+coordinate = st.sampled_from([0.0, 12.5, -8388.0, 8388.5, 99_999.0, -100_000.0])
+pose = st.builds(
+    Pose, st.sampled_from([TOOL_DOWN, TOOL_DOWN.copy(), TILTED]), st.tuples(coordinate, coordinate, coordinate)
+)
+joints = st.sampled_from([None, Joints((0.0,) * 6), Joints((0.0,) * 4)])
+speed = st.sampled_from([1e-5, 2e-4, 10.0, 17_000.0, 1e6])
+blend = st.sampled_from([0.0, 1e-4, 1.0, 9000.0])
+motion = st.one_of(
+    st.builds(MoveJ, st.one_of(pose, joints.filter(lambda j: j is not None)), speed, blend, joints),
+    st.builds(MoveL, pose, speed, blend, joints=joints),
+)
+
+
+@pytest.mark.parametrize("name", POSTS)
+@given(motions=st.lists(motion, max_size=6))
+def test_whatever_is_accepted_by_column_is_not_refused(name: str, motions: list[MoveJ | MoveL]) -> None:
+    post = make_post(find_post(name), {})
+    body: list[Instruction] = [Comment("first"), *motions]
+    accepted = post.accepts(Columns(body))
+    starts = [None, None, *(m.target if isinstance(m.target, Pose) else None for m in motions)]
+    for index in np.flatnonzero(accepted).tolist():
+        assert not post.refuses(body[index], starts[index]), body[index]
+
+
+@pytest.mark.parametrize("name", ["gcode", "grbl", "rapid"])
+def test_usual_straight_motions_are_accepted_by_column(name: str) -> None:
+    post = make_post(find_post(name), {})
+    near = Pose(TOOL_DOWN, (10.0, 20.0, 5.0))
+    body = (Comment("c"), MoveJ(near, 100.0), MoveL(near, 10.0), Output("process", 1.0))
+    assert post.accepts(Columns(body)).tolist() == [True, True, True, False]
