@@ -103,12 +103,12 @@ def _worst(error: FloatArray) -> FloatArray:
 def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str) -> Deviation:
     """The deviation of what was read from ``planned``, the program as prepared for the post.
 
-    carries: what the text holds (``Post.carries``). file: for messages. Raises VerifyError for the first fault of the
+    carries: what the text holds (``Post.carried``). file: for messages. Raises VerifyError for the first fault of the
     reading or the first instruction that differs, with its index in the planned body, its line, and both values.
     """
     for fault in reading.faults[:1]:
         raise VerifyError(file, fault.what, fault.line, _REMEDY)
-    _compare_frames(planned, reading, tolerance, file)
+    _compare_frames(planned, reading, tolerance, carries, file)
     both, read_at = _paired(planned, reading)
     places, moving = _places(both, tolerance)
     columns = [*places, *_manners(both, moving, tolerance, carries), *_others(both, tolerance, carries)]
@@ -194,11 +194,15 @@ def _first_beyond(column: _Column) -> Iterator[tuple[int, str, str, str]]:
         yield int(column.places[row]), column.what, _text(column.planned[row]), _text(column.read[row])
 
 
-def _compare_frames(planned: Program, reading: Reading, tolerance: Tolerance, file: str) -> None:
-    """The frames that the text defines."""
+def _compare_frames(
+    planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str
+) -> None:
+    """The frames that the text states, and that it states those it should."""
     both = (("work", planned.base_from_work, reading.work), ("tool", planned.flange_from_tool, reading.tool))
     for name, was, says in both:
         if says is None:
+            if name in carries:
+                raise VerifyError(file, f"the {name} frame is not in the text", 0, _REMEDY)
             continue
         off = np.abs(np.subtract(was.origin, says.origin)).max()
         turn = _turns([was.rotation], [says.rotation])[0]

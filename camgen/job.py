@@ -97,7 +97,7 @@ def build(
     files = poster.render(program)
     watch("verifying")
     reading = readback({file.name: file.text for file in files}, settings.post)
-    deviation = compare(program, reading, poster.tolerance(), poster.carries, files[0].name)
+    deviation = compare(program, reading, poster.tolerance(), poster.carried(), files[0].name)
     motions = sum_up(program.columns)
     report = report_of(part, tour, notes, motions.seconds, deviation.max_mm, [file.name for file in files])
     return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions, report)

@@ -95,7 +95,7 @@ class Post(ABC):
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
     *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, press, refuses, accepts, assemble,
-    cell, tolerance; prepare only around a call of the base's. *Don't*: render, line, note.
+    cell, tolerance, carried; prepare only around a call of the base's. *Don't*: render, line, note.
     """
 
     #: What ``--post`` says, the file name's ending, the line end, and one line for ``camgen posts``.
@@ -181,6 +181,10 @@ class Post(ABC):
     def tolerance(self) -> Tolerance:
         """How exactly the read-back must agree."""
         return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 0.01, 0.01, 0.001)
+
+    def carried(self) -> frozenset[str]:
+        """What the text carries with these options: ``carries``, and of the frames "work" and "tool" those it states."""
+        return self.carries
 
     # -- don't override ------------------------------------------------------------------------------------------
 

@@ -114,7 +114,7 @@ def _findings(
         return
     try:
         reading = readback({file.name: file.text for file in files}, options)
-        compare(prepared, reading, maker.tolerance(), maker.carries, files[0].name)
+        compare(prepared, reading, maker.tolerance(), maker.carried(), files[0].name)
     except CamgenError as error:
         yield f"{case}: {error}"
 

@@ -116,6 +116,10 @@ class PacScript(PacScriptOptions):
             return "the direction of the force would not turn along an arc; use lines"
         return ""
 
+    def carried(self) -> frozenset[str]:
+        """Tool and work frame are stated where the text defines them."""
+        return self.carries | {option for option in ("tool", "work") if self.define and getattr(self, option)}
+
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base does; then states what the text will say where an option gives something up."""
         for option, frame in (("tool", program.flange_from_tool), ("work", program.base_from_work)):

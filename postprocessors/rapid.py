@@ -288,6 +288,10 @@ class Rapid(RapidOptions):
         home = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
         return Cell("ABB IRB 120", translation(300, -75, 100), translation(0, 0, 100), home)
 
+    def carried(self) -> frozenset[str]:
+        """Tool and work object are in the text where it declares them."""
+        return self.carries | ({"work", "tool"} if self.declare else frozenset())
+
     def tolerance(self) -> Tolerance:
         """Half the last printed digit; an orientation loses at most 2e-7 rad to its seven digits, pressing 5e-7."""
         half = 0.5 * 10**-DIGITS

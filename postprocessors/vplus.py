@@ -101,6 +101,10 @@ class VPlus(Post):
 
     # -- legality ------------------------------------------------------------------------------------------------
 
+    def carried(self) -> frozenset[str]:
+        """Tool and work frame are stated unless they are on the controller."""
+        return self.carries | ({"work", "tool"} if self.declare else frozenset())
+
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base; forces and spindles become what the options say. Refused: also axes, posture or frames."""
         self._orientations.clear()

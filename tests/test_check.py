@@ -150,6 +150,13 @@ def test_a_stop_is_compared_even_where_the_radius_is_not():
         verify(changed(2, blend=0.0), carries=ALL - {"blend"})
 
 
+@pytest.mark.parametrize("name", ["work", "tool"])
+def test_a_frame_that_the_text_should_state_is_missed(name):
+    verify(reading())
+    with pytest.raises(VerifyError, match=f"the {name} frame is not in the text"):
+        verify(reading(), carries=ALL | {name})
+
+
 @pytest.mark.parametrize(
     ("frames", "name"),
     [
