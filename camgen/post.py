@@ -183,7 +183,7 @@ class Post(ABC):
         return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 0.01, 0.01, 0.001)
 
     def carried(self) -> frozenset[str]:
-        """What the text carries with these options: ``carries``, and of the frames "work" and "tool" those it states."""
+        """What the text carries with these options: ``carries``, and "work" and "tool" if it states these frames."""
         return self.carries
 
     # -- don't override ------------------------------------------------------------------------------------------

@@ -170,3 +170,13 @@ def test_outlines_drawn_with_rounded_numbers_stay_whole(diameter: float, digits:
     result = plan(part(outline), job)
     assert [(p.id, p.closed) for p in result.paths] == [("c1", True)]
     assert not [n for n in result.notes if n.kind == "skipped"]
+
+
+def test_neighbours_on_one_line_are_run_around_together() -> None:
+    found = planned(rectangle(0, 0, 20, 20), rectangle(0, 20, 20, 20, "c2"))
+    (path,) = found.paths
+    assert path.closed
+    assert np.ptp(path.position[:, :2], axis=0) == pytest.approx([26.0, 46.0])
+    assert [n.why for n in found.notes if n.kind == "skipped"] == [
+        "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
+    ]

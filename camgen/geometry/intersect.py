@@ -15,11 +15,11 @@ TOUCH = 1e-7
 _CHUNK = 500_000
 
 
-def near_pairs(segments: Segments, group: IntArray) -> tuple[IntArray, IntArray]:
-    """Pairs i < j of segments of one group whose boxes touch."""
+def near_pairs(segments: Segments, group: IntArray, reach: float = TOUCH) -> tuple[IntArray, IntArray]:
+    """Pairs i < j of segments of one group whose boxes are nearer than ``reach``, mm."""
     boxes = bounds(segments)
     tree = shapely.STRtree(boxed(boxes))
-    grown = boxed(boxes + np.array([-TOUCH, -TOUCH, TOUCH, TOUCH]))
+    grown = boxed(boxes + np.array([-reach, -reach, reach, reach]))
     i, j = tree.query(grown)
     keep = (i < j) & (group[i] == group[j])
     return i[keep], j[keep]

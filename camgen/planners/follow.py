@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.clearance import distances
+from camgen.geometry.intersect import near_pairs
 from camgen.geometry.nesting import Nesting, nest
-from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, from_contours
+from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, from_contours, points_at
 from camgen.paths import ToolPath
-from camgen.planners.beside import Beside, beside
+from camgen.planners.beside import EXACT, Beside, beside
 from camgen.planners.columns import Label, pass_depths, sideways, tool_paths
 from camgen.pose import FloatArray
 from camgen.settings import Job
@@ -18,6 +20,9 @@ from camgen.shapes import Contour, Note, Part
 _SHARP = np.radians(15.0)
 #: The tool centre is never slowed below this part of the feed, however tight the inner curve.
 _SLOWEST = 0.02
+
+
+_COMMON = "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
 
 
 class _Loops(Struct, frozen=True, eq=False):
@@ -182,11 +187,13 @@ def _left_out(curve: Beside, source: Segments, contours: list[Contour], job: Job
         f" with corner radius {job.operation.corner_radius:g}" if job.operation.corner_radius else ""
     )
     failed = np.isin(np.arange(len(contours)), source.owner[curve.source[~good]])
+    shared = _sharing(source, failed)
     notes = [
         _not_followed([contours[k] for k in np.flatnonzero(chosen).tolist()], how, why)
         for chosen, how, why in (
             (~touched & ~failed, "too narrow", f"{tool} does not fit"),
-            (~touched & failed, "check failed", "the path did not keep its distance; please report it"),
+            (~touched & failed & shared, "on a common edge", _COMMON),
+            (~touched & failed & ~shared, "check failed", "the path did not keep its distance; please report it"),
         )
         if chosen.any()
     ]
@@ -201,8 +208,25 @@ def _left_out(curve: Beside, source: Segments, contours: list[Contour], job: Job
         notes.append(Note("warning", what, f"inner corners and narrow places that {tool} does not reach"))
     if len(order) < len(curve.closed) and not (failed & ~touched).any():
         what = f"{len(curve.closed) - len(order)} pieces of path left out"
-        notes.append(Note("skipped", what, "they did not keep their distance from the drawing; please report it"))
+        unsound = "they did not keep their distance from the drawing; please report it"
+        notes.append(Note("skipped", what, _COMMON if shared[failed].any() else unsound))
     return notes
+
+
+def _sharing(source: Segments, failed: BoolArray) -> BoolArray:
+    """(contours,): which of the ``failed`` ones have an edge on that of another."""
+    shared = np.zeros(len(failed), dtype=bool)
+    rows = np.flatnonzero(failed[source.owner])
+    if not len(rows):
+        return shared
+    i, j = near_pairs(source, np.zeros(len(source), dtype=np.int64), EXACT)
+    pairs = np.concatenate([np.column_stack([i, j]), np.column_stack([j, i])])
+    pairs = pairs[failed[source.owner[pairs[:, 0]]] & (source.owner[pairs[:, 0]] != source.owner[pairs[:, 1]])]
+    for fraction in (0.13, 0.37, 0.71):
+        points = points_at(source.take(pairs[:, 0]), np.full(len(pairs), fraction))
+        on = distances(points, source, pairs[:, 1]) < EXACT
+        shared[source.owner[pairs[on, 0]]] = shared[source.owner[pairs[on, 1]]] = True
+    return shared & failed
 
 
 def _stretch(curve: Beside, source: Segments) -> FloatArray:

@@ -106,7 +106,8 @@ def _text(data: bytes) -> TextIOWrapper:
 
 
 def _plain(error: Exception) -> str:
-    text = one_line(str(error)).strip().rstrip(".")
+    # An entity without a handle is named by where it lies in memory.
+    text = re.sub(r"\(#\d{9,}\)", "", one_line(str(error))).strip().rstrip(".")
     if isinstance(error, KeyError):
         text = f"no entry {text}"
     return text[:120] if text else type(error).__name__
