@@ -20,6 +20,7 @@ What is compared, and how exactly:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from operator import attrgetter, eq
 from typing import Any
 
@@ -38,6 +39,8 @@ from camgen.text import short
 ARC_SLACK = 6.0
 #: What is left to the rounding of binary numbers, in every unit; and the tolerance of an output's value.
 _SLACK, _VALUE = 1e-9, 1e-3
+_END, _MIDDLE, _TURN = "target", "middle of the arc", "orientation"
+_PLACES = (_END, _MIDDLE)
 _REMEDY = "do not run the program: its post or its read-back is wrong"
 
 
@@ -110,9 +113,17 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
         raise VerifyError(file, fault.what, fault.line, _REMEDY)
     _compare_frames(planned, reading, tolerance, carries, file)
     both, read_at = _paired(planned, reading)
-    places, moving = _places(both, tolerance)
-    columns = [*places, *_manners(both, moving, tolerance, carries), *_others(both, tolerance, carries)]
-    differences = [found for column in columns for found in _first_beyond(column)]
+    moving = both.plan.posed[: both.moves]
+    places = _places(both, moving, tolerance)
+    differences: list[tuple[int, str, str, str]] = []
+    distance = angle = 0.0
+    # One after the other: the columns of a long program together are as large as the program.
+    for column in chain(places, _manners(both, moving, tolerance, carries), _others(both, tolerance, carries)):
+        differences += _first_beyond(column)
+        if column.what in _PLACES:
+            distance = max(distance, float(np.linalg.norm(column.planned - column.read, axis=1).max(initial=0.0)))
+        elif column.what == _TURN:
+            angle = float(column.error.max(initial=0.0))
     if both.common < max(len(both.indices), len(read_at)):
         was, says = _say(planned.body, both.indices, both.common), _say(reading.body, read_at, both.common)
         differences.append((both.common, "instruction", was, says))
@@ -121,9 +132,7 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
         index = int(both.indices[place]) if place < len(both.indices) else len(planned.body)
         line = reading.lines[read_at[place]] if place < len(read_at) else 0
         raise VerifyError(file, f"instruction {index}: {what} reads {says}, planned is {was}", line, _REMEDY)
-    distance = (np.linalg.norm(np.subtract(c.planned, c.read), axis=1).max(initial=0.0) for c in places)
-    angle = (c.error.max(initial=0.0) for c in columns if c.what == "orientation")
-    return Deviation(float(max(distance)), float(max(angle, default=0.0)), len(both.indices))
+    return Deviation(distance, angle, len(both.indices))
 
 
 def _paired(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
@@ -214,13 +223,13 @@ def _compare_frames(
 # Columns.
 
 
-def _places(both: _Both, tolerance: Tolerance) -> tuple[list[_Column], Mask]:
-    """Where motions end and what arcs pass half-way, and which motions (M,) go to poses."""
-    posed, arc = both.plan.posed[: both.moves], both.plan.moves_are(MoveC)[: both.moves]
+def _places(both: _Both, posed: Mask, tolerance: Tolerance) -> Iterator[_Column]:
+    """Where motions end and what arcs pass half-way."""
+    yield both.moving(_END, "ends", posed, tolerance.mm)
+    arc = both.plan.moves_are(MoveC)[: both.moves]
     a, b = (_middles(side, arc) for side in (both.plan, both.read))
     places = both.places(MoveJ, MoveL, MoveC)[arc]
-    middle = _Column("middle of the arc", places, a, b, np.linalg.norm(a - b, axis=1), ARC_SLACK * tolerance.mm)
-    return [both.moving("target", "ends", posed, tolerance.mm), middle], posed
+    yield _Column(_MIDDLE, places, a, b, np.linalg.norm(a - b, axis=1), ARC_SLACK * tolerance.mm)
 
 
 def _middles(side: Columns, arc: Mask) -> FloatArray:
@@ -276,7 +285,7 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     p, q = (side.moves[: both.moves] for side in (both.plan, both.read))
     if "orientation" in carries:
         a, b = (list(map(attrgetter("target.rotation"), taken(side, posed))) for side in (p, q))
-        yield _Column("orientation", places[posed], a, b, _turns(a, b), tolerance.angle)
+        yield _Column(_TURN, places[posed], a, b, _turns(a, b), tolerance.angle)
     a, b = ([item.target.values for item in taken(side, ~posed)] for side in (p, q))
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
     yield _Column("joint values", places[~posed], a, b, error, tolerance.joint)

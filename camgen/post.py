@@ -15,7 +15,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from msgspec import Struct
@@ -231,8 +231,9 @@ class Post(ABC):
     def render(self, program: Program) -> tuple[OutputFile, ...]:
         """The program as files. Every instruction must be one that the controller has (``prepare``)."""
         parts: list[list[str]] = [[]]
+        of = self._printers()
         for item in program.body:
-            lines = self.line(item)
+            lines = of[type(item)](item)
             if self.max_lines and len(parts[-1]) + len(lines) > self.max_lines and parts[-1]:
                 parts.append([])
             parts[-1] += lines
@@ -240,21 +241,18 @@ class Post(ABC):
 
     def line(self, item: Instruction) -> Sequence[str]:
         """The lines of one instruction."""
-        match item:
-            case MoveL():
-                return self.movel(item)
-            case MoveC():
-                return self.movec(item)
-            case MoveJ():
-                return self.movej(item)
-            case Output():
-                return self.output(item)
-            case Wait():
-                return self.wait(item)
-            case Force():
-                return self.press(item)
-            case Comment():
-                return (self.note(item.text),)
+        return self._printers()[type(item)](item)
+
+    def _printers(self) -> dict[type, Callable[[Any], Sequence[str]]]:
+        return {
+            MoveL: self.movel,
+            MoveC: self.movec,
+            MoveJ: self.movej,
+            Output: self.output,
+            Wait: self.wait,
+            Force: self.press,
+            Comment: lambda item: (self.note(item.text),),
+        }
 
     def note(self, text: str) -> str:
         """Any text as a comment line that can neither end nor start anything."""

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -121,15 +121,20 @@ class Rs274(Post):
             words = [axis + short(value, digits) for axis, value in zip("XYZ", place, strict=True)]
             self._words, self._here = tuple(words), place
             return words
-        changed, words = [], list(old)
-        for k, (value, before) in enumerate(zip(place, self._here, strict=True)):
-            if value != before:
-                word = "XYZ"[k] + short(value, digits)
-                if word != old[k]:
-                    words[k] = word
-                    changed.append(word)
-        self._words, self._here = tuple(words), place
-        return changed or words[:1]
+        # Written out for the three axes: this is a third of the time that it takes to print a long program.
+        (x, y, z), (before_x, before_y, before_z), (word_x, word_y, word_z) = place, self._here, old
+        changed = []
+        if x != before_x and (word := "X" + short(x, digits)) != word_x:
+            changed.append(word)
+            word_x = word
+        if y != before_y and (word := "Y" + short(y, digits)) != word_y:
+            changed.append(word)
+            word_y = word
+        if z != before_z and (word := "Z" + short(z, digits)) != word_z:
+            changed.append(word)
+            word_z = word
+        self._words, self._here = (word_x, word_y, word_z), place
+        return changed or [word_x]
 
     def _feed_word(self, motion: Motion) -> list[str]:
         if motion.speed == self._speed:
@@ -207,8 +212,7 @@ class Rs274(Post):
         return 'G-code has no force control; set process.force = 0 or post.force = "ignore"'
 
 
-@dataclass(frozen=True, slots=True)
-class Arc:
+class Arc(NamedTuple):
     """What is printed of an arc: G2 or G3, and the words of its centre."""
 
     code: str
