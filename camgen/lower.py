@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen import lower_rows
+from camgen import lower_rows, winding
 from camgen.errors import JobError, NoSafeProgram
 from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.lower_rows import ZONES, Orientations, Rows
@@ -38,8 +38,10 @@ def lower(tour: Tour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) 
     body: list[Instruction] = [MoveJ(cell.home, job.process.travel)]
     if job.process.spindle > 0:
         body += [Output("spindle", job.process.spindle), *_dwell(job.process)]
-    runs = _runs(tour.paths)
-    table = _table(runs, job)
+    # A machine without joints has no axis that winds up.
+    winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
+    runs = _runs(tour.paths, winds)
+    table = _table(runs, job, winds)
     for run in range(len(runs)):
         body += _enter(table, run, job.process, run == 0, isinstance(cell.home, Pose))
         body += _work(table, run, job.process)
@@ -92,7 +94,8 @@ class _Run(Struct, frozen=True):
     linked: bool
 
 
-def _runs(paths: Sequence[ToolPath]) -> list[_Run]:
+def _runs(paths: Sequence[ToolPath], winds: bool) -> list[_Run]:
+    """winds: the tool turns with the contour, once round for every pass, and has to be turned back in the air."""
     runs = []
     for path in paths:
         first, *deeper = path.depths
@@ -103,7 +106,7 @@ def _runs(paths: Sequence[ToolPath]) -> list[_Run]:
         zigzag = path.reversible and not meets
         ways = (path, path.reversed()) if zigzag else (path, path)
         # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
-        linked = (meets or zigzag) and not path.force.any()
+        linked = (zigzag or (meets and not winds)) and not path.force.any()
         runs += [_Run(ways[k % 2], depth, linked) for k, depth in enumerate(deeper, start=1)]
     return runs
 
@@ -111,7 +114,8 @@ def _runs(paths: Sequence[ToolPath]) -> list[_Run]:
 class _Table(Struct, frozen=True, eq=False):
     """What the instructions are made of, as plain lists: by row (segment i ends in row i), then by run.
 
-    above_start, above_end: at the height of travel. near: where the feed begins.
+    above_start, above_end: at the height of travel. near: where the feed begins. unwound: the orientations to go
+    through before a run, where the one before it ended, at the height of travel.
     """
 
     runs: list[_Run]
@@ -129,9 +133,10 @@ class _Table(Struct, frozen=True, eq=False):
     above_start: list[Vec3]
     near: list[Vec3]
     above_end: list[Vec3]
+    unwound: list[list[FloatArray]]
 
 
-def _table(runs: list[_Run], job: Job) -> _Table:
+def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
     rows = lower_rows.gather([run.path for run in runs], [run.depth for run in runs])
     if job.tool.orient == "follow":
         for row in lower_rows.unfollowed(rows)[:1].tolist():
@@ -162,6 +167,7 @@ def _table(runs: list[_Run], job: Job) -> _Table:
         above_start=_points(above_start),
         near=_points(near),
         above_end=_points(above_end),
+        unwound=winding.unwound(rows, orientations) if winds else [[] for _ in runs],
     )
 
 
@@ -206,11 +212,16 @@ def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian
     yield Comment(f"path {one.path.id} layer {one.path.layer}")
     if not one.linked:
         above, near = table.above_start[run], table.near[run]
+        turned = table.unwound[run]
         if from_home:
-            yield MoveJ(Pose(rotation, above), process.travel)
-        elif not _same(table.above_end[run - 1], above):
-            way = math.dist(table.above_end[run - 1], above), math.dist(above, contact if _same(above, near) else near)
-            yield _rapid(cartesian, Pose(rotation, above), process.travel, _zone(process, *way))
+            yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel)
+            yield from (_rapid(cartesian, Pose(back, above), process.travel, 0.0) for back in turned[1:])
+        else:
+            left = table.above_end[run - 1]
+            yield from (_rapid(cartesian, Pose(back, left), process.travel, 0.0) for back in turned)
+            if not _same(left, above):
+                way = math.dist(left, above), math.dist(above, contact if _same(above, near) else near)
+                yield _rapid(cartesian, Pose(rotation, above), process.travel, _zone(process, *way))
         if not _same(above, near):
             yield _rapid(cartesian, Pose(rotation, near), process.travel, 0.0)
         if _same(near, contact):
@@ -227,7 +238,7 @@ def _leave(table: _Table, run: int, process: Process, cartesian: bool) -> Iterat
     row = table.last[run]
     up, target = table.above_end[run], Pose(table.orientations.ends[row], table.above_end[run])
     zone = 0.0
-    if not last:
+    if not last and not table.unwound[following]:
         zone = _zone(process, math.dist(table.position[row], up), math.dist(up, table.above_start[following]))
     if not _same(table.position[row], up):
         yield _rapid(cartesian, target, process.travel, zone)
