@@ -127,8 +127,13 @@ def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
     return mask
 
 
-def taken(items: Iterable[Any], keep: Mask) -> list[Any]:
+def taken(items: Sequence[Any], keep: Mask) -> list[Any]:
     """The items to keep."""
+    count = int(np.count_nonzero(keep))
+    if count == len(items):
+        return list(items)
+    if 4 * count < len(items):
+        return list(map(items.__getitem__, np.flatnonzero(keep).tolist()))
     return list(compress(items, keep.tolist()))
 
 

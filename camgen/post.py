@@ -158,7 +158,7 @@ class Post(ABC):
     def accepts(self, columns: Columns) -> Mask:
         """(N,): the instructions that ``refuses`` accepts for sure, found by column, which spares it a look at each.
 
-        Those of long programs, without arcs: an arc is always looked at.
+        An arc is only accepted with three points that are apart and not on one line.
         """
         return columns.are(Comment)
 

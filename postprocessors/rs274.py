@@ -10,25 +10,22 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
-from camgen.body import Columns, Mask
+from camgen.body import Columns, Indices, Mask
 from camgen.errors import JobError, Refused
 from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.passes import circle
 from camgen.pose import IDENTITY, TOOL_DOWN, FloatArray, Pose, Vec3, angle_between, translation
 from camgen.post import Cell, Post, Tolerance, pose_of
 from camgen.text import short
 
+from .rs274_arcs import FAULTS, Arc, printed_arcs
+
 #: Bounds of what is printed. Coordinates in mm and feeds in mm/min beyond them are no machine's; they also keep a line
 #: within GRBL's 79 characters. Seconds and rpm share the upper one.
 _FAR, _SLOWEST, _FASTEST = 99_999.0, 0.01, 999_999.0
-#: Arcs smaller than this are not well defined by three decimals; larger ones exceed GRBL's 32-bit arithmetic. mm.
-_LEAST_RADIUS, _MOST_RADIUS = 0.05, 10_000.0
-#: By how much the two radii of an arc may differ: GRBL's error 33, the stricter of the two controllers. mm.
-_RADII = 0.005
 #: First words that make a comment an order to LinuxCNC.
 _ACTIVE = re.compile(r"\s*(msg|debug|print|log|probe|axis|preview|py|abort|stop)", re.IGNORECASE)
 #: The two coolants; M9 switches both off.
@@ -106,11 +103,12 @@ class Rs274(Post):
 
     def movec(self, motion: MoveC) -> Sequence[str]:
         """G2 or G3 in the XY plane, centre from the printed start."""
-        known, arc = self._arcs.pop(id(motion), (None, ""))
-        if known is not motion:
-            arc = printed_arc(self._here, motion, self.decimals)
-        if isinstance(arc, str):
-            raise Refused(self.name, -1, arc)
+        known, arc = self._arcs.pop(id(motion), (None, None))
+        if known is not motion or arc is None:
+            fault = self._accept_arc(motion, self._here)
+            if fault:
+                raise Refused(self.name, -1, fault)
+            arc = self._arcs.pop(id(motion))[1]
         self._go(motion)
         return (" ".join([arc.code, *self._words[:2], arc.centre, *self._feed_word(motion)]),)
 
@@ -153,14 +151,31 @@ class Rs274(Post):
     # -- legality ------------------------------------------------------------------------------------------------
 
     def accepts(self, columns: Columns) -> Mask:
-        """Straight motions that stay in bounds, tool down."""
-        fine = columns.turned_as(TOOL_DOWN) & ~columns.moves_are(MoveC)
+        """Motions that stay in bounds, tool down."""
+        fine = columns.turned_as(TOOL_DOWN)
         fine[fine] = (np.abs(columns.ends[fine]) <= _FAR).all(axis=1)
         feed = columns.speed * 60.0
         fine &= columns.moves_are(MoveJ) | ((feed >= _SLOWEST) & (feed <= _FASTEST))
+        arcs = np.flatnonzero(columns.moves_are(MoveC))
+        fine[arcs] &= self._accepted_arcs(columns, arcs)
         accepted = columns.are(Comment)
         accepted[columns.at[fine]] = True
         return accepted
+
+    def _accepted_arcs(self, columns: Columns, arcs: Indices) -> Mask:
+        """Which of the motions ``arcs`` can be printed as arcs; what is printed of them is known then."""
+        if not self.arcs or not len(arcs):
+            return np.zeros(len(arcs), np.bool_)
+        # Wherever the first motion starts, it is not an arc.
+        starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
+        found = printed_arcs(starts, columns.vias[arcs], columns.ends[arcs], self.decimals)
+        upright = [not tilted(columns.moves[k].via.rotation) for k in arcs.tolist()]
+        fine: Mask = (found.fault == 0) & np.asarray(upright, np.bool_)
+        rows = np.flatnonzero(fine)
+        for k, arc in zip(arcs[rows].tolist(), found.printed(rows, self.decimals), strict=True):
+            item = columns.moves[k]
+            self._arcs[id(item)] = item, arc
+        return fine
 
     def refuses(self, item: Instruction, start: Pose | None) -> str:
         """Why the machine cannot do ``item``; arcs refused here become chords."""
@@ -192,11 +207,15 @@ class Rs274(Post):
             return ""
         if start is None or not self.arcs:
             return "arcs are off or start nowhere; set post.arcs"
-        arc = printed_arc(start.origin, item, self.decimals)
-        if isinstance(arc, str):
-            return arc
-        self._arcs[id(item)] = item, arc
-        return ""
+        return self._accept_arc(item, start.origin)
+
+    def _accept_arc(self, item: MoveC, start: Vec3) -> str:
+        """Why the arc is left to chords; empty when what is printed of it is known now."""
+        first, via, last = (np.array([point]) for point in (start, item.via.origin, item.target.origin))
+        arcs = printed_arcs(first, via, last, self.decimals)
+        if not arcs.fault[0]:
+            self._arcs[id(item)] = item, arcs.printed(np.zeros(1, dtype=np.intp), self.decimals)[0]
+        return FAULTS[int(arcs.fault[0])]
 
     def refuses_signal(self, item: Output) -> str:
         """Why the signal cannot be set: the dialect's."""
@@ -210,41 +229,6 @@ class Rs274(Post):
     def refuses_force(self, item: Force) -> str:  # noqa: ARG002 (for those who override)
         """Why force control cannot be turned on: G-code has none."""
         return 'G-code has no force control; set process.force = 0 or post.force = "ignore"'
-
-
-class Arc(NamedTuple):
-    """What is printed of an arc: G2 or G3, and the words of its centre."""
-
-    code: str
-    centre: str
-
-
-def printed_arc(start: Vec3, arc: MoveC, decimals: int) -> Arc | str:
-    """The arc in the XY plane from ``start`` (mm), or why it is left to chords.
-
-    The centre lies on the perpendicular bisector of the printed end points, so that both radii agree, at the distance
-    of the planned centre: exact for shallow arcs too, where three rounded points would not tell the radius.
-    Raises ValueError when the three points are on one line.
-    """
-    end = arc.target.origin
-    centre, radius, axis, sweep = circle(start, arc.via.origin, end)
-    x0, y0, z0 = round(start[0], decimals), round(start[1], decimals), round(start[2], decimals)
-    x1, y1, z1 = round(end[0], decimals), round(end[1], decimals), round(end[2], decimals)
-    digit = 10.0**-decimals
-    if z0 != z1 or abs(arc.via.origin[2] - z0) > digit:
-        return "the arc does not lie in the XY plane"
-    if not _LEAST_RADIUS <= radius <= _MOST_RADIUS or (sweep - math.pi) * radius > digit:
-        return "the arc is too small, too large or more than half a circle"
-    chord = math.hypot(x1 - x0, y1 - y0)
-    if radius * (1 - math.cos(sweep / 2)) < digit or chord < digit:
-        return "the arc cannot be told from its chord"
-    nx, ny = (y0 - y1) / chord, (x1 - x0) / chord
-    mx, my = (x0 + x1) / 2, (y0 + y1) / 2
-    k = (centre[0] - mx) * nx + (centre[1] - my) * ny
-    i, j = round(mx + k * nx - x0, decimals + 1), round(my + k * ny - y0, decimals + 1)
-    if abs(math.hypot(i, j) - math.hypot(x1 - x0 - i, y1 - y0 - j)) > _RADII:
-        return "the rounded arc has two radii"
-    return Arc("G3" if axis[2] > 0 else "G2", f"I{short(i, decimals + 1)} J{short(j, decimals + 1)}")
 
 
 def tilted(rotation: FloatArray) -> bool:

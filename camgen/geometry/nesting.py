@@ -84,8 +84,9 @@ def _cross_others(polygons: object, rings: IntArray, crossed: IntArray) -> IntAr
     partly = (common > slack) & (smaller - common > slack)
     loops = np.column_stack([rings[sound[one]], rings[sound[two]]])
     for a, b in loops[partly].tolist():
-        crossed[a] = b if crossed[a] < 0 else crossed[a]
-        crossed[b] = a if crossed[b] < 0 else crossed[b]
+        # The first of several, in whatever order the tree found them.
+        crossed[a] = b if crossed[a] < 0 else min(crossed[a], b)
+        crossed[b] = a if crossed[b] < 0 else min(crossed[b], a)
     inside = (common > slack) & ~partly
     swapped = shapely.area(shapes[one]) > shapely.area(shapes[two])
     return np.asarray(np.where(swapped[:, None], loops[:, ::-1], loops)[inside])
@@ -100,8 +101,8 @@ def _around(
     probes = points_at(segments.take(first), np.full(count, 0.5))
     around, probe = shapely.STRtree(shapely.points(probes)).query(polygons, predicate="contains_properly")
     pair = np.unique(np.concatenate([np.column_stack([probe, rings[around]]), touching]), axis=0)
-    # What lies around is larger; loops on top of each other would else enclose each other.
-    pair = pair[np.abs(area[pair[:, 0]]) < np.abs(area[pair[:, 1]])]
+    # What lies around is larger; loops on top of each other, equal but for rounding, would else enclose each other.
+    pair = pair[np.abs(area[pair[:, 0]]) < np.abs(area[pair[:, 1]]) * (1 - 1e-9)]
     depth = np.bincount(pair[:, 0], minlength=count)
     parent = np.full(count, -1)
     order = np.argsort(-np.abs(area[pair[:, 1]]), kind="stable")
