@@ -82,7 +82,8 @@ def _nearest(word: str, names: Iterable[str]) -> str:
 
 
 def _parsers() -> tuple[_Parser, dict[str, _Parser]]:
-    parser = _Parser("camgen", description="Checked robot and machine programs from drawings.", allow_abbrev=False)
+    about = "Checked robot and machine programs from drawings and photos."
+    parser = _Parser("camgen", description=about, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"camgen {__version__}")
     group = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     commands: dict[str, _Parser] = {}
@@ -95,17 +96,19 @@ def _parsers() -> tuple[_Parser, dict[str, _Parser]]:
         loud.add_argument("-v", "--verbose", action="count", default=0, help="say more; -vv: with tracebacks")
         commands[name] = sub
 
-    command("build", "make a checked program from a drawing", _build)
+    command("build", "make a checked program from a drawing or a photo", _build)
     command("inspect", "show what is in a drawing", _inspect)
     command("init", "write a commented job file beside a drawing", _init)
     command("verify", "read a program back and say what it does", _verify)
+    command("calibrate", "measure the lens of a camera from photos of a board", _calibrate)
+    command("markers", "draw a sheet of markers that shows a photo where the work plane is", _markers)
     command("posts", "list the posts that are installed", lambda _: None)
     return parser, commands
 
 
 def _build(sub: _Parser) -> None:
     sub.add_argument(
-        "inputs", metavar="INPUT", nargs="+", help="drawing; several make one program; - reads standard input"
+        "inputs", metavar="INPUT", nargs="+", help="drawing or picture; several make one program; -: standard input"
     )
     _post(sub)
     _job(sub)
@@ -131,6 +134,24 @@ def _verify(sub: _Parser) -> None:
     _post(sub)
     _job(sub)
     sub.add_argument("--plan", metavar="PLAN.json", help="compare with this plan, as build --plan wrote it")
+
+
+def _calibrate(sub: _Parser) -> None:
+    sub.add_argument("photos", metavar="PHOTO", nargs="+", help="photos of the board, eight or more from all sides")
+    sub.add_argument("--board", metavar="COLSxROWS", required=True, help="inner corners of a chessboard, e.g. 9x6")
+    sub.add_argument("--square", metavar="MM", type=float, required=True, help="width of a square, mm")
+    sub.add_argument("-o", "--output", metavar="FILE.yaml", required=True, help="camera_info file to write")
+    sub.add_argument(
+        "--marker", metavar="MM", type=float, help="ChArUco board: width of a marker; then --board is in squares"
+    )
+    sub.add_argument("--dictionary", metavar="NAME", help="ChArUco board: its markers, e.g. 5X5_100 (default: 4X4_50)")
+    sub.add_argument("--preview", metavar="FILE.svg", help="draw the residuals")
+
+
+def _markers(sub: _Parser) -> None:
+    sub.add_argument("-o", "--output", metavar="FILE", required=True, help="the drawing, .pdf or .svg")
+    sub.add_argument("--size", metavar="SIZE", default="A4", help="A4, A3, A2 or letter (default: A4)")
+    sub.add_argument("--marker", metavar="MM", type=float, default=20.0, help="width of a marker (default: 20)")
 
 
 def _post(sub: _Parser) -> None:

@@ -1,0 +1,129 @@
+"""Outlines made of lines and arcs, for the renderer and its truth: written apart from camgen's own geometry.
+
+A point of the plane is a complex number x + i y, mm. A piece runs from `start` over `chord` with a bulge, tan of a
+quarter of the angle that it turns by, positive counter-clockwise. Material is on the left of every loop: outer loops
+run counter-clockwise, holes clockwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A closed loop. points: (N,) complex, mm. bulges: (N,), of the piece that leaves each point."""
+
+    points: np.ndarray
+    bulges: np.ndarray
+
+    def moved(self, turn: float, by: complex) -> Loop:
+        """Turned about the origin by ``turn`` rad, then shifted."""
+        return Loop(self.points * np.exp(1j * turn) + by, self.bulges)
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """Lines and arcs. start, chord: (P,) complex. sweep: (P,), the angle that each turns by, rad; 0: a line."""
+
+    start: np.ndarray
+    chord: np.ndarray
+    sweep: np.ndarray
+
+    @property
+    def length(self) -> np.ndarray:
+        """(P,) mm."""
+        half = self.sweep / 2
+        return np.abs(self.chord) / np.sinc(half / np.pi)
+
+    def at(self, which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places at ``t`` (0 to 1) of pieces ``which``, and their derivative by t."""
+        start, chord, sweep = self.start[which], self.chord[which], self.sweep[which]
+        straight = sweep == 0
+        whole = np.where(straight, 1, np.expm1(1j * sweep))
+        along = np.where(straight, t, np.expm1(1j * sweep * t) / whole)
+        rate = np.where(straight, 1, 1j * sweep * np.exp(1j * sweep * t) / whole)
+        return start + chord * along, chord * rate
+
+    def distance(self, places: np.ndarray) -> np.ndarray:
+        """From each of the places (N,) to the nearest point of all pieces, mm."""
+        least = np.full(len(places), np.inf)
+        for start, chord, sweep in zip(self.start, self.chord, self.sweep, strict=True):
+            least = np.minimum(least, _distance(places, start, chord, sweep))
+        return least
+
+
+def _distance(places: np.ndarray, start: complex, chord: complex, sweep: float) -> np.ndarray:
+    if sweep == 0:
+        along = ((places - start) / chord).real.clip(0, 1)
+        return np.abs(places - start - along * chord)
+    centre = start - chord / np.expm1(1j * sweep)
+    # The angle from the middle of the arc tells whether the foot of a place lies on it.
+    middle = (start - centre) * np.exp(0.5j * sweep)
+    beside = np.abs(np.angle((places - centre) / middle)) <= abs(sweep) / 2
+    ends = np.minimum(np.abs(places - start), np.abs(places - start - chord))
+    return np.where(beside, np.abs(np.abs(places - centre) - abs(middle)), ends)
+
+
+def pieces(loops: Sequence[Loop]) -> Pieces:
+    """All pieces of the loops, in order."""
+    start = np.concatenate([loop.points for loop in loops])
+    chord = np.concatenate([np.roll(loop.points, -1) - loop.points for loop in loops])
+    return Pieces(start, chord, 4 * np.arctan(np.concatenate([loop.bulges for loop in loops])))
+
+
+def rounded(corners: Sequence[tuple[float, float, float]]) -> Loop:
+    """A polygon with corners (x, y, radius) in mm, radius 0: sharp."""
+    at = np.array([complex(x, y) for x, y, _ in corners])
+    points, bulges = [], []
+    for k, (_, _, radius) in enumerate(corners):
+        into, out = at[k] - at[k - 1], at[(k + 1) % len(at)] - at[k]
+        turn = float(np.angle(out / into))
+        if radius == 0:
+            points.append(at[k])
+            bulges.append(0.0)
+            continue
+        reach = radius * np.tan(abs(turn) / 2)
+        points += [at[k] - reach * into / abs(into), at[k] + reach * out / abs(out)]
+        bulges += [float(np.tan(turn / 4)), 0.0]
+    place = np.array(points)
+    kept = np.abs(np.roll(place, -1) - place) > 1e-9  # two arcs may leave nothing of the side between them
+    return Loop(place[kept], np.array(bulges)[kept])
+
+
+def circle(x: float, y: float, radius: float) -> Loop:
+    """A round outer loop, two half circles."""
+    return Loop(np.array([complex(x + radius, y), complex(x - radius, y)]), np.ones(2))
+
+
+def slot(x: float, y: float, length: float, width: float, angle: float) -> Loop:
+    """Two straight sides and two half circles, ``length`` over all, as an outer loop. angle: deg."""
+    half, radius = (length - width) / 2, width / 2
+    ends = np.array([-half - 1j * radius, half - 1j * radius, half + 1j * radius, -half + 1j * radius])
+    return Loop(ends, np.array([0.0, 1.0, 0.0, 1.0])).moved(np.radians(angle), complex(x, y))
+
+
+def box(x0: float, y0: float, x1: float, y1: float) -> Loop:
+    """A rectangle, counter-clockwise."""
+    return rounded([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)])
+
+
+def hole(loop: Loop) -> Loop:
+    """The loop the other way round."""
+    return Loop(loop.points[::-1], -np.roll(loop.bulges[::-1], -1))
+
+
+def area(loops: Sequence[Loop]) -> float:
+    """Enclosed area, mm2: that of the polygon and of the segments between chords and arcs."""
+    total = 0.0
+    for loop in loops:
+        ends = np.roll(loop.points, -1)
+        sweep = 4 * np.arctan(loop.bulges)
+        half = np.abs(ends - loop.points) / 2
+        radius = half / np.where(sweep == 0, 1, np.sin(np.abs(sweep) / 2))
+        total += float((loop.points.conj() * ends).imag.sum() / 2)
+        total += float((np.sign(sweep) * radius**2 * (np.abs(sweep) - np.sin(np.abs(sweep))) / 2).sum())
+    return total

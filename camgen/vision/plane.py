@@ -1,0 +1,232 @@
+"""The work plane: where the part's top face is in the photo, from point pairs or from a known pose (PIST, section 2).
+
+``pixel_from_work`` is the paper's homography of eq. 7 and 8. It is fitted to four or more pairs by the direct linear
+transformation and least squares of the distances in the photo, after the lens distortion is taken out.
+
+Points below the top face. Markers, and points measured on the bench, may lie lower than the face that is machined. The
+homography H of their plane and the camera matrix K give the pose of that plane, [r1 r2 t] = K^-1 H up to scale (eq. 8);
+r3 = r1 x r2 is its normal. The plane that lies ``height`` mm higher has [r1 r2 t + height r3]. Only r3 needs the pose,
+so that the fit of the points themselves stays as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import ArrayLike
+
+from camgen.errors import InputError, JobError
+from camgen.pose import FloatArray, Pose, frozen
+from camgen.shapes import Note
+from camgen.text import short
+from camgen.vision.camera import Camera, undistorted
+from camgen.vision.homography import Suspect, depth, fitted, in_line, mapped, most_distorted, skewness, suspect
+from camgen.vision.image import Picture
+
+#: A pair is wrong if the others put it this far off, px, and chance would do so less often than once in a thousand.
+_WRONG_PX, _WRONG_CHANCE = 2.0, 1e-3
+#: Pairs contradict each other above this standard error: px, and as a part of their extent.
+_CONTRADICT_PX, _CONTRADICT_PART = 3.0, 0.001
+_LOOK_PX = 1.5
+_SKEW = 0.03
+_SOURCE = "[camera] points_px"
+
+
+class Plane(Struct, frozen=True, eq=False):
+    """The work plane in a photo.
+
+    pixel_from_work: (3, 3), work mm to undistorted pixels of the camera (of the photo itself where there is none); its
+    divisor is positive in front of the camera. work_from_pixel: its inverse. residuals_mm, residuals_px: (N,), how far
+    off each pair is; rms_mm and max_mm of them; all 0 and empty where the plane comes from a pose.
+    """
+
+    pixel_from_work: FloatArray
+    work_from_pixel: FloatArray
+    rms_mm: float = 0.0
+    max_mm: float = 0.0
+    residuals_mm: FloatArray = frozen([])
+    residuals_px: FloatArray = frozen([])
+    notes: tuple[Note, ...] = ()
+
+
+def plane_from_points(
+    camera: Camera | None,
+    px: ArrayLike,
+    mm: ArrayLike,
+    *,
+    height: float = 0.0,
+    names: Sequence[str] = (),
+    source: str = _SOURCE,
+) -> Plane:
+    """The plane through point pairs: ``px`` (N, 2) in the photo, ``mm`` (N, 2) or (N, 3) with z = 0 in the work frame.
+
+    height: how far the points lie below the part's top face, mm; needs the camera. names: what messages call the
+    pairs (default: pair 1, ...); source: where they come from. JobError for fewer than four pairs, points on a line,
+    a pair that is clearly wrong, mirrored points.
+    """
+    image, work = _checked(px, mm, source)
+    names = names or [f"pair {i + 1}" for i in range(len(image))]
+    if height and camera is None:
+        raise JobError(source, "points below the top face need a camera", remedy="give [camera] file, or height 0")
+    _in_general_position(image, work, names, source)
+    ideal = image if camera is None else undistorted(camera, image)
+    if not np.isfinite(ideal).all():
+        remedy = "calibrate with the board in the corners of the photo"
+        raise JobError(source, "a point lies where the lens model shows nothing", remedy=remedy)
+    found = fitted(work, ideal)
+    residuals = np.linalg.norm(mapped(found, work) - ideal, axis=1)
+    told = [f"{name} (pixel {_point(p)}, work {_point(w)} mm)" for name, p, w in zip(names, image, work, strict=True)]
+    notes = _consistent(camera, ideal, work, residuals, told, source)
+    _seen_from_above(found, work, source)
+    if camera is not None and skewness(found, camera.matrix) > _SKEW:
+        why = "with this camera they cannot all be right: check the pairs, their unit and the camera file"
+        notes.append(Note("warning", "the points give x and y different scales", why))
+    back: FloatArray = np.linalg.inv(found).astype(np.float64, copy=False)
+    off = np.linalg.norm(mapped(back, ideal) - work, axis=1)
+    if height and camera is not None:
+        found = _raised(found, camera, height)
+    return _plane(found, off, residuals, notes)
+
+
+def plane_from_pose(camera: Camera, camera_from_work: Pose, source: str = "[camera] plane_from") -> Plane:
+    """The plane of a known pose: ``camera_from_work`` takes work mm to the camera frame (z forward, y down the photo).
+
+    JobError if the work frame's origin is behind the camera or its z points away from the camera.
+    """
+    normal = camera_from_work.rotation[:, 2]
+    origin = np.asarray(camera_from_work.origin)
+    remedy = "give the pose of the work frame in the camera frame (camera_from_work), not its inverse"
+    if not origin[2] > 0:
+        raise JobError(source, "the work frame is behind the camera", remedy=remedy)
+    if not normal @ origin < 0:
+        raise JobError(source, "the camera sees the part from below, its z points away", remedy=remedy)
+    found = camera.matrix @ np.column_stack([camera_from_work.rotation[:, :2], origin])
+    nothing = np.zeros(0)
+    return _plane(found, nothing, nothing, [])
+
+
+def same_pixels(picture: Picture, camera: Camera) -> None:
+    """InputError if the photo cannot have the pixels that the camera was calibrated with."""
+    height, width = picture.pixels.shape[:2]
+    if picture.turned:
+        what = "was turned by its Exif orientation, a lens calibration belongs to the pixels of the sensor"
+        raise InputError(
+            picture.name, what, remedy="take it with the camera upright, or save it without the orientation"
+        )
+    if (width, height) != tuple(camera.size):
+        what = f"is {width} x {height} px, camera {camera.name} was calibrated with {camera.size[0]} x {camera.size[1]}"
+        raise InputError(picture.name, what, remedy="take photos and calibration with the same camera settings")
+
+
+def pose_of(plane_homography: FloatArray, matrix: FloatArray) -> Pose:
+    """camera_from_work of a plane seen by a camera with this ``matrix`` (3, 3): the nearest rotation, mm."""
+    axes = np.linalg.solve(matrix, plane_homography)
+    axes = axes / np.linalg.norm(axes[:, :2], axis=0).mean()
+    u, _, v = np.linalg.svd(np.column_stack([axes[:, :2], np.cross(axes[:, 0], axes[:, 1])]))
+    x, y, z = axes[:, 2].tolist()
+    return Pose(frozen(u @ v), (x, y, z))
+
+
+def _plane(found: FloatArray, off: FloatArray, residuals: FloatArray, notes: list[Note]) -> Plane:
+    found = found / np.linalg.norm(found)
+    rms = math.sqrt(float(off @ off) / len(off)) if len(off) else 0.0
+    most = float(off.max()) if len(off) else 0.0
+    return Plane(frozen(found), frozen(np.linalg.inv(found)), rms, most, frozen(off), frozen(residuals), tuple(notes))
+
+
+def _raised(found: FloatArray, camera: Camera, height: float) -> FloatArray:
+    axes = np.linalg.solve(camera.matrix, found)
+    metric = found / np.linalg.norm(axes[:, :2], axis=0).mean()
+    normal = pose_of(found, camera.matrix).rotation[:, 2]
+    lift = np.zeros((3, 3))
+    lift[:, 2] = camera.matrix @ normal * height
+    raised: FloatArray = metric + lift
+    return raised
+
+
+def _checked(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:
+    try:
+        image, work = np.asarray(px, dtype=np.float64), np.asarray(mm, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise JobError(source, "is no list of points", remedy="give pairs of numbers, [[u, v], ...]") from error
+    if image.ndim != 2 or image.shape[1] != 2 or work.ndim != 2 or work.shape[1] not in (2, 3):
+        raise JobError(source, "is no list of points", remedy="give pairs of numbers, [[u, v], ...] and [[x, y], ...]")
+    if len(image) != len(work):
+        what = f"{len(image)} points in the photo and {len(work)} in mm"
+        raise JobError(source, what, remedy="give as many of both, in the same order")
+    if len(image) < 4:
+        raise JobError(source, f"{len(image)} point pairs, a plane needs four", remedy="give four or more")
+    if not (np.isfinite(image).all() and np.isfinite(work).all()):
+        raise JobError(source, "holds a number that is not finite")
+    if work.shape[1] == 3 and np.abs(work[:, 2]).max() > 1e-9:
+        remedy = "give x and y, and how far they lie below the top face as height"
+        raise JobError(source, "points with a z other than 0", remedy=remedy)
+    return image, work[:, :2]
+
+
+def _in_general_position(image: FloatArray, work: FloatArray, names: Sequence[str], source: str) -> None:
+    for points, kind in ((image, "in the photo"), (work, "in mm")):
+        _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
+        again = np.flatnonzero(first[inverse] != np.arange(len(points)))
+        if len(again):
+            twin = int(first[inverse][again[0]])
+            what = f"{names[twin]} and {names[int(again[0])]} are the same point {kind}"
+            raise JobError(source, what, _point(points[twin]), "give four or more different points")
+        odd = in_line(points)
+        if odd is not None:
+            others = [name for i, name in enumerate(names) if i != odd]
+            which = ", ".join(others) if len(others) == 3 else f"all points but {names[odd]}"
+            remedy = "four points are needed of which no three are on a line"
+            raise JobError(source, f"{which} lie on one line {kind}", remedy=remedy)
+
+
+def _consistent(
+    camera: Camera | None,
+    ideal: FloatArray,
+    work: FloatArray,
+    residuals: FloatArray,
+    told: Sequence[str],
+    source: str,
+) -> list[Note]:
+    """Notes on how well the pairs agree; JobError with the name of one that is clearly wrong."""
+    count = len(residuals)
+    if count == 4:
+        why = "they fit exactly whatever they are; a fifth and a sixth would show an error"
+        return [Note("assumed", "four point pairs are right", why)]
+    odd = suspect(work, ideal, residuals) if count > 5 else None
+    remedy = "measure it again or leave it out"
+    if odd is not None and odd.error > _WRONG_PX and odd.chance < _WRONG_CHANCE:
+        what = f"{told[odd.index]} is wrong: the others put it {short(odd.error, 1)} px away"
+        raise JobError(source, what, remedy=remedy)
+    error = math.sqrt(float(residuals @ residuals) / (2 * count - 8))
+    if error > max(_CONTRADICT_PX, _CONTRADICT_PART * float(np.linalg.norm(np.ptp(ideal, axis=0)))):
+        odd = odd or most_distorted(work, ideal, None if camera is None else camera.matrix)
+        raise JobError(source, _contradiction(odd, told, error), remedy=remedy)
+    worst = int(np.argmax(residuals))
+    if residuals[worst] > _LOOK_PX:
+        return [Note("warning", f"{told[worst]} is {short(float(residuals[worst]), 1)} px off the plane of all pairs")]
+    return []
+
+
+def _contradiction(odd: Suspect, told: Sequence[str], error: float) -> str:
+    return (
+        f"the point pairs contradict each other by {short(error, 1)} px; most likely wrong is {told[odd.index]}, "
+        f"which the others put {short(odd.error, 1)} px away"
+    )
+
+
+def _seen_from_above(found: FloatArray, work: FloatArray, source: str) -> None:
+    """A plane seen from above turns about in the photo, where v runs down and y up: its determinant is negative."""
+    if depth(found, work).min() <= 0:
+        what = "the points do not lie on a plane in front of the camera"
+        raise JobError(source, what, remedy="check that both lists are in the same order")
+    if np.linalg.det(found) > 0:
+        remedy = "seen from above, y runs up where v runs down: check the sign of y, and the order of the points"
+        raise JobError(source, "the points are mirrored", remedy=remedy)
+
+
+def _point(values: FloatArray) -> str:
+    return "[" + ", ".join(short(float(v), 3) for v in values) + "]"

@@ -1,0 +1,173 @@
+"""Cameras: distortion against OpenCV's own formulas, files of three kinds, and files that cannot be meant."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.errors import InputError
+from camgen.pose import frozen
+from camgen.vision.camera import Camera, camera_info, distorted, read_camera, undistorted
+from camgen.vision.lens import bent, fold, straight
+
+MATRIX = frozen([[800.0, 0, 321], [0, 802, 236], [0, 0, 1]])
+LENSES = {
+    0: [],
+    4: [-0.28, 0.1, 0.001, -0.0007],
+    5: [-0.28, 0.1, 0.001, -0.0007, -0.02],
+    8: [0.9, 0.15, 0.0005, -0.0003, 0.002, 1.25, 0.4, 0.02],
+    12: [0.9, 0.15, 0.0005, -0.0003, 0.002, 1.25, 0.4, 0.02, 0.001, -0.002, 0.0015, 0.0007],
+    14: [0.9, 0.15, 0.0005, -0.0003, 0.002, 1.25, 0.4, 0.02, 0.001, -0.002, 0.0015, 0.0007, 0.03, -0.02],
+}
+
+
+def camera(count: int, name: str = "bench") -> Camera:
+    return Camera(matrix=MATRIX, distortion=frozen(LENSES[count]), size=(640, 480), name=name)
+
+
+def grid() -> np.ndarray:
+    u, v = np.meshgrid(np.linspace(0, 639, 13), np.linspace(0, 479, 11))
+    return np.column_stack([u.ravel(), v.ravel()])
+
+
+@pytest.mark.parametrize("count", LENSES)
+def test_distorted_is_what_opencv_projects(count: int) -> None:
+    px = grid()
+    rays = np.column_stack([(px - MATRIX[:2, 2]) / np.diag(MATRIX)[:2], np.ones(len(px))])
+    lens = np.array(LENSES[count]) if count else None
+    expected = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), MATRIX, lens)[0].reshape(-1, 2)
+    assert np.abs(distorted(camera(count), px) - expected).max() < 1e-9
+
+
+@pytest.mark.parametrize("count", LENSES)
+def test_undistorted_is_the_inverse_to_1e_9_px(count: int) -> None:
+    px = grid()
+    ideal = undistorted(camera(count), px)
+    assert np.abs(distorted(camera(count), ideal) - px).max() < 1e-9
+    if count:
+        assert np.abs(ideal - px).max() > 5  # the lenses do bend
+
+
+def test_skew_is_part_of_the_matrix() -> None:
+    skewed = Camera(frozen([[800.0, 3, 321], [0, 802, 236], [0, 0, 1]]), frozen(LENSES[5]), (640, 480), "skew")
+    px = grid()
+    assert np.abs(distorted(skewed, undistorted(skewed, px)) - px).max() < 1e-9
+    assert np.allclose(undistorted(skewed, np.array([[321.0, 236]])), [[321, 236]])
+
+
+def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
+    """x (1 - x^2 / 2) rises to x = sqrt(2/3), where it is 0.5443."""
+    lens = np.array([-0.5, 0, 0, 0])
+    assert fold(lens) == pytest.approx(np.sqrt(2 / 3), abs=1e-12)
+    near, far = np.array([[0.81, 0]]), np.array([[0.83, 0]])
+    assert bent(lens, near)[0, 0] == pytest.approx(0.81 - 0.81**3 / 2, abs=1e-15)
+    assert np.isnan(bent(lens, far)).all()
+    assert straight(lens, np.array([[0.5442, 0]]))[0, 0] == pytest.approx(0.8095, abs=0.01)
+    assert np.isnan(straight(lens, np.array([[0.5444, 0]]))).all()
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01), st.floats(-0.2, 0.2))
+def test_what_is_answered_is_right(k1: float, k2: float, p1: float, p2: float, k3: float) -> None:
+    """Any lens: an ideal point that is returned is seen at the place asked for, and lies before the fold."""
+    lens = np.array([k1, k2, p1, p2, k3])
+    seen = np.column_stack([np.linspace(-1.5, 1.5, 31), np.linspace(0.9, -0.7, 31)])
+    ideal = straight(lens, seen)
+    known = np.isfinite(ideal).all(axis=1)
+    assert known[17]  # near the middle there is always an answer
+    assert np.allclose(bent(lens, ideal[known]), seen[known], rtol=0, atol=1e-11)
+    assert np.all(np.linalg.norm(ideal[known], axis=1) < fold(lens))
+
+
+def test_coefficients_that_are_next_to_nothing() -> None:
+    lens = np.array([0.1, 0, 0, 0, 5e-324])
+    assert np.allclose(bent(lens, np.array([[1.0, 0]])), [[1.1, 0]])
+
+
+# -- files
+
+
+@pytest.mark.parametrize("count", LENSES)
+def test_camera_info_keeps_every_bit(tmp_path: Path, count: int) -> None:
+    before = camera(count, name='on: "1e5" \u00b5')
+    path = tmp_path / "camera.yaml"
+    path.write_text(camera_info(before))
+    after = read_camera(path)
+    assert np.array_equal(after.matrix, before.matrix)
+    assert np.array_equal(after.distortion, before.distortion)
+    assert (after.size, after.name) == (before.size, before.name)
+
+
+def test_camera_info_is_what_ros_reads() -> None:
+    """Keys and shapes as camera_calibration_parsers writes them, read by an independent YAML reader."""
+    said = yaml.safe_load(camera_info(camera(5)))
+    assert (said["image_width"], said["image_height"], said["camera_name"]) == (640, 480, "bench")
+    assert said["distortion_model"] == "plumb_bob"
+    assert said["camera_matrix"] == {"rows": 3, "cols": 3, "data": MATRIX.ravel().tolist()}
+    assert said["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": LENSES[5]}
+    assert said["rectification_matrix"]["data"] == np.eye(3).ravel().tolist()
+    assert said["projection_matrix"]["rows"], said["projection_matrix"]["cols"] == (3, 4)
+    assert yaml.safe_load(camera_info(camera(8)))["distortion_model"] == "rational_polynomial"
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
+def test_what_opencv_stores_is_read(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"stored{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 640)
+    storage.write("image_height", 480)
+    storage.write("camera_matrix", np.array(MATRIX))
+    storage.write("distortion_coefficients", np.array(LENSES[5])[:, None])
+    storage.release()
+    found = read_camera(path)
+    assert np.allclose(found.matrix, MATRIX, rtol=1e-15)
+    assert np.allclose(found.distortion, LENSES[5], rtol=1e-15)
+    assert (found.size, found.name) == ((640, 480), "stored")
+
+
+GOOD = camera_info(camera(5))
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "is empty"),
+        ("a: [1, 2", "is no YAML"),
+        ("just words", "holds no named values"),
+        (GOOD.replace("image_width: 640\n", ""), "has no image_width"),
+        (GOOD.replace("640", "640.5"), "image_width is '640.5', not a whole number"),
+        (GOOD.replace("640", "0"), "image size 0 x 480 cannot be"),
+        (GOOD.replace("camera_matrix", "camera_matrx"), "camera_matrx looks like it"),
+        (GOOD.replace("[800.0", "[abc", 1), "camera_matrix holds 'abc', not a number"),
+        (GOOD.replace("800.0", ".nan"), "holds a number that is not finite"),
+        (GOOD.replace("[800.0", "[-800.0"), "focal length fx is -800, not positive"),
+        (GOOD.replace("cols: 5", "cols: 6"), "says 1 x 6 and holds 5 numbers"),
+        (GOOD.replace("plumb_bob", "equidistant"), "has the lens model 'equidistant'"),
+        (GOOD.replace("-0.28,", "-0.28e99,"), "no lens bends so much"),
+        (GOOD + "roi:\n  x_offset: 12\n  y_offset: 0\n", "photos that are binned or cut out"),
+        ("%YAML:1.0\n---\ncamera_matrix: 3\n", "has no distortion coefficients"),
+        ("%YAML:1.0\n---\nD: 3\n", "has no camera matrix"),
+        ("<opencv_storage></opencv_storage>", "cannot be read by OpenCV"),
+        ("{", "OpenCV"),
+    ],
+)  # fmt: skip
+def test_files_that_cannot_be_meant(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_camera(path)
+    assert says in str(caught.value)
+    assert str(caught.value).startswith("bad.yaml: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_not_there_or_no_text(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read as a camera: No such file"):
+        read_camera(tmp_path / "none.yaml")
+    (tmp_path / "photo.yaml").write_bytes(b"\xff\xd8\xff\xe0")
+    with pytest.raises(InputError, match="not a text file"):
+        read_camera(tmp_path / "photo.yaml")

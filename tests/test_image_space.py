@@ -1,0 +1,461 @@
+"""The image-space planner, judged by formulas for circles, squares and corners, in the work frame."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.errors import InputError, JobError
+from camgen.geometry.segments import BoolArray
+from camgen.paths import ToolPath
+from camgen.planners.image_space import image_space
+from camgen.planners.image_space_border import between_pixels
+from camgen.planners.image_space_field import Pixels, chains, gradient
+from camgen.planners.image_space_process import feeds, observed
+from camgen.planners.image_space_resample import needed, resampled
+from camgen.planners.image_space_rings import held, rings
+from camgen.pose import FloatArray
+from camgen.settings import Job, Operation, Process, Tolerance, Tool
+from camgen.shapes import Note
+
+SCALE = 0.143
+TOOL = 6.0
+FEED, FORCE = 10.0, 5.0
+
+
+def grid(size: int) -> tuple[FloatArray, FloatArray]:
+    v, u = np.mgrid[:size, :size].astype(np.float64)
+    return u, v
+
+
+def mask(inside: BoolArray) -> Pixels:
+    return np.where(inside, 255, 0).astype(np.uint8)
+
+
+def polygon(size: int, corners: list[tuple[float, float]]) -> BoolArray:
+    """Which pixel centres lie inside, by crossings of a ray to the right."""
+    u, v = grid(size)
+    inside = np.zeros(u.shape, dtype=bool)
+    for (u0, v0), (u1, v1) in zip(corners, [*corners[1:], corners[0]], strict=True):
+        if v0 != v1:
+            inside ^= ((v0 > v) != (v1 > v)) & (u < u0 + (v - v0) * (u1 - u0) / (v1 - v0))
+    return inside
+
+
+def turned(corners: list[tuple[float, float]], degrees: float, centre: complex) -> list[tuple[float, float]]:
+    points = [complex(*c) * np.exp(1j * np.radians(degrees)) + centre for c in corners]
+    return [(p.real, p.imag) for p in points]
+
+
+def rectified(scale: float, height: int) -> FloatArray:
+    """v runs against y, as in a rectified view; the origin is the lower left pixel."""
+    return np.array([[scale, 0.0, 0.0], [0.0, -scale, scale * (height - 1)]])
+
+
+def planned(
+    pixels: Pixels, scale: float = SCALE, *, exact: bool = True, diameter: float = TOOL, **operation: object
+) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
+    process = Process(feed=FEED, force=FORCE)
+    job = Job(tool=Tool(diameter=diameter), operation=Operation(**operation), process=process)  # type: ignore[arg-type]
+    return image_space(pixels, rectified(scale, len(pixels)), job, exact=exact)
+
+
+def disc(radius: float, u0: float = 0.3, v0: float = 0.7, margin: int = 20) -> tuple[Pixels, complex, int]:
+    """A disc, its centre (px), and the size of the picture."""
+    size = int(2 * radius) + 2 * margin
+    u, v = grid(size)
+    middle = complex(size // 2 + u0, size // 2 + v0)
+    return mask((u - middle.real) ** 2 + (v - middle.imag) ** 2 <= radius**2), middle, size
+
+
+def in_work(point: complex, scale: float, size: int) -> complex:
+    return complex(scale * point.real, scale * (size - 1 - point.imag))
+
+
+def places(path: ToolPath) -> np.ndarray:
+    return path.position[:, 0] + 1j * path.position[:, 1]
+
+
+def presses(path: ToolPath) -> np.ndarray:
+    """At the end of each segment."""
+    return path.press[1:, 1, 0] + 1j * path.press[1:, 1, 1]
+
+
+def turning(path: ToolPath) -> float:
+    """Area to the left of the path: positive when it runs counter-clockwise."""
+    x, y = path.position[:, 0], path.position[:, 1]
+    return float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) / 2
+
+
+@pytest.mark.parametrize("scale", [0.05, SCALE, 0.4])
+def test_around_a_disc(scale: float) -> None:
+    radius = 14.0 / scale
+    pixels, centre, size = disc(radius)
+    (path,), notes = planned(pixels, scale)
+    arm = places(path) - in_work(centre, scale, size)
+    off = np.abs(arm) - 17.0
+    assert np.abs(off).max() < 0.4 * scale
+    assert np.sqrt((off**2).mean()) < 0.12 * scale
+    # The press points from the tool to the part: to the centre.
+    angle = np.degrees(np.angle(-presses(path) / arm[1:]))
+    assert np.abs(angle).max() < 2.5
+    # Eq. 11 for a contact that keeps the nominal feed: (R + d) / R.
+    assert path.feed == pytest.approx(FEED * 17 / 14, rel=0.08)
+    assert (path.force == FORCE).all()
+    assert path.closed
+    assert path.position[0] == pytest.approx(path.position[-1])
+    assert not path.position[:, 2].any()
+    assert (path.axis == (0.0, 0.0, -1.0)).all()
+    assert notes == ()
+
+
+def test_the_route_of_whole_pixels_errs_by_a_pixel() -> None:
+    pixels, centre, size = disc(100.0)
+    (path,), _ = planned(pixels, exact=False)
+    off = (np.abs(places(path) - in_work(centre, SCALE, size)) - (100 * SCALE + 3)) / SCALE
+    # Border pixels lie inside the offset mask, half a pixel on average, and the part's own pixels inside its border.
+    assert -1.1 < off.mean() < -0.4
+    assert np.abs(off).max() < 2.0
+    angle = np.degrees(np.angle(-presses(path) / (places(path) - in_work(centre, SCALE, size))[1:]))
+    assert np.abs(angle).max() < 6.0
+    (exact,), _ = planned(pixels)
+    better = (np.abs(places(exact) - in_work(centre, SCALE, size)) - (100 * SCALE + 3)) / SCALE
+    assert np.sqrt((better**2).mean()) < np.sqrt((off**2).mean()) / 5
+
+
+@pytest.mark.parametrize(("direction", "sign"), [("climb", -1), ("any", -1), ("conventional", 1)])
+def test_inside_of_a_hole(direction: str, sign: int) -> None:
+    size, middle = 500, complex(250.4, 249.8)
+    u, v = grid(size)
+    away = np.hypot(u - middle.real, v - middle.imag)
+    (outline, hole), notes = planned(mask((away <= 200) & (away > 80)), direction=direction)
+    arm = places(hole) - in_work(middle, SCALE, size)
+    assert np.abs(arm) == pytest.approx(80 * SCALE - 3, abs=0.4 * SCALE)
+    assert np.abs(np.degrees(np.angle(presses(hole) / arm[1:]))).max() < 3.0
+    assert hole.feed == pytest.approx(FEED * (80 * SCALE - 3) / (80 * SCALE), rel=0.1)
+    assert (outline.id, hole.id) == ("c1", "c2")
+    assert (outline.parent, hole.parent) == (-1, 0)
+    # Climb has the part on the right: clockwise around it, counter-clockwise in its hole.
+    assert np.sign(turning(outline)) == sign
+    assert np.sign(turning(hole)) == -sign
+    assert notes == ()
+
+
+def test_conventional_is_climb_backwards() -> None:
+    pixels, *_ = disc(40.0)
+    (climb,), _ = planned(pixels)
+    (other,), _ = planned(pixels, direction="conventional")
+    backwards = climb.reversed()
+    for name in ("position", "press", "force", "feed"):
+        assert getattr(other, name) == pytest.approx(getattr(backwards, name))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 10.0, 33.0])
+def test_around_a_square(degrees: float) -> None:
+    size, half = 520, 150.0
+    centre = complex(260.3, 259.6)
+    corners = turned([(-half, -half), (half, -half), (half, half), (-half, half)], degrees, centre)
+    (path,), _ = planned(mask(polygon(size, corners)))
+    # In the square's own frame, mm; the work frame's angles run against those of the view.
+    own = (places(path) - in_work(centre, SCALE, size)) * np.exp(1j * np.radians(degrees))
+    beyond = np.maximum(np.abs(own.real) - half * SCALE, 0) + 1j * np.maximum(np.abs(own.imag) - half * SCALE, 0)
+    on_arc = (beyond.real > 0) & (beyond.imag > 0)
+    # Along the pixels a mask leaves half a pixel of doubt, and it does not show the tip of a corner.
+    assert np.abs(beyond)[~on_arc] == pytest.approx(3.0, abs=(0.6 if degrees == 0 else 0.35) * SCALE)
+    assert np.abs(beyond)[on_arc] == pytest.approx(3.0, abs=SCALE)
+    assert on_arc.sum() > 4 * 8
+    # Force is off where the tool rolls about a corner, and on along the sides.
+    angle = np.degrees(np.angle(beyond))
+    inner = on_arc & (angle > 20) & (angle < 70)
+    side = ~on_arc & (np.minimum(np.abs(own.real), np.abs(own.imag)) < half * SCALE - 4.0)
+    ends = np.arange(1, len(own))
+    assert (path.force[ends[inner[1:] & inner[:-1]]] == 0).all()
+    assert (path.force[ends[side[1:] & side[:-1]]] == FORCE).all()
+    assert np.count_nonzero(np.diff(path.force[1:])) in (7, 8)
+    assert path.feed.max() == pytest.approx(2 * FEED)
+    assert (path.feed[ends[inner[1:] & inner[:-1]]] > 1.9 * FEED).all()
+    assert path.feed[ends[side[1:] & side[:-1]]] == pytest.approx(FEED, rel=0.1)
+
+
+def inner_corner(degrees: float, **operation: float) -> tuple[ToolPath, np.ndarray]:
+    """Around an L, and its positions in the frame in which the inner corner is at 0 and the part at x < 0 or y < 0."""
+    size, centre = 700, complex(350.2, 350.7)
+    shape = [(-200.0, 200.0), (-200.0, -200.0), (0.0, -200.0), (0.0, 0.0), (200.0, 0.0), (200.0, 200.0)]
+    (path,), notes = planned(mask(polygon(size, turned(shape, degrees, centre))), **operation)
+    assert [note.kind for note in notes] == ["warning"]
+    assert "not touched, most of it on c1" in notes[0].what
+    return path, (places(path) - in_work(centre, SCALE, size)) * np.exp(1j * np.radians(degrees))
+
+
+@pytest.mark.parametrize("degrees", [0.0, 10.0, 33.0])
+def test_an_inner_corner_without_a_radius(degrees: float) -> None:
+    path, own = inner_corner(degrees)
+    kink = 3 + 3j
+    nearest = np.abs(own - kink).min()
+    assert nearest < 0.35
+    near = np.abs(own[1:] - kink) < 6.0
+    lost = (path.force[1:] == 0) & near
+    assert lost.any()
+    # Only right at the corner does the tool not touch as expected.
+    assert np.abs(own[1:][lost] - kink).max() < 1.5
+    assert (path.force[1:][near & (np.abs(own[1:] - kink) > 2.0)] == FORCE).all()
+    clear = (own.real > -20) & (own.imag > -20) & (np.abs(own - kink) < 20)
+    assert np.minimum(own.real, own.imag)[clear].min() > 3.0 - 0.7 * SCALE
+    assert path.feed[1:][near].min() > 0.8 * FEED
+
+
+@pytest.mark.parametrize("degrees", [0.0, 10.0, 33.0])
+def test_an_inner_corner_with_a_radius(degrees: float) -> None:
+    path, own = inner_corner(degrees, corner_radius=4.0)
+    # Out by 7 and back by 4: an arc of 4 about (7, 7), which meets the sides' offsets where these are 3 away.
+    arm = own - (7 + 7j)
+    arc = (arm.real < 0) & (arm.imag < 0) & (np.abs(arm) < 6)
+    assert arc.sum() > 6
+    # Both sides may be half a pixel off, and the middle of the arc by the root of two as much.
+    assert np.abs(arm[arc]) == pytest.approx(4.0, abs=0.85 * SCALE)
+    middle = arc & (np.abs(np.degrees(np.angle(-arm)) - 45) < 15)
+    assert (path.force[1:][middle[1:]] == 0).all()
+    straight = (own.real > 9) & (own.real < 20) & (np.abs(own.imag - 3) < 1)
+    assert (path.force[1:][straight[1:] & straight[:-1]] == FORCE).all()
+    # The angle turns steadily through the corner: by no more than its share on any segment.
+    turn = np.degrees(np.abs(np.angle(presses(path)[1:] * presses(path)[:-1].conj())))
+    step = np.abs(np.diff(own))[1:]
+    assert (turn[arc[2:]] < np.degrees(step[arc[2:]] / 4) + 6).all()
+
+
+def test_the_length_that_is_not_touched() -> None:
+    size = 700
+    shape = [(150.5, 550.5), (150.5, 150.5), (350.5, 150.5), (350.5, 350.5), (550.5, 350.5), (550.5, 550.5)]
+    _, notes = planned(mask(polygon(size, shape)))
+    # A tool of radius d leaves d on both sides of a square inner corner.
+    assert float(notes[0].what.split()[0]) == pytest.approx(6.0, abs=0.8)
+
+
+def test_what_is_too_narrow_is_a_note() -> None:
+    u, v = grid(400)
+    plate = (u > 50) & (u < 350) & (v > 50) & (v < 350)
+    slot = (np.abs(v - 120) < 15) & (np.abs(u - 200) < 100)
+    wide = np.hypot(u - 200, v - 250) < 40
+    (outline, hole), notes = planned(mask(plate & ~slot & ~wide))
+    assert (outline.id, hole.id) == ("c1", "c3")
+    assert [str(note) for note in notes] == [
+        "skipped: 1 contour not followed, too narrow: c2 on layer image (a 6 mm tool does not fit)"
+    ]
+    _, with_radius = planned(mask(plate & ~slot & ~wide), corner_radius=4.0)
+    assert str(with_radius[0]) == (
+        "skipped: 2 contours not followed, too narrow: c2, c3 on layer image "
+        "(a 6 mm tool with corner radius 4 does not fit)"
+    )
+
+
+def test_near_neighbours_have_one_path_around_them() -> None:
+    u, v = grid(400)
+    left, right = np.hypot(u - 140, v - 200) < 50, np.hypot(u - 260, v - 200) < 50
+    (path,), notes = planned(mask(left | right))
+    assert path.id in ("c1", "c2")
+    away = np.minimum(*(np.abs(places(path) - in_work(complex(x, 200), SCALE, 400)) for x in (140, 260)))
+    assert away == pytest.approx(50 * SCALE + 3, abs=0.6 * SCALE)
+    assert [note.kind for note in notes] == ["warning"]
+
+
+def test_an_island_in_a_hole() -> None:
+    u, v = grid(700)
+    away = np.hypot(u - 350.3, v - 350.1)
+    paths, _ = planned(mask(((away < 320) & (away > 200)) | (away < 60)))
+    assert [(path.id, path.parent) for path in paths] == [("c1", -1), ("c2", 0), ("c3", 1)]
+    radii = [np.abs(places(path) - in_work(350.3 + 350.1j, SCALE, 700)).mean() for path in paths]
+    assert radii == pytest.approx([320 * SCALE + 3, 200 * SCALE - 3, 60 * SCALE + 3], abs=0.05)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("degrees", [0.0, 40.0, 200.0])
+@pytest.mark.parametrize("exact", [True, False])
+def test_the_press_points_to_the_part_in_the_work_frame(mirrored: bool, degrees: float, exact: bool) -> None:
+    """An ellipse in a view that is turned against the work frame, v with or against y."""
+    centre = np.array([170.3, 149.2])
+    u, v = grid(340)
+    pixels = mask(((u - centre[0]) / 120) ** 2 + ((v - centre[1]) / 70) ** 2 <= 1)
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    matrix = SCALE * np.array([[c, -s], [s, c]]) @ np.diag([1.0, 1.0 if mirrored else -1.0])
+    work_from_view = np.column_stack([matrix, [31.0, -7.0]])
+    (path,), _ = image_space(pixels, work_from_view, Job(process=Process(force=FORCE)), exact=exact)
+    # The contact point of eq. 10, back in the view, on the ellipse.
+    contact = path.position[1:, :2] + 3.0 * path.press[1:, 1, :2]
+    at = (contact - work_from_view[:, 2]) @ np.linalg.inv(matrix).T - centre
+    level = np.hypot(at[:, 0] / 120, at[:, 1] / 70)
+    assert level == pytest.approx(1.0, abs=0.01 if exact else 0.03)
+    assert np.linalg.norm(path.press, axis=2) == pytest.approx(1.0)
+    # Climb: the part on the right of the travel as seen from above, in whatever way the view lies.
+    assert turning(path) < 0
+
+
+def test_passes_and_directions_are_those_of_the_job() -> None:
+    pixels, *_ = disc(40.0)
+    (path,), _ = planned(pixels, depth=3.0, passes=2)
+    assert path.depths == (1.5, 3.0)
+    assert not path.reversible
+
+
+def test_borders_that_are_known_better() -> None:
+    size, middle = 500, complex(250.4, 249.8)
+    u, v = grid(size)
+    away = np.hypot(u - middle.real, v - middle.imag)
+    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    circle = np.column_stack([middle.real + np.cos(turn) * 200, middle.imag + np.sin(turn) * 200])
+    hole = np.column_stack([middle.real + np.cos(turn) * 80, middle.imag + np.sin(turn) * 80])
+    job = Job(process=Process(feed=FEED, force=FORCE))
+    view = rectified(SCALE, size)
+    paths, _ = image_space(mask((away <= 200) & (away > 80)), view, job, borders=[circle, hole])
+    for path, radius in zip(paths, (200 * SCALE + 3, 80 * SCALE - 3), strict=True):
+        assert np.abs(places(path) - in_work(middle, SCALE, size)) == pytest.approx(radius, abs=0.02 * SCALE)
+    assert paths[1].feed == pytest.approx(FEED * (80 * SCALE - 3) / (80 * SCALE), rel=0.01)
+
+
+def test_redundant_waypoints_go_and_the_path_stays() -> None:
+    size, half, centre = 520, 150.0, complex(260.3, 259.6)
+    corners = turned([(-half, -half), (half, -half), (half, half), (-half, half)], 20, centre)
+    pixels = mask(polygon(size, corners))
+    view, tool = rectified(SCALE, size), Tool(diameter=TOOL)
+    (all_of_them,), _ = image_space(pixels, view, Job(tool=tool, tolerance=Tolerance(chord=1e-7)), spacing=0.5)
+    (few,), _ = image_space(pixels, view, Job(tool=tool, tolerance=Tolerance(chord=0.01)), spacing=0.5)
+    assert len(few.position) < len(all_of_them.position) / 3
+    begin, end = places(few)[:-1], places(few)[1:]
+    way = end - begin
+    here = places(all_of_them)[:, None]
+    part = np.clip(((here - begin) * way.conj()).real / np.abs(way) ** 2, 0, 1)
+    assert np.abs(here - begin - part * way).min(axis=1).max() <= 0.01 + 1e-9
+
+
+def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:
+    table = rings([90])
+    turn = 2 * np.pi * np.arange(90) / 90
+    slow, fast = np.exp(1j * turn) * 5, 0.5 * np.cos(40 * turn)
+    count = np.array([30])
+    _, (kept,) = resampled(table, count, slow + 3)
+    # A wave far below the cut-off passes (eq. 13), one above it is gone; 30 of 90 points: every third.
+    assert kept == pytest.approx(slow[::3] + 3, abs=0.005)
+    _, (filtered,) = resampled(table, count, slow + fast)
+    assert filtered == pytest.approx(slow[::3], abs=0.01)
+    _, (rolled,) = resampled(table, count, np.roll(slow + fast, 3))
+    assert rolled == pytest.approx(np.roll(filtered, 1))
+
+
+def test_more_waypoints_than_pixels() -> None:
+    table = rings([40, 60])
+    turn = np.concatenate([2 * np.pi * np.arange(n) / n for n in (40, 60)])
+    result, (points,) = resampled(table, np.array([64, 96]), np.exp(1j * turn))
+    wanted = np.concatenate([np.exp(2j * np.pi * np.arange(n) / n) for n in (64, 96)])
+    assert result.count.tolist() == [64, 96]
+    assert points == pytest.approx(wanted, abs=0.002)
+
+
+def test_the_removal_keeps_its_bound_and_the_changes_of_force() -> None:
+    x = np.arange(0.0, 101.0)
+    points = x + 1j * 0.4 * np.sin(x / 15)
+    press = np.full(len(x), -1j)
+    force = (x > 30) & (x <= 60)
+    keep = needed(np.array([0, len(x)]), points, press, force, 1e-3, 0.05)
+    assert keep[[0, 30, 60, 100]].all()
+    assert keep.sum() < 30
+    left = np.interp(x, x[keep], points.imag[keep])
+    assert np.abs(left - points.imag).max() <= 0.05
+    straight = needed(np.array([0, len(x)]), x + 0j, press, np.ones(len(x), dtype=bool), 1e-3, 0.05)
+    assert np.flatnonzero(straight).tolist() == [0, 100]
+
+
+def test_diagonal_steps_are_no_slower_than_straight_ones() -> None:
+    # A border of pixels that goes straight, then diagonally, and back; the same press everywhere.
+    points = np.array([0, 1, 2, 3, 4 + 1j, 5 + 2j, 6 + 3j, 5 + 3j, 4 + 3j, 3 + 3j, 2 + 2j, 1 + 1j], dtype=complex)
+    table = rings([len(points)])
+    along, step = observed(table, points, points + 20 * 1j)
+    assert step.max() == pytest.approx(np.sqrt(2))
+    assert along / step == pytest.approx(1.0)
+    assert feeds(along / step, np.ones(len(points), dtype=bool), 2.0) == pytest.approx(1.0)
+
+
+def test_feed_is_capped_and_never_nothing() -> None:
+    contact = np.array([True, True, True, False])
+    assert feeds(np.array([0.0, 0.8, 1e6, 5.0]), contact, 2.0) == pytest.approx([2.0, 1.25, 0.02, 1.0])
+
+
+def test_a_switch_does_not_flicker() -> None:
+    gap = np.array([0.7, 0.2, 0.7, 0.9, 1.2, 0.8, 0.6, 1.1, 0.4, 0.7, 0.8])
+    table = rings([len(gap)])
+    state = held(table, gap <= 0.5, gap > 1.0, True)
+    assert state.tolist() == [True, True, True, True, False, False, False, False, True, True, True]
+    # The start goes on from the end.
+    assert held(table, gap <= 0.1, gap > 1.1, True).tolist() == [False] * len(gap)
+    assert held(rings([2, 1]), np.array([False, True, False]), np.zeros(3, dtype=bool), False).tolist() == [
+        True,
+        True,
+        False,
+    ]
+
+
+def test_the_gradient_of_a_plane_is_exact() -> None:
+    u, v = grid(40)
+    far = (0.6 * u - 0.8 * v + 50).astype(np.float32)
+    for radius in (1, 2, 5):
+        assert gradient(far, np.array([20 + 20j, 12.3 + 25.8j]), radius) == pytest.approx(0.6 - 0.8j, abs=1e-4)
+
+
+@pytest.mark.parametrize("degrees", [3.0, 17.0, 38.0])
+def test_the_border_lies_between_the_pixels(degrees: float) -> None:
+    size, half, centre = 360, 120.0, complex(180.3, 179.6)
+    corners = turned([(-half, -half), (half, -half), (half, half), (-half, half)], degrees, centre)
+    _, points = between_pixels(chains(mask(polygon(size, corners))))
+    own = (points - centre) * np.exp(-1j * np.radians(degrees))
+    off = np.maximum(np.abs(own.real), np.abs(own.imag)) - half
+    side = np.minimum(np.abs(own.real), np.abs(own.imag)) < half - 8
+    assert np.sqrt((off[side] ** 2).mean()) < 0.05
+    assert np.abs(off).max() < 0.9
+
+
+def test_specks_and_single_pixels_do_no_harm() -> None:
+    pixels, *_ = disc(60.0, margin=60)
+    pixels[10, 10] = pixels[10, 200:203] = 255
+    pixels[120, 120] = 0
+    paths, notes = planned(pixels)
+    assert sorted(path.id for path in paths) == ["c1", "c2", "c3"]
+    assert "too narrow: c4" in notes[0].what
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.integers(0, 40),
+    st.integers(0, 40),
+    st.floats(15, 60),
+    st.floats(10, 50),
+    st.floats(0, 180),
+    st.sampled_from([0.0, 2.0]),
+)
+def test_the_path_goes_with_the_part(du: int, dv: int, a: float, b: float, degrees: float, radius: float) -> None:
+    u, v = grid(200)
+    here = (u - 90 + 1j * (v - 80)) * np.exp(1j * np.radians(degrees))
+    base = mask((here.real / a) ** 2 + (here.imag / b) ** 2 <= 1)
+    (first,), _ = planned(base, corner_radius=radius)
+    (second,), _ = planned(np.roll(base, (dv, du), axis=(0, 1)), corner_radius=radius)
+    assert second.position - first.position == pytest.approx(
+        np.broadcast_to((du * SCALE, -dv * SCALE, 0.0), first.position.shape), abs=1e-4
+    )
+    assert second.feed == pytest.approx(first.feed, rel=1e-3)
+
+
+def test_what_an_image_has_no_answer_to() -> None:
+    pixels, _, size = disc(30.0)
+    view = rectified(SCALE, size)
+    with pytest.raises(JobError, match=r'"left" is not known .*operation\.side'):
+        image_space(pixels, view, Job(operation=Operation(side="left")))
+    with pytest.raises(JobError, match=r"0\.2 mm is 1\.4 px of the view .*tool\.diameter"):
+        image_space(pixels, view, Job(tool=Tool(diameter=0.2)))
+    with pytest.raises(JobError, match=r"beside a part of .*tool\.diameter"):
+        image_space(pixels, view, Job(tool=Tool(diameter=2000.0)))
+    with pytest.raises(InputError, match="not to scale"):
+        image_space(pixels, np.array([[0.1, 0.0, 0.0], [0.0, -0.11, 0.0]]), Job())
+    with pytest.raises(InputError, match="not to scale"):
+        image_space(pixels, np.full((2, 3), np.nan), Job())
+    with pytest.raises(InputError, match="touches the border of the view"):
+        image_space(pixels[:, 22:], view, Job())
+    with pytest.raises(InputError, match="uint8"):
+        image_space(pixels.astype(np.float64), view, Job())  # type: ignore[arg-type]
+    assert image_space(np.zeros((9, 9), dtype=np.uint8), view, Job())[1][0].kind == "skipped"

@@ -1,0 +1,301 @@
+"""The work plane against exact homographies and against cv2.projectPoints, which knows nothing of them."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from camgen.errors import JobError
+from camgen.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
+from camgen.vision.camera import Camera
+from camgen.vision.homography import fitted, in_line, mapped, scales
+from camgen.vision.plane import Plane, plane_from_points, plane_from_pose, pose_of
+
+MATRIX = np.array([[5090.0, 0, 1921], [0, 5092, 1370], [0, 0, 1]])
+LENS = Camera(
+    matrix=frozen(MATRIX), distortion=frozen([-0.11, 0.09, 0.0006, -0.0004, -0.02]), size=(3840, 2748), name="lens"
+)
+PINHOLE = Camera(matrix=frozen(MATRIX), distortion=frozen([]), size=(3840, 2748), name="pinhole")
+GRID = np.array([(x, y) for y in (0.0, 90, 180, 300) for x in (0.0, 120, 260, 400)])
+SIX = np.array([(0, 0), (300, 0), (300, 200), (0, 200), (140, 90), (220, 40)], float)
+
+
+def looking(tilt: float = 12, about: float = 30, at: tuple[float, float] = (200, 150), height: float = 700) -> Pose:
+    """camera_from_work: above the point ``at``, tilted by ``tilt`` deg about an axis at ``about`` deg in the plane."""
+    turn = rotation_from_fixed_xyz(0, 0, np.radians(about))
+    tip = rotation_from_fixed_xyz(np.radians(180 + tilt), 0, 0)
+    rotation = turn @ tip @ turn.T
+    origin = np.array([0, 0, height]) - rotation @ np.array([*at, 0])
+    return Pose(frozen(rotation), (float(origin[0]), float(origin[1]), float(origin[2])))
+
+
+def seen(camera: Camera, pose: Pose, points: np.ndarray, z: float = 0.0) -> np.ndarray:
+    """Photo pixels of work points at this z: cv2's own projection."""
+    solid = np.column_stack([points, np.full(len(points), z)]) @ pose.rotation.T + pose.origin
+    lens = camera.distortion if len(camera.distortion) else None
+    nothing = np.zeros(3)  # turned and moved above: cv2.Rodrigues loses digits near half a turn
+    return cv2.projectPoints(solid, nothing, nothing, camera.matrix, lens)[0].reshape(-1, 2)
+
+
+def error_mm(plane: Plane, camera: Camera, pose: Pose, points: np.ndarray = GRID) -> float:
+    """How far off work points are that the plane finds at their true ideal pixels."""
+    ideal = seen(Camera(matrix=camera.matrix, distortion=frozen([]), size=camera.size, name=""), pose, points)
+    return float(np.linalg.norm(mapped(plane.work_from_pixel, ideal) - points, axis=1).max())
+
+
+def refusal(px: object, mm: object, camera: Camera | None = None, height: float = 0.0) -> str:
+    with pytest.raises(JobError) as caught:
+        plane_from_points(camera, px, mm, height=height)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+# -- point pairs
+
+
+@pytest.mark.parametrize("camera", [LENS, PINHOLE])
+@pytest.mark.parametrize("tilt", [0, 5, 18, 40])
+@pytest.mark.parametrize("count", [4, 16])
+def test_exact_pairs_give_the_exact_plane(camera: Camera, tilt: float, count: int) -> None:
+    pose = looking(tilt)
+    points = GRID if count == 16 else GRID[[0, 3, 15, 12]]
+    plane = plane_from_points(camera, seen(camera, pose, points), points)
+    assert error_mm(plane, camera, pose) < 1e-6
+    assert plane.rms_mm <= plane.max_mm < 1e-6
+    assert plane.residuals_mm.shape == plane.residuals_px.shape == (count,)
+    # The other way, and the sign that says what is in front of the camera.
+    assert np.allclose(plane.pixel_from_work @ plane.work_from_pixel, np.eye(3), atol=1e-9)
+    assert np.all(np.column_stack([GRID, np.ones(16)]) @ plane.pixel_from_work[2] > 0)
+    assert not plane.pixel_from_work.flags.writeable
+
+
+def test_without_a_camera_the_photo_is_the_pinhole_itself() -> None:
+    pose = looking(18)
+    plane = plane_from_points(None, seen(PINHOLE, pose, GRID), GRID)
+    assert error_mm(plane, PINHOLE, pose) < 1e-6
+
+
+def test_the_distortion_matters_and_is_taken_out() -> None:
+    pose = looking()
+    blind = plane_from_points(PINHOLE, seen(LENS, pose, GRID), GRID)
+    assert error_mm(blind, PINHOLE, pose) > 0.1
+    assert error_mm(plane_from_points(LENS, seen(LENS, pose, GRID), GRID), LENS, pose) < 1e-6
+
+
+@given(st.lists(st.floats(-1, 1), min_size=8, max_size=8), st.floats(1e-2, 1e3), st.floats(-1e4, 1e4))
+def test_any_exact_homography_is_found(numbers: list[float], scale: float, away: float) -> None:
+    """Whatever the units and however far off the origin, as long as the points are in front."""
+    true = np.append(np.array(numbers) * ([0.4] * 6 + [0.3] * 2), 1.0).reshape(3, 3) + np.diag([1.0, -1.0, 0])
+    unit = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.3, 0.6)])
+    assume(np.linalg.det(true[:2, :2] - np.outer(mapped(true, unit[:1])[0], true[2, :2])) < -0.2)
+    assume(scales(true, unit)[:, 0].min() > 0.1)
+    image = mapped(true, unit)
+    assume(in_line(image) is None)
+    source = unit * scale + away * scale
+    found = fitted(source, image)
+    assert np.abs(mapped(found, source) - image).max() < 1e-7
+
+
+def test_least_squares_beat_the_noise_of_single_points() -> None:
+    """The standard error of the plane falls below that of one point; cv2.findHomography, as exact, agrees."""
+    pose = looking(18)
+    rng = np.random.default_rng(5)
+    px = seen(PINHOLE, pose, GRID) + rng.normal(0, 0.3, (16, 2))
+    plane = plane_from_points(PINHOLE, px, GRID)
+    theirs = cv2.findHomography(GRID, px, 0)[0]
+    assert np.abs(mapped(plane.pixel_from_work, GRID) - mapped(theirs, GRID)).max() < 1e-3
+    ours = np.sum((mapped(plane.pixel_from_work, GRID) - px) ** 2)
+    assert ours <= np.sum((mapped(theirs, GRID) - px) ** 2) * (1 + 1e-9)
+    mm_per_px = 700 / 5090
+    assert 0.5 < plane.rms_mm / (0.3 * np.sqrt(2) * mm_per_px) < 1.2
+    assert error_mm(plane, PINHOLE, pose) < 0.3 * np.sqrt(2) * mm_per_px * 1.3
+
+
+def test_residuals_are_distances_in_mm_and_px_per_pair() -> None:
+    pose = looking(0)
+    px = seen(PINHOLE, pose, GRID)
+    px[5] += (1.2, 0)
+    plane = plane_from_points(PINHOLE, px, GRID)
+    assert int(np.argmax(plane.residuals_px)) == 5
+    assert plane.max_mm == pytest.approx(plane.residuals_mm[5])
+    # Straight from above a pixel is as many mm everywhere: height over focal length.
+    assert np.allclose(plane.residuals_mm, plane.residuals_px * 700 / 5091, rtol=0.01)
+    assert plane.rms_mm == pytest.approx(np.sqrt(np.mean(plane.residuals_mm**2)))
+
+
+def test_four_pairs_are_said_to_be_unchecked() -> None:
+    pose = looking()
+    (note,) = plane_from_points(PINHOLE, seen(PINHOLE, pose, SIX[:4]), SIX[:4]).notes
+    assert note.kind == "assumed"
+    assert plane_from_points(PINHOLE, seen(PINHOLE, pose, SIX), SIX).notes == ()
+
+
+# -- wrong pairs
+
+
+@pytest.mark.parametrize("bad", range(6))
+@pytest.mark.parametrize("camera", [LENS, None])
+def test_a_wrong_pair_is_named(bad: int, camera: Camera | None) -> None:
+    pose = looking(15)
+    px = seen(camera or PINHOLE, pose, SIX) + np.random.default_rng(bad).normal(0, 0.01, (6, 2))
+    wrong = SIX.copy()
+    wrong[bad, 0] += 4  # mm
+    said = refusal(px, wrong, camera)
+    assert f"pair {bad + 1} (pixel [" in said
+    assert " is wrong: the others put it " in said
+    assert f"work [{wrong[bad, 0]:g}, {wrong[bad, 1]:g}] mm" in said
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_one_wrong_among_many_noisy_ones_is_named(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    bad = int(rng.integers(16))
+    px = seen(PINHOLE, looking(15), GRID) + rng.normal(0, 0.5, (16, 2))
+    px[bad] += rng.choice([-1, 1], 2) * 9
+    assert f"pair {bad + 1} (" in refusal(px, GRID)
+
+
+@pytest.mark.parametrize("bad", range(5))
+@pytest.mark.parametrize("with_camera", [True, False])
+def test_of_five_pairs_the_most_likely_one_is_named(bad: int, with_camera: bool) -> None:
+    """Five pairs do not tell which is wrong by their residuals: every four of them fit exactly."""
+    five = np.array([(0, 0), (300, 0), (300, 200), (0, 200), (130, 30)], float)
+    px = seen(PINHOLE, looking(8), five)
+    wrong = five.copy()
+    wrong[bad] += (25, -18)
+    said = refusal(px, wrong, PINHOLE if with_camera else None)
+    assert f"most likely wrong is pair {bad + 1} (" in said
+
+
+def test_noise_is_no_wrong_pair() -> None:
+    """Clicked by hand, to about a pixel: no false alarm in 150 sets of 5 to 16."""
+    rng = np.random.default_rng(3)
+    px = seen(PINHOLE, looking(15), GRID)
+    for _ in range(150):
+        some = rng.permutation(16)[: rng.integers(5, 17)]
+        if in_line(GRID[some]) is None:
+            plane_from_points(PINHOLE, px[some] + rng.normal(0, 0.7, (len(some), 2)), GRID[some])
+
+
+def test_two_wrong_pairs_contradict_the_others() -> None:
+    wrong = SIX.copy()
+    wrong[1] += (12, 3)
+    wrong[4] += (-9, 11)
+    assert "contradict each other" in refusal(seen(PINHOLE, looking(), SIX), wrong)
+
+
+def test_a_doubtful_pair_is_noted() -> None:
+    px = seen(PINHOLE, looking(), GRID)
+    px[9] += (0, 2)
+    px += np.random.default_rng(1).normal(0, 0.6, px.shape)
+    (note,) = plane_from_points(PINHOLE, px, GRID).notes
+    assert note.kind == "warning"
+    assert note.what.startswith("pair 10 (")
+
+
+# -- refused
+
+
+def test_mirrored_points_are_refused_with_a_hint() -> None:
+    pose = looking(10)
+    px = seen(PINHOLE, pose, SIX)
+    assert "the points are mirrored; seen from above, y runs up where v runs down" in refusal(px, SIX * [1, -1])
+    assert "mirrored" in refusal(px, SIX[:, ::-1])
+    assert "mirrored" in refusal(px[:4], SIX[:4] * [-1, 1])
+    # Turned by any angle is right, whatever the camera's roll.
+    for angle in (30, 90, 180, 270):
+        turn = np.array(rotation_from_fixed_xyz(0, 0, np.radians(angle)))[:2, :2]
+        plane_from_points(PINHOLE, px, SIX @ turn.T)
+
+
+def test_points_in_the_wrong_order_are_refused() -> None:
+    assert "in the same order" in refusal(seen(PINHOLE, looking(), SIX[:4]), SIX[[0, 2, 1, 3]])
+
+
+@pytest.mark.parametrize(
+    ("points", "what"),
+    [
+        ([(0, 0), (100, 0), (200, 0), (0, 100)], "pair 1, pair 2, pair 3 lie on one line in mm"),
+        ([(0, 0), (50, 80), (100, 0.5), (200, 0)], "pair 1, pair 3, pair 4 lie on one line"),
+        ([(0, 0), (100, 0), (200, 0), (300, 0), (120, 90)], "all points but pair 5 lie on one line"),
+        ([(0, 0), (10, 10), (20, 20), (30, 30)], "lie on one line"),
+        ([(0, 0), (100, 0), (100, 0), (0, 100)], "pair 2 and pair 3 are the same point"),
+    ],
+)
+def test_degenerate_points_are_named(points: list[tuple[float, float]], what: str) -> None:
+    work = np.array(points, float)
+    good = np.array([(10, 900), (900, 880), (870, 30), (20, 10), (500, 400)], float)[: len(work)]
+    assert what in refusal(good, work)
+    assert what.replace("in mm", "in the photo") in refusal(work * [2, -2] + 1000, good)
+
+
+@pytest.mark.parametrize(
+    ("px", "mm", "what"),
+    [
+        ([[1, 2], [3, 4], [5, 7]], [[1, 2], [3, 4], [5, 7]], "3 point pairs, a plane needs four"),
+        ([[1, 2], [3, 4], [5, 7], [8, 1]], [[1, 2], [3, 4], [5, 7]], "4 points in the photo and 3 in mm"),
+        ([1, 2, 3], [[1, 2]], "no list of points"),
+        ([[1, 2], [3]], [[1, 2], [3, 4]], "no list of points"),
+        ([["a", "b"]] * 4, [[1, 2]] * 4, "no list of points"),
+        ([[1, 2], [3, 4], [5, 7], [8, float("nan")]], [[1, 2], [3, 4], [5, 7], [8, 1]], "not finite"),
+        (SIX, np.column_stack([SIX, np.full(6, -8.0)]), "a z other than 0"),
+    ],
+)
+def test_lists_that_are_none(px: object, mm: object, what: str) -> None:
+    assert what in refusal(px, mm)
+
+
+def test_a_zero_z_is_taken() -> None:
+    pose = looking()
+    flat = np.column_stack([GRID, np.zeros(16)])
+    assert error_mm(plane_from_points(LENS, seen(LENS, pose, GRID), flat), LENS, pose) < 1e-6
+
+
+def test_scales_that_the_camera_contradicts_are_noted() -> None:
+    """x in units 6 % too long: as a plane it fits exactly, as a photo by this camera it cannot be."""
+    px = seen(PINHOLE, looking(), GRID)
+    assert plane_from_points(PINHOLE, px, GRID).notes == ()
+    (note,) = plane_from_points(PINHOLE, px, GRID * [1.06, 1]).notes
+    assert "x and y different scales" in note.what
+
+
+# -- points below the top face
+
+
+@pytest.mark.parametrize("height", [3.0, 12.5, -4.0])
+@pytest.mark.parametrize("tilt", [0, 15, 35])
+def test_points_on_the_bench_give_the_plane_of_the_top_face(height: float, tilt: float) -> None:
+    pose = looking(tilt)
+    px = seen(LENS, pose, GRID, z=-height)
+    plane = plane_from_points(LENS, px, GRID, height=height)
+    assert error_mm(plane, LENS, pose) < 1e-5
+    assert plane.max_mm < 1e-6
+    # Without it the face would be off by about the height times the angle at which the camera sees it.
+    assert error_mm(plane_from_points(LENS, px, GRID), LENS, pose) > abs(height) * 0.2
+
+
+def test_a_height_needs_a_camera() -> None:
+    said = refusal(seen(PINHOLE, looking(), GRID), GRID, None, 5.0)
+    assert "need a camera; give [camera] file" in said
+
+
+# -- pose
+
+
+@given(st.floats(0, 50), st.floats(0, 360), st.floats(300, 2000))
+def test_a_pose_projects_as_opencv_does(tilt: float, about: float, height: float) -> None:
+    pose = looking(tilt, about, height=height)
+    plane = plane_from_pose(LENS, pose)
+    assert error_mm(plane, LENS, pose) < 1e-6
+    assert (plane.rms_mm, plane.max_mm, len(plane.residuals_px)) == (0, 0, 0)
+    back = pose_of(plane.pixel_from_work, LENS.matrix)
+    assert np.allclose(back.rotation, pose.rotation, atol=1e-9)
+    assert np.allclose(back.origin, pose.origin, atol=1e-6)
+
+
+def test_a_pose_behind_the_camera_or_from_below_is_refused() -> None:
+    with pytest.raises(JobError, match="behind the camera"):
+        plane_from_pose(PINHOLE, pose_from_values([0, 0, -500, 180, 0, 0]))
+    with pytest.raises(JobError, match="sees the part from below"):
+        plane_from_pose(PINHOLE, pose_from_values([0, 0, 500, 0, 0, 0]))
