@@ -108,10 +108,16 @@ def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Itera
         report = result.report | {"files": [clean(name) for name in files]}
         yield Path(arguments.report), msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
     if arguments.preview:
-        from camgen.preview import svg  # noqa: PLC0415 (only where a picture is asked for)
+        yield Path(arguments.preview), _drawing(result).encode("utf-8")
 
-        drawing = svg(result.part, result.tour, result.notes, f"{result.part.source}, {result.post.name}")
-        yield Path(arguments.preview), drawing.encode("utf-8")
+
+def _drawing(result: Result) -> str:
+    from camgen import preview, preview_stages  # noqa: PLC0415 (only where a picture is asked for)
+
+    part, title = result.part, f"{result.part.source}, {result.post.name}"
+    if part.raster is not None:
+        return preview_stages.svg(part, part.raster, result.tour, result.notes, title)
+    return preview.svg(part, result.tour, result.notes, title)
 
 
 @contextmanager

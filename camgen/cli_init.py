@@ -14,7 +14,7 @@ from camgen.errors import JobError
 from camgen.job import readable
 from camgen.plugins import find_post, installed
 from camgen.post import Post
-from camgen.readers import read
+from camgen.readers import kind_of, read
 from camgen.settings import Job
 from camgen.writing import check_targets, write_all
 
@@ -28,10 +28,10 @@ def run(arguments: Namespace, says: Voice) -> int:
         raise JobError(str(target), "exists", remedy="rename it, or delete it to get a new one")
     check_targets([target], [source])
     says.stage("reading")
-    defaults = Job()
-    part = read(source, defaults.input, defaults.tolerance.chord)
-    write_all([(target, template(part.source, part.units).encode())])
-    says.rows([("job", f"{target}: every setting with its default; {part.source}: {part.units}", "plain")])
+    units = "" if kind_of(source) == "image" else read(source, Job()).units
+    write_all([(target, template(source.name, units).encode())])
+    found = f"; {source.name}: {units}" if units else ""
+    says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
     return 0
 
 
@@ -45,7 +45,7 @@ def template(source: str, units: str) -> str:
         lines += ["", f"[{table}]  # {about}"]
         for setting in settings():
             if setting.table == table:
-                found = f" This file: {_comment(units)}." if (table, setting.key) == ("input", "units") else ""
+                found = f" This file: {_comment(units)}." if units and setting.key == "units" else ""
                 meaning = setting.about if setting.about.endswith(".") else f"{setting.about}."
                 lines += textwrap.wrap(meaning + found, 116, initial_indent="# ", subsequent_indent="# ")
                 lines += _assignment(setting.key, setting.default, setting.allowed)

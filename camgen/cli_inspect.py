@@ -17,7 +17,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     readable(path)
     job = load(beside(arguments.job, path), arguments.sets)
     says.stage("reading")
-    found = str(inspect(path, job.input))
+    found = str(inspect(path, job))
     says.clear()
     out(found.rstrip("\n") + "\n")
     return 0

@@ -21,6 +21,9 @@ from camgen.settings import Job
 
 Tree = dict[str, dict[str, object]]
 
+#: The settings that name a file.
+FILES = (("image", "background"), ("camera", "file"))
+
 
 class Setting(Struct, frozen=True):
     """One key of a job file. allowed: what may stand there, in words. about: what it means."""
@@ -60,12 +63,21 @@ def load(file: Path | None, sets: Sequence[str] = ()) -> Job:
     origins: dict[tuple[str, str], str] = {}
     if file is not None:
         tree = _tables_of(_toml(file), str(file))
+        _from_its_folder(tree, file.parent)
         origins = {(table, key): str(file) for table, keys in tree.items() for key in keys}
     for text in sets:
         table, key, value = _assignment(text)
         tree.setdefault(table, {})[key] = value
         origins[table, key] = f"--set {text}"
     return _convert(tree, origins, str(file) if file else "job")
+
+
+def _from_its_folder(tree: Tree, folder: Path) -> None:
+    """Files that a job file names lie beside it."""
+    for table, key in FILES:
+        name = tree.get(table, {}).get(key)
+        if isinstance(name, str) and name:
+            tree[table][key] = str(folder / name)
 
 
 def beside(file: str | None, source: Path | None) -> Path | None:
@@ -179,7 +191,7 @@ def _floats(value: object) -> Iterator[float]:
 
 
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
-_PLURALS = {float: "numbers", str: "texts"}
+_PLURALS: dict[object, str] = {float: "numbers", str: "texts", list[float]: "lists of numbers"}
 
 
 def _allowed(hint: Any) -> str:
@@ -188,6 +200,7 @@ def _allowed(hint: Any) -> str:
         base, *metas = get_args(hint)
         bounds = [f" > {_number(m.gt)}" for m in metas if m.gt is not None]
         bounds += [f" >= {_number(m.ge)}" for m in metas if m.ge is not None]
+        bounds += [f" <= {_number(m.le)}" for m in metas if m.le is not None]
         return _allowed(base) + " and".join(bounds)
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(json.dumps(value) for value in get_args(hint))

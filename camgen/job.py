@@ -11,6 +11,7 @@ import math
 import os
 import stat
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -41,12 +42,12 @@ from camgen.tour import order, travel
 Watch = Callable[[str], None]
 
 
-class Result(Struct, frozen=True, eq=False):
+class Result(Struct, frozen=True, eq=False, dict=True):
     """What a build made. All lengths mm, angles rad, times s.
 
     part: what was read. tour: the paths in order, with their leads. program: as the text says it, arcs already
-    replaced where the controller has none. files: the text with LF line ends. report: the contract's report as plain
-    data. deviation: of the text read back. motions: the sums of the program.
+    replaced where the controller has none. files: the text with LF line ends. deviation: of the text read back.
+    motions: the sums of the program.
     """
 
     part: Part
@@ -59,7 +60,12 @@ class Result(Struct, frozen=True, eq=False):
     files: tuple[OutputFile, ...]
     deviation: Deviation
     motions: Motions
-    report: dict[str, object]
+
+    @cached_property
+    def report(self) -> dict[str, object]:
+        """The contract's report as plain data."""
+        files = [file.name for file in self.files]
+        return report_of(self.part, self.tour, self.notes, self.motions.seconds, self.deviation.max_mm, files)
 
     @property
     def text(self) -> str:
@@ -99,14 +105,16 @@ def build(
     reading = readback({file.name: file.text for file in files}, settings.post)
     deviation = compare(program, reading, poster.tolerance(), poster.carried(), files[0].name)
     motions = sum_up(program.columns)
-    report = report_of(part, tour, notes, motions.seconds, deviation.max_mm, [file.name for file in files])
-    return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions, report)
+    return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions)
 
 
 def joined(parts: Sequence[Part]) -> Part:
     """Several parts in one work frame as one. Contour ids get the place of their input in front: ``2/c7``."""
     if len(parts) == 1:
         return parts[0]
+    if any(part.raster is not None for part in parts):
+        name = next(part.source for part in parts if part.raster is not None)
+        raise InputError(name, "a picture makes a program by itself", remedy="build it alone")
     contours = [replace(c, id=f"{k}/{c.id}") for k, part in enumerate(parts, 1) for c in part.contours]
     notes = [replace(note, what=f"{part.source}: {note.what}") for part in parts for note in part.notes]
     return Part(
@@ -121,7 +129,7 @@ def joined(parts: Sequence[Part]) -> Part:
 def _read(source: Path, job: Job) -> Part:
     """A reader knows its file by name only; the user is told the path that he gave."""
     try:
-        return read(source, job.input, job.tolerance.chord)
+        return read(source, job)
     except InputError as error:
         if error.file != source.name:
             raise
@@ -199,7 +207,7 @@ def _frame(pose: Pose) -> str:
 
 
 def _digest(job: Job, sources: Sequence[Path]) -> str:
-    """Twelve hex digits that stand for the settings and the bytes of the inputs."""
+    """Twelve hex digits that stand for the settings and the bytes of all files that are read."""
     if not sources:
         raise InputError("input", "none is given")
     total = hashlib.sha256(msgspec.json.encode(_own(job), order="deterministic"))
@@ -212,12 +220,20 @@ def _digest(job: Job, sources: Sequence[Path]) -> str:
         seen[real] = source
         total.update(b"%d:" % len(data))
         total.update(data)
+    for name in (job.image.background, job.camera.file):
+        if name:
+            total.update(readable(Path(name)))
     return total.hexdigest()[:12]
 
 
 def _own(job: Job) -> dict[str, object]:
     """What the job sets differently from the defaults: a new setting leaves the programs of old jobs as they are."""
-    tables, defaults = msgspec.to_builtins(job), msgspec.to_builtins(Job())
+    image, camera = job.image, job.camera
+    # Of a file its bytes count, wherever it lies.
+    image = replace(image, background=Path(image.background).name)
+    camera = replace(camera, file=Path(camera.file).name)
+    tables = msgspec.to_builtins(replace(job, image=image, camera=camera))
+    defaults = msgspec.to_builtins(Job())
     return {
         name: {key: value for key, value in table.items() if value != defaults[name].get(key)}
         for name, table in tables.items()

@@ -12,7 +12,9 @@ from msgspec import Meta, Struct, field
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
+Grey = Annotated[float, Meta(ge=0, le=255)]
 Values = list[float]
+Points = list[list[float]]
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,6 +33,46 @@ class Input(Table, frozen=True):
     join: Annotated[NotNegative, Meta(description="ends closer than this meet, mm")] = 0.05
 
 
+class Image(Table, frozen=True):
+    """[image]: a picture of a part, its scale and what in it is the part."""
+
+    mm_per_px: Annotated[Positive | None, Meta(description="scale of a picture that is seen straight from above")] = (
+        None
+    )
+    width_mm: Annotated[Positive | None, Meta(description="or the width of that picture, mm")] = None
+    region: Annotated[
+        Values | None, Meta(description="what to look at: [x from, y from, x to, y to], mm of the work plane")
+    ] = None
+    mask: Annotated[
+        Literal["auto", "otsu", "threshold", "color", "background", "adaptive"],
+        Meta(description="how the part is told from the bench; auto chooses and says why"),
+    ] = "auto"
+    background: Annotated[str, Meta(description="photo of the empty bench, taken from the same place")] = ""
+    threshold: Annotated[
+        Grey | None, Meta(description="grey level between bench and part, 0 to 255, for mask = threshold")
+    ] = None
+    color: Annotated[Values | None, Meta(description="color of the bench or of the part: [red, green, blue]")] = None
+    invert: Annotated[bool, Meta(description="the part is what was taken for the bench")] = False
+    min_area: Annotated[NotNegative, Meta(description="smaller specks and holes are dropped and counted, mm2")] = 1.0
+
+
+class Camera(Table, frozen=True):
+    """[camera]: the lens of a photo, and where the work plane is in it."""
+
+    file: Annotated[str, Meta(description="calibration: camgen calibrate's, camera_info of ROS, or OpenCV's")] = ""
+    points_px: Annotated[Points | None, Meta(description="four or more places in the photo: [[u, v], ...]")] = None
+    points_mm: Annotated[Points | None, Meta(description="the same places in the work frame: [[x, y], ...], mm")] = None
+    plane_from: Annotated[
+        Values | None, Meta(description="or the work frame in the camera's: [x, y, z, rx, ry, rz], mm and deg")
+    ] = None
+    markers: Annotated[
+        str, Meta(description='or a sheet of camgen markers under the part, by its size: "A4"; "" for none')
+    ] = ""
+    marker: Annotated[Positive, Meta(description="width of the sheet's markers, mm")] = 20.0
+    printed_length: Annotated[Positive, Meta(description="what the sheet's ruler measures on the paper, mm")] = 100.0
+    height: Annotated[float, Meta(description="height of the part's top face above points or markers, mm")] = 0.0
+
+
 class Operation(Table, frozen=True):
     """[operation]: what is done along the contours."""
 
@@ -42,6 +84,10 @@ class Operation(Table, frozen=True):
         Literal["auto", "outside", "inside", "left", "right", "on"],
         Meta(description="auto: outer loops outside, holes inside; left, right, on: seen along the drawn direction"),
     ] = "auto"
+    planner: Annotated[
+        Literal["geometric", "image"],
+        Meta(description="follow a photo by lines and arcs found in it, or in image space as the PIST paper does"),
+    ] = "geometric"
     direction: Annotated[
         Literal["climb", "conventional", "any"], Meta(description="climb: the part on the right of the travel")
     ] = "climb"
@@ -115,6 +161,8 @@ class Job(Table, frozen=True):
     """A whole job."""
 
     input: Input = Input()
+    image: Image = Image()
+    camera: Camera = Camera()
     operation: Operation = Operation()
     tool: Tool = Tool()
     process: Process = Process()

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from camgen.pose import FloatArray
 
@@ -42,11 +44,31 @@ class Contour(Struct, frozen=True, eq=False):
     id: str = ""
 
 
+class Raster(Struct, frozen=True, eq=False):
+    """A picture of a part, and what was seen in it. Pixel (0, 0) is the centre of the first one, v runs down.
+
+    photo: as it was taken, (H, W) or (H, W, 3) blue, green, red. framed: (N, 2) px, the view's border in the photo.
+    view: the work plane to scale, (h, w) or (h, w, 3). work_from_view: (2, 3), mm of a pixel centre of it. mask: (h, w)
+    of the view, 255 where the part is. borders: of the part, closed, (N, 2) px of the view, finer than the mask.
+    """
+
+    photo: NDArray[np.uint8]
+    framed: FloatArray
+    view: NDArray[np.uint8]
+    work_from_view: FloatArray
+    mask: NDArray[np.uint8]
+    borders: tuple[FloatArray, ...]
+
+
 class Part(Struct, frozen=True, eq=False):
-    """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was."""
+    """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was.
+
+    raster: the picture that it was read from, None for a drawing.
+    """
 
     name: str
     source: str
     units: str
     contours: tuple[Contour, ...]
     notes: tuple[Note, ...]
+    raster: Raster | None = None

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import math
 import re
 import shutil
@@ -60,7 +61,10 @@ def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
         for name, content in (("in.ngc", text), ("tool.tbl", tools), ("my.var", "")):
             Path(folder, name).write_text(content, encoding="utf-8")
         command = [str(RS274), "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc"]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+        # Two at once share memory by a fixed key and fail now and then.
+        with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
+            fcntl.flock(alone, fcntl.LOCK_EX)
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
     error = "" if done.returncode == 0 else done.stderr.replace("executing\n", "") or "rs274 failed"
     return _parse(done.stdout, error)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.errors import JobError
 from camgen.paths import ToolPath
 from camgen.settings import Job
 from camgen.shapes import Note, Part
@@ -17,12 +18,27 @@ class Plan(Struct, frozen=True):
     notes: tuple[Note, ...]
 
 
+def _in_image_space(part: Part, job: Job) -> Plan:
+    if part.raster is None:
+        what = '"image" plans in a picture, and this is none'
+        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
+    if job.operation.kind != "follow":
+        what = f'the image-space planner follows contours, it cannot {job.operation.kind}'
+        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
+    from camgen.planners.image_space import image_space  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+
+    raster = part.raster
+    return Plan(*image_space(raster.mask, raster.work_from_view, job, borders=raster.borders))
+
+
 def plan(part: Part, job: Job) -> Plan:
     """The tool paths of ``part`` as ``job`` asks for them."""
     from camgen.planners.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
     from camgen.planners.recover import recover  # noqa: PLC0415
     from camgen.planners.trace import trace  # noqa: PLC0415
 
+    if job.operation.planner == "image":
+        return _in_image_space(part, job)
     contours, recovered = recover(part.contours, job.tolerance.arc_fit)
     part = replace(part, contours=contours)
     if job.operation.kind == "trace" or job.operation.side == "on":

@@ -3,38 +3,50 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 
 from camgen.errors import InputError
-from camgen.settings import Input
+from camgen.settings import Job
 from camgen.shapes import Part
 
-
-def read(path: Path, settings: Input, chord: float) -> Part:
-    """The part in the file ``path``, in mm; ``chord`` mm is what curves may be left by. InputError if it has none."""
-    part: Part = _reader(path).read(path, settings, chord)
-    return part
+_IMAGES = (b"\x89PNG", b"\xff\xd8\xff", b"II*\x00", b"MM\x00*", b"BM")
+_SUFFIXES = {".dxf": "dxf"} | dict.fromkeys((".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"), "image")
 
 
-def inspect(path: Path, settings: Input) -> object:
+def read(path: Path, job: Job) -> Part:
+    """The part in the file ``path``, in mm, read as ``job`` asks. InputError if it has none."""
+    if kind_of(path) == "image":
+        from camgen.readers import image  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+
+        return image.read(path, job)
+    from camgen.readers import dxf  # noqa: PLC0415 (as is ezdxf)
+
+    return dxf.read(path, job.input, job.tolerance.chord)
+
+
+def inspect(path: Path, job: Job) -> object:
     """What is in the file ``path``; its ``str`` is the page that ``camgen inspect`` prints."""
-    found: object = _reader(path).inspect(path, settings)
-    return found
+    if kind_of(path) == "image":
+        from camgen.readers import image  # noqa: PLC0415 (as above)
+
+        return image.inspect(path, job)
+    from camgen.readers import dxf  # noqa: PLC0415 (as above)
+
+    return dxf.inspect(path, job.input)
 
 
-def _reader(path: Path) -> ModuleType:
-    """The module that reads this kind of file: by its name first, then by how it begins."""
-    from camgen.readers import dxf  # noqa: PLC0415 (ezdxf is loaded only by what needs it)
-
-    if path.suffix.lower() not in ("", ".dxf") and not _looks_like_dxf(path):
-        raise InputError(path.name, "is not a kind of file that camgen reads", remedy="give a DXF drawing")
-    return dxf
-
-
-def _looks_like_dxf(path: Path) -> bool:
+def kind_of(path: Path) -> str:
+    """Which kind of file this is, "dxf" or "image": by how it begins first, then by its name. InputError for others."""
     try:
         with path.open("rb") as file:
             head = file.read(64)
     except OSError:
-        return True  # the reader says what is wrong with it
-    return head.startswith(b"AutoCAD Binary DXF") or head.split()[:2] == [b"0", b"SECTION"]
+        head = b""  # the reader says what is wrong with it
+    if head.startswith(_IMAGES):
+        return "image"
+    if head.startswith(b"AutoCAD Binary DXF") or head.split()[:2] == [b"0", b"SECTION"]:
+        return "dxf"
+    kind = _SUFFIXES.get(path.suffix.lower() or ".dxf")
+    if kind is None:
+        what = "is not a kind of file that camgen reads"
+        raise InputError(path.name, what, remedy="give a DXF drawing or a PNG, JPEG, TIFF or BMP picture")
+    return kind

@@ -79,6 +79,30 @@ def already_to_scale(
     return View(picture.pixels, frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]]), s, None, notes)
 
 
+def cut_out(view: View, region: Region | None, coarser: int = 1) -> View:
+    """What ``view`` shows of ``region`` (mm), in pixels so many times as large. InputError where it shows nothing."""
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    pixels, matrix = view.pixels, view.work_from_view
+    if region is not None:
+        height, width = pixels.shape[:2]
+        corners = np.array([[region[0], region[3]], [region[2], region[1]]])
+        (left, top), (right, bottom) = np.linalg.solve(matrix[:, :2], (corners - matrix[:, 2]).T).T.round().astype(int)
+        left, top, right, bottom = max(left, 0), max(top, 0), min(right + 1, width), min(bottom + 1, height)
+        if left >= right or top >= bottom:
+            remedy = "check its corners, in mm from the lower left corner of the picture"
+            raise InputError("picture", "does not show the region", _told(region), remedy)
+        pixels = np.ascontiguousarray(pixels[top:bottom, left:right])
+        matrix = np.column_stack([matrix[:, :2], matrix @ (left, top, 1.0)])
+    if coarser > 1:
+        size = (max(pixels.shape[1] // coarser, 1), max(pixels.shape[0] // coarser, 1))
+        whole = pixels[: size[1] * coarser, : size[0] * coarser]
+        pixels = cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+        shift = (coarser - 1) / 2
+        matrix = np.column_stack([matrix[:, :2] * coarser, matrix @ (shift, shift, 1.0)])
+    return View(pixels, frozen(matrix), view.mm_per_px * coarser, None, view.notes)
+
+
 def _no_scale(picture: Picture) -> InputError:
     unused = next((f" ({note.what}: {note.why})" for note in picture.notes if "not used as a scale" in note.what), "")
     return InputError(
@@ -89,9 +113,12 @@ def _no_scale(picture: Picture) -> InputError:
     )
 
 
-def rectify(picture: Picture, camera: Camera | None, plane: Plane, region: Region | None = None) -> View:
+def rectify(
+    picture: Picture, camera: Camera | None, plane: Plane, region: Region | None = None, coarser: int = 1
+) -> View:
     """The to-scale view of what the photo shows of the plane, or of ``region`` (x and y from, x and y to, mm).
 
+    coarser: for a look at the whole, which costs less the coarser it is: pixels so many times as large.
     InputError if the photo does not show the region, or so flatly that the view would be far larger than the photo.
     """
     if camera is not None:
@@ -100,7 +127,7 @@ def rectify(picture: Picture, camera: Camera | None, plane: Plane, region: Regio
     shown = shown_by(camera, plane, (width, height))
     notes: list[Note] = []
     box, finest = _whole(shown, picture, notes) if region is None else _part(shown, picture, region)
-    scale = _clean(finest)
+    scale = _clean(finest) * coarser
     left, low = (math.floor(v / scale) for v in box[:2])
     right, high = (math.ceil(v / scale) for v in box[2:])
     columns, rows = right - left + 1, high - low + 1

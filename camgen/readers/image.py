@@ -1,0 +1,237 @@
+"""Pictures of a flat part: the part's contours in the work plane, from a photo, a scan or a rendering (docs/pist.md).
+
+Photo, work plane, to-scale view, mask, outlines to a part of a pixel, lines and arcs: each step is a module of
+``camgen.vision``. The way follows the PIST paper, sections 2 and 3.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.errors import InputError, JobError
+from camgen.pose import FloatArray, pose_from_values
+from camgen.settings import Camera as CameraTable
+from camgen.settings import Job
+from camgen.shapes import Note, Part, Raster
+from camgen.text import short
+from camgen.vision.camera import Camera, read_camera
+from camgen.vision.image import Picture, load
+from camgen.vision.markers import find
+from camgen.vision.mask import Mask, part_mask
+from camgen.vision.outlines import outlines
+from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
+from camgen.vision.primitives import Fit, primitives
+from camgen.vision.rectify import Region, View, already_to_scale, cut_out, framed, rectify
+from camgen.vision.sheet import Sheet, sheet
+
+#: Pictures of more values are looked at coarsely first: so many times coarser, and then around the part with so much of
+#: the bench on each side, coarse pixels at least and as a share of the part.
+_LARGE, _COARSER, _ROOM, _SHARE = 2_000_000, 4, 24, 0.12
+
+
+class Facts(Struct, frozen=True):
+    """What is in a picture; its ``str`` is a page to print. part: why none is found, where none is."""
+
+    size: tuple[int, int]
+    colour: bool
+    scale: str
+    part: str
+    notes: tuple[Note, ...]
+
+    def __str__(self) -> str:
+        width, height = self.size
+        lines = [
+            f"picture of {width} x {height} px, {'colour' if self.colour else 'grey'}",
+            f"scale: {self.scale}",
+            f"part: {self.part}",
+            *map(str, self.notes),
+        ]
+        return "\n".join(lines)
+
+
+class _Seen(Struct, frozen=True):
+    """The way from the picture to the mask."""
+
+    picture: Picture
+    camera: Camera | None
+    plane: Plane | None
+    view: View
+    mask: Mask
+
+
+def read(path: Path, job: Job) -> Part:
+    """The part in the picture ``path``. InputError if it shows none, JobError for settings that contradict another."""
+    seen = _seen(path, job)
+    found, notes = outlines(seen.mask.grey, seen.mask.pixels)
+    drawn, fits, more = primitives(found, seen.view.work_from_view)
+    raster = Raster(
+        photo=seen.picture.pixels,
+        framed=_frame(seen),
+        view=seen.view.pixels,
+        work_from_view=seen.view.work_from_view,
+        mask=seen.mask.pixels,
+        borders=tuple(outline.points for outline in found),
+    )
+    return Part(path.stem, path.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_fitted(fits)), raster)
+
+
+def _fitted(fits: Sequence[Fit]) -> tuple[Note, ...]:
+    """How well the lines and arcs follow what was measured."""
+    if not fits:
+        return ()
+    lines, arcs = sum(fit.lines for fit in fits), sum(fit.arcs for fit in fits)
+    rms, most = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
+    what = f"{lines} lines and {arcs} arcs found in the outlines"
+    return (Note("assumed", what, f"they leave the measured edge by {most:.3f} mm at most, {rms:.3f} mm rms"),)
+
+
+def inspect(path: Path, job: Job) -> Facts:
+    """What is in the picture ``path``, as far as its scale is known."""
+    picture = load(path)
+    height, width = picture.pixels.shape[:2]
+    colour = picture.pixels.ndim == 3
+    try:
+        part = read(path, job)
+    except (InputError, JobError) as error:
+        known = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
+        return Facts((width, height), colour, known, str(error), picture.notes)
+    holes = f"{len(part.contours)} contours, {sum(len(c.points) for c in part.contours)} lines and arcs"
+    low = np.min([c.points.min(axis=0) for c in part.contours], axis=0)
+    high = np.max([c.points.max(axis=0) for c in part.contours], axis=0)
+    size = " x ".join(short(v, 2) for v in (high - low).tolist())
+    return Facts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
+
+
+def _seen(path: Path, job: Job) -> _Seen:
+    picture = load(path)
+    camera = read_camera(Path(job.camera.file)) if job.camera.file else None
+    way = _Way(camera, _plane(picture, camera, job.camera), job)
+    empty = None
+    if job.image.background:
+        empty = load(Path(job.image.background))
+        if empty.pixels.shape[:2] != picture.pixels.shape[:2]:
+            remedy = "take both with the same camera from the same place"
+            raise InputError(empty.name, "differs in size from the photo of the part", "[image] background", remedy)
+    region = _region(job)
+    if region is None and picture.pixels.size > _LARGE:
+        region = _around(way, picture, empty)
+    view, mask = _masked(way, picture, empty, region, 1)
+    return _Seen(picture, camera, way.plane, view, mask)
+
+
+class _Way(Struct, frozen=True):
+    """How a picture becomes a view."""
+
+    camera: Camera | None
+    plane: Plane | None
+    job: Job
+
+
+def _masked(
+    way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
+) -> tuple[View, Mask]:
+    view = _view(way, picture, region, coarser)
+    background = None if empty is None else _view(way, empty, region, coarser)
+    return view, part_mask(view, way.job.image, background, picture.name)
+
+
+def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None:
+    """The part with some bench around it, mm, from a coarse look: what is far from it need not be looked at closely."""
+    try:
+        view, mask = _masked(way, picture, empty, None, _COARSER)
+    except InputError:
+        return None  # the close look finds it, or says why not
+    columns, rows = np.flatnonzero(mask.pixels.any(axis=0)), np.flatnonzero(mask.pixels.any(axis=1))
+    height, width = mask.pixels.shape
+    room = max(_ROOM, round(_SHARE * max(np.ptp(columns), np.ptp(rows))))
+    left, right = max(columns[0] - room, 0), min(columns[-1] + room, width - 1)
+    top, bottom = max(rows[0] - room, 0), min(rows[-1] + room, height - 1)
+    corners = view.work_from_view @ np.array([[left, right], [bottom, top], [1.0, 1.0]])
+    x0, y0, x1, y1 = corners.T.ravel().tolist()
+    return x0, y0, x1, y1
+
+
+def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane | None:
+    """The work plane, by the one way that is given; none for a picture that is to scale."""
+    ways = {
+        "points_px": table.points_px is not None or table.points_mm is not None,
+        "plane_from": table.plane_from is not None,
+        "markers": bool(table.markers),
+    }
+    given = [name for name, is_given in ways.items() if is_given]
+    if len(given) > 1:
+        raise JobError("[camera]", f"{' and '.join(given)} are both given", remedy="give one of them")
+    if ways["points_px"]:
+        if table.points_px is None or table.points_mm is None:
+            raise JobError("[camera]", "points_px and points_mm belong together", remedy="give both, in one order")
+        return plane_from_points(camera, table.points_px, table.points_mm, height=table.height)
+    if table.plane_from is not None:
+        if camera is None:
+            raise JobError("[camera] plane_from", "a pose needs the camera", remedy="give [camera] file")
+        if len(table.plane_from) != 6:
+            raise JobError("[camera] plane_from", f"has {len(table.plane_from)} values", remedy="give 6")
+        return plane_from_pose(camera, pose_from_values(table.plane_from))
+    if table.markers:
+        return find(picture, camera, _sheet(table), height=table.height)
+    return None
+
+
+def _view(way: _Way, picture: Picture, region: Region | None, coarser: int) -> View:
+    if way.plane is not None:
+        return rectify(picture, way.camera, way.plane, region, coarser)
+    if way.camera is not None:
+        remedy = "give [camera] points_px and points_mm, plane_from, or markers"
+        raise JobError("[camera]", "a lens without a work plane", remedy=remedy)
+    table = way.job.image
+    return cut_out(already_to_scale(picture, table.mm_per_px, table.width_mm), region, coarser)
+
+
+def _region(job: Job) -> Region | None:
+    """What is looked at: what the job says; on a marker sheet its free area, since markers look like parts."""
+    values = job.image.region
+    if values is None:
+        if not job.camera.markers:
+            return None
+        free = _sheet(job.camera).free
+        return 0.0, 0.0, *free
+    if len(values) != 4:
+        raise JobError("[image] region", f"has {len(values)} values", remedy="give [x from, y from, x to, y to], mm")
+    x0, y0, x1, y1 = values
+    return x0, y0, x1, y1
+
+
+def _sheet(table: CameraTable) -> Sheet:
+    return sheet(table.markers, table.marker, table.printed_length)
+
+
+def _frame(seen: _Seen) -> FloatArray:
+    """The border of the view in the photo, (N, 2) px."""
+    height, width = seen.picture.pixels.shape[:2]
+    if seen.plane is None:
+        return np.array([[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]])
+    return framed(seen.view, seen.camera, seen.plane, (width, height))
+
+
+def _scale(view: View) -> str:
+    return f"{short(view.mm_per_px, 5)} mm/px"
+
+
+def _notes(seen: _Seen) -> tuple[Note, ...]:
+    plane = seen.plane
+    measured: tuple[Note, ...] = ()
+    if plane is not None and len(plane.residuals_mm):
+        what = f"work plane from {len(plane.residuals_mm)} points, rms {short(plane.rms_mm, 4)} mm"
+        measured = (Note("assumed", f"{what}, largest {short(plane.max_mm, 4)} mm"),)
+    mask = Note("assumed", f"part by {seen.mask.method}", seen.mask.why)
+    return (
+        *seen.picture.notes,
+        *(plane.notes if plane is not None else ()),
+        *measured,
+        *seen.view.notes,
+        mask,
+        *seen.mask.notes,
+    )

@@ -1,0 +1,203 @@
+"""Outlines to contours of lines and arcs in mm: what a drawing of the part would have held.
+
+The points of an outline are noisy, and rounded where the part has a corner. A line or an arc through many of them is
+far better known than each of them, and a corner is where two of those cross.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.errors import InputError
+from camgen.geometry.segments import flatten, from_contours
+from camgen.pose import FloatArray, frozen
+from camgen.shapes import Contour, Note
+from camgen.vision.outlines import Outline
+from camgen.vision.outlines_loops import ComplexArray, IntArray, loops_of
+from camgen.vision.primitives_fit import BoolArray
+from camgen.vision.primitives_joints import tangents
+from camgen.vision.primitives_polish import Chain, polished
+from camgen.vision.primitives_repair import along, astray, astray_beyond, beyond, errors, fillets_of, repaired
+from camgen.vision.primitives_runs import Divided, divided
+
+#: What the picture hides beside noise, px: the pattern of its pixels, and distortion that the camera model leaves.
+_HIDDEN = 0.02
+#: Arcs are flattened to this (px) to see whether a contour crosses itself.
+_CHORD = 0.02
+#: What is left of an outline that crosses itself, of its area, when its small loops are cut off.
+_MOST_LOST = 0.98
+
+
+class Fit(Struct, frozen=True):
+    """How well a contour follows its outline: rms_mm and max_mm of the points away from rounded corners, and how many
+    lines and arcs it has. doubtful: stretches that no line or arc follows, kept as lines from point to point.
+    """
+
+    rms_mm: float
+    max_mm: float
+    lines: int
+    arcs: int
+    doubtful: int
+
+
+def primitives(
+    outlines: Sequence[Outline], work_from_view: FloatArray, layer: str = "0"
+) -> tuple[tuple[Contour, ...], tuple[Fit, ...], tuple[Note, ...]]:
+    """The ``outlines`` (view pixels) as contours in the work frame (mm), and how well each fits.
+
+    work_from_view: (2, 3), mm of a pixel centre; a similarity, v may run against y. Outer contours run
+    counter-clockwise, holes clockwise; arcs are half a circle at most. A contour that would cross itself is kept as the
+    polygon of its points, and left out if that crosses itself too; notes say so. Raises InputError if the view is not
+    to scale.
+    """
+    matrix = np.asarray(work_from_view, dtype=np.float64)
+    _scale(matrix)
+    if not outlines:
+        return (), (), ()
+    loops = loops_of(np.array([len(o.halfway) for o in outlines]))
+    halfway = np.concatenate([o.halfway for o in outlines]) @ np.array([1, 1j])
+    sigma = np.array([np.hypot(o.sigma, _HIDDEN) for o in outlines])
+    parts = divided(loops, halfway, sigma, np.array([o.blur for o in outlines]))
+    rows, begin = parts.runs.rows(loops)
+    ends = np.searchsorted(parts.runs.loop, np.arange(len(outlines) + 1))
+    contours: list[Contour] = []
+    fits: list[Fit] = []
+    notes: list[Note] = []
+    for k, outline in enumerate(outlines):
+        mine = np.arange(ends[k], ends[k + 1])
+        stop = begin[mine[-1]] + parts.runs.count[mine[-1]]
+        found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline, matrix)
+        if found is None:
+            found = _polygon(outline, matrix)
+            notes.append(_kept(k, found is None))
+        elif found[1].doubtful:
+            what = f"{found[1].doubtful} stretches of outline {k + 1} kept as lines from point to point"
+            notes.append(Note("warning", what, "no line or arc follows them"))
+        if found is not None:
+            contours.append(Contour(*found[0], True, layer, f"c{len(contours) + 1}"))
+            fits.append(found[1])
+    return tuple(contours), tuple(fits), tuple(notes)
+
+
+def _kept(k: int, crossed: bool) -> Note:
+    if crossed:
+        return Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
+    return Note("warning", f"outline {k + 1} kept as a polygon of its points", "no lines and arcs follow it soundly")
+
+
+def _scale(matrix: FloatArray) -> float:
+    """The mm per pixel of a similarity; InputError for anything else."""
+    square = matrix[:, :2].T @ matrix[:, :2] if matrix.shape == (2, 3) else np.zeros((2, 2))
+    scale = float(np.sqrt(np.trace(square) / 2))
+    if not np.isfinite(matrix).all() or scale <= 0 or np.abs(square / scale**2 - np.eye(2)).max() > 1e-6:
+        what = "the view is not to scale: one pixel is not as long in every direction"
+        raise InputError("view", what, remedy="rectify the photo first")
+    return scale
+
+
+_Found = tuple[tuple[FloatArray, FloatArray], Fit]
+
+
+def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, matrix: FloatArray) -> _Found | None:
+    """Points and bulges in mm of the runs ``mine`` of one outline, whose points are ``rows``; None if it fails."""
+    points, counts = parts.points[rows], parts.counts[rows]
+    sigma = float(np.hypot(outline.sigma, _HIDDEN))
+    if len(mine) == 1:
+        return _circle(parts, mine, points, sigma, matrix)
+    chain, piece = _chain(parts, mine, points, counts)
+    if len(chain.corners) == 2 and chain.straight.all():
+        return None
+    fillets = fillets_of(chain, points, piece, outline.blur, sigma)
+    counts = counts & beyond(chain, fillets, points, piece)
+    bad = astray(chain, fillets, points, piece, counts, sigma)
+    fillets = replace(fillets, reach=np.where(bad | np.roll(bad, 1), 0.0, fillets.reach))
+    shape = _in_work(*_halved(*repaired(chain, fillets, bad, points, piece)), matrix)
+    if bad.all() or not _simple(shape, matrix):
+        return None
+    error = errors(chain, points, piece)[counts & ~bad[piece]]
+    return shape, _fit(error, shape[1], int(bad.sum()), matrix)
+
+
+def _fit(error: FloatArray, bulges: FloatArray, doubtful: int, matrix: FloatArray) -> Fit:
+    """error: distances of points, px."""
+    size = _scale(matrix) * np.abs(error)
+    arcs = int((bulges != 0).sum())
+    rms, most = (float(np.sqrt((size**2).mean())), float(size.max())) if len(size) else (0.0, 0.0)
+    return Fit(rms, most, len(bulges) - arcs, arcs, doubtful)
+
+
+def _circle(parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, matrix: FloatArray) -> _Found | None:
+    """A whole circle as two arcs; None where the points are not on one, or not all around."""
+    curve = parts.curves.take(mine)
+    bend = float(curve.curvature[0])
+    if bend == 0:
+        return None
+    centre = complex(curve.origin[0] - (curve.form[0, 1] + 1j * curve.form[0, 2]) / bend)
+    error = curve.distances(points[None])[0]
+    around = abs(float(np.ptp(np.unwrap(np.angle(points - centre)))))
+    if around < np.pi or np.sqrt((error**2).mean()) > astray_beyond(sigma):
+        return None
+    corners = np.array([centre + 1 / abs(bend), centre - 1 / abs(bend)])
+    shape = _in_work(corners, np.full(2, np.sign(bend)), matrix)
+    return shape, _fit(error, shape[1], 0, matrix)
+
+
+def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArray) -> tuple[Chain, IntArray]:
+    """Lines and arcs through the points of several runs, and which of them each point belongs to."""
+    piece = np.repeat(np.arange(len(mine)), parts.runs.count[mine])
+    curves = parts.curves.take(mine)
+    corners, smooth = np.roll(parts.joints.vertex[mine], 1), np.roll(parts.joints.smooth[mine], 1)
+    after = np.roll(corners, -1)
+    turn = np.angle(tangents(curves, after) * tangents(curves, corners).conj())
+    way = np.bincount(piece, np.append(np.abs(np.diff(points)), 0.0))
+    # The directions at both ends tell the sweep but for whole turns.
+    turn += 2 * np.pi * np.round((curves.curvature * way - turn) / (2 * np.pi))
+    straight = curves.curvature == 0
+    bulges = np.where(straight, 0.0, np.tan(turn.clip(-6.25, 6.25) / 4))
+    return polished(Chain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)), piece
+
+
+def _halved(corners: ComplexArray, bulges: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """Arcs of more than half a circle as two."""
+    none = np.zeros(len(corners), dtype=np.bool_)
+    middle = along(Chain(corners, bulges, none, none), 0.5)
+    large = np.flatnonzero(np.abs(bulges) > 1)
+    half = np.tan(np.arctan(bulges) / 2)
+    corners = np.insert(corners, large + 1, middle[large])
+    shaped = np.insert(np.where(np.abs(bulges) > 1, half, bulges), large + 1, half[large])
+    return corners, shaped
+
+
+def _in_work(corners: ComplexArray, bulges: FloatArray, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (N, 2) mm and bulges, the part on the left."""
+    points = np.column_stack([corners.real, corners.imag]) @ matrix[:, :2].T + matrix[:, 2]
+    if np.linalg.det(matrix[:, :2]) < 0:
+        return frozen(points), frozen(0.0 - bulges)
+    # Not mirrored, so the part is on the right: the other way round, which turns the bulges too.
+    return frozen(points[::-1]), frozen(0.0 - np.roll(bulges[::-1], -1))
+
+
+def _simple(shape: tuple[FloatArray, FloatArray], matrix: FloatArray) -> bool:
+    segments = from_contours([Contour(*shape, True, "")])
+    points, _ = flatten(segments, _CHORD * _scale(matrix))
+    return len(points) > 2 and bool(shapely.is_valid(shapely.Polygon(points)))
+
+
+def _polygon(outline: Outline, matrix: FloatArray) -> _Found | None:
+    """The points as they are. Where the outline crosses itself, in a slit of a pixel, the small loop is cut off."""
+    drawn = shapely.Polygon(outline.points)
+    if not shapely.is_valid(drawn):
+        pieces = [p for p in shapely.get_parts(shapely.make_valid(drawn)) if p.geom_type == "Polygon"]
+        whole = sum(piece.area for piece in pieces)
+        drawn = max(pieces, key=lambda piece: float(piece.area), default=drawn)
+        if not pieces or drawn.area < _MOST_LOST * whole:
+            return None
+    ring = shapely.get_coordinates(shapely.normalize(drawn).exterior)[:-1]
+    # A normalised ring runs clockwise in u and v, which in the work frame is counter-clockwise.
+    corners = (ring[::-1] if outline.hole else ring) @ np.array([1, 1j])
+    return _in_work(corners, np.zeros(len(corners)), matrix), Fit(0.0, 0.0, len(corners), 0, 1)
