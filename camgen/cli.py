@@ -35,6 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         says.error(f"error: {error}")
         _trace(says)
         return error.exit_code
+    except BrokenPipeError:  # who reads the help has read enough
+        return 0
     except KeyboardInterrupt:
         says.error("interrupted")
         return _INTERRUPTED

@@ -27,7 +27,7 @@ _NUMBER = r"(?:-?[1-9][0-9]{0,8}|0|-0(?=\.))(?:\.[0-9]{1,9})?"
 _THREE = f"{_NUMBER},{_NUMBER},{_NUMBER}"
 _STRETCH = (
     r"(?P<head> *(?P<word>MOVES?) (?P<name>[A-Za-z][A-Za-z0-9._]*):TRANS\()"
-    rf"{_THREE}(?P<turn>,{_THREE}\)(?P<end>\r?\n))(?:(?P=head){_THREE},{_THREE}\)(?P=end)){{0,{_LONGEST - 1}}}+"
+    rf"{_THREE}(?P<turn>,{_THREE}\)(?P<end>\r?\n))(?:(?P=head){_THREE},{_THREE}\)(?P=end)){{0,{_LONGEST - 1}}}"
 )
 _Row3 = tuple[float, float, float]
 _Row6 = tuple[float, float, float, float, float, float]
