@@ -18,7 +18,7 @@ import numpy as np
 from camgen.errors import CamgenError
 from camgen.readers import dxf
 from camgen.readers.units import INSUNITS, MM
-from camgen.settings import Input
+from camgen.settings import Job
 from camgen.shapes import Contour, Part
 
 DEFAULT = Path(__file__).parents[2] / "shared" / "data"
@@ -57,7 +57,7 @@ def verdict(part: Part, truth: dict[str, object]) -> str:
 def row(path: Path, truth: dict[str, object]) -> str:
     start = time.perf_counter()
     try:
-        part = dxf.read(path, Input(), 0.01)
+        part = dxf.read(path, Job())
     except CamgenError as error:
         return f"| {path.parent.name}/{path.name} | - | - | - | refused: {error} |"
     seconds = time.perf_counter() - start

@@ -28,7 +28,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         raise JobError(str(target), "exists", remedy="rename it, or delete it to get a new one")
     check_targets([target], [source])
     says.stage("reading")
-    units = "" if kind_of(source) == "image" else read(source, Job()).units
+    units = read(source, Job()).units if kind_of(source) == "dxf" else ""
     write_all([(target, template(source.name, units).encode())])
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])

@@ -15,7 +15,7 @@ from ezdxf.xclip import XClip
 
 from camgen.errors import InputError, JobError
 from camgen.readers import dxf
-from camgen.settings import Input
+from camgen.settings import Input, Job
 from camgen.shapes import Contour, Part
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
@@ -80,7 +80,7 @@ def area(contour: Contour) -> float:
 
 @pytest.mark.parametrize("name", ["bracket", "bracket_binary"])
 def test_bracket(name: str) -> None:
-    part = dxf.read(FIXTURES / "parts" / f"{name}.dxf", Input(), 0.01)
+    part = dxf.read(FIXTURES / "parts" / f"{name}.dxf", Job())
     outline, hole, other, slot = part.contours
     assert [c.layer for c in part.contours] == ["OUTLINE", "HOLES", "HOLES", "HOLES"]
     assert all(c.closed for c in part.contours)
@@ -92,7 +92,7 @@ def test_bracket(name: str) -> None:
 
 
 def test_gaps() -> None:
-    part = dxf.read(FIXTURES / "parts" / "gaps.dxf", Input(), 0.01)
+    part = dxf.read(FIXTURES / "parts" / "gaps.dxf", Job())
     assert [(c.closed, len(c.points)) for c in part.contours] == [(True, 4)]
     assert notes(part) == [
         "repaired: dropped: 1 LINE on layer 0 (without length)",
@@ -102,7 +102,7 @@ def test_gaps() -> None:
 
 
 def test_smooth() -> None:
-    part = dxf.read(FIXTURES / "parts" / "smooth.dxf", Input(), 0.01)
+    part = dxf.read(FIXTURES / "parts" / "smooth.dxf", Job())
     t = np.linspace(0, 2 * math.pi, 200001)
     oval, drop = part.contours
     assert oval.closed
@@ -118,7 +118,7 @@ def test_smooth() -> None:
 
 def test_blocks() -> None:
     """Two tabs (one mirrored), one stretched twofold, six in an array; inches."""
-    part = dxf.read(FIXTURES / "parts" / "blocks.dxf", Input(), 0.01)
+    part = dxf.read(FIXTURES / "parts" / "blocks.dxf", Job())
     assert len(part.contours) == 18
     assert {c.layer for c in part.contours} == {"CUT"}
     tab = (0.5 + math.pi * 0.25**2 / 2) * 25.4**2
@@ -135,7 +135,7 @@ def test_blocks() -> None:
 
 def test_layers() -> None:
     path = FIXTURES / "parts" / "layers.dxf"
-    part = dxf.read(path, Input(), 0.01)
+    part = dxf.read(path, Job())
     assert [c.layer for c in part.contours] == ["CUT"]
     assert notes(part) == [
         "skipped: 1 CIRCLE on layer HIDDEN (the layer is off)",
@@ -161,7 +161,7 @@ def test_layers() -> None:
 def test_refused(path: Path) -> None:
     expected = path.with_suffix(".txt").read_text().splitlines()[0]
     with pytest.raises(InputError) as caught:
-        dxf.read(path, Input(), 0.01)
+        dxf.read(path, Job())
     assert str(caught.value) == expected
 
 
@@ -505,6 +505,6 @@ def test_a_document_without_model_space() -> None:
 
 def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a folder"):
-        dxf.read(tmp_path, Input(), 0.01)
+        dxf.read(tmp_path, Job())
     with pytest.raises(InputError, match="there is no such file"):
-        dxf.read(tmp_path / "none.dxf", Input(), 0.01)
+        dxf.read(tmp_path / "none.dxf", Job())

@@ -11,7 +11,7 @@ import pytest
 from camgen.errors import InputError
 from camgen.readers import dxf
 from camgen.readers.units import INSUNITS, MM
-from camgen.settings import Input
+from camgen.settings import Job
 from camgen.shapes import Contour
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
@@ -71,7 +71,7 @@ def test_all_drawings_are_there() -> None:
 @pytest.mark.parametrize("path", [p for p in FILES if p.name not in REFUSED], ids=lambda p: p.name)
 def test_length_is_the_measured_one(path: Path) -> None:
     entry = TRUTH[str(path.relative_to(DATA))]
-    part = dxf.read(path, Input(), 0.01)
+    part = dxf.read(path, Job())
     expected = (entry["visible_exact"] - TWICE.get(path.name, 0) + MISSING.get(path.name, 0)) * scale(entry)
     assert sum(map(length, part.contours)) == pytest.approx(expected, rel=0.005)
     assert all(str(n).isprintable() for n in part.notes)
@@ -80,7 +80,7 @@ def test_length_is_the_measured_one(path: Path) -> None:
 @pytest.mark.parametrize("path", [p for p in FILES if p.name in REFUSED], ids=lambda p: p.name)
 def test_refused_in_one_line(path: Path) -> None:
     with pytest.raises(InputError) as caught:
-        dxf.read(path, Input(), 0.01)
+        dxf.read(path, Job())
     assert str(caught.value).startswith(f"{path.name}: {REFUSED[path.name]}")
     assert str(caught.value).isprintable()
 
@@ -103,4 +103,4 @@ def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
 )
 def test_loops(name: str, loops: int) -> None:
     path = next(p for p in FILES if p.name == name)
-    assert [c.closed for c in dxf.read(path, Input(), 0.01).contours] == [True] * loops
+    assert [c.closed for c in dxf.read(path, Job()).contours] == [True] * loops

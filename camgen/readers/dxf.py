@@ -18,13 +18,14 @@ from camgen.readers.dxf_entities import REPAIRED, Drawn, walk
 from camgen.readers.dxf_flat import FLAT_MM, Flat, flatten
 from camgen.readers.dxf_layers import NOT_ASKED, layers_of
 from camgen.readers.pieces import tally
-from camgen.settings import Input, Tolerance
+from camgen.settings import Input, Job
 from camgen.shapes import Contour, Note, Part
 from camgen.text import harmless, short
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
+_DEFAULTS = Job()
 #: So many curves out of the plane are named one by one, the rest is counted.
 _NAMED = 5
 #: Layers that every document has, whether the file names them or not.
@@ -80,12 +81,12 @@ class _Read(Struct, frozen=True):
         return self.about_file + self.left
 
 
-def read(path: Path, settings: Input, chord: float) -> Part:
-    """The drawing at ``path``. chord: mm, the deviation allowed for ellipses and splines.
+def read(path: Path, job: Job) -> Part:
+    """The drawing at ``path``, read with ``[input]``; ellipses and splines within ``tolerance.chord``.
 
     ``InputError`` if it cannot be read or holds nothing to machine, ``JobError`` for unknown units or layers.
     """
-    return read_bytes(path.name, dxf_load.content(path), settings, chord)
+    return read_bytes(path.name, dxf_load.content(path), job.input, job.tolerance.chord)
 
 
 def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
@@ -98,9 +99,9 @@ def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
     return Part(Path(name).stem, name, found.units, found.contours, found.notes)
 
 
-def inspect(path: Path, settings: Input | None = None) -> Facts:
+def inspect(path: Path, job: Job = _DEFAULTS) -> Facts:
     """What is in the file at ``path``. ``InputError`` if it cannot be read, ``JobError`` as for ``read``."""
-    found = _read(path.name, dxf_load.content(path), settings or Input(), Tolerance().chord)
+    found = _read(path.name, dxf_load.content(path), job.input, job.tolerance.chord)
     drawn = found.drawn
     kinds: Counter[str] = Counter()
     by_layer: dict[str, Counter[str]] = {name: Counter() for name in drawn.layers.names}
