@@ -32,8 +32,9 @@ class Outline(Struct, frozen=True, eq=False):
 
     halfway: (N, 2), where the grey value is half-way between part and ground: off the edge by blur^2 / (2 r) where it
     bends with radius r. In ``points`` this is put right wherever the bend is the same for six pixels to both sides.
-    hole: the border of a hole. sigma: noise of a point across the border, px, of its own and not shared with its
-    neighbours. blur: standard deviation of the blur across the edge, px.
+    hole: the border of a hole. sigma: noise of a point across the border, px, as far as its neighbours do not share it:
+    in a rectified view interpolation ties them, and they share as much again. blur: standard deviation of the blur
+    across the edge, px.
     """
 
     points: FloatArray

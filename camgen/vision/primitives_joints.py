@@ -8,7 +8,7 @@ from msgspec import Struct
 from camgen.pose import FloatArray
 from camgen.vision.outlines_loops import ComplexArray, IntArray, Loops
 from camgen.vision.primitives_fit import BoolArray, Curves
-from camgen.vision.primitives_pieces import Runs
+from camgen.vision.primitives_pieces import Runs, within
 
 #: Turn of a sharp corner, and how far from it the half-way level of its picture passes, in units of the blur:
 #: where a Gaussian of sigma 1 has half its weight in a wedge of that shape. Computed by quadrature.
@@ -98,7 +98,8 @@ def small_corners(curves: Curves, runs: Runs, loops: Loops, points: ComplexArray
     first, last = points[_row(runs, loops, np.zeros_like(after))], points[_row(runs, loops, runs.count - 1)]
     reach = np.maximum(np.abs(first - vertex), np.abs(last - vertex))
     inwards = 1j * np.sign(turn) * tangents(one, vertex) * np.exp(0.5j * turn)
-    depth = _depths(runs, loops, points, vertex, inwards)
+    # The place nearest to the vertex may just have gone to a neighbour.
+    depth = _depths(within(Runs(runs.first - 2, runs.count + 4, runs.loop), loops), loops, points, vertex, inwards)
     expected = np.interp(np.abs(turn), TURNS, PASSES) * s
     found = crossing & (before != after) & (reach < 1.5 * zone + 2.0) & (depth < _SLACK * expected + _ROUGH)
     return np.asarray(found & (depth > -0.5))

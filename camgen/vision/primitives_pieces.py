@@ -25,6 +25,8 @@ _LOST = 40.0
 #: A corner is rounded for so many blurs to each side.
 _ROUNDED = 2.5
 _ROUNDS = 60
+#: Points at both ends of a run that do not tell its noise, fours that do, and how much more they tell at most.
+_SHARED, _FEW, _MOST_SHARED = 4, 6, 1.8
 
 
 class Runs(Struct, frozen=True, eq=False):
@@ -189,3 +191,25 @@ def trimmed(
     weight = np.empty(len(points))
     weight[rows] = ~off | few[which]
     return weight
+
+
+def rougher(runs: Runs, loops: Loops, points: ComplexArray, curves: Curves, sigma: FloatArray) -> FloatArray:
+    """The noise (L,) px that neighbours share: what means of four points are off their curves, twice.
+
+    Where a photo was rectified, linear interpolation has smoothed its noise, and differences of neighbours tell too
+    little of it. From ``sigma`` to 1.8 times that, the most that interpolation does; long runs tell it.
+    """
+    rows, begin = runs.rows(loops)
+    which = np.repeat(np.arange(len(runs)), runs.count)
+    error = curves.take(which).distances(points[rows])
+    place = np.arange(len(rows)) - begin[which] - _SHARED
+    # Whole fours, away from the ends.
+    fours = np.maximum((runs.count - 2 * _SHARED) // 4, 0)
+    inside = (place >= 0) & (place < 4 * fours[which])
+    means = error[inside].reshape(-1, 4).mean(axis=1)
+    loop = runs.loop[which[inside]][::4]
+    count = np.bincount(loop, minlength=len(sigma))
+    # A curve takes three numbers from its points.
+    spare = count - 0.75 * np.bincount(runs.loop[fours > 0], minlength=len(sigma))
+    found = 2 * np.sqrt(np.bincount(loop, means**2, len(sigma)) / np.maximum(spare, 1))
+    return np.where(spare >= _FEW, found.clip(sigma, _MOST_SHARED * sigma), sigma)

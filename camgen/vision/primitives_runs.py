@@ -9,7 +9,7 @@ from camgen.pose import FloatArray
 from camgen.vision.outlines_loops import ComplexArray, Loops
 from camgen.vision.primitives_fit import BoolArray, Curves
 from camgen.vision.primitives_joints import Joints, cleared, joints, normals, oriented, small_corners
-from camgen.vision.primitives_pieces import Runs, blocks, fitted, merged, relaxed, trimmed, within
+from camgen.vision.primitives_pieces import Runs, blocks, fitted, merged, relaxed, rougher, trimmed, within
 
 _ROUNDS, _RELAXED, _CORNERS = 3, 2, 3
 #: Fewer points than this are no feature.
@@ -32,9 +32,10 @@ class Divided(Struct, frozen=True, eq=False):
 
 def divided(loops: Loops, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray) -> Divided:
     """Lines and arcs of closed loops of points where the grey value is half-way; sigma, blur (L,) px."""
-    weight = np.ones(len(halfway))
+    weight, told = np.ones(len(halfway)), sigma
     runs = merged(blocks(loops), loops, halfway, weight, sigma)
     for _ in range(_ROUNDS):
+        sigma = rougher(runs, loops, halfway, fitted(runs, loops, halfway, weight, sigma)[1], told)
         for _ in range(_RELAXED):
             _, curves, _ = fitted(runs, loops, halfway, weight, sigma)
             runs = relaxed(runs, loops, halfway, curves, sigma)
