@@ -23,7 +23,7 @@ def _in_image_space(part: Part, job: Job) -> Plan:
         what = '"image" plans in a picture, and this is none'
         raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
     if job.operation.kind != "follow":
-        what = f'the image-space planner follows contours, it cannot {job.operation.kind}'
+        what = f"the image-space planner follows contours, it cannot {job.operation.kind}"
         raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
     from camgen.planners.image_space import image_space  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
 
