@@ -221,7 +221,24 @@ def speed(folder: Path, names: list[str]) -> int:
         failed |= least / best > TIMES or memory > MEMORY
         ratios = f"{least / best:.2f} | {least / calls:.2f}"
         print(f"| {what} | {least:.2f} | {least:.2f} to {most:.2f} | {memory:.0f} | {ratios} |")
+    for planner in PLANNERS:
+        print(f"\nIn a process that runs already, {planner}: {_inside(folder, name, photo, planner):.2f} s", end="")
+    print()
     return int(failed)
+
+
+def _inside(folder: Path, name: str, photo: str, planner: str) -> float:
+    """The best time of a build from the photo to the checked program, everything imported."""
+    import camgen  # noqa: PLC0415 (only where it is timed)
+    from camgen.cli_job import load  # noqa: PLC0415
+
+    job = load(folder / f"{name}.toml", [f"operation.planner={planner}"])
+    times = []
+    for _ in range(RUNS):
+        begun = time.perf_counter()
+        camgen.build(folder / photo, post="pacscript", job=job)
+        times.append(time.perf_counter() - begun)
+    return min(times)
 
 
 def _bare_said(photo: Path) -> list[str]:

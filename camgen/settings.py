@@ -66,9 +66,10 @@ class Camera(Table, frozen=True):
         Values | None, Meta(description="or the work frame in the camera's: [x, y, z, rx, ry, rz], mm and deg")
     ] = None
     markers: Annotated[
-        str, Meta(description='or a sheet of camgen markers under the part, by its size: "A4"; "" for none')
+        str, Meta(description='or what lies on the bench: a sheet of camgen markers, "A4", or a ChArUco board, "7x5"')
     ] = ""
-    marker: Annotated[Positive, Meta(description="width of the sheet's markers, mm")] = 20.0
+    marker: Annotated[Positive, Meta(description="width of the markers of sheet or board, mm")] = 20.0
+    square: Annotated[Positive, Meta(description="width of the squares of a ChArUco board, mm")] = 30.0
     printed_length: Annotated[Positive, Meta(description="what the sheet's ruler measures on the paper, mm")] = 100.0
     height: Annotated[float, Meta(description="height of the part's top face above points or markers, mm")] = 0.0
 

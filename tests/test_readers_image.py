@@ -126,6 +126,22 @@ def test_markers_show_where_the_plane_is(folder: Path) -> None:
     assert rms < 0.03
 
 
+def test_a_charuco_board_shows_where_the_plane_is(tmp_path: Path) -> None:
+    """Board of 7 x 5 squares of 20 mm, 10 px a mm; a square part of 40 mm stands to its right, 20 mm up."""
+    board = cv2.aruco.CharucoBoard((7, 5), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    pixels = np.full((1200, 2400), 205, np.uint8)
+    pixels[100:1100, 100:1500] = board.generateImage((1400, 1000), marginSize=0)
+    pixels[500:900, 1700:2100] = 50
+    cv2.imwrite(str(tmp_path / "board.png"), pixels)
+    table = {"markers": "7x5", "marker": 15.0, "square": 20.0}
+    with pytest.raises(CamgenError, match="a board on the bench looks like a part"):
+        camgen.build(tmp_path / "board.png", post="gcode", job={"camera": table})
+    job = {"camera": table, "image": {"region": [145.0, 5.0, 220.0, 90.0]}}
+    (contour,) = camgen.build(tmp_path / "board.png", post="gcode", job=job).part.contours
+    assert contour.points.min(axis=0) == pytest.approx([160, 20], abs=0.02)
+    assert contour.points.max(axis=0) == pytest.approx([200, 60], abs=0.02)
+
+
 def test_a_photo_of_the_empty_bench_tells_the_part(folder: Path) -> None:
     seen, dim = shot(seed=5), shot(seed=6, exposure=0.85)
     file = photo(folder, "with.png", scene(PART, BENCH), seen)

@@ -6,6 +6,7 @@ Photo, work plane, to-scale view, mask, outlines to a part of a pixel, lines and
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,8 +27,10 @@ from camgen.vision.outlines import outlines
 from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
 from camgen.vision.primitives import Fit, primitives
 from camgen.vision.rectify import Region, View, already_to_scale, cut_out, framed, rectify
-from camgen.vision.sheet import Sheet, sheet
+from camgen.vision.sheet import Board, Sheet, sheet
 
+#: A ChArUco board by its squares.
+_BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 #: Pictures of more values are looked at coarsely first: so many times coarser, and then around the part with so much of
 #: the bench on each side, coarse pixels at least and as a share of the part.
 _LARGE, _COARSER, _ROOM, _SHARE = 2_000_000, 4, 24, 0.12
@@ -176,7 +179,7 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
             raise JobError("[camera] plane_from", f"has {len(table.plane_from)} values", remedy="give 6")
         return plane_from_pose(camera, pose_from_values(table.plane_from))
     if table.markers:
-        return find(picture, camera, _sheet(table), height=table.height)
+        return find(picture, camera, _target(table), height=table.height)
     return None
 
 
@@ -194,18 +197,23 @@ def _region(job: Job) -> Region | None:
     """What is looked at: what the job says; on a marker sheet its free area, since markers look like parts."""
     values = job.image.region
     if values is None:
-        if not job.camera.markers:
-            return None
-        free = _sheet(job.camera).free
-        return 0.0, 0.0, *free
+        target = _target(job.camera) if job.camera.markers else None
+        if isinstance(target, Board):
+            remedy = "give [image] region = [x from, y from, x to, y to], mm from the board's lower left corner"
+            raise JobError("[camera] markers", "a board on the bench looks like a part", remedy=remedy)
+        return None if target is None else (0.0, 0.0, *target.free)
     if len(values) != 4:
         raise JobError("[image] region", f"has {len(values)} values", remedy="give [x from, y from, x to, y to], mm")
     x0, y0, x1, y1 = values
     return x0, y0, x1, y1
 
 
-def _sheet(table: CameraTable) -> Sheet:
-    return sheet(table.markers, table.marker, table.printed_length)
+def _target(table: CameraTable) -> Sheet | Board:
+    """The sheet or the board that lies on the bench."""
+    squares = _BOARD.fullmatch(table.markers)
+    if squares is None:
+        return sheet(table.markers, table.marker, table.printed_length)
+    return Board(int(squares[1]), int(squares[2]), table.square, table.marker)
 
 
 def _frame(seen: _Seen) -> FloatArray:
