@@ -43,6 +43,12 @@ class Image(Table, frozen=True):
     region: Annotated[
         Values | None, Meta(description="what to look at: [x from, y from, x to, y to], mm of the work plane")
     ] = None
+    tones: Annotated[
+        Literal["linear", "srgb"],
+        Meta(
+            description="linear: values are light, as of cameras for machine vision; srgb: coded, as most others write"
+        ),
+    ] = "linear"
     mask: Annotated[
         Literal["auto", "otsu", "threshold", "color", "background", "adaptive"],
         Meta(description="how the part is told from the bench; auto chooses and says why"),

@@ -152,6 +152,19 @@ def test_a_photo_of_the_empty_bench_tells_the_part(folder: Path) -> None:
     assert errors(result)[1] < 0.0125
 
 
+def test_coded_tones_are_turned_into_light(folder: Path) -> None:
+    """Halfway between two coded values is not halfway between two lights: the part would be seen too small."""
+    seen = shot(seed=9, coding="srgb")
+    file = photo(folder, "srgb.png", scene(), seen)
+    job = {"camera": {"file": camera_file(folder), **pairs(seen)}}
+    coded, light = (
+        errors(camgen.build(file, post="rapid", job={**job, "image": {"tones": tones}}))[1]
+        for tones in ("linear", "srgb")
+    )
+    assert coded > 0.02
+    assert light < 0.0125
+
+
 def square(file: Path, mm_per_px: float, grey: int = 60) -> None:
     """A square of 30 mm whose lower left corner is at (10, 10) mm, seen straight from above."""
     pixels = np.full((round(50 / mm_per_px), round(60 / mm_per_px)), 200, np.uint8)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.errors import InputError, JobError
 from camgen.pose import FloatArray, pose_from_values
@@ -110,12 +111,12 @@ def inspect(path: Path, job: Job) -> Facts:
 
 
 def _seen(path: Path, job: Job) -> _Seen:
-    picture = load(path)
+    picture = _light(load(path), job)
     camera = read_camera(Path(job.camera.file)) if job.camera.file else None
     way = _Way(camera, _plane(picture, camera, job.camera), job)
     empty = None
     if job.image.background:
-        empty = load(Path(job.image.background))
+        empty = _light(load(Path(job.image.background)), job)
         if empty.pixels.shape[:2] != picture.pixels.shape[:2]:
             remedy = "take both with the same camera from the same place"
             raise InputError(empty.name, "differs in size from the photo of the part", "[image] background", remedy)
@@ -124,6 +125,21 @@ def _seen(path: Path, job: Job) -> _Seen:
         region = _around(way, picture, empty)
     view, mask = _masked(way, picture, empty, region, 1)
     return _Seen(picture, camera, way.plane, view, mask)
+
+
+def _light(picture: Picture, job: Job) -> Picture:
+    """The picture with values that are light: blur of lens and sensor acts on light, and so does the level of an edge.
+
+    IEC 61966-2-1 has the curve.
+    """
+    if job.image.tones == "linear":
+        return picture
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    coded = np.arange(256) / 255
+    light = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+    pixels = cv2.LUT(picture.pixels, (light * 255).round().astype(np.uint8))
+    return replace(picture, pixels=np.asarray(pixels, dtype=np.uint8))
 
 
 class _Way(Struct, frozen=True):
