@@ -104,6 +104,7 @@ def _parsers() -> tuple[_Parser, dict[str, _Parser]]:
     command("verify", "read a program back and say what it does", _verify)
     command("calibrate", "measure the lens of a camera from photos of a board", _calibrate)
     command("markers", "draw a sheet of markers that shows a photo where the work plane is", _markers)
+    command("robots", "list the robots that camgen knows", lambda _: None)
     command("posts", "list the posts that are installed", lambda _: None)
     return parser, commands
 

@@ -34,11 +34,18 @@ def rows(
         *_job(job, inputs),
         *_notes(result.notes, verbose),
         *_planned(result),
-        ("cell", f"{result.cell.name}; reach, collision and limits not checked: no robot model", "look"),
+        ("cell", _cell(result), "look"),
         ("time", f"about {duration(result.motions.seconds)}", "plain"),
         *(_program(path, data, result.post.newline) for path, data in programs),
         ("verified", _verified(result), "good"),
     ]
+
+
+def _cell(result: Result) -> str:
+    if result.reach is None:
+        return f"{result.cell.name}; reach, collision and limits not checked: no robot model"
+    samples = grouped(result.reach.samples)
+    return f"{result.reach.robot} reaches all of it within its limits ({samples} poses); collisions not checked"
 
 
 def _input(result: Result) -> str:

@@ -30,9 +30,11 @@ from camgen.planners import plan
 from camgen.plugins import find_post, find_readback, make_post
 from camgen.pose import Pose, fixed_xyz
 from camgen.post import Cell, OutputFile, Post
+from camgen.reach import Reach, reached
 from camgen.readers import read
 from camgen.report import Motions, sum_up
 from camgen.report import report as report_of
+from camgen.robots.models import robot
 from camgen.settings import Job
 from camgen.shapes import Note, Part
 from camgen.text import short
@@ -47,7 +49,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
 
     part: what was read. tour: the paths in order, with their leads. program: as the text says it, arcs already
     replaced where the controller has none. files: the text with LF line ends. deviation: of the text read back.
-    motions: the sums of the program.
+    motions: the sums of the program. reach: what ``cell.robot`` found, None where no robot is given.
     """
 
     part: Part
@@ -60,12 +62,15 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     files: tuple[OutputFile, ...]
     deviation: Deviation
     motions: Motions
+    reach: Reach | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
         """The contract's report as plain data."""
         files = [file.name for file in self.files]
-        return report_of(self.part, self.tour, self.notes, self.motions.seconds, self.deviation.max_mm, files)
+        checked = {} if self.reach is None else {"reach": "ok", "limits": "ok"}
+        seconds, deviation = self.motions.seconds, self.deviation.max_mm
+        return report_of(self.part, self.tour, self.notes, seconds, deviation, files, checked)
 
     @property
     def text(self) -> str:
@@ -100,12 +105,13 @@ def build(
     header = _header(sources, part, poster, settings, cell, digest)
     title = poster.program or name or part.name
     program = poster.prepare(lower(tour, cell, settings, title, header), settings.tolerance.chord)
+    reach = reached(program, robot(settings.cell.robot), part.source) if settings.cell.robot else None
     files = poster.render(program)
     watch("verifying")
     reading = readback({file.name: file.text for file in files}, settings.post)
     deviation = compare(program, reading, poster.tolerance(), poster.carried(), files[0].name)
     motions = sum_up(program.columns)
-    return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions)
+    return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions, reach)
 
 
 def joined(parts: Sequence[Part]) -> Part:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from msgspec import Struct
@@ -107,10 +108,12 @@ def report(
     seconds: float,
     verified: float,
     files: Sequence[str],
+    checked: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, object]:
     """The report of a build (contract, section 5): mm, s, N; lengths to 1e-3 mm, the deviation to 1e-6 mm.
 
     seconds: ``Motions.seconds`` of the program. verified: the largest deviation of the read-back, mm. files: names.
+    checked: what of reach, collision and limits was checked, and the result.
     """
     contours = part.contours
     lengths, durations = path_sums(tour.paths)
@@ -133,7 +136,7 @@ def report(
             "bound_mm": None,
         },
         "time_s": round(seconds, 1),
-        "checks": {"reach": NOT_CHECKED, "collision": NOT_CHECKED, "limits": NOT_CHECKED},
+        "checks": dict.fromkeys(("reach", "collision", "limits"), NOT_CHECKED) | dict(checked),
         "verify": {"status": "equal", "max_deviation_mm": round(verified, 6)},
         "files": [clean(name) for name in files],
         "notes": [{"kind": n.kind, "what": clean(n.what), "why": clean(n.why)} for n in notes],

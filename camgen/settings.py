@@ -146,6 +146,10 @@ class Tour(Table, frozen=True):
 class CellTable(Table, frozen=True):
     """[cell]: where the work and the tool are. Without it the post's built-in cell is used."""
 
+    robot: Annotated[
+        str, Meta(description='the arm that must reach everything, as camgen robots lists it; "": not checked')
+    ] = ""
+
     base_from_work: Annotated[
         Values | None, Meta(description="work frame in the robot's base: [x, y, z, rx, ry, rz], mm and deg")
     ] = None

@@ -10,12 +10,12 @@ FLOORS = {
     "errors": 0, "pose": 0, "text": 0,
     "shapes": 1, "paths": 1, "settings": 1, "geometry": 1, "writing": 1, "tour_start": 1,
     "instructions": 1, "body": 2, "ir_rules": 3, "ir": 4, "ir_text": 5, "passes": 5,
-    "vision": 2, "robots": 2, "solids": 2, "readers": 3, "planners": 3, "post": 6, "plugins": 7,
+    "vision": 2, "robots": 2, "solids": 2, "collision": 3, "edges": 3, "readers": 3, "planners": 3, "post": 6, "plugins": 7,
     "tour_tree": 2, "tour": 3, "leads": 4, "lower_rows": 3, "winding": 4, "lower": 7, "check": 7,
     "testing": 8, "testing_cases": 7,
-    "cli_job": 8, "report": 8, "job": 9, "preview_draw": 8, "preview": 9, "preview_stages": 9,
+    "cli_job": 8, "report": 8, "reach": 8, "job": 9, "preview_draw": 8, "preview": 9, "preview_stages": 9,
     "cli_say": 9, "cli_plan": 9, "cli_summary": 10, "cli_build": 11, "cli_init": 11, "cli_inspect": 11, "cli_posts": 11,
-    "cli_verify": 11, "cli_calibrate": 11, "cli_markers": 11, "cli": 12, "__main__": 13,
+    "cli_verify": 11, "cli_robots": 11, "cli_calibrate": 11, "cli_markers": 11, "cli": 12, "__main__": 13,
 }  # fmt: skip
 POST_MAY_IMPORT = {"body", "ir", "pose", "post", "errors", "text", "passes"}
 FILES = sorted([*ROOT.glob("camgen/**/*.py"), *ROOT.glob("postprocessors/**/*.py")])
