@@ -1,0 +1,92 @@
+"""What comes of an edge: the joints that process it, or the reason why none do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.edges.ways import Way
+from camgen.pose import FloatArray, Pose, frozen
+from camgen.robots.models import Robot
+
+
+def _all_clear(joints: FloatArray) -> NDArray[np.bool_]:
+    return np.ones(len(joints), dtype=bool)
+
+
+class Setup(Struct, frozen=True, eq=False):
+    """A robot, its work and its tool. clear: which joint values (N, J) collide with nothing (N,). hit: what joint
+    values (J,) that are not clear collide with, as a phrase: "link 5 with the part".
+    """
+
+    robot: Robot
+    base_from_work: Pose
+    flange_from_tool: Pose
+    clear: Callable[[FloatArray], NDArray[np.bool_]] = _all_clear
+    hit: Callable[[FloatArray], str] = lambda _: "something"
+
+
+class Freedom(Struct, frozen=True):
+    """What of a tool's orientation is free where the nominal one does not do. tilt: rad, how far its axis may lean from
+    the nominal one to any side. roll: it is symmetric, so any turn about its axis is as good.
+
+    Both hold at the rows of the program. Where the orientation changes along an arc the axis cuts the corner between
+    rows up to 30 deg apart: 1.3 deg more tilt at most at a right-angled rim; ``Reached.tilt`` has it as it is.
+    """
+
+    tilt: float = 0.0
+    roll: bool = False
+
+    def __bool__(self) -> bool:
+        return self.tilt > 0 or self.roll
+
+
+class Unreached(Struct, frozen=True):
+    """An edge that cannot be processed. kind: the shape itself; as in ``robots.reasons``; or a collision. text: the
+    reason with its amount and the place along the edge.
+    """
+
+    id: str
+    kind: Literal["shape", "reach", "lean", "limit", "singular", "jump", "collision"]
+    text: str
+
+
+class Reached(Struct, frozen=True, eq=False):
+    """A processing motion. way: the rows of the program, few. joints: (N, J) at these, their posture. dense: (D, J) as
+    the motion goes, for collision tests; at: (N,) the rows' places in it. tilt: (D,) rad between tool z and the nominal
+    one, roll: (D,) rad about it. backwards: the edge is run from its end to its start.
+    """
+
+    id: str
+    backwards: bool
+    way: Way
+    joints: FloatArray
+    dense: FloatArray
+    at: NDArray[np.int64]
+    tilt: FloatArray
+    roll: FloatArray
+
+    def reversed(self) -> Reached:
+        """The same motion the other way."""
+        return replace(
+            self,
+            backwards=not self.backwards,
+            way=self.way.reversed(),
+            joints=frozen(self.joints[::-1]),
+            dense=frozen(self.dense[::-1]),
+            at=len(self.dense) - 1 - self.at[::-1],
+            tilt=frozen(self.tilt[::-1]),
+            roll=frozen(self.roll[::-1]),
+        )
+
+    @property
+    def freed(self) -> tuple[float, float] | None:
+        """The most tilt and roll, deg; None where the nominal orientation does."""
+        most = (math.degrees(np.abs(self.tilt).max()), math.degrees(np.abs(self.roll).max()))
+        return most if max(most) > 1e-6 else None

@@ -1,0 +1,37 @@
+"""Edges as formulas: straight ones and rims, with both normals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from camgen.pose import FloatArray
+from camgen.solids.solid import Edge
+
+Vector = Sequence[float]
+
+
+def straight(start: Vector, end: Vector, first: Vector, second: Vector, name: str = "e1") -> Edge:
+    points = np.array([start, end], dtype=np.float64)
+    normals = np.array([first, second], dtype=np.float64)
+    both = np.stack([normals, normals])
+    angle = math.acos(np.clip(normals[0] @ normals[1], -1, 1))
+    length = float(np.linalg.norm(points[1] - points[0]))
+    via = points.mean(axis=0, keepdims=True)
+    return Edge(name, "line", points, via, both, both[:1], angle, True, False, 0.0, length)
+
+
+def rim(centre: Vector, radius: float, outer: bool, name: str = "e1") -> Edge:
+    """The upper rim of an upright cylinder: of a boss (``outer``) or of a bore."""
+    angles = np.arange(5) * (math.pi / 2)
+    radial = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    points = np.array(centre) + radius * radial
+    points[4] = points[0]
+    up = np.broadcast_to([0.0, 0.0, 1.0], radial.shape)
+    normals: FloatArray = np.stack([up, radial if outer else -radial], axis=1)
+    return Edge(
+        name, "circle", points[::2], points[1::2], normals[::2], normals[1::2], math.pi / 2, True, True, radius,
+        math.tau * radius,
+    )  # fmt: skip
