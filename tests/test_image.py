@@ -156,6 +156,10 @@ def test_orientation_is_honoured(orientation: int, kind: str, tmp_path: Path) ->
     else:
         data = jpeg([app1(said)]) if kind == "jpeg" else png([(b"eXIf", said)])
     picture = loaded(tmp_path, data)
+    (tmp_path / "as-stored").write_bytes(data)
+    stored = load(tmp_path / "as-stored", sensor=True)
+    assert stored.turned == (kind == "tiff" and orientation != 1)
+    assert kind == "tiff" or stored.pixels.shape[:2] == (20, 30)
     assert picture.pixels.shape[:2] == ((20, 30) if orientation < 5 else (30, 20))
     blue = picture.pixels[CORNERS[orientation]]
     assert np.abs(blue.astype(int) - CORNER).max() < 12

@@ -111,12 +111,14 @@ def inspect(path: Path, job: Job) -> Facts:
 
 
 def _seen(path: Path, job: Job) -> _Seen:
-    picture = _light(load(path), job)
+    # A lens belongs to the sensor's pixels. Points were read off the picture as a viewer shows it, turned.
+    sensor = bool(job.camera.file) and job.camera.points_px is None
+    picture = _light(load(path, sensor=sensor), job)
     camera = read_camera(Path(job.camera.file)) if job.camera.file else None
     way = _Way(camera, _plane(picture, camera, job.camera), job)
     empty = None
     if job.image.background:
-        empty = _light(load(Path(job.image.background)), job)
+        empty = _light(load(Path(job.image.background), sensor=sensor), job)
         if empty.pixels.shape[:2] != picture.pixels.shape[:2]:
             remedy = "take both with the same camera from the same place"
             raise InputError(empty.name, "differs in size from the photo of the part", "[image] background", remedy)

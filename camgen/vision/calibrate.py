@@ -69,9 +69,9 @@ def calibrate(paths: Sequence[Path], target: Target, name: str, stage: Callable[
 
 def photographed(path: Path, target: Target) -> Photo:
     """The board in the photo of this file. InputError if it cannot be read, or was turned by its Exif orientation."""
-    picture = load(path)
+    picture = load(path, sensor=True)
     if picture.turned:
-        what = "was turned by its Exif orientation, a lens calibration belongs to the pixels of the sensor"
+        what = "is a TIFF turned by its Exif orientation, a lens calibration belongs to the pixels of the sensor"
         raise InputError(picture.name, what, remedy="save the photos without the orientation, or leave this one out")
     height, width = picture.pixels.shape[:2]
     return Photo(picture.name, (width, height), seen(picture.pixels, target))

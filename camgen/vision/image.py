@@ -56,8 +56,11 @@ class Picture(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...] = ()
 
 
-def load(path: Path) -> Picture:
-    """The picture in a PNG, JPEG, TIFF or BMP file. InputError if it is none, damaged, cut off or too large."""
+def load(path: Path, *, sensor: bool = False) -> Picture:
+    """The picture in a PNG, JPEG, TIFF or BMP file. InputError if it is none, damaged, cut off or too large.
+
+    sensor: its pixels as the sensor delivered them, whatever the Exif orientation says, for use with a calibrated lens.
+    """
     data = _read(path)
     head = header(data)
     if head is None:
@@ -71,7 +74,8 @@ def load(path: Path) -> Picture:
     if head.pages > 1:
         notes.append(Note("skipped", "all pages but the first", "camgen reads one picture from a file"))
     pixels = _opaque(_eight_bits(stored, path.name, notes), notes)
-    turned = head.orientation != 1
+    # OpenCV has turned a TIFF already.
+    turned = head.orientation != 1 and not (sensor and head.kind != "TIFF")
     if turned:
         pixels = _upright(pixels, head)
         notes.append(Note("assumed", f"picture turned by its Exif orientation {head.orientation}"))
