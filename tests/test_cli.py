@@ -266,7 +266,11 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ([], "command line: no command is given; give one of build, inspect, init, verify, calibrate, markers, robots, posts"),
+        (
+            [],
+            "command line: no command is given; "
+            "give one of build, inspect, init, verify, calibrate, markers, robots, posts",
+        ),
         (["biuld"], "command line: no command 'biuld'; nearest is build"),
         (["posts", "--quite"], "posts: unknown argument '--quite'; nearest is --quiet"),
         (["posts", "x"], "posts: unknown argument 'x'"),
