@@ -1,0 +1,84 @@
+"""Which configurations collide."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camgen.collision.boxes import Boxes, meet
+from camgen.collision.mesh import Mesh, struck
+from camgen.collision.scene import Scene
+from camgen.pose import FloatArray
+from camgen.robots.forward import frames
+from camgen.solids.solid import IntArray
+
+#: Configurations that are worked on at once: what belongs to them should fit into the processor's cache.
+_ROWS = 1024
+
+
+def hits(scene: Scene, joints: FloatArray, grow: float | FloatArray = 0.0) -> IntArray:
+    """The first pair of ``scene.pairs`` that collides at each configuration (N, J), rad or mm: (N,), -1: none.
+
+    grow: mm by which boxes that move are larger, one number or (N, B). To touch is to collide.
+    """
+    joints = np.asarray(joints, dtype=np.float64)
+    grow = np.broadcast_to(grow, (len(joints), len(scene.frame)))
+    found = np.full(len(joints), -1, dtype=np.int64)
+    for begin in range(0, len(joints), _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        placed = place(scene, joints[rows]).grown((grow[rows] * scene.moving)[..., None])
+        row, box = near_pairs(scene, placed)
+        met = meet(placed[row, scene.first[box]], placed[row, scene.second[box]])
+        # Of several values for one place the last one stays: the first pair, since they come backwards.
+        found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
+        if scene.mesh:
+            _against(scene, scene.mesh, placed, found[rows])
+    return found
+
+
+def finite(joints: FloatArray) -> FloatArray:
+    """``joints`` as they are. ValueError where one is not a number: nothing would seem to be near it."""
+    if not np.isfinite(joints).all():
+        raise ValueError("a configuration holds a joint value that is not finite")
+    return np.asarray(joints, dtype=np.float64)
+
+
+def place(scene: Scene, joints: FloatArray) -> Boxes:
+    """All boxes at N configurations (N, J), base frame: (N, B)."""
+    rotations, origins = frames(scene.robot, finite(joints))
+    turned = rotations[:, scene.frame]
+    centres = origins[:, scene.frame] + (turned @ scene.origin[..., None])[..., 0]
+    return Boxes(centres, turned @ scene.rotation, np.broadcast_to(scene.half, centres.shape))
+
+
+def near_pairs(scene: Scene, placed: Boxes) -> tuple[IntArray, IntArray]:
+    """Row and pair of boxes (n,), in order, whose boxes square to the base meet."""
+    reach = placed.reach
+    near = np.ones((len(reach), len(scene.first)), dtype=bool)
+    for axis in range(3):
+        at, room = placed.centres[..., axis], reach[..., axis]
+        near &= np.abs(at[:, scene.first] - at[:, scene.second]) <= room[:, scene.first] + room[:, scene.second]
+    row, box = np.nonzero(near)
+    return row, box
+
+
+def near_mesh(scene: Scene, mesh: Mesh, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]:
+    """Row and place in ``scene.striking`` of boxes (n,), in order, that meet the box around the mesh, and these boxes
+    in the part's frame.
+    """
+    rotation, origin = scene.base_from_part.rotation, np.asarray(scene.base_from_part.origin)
+    around = Boxes(rotation @ mesh.box.centres + origin, rotation, mesh.box.half)
+    apart = np.abs(placed.centres[:, scene.striking] - around.centres)
+    row, which = np.nonzero((apart <= placed.reach[:, scene.striking] + around.reach).all(axis=2))
+    boxes = placed[row, scene.striking[which]].seen_from(rotation, origin)
+    count = len(row)
+    whole = Boxes(*(np.broadcast_to(a, (count, *a.shape)) for a in (mesh.box.centres, mesh.box.axes, mesh.box.half)))
+    met = meet(whole, boxes)
+    return row[met], which[met], boxes[met]
+
+
+def _against(scene: Scene, mesh: Mesh, placed: Boxes, found: IntArray) -> None:
+    """Fill in the pairs with the mesh for configurations that have none yet."""
+    free = np.flatnonzero(found < 0)
+    row, which, boxes = near_mesh(scene, mesh, placed[free])
+    met = np.flatnonzero(struck(mesh, boxes))[::-1]
+    found[free[row[met]]] = scene.of_strike[which[met]]

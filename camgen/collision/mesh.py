@@ -1,0 +1,149 @@
+"""The part as triangles: whether boxes meet its surface or are within it, many at once, and how far one is from it.
+
+fcl knows the distance. For a yes or no the tree here is many times as fast, since it takes all boxes of all
+configurations at once and stops at the first corner within a box. What fcl does not know either: to it a mesh is a
+surface, and a box wholly within is free. Its continuous collision is not used: it misses plates.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import fcl  # type: ignore[import-untyped]
+import numpy as np
+from msgspec import Struct
+
+from camgen.collision.boxes import Boxes, every
+from camgen.collision.tree import Tree, asked, grown
+from camgen.pose import FloatArray, frozen
+from camgen.solids.solid import BoolArray, IntArray, Solid
+
+#: Boxes that are put to the tree at once.
+_BOXES = 512
+
+
+class Mesh(Struct, frozen=True, eq=False):
+    """A part's surface in its own frame. box: around all. surface: fcl's collision object."""
+
+    tree: Tree
+    box: Boxes
+    surface: Any
+
+
+def meshed(solid: Solid) -> Mesh:
+    """The mesh of a part, made once and used in any number of scenes. 50,000 triangles take 0.2 s."""
+    model = fcl.BVHModel()
+    model.beginModel(len(solid.vertices), len(solid.faces))
+    model.addSubModel(np.asarray(solid.vertices), np.asarray(solid.faces))
+    model.endModel()
+    tree = grown(solid.vertices[solid.faces])
+    low, high = tree.lows[0].min(axis=0), tree.highs[0].max(axis=0)
+    box = Boxes(frozen((low + high) / 2), frozen(np.eye(3)), frozen((high - low) / 2))
+    return Mesh(tree, box, fcl.CollisionObject(model))
+
+
+def struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
+    """Which boxes (N,) in the part's frame meet the surface or are within the part (N,)."""
+    found = inside(mesh, boxes.centres)
+    for begin in range(0, len(found), _BOXES):
+        some = np.flatnonzero(~found[begin : begin + _BOXES]) + begin
+        found[some] = _surface(mesh.tree, boxes[some])
+    return found
+
+
+def _surface(tree: Tree, boxes: Boxes) -> BoolArray:
+    """Which boxes (N,) meet a triangle. One corner within a box settles it; others are tested triangle by triangle."""
+    reach, steep = boxes.reach, np.abs(boxes.axes)
+
+    def near(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
+        apart, room = (low + high) / 2 - boxes.centres[which], (high - low) / 2
+        good = every(np.abs(apart) <= room + reach[which])
+        which, apart, room = which[good], apart[good], room[good]
+        across = np.abs((apart[:, None] @ boxes.axes[which])[:, 0])
+        good[good] = every(across <= boxes.half[which] + (room[:, None] @ steep[which])[:, 0])
+        return good
+
+    def holds(which: IntArray, corner: FloatArray) -> BoolArray:
+        across = np.abs(((corner - boxes.centres[which])[:, None] @ boxes.axes[which])[:, 0])
+        return every(across <= boxes.half[which])
+
+    which, triangle, found = asked(tree, len(reach), near, holds)
+    corners = (tree.corners[triangle] - boxes.centres[which][:, None]) @ boxes.axes[which]
+    found[which[_cut(corners, boxes.half[which])]] = True
+    return found
+
+
+def _cut(corners: FloatArray, half: FloatArray) -> BoolArray:
+    """Which triangles (n, 3, 3) meet the boxes of half edges (n, 3) around the origin, square to the frame: those that
+    none of 13 axes parts (Akenine-Moeller, Fast 3D triangle-box overlap testing, 2001).
+    """
+    good = every((corners.min(axis=1) <= half) & (corners.max(axis=1) >= -half))
+    sides = np.roll(corners, -1, axis=1) - corners
+    normal = np.cross(sides[:, 0], sides[:, 1])
+    good &= np.abs((normal * corners[:, 0]).sum(axis=1)) <= (np.abs(normal) * half).sum(axis=1)
+    for axis in range(3):
+        # The product of a side with an axis of the box has no part along that axis.
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        along = sides[:, :, None, u] * corners[:, None, :, v] - sides[:, :, None, v] * corners[:, None, :, u]
+        room = np.abs(sides[..., u]) * half[:, None, v] + np.abs(sides[..., v]) * half[:, None, u]
+        good &= ((along.min(axis=2) <= room) & (along.max(axis=2) >= -room)).all(axis=1)
+    return good
+
+
+def inside(mesh: Mesh, points: FloatArray) -> BoolArray:
+    """Which points (N, 3) are in the part (N,).
+
+    The surface is counted along six rays, one each way along each axis: left outward +1, entered -1. A closed surface
+    gives the same along all. Where it has holes, half of the rays decide.
+    """
+    total = np.zeros(len(points))
+    within = np.flatnonzero((np.abs(points - mesh.box.centres) <= mesh.box.half).all(axis=1))
+    for axis in range(3):
+        total[within] += _through(mesh.tree, points[within], axis)
+    return np.abs(total) >= 3
+
+
+def _through(tree: Tree, points: FloatArray, axis: int) -> FloatArray:
+    """The counts along both rays of an axis, summed (N,)."""
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+
+    def stabbed(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
+        at = points[which]
+        return (low[:, u] <= at[:, u]) & (at[:, u] <= high[:, u]) & (low[:, v] <= at[:, v]) & (at[:, v] <= high[:, v])
+
+    which, triangle, _ = asked(tree, len(points), stabbed)
+    corners, at = tree.corners[triangle][..., [u, v, axis]], points[which][:, [u, v, axis]]
+    facing = _around(corners, at)
+    hit = facing != 0
+    which, corners, at, facing = which[hit], corners[hit], at[hit], facing[hit]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # A triangle that is counted has an area seen along the ray, unless it is lost in rounding: then any height is its.
+    steep = np.where(normal[:, 2] == 0, 1.0, normal[:, 2])
+    height = corners[:, 0, 2] + ((corners[:, 0, :2] - at[:, :2]) * normal[:, :2]).sum(axis=1) / steep
+    return np.asarray(np.bincount(which, np.where(height > at[:, 2], facing, -facing), len(points)), dtype=np.float64)
+
+
+def _around(corners: FloatArray, at: FloatArray) -> FloatArray:
+    """How often triangles (n, 3, 3) run around points (n, 3) in the plane of the first two coordinates: +1, 0 or -1.
+
+    A side is seen by both of its triangles as from its lower end, so that a ray through it counts for just one.
+    """
+    total = np.zeros(len(at))
+    for k in range(3):
+        a, b = corners[:, k], corners[:, (k + 1) % 3]
+        rising = (a[:, 1] <= at[:, 1]).astype(float) - (b[:, 1] <= at[:, 1])
+        lower, upper = np.where(rising[:, None] > 0, a, b), np.where(rising[:, None] > 0, b, a)
+        side = (upper - lower)[:, 0] * (at - lower)[:, 1] - (upper - lower)[:, 1] * (at - lower)[:, 0]
+        total += np.where(side > 0, rising, 0.0)
+    return total
+
+
+def body(boxes: Boxes, which: int) -> Any:
+    """One of the boxes (n,) as fcl's."""
+    x, y, z = (2 * boxes.half[which]).tolist()
+    return fcl.CollisionObject(fcl.Box(x, y, z), fcl.Transform(boxes.axes[which], boxes.centres[which]))
+
+
+def distance(one: Any, other: Any) -> float:
+    """The distance of two of fcl's objects that do not meet, mm. A negative one, of rounding, is 0."""
+    return max(float(fcl.distance(one, other, fcl.DistanceRequest(), fcl.DistanceResult())), 0.0)

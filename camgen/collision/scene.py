@@ -1,0 +1,172 @@
+"""What can collide: the bodies of a cell, and which pairs of them are tested.
+
+Links, tool, fixtures and table are cuboids (RFA paper, section II.B); the part is a mesh or cuboids.
+"""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.collision.mesh import Mesh
+from camgen.errors import JobError
+from camgen.pose import IDENTITY, FloatArray, Pose, frozen
+from camgen.robots.models import Box, Link, Robot
+from camgen.solids.solid import BoolArray, IntArray
+from camgen.text import short
+
+#: The name of the part among the bodies.
+PART = "part"
+_HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
+
+
+class Scene(Struct, frozen=True, eq=False):
+    """A cell ready to be tested. Made by ``scene``.
+
+    pairs: names of the bodies of every pair, in the order in which they are tested: the robot and its tool against
+    themselves, then against obstacles, then against the part.
+
+    Boxes, B in all, some bodies with more than one set of them: frame: (B,) the link that carries it, 0 for what
+    stands; rotation (B, 3, 3), origin (B, 3): link_from_box; half: (B, 3).
+    first, second, of_pair: (P,) boxes that are tested against each other and their pair.
+    striking, of_strike: (M,) boxes that are tested against the mesh and their pair.
+    """
+
+    robot: Robot
+    pairs: tuple[tuple[str, str], ...]
+    frame: IntArray
+    rotation: FloatArray
+    origin: FloatArray
+    half: FloatArray
+    first: IntArray
+    second: IntArray
+    of_pair: IntArray
+    mesh: Mesh | None
+    base_from_part: Pose
+    striking: IntArray
+    of_strike: IntArray
+
+    @property
+    def moving(self) -> BoolArray:
+        """(B,) which boxes move."""
+        return self.frame > 0
+
+
+def told(scene: Scene, pair: int) -> str:
+    """The pair that ``hits`` names, as text: 'link 5 against clamp'."""
+    return " against ".join(scene.pairs[pair])
+
+
+class _Body(Struct, frozen=True, eq=False):
+    """A name and its boxes in the frame of link ``frame``."""
+
+    name: str
+    frame: int
+    boxes: tuple[Box, ...]
+    mesh: Mesh | None = None
+
+
+def scene(
+    robot: Robot,
+    tool: tuple[Link, ...] = (),
+    obstacles: tuple[Link, ...] = (),
+    part: Mesh | tuple[Box, ...] = (),
+    base_from_part: Pose = _HERE,
+    contact: float = 0.0,
+    allowed: tuple[tuple[str, str], ...] = (),
+) -> Scene:
+    """A scene. tool: bodies fixed to the flange, their boxes as flange_from_box; obstacles: bodies that stand, their
+    boxes as base_from_box; part: its boxes as part_from_box, or its mesh.
+
+    contact: mm that the tool may enter the part. allowed: pairs of names that are not tested.
+
+    Links are grown by the robot's pad. Links that touch anyway (``Robot.touching``) are not tested against each other,
+    nor the tool against the last link; links that touch the last one, to which the flange may be closer than the pad,
+    are tested against the tool without pad. The base stands: it is tested against what moves only.
+
+    JobError: two bodies of one name, a name in ``allowed`` that no body has, a tool thinner than its ``contact``.
+    """
+    last = len(robot.joints)
+    bare = [_Body(link.name, k, link.boxes) for k, link in enumerate(robot.links)]
+    links = [_Body(body.name, body.frame, _grown(body.boxes, robot.pad)) for body in bare]
+    tools = [_Body(body.name, last, _on_flange(robot, body.boxes)) for body in tool]
+    standing = [_Body(body.name, 0, body.boxes) for body in obstacles]
+    target = _part(part, base_from_part)
+    _check([*links, *tools, *standing, *target], allowed)
+    spared = {frozenset(pair) for pair in robot.touching}
+    pairs = [(a, b) for a, b in itertools.combinations(links, 2) if frozenset((a.frame, b.frame)) not in spared]
+    pairs += [((bare if frozenset((k, last)) in spared else links)[k], body) for body in tools for k in range(last)]
+    pairs += [(body, other) for body in [*links[1:], *tools] for other in standing]
+    working = [_Body(body.name, last, _entering(body, contact)) for body in tools]
+    pairs += [(body, other) for body in [*links[1:], *working] for other in target]
+    without = {frozenset(names) for names in allowed}
+    tested = [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in without]
+    return _tabled(robot, tested, base_from_part)
+
+
+def _grown(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:
+    return tuple(Box(box.link_from_box, (box.half[0] + pad, box.half[1] + pad, box.half[2] + pad)) for box in boxes)
+
+
+def _on_flange(robot: Robot, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
+    return tuple(Box(robot.flange @ box.link_from_box, box.half) for box in boxes)
+
+
+def _entering(body: _Body, contact: float) -> tuple[Box, ...]:
+    thin = min((min(box.half) for box in body.boxes), default=contact + 1)
+    if thin <= contact:
+        depth, width = short(contact, 3), short(2 * thin, 3)
+        remedy = f'allow ("{body.name}", "{PART}") instead' if contact > 0 else "give it a size"
+        raise JobError(f"tool {body.name}", f"it may enter the part by {depth} mm, but is {width} mm thin", "", remedy)
+    return _grown(body.boxes, -contact)
+
+
+def _part(part: Mesh | tuple[Box, ...], base_from_part: Pose) -> list[_Body]:
+    if isinstance(part, Mesh):
+        return [_Body(PART, 0, (), part)]
+    boxes = tuple(Box(base_from_part @ box.link_from_box, box.half) for box in part)
+    return [_Body(PART, 0, boxes)] if boxes else []
+
+
+def _check(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> None:
+    names = [body.name for body in bodies]
+    for name in names:
+        if names.count(name) > 1:
+            raise JobError(f"body {name}", "there are two of this name", remedy="rename one")
+    for name in itertools.chain.from_iterable(allowed):
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 1, 0)[0]
+            raise JobError(f"body {name}", "it may touch, but there is no such body", remedy=f"nearest is {near}")
+
+
+def _tabled(robot: Robot, tested: list[tuple[_Body, _Body]], base_from_part: Pose) -> Scene:
+    rows: dict[int, range] = {}
+    bodies: list[_Body] = []
+    for body in itertools.chain.from_iterable(tested):
+        if id(body) not in rows:
+            begin = sum(len(other.boxes) for other in bodies)
+            rows[id(body)] = range(begin, begin + len(body.boxes))
+            bodies.append(body)
+    boxes = [(body.frame, box) for body in bodies for box in body.boxes]
+    against = [(i, j, k) for k, (a, b) in enumerate(tested) for i in rows[id(a)] for j in rows[id(b)]]
+    strikes = [(i, k) for k, (a, b) in enumerate(tested) if b.mesh for i in rows[id(a)]]
+    first, second, of_pair = np.array(against, dtype=np.int64).reshape(-1, 3).T
+    striking, of_strike = np.array(strikes, dtype=np.int64).reshape(-1, 2).T
+    return Scene(
+        robot=robot,
+        pairs=tuple((a.name, b.name) for a, b in tested),
+        frame=np.array([frame for frame, _ in boxes], dtype=np.int64),
+        rotation=frozen(np.reshape([box.link_from_box.rotation for _, box in boxes], (-1, 3, 3))),
+        origin=frozen(np.reshape([box.link_from_box.origin for _, box in boxes], (-1, 3))),
+        half=frozen(np.reshape([box.half for _, box in boxes], (-1, 3))),
+        first=first,
+        second=second,
+        of_pair=of_pair,
+        mesh=next((b.mesh for _, b in tested if b.mesh), None),
+        base_from_part=base_from_part,
+        striking=striking,
+        of_strike=of_strike,
+    )

@@ -1,0 +1,328 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from msgspec.structs import replace
+
+from camgen.collision.boxes import Boxes
+from camgen.collision.clearance import clearance, least
+from camgen.collision.hits import hits, place
+from camgen.collision.mesh import Mesh, meshed
+from camgen.collision.motion import motion, moved
+from camgen.collision.scene import Scene, scene, told
+from camgen.errors import JobError
+from camgen.pose import Pose, frozen, rotation_about, translation
+from camgen.robots.forward import flange, frames
+from camgen.robots.models import Box, Link, Robot, robot, robots
+from camgen.robots.values import within
+from camgen.solids.solid import Solid
+
+SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+
+
+def bar(name: str, at: tuple[float, float, float], half: tuple[float, float, float], turn: float = 0.0) -> Link:
+    """One box, turned about z by degrees."""
+    return Link(name, (Box(Pose(rotation_about(2, math.radians(turn)), at), half),))
+
+
+def rods() -> Robot:
+    """A flat arm: axis 1 at the origin, axis 2 at x = 325, its flange at x = 600 and z = 387 - J3; a rod of 20 mm as
+    its second arm, at z = 440 to 460, and nothing else.
+    """
+    names = [link.name for link in robot("Cobra s600").links]
+    second = bar("link 2", (137.5, 0, 108), (137.5, 10, 10))
+    links = tuple(second if name == "link 2" else Link(name, ()) for name in names)
+    return replace(robot("Cobra s600"), links=links, pad=0.0)
+
+
+def at(*values: float) -> np.ndarray:
+    """J1, J2 and J4 in degrees, J3 in mm."""
+    return np.array([[math.radians(values[0]), math.radians(values[1]), values[2], math.radians(values[3])]])
+
+
+def block(size: tuple[float, float, float]) -> Mesh:
+    made = trimesh.creation.box(size)
+    faces = np.asarray(made.faces, dtype=np.int64)
+    return meshed(Solid("b", "b.stl", "mm", frozen(made.vertices), faces, frozen(made.face_normals), (), (), ()))
+
+
+def some(of: Robot, count: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    values = rng.uniform(of.limits[:, 0], of.limits[:, 1], (8 * count, len(of.joints)))
+    return values[within(of, values)][:count]
+
+
+def name_of(tested: Scene, joints: np.ndarray) -> list[str]:
+    return [told(tested, k) if k >= 0 else "" for k in hits(tested, joints).tolist()]
+
+
+def test_a_folded_arm_meets_its_own_base() -> None:
+    """At J2 = 150 deg the second arm runs from (325, 0) to (87, 137), through y = 105 at x = 143."""
+    arm = rods()
+    pillar = bar("base", (140, 105, 390), (40, 5, 100))
+    arm = replace(arm, links=(pillar, *arm.links[1:]))
+    assert name_of(scene(arm), np.vstack([at(0, a, 0, 0) for a in (0, 120, 150)])) == ["", "", "base against link 2"]
+
+
+def test_links_that_touch_anyway_are_left_out_and_a_pad_counts_on_both() -> None:
+    arm = rods()
+    first = bar("link 1", (325, 0, 45), (20, 20, 100))
+    arm = replace(arm, links=(arm.links[0], first, *arm.links[2:]))
+    assert name_of(scene(arm), arm.home[None]) == [""]
+    # Axis 1 bears a wall 8.5 mm beside the second arm, which stands straight out.
+    wall = bar("base", (460, 18.5 + 1, 450), (50, 1, 50))
+    for pad, expected in ((4.0, ""), (4.3, "base against link 2")):
+        padded = replace(arm, links=(wall, *arm.links[1:]), pad=pad)
+        assert name_of(scene(padded), at(0, 0, 0, 0)) == [expected]
+
+
+@pytest.mark.parametrize("of", robots(), ids=lambda of: of.name)
+def test_robots_are_free_at_home_and_with_a_tool_on_a_short_adapter(of: Robot) -> None:
+    tool = (bar("tool", (0, 0, 80), (20, 20, 40)),)
+    assert name_of(scene(of, tool), of.home[None]) == [""]
+
+
+def test_a_tool_right_on_the_flange_is_not_hit_by_the_pad_of_the_wrist() -> None:
+    """IRB 2000: its flange is 150 mm from axis 5, link 5 ends at 130.01 mm, and the pad is 30 mm."""
+    of = robot("IRB 2000")
+    assert name_of(scene(of, (bar("tool", (0, 0, 40), (20, 20, 40)),)), of.home[None]) == [""]
+    assert name_of(scene(of, (bar("tool", (0, 0, 29), (20, 20, 50)),)), of.home[None]) == ["link 5 against tool"]
+
+
+def test_the_tool_meets_the_table_and_the_part_where_it_reaches_them() -> None:
+    """The flange looks down; the tool is 100 mm long from z = 387 - J3."""
+    tool = (bar("tool", (0, 0, 50), (5, 5, 50)),)
+    table = (bar("table", (600, 0, 90), (100, 100, 10)),)
+    joints = np.vstack([at(0, 0, 386.99 - 100 - 100, 0), at(0, 0, 387.01 - 100 - 100, 0), at(30, 0, 200, 0)])
+    assert name_of(scene(rods(), tool, table), joints) == ["", "tool against table", ""]
+    for part in (block((200, 200, 20)), (Box(translation(0, 0, 0), (100.0, 100.0, 10.0)),)):
+        tested = scene(rods(), tool, (), part, translation(600, 0, 90))
+        assert name_of(tested, joints) == ["", "tool against part", ""]
+
+
+def test_a_tool_wholly_within_the_part_is_found() -> None:
+    tool = (bar("tool", (0, 0, 50), (5, 5, 5)),)
+    tested = scene(rods(), tool, (), block((100, 100, 100)), translation(600, 0, 337))
+    assert name_of(tested, at(0, 0, 0, 0)) == ["tool against part"]
+
+
+def test_the_first_pair_in_order_is_named_whatever_else_is_hit() -> None:
+    tool = (bar("holder", (0, 0, 20), (5, 5, 20)), bar("tool", (0, 0, 70), (2, 2, 30)))
+    wall = bar("wall", (600, 0, 300), (50, 50, 150))
+    part = block((120, 120, 320))
+    tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300))
+    assert name_of(tested, at(0, 0, 0, 0)) == ["link 2 against wall"]
+    allowed = (("wall", "link 2"), ("wall", "tool"), ("holder", "wall"))
+    tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300), allowed=allowed)
+    assert name_of(tested, at(0, 0, 0, 0)) == ["link 2 against part"]
+    tested = scene(rods(), tool, (wall,), part, translation(600, 0, 300), allowed=(*allowed, ("part", "link 2")))
+    assert name_of(tested, at(0, 0, 0, 0)) == ["holder against part"]
+
+
+@pytest.mark.parametrize(("contact", "met"), [(0.0, True), (0.9, True), (1.1, False)])
+def test_the_tool_may_enter_the_part_by_its_contact_and_nothing_else(contact: float, met: bool) -> None:
+    tool = (bar("tool", (0, 0, 50), (5, 5, 50)),)
+    deep = at(0, 0, 387 - 100 - 100 + 1, 0)
+    tested = scene(rods(), tool, (), block((200, 200, 20)), translation(600, 0, 90), contact)
+    assert (hits(tested, deep) >= 0).tolist() == [met]
+    table = (bar("table", (600, 0, 90), (100, 100, 10)),)
+    assert name_of(scene(rods(), tool, table, contact=contact), deep) == ["tool against table"]
+
+
+def test_bodies_that_cannot_be_meant_are_refused_in_one_line() -> None:
+    tool = (bar("tool", (0, 0, 50), (0.5, 5, 50)),)
+    with pytest.raises(JobError, match=r"^tool tool: it may enter the part by 0.5 mm, but is 1 mm thin; allow "):
+        scene(rods(), tool, contact=0.5)
+    with pytest.raises(JobError, match=r"^body tol: it may touch, but there is no such body; nearest is tool$"):
+        scene(rods(), tool, allowed=(("tol", "tool"),))
+    with pytest.raises(JobError, match=r"^body base: there are two of this name; rename one$"):
+        scene(rods(), tool, (bar("base", (0, 0, 0), (1, 1, 1)),))
+
+
+def test_a_joint_that_is_not_a_number_is_never_free() -> None:
+    with pytest.raises(ValueError, match="not finite"):
+        hits(scene(rods()), at(0, math.nan, 0, 0))
+    with pytest.raises(ValueError, match="not finite"):
+        motion(scene(rods()), np.vstack([at(0, 0, 0, 0), at(0, math.nan, 0, 0)]), 1.0)
+
+
+def corners_of(boxes: tuple[Box, ...], rotation: np.ndarray, origin: np.ndarray, by: float) -> list[np.ndarray]:
+    return [
+        (box.link_from_box.rotation @ (SIGNS * (np.array(box.half) + by)).T).T @ rotation.T
+        + rotation @ np.array(box.link_from_box.origin)
+        + origin
+        for box in boxes
+    ]
+
+
+def hulls_meet(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two boxes given by their corners meet: by the nearest point to the origin of the set of differences,
+    walked to from corner to corner (Frank and Wolfe, with steps to the best of the pair).
+    """
+    differences = (a[:, None] - b[None]).reshape(-1, 3)
+    weights = np.zeros(len(differences))
+    weights[0] = 1.0
+    for _ in range(4000):
+        point = weights @ differences
+        size = float(np.linalg.norm(point))
+        along = differences @ point
+        best = int(along.argmin())
+        if size < 1e-6 or along[best] > 1e-9 * size:
+            return size < 1e-6
+        worst = int(np.where(weights > 0, along, -np.inf).argmax())
+        way = differences[best] - differences[worst]
+        share = min(max(float(-(point @ way) / (way @ way)), 0.0), weights[worst])
+        weights[best] += share
+        weights[worst] -= share
+    raise AssertionError("undecided")
+
+
+def test_verdicts_are_those_of_all_pairs_of_hulls() -> None:
+    """IRB 1200 with a tool, beside a pillar and a box as the part; whose pairs are written down here once more."""
+    of = robot("IRB 1200")
+    tool = (bar("tool", (0, 0, 70), (15, 25, 50), 30),)
+    pillar, part = bar("pillar", (450, -350, 300), (60, 60, 300), 20), Box(translation(0, 0, 0), (80.0, 60.0, 40.0))
+    base_from_part = Pose(rotation_about(1, 0.3), (500.0, 100.0, 250.0))
+    of_boxes = scene(of, tool, (pillar,), (part,), base_from_part)
+    of_mesh = scene(of, tool, (pillar,), block((160, 120, 80)), base_from_part)
+    joints = some(of, 120)
+    expected = []
+    for row in joints:
+        rotations, origins = (array[0] for array in frames(of, row[None]))
+        links = [corners_of(k.boxes, r, o, 5.0) for k, r, o in zip(of.links, rotations, origins, strict=True)]
+        bare = [corners_of(k.boxes, r, o, 0.0) for k, r, o in zip(of.links, rotations, origins, strict=True)]
+        turn, tip = (array[0] for array in flange(of, row[None]))
+        held = corners_of(tool[0].boxes, turn, tip, 0.0)
+        standing = corners_of(pillar.boxes, np.eye(3), np.zeros(3), 0.0)
+        target = corners_of((part,), base_from_part.rotation, np.array(base_from_part.origin), 0.0)
+        pairs = [(links[i], links[j]) for i, j in itertools.combinations(range(7), 2) if j > i + 1 and (i, j) != (4, 6)]
+        pairs += [((bare if i in (4, 5) else links)[i], held) for i in range(6)]
+        pairs += [(body, other) for other in (standing, target) for body in [*links[1:], held]]
+        expected.append(any(hulls_meet(a, b) for one, two in pairs for a in one for b in two if close(a, b)))
+    assert 20 < sum(expected) < 90
+    assert (hits(of_boxes, joints) >= 0).tolist() == expected
+    assert (hits(of_mesh, joints) >= 0).tolist() == expected
+
+
+def close(a: np.ndarray, b: np.ndarray) -> bool:
+    return bool(((a.min(axis=0) <= b.max(axis=0)) & (b.min(axis=0) <= a.max(axis=0))).all())
+
+
+def test_the_clearance_is_the_least_gap() -> None:
+    """Above the table by 30 mm, beside the part by 12, or by 7 / sqrt 2 where the tool's edge points to it."""
+    tool = (bar("tool", (0, 0, 50), (5, 5, 50)),)
+    table = (bar("table", (600, 0, 247), (150, 150, 10)),)
+    for part in (block((50, 50, 50)), (Box(translation(0, 0, 0), (25.0, 25.0, 25.0)),)):
+        tested = scene(rods(), tool, table, part, translation(600 + 25 + 5 + 12, 0, 320))
+        joints = np.vstack([at(0, 0, 0, 0), at(0, 0, 0, 45), at(0, 0, 31, 0)])
+        edge_on = 17 - 5 * math.sqrt(2)
+        assert clearance(tested, joints, 50.0) == pytest.approx([12, edge_on, 0], abs=1e-5)
+        assert clearance(tested, joints, 11.0) == pytest.approx([11, edge_on, 0], abs=1e-5)
+        assert least(tested, joints[:2], 50.0) == pytest.approx(edge_on, abs=1e-5)
+        assert clearance(tested, at(90, 0, 0, 0), 50.0).tolist() == [50.0]
+        # Farther than all else, the tool is 53 mm below the second arm.
+        assert clearance(tested, at(90, 0, 0, 0), 60.0) == pytest.approx([53], abs=1e-5)
+
+
+def sweep(wall: Link, tool: Link) -> Scene:
+    return scene(rods(), (tool,), (wall,))
+
+
+def test_a_thin_wall_between_two_free_rows_is_not_skipped() -> None:
+    """The tool at radius 600 swings from 0 to 90 deg; a plate of 0.2 mm stands across its way at 45 deg. Tool and plate
+    meet where the tool's flank, 5 mm ahead of its middle, arrives: near 45 deg - 5.1 / 600 rad.
+    """
+    tool, plate = bar("tool", (0, 0, 50), (5, 5, 50)), bar("wall", (424.3, 424.3, 300), (50, 0.1, 100), 45)
+    rows = np.vstack([at(0, 0, 0, 0), at(90, 0, 0, 0)])
+    thin, placed = block((100, 0.2, 200)), Pose(rotation_about(2, math.radians(45)), (424.3, 424.3, 300.0))
+    for tested in (sweep(plate, tool), scene(rods(), (tool,), (), thin, placed)):
+        assert (hits(tested, rows) < 0).all()
+        for step in (0.5, 5.0):
+            course = motion(tested, rows, step)
+            assert told(tested, course.pair).startswith("tool against")
+            assert course.at * math.pi / 2 == pytest.approx(math.pi / 4 - 5.1 / 600, abs=(step + 0.2) / 600)
+            assert course.clearance == 0.0
+        dense = np.linspace(rows[0], rows[1], 91)
+        assert motion(tested, dense, 0.5).at / 90 == pytest.approx(0.5 - 5.1 / 600 * 2 / math.pi, abs=1e-3)
+
+
+def test_a_motion_that_passes_says_how_close_it_came() -> None:
+    """The tool's outer edge runs on a circle of radius 605 (its corners 0.02 mm beyond); the wall begins at 610."""
+    wall = bar("wall", (660 * math.sqrt(0.5), 660 * math.sqrt(0.5), 300), (50, 5, 100), 45)
+    tested = sweep(wall, bar("tool", (0, 0, 50), (5, 5, 50)))
+    rows = np.vstack([at(0, 0, 0, 0), at(90, 0, 0, 0)])
+    for step in (0.2, 2.0):
+        course = motion(tested, rows, step, near=20.0)
+        assert (course.pair, math.isnan(course.at)) == (-1, True)
+        assert 5 - 0.1 - 1e-6 <= course.clearance <= 5 + step
+    assert motion(tested, rows, 1.0, near=3.0).clearance == 3.0
+    assert motion(tested, rows, 1.0).clearance == 0.0
+
+
+def test_one_row_and_rows_that_repeat_are_motions_too() -> None:
+    tool, wall = bar("tool", (0, 0, 50), (5, 5, 50)), bar("wall", (600, 0, 300), (5, 5, 100))
+    for rows in (at(0, 0, 0, 0), np.vstack([at(0, 0, 0, 0)] * 3)):
+        assert told(sweep(wall, tool), motion(sweep(wall, tool), rows, 1.0).pair) == "tool against wall"
+        assert motion(scene(rods(), (tool,)), rows, 1.0).pair == -1
+
+
+@pytest.mark.parametrize("name", ["IRB 2400", "VS-060", "COBOTTA", "Cobra s600", "3-axis mill"])
+def test_no_point_moves_farther_than_the_bound(name: str) -> None:
+    """Ways of all corners of all boxes, added up over 100 parts of each stretch; near rows, the bound is not loose."""
+    of = robot(name)
+    tested = scene(of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),))
+    for share, loose in ((0.3, math.inf), (0.004, 3.0)):
+        for pair in some(of, 20).reshape(10, 2, -1):
+            rows = np.array([pair[0], pair[0] + (pair[1] - pair[0]) * share])
+            fine = place(tested, np.linspace(rows[0], rows[1], 101))
+            corners = fine.centres[..., None, :] + (SIGNS * tested.half[:, None]) @ fine.axes.transpose(0, 1, 3, 2)
+            ways = np.linalg.norm(np.diff(corners, axis=0), axis=-1).sum(axis=0).max(axis=1)
+            bound = moved(tested, rows)[0]
+            assert (ways <= bound + 1e-9).all()
+            assert (bound[ways > 0.1] <= loose * ways[ways > 0.1]).all()
+
+
+def test_a_motion_agrees_with_every_fine_sample() -> None:
+    """Random motions of an arm in a narrow cell: none is called free in which 400 samples find a hit a step deep."""
+    of = robot("IRB 120")
+    tool = (bar("tool", (0, 0, 60), (10, 10, 60)),)
+    tested = scene(
+        of, tool, (bar("beam", (250, 0, 700), (20, 300, 3)),), block((150, 150, 80)), translation(350, 0, 100)
+    )
+    joints = some(of, 80, 3)
+    free = joints[hits(tested, joints) < 0]
+    verdicts = []
+    for rows in zip(free[:-1:2], free[1::2], strict=False):
+        course = motion(tested, np.array(rows), 2.0)
+        samples = np.linspace(*rows, 400)
+        deep = np.flatnonzero(hits(tested, samples, -2.0) >= 0)
+        shallow = hits(tested, samples) >= 0
+        verdicts.append(course.pair >= 0)
+        assert course.pair >= 0 or not len(deep)
+        if course.pair >= 0:
+            assert hits(tested, rows[0][None] + (rows[1] - rows[0])[None] * course.at)[0] == course.pair
+            assert not len(deep) or course.at <= deep[0] / 399 + 1e-12
+            assert course.at <= 1
+        else:
+            assert shallow.sum() < 20
+    assert 5 < sum(verdicts) < len(verdicts) - 3
+
+
+def test_growing_never_removes_a_hit() -> None:
+    of = robot("VS-6556")
+    tested = scene(of, (bar("tool", (0, 0, 60), (10, 10, 60)),), (), block((150, 150, 80)), translation(350, 0, 300))
+    joints = some(of, 300)
+    found = [hits(tested, joints, by) >= 0 for by in (0.0, 3.0, 30.0)]
+    assert (found[0] <= found[1]).all()
+    assert (found[1] <= found[2]).all()
+    assert found[0].sum() < found[2].sum()
+
+
+def test_boxes_are_where_their_links_are() -> None:
+    tested = scene(rods(), (bar("tool", (0, 0, 50), (5, 5, 50)),), (bar("table", (9, 8, 7), (1, 2, 3)),))
+    placed = place(tested, at(0, 90, 10, 0))
+    assert isinstance(placed, Boxes)
+    middles = {tuple(np.round(centre, 6).tolist()) for centre in placed.centres[0]}
+    assert middles == {(325.0, 137.5, 450.0), (325.0, 275.0, 387.0 - 10 - 50), (9.0, 8.0, 7.0)}
