@@ -45,7 +45,8 @@ def _cell(result: Result) -> str:
     if result.reach is None:
         return f"{result.cell.name}; reach, collision and limits not checked: no robot model"
     samples = grouped(result.reach.samples)
-    return f"{result.reach.robot} reaches all of it within its limits ({samples} poses); collisions not checked"
+    found = f"{result.reach.robot} reaches all of it within its limits, in a posture that the text does not state"
+    return f"{found} ({samples} poses); collisions not checked"
 
 
 def _input(result: Result) -> str:

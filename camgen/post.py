@@ -147,13 +147,13 @@ class Post(ABC):
 
     # -- may override --------------------------------------------------------------------------------------------
 
-    def movec(self, motion: MoveC) -> Sequence[str]:
+    def movec(self, motion: MoveC) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines of an arc. A post that does not override this must refuse MoveC and name the pass ``chords``."""
-        raise NotImplementedError(f"{self.name} has no arc")
+        raise Refused(self.name, -1, "the post prints no arcs", "let it refuse MoveC and name the pass chords")
 
-    def press(self, item: Force) -> Sequence[str]:
+    def press(self, item: Force) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines that turn force control on or off. A post without force must refuse it."""
-        raise NotImplementedError(f"{self.name} has no force control")
+        raise Refused(self.name, -1, "the post prints no force control", "set process.force = 0")
 
     def accepts(self, columns: Columns) -> Mask:
         """(N,): the instructions that ``refuses`` accepts for sure, found by column, which spares it a look at each.
@@ -176,7 +176,7 @@ class Post(ABC):
     @classmethod
     def cell(cls) -> Cell:
         """The built-in cell."""
-        raise NotImplementedError
+        raise Refused(cls.name, -1, "the post has no built-in cell", "give it a method cell")
 
     def tolerance(self) -> Tolerance:
         """How exactly the read-back must agree."""

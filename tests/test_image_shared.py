@@ -37,6 +37,14 @@ def test_a_program_or_one_plain_line(path: Path) -> None:
         assert sum(area(c.points) > 0 for c in found.part.contours) == PARTS[path.name]
 
 
+@needs_shared
+def test_what_is_cut_off_an_outline_is_said() -> None:
+    """The slits of the saw blade are a pixel wide: its outline touches itself there."""
+    blade = built(next(path for path in FILES if path.name == "3.jpg"))
+    assert not isinstance(blade, str)
+    assert any("cut off where it crosses itself" in note.what for note in blade.notes)
+
+
 def area(points: np.ndarray) -> float:
     """Twice the area of a polygon, positive counter-clockwise, as outer outlines run."""
     x, y = points.T

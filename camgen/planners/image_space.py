@@ -27,6 +27,7 @@ from camgen.planners.image_space_way import Way, given, iso_way, pixel_way, reac
 from camgen.pose import FloatArray
 from camgen.settings import Job
 from camgen.shapes import Note
+from camgen.vision.similarity import scale_of
 
 #: Below this many pixels the tool's radius is not resolved.
 _LEAST = 1.5
@@ -69,7 +70,7 @@ def image_space(
     at most ``tolerance.chord``. Raises JobError for settings that an image has no answer to, InputError for a mask or a
     transform that cannot be used.
     """
-    mm_per_px = _scale(work_from_view)
+    mm_per_px = scale_of(work_from_view)
     distance, radius = job.tool.diameter / 2 / mm_per_px, job.operation.corner_radius / mm_per_px
     _insist(mask_pixels, job, distance)
     if not mask_pixels.any():
@@ -87,17 +88,6 @@ def image_space(
     notes = left_out(edge, reached(way, picture, edge, distance, radius), main, sound, job, mm_per_px)
     chain = _chain(points, _STRAIGHT * mm_per_px, job.tolerance.chord / mm_per_px)
     return _paths(chain, labels(main, way.parent, sound), _moved(work_from_view, picture.corner), job), tuple(notes)
-
-
-def _scale(work_from_view: FloatArray) -> float:
-    """The mm per pixel, where the transform keeps shapes (eq. 14); InputError elsewhere."""
-    matrix = np.asarray(work_from_view, dtype=np.float64)
-    square = matrix[:, :2].T @ matrix[:, :2] if matrix.shape == (2, 3) else np.zeros((2, 2))
-    scale = float(np.sqrt(np.trace(square) / 2))
-    if not np.isfinite(matrix).all() or scale <= 0 or np.abs(square / scale**2 - np.eye(2)).max() > 1e-6:
-        what = "the view is not to scale: one pixel is not as long in every direction"
-        raise InputError("view", what, remedy="rectify the photo first")
-    return scale
 
 
 def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:

@@ -122,11 +122,21 @@ def _seen(path: Path, job: Job) -> _Seen:
         if empty.pixels.shape[:2] != picture.pixels.shape[:2]:
             remedy = "take both with the same camera from the same place"
             raise InputError(empty.name, "differs in size from the photo of the part", "[image] background", remedy)
-    region = _region(job)
+    region, coarse = _region(job), False
     if region is None and picture.pixels.size > _LARGE:
         region = _around(way, picture, empty)
+        coarse = region is not None
     view, mask = _masked(way, picture, empty, region, 1)
+    if region is not None and job.image.region is None:
+        view = replace(view, notes=(*view.notes, _looked_at(region, coarse)))
     return _Seen(picture, camera, way.plane, view, mask)
+
+
+def _looked_at(region: Region, coarse: bool) -> Note:
+    """What was taken for the surroundings of the part: whatever lies outside is not in the program."""
+    shown = ", ".join(short(v, 2) for v in region)
+    why = f"a look {_COARSER} times coarser found the part there" if coarse else "the free area of the marker sheet"
+    return Note("assumed", f"looked at closely: [{shown}] mm only", f"{why}; set image.region for another")
 
 
 def _light(picture: Picture, job: Job) -> Picture:

@@ -13,7 +13,6 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.errors import InputError
 from camgen.geometry.segments import flatten, from_contours
 from camgen.pose import FloatArray, frozen
 from camgen.shapes import Contour, Note
@@ -24,6 +23,7 @@ from camgen.vision.primitives_joints import tangents
 from camgen.vision.primitives_polish import Chain, polished
 from camgen.vision.primitives_repair import along, astray, astray_beyond, beyond, errors, fillets_of, repaired
 from camgen.vision.primitives_runs import Divided, divided
+from camgen.vision.similarity import scale_of
 
 #: What the picture hides beside noise, px: the pattern of its pixels, and distortion that the camera model leaves.
 _HIDDEN = 0.02
@@ -36,6 +36,7 @@ _MOST_LOST = 0.98
 class Fit(Struct, frozen=True):
     """How well a contour follows its outline: rms_mm and max_mm of the points away from rounded corners, and how many
     lines and arcs it has. doubtful: stretches that no line or arc follows, kept as lines from point to point.
+    cut: px2 of small loops that were cut off a polygon.
     """
 
     rms_mm: float
@@ -43,6 +44,7 @@ class Fit(Struct, frozen=True):
     lines: int
     arcs: int
     doubtful: int
+    cut: float = 0.0
 
 
 def primitives(
@@ -56,7 +58,7 @@ def primitives(
     to scale.
     """
     matrix = np.asarray(work_from_view, dtype=np.float64)
-    _scale(matrix)
+    scale_of(matrix)
     if not outlines:
         return (), (), ()
     loops = loops_of(np.array([len(o.halfway) for o in outlines]))
@@ -74,7 +76,7 @@ def primitives(
         found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline, matrix)
         if found is None:
             found = _polygon(outline, matrix)
-            notes.append(_kept(k, found is None))
+            notes.append(_kept(k, None if found is None else found[1].cut))
         elif found[1].doubtful:
             what = f"{found[1].doubtful} stretches of outline {k + 1} kept as lines from point to point"
             notes.append(Note("warning", what, "no line or arc follows them"))
@@ -84,20 +86,14 @@ def primitives(
     return tuple(contours), tuple(fits), tuple(notes)
 
 
-def _kept(k: int, crossed: bool) -> Note:
-    if crossed:
+def _kept(k: int, cut: float | None) -> Note:
+    """cut: px2 of small loops that were cut off, None where the outline is left out."""
+    if cut is None:
         return Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
-    return Note("warning", f"outline {k + 1} kept as a polygon of its points", "no lines and arcs follow it soundly")
-
-
-def _scale(matrix: FloatArray) -> float:
-    """The mm per pixel of a similarity; InputError for anything else."""
-    square = matrix[:, :2].T @ matrix[:, :2] if matrix.shape == (2, 3) else np.zeros((2, 2))
-    scale = float(np.sqrt(np.trace(square) / 2))
-    if not np.isfinite(matrix).all() or scale <= 0 or np.abs(square / scale**2 - np.eye(2)).max() > 1e-6:
-        what = "the view is not to scale: one pixel is not as long in every direction"
-        raise InputError("view", what, remedy="rectify the photo first")
-    return scale
+    what = f"outline {k + 1} kept as a polygon of its points"
+    if cut:
+        what += f", {cut:.1f} px2 of it cut off where it crosses itself"
+    return Note("warning", what, "no lines and arcs follow it soundly")
 
 
 _Found = tuple[tuple[FloatArray, FloatArray], Fit]
@@ -125,7 +121,7 @@ def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, m
 
 def _fit(error: FloatArray, bulges: FloatArray, doubtful: int, matrix: FloatArray) -> Fit:
     """error: distances of points, px."""
-    size = _scale(matrix) * np.abs(error)
+    size = scale_of(matrix) * np.abs(error)
     arcs = int((bulges != 0).sum())
     rms, most = (float(np.sqrt((size**2).mean())), float(size.max())) if len(size) else (0.0, 0.0)
     return Fit(rms, most, len(bulges) - arcs, arcs, doubtful)
@@ -184,20 +180,22 @@ def _in_work(corners: ComplexArray, bulges: FloatArray, matrix: FloatArray) -> t
 
 def _simple(shape: tuple[FloatArray, FloatArray], matrix: FloatArray) -> bool:
     segments = from_contours([Contour(*shape, True, "")])
-    points, _ = flatten(segments, _CHORD * _scale(matrix))
+    points, _ = flatten(segments, _CHORD * scale_of(matrix))
     return len(points) > 2 and bool(shapely.is_valid(shapely.Polygon(points)))
 
 
 def _polygon(outline: Outline, matrix: FloatArray) -> _Found | None:
     """The points as they are. Where the outline crosses itself, in a slit of a pixel, the small loop is cut off."""
-    drawn = shapely.Polygon(outline.points)
+    drawn, cut = shapely.Polygon(outline.points), 0.0
     if not shapely.is_valid(drawn):
         pieces = [p for p in shapely.get_parts(shapely.make_valid(drawn)) if p.geom_type == "Polygon"]
         whole = sum(piece.area for piece in pieces)
         drawn = max(pieces, key=lambda piece: float(piece.area), default=drawn)
         if not pieces or drawn.area < _MOST_LOST * whole:
             return None
+        cut = whole - float(shapely.Polygon(drawn.exterior).area)
+        cut = abs(cut) + sum(float(shapely.Polygon(inner).area) for inner in drawn.interiors)
     ring = shapely.get_coordinates(shapely.normalize(drawn).exterior)[:-1]
     # A normalised ring runs clockwise in u and v, which in the work frame is counter-clockwise.
     corners = (ring[::-1] if outline.hole else ring) @ np.array([1, 1j])
-    return _in_work(corners, np.zeros(len(corners)), matrix), Fit(0.0, 0.0, len(corners), 0, 1)
+    return _in_work(corners, np.zeros(len(corners)), matrix), Fit(0.0, 0.0, len(corners), 0, 1, cut)

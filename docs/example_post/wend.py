@@ -34,6 +34,7 @@ class Wend(Post):
     about: ClassVar[str] = "WEND, the made-up language of the post tutorial"
     #: A longer arc than the controller has becomes two halves, exactly; chords would only come near it.
     passes: ClassVar[tuple[str, ...]] = ("halves",)
+    carries: ClassVar[frozenset[str]] = Post.carries | {"work", "tool"}
 
     signals: dict[str, int] = field(
         default_factory=lambda: {"process": 1}, kw_only=True, metadata={"help": "output number by signal"}
