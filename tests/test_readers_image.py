@@ -263,6 +263,10 @@ REFUSED = [
     ({"camera": {"points_px": PAIR}}, "points_px and points_mm belong together"),
     ({"camera": {"plane_from": [0, 0, 500, 180, 0, 0]}}, "a pose needs the camera"),
     ({"camera": {"file": "CAMERA"}}, "a lens without a work plane"),
+    ({"image": {"mm_per_px": 0.1}, "camera": {"markers": "A4"}}, "[image] mm_per_px: has no effect"),
+    ({"image": {"mm_per_px": 0.1}, "camera": {"height": 2.0}}, "[camera] height: has no effect"),
+    ({"image": {"mm_per_px": 0.1}, "camera": {"printed_length": 99.0}}, "[camera] printed_length: has no effect"),
+    ({"image": {"mm_per_px": 0.1, "mask": "otsu", "background": "SELF"}}, "[image] background: has no effect"),
     ({"camera": {"file": "no.yaml"}}, "no.yaml: no such file"),
     ({"camera": {"markers": "A4"}}, "shows 0 of the"),
     ({"camera": {"markers": "A9"}}, "no size 'A9'"),
@@ -279,6 +283,8 @@ def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, job: dict[s
     square(tmp_path / "square.png", 0.1)
     if job.get("camera", {}).get("file") == "CAMERA":
         job = {"camera": {"file": camera_file(tmp_path)}}
+    if job.get("image", {}).get("background") == "SELF":
+        job = {"image": {**job["image"], "background": str(tmp_path / "square.png")}}
     with pytest.raises(CamgenError) as refused:
         camgen.build(tmp_path / "square.png", post="gcode", job=job)
     assert line in str(refused.value)

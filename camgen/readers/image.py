@@ -28,7 +28,7 @@ from camgen.vision.outlines import outlines
 from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
 from camgen.vision.primitives import Fit, primitives
 from camgen.vision.rectify import Region, View, already_to_scale, cut_out, framed, rectify
-from camgen.vision.sheet import Board, Sheet, sheet
+from camgen.vision.sheet import RULER, Board, Sheet, sheet
 
 #: A ChArUco board by its squares.
 _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
@@ -113,6 +113,7 @@ def inspect(path: Path, job: Job) -> Facts:
 def _seen(path: Path, job: Job) -> _Seen:
     # A lens belongs to the sensor's pixels. Points were read off the picture as a viewer shows it, turned.
     sensor = bool(job.camera.file) and job.camera.points_px is None
+    _nothing_unused(job)
     picture = _light(load(path, sensor=sensor), job)
     camera = read_camera(Path(job.camera.file)) if job.camera.file else None
     way = _Way(camera, _plane(picture, camera, job.camera), job)
@@ -130,6 +131,31 @@ def _seen(path: Path, job: Job) -> _Seen:
     if region is not None and job.image.region is None:
         view = replace(view, notes=(*view.notes, _looked_at(region, coarse)))
     return _Seen(picture, camera, way.plane, view, mask)
+
+
+def _nothing_unused(job: Job) -> None:
+    """JobError for a setting that the others leave without effect: the user believes that it has one."""
+    image, camera = job.image, job.camera
+    measured = camera.points_px is not None or bool(camera.markers)
+    plane = measured or camera.plane_from is not None
+    paper = bool(camera.markers) and not _BOARD.fullmatch(camera.markers)
+    for where, unused, why in (
+        ("[image] mm_per_px", plane and image.mm_per_px is not None, "the work plane gives the scale"),
+        ("[image] width_mm", plane and image.width_mm is not None, "the work plane gives the scale"),
+        ("[camera] height", bool(camera.height) and not measured, "it is for points and markers"),
+        (
+            "[camera] printed_length",
+            camera.printed_length != RULER and not paper,
+            "no sheet is used",
+        ),
+        (
+            "[image] background",
+            bool(image.background) and image.mask not in ("auto", "background"),
+            f'mask = "{image.mask}" does not look at it',
+        ),
+    ):
+        if unused:
+            raise JobError(where, f"has no effect: {why}", remedy="leave one of the two out")
 
 
 def _looked_at(region: Region, coarse: bool) -> Note:
