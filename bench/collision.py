@@ -31,7 +31,7 @@ from camgen.robots.forward import flange, frames
 from camgen.robots.inverse import inverse
 from camgen.robots.models import Box, Link, Robot, robot
 from camgen.robots.values import within
-from camgen.solids.solid import Solid
+from camgen.solid import Solid
 
 #: Poses all over the robot's range, poses at the part, poses/s.
 POSES, CLOSE, GOAL = 10_000, 2_000, 25_000

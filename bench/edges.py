@@ -21,8 +21,8 @@ import numpy as np
 from machine import machine
 
 from camgen.errors import CamgenError
+from camgen.solid import FEATURE_ANGLE, Solid
 from camgen.solids import mesh, mesh_load, step
-from camgen.solids.solid import FEATURE_ANGLE, Solid
 
 DEFAULT = Path(__file__).parents[2] / "shared" / "data"
 TOLERANCE = 0.005

@@ -28,8 +28,8 @@ from camgen.edges.results import Freedom, Reached, Setup, Unreached
 from camgen.pose import FloatArray, pose_from_values, rotation_about
 from camgen.robots.forward import flange
 from camgen.robots.models import robot
+from camgen.solid import Edge, Solid
 from camgen.solids import mesh
-from camgen.solids.solid import Edge, Solid
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 CENTRES = {"IRB 2000": (900.0, 0.0, 800.0), "IRB 2400": (900.0, 0.0, 600.0), "IRB 1200": (400.0, 0.0, 300.0)}

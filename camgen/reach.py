@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from camgen.errors import JobError, NoSafeProgram
 from camgen.ir import Comment, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Program
@@ -27,11 +28,14 @@ _STEP, _TURN = 10.0, math.radians(10.0)
 
 
 class Reach(Struct, frozen=True, eq=False):
-    """What was found. samples: poses that were solved. joints: (samples, J), values on the way, rad or mm."""
+    """What was found. samples: poses that were solved. joints: (samples, J), values on the way, rad or mm. owner:
+    (samples,), the instruction that each belongs to.
+    """
 
     robot: str
     samples: int
     joints: FloatArray
+    owner: NDArray[np.int64]
 
 
 def reached(program: Program, robot: Robot, file: str) -> Reach:
@@ -43,7 +47,7 @@ def reached(program: Program, robot: Robot, file: str) -> Reach:
     home = _home(program, robot)
     poses, owner = _sampled(program.body)
     if not poses:
-        return Reach(robot.name, 0, np.zeros((0, len(robot.home))))
+        return Reach(robot.name, 0, np.zeros((0, len(robot.home))), np.zeros(0, np.int64))
     rotations, origins = _flanges(program, poses)
     found = follow(robot, rotations, origins, home)
     if isinstance(found, Stuck):
@@ -52,7 +56,7 @@ def reached(program: Program, robot: Robot, file: str) -> Reach:
         place = " ".join(short(v, 1) for v in poses[reason.row].origin)
         what = f"{robot.name} cannot run {_path(program.body, index)} at {place} mm: {reason.text}"
         raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
-    return Reach(robot.name, len(poses), found.joints)
+    return Reach(robot.name, len(poses), found.joints, np.array(owner))
 
 
 def _home(program: Program, robot: Robot) -> FloatArray:

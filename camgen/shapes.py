@@ -1,4 +1,4 @@
-"""What a reader returns: contours, and notes on what was skipped, mended or assumed on the way.
+"""What a reader returns: contours or a solid, and notes on what was skipped, mended or assumed on the way.
 
 A segment of a contour is a line or an arc of at most half a circle, given by its bulge = tan(sweep / 4), positive
 counter-clockwise (the DXF convention; CavalierContours shows that arcs survive an offset this way).
@@ -6,27 +6,15 @@ counter-clockwise (the DXF convention; CavalierContours shows that arcs survive 
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.note import Note, NoteKind
 from camgen.pose import FloatArray
+from camgen.solid import Solid
 
-#: ``skipped`` is what --strict turns into an error: something of the input that the program will not do.
-NoteKind = Literal["assumed", "repaired", "joined", "skipped", "warning"]
-
-
-class Note(Struct, frozen=True):
-    """One thing the user should know. ``what`` names and counts it, ``why`` gives the reason and the remedy."""
-
-    kind: NoteKind
-    what: str
-    why: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.kind}: {self.what}" + (f" ({self.why})" if self.why else "")
+__all__ = ["Contour", "Note", "NoteKind", "Part", "Raster"]
 
 
 class Contour(Struct, frozen=True, eq=False):
@@ -63,7 +51,7 @@ class Raster(Struct, frozen=True, eq=False):
 class Part(Struct, frozen=True, eq=False):
     """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was.
 
-    raster: the picture that it was read from, None for a drawing.
+    raster: the picture that it was read from, None where there is none. solid: the 3-D part, None for a flat one.
     """
 
     name: str
@@ -72,3 +60,4 @@ class Part(Struct, frozen=True, eq=False):
     contours: tuple[Contour, ...]
     notes: tuple[Note, ...]
     raster: Raster | None = None
+    solid: Solid | None = None

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camgen.pose import FloatArray
-from camgen.solids.solid import Edge
+from camgen.solid import Edge
 
 Vector = Sequence[float]
 

@@ -17,7 +17,7 @@ from camgen.pose import Pose, frozen, rotation_about, translation
 from camgen.robots.forward import flange, frames
 from camgen.robots.models import Box, Link, Robot, robot, robots
 from camgen.robots.values import within
-from camgen.solids.solid import Solid
+from camgen.solid import Solid
 
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 

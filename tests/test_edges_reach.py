@@ -19,8 +19,8 @@ from camgen.pose import FloatArray, Pose, pose_from_values, translation
 from camgen.robots.forward import flange
 from camgen.robots.models import robot
 from camgen.robots.values import within
+from camgen.solid import Edge
 from camgen.solids import mesh
-from camgen.solids.solid import Edge
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 ARM = robot("IRB 2400")

@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 FLOORS = {
-    "errors": 0, "pose": 0, "text": 0,
+    "errors": 0, "pose": 0, "text": 0, "note": 0, "solid": 1,
     "shapes": 1, "paths": 1, "settings": 1, "geometry": 1, "writing": 1, "tour_start": 1,
     "instructions": 1, "body": 2, "ir_rules": 3, "ir": 4, "ir_text": 5, "passes": 5,
     "vision": 2, "robots": 2, "solids": 2, "collision": 3, "edges": 3, "readers": 3, "planners": 3,

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from camgen.errors import InputError
+from camgen.solid import Solid
 from camgen.solids import mesh
-from camgen.solids.solid import Solid
 
 Array = NDArray[np.float64]
 

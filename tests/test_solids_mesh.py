@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from camgen.pose import rotation_from_quaternion
+from camgen.solid import Edge, Solid
 from camgen.solids import mesh
-from camgen.solids.solid import Edge, Solid
 
 Array = NDArray[np.float64]
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"

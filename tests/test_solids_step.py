@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from camgen.errors import InputError
+from camgen.solid import Edge, Solid
 from camgen.solids import kernel, mesh, step
 from camgen.solids.circles import through
-from camgen.solids.solid import Edge, Solid
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"

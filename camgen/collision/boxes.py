@@ -6,7 +6,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.pose import FloatArray
-from camgen.solids.solid import BoolArray, IntArray
+from camgen.solid import BoolArray, IntArray
 
 #: Added to cosines between edges: parallel edges have no cross product, and must not seem to part what meets.
 _PARALLEL = 1e-9

@@ -11,7 +11,7 @@ from camgen.collision.hits import hits, near_mesh, near_pairs, place
 from camgen.collision.mesh import Mesh, body, distance, struck
 from camgen.collision.scene import Scene
 from camgen.pose import FloatArray
-from camgen.solids.solid import BoolArray, IntArray
+from camgen.solid import BoolArray, IntArray
 
 _ROWS = 1024
 #: mm that distances must differ by to be told apart.

@@ -9,7 +9,7 @@ from camgen.collision.mesh import Mesh, struck
 from camgen.collision.scene import Scene
 from camgen.pose import FloatArray
 from camgen.robots.forward import frames
-from camgen.solids.solid import IntArray
+from camgen.solid import IntArray
 
 #: Configurations that are worked on at once: what belongs to them should fit into the processor's cache.
 _ROWS = 1024

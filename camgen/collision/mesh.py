@@ -16,7 +16,7 @@ from msgspec import Struct
 from camgen.collision.boxes import Boxes, every
 from camgen.collision.tree import Tree, asked, grown
 from camgen.pose import FloatArray, frozen
-from camgen.solids.solid import BoolArray, IntArray, Solid
+from camgen.solid import BoolArray, IntArray, Solid
 
 #: Boxes that are put to the tree at once.
 _BOXES = 512

@@ -15,7 +15,7 @@ from camgen.collision.mesh import Mesh
 from camgen.errors import JobError
 from camgen.pose import IDENTITY, FloatArray, Pose, frozen
 from camgen.robots.models import Box, Link, Robot
-from camgen.solids.solid import BoolArray, IntArray
+from camgen.solid import BoolArray, IntArray
 from camgen.text import short
 
 #: The name of the part among the bodies.

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.pose import FloatArray
-from camgen.solids.solid import BoolArray, IntArray
+from camgen.solid import BoolArray, IntArray
 
 #: Children of a node.
 _FAN = 8

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from camgen.edges.ways import Index
 from camgen.pose import FloatArray
 from camgen.robots.models import Robot
-from camgen.solids.solid import BoolArray
+from camgen.solid import BoolArray
 
 #: Seconds that a change of orientation is weighed with: each is a row of the program.
 CHANGE = 0.05

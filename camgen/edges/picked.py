@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camgen.errors import JobError
-from camgen.solids.solid import Edge, Solid
+from camgen.solid import Edge, Solid
 
 #: mm above the lowest point: single precision and rounding in the file.
 _LEVEL = 1e-3

@@ -10,8 +10,8 @@ from msgspec.structs import replace
 from camgen.edges.results import Unreached
 from camgen.edges.ways import Way, divided
 from camgen.pose import FloatArray, frozen
+from camgen.solid import BoolArray, Edge
 from camgen.solids.circles import cross
-from camgen.solids.solid import BoolArray, Edge
 from camgen.text import short
 
 #: mean: along the mean of the two outward normals (paper, fig. 7 a). burr: square to the burr (fig. 7 b), which stands

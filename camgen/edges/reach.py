@@ -16,7 +16,7 @@ from camgen.edges.ways import Way, divided, rows
 from camgen.pose import frozen
 from camgen.robots.continuity import Choice, follow
 from camgen.robots.reasons import why
-from camgen.solids.solid import Edge
+from camgen.solid import Edge
 from camgen.text import short
 
 _grid = cache(grid)

@@ -19,7 +19,7 @@ from camgen.robots.continuity import Choice, follow
 from camgen.robots.models import Robot
 from camgen.robots.singular import from_singular
 from camgen.robots.values import turns, within_turned
-from camgen.solids.solid import BoolArray
+from camgen.solid import BoolArray
 
 #: The orientation may change over so many mm and rad: the rows of the search.
 _STRETCH, _TURN = 50.0, math.radians(30)

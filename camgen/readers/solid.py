@@ -12,8 +12,8 @@ from camgen.errors import InputError, JobError
 from camgen.readers.units import MM
 from camgen.settings import Job
 from camgen.shapes import Note, Part
+from camgen.solid import Edge, Solid
 from camgen.solids import mesh, step
-from camgen.solids.solid import Edge, Solid
 from camgen.text import harmless, short
 
 

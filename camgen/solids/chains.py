@@ -6,8 +6,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.pose import FloatArray
+from camgen.solid import BoolArray, IntArray
 from camgen.solids.sharp import Segments
-from camgen.solids.solid import BoolArray, IntArray
 
 #: A turn above this (rad) is a corner of the part: the sides of a circle drawn with 9 or more turn less.
 CORNER = float(np.radians(41.0))

@@ -10,11 +10,11 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.pose import FloatArray, frozen
+from camgen.solid import Edge
 from camgen.solids.chains import Chains
 from camgen.solids.circles import Circle, cross, span_lengths
 from camgen.solids.pieces import Piece, Run, recognised
 from camgen.solids.sharp import Segments
-from camgen.solids.solid import Edge
 
 #: Along an arc normals that turn with it are one surface of revolution; what the mesh adds is below this (rad).
 _STEADY = float(np.radians(3.0))

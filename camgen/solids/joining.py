@@ -8,8 +8,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.pose import FloatArray, frozen
+from camgen.solid import Edge
 from camgen.solids.circles import cross, through
-from camgen.solids.solid import Edge
 
 #: Ends are one place if they agree to this (mm).
 _MEET = 1e-4

@@ -16,8 +16,8 @@ from msgspec import Struct
 
 from camgen.errors import InputError
 from camgen.pose import FloatArray
+from camgen.solid import IntArray
 from camgen.solids.circles import cross
-from camgen.solids.solid import IntArray
 
 #: What a shape that is sound on paper only makes the kernel raise.
 STUMBLES = (RuntimeError, ValueError, TypeError)

@@ -10,6 +10,7 @@ from msgspec import Struct
 from camgen.errors import InputError
 from camgen.pose import FloatArray, frozen
 from camgen.shapes import Note
+from camgen.solid import FEATURE_ANGLE, IntArray, Solid
 from camgen.solids import welding
 from camgen.solids.chains import chained
 from camgen.solids.edges import edges_of, ordered
@@ -17,7 +18,6 @@ from camgen.solids.mesh_load import Soup, load
 from camgen.solids.outward import wrongly_wound
 from camgen.solids.pairs import Pairs, ends, paired
 from camgen.solids.sharp import Segments, dangling, face_normals, segments
-from camgen.solids.solid import FEATURE_ANGLE, IntArray, Solid
 
 #: An arc is not told from lines more coarsely than by this part of the size of the mesh.
 _FINE = 1e-4

@@ -15,7 +15,7 @@ from msgspec import Struct
 from camgen.errors import InputError, one_line
 from camgen.pose import FloatArray
 from camgen.shapes import Note
-from camgen.solids.solid import IntArray
+from camgen.solid import IntArray
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from camgen.pose import FloatArray
+from camgen.solid import BoolArray, IntArray
 from camgen.solids.pairs import Pairs, components
-from camgen.solids.solid import BoolArray, IntArray
 
 
 def wrongly_wound(vertices: FloatArray, faces: IntArray, pairs: Pairs) -> tuple[BoolArray, int, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.solids.solid import BoolArray, IntArray
+from camgen.solid import BoolArray, IntArray
 
 
 class Pairs(Struct, frozen=True, eq=False):

@@ -13,9 +13,9 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.pose import FloatArray
+from camgen.solid import EdgeKind, IntArray
 from camgen.solids.chains import CORNER
 from camgen.solids.circles import Circle, cross, fitted, through
-from camgen.solids.solid import EdgeKind, IntArray
 
 Fits = Callable[[FloatArray, float], bool]
 

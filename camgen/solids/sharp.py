@@ -6,8 +6,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.pose import FloatArray
+from camgen.solid import BoolArray, IntArray
 from camgen.solids.pairs import Pairs, ends
-from camgen.solids.solid import BoolArray, IntArray
 
 #: A face lower than this many single-precision steps of its coordinates has no direction of its own.
 _STEPS = 8 * 2.0**-24

@@ -12,13 +12,13 @@ import numpy as np
 from camgen.errors import InputError, one_line
 from camgen.pose import FloatArray, frozen
 from camgen.shapes import Note
+from camgen.solid import FEATURE_ANGLE, Edge, Solid
 from camgen.solids import kernel, welding
 from camgen.solids.circles import cross
 from camgen.solids.edges import ordered
 from camgen.solids.joining import directed, joined
 from camgen.solids.pairs import paired
 from camgen.solids.sharp import face_normals
-from camgen.solids.solid import FEATURE_ANGLE, Edge, Solid
 from camgen.solids.step_edges import edge
 
 SUFFIXES = (".step", ".stp")

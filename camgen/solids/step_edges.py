@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from camgen.pose import FloatArray, frozen
+from camgen.solid import Edge, EdgeKind
 from camgen.solids.circles import Circle, cross, fitted, span_lengths, through
 from camgen.solids.kernel import Beside, Curve
-from camgen.solids.solid import Edge, EdgeKind
 
 #: Samples that tell a line or a circle that is written as a spline.
 _SAMPLES = 33

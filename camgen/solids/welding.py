@@ -7,8 +7,8 @@ from itertools import product
 import numpy as np
 
 from camgen.pose import FloatArray
+from camgen.solid import IntArray
 from camgen.solids.pairs import components, ends, paired
-from camgen.solids.solid import IntArray
 
 #: Odd numbers of 64 bits that spread the bits of a coordinate over the whole word.
 _SPREAD = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)

@@ -11,8 +11,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.note import Note
 from camgen.pose import FloatArray
-from camgen.shapes import Note
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
