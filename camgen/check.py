@@ -14,6 +14,7 @@ What is compared, and how exactly:
   is only a few d, the second order adds up to 1 d. Rounding 200,000 arcs at random gives 2.2 d and 3.1 d.
 * Orientations within ``tolerance.angle``, from the skew part of the difference: the trace alone cannot tell 1e-8 rad
   from 0. The orientation at ``via`` is left out: controllers interpolate from the start to the end.
+* Postures: ABB's confdata, DENSO's figure or the switches of V+ are equal, or neutral where the plan has none.
 * Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``carries`` them.
 """
 
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from operator import attrgetter, eq
+from operator import attrgetter, eq, ne
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,8 @@ from camgen.text import short
 ARC_SLACK = 6.0
 #: What is left to the rounding of binary numbers, in every unit; and the tolerance of an output's value.
 _SLACK, _VALUE = 1e-9, 1e-3
+#: What texts say of a posture that is not known for sure.
+_NEUTRAL: dict[str, object] = {"confdata": (0, 0, 0, 0), "figure": -1, "switches": ()}
 _END, _MIDDLE, _TURN = "target", "middle of the arc", "orientation"
 _PLACES = (_END, _MIDDLE)
 _REMEDY = "do not run the program: its post or its read-back is wrong"
@@ -190,7 +193,9 @@ def _say(body: Sequence[Instruction], at: Indices, place: int) -> str:
 
 
 def _text(value: object) -> str:
-    """A number, some numbers, or a rotation as its quaternion."""
+    """A number, some numbers, some words, or a rotation as its quaternion."""
+    if isinstance(value, tuple) and all(isinstance(word, str) for word in value):
+        return " ".join(value) or "nothing"
     array = np.atleast_1d(np.asarray(value, dtype=np.float64))
     if array.ndim == 2:
         return "q " + " ".join(short(v, 9) for v in quaternion(array))
@@ -297,6 +302,8 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     every = np.ones(both.moves, np.bool_)
     if "blend" in carries:
         yield both.moving("blend", "blend", every, tolerance.mm)
+    for name in (name for name in _NEUTRAL if name in carries):
+        yield _postures(places[posed], taken(p, posed), taken(q, posed), name)
     if "stop" in carries:
         stop = both.moving("blend", "blend", every, 0.0)
         yield replace(stop, error=((stop.planned > 0) != (stop.read > 0)) * 1.0)
@@ -305,6 +312,17 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     if "force-direction" in carries and np.any(newtons.planned):
         was, says = (numbers(taken(side, ~rapid), "press", 3) for side in (p, q))
         yield _along(newtons, was, says, tolerance)
+
+
+def _postures(places: Indices, planned: list[Any], read: list[Any], name: str) -> _Column:
+    """What a text says of the posture at the target: the same as the plan, or that it is open."""
+    a, b = ([_said(motion, name) for motion in side] for side in (planned, read))
+    return _Column(name, places, a, b, np.fromiter(map(ne, a, b), np.float64, len(a)), 0.0)
+
+
+def _said(motion: MoveJ | MoveL | MoveC, name: str) -> object:
+    said = getattr(motion.posture, name, None)
+    return _NEUTRAL[name] if said is None else said
 
 
 def _along(newtons: _Column, a: FloatArray, b: FloatArray, tolerance: Tolerance) -> _Column:

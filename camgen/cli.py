@@ -64,7 +64,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parse(words: list[str]) -> argparse.Namespace:
-    parser, commands = _parsers()
+    parser, commands = parsers()
     first = next((word for word in words if not word.startswith("-")), None)
     if first is None and not {"-h", "--help", "--version"} & set(words):
         raise JobError("command line", "no command is given", remedy=f"give one of {', '.join(commands)}")
@@ -83,7 +83,8 @@ def _nearest(word: str, names: Iterable[str]) -> str:
     return near[0]
 
 
-def _parsers() -> tuple[_Parser, dict[str, _Parser]]:
+def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
+    """The parser of the command line, and those of its commands by name."""
     about = "Checked robot and machine programs from drawings and photos."
     parser = _Parser("camgen", description=about, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"camgen {__version__}")
@@ -98,20 +99,27 @@ def _parsers() -> tuple[_Parser, dict[str, _Parser]]:
         loud.add_argument("-v", "--verbose", action="count", default=0, help="say more; -vv: with tracebacks")
         commands[name] = sub
 
-    command("build", "make a checked program from a drawing or a photo", _build)
-    command("inspect", "show what is in a drawing", _inspect)
-    command("init", "write a commented job file beside a drawing", _init)
+    command("build", "make a checked program from a drawing, a photo, a 3-D part or old G-code", _build)
+    command("batch", "build many parts, each by itself, several at once", _batch)
+    command("inspect", "show what is in a file", _inspect)
+    command("init", "write a commented job file beside an input", _init)
     command("verify", "read a program back and say what it does", _verify)
     command("calibrate", "measure the lens of a camera from photos of a board", _calibrate)
     command("markers", "draw a sheet of markers that shows a photo where the work plane is", _markers)
-    command("robots", "list the robots that camgen knows", lambda _: None)
+    command("localize", "find a CAD part in a point cloud and write its work frame", _localize)
+    command("robots", "list the robots that camgen knows, or say what a URDF describes", _robots)
     command("posts", "list the posts that are installed", lambda _: None)
+    command("schema", "print the JSON schema of job files, for editors", _schema)
+    command("completion", "print a script that lets a shell complete camgen's commands", _completion)
     return parser, commands
 
 
 def _build(sub: _Parser) -> None:
     sub.add_argument(
-        "inputs", metavar="INPUT", nargs="+", help="drawing or picture; several make one program; -: standard input"
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        help="what to build from; several drawings make one program; -: stdin",
     )
     _post(sub)
     _job(sub)
@@ -119,17 +127,41 @@ def _build(sub: _Parser) -> None:
     sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
     sub.add_argument("--plan", metavar="FILE.json", help="write the planned motion as data")
     sub.add_argument("--report", metavar="FILE.json", help="write the summary as data")
-    sub.add_argument("--preview", metavar="FILE.svg", help="draw part, paths and travel")
+    sub.add_argument("--preview", metavar="FILE", help="part, paths, travel: a page (.html) or a drawing (.svg, .png)")
     sub.add_argument("--strict", action="store_true", help="anything left out is an error")
 
 
+def _batch(sub: _Parser) -> None:
+    sub.add_argument("inputs", metavar="GLOB", nargs="+", help="inputs, as names or patterns, e.g. 'parts/**/*.dxf'")
+    _post(sub)
+    _job(sub)
+    sub.add_argument("-o", "--output", metavar="DIR", help="where the programs go (default: this folder)")
+    sub.add_argument("--jobs", metavar="N", type=int, help="so many parts at once (default: one for each processor)")
+    sub.add_argument("--timeout", metavar="S", type=float, help="stop a part after so long; 0: never (default: 600)")
+    sub.add_argument("--dask", metavar="ADDRESS", help="build on a Dask cluster, e.g. tcp://host:8786")
+    sub.add_argument("--report", metavar="FILE.json", help="write the table as data")
+    sub.add_argument("--strict", action="store_true", help="a part of which anything is left out fails")
+
+
 def _inspect(sub: _Parser) -> None:
-    sub.add_argument("input", metavar="INPUT", help="drawing")
+    sub.add_argument("input", metavar="INPUT", help="drawing, picture, 3-D part or G-code")
     _job(sub)
 
 
+def _robots(sub: _Parser) -> None:
+    sub.add_argument("robot", metavar="ROBOT", nargs="?", help="one of them, or FILE.urdf, FILE.urdf#LINK")
+
+
+def _schema(sub: _Parser) -> None:
+    sub.add_argument("--post", metavar="NAME", help="with the options of this post (default: any option)")
+
+
+def _completion(sub: _Parser) -> None:
+    sub.add_argument("shell", metavar="SHELL", choices=("bash", "zsh", "fish"), help="bash, zsh or fish")
+
+
 def _init(sub: _Parser) -> None:
-    sub.add_argument("input", metavar="INPUT", help="drawing; the job file gets its name with .toml")
+    sub.add_argument("input", metavar="INPUT", help="the job file gets its name with .toml")
 
 
 def _verify(sub: _Parser) -> None:
@@ -155,6 +187,14 @@ def _markers(sub: _Parser) -> None:
     sub.add_argument("-o", "--output", metavar="FILE", required=True, help="the drawing, .pdf or .svg")
     sub.add_argument("--size", metavar="SIZE", default="A4", help="A4, A3, A2 or letter (default: A4)")
     sub.add_argument("--marker", metavar="MM", type=float, default=20.0, help="width of a marker (default: 20)")
+
+
+def _localize(sub: _Parser) -> None:
+    sub.add_argument("model", metavar="MODEL", help="the part: mesh or STEP")
+    sub.add_argument("scan", metavar="SCAN", help="the point cloud: PLY, PCD, XYZ, TXT, CSV, STL, OBJ")
+    sub.add_argument("-o", "--output", metavar="FILE.toml", required=True, help="job file to write")
+    sub.add_argument("--units", metavar="UNIT", default="mm", help="what one unit of the scan is (default: mm)")
+    sub.add_argument("--start", metavar="X,Y,Z,RX,RY,RZ", help="about where the part stands, mm and deg")
 
 
 def _post(sub: _Parser) -> None:

@@ -11,11 +11,11 @@ from pathlib import Path
 from camgen.cli_job import settings, tables
 from camgen.cli_say import Voice
 from camgen.errors import JobError
-from camgen.job import readable
 from camgen.plugins import find_post, installed
 from camgen.post import Post
 from camgen.readers import kind_of, read
 from camgen.settings import Job
+from camgen.sources import readable
 from camgen.writing import check_targets, write_all
 
 
@@ -28,7 +28,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         raise JobError(str(target), "exists", remedy="rename it, or delete it to get a new one")
     check_targets([target], [source])
     says.stage("reading")
-    units = read(source, Job()).units if kind_of(source) == "dxf" else ""
+    units = read(source, Job()).units if kind_of(source) in ("dxf", "svg") else ""
     write_all([(target, template(source.name, units).encode())])
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])

@@ -17,12 +17,13 @@ import msgspec
 from msgspec import Struct
 
 from camgen.errors import JobError
+from camgen.robots.urdf_name import split_name
 from camgen.settings import Job
 
 Tree = dict[str, dict[str, object]]
 
-#: The settings that name a file.
-FILES = (("image", "background"), ("camera", "file"))
+#: The settings that name a file; cell.robot only where it ends in .urdf.
+FILES = (("image", "background"), ("camera", "file"), ("cell", "file"), ("cell", "robot"))
 
 
 class Setting(Struct, frozen=True):
@@ -69,15 +70,40 @@ def load(file: Path | None, sets: Sequence[str] = ()) -> Job:
         table, key, value = _assignment(text)
         tree.setdefault(table, {})[key] = value
         origins[table, key] = f"--set {text}"
+    _cell_filled(tree, origins)
     return _convert(tree, origins, str(file) if file else "job")
+
+
+def _cell_filled(tree: Tree, origins: dict[tuple[str, str], str]) -> None:
+    """What ``cell.file`` says and the job does not; the name of the file itself is then of no more use."""
+    cell = tree.get("cell", {})
+    name = cell.pop("file", "")
+    if not isinstance(name, str):
+        raise JobError(origins.get(("cell", "file"), "job"), f"file must be a text, not {_shown(name)}", "[cell]")
+    if not name:
+        return
+    other = _tables_of(_toml(Path(name)), name)
+    for table in other:
+        if table != "cell":
+            raise JobError(name, f"[{table}] stands in the file of a cell", remedy="keep [cell] alone in it")
+    if "file" in other.get("cell", {}):
+        raise JobError(name, "names a file itself", "[cell]", "put all of the cell into one file")
+    _from_its_folder(other, Path(name).parent)
+    for key, value in other.get("cell", {}).items():
+        if key not in cell:
+            cell[key] = value
+            origins["cell", key] = name
 
 
 def _from_its_folder(tree: Tree, folder: Path) -> None:
     """Files that a job file names lie beside it."""
     for table, key in FILES:
         name = tree.get(table, {}).get(key)
-        if isinstance(name, str) and name:
+        if isinstance(name, str) and name and ((table, key) != ("cell", "robot") or split_name(name)):
             tree[table][key] = str(folder / name)
+    fixtures = tree.get("cell", {}).get("fixtures")
+    if isinstance(fixtures, list):
+        tree["cell"]["fixtures"] = [str(folder / one) if isinstance(one, str) else one for one in fixtures]
 
 
 def beside(file: str | None, source: Path | None) -> Path | None:
@@ -93,7 +119,19 @@ def beside(file: str | None, source: Path | None) -> Path | None:
 
 def from_mapping(tables: Mapping[str, object]) -> Job:
     """The job of nested mappings, as ``camgen.build`` takes it. JobError."""
-    return _convert(_tables_of(tables, "job"), {}, "job")
+    tree = _tables_of({name: _plain(content) for name, content in tables.items()}, "job")
+    origins: dict[tuple[str, str], str] = {}
+    _cell_filled(tree, origins)
+    return _convert(tree, origins, "job")
+
+
+def _plain(value: object) -> object:
+    """``value`` with the numbers and lists of numpy as those of Python."""
+    if isinstance(value, Mapping):
+        return {key: _plain(content) for key, content in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _toml(file: Path) -> dict[str, Any]:
@@ -191,7 +229,12 @@ def _floats(value: object) -> Iterator[float]:
 
 
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
-_PLURALS: dict[object, str] = {float: "numbers", str: "texts", list[float]: "lists of numbers"}
+_PLURALS: dict[object, str] = {
+    float: "numbers",
+    str: "texts",
+    list[float]: "lists of numbers",
+    list[float] | str: "lists of numbers and texts",
+}
 
 
 def _allowed(hint: Any) -> str:
@@ -206,8 +249,8 @@ def _allowed(hint: Any) -> str:
         return "one of " + ", ".join(json.dumps(value) for value in get_args(hint))
     if get_origin(hint) is list:
         return "a list of " + _PLURALS[get_args(hint)[0]]
-    if get_origin(hint) in (Union, UnionType):  # a value or nothing
-        return _allowed(next(kind for kind in get_args(hint) if kind is not type(None)))
+    if get_origin(hint) in (Union, UnionType):  # a value or nothing, or one of several kinds
+        return " or ".join(_allowed(kind) for kind in get_args(hint) if kind is not type(None))
     return _WORDS[hint]
 
 

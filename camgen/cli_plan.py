@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from camgen.errors import CamgenError, JobError
-from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait
 from camgen.pose import FloatArray, Pose, Vec3, frozen
 from camgen.report import clean
 
@@ -36,6 +36,7 @@ class _MoveJ(_Line, frozen=True, tag="movej"):
     joints: tuple[float, ...] | None = None
     blend: float | None = None
     posture: tuple[float, ...] | None = None
+    called: Posture | None = None
 
 
 class _MoveL(_Line, frozen=True, tag="movel"):
@@ -46,6 +47,7 @@ class _MoveL(_Line, frozen=True, tag="movel"):
     force: float | None = None
     press: Vec3 | None = None
     posture: tuple[float, ...] | None = None
+    called: Posture | None = None
 
 
 class _MoveC(_Line, frozen=True, tag="movec"):
@@ -58,6 +60,7 @@ class _MoveC(_Line, frozen=True, tag="movec"):
     force: float | None = None
     press: Vec3 | None = None
     posture: tuple[float, ...] | None = None
+    called: Posture | None = None
 
 
 class _Output(_Line, frozen=True, tag="output"):
@@ -152,9 +155,9 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
         case MoveJ():
             posture = item.joints.values if item.joints else None
             if isinstance(item.target, Joints):
-                return _MoveJ(item.speed, None, -1, item.target.values, item.blend or None, posture)
+                return _MoveJ(item.speed, None, -1, item.target.values, item.blend or None, posture, item.posture)
             place = known.place(item.target.rotation)
-            return _MoveJ(item.speed, item.target.origin, place, None, item.blend or None, posture)
+            return _MoveJ(item.speed, item.target.origin, place, None, item.blend or None, posture, item.posture)
         case MoveL():
             place = known.place(item.target.rotation)
             return _MoveL(item.target.origin, place, item.speed, *_tail(item))
@@ -171,10 +174,13 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
             return _Comment(clean(item.text))
 
 
-def _tail(item: MoveL | MoveC) -> tuple[float | None, float | None, Vec3 | None, tuple[float, ...] | None]:
-    """Blend, force, press and posture, each None where there is none: such fields are not written."""
+_Tail = tuple[float | None, float | None, Vec3 | None, tuple[float, ...] | None, Posture | None]
+
+
+def _tail(item: MoveL | MoveC) -> _Tail:
+    """Blend, force, press, posture and its names, each None where there is none: such fields are not written."""
     press = item.press if any(item.press) else None
-    return item.blend or None, item.force or None, press, item.joints.values if item.joints else None
+    return item.blend or None, item.force or None, press, item.joints.values if item.joints else None, item.posture
 
 
 def load(file: Path) -> Plan:
@@ -216,10 +222,10 @@ def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
         case _MoveJ():
             posture = Joints(line.posture) if line.posture else None
             if line.joints is not None:
-                return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture)
+                return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called)
             if line.to is None:
                 raise ValueError("a movej has neither joints nor to")
-            return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture)
+            return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called)
         case _MoveL():
             return MoveL(pose(line.to, line.rotation), line.speed, *_end(line))
         case _MoveC():
@@ -235,6 +241,6 @@ def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
             return Comment(line.text)
 
 
-def _end(line: _MoveL | _MoveC) -> tuple[float, float, Vec3, Joints | None]:
+def _end(line: _MoveL | _MoveC) -> tuple[float, float, Vec3, Joints | None, Posture | None]:
     posture = Joints(line.posture) if line.posture else None
-    return line.blend or 0.0, line.force or 0.0, line.press or _NO_PRESS, posture
+    return line.blend or 0.0, line.force or 0.0, line.press or _NO_PRESS, posture, line.called

@@ -7,9 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from camgen.cli_say import counted, duration, grouped, length, listed, size
+from camgen.gcode.recorded import Recorded
 from camgen.job import Result
+from camgen.paths import Tour
+from camgen.pose import Pose
 from camgen.report import path_sums
 from camgen.shapes import Note, NoteKind
+from camgen.text import short
 
 Row = tuple[str, str, str]
 
@@ -35,7 +39,7 @@ def rows(
         *_notes(result.notes, verbose),
         *_planned(result),
         ("cell", _cell(result), "look"),
-        ("time", f"about {duration(result.motions.seconds)}", "plain"),
+        ("time", f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel", "plain"),
         *(_program(path, data, result.post.newline) for path, data in programs),
         ("verified", _verified(result), "good"),
     ]
@@ -45,11 +49,39 @@ def _cell(result: Result) -> str:
     if result.reach is None:
         return f"{result.cell.name}; reach, collision and limits not checked: no robot model"
     samples = grouped(result.reach.samples)
-    found = f"{result.reach.robot} reaches all of it within its limits, in a posture that the text does not state"
-    return f"{found} ({samples} poses); collisions not checked"
+    found = f"{result.reach.robot} reaches all of it within its limits, {_posture(result)}"
+    return f"{found} ({samples} poses); no collision, {_clearance(result)}"
+
+
+def _clearance(result: Result) -> str:
+    """What is left between robot, holder, fixtures and part."""
+    if result.clear is None:
+        return "clearance not known"
+    beside = "all but the tool at the part" if result.part.solid is not None else "all"
+    least = result.clear.clearance
+    return f"{beside} {short(least, 2)} mm apart or more"
+
+
+def _posture(result: Result) -> str:
+    """Whether the text states the posture in which the arm was looked at."""
+    moves = [move for move in result.program.columns.moves if isinstance(move.target, Pose)]
+    words = result.post.carried() & {"confdata", "figure", "switches"}
+    said = sum(any(getattr(move.posture, word, None) not in (None, ()) for word in words) for move in moves)
+    if said == len(moves):
+        return "in the posture that the text states"
+    if said:
+        return f"in a posture that the text states at {grouped(said)} of {counted(len(moves), 'pose')}"
+    return "in a posture that the text does not state"
 
 
 def _input(result: Result) -> str:
+    if isinstance(result.part, Recorded):
+        done = counted(len(result.part.run.body), "instruction")
+        return f"{result.part.source}: {result.part.units}, G-code that gives {done}"
+    if result.part.solid is not None:
+        edges = result.part.solid.edges
+        convex = sum(edge.convex for edge in edges)
+        return f"{result.part.source}: {result.part.units}, {counted(len(edges), 'edge')}, {grouped(convex)} convex"
     contours = result.part.contours
     closed = sum(c.closed for c in contours)
     layers = sorted({c.layer for c in contours})
@@ -81,8 +113,15 @@ def _planned(result: Result) -> list[Row]:
     travel = result.tour.travel
     return [
         ("plan", f"{counted(len(result.tour.paths), 'path')}, work {length(work)}", "plain"),
-        ("tour", f"{result.tour.method}: work {length(work)}, travel {length(travel)}", "plain"),
+        ("tour", f"{result.tour.method}: work {length(work)}, travel {length(travel)}{_above(result.tour)}", "plain"),
     ]
+
+
+def _above(tour: Tour) -> str:
+    """How far the travel is above what no tour can be below, where that says something: below twice that."""
+    if not tour.bound or tour.travel >= 2 * tour.bound:
+        return ""
+    return f", at most {100 * (tour.travel / tour.bound - 1):.1f} % above the best possible"
 
 
 def _program(path: Path, data: bytes, newline: str) -> Row:

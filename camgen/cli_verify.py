@@ -14,7 +14,7 @@ from camgen.cli_plan import load as load_plan
 from camgen.cli_say import Voice, counted, duration, grouped, length, out, table
 from camgen.errors import InputError
 from camgen.plugins import find_post, find_readback, make_post
-from camgen.post import Fault
+from camgen.post import Fault, Remark
 from camgen.report import Motions, sum_up
 from camgen.text import short
 
@@ -29,7 +29,10 @@ _NAMES = {
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Prints the sums and the faults of a program; InputError when it has faults, VerifyError when it deviates."""
+    """Prints the sums and the faults of a program; InputError when it has faults, VerifyError when it deviates.
+
+    A remark is a fault only where the program is compared with a plan: our own leave nothing open.
+    """
     paths = [Path(name) for name in arguments.programs]
     plan = load_plan(Path(arguments.plan)) if arguments.plan else None
     job = load(beside(arguments.job, None if plan else paths[0]), arguments.sets)
@@ -40,10 +43,12 @@ def run(arguments: Namespace, says: Voice) -> int:
     reading = find_readback(arguments.post)(files, options)
     says.clear()
     rows = _rows(sum_up(Columns(reading.body)), sum(text.count("\n") for text in files.values()))
-    if reading.faults:
-        out(table(rows) + _faults(reading.faults, files))
-        first = reading.faults[0]
-        what = f"{counted(len(reading.faults), 'fault')}, first: {first.what}"
+    told = _faults(reading.faults, files)
+    serious = [fault for fault in reading.faults if plan or not isinstance(fault, Remark)]
+    if serious:
+        out(table(rows) + told)
+        first = serious[0]
+        what = f"{counted(len(serious), 'fault')}, first: {first.what}"
         raise InputError(str(paths[0]), what, _place(first.line, files), "mend the program")
     if not reading.body:
         raise InputError(str(paths[0]), f"holds no instruction of {post.name}", remedy="name its own post with --post")
@@ -54,7 +59,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.clear()
         rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
         rows.append(("deviation", f"{found.max_mm:.6f} mm"))
-    out(table(rows))
+    out(table(rows) + told)
     return 0
 
 
@@ -95,7 +100,10 @@ def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
 
 
 def _faults(faults: Sequence[Fault], files: Mapping[str, str]) -> str:
-    return "".join(f"{_place(fault.line, files)}: {fault.what}\n" for fault in faults)
+    kinds = ("remark: " if isinstance(fault, Remark) else "" for fault in faults)
+    return "".join(
+        f"{_place(fault.line, files)}: {kind}{fault.what}\n" for fault, kind in zip(faults, kinds, strict=True)
+    )
 
 
 def _place(line: int, files: Mapping[str, str]) -> str:

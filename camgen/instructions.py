@@ -1,6 +1,7 @@
 """The instructions of a program, frozen values that a body of a hundred thousand can hold.
 
-A signal is a name, a posture is a joint solution, an arc is two poses: how a controller spells them is its post's.
+A signal is a name, an arc is two poses: how a controller spells them is its post's. A posture is a joint solution; what
+controllers call it follows from the geometry of the arm (``robots.posture``), which posts do not know.
 """
 
 from __future__ import annotations
@@ -16,13 +17,28 @@ class Joints(Struct, frozen=True, gc=False):
     values: tuple[float, ...]
 
 
+class Posture(Struct, frozen=True, gc=False, omit_defaults=True):
+    """What controllers call the posture in which the arm stands at the target; what is not known for sure is left out.
+
+    confdata: ABB's cf1, cf4, cf6, cfx. figure: DENSO's Fig. switches: the words of V+, for all motions of a program or
+    for none, since they stay in force.
+    """
+
+    confdata: tuple[int, int, int, int] | None = None
+    figure: int | None = None
+    switches: tuple[str, ...] = ()
+
+
 class MoveJ(Struct, frozen=True, eq=False, gc=False):
-    """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s."""
+    """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s. joints and
+    posture: of the arm at a target that is a pose, where a robot is known.
+    """
 
     target: Pose | Joints
     speed: float
     blend: float = 0.0
     joints: Joints | None = None
+    posture: Posture | None = None
 
 
 class MoveL(Struct, frozen=True, eq=False, gc=False):
@@ -37,6 +53,7 @@ class MoveL(Struct, frozen=True, eq=False, gc=False):
     force: float = 0.0
     press: tuple[float, float, float] = (0.0, 0.0, 0.0)
     joints: Joints | None = None
+    posture: Posture | None = None
 
 
 class MoveC(Struct, frozen=True, eq=False, gc=False):
@@ -49,6 +66,7 @@ class MoveC(Struct, frozen=True, eq=False, gc=False):
     force: float = 0.0
     press: tuple[float, float, float] = (0.0, 0.0, 0.0)
     joints: Joints | None = None
+    posture: Posture | None = None
 
 
 class Output(Struct, frozen=True, gc=False):

@@ -13,13 +13,13 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.body import Columns
-from camgen.instructions import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.instructions import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Wait
 from camgen.ir_rules import check, check_frame
 from camgen.pose import Pose
 
 __all__ = [
-    "Comment", "Force", "Instruction", "Joints", "Motion", "MoveC", "MoveJ", "MoveL", "Output", "Program", "Wait",
-    "motions",
+    "Comment", "Force", "Instruction", "Joints", "Motion", "MoveC", "MoveJ", "MoveL", "Output", "Posture", "Program",
+    "Wait", "motions",
 ]  # fmt: skip
 
 

@@ -78,6 +78,8 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
 def _sound(value: float | Sequence[float] | FloatArray) -> bool:
     if isinstance(value, float):
         return math.isfinite(value)
+    if isinstance(value, tuple):
+        return all(map(math.isfinite, value))
     return bool(np.isfinite(value).all())
 
 

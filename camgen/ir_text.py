@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.ir import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait
 from camgen.pose import Pose, quaternion, rotation_from_quaternion
 from camgen.text import harmless, short
 
@@ -63,7 +63,13 @@ def _tail(item: Motion) -> str:
         text += f" force {short(item.force, _DIGITS)} press {_numbers(item.press, _ANGLE_DIGITS)}"
     if item.joints is not None:
         text += " at " + _numbers(item.joints.values, _ANGLE_DIGITS)
-    return text
+    return text if item.posture is None else text + _posture_text(item.posture)
+
+
+def _posture_text(posture: Posture) -> str:
+    text = "" if posture.confdata is None else " confdata " + " ".join(map(str, posture.confdata))
+    text += "" if posture.figure is None else f" figure {posture.figure}"
+    return text + (" switches " + " ".join(map(harmless, posture.switches)) if posture.switches else "")
 
 
 def parse(text: str) -> Program:
@@ -96,7 +102,7 @@ def parse(text: str) -> Program:
 
 
 _NEUTRAL = (rotation_from_quaternion((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
-_TAIL_WORDS = ("speed", "blend", "force", "press", "at")
+_TAIL_WORDS = ("speed", "blend", "force", "press", "at", "confdata", "figure", "switches")
 
 
 def _parse_pose(words: list[str]) -> Pose:
@@ -106,18 +112,18 @@ def _parse_pose(words: list[str]) -> Pose:
     return Pose(rotation_from_quaternion([float(w) for w in words[4:8]]), (x, y, z))
 
 
-def _split(words: list[str]) -> tuple[list[str], dict[str, list[float]]]:
-    """The words before the tail, and the tail as lists of numbers by word."""
-    tail: dict[str, list[float]] = {}
+def _split(words: list[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """The words before the tail, and the tail by its words."""
+    tail: dict[str, list[str]] = {}
     head: list[str] = []
-    current: list[float] | None = None
+    current: list[str] | None = None
     for word in words:
         if word in _TAIL_WORDS:
             current = tail.setdefault(word, [])
         elif current is None:
             head.append(word)
         else:
-            current.append(float(word))
+            current.append(word)
     return head, tail
 
 
@@ -131,21 +137,33 @@ def _parse_instruction(word: str, rest: str) -> Instruction:
         return Wait(float(rest))
     head, tail = _split(rest.split())
     if word == "force":
-        x, y, z = tail["press"]
+        x, y, z = map(float, tail["press"])
         return Force(float(head[0]), (x, y, z))
-    speed = tail["speed"][0]
-    blend = tail.get("blend", [0.0])[0]
-    joints = Joints(tuple(tail["at"])) if "at" in tail else None
+    speed = float(tail["speed"][0])
+    blend = float(tail.get("blend", ["0"])[0])
+    joints = Joints(tuple(map(float, tail["at"]))) if "at" in tail else None
+    posture = _posture(tail)
     if word == "movej":
         target = Joints(tuple(float(w) for w in head[1:])) if head[0] == "joints" else _parse_pose(head)
-        return MoveJ(target, speed, blend, joints)
-    force = tail.get("force", [0.0])[0]
-    x, y, z = tail.get("press", [0.0, 0.0, 0.0])
+        return MoveJ(target, speed, blend, joints, posture)
+    force = float(tail.get("force", ["0"])[0])
+    x, y, z = map(float, tail.get("press", ["0"] * 3))
+    manner = (speed, blend, force, (x, y, z), joints, posture)
     if word == "movel":
-        return MoveL(_parse_pose(head), speed, blend, force, (x, y, z), joints)
+        return MoveL(_parse_pose(head), *manner)
     if word == "movec":
         middle = head.index("to")
-        return MoveC(
-            _parse_pose(head[:middle]), _parse_pose(head[middle + 1 :]), speed, blend, force, (x, y, z), joints
-        )
+        return MoveC(_parse_pose(head[:middle]), _parse_pose(head[middle + 1 :]), *manner)
     raise ValueError(f"unknown instruction {word!r}")
+
+
+def _posture(tail: dict[str, list[str]]) -> Posture | None:
+    """What the tail says of the posture, if it does."""
+    if not tail.keys() & {"confdata", "figure", "switches"}:
+        return None
+    confdata = None
+    if "confdata" in tail:
+        cf1, cf4, cf6, cfx = map(int, tail["confdata"])
+        confdata = (cf1, cf4, cf6, cfx)
+    figure = int(tail["figure"][0]) if "figure" in tail else None
+    return Posture(confdata, figure, tuple(tail.get("switches", ())))

@@ -5,43 +5,43 @@ Nothing is printed and nothing written here; the command line does that with the
 
 from __future__ import annotations
 
-import difflib
-import hashlib
 import math
-import os
-import stat
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen import __version__
 from camgen.check import Deviation, compare
 from camgen.cli_job import from_mapping, load
-from camgen.errors import InputError, JobError, NoSafeProgram
+from camgen.cycle.total import cycle
+from camgen.errors import InputError, JobError
+from camgen.gcode.recorded import Recorded
 from camgen.ir import Program
-from camgen.leads import add_leads
-from camgen.lower import lower, placed
-from camgen.paths import ToolPath, Tour
-from camgen.planners import plan
+from camgen.lower import placed
+from camgen.page_fit import on_page
+from camgen.paths import Tour
+from camgen.plans import Planned, Watch, way
 from camgen.plugins import find_post, find_readback, make_post
 from camgen.pose import Pose, fixed_xyz
-from camgen.post import Cell, OutputFile, Post
+from camgen.post import Cell, OutputFile, Pace, Post
 from camgen.reach import Reach, reached
 from camgen.readers import read
-from camgen.report import Motions, sum_up
+from camgen.report import Cycle, Motions, sum_up
 from camgen.report import report as report_of
-from camgen.robots.models import robot
+from camgen.robots.models import Robot
+from camgen.robots.urdf_name import split_name
 from camgen.settings import Job
 from camgen.shapes import Note, Part
+from camgen.simplify import simplified
+from camgen.sources import digest_of
 from camgen.text import short
-from camgen.tour import order, travel
 
-#: What ``build`` calls when it begins a stage: its name as the user sees it.
-Watch = Callable[[str], None]
+if TYPE_CHECKING:
+    from camgen.collide import Clear
 
 
 class Result(Struct, frozen=True, eq=False, dict=True):
@@ -49,7 +49,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
 
     part: what was read. tour: the paths in order, with their leads. program: as the text says it, arcs already
     replaced where the controller has none. files: the text with LF line ends. deviation: of the text read back.
-    motions: the sums of the program. reach: what ``cell.robot`` found, None where no robot is given.
+    motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot found, None where there
+    is none.
     """
 
     part: Part
@@ -62,15 +63,16 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     files: tuple[OutputFile, ...]
     deviation: Deviation
     motions: Motions
+    cycle: Cycle
     reach: Reach | None = None
+    clear: Clear | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
         """The contract's report as plain data."""
         files = [file.name for file in self.files]
-        checked = {} if self.reach is None else {"reach": "ok", "limits": "ok"}
-        seconds, deviation = self.motions.seconds, self.deviation.max_mm
-        return report_of(self.part, self.tour, self.notes, seconds, deviation, files, checked)
+        checked = {} if self.reach is None else {"reach": "ok", "limits": "ok", "collision": "ok"}
+        return report_of(self.part, self.tour, self.notes, self.cycle, self.deviation.max_mm, files, checked)
 
     @property
     def text(self) -> str:
@@ -98,29 +100,42 @@ def build(
     poster = _poster(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
     watch("reading")
-    digest = _digest(settings, sources)
-    part = joined([_read(source, settings) for source in sources])
-    tour, notes, cell = _planned(part, settings, poster, strict, watch)
+    digest = digest_of(settings, sources)
+    part = simplified(on_page(joined([_read(source, settings) for source in sources]), settings), settings)
+    cell = placed(poster.cell(), settings)
+    planned = way(part, settings)(part, settings, cell, strict, watch)
     watch("programming")
     header = _header(sources, part, poster, settings, cell, digest)
     title = poster.program or name or part.name
-    program = poster.prepare(lower(tour, cell, settings, title, header), settings.tolerance.chord)
-    reach = reached(program, robot(settings.cell.robot), part.source) if settings.cell.robot else None
+    program = poster.prepare(planned.lowered(title, header), settings.tolerance.chord)
+    tour, notes, arm = planned.tour, planned.notes, planned.arm
+    notes += _of_urdf(settings.cell.robot, arm)
+    reach = reached(program, arm, part.source) if arm else None
+    program = reach.program if reach else program
+    clear = _clear(part, settings, cell, planned, reach) if reach else None
     files = poster.render(program)
     watch("verifying")
     reading = readback({file.name: file.text for file in files}, settings.post)
     deviation = compare(program, reading, poster.tolerance(), poster.carried(), files[0].name)
-    motions = sum_up(program.columns)
-    return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions, reach)
+    motions, pace = sum_up(program.columns), _pace(poster, settings)
+    time = cycle(program, tour, pace, reach, arm)
+    return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions, time, reach, clear)
+
+
+def _pace(post: Post, job: Job) -> Pace:
+    """What the post takes its machine to do, with the acceleration of the job."""
+    own, pace = job.process.acceleration, post.pace()
+    return replace(pace, acceleration=own) if own else pace
 
 
 def joined(parts: Sequence[Part]) -> Part:
     """Several parts in one work frame as one. Contour ids get the place of their input in front: ``2/c7``."""
     if len(parts) == 1:
         return parts[0]
-    if any(part.raster is not None for part in parts):
-        name = next(part.source for part in parts if part.raster is not None)
-        raise InputError(name, "a picture makes a program by itself", remedy="build it alone")
+    alone = [part for part in parts if part.raster is not None or part.solid is not None or isinstance(part, Recorded)]
+    if alone:
+        what = "picture" if alone[0].raster is not None else "program" if alone[0].solid is None else "3-D part"
+        raise InputError(alone[0].source, f"a {what} makes a program by itself", remedy="build it alone")
     contours = [replace(c, id=f"{k}/{c.id}") for k, part in enumerate(parts, 1) for c in part.contours]
     notes = [replace(note, what=f"{part.source}: {note.what}") for part in parts for note in part.notes]
     return Part(
@@ -159,40 +174,25 @@ def _poster(name: str, job: Job, origin: str) -> Post:
         raise JobError(origin, error.what, error.file, error.remedy) from error
 
 
-def _planned(part: Part, job: Job, poster: Post, strict: bool, watch: Watch) -> tuple[Tour, tuple[Note, ...], Cell]:
-    """The tour of the paths, all notes and the cell in which the program will run."""
-    watch("planning")
-    planned = plan(part, job)
-    notes = part.notes + planned.notes
-    _insist(part, notes, bool(planned.paths), strict)
-    watch("ordering")
-    cell = placed(poster.cell(), job)
-    tour, lead_notes = _toured(planned.paths, part, job, cell)
-    notes += lead_notes
-    _insist(part, notes, bool(tour.paths), strict)
-    return tour, notes, cell
+def _clear(part: Part, job: Job, cell: Cell, planned: Planned, reach: Reach) -> Clear:
+    """The test of the whole program, links included, for collisions."""
+    from camgen.collide import collided  # noqa: PLC0415 (fcl is loaded only by what needs it)
+    from camgen.surroundings import around  # noqa: PLC0415
+
+    assert planned.arm is not None
+    where = planned.where or around(job, planned.arm, cell, None)
+    return collided(where, reach.program, reach, part.source)
 
 
-def _toured(paths: Sequence[ToolPath], part: Part, job: Job, cell: Cell) -> tuple[Tour, tuple[Note, ...]]:
-    """The paths in order from and back to home, with their leads."""
-    start = cell.home.origin[:2] if isinstance(cell.home, Pose) else None
-    tour = order(paths, job.tour.method, start, job.operation.inside_first)
-    led, notes = add_leads(tour.paths, part, job)
-    return Tour(tuple(led), travel(led, start), tour.method), tuple(notes)
-
-
-def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:
-    """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out."""
-    skipped = [note for note in notes if note.kind == "skipped"]
-    if not part.contours:
-        raise InputError(part.source, "nothing to work on", remedy="camgen inspect shows what the file holds")
-    if not something:
-        # What the planner left out comes last; what the reader left out is not why the contours have no path.
-        last = next((note for note in reversed(skipped) if note not in part.notes), Note("skipped", "nothing fits"))
-        raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
-    if strict and skipped:
-        what = f"--strict and {len(skipped)} left out, first: {skipped[0].what}"
-        raise NoSafeProgram(part.source, what, skipped[0].why, "mend the input, or build without --strict")
+def _of_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:
+    """What was assumed of an arm that a URDF describes; the built-in ones are described to the end."""
+    described = split_name(name)
+    if not (described and arm):
+        return ()
+    file = Path(described[0]).name
+    why = "their zeros and signs need not be the controller's: compare one pose with the teach pendant"
+    notes = [Note("assumed", f"{file}: {note}") for note in arm.notes]
+    return (*notes, Note("warning", f"{file}: home and posture are in the joint values of the URDF", why))
 
 
 def _header(sources: Sequence[Path], part: Part, post: Post, job: Job, cell: Cell, digest: str) -> tuple[str, ...]:
@@ -210,64 +210,3 @@ def _frame(pose: Pose) -> str:
     """The origin x y z in mm and rx ry rz in deg (contract, section 3)."""
     angles = (math.degrees(angle) for angle in fixed_xyz(pose.rotation))
     return " ".join([*(short(v, 3) for v in pose.origin), *(short(a, 4) for a in angles)])
-
-
-def _digest(job: Job, sources: Sequence[Path]) -> str:
-    """Twelve hex digits that stand for the settings and the bytes of all files that are read."""
-    if not sources:
-        raise InputError("input", "none is given")
-    total = hashlib.sha256(msgspec.json.encode(_own(job), order="deterministic"))
-    seen: dict[str, Path] = {}
-    for source in sources:
-        data = readable(source)
-        real = os.path.realpath(source)
-        if real in seen:
-            raise InputError(str(source), "is given twice", remedy="name every input once")
-        seen[real] = source
-        total.update(b"%d:" % len(data))
-        total.update(data)
-    for name in (job.image.background, job.camera.file):
-        if name:
-            total.update(readable(Path(name)))
-    return total.hexdigest()[:12]
-
-
-def _own(job: Job) -> dict[str, object]:
-    """What the job sets differently from the defaults: a new setting leaves the programs of old jobs as they are."""
-    image, camera = job.image, job.camera
-    # Of a file its bytes count, wherever it lies.
-    image = replace(image, background=Path(image.background).name)
-    camera = replace(camera, file=Path(camera.file).name)
-    tables = msgspec.to_builtins(replace(job, image=image, camera=camera))
-    defaults = msgspec.to_builtins(Job())
-    return {
-        name: {key: value for key, value in table.items() if value != defaults[name].get(key)}
-        for name, table in tables.items()
-        if table != defaults[name]
-    }
-
-
-def readable(source: Path) -> bytes:
-    """The bytes of an input. InputError when there are none: missing, a folder, not to be read."""
-    try:
-        mode = source.stat().st_mode
-        if stat.S_ISDIR(mode):
-            raise InputError(str(source), "is a folder", remedy="name the files in it")
-        if not stat.S_ISREG(mode):
-            raise InputError(str(source), "is not a regular file", remedy="copy it to a file, or use - with --format")
-        data = source.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(str(source), "no such file", remedy=_nearest(source)) from error
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(str(source), f"cannot be read: {reason}") from error
-    return data
-
-
-def _nearest(source: Path) -> str:
-    try:
-        stems = {Path(name).stem: name for name in sorted(os.listdir(source.parent))}
-    except OSError:
-        return "its folder does not exist"
-    near = difflib.get_close_matches(source.stem, stems, 1)
-    return f"nearest is {source.parent / stems[near[0]]}" if near else ""

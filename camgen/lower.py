@@ -37,7 +37,7 @@ def lower(tour: Tour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) 
     cell = placed(cell, job)
     body: list[Instruction] = [MoveJ(cell.home, job.process.travel)]
     if job.process.spindle > 0:
-        body += [Output("spindle", job.process.spindle), *_dwell(job.process)]
+        body += [Output("spindle", job.process.spindle), *dwell(job.process)]
     # A machine without joints has no axis that winds up.
     winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
     runs = _runs(tour.paths, winds)
@@ -66,6 +66,8 @@ def placed(cell: Cell, job: Job) -> Cell:
     if table.flange_from_tool is not None:
         tool = pose_from_values(_values("flange_from_tool", table.flange_from_tool, 6))
     home = cell.home
+    if isinstance(home, Joints) and table.robot and table.home is None:
+        home = _own_home(table.robot, cell, home)
     if table.home is not None and isinstance(home, Pose):
         x, y, z = _values("home", table.home, 3)
         home = Pose(TOOL_DOWN, (x, y, z))
@@ -75,7 +77,22 @@ def placed(cell: Cell, job: Job) -> Cell:
         sliding = cell.sliding if isinstance(cell.home, Joints) and count == len(cell.home.values) else frozenset()
         values = enumerate(_values("home", table.home, count))
         home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
-    return Cell(cell.name, work, tool, home, cell.sliding)
+    return Cell(_named(table.robot) or cell.name, work, tool, home, cell.sliding, table.robot or cell.robot)
+
+
+def _named(robot: str) -> str:
+    """The name of ``cell.robot`` for messages: of a URDF that of the file."""
+    return robot.replace("\\", "/").rpartition("/")[2]
+
+
+def _own_home(name: str, cell: Cell, builtin: Joints) -> Joints:
+    """The home of the robot ``name``; the one of the built-in cell keeps that cell's."""
+    from camgen.robots.models import robot  # noqa: PLC0415 (only jobs with a robot load it)
+
+    own = robot(name)
+    if cell.robot and own.name == robot(cell.robot).name:
+        return builtin
+    return Joints(tuple(own.home.tolist()))
 
 
 def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
@@ -259,11 +276,13 @@ def _same(a: Vec3, b: Vec3) -> bool:
     return math.dist(a, b) < _SAME
 
 
-def _dwell(process: Process) -> list[Instruction]:
+def dwell(process: Process) -> list[Instruction]:
+    """The wait after something is switched on."""
     return [Wait(process.dwell)] if process.dwell > 0 else []
 
 
-def _signal(process: Process) -> str:
+def signal(process: Process) -> str:
+    """The output that is on along a path, empty: none. JobError."""
     if process.signal == "auto":
         return "" if process.spindle > 0 else "process"
     if process.signal == "spindle":
@@ -274,16 +293,16 @@ def _signal(process: Process) -> str:
 def _work(table: _Table, run: int, process: Process) -> Iterator[Instruction]:
     """The segments of a run between force on, process on and process off, force off."""
     first, last = table.first[run], table.last[run]
-    signal = _signal(process)
+    name = signal(process)
     pressing = last > first and table.force[first + 1] > 0
     if pressing:
         yield Force(table.force[first + 1], table.press[first + 1][0])
-    if signal:
-        yield Output(signal, 1.0)
-        yield from _dwell(process)
+    if name:
+        yield Output(name, 1.0)
+        yield from dwell(process)
     yield from _segments(table, range(first + 1, last + 1), pressing)
-    if signal:
-        yield Output(signal, 0.0)
+    if name:
+        yield Output(name, 0.0)
     if last > first and table.force[last] > 0:
         yield Force(0.0)
 

@@ -31,7 +31,7 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     lines: list[MoveL | MoveC] = [
         MoveL(pose, arc.speed, blend, arc.force, press) for pose, press in zip(poses, presses, strict=True)
     ]
-    lines.append(MoveL(arc.target, arc.speed, arc.blend, arc.force, arc.press, arc.joints))
+    lines.append(MoveL(arc.target, arc.speed, arc.blend, arc.force, arc.press, arc.joints, arc.posture))
     return lines
 
 
@@ -42,7 +42,7 @@ def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
     press = _turned(arc.press, axis, sweep, 2)[0]
     seam = max(arc.blend, 1.0)
     return [
-        replace(arc, via=first, target=middle, press=press, blend=seam, joints=None),
+        replace(arc, via=first, target=middle, press=press, blend=seam, joints=None, posture=None),
         replace(arc, via=last),
     ]
 

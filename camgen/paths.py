@@ -78,11 +78,13 @@ class Tour(Struct, frozen=True, eq=False):
     """The paths in the order and direction in which they are run, each rotated to its start.
 
     travel: mm between the end of each path and the start of the next, from and back to the home position if given.
+    bound: mm, no order, directions and starts of these paths travel less; None where it is not known.
     """
 
     paths: tuple[ToolPath, ...]
     travel: float
     method: str
+    bound: float | None = None
 
 
 def joined(paths: Sequence[ToolPath]) -> ToolPath:

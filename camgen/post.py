@@ -15,7 +15,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Struct
@@ -38,7 +38,8 @@ class OutputFile(Struct, frozen=True):
 class Cell(Struct, frozen=True):
     """The built-in cell in which a job without ``[cell]`` is posted: frames and home position.
 
-    name: for messages. sliding: the joints, counted from 0, whose values are mm.
+    name: for messages. sliding: the joints, counted from 0, whose values are mm. robot: which of camgen's robots it is,
+    empty for a machine that is none.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Cell(Struct, frozen=True):
     flange_from_tool: Pose
     home: Joints | Pose
     sliding: frozenset[int] = frozenset()
+    robot: str = ""
 
 
 class Tolerance(Struct, frozen=True):
@@ -62,11 +64,35 @@ class Tolerance(Struct, frozen=True):
     seconds: float
 
 
+class Pace(Struct, frozen=True):
+    """What a machine is taken to do where the time of a program is worked out. Nothing of it is in the text.
+
+    acceleration: mm/s2 of the TCP. turning: rad/s of the tool. ramp: s in which a joint, or the tool where it turns at
+    rest, comes to full speed. corner: how one is passed: "zone": rounded within the blend radius; "overlap": the next
+    motion begins while the one before ends; "arc": rounded within ``deviation`` mm, whatever the blend; "junction": as
+    fast as that, without leaving the lines. across, along: the shares of the acceleration that an arc may use; last:
+    the share that a motion may use that ends at rest.
+    """
+
+    acceleration: float = 5000.0
+    turning: float = math.radians(500.0)
+    ramp: float = 0.2
+    corner: Literal["zone", "overlap", "arc", "junction"] = "zone"
+    deviation: float = 0.0
+    across: float = 1.0
+    along: float = 1.0
+    last: float = 1.0
+
+
 class Fault(Struct, frozen=True):
     """Something in a program text that cannot be right, or that the reader does not know. line: 1-based."""
 
     line: int
     what: str
+
+
+class Remark(Fault, frozen=True):
+    """What a controller takes although the text leaves it open: harmless in a foreign program, a fault in our own."""
 
 
 class Reading(Struct, frozen=True, eq=False):
@@ -95,7 +121,7 @@ class Post(ABC):
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
     *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, press, refuses, accepts, assemble,
-    cell, tolerance, carried; prepare only around a call of the base's. *Don't*: render, line, note.
+    cell, tolerance, pace, carried; prepare only around a call of the base's. *Don't*: render, line, note.
     """
 
     #: What ``--post`` says, the file name's ending, the line end, and one line for ``camgen posts``.
@@ -106,7 +132,8 @@ class Post(ABC):
     #: Names of the passes that may replace what ``refuses`` turns down, in the order in which they are tried.
     passes: ClassVar[tuple[str, ...]] = ("chords",)
     #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J; "blend":
-    #: its radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons.
+    #: its radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons;
+    #: "confdata", "figure", "switches": so much of ``ir.Posture``.
     carries: ClassVar[frozenset[str]] = frozenset(
         {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}
     )
@@ -181,6 +208,10 @@ class Post(ABC):
     def tolerance(self) -> Tolerance:
         """How exactly the read-back must agree."""
         return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 0.01, 0.01, 0.001)
+
+    def pace(self) -> Pace:
+        """What the time of a program is worked out with: an assumption, an average machine of its kind."""
+        return Pace()
 
     def carried(self) -> frozenset[str]:
         """What the text carries with these options: ``carries``, and "work" and "tool" if it states these frames."""

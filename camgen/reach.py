@@ -1,126 +1,149 @@
-"""Can the robot do the program: every motion sampled, one posture for all of it, joint limits kept.
+"""Can the robot do the program: every motion looked at row by row, joint limits kept, and its joints written into it.
 
-What stands between two samples is not looked at: they are so close that no joint may turn by more than 30 deg from one
-to the next. Collisions are not looked at either.
+Motions to joint values are anchors: what is between two of them is followed as one stretch, in one posture, from the
+very values of the first. What is between two rows is not looked at: they are so close that no joint may turn by
+more than 30 deg from one to the next. Collisions are not looked at either.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.check import arc_middles
+from camgen.edges.ways import Way
 from camgen.errors import JobError, NoSafeProgram
-from camgen.ir import Comment, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Program
-from camgen.passes import along, circle
-from camgen.pose import FloatArray, Pose, angle_between, rotation_between
-from camgen.robots.continuity import Stuck, follow
+from camgen.ir import Comment, Instruction, Joints, MoveC, MoveJ, Program
+from camgen.pose import FloatArray
+from camgen.robots.continuity import Stuck, Ties, follow
 from camgen.robots.models import Robot
+from camgen.robots.posture import postures
 from camgen.robots.reasons import why
 from camgen.robots.values import within
+from camgen.sampling import Rows, ends, interpolated, sampled
 from camgen.text import short
-
-#: Samples along a motion are at most so far apart: mm and rad.
-_STEP, _TURN = 10.0, math.radians(10.0)
 
 
 class Reach(Struct, frozen=True, eq=False):
-    """What was found. samples: poses that were solved. joints: (samples, J), values on the way, rad or mm. owner:
-    (samples,), the instruction that each belongs to.
+    """What was found. joints: (S, J), values on the way from the first motion's end to the last one's, rad or mm; along
+    joint-interpolated motions no joint turns by more than 2 deg from row to row and the flange moves by about 10 mm at
+    most, along others the TCP does. owner: (S,), the instruction that each row belongs to. program: the one that was
+    looked at, with joints and posture at every motion to a pose.
     """
 
     robot: str
-    samples: int
     joints: FloatArray
     owner: NDArray[np.int64]
+    program: Program
+
+    @property
+    def samples(self) -> int:
+        """The number of rows."""
+        return len(self.joints)
 
 
 def reached(program: Program, robot: Robot, file: str) -> Reach:
-    """The joints with which ``robot`` runs ``program``, all of it in one posture from its first pose to its last.
+    """The joints with which ``robot`` runs ``program``, in one posture from each motion to joint values to the next.
 
     file: for messages. Raises JobError for a program that is not for this kind of arm, NoSafeProgram with the motion
     and the reason for what it cannot do.
     """
-    home = _home(program, robot)
-    poses, owner = _sampled(program.body)
-    if not poses:
-        return Reach(robot.name, 0, np.zeros((0, len(robot.home))), np.zeros(0, np.int64))
-    rotations, origins = _flanges(program, poses)
-    found = follow(robot, rotations, origins, home)
-    if isinstance(found, Stuck):
-        reason = why(robot, rotations, origins, found)
-        index = owner[reason.row]
-        place = " ".join(short(v, 1) for v in poses[reason.row].origin)
-        what = f"{robot.name} cannot run {_path(program.body, index)} at {place} mm: {reason.text}"
-        raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
-    return Reach(robot.name, len(poses), found.joints, np.array(owner))
+    columns = program.columns
+    anchors = _anchors(program, robot, file)
+    found = sampled(program, _way(program, robot, anchors))
+    joints = _followed(program, robot, file, found, anchors)
+    dense, at = interpolated(robot, joints, found.free)
+    motion = np.repeat(found.motion, np.diff(at, prepend=-1))
+    return Reach(robot.name, dense, columns.at[motion], _filled(program, robot, joints[found.at]))
 
 
-def _home(program: Program, robot: Robot) -> FloatArray:
-    """The joint values from which the program starts."""
-    first = next(item for item in program.body if isinstance(item, MoveJ))
-    if not isinstance(first.target, Joints):
+def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
+    """The joint values (A, J) to which motions go, in order, the first of them home."""
+    columns = program.columns
+    posed = columns.posed
+    if posed[0]:
         raise JobError("job", "the post is for a machine, not for an arm", "cell.robot", "leave it out")
-    values = np.array(first.target.values)
-    if len(values) != len(robot.home):
-        what = f"{robot.name} has {len(robot.home)} joints, home has {len(values)}"
-        raise JobError("job", what, "cell.robot", "give cell.home for this robot, or another post")
-    if not within(robot, values[None])[0]:
+    places = np.flatnonzero(~posed)
+    targets = [columns.moves[k].target.values for k in places.tolist()]
+    for place, values in zip(places.tolist(), targets, strict=True):
+        if len(values) != len(robot.home):
+            what = f"{robot.name} has {len(robot.home)} joints, {_name(place)} has {len(values)}"
+            raise JobError("job", what, "cell.robot", "give cell.home for this robot, or another post")
+    anchors = np.array(targets)
+    beyond = places[~within(robot, anchors)]
+    if 0 in beyond:
         raise JobError("job", f"is beyond the limits of {robot.name}", "cell.home", "give joint values within them")
-    return values
+    for place in beyond[:1].tolist():
+        index = int(columns.at[place])
+        what = f"{robot.name} cannot run {_path(program.body, index)}: joint values beyond its limits"
+        raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
+    return anchors
 
 
-def _sampled(body: Sequence[Instruction]) -> tuple[list[Pose], list[int]]:
-    """Poses along all motions to poses, and the instruction that each belongs to."""
-    poses: list[Pose] = []
-    owner: list[int] = []
-    start: Pose | None = None
-    for index, item in enumerate(body):
-        if not isinstance(item, (MoveJ, MoveL, MoveC)):
+def _name(motion: int) -> str:
+    return f"motion {motion + 1}" if motion else "home"
+
+
+def _way(program: Program, robot: Robot, anchors: FloatArray) -> Way:
+    """The way of the TCP, a row for each motion."""
+    position, rotation = ends(program, robot, anchors)
+    middles = program.columns.vias.copy()
+    arc = np.flatnonzero(program.columns.moves_are(MoveC))
+    middles[arc] = arc_middles(position[arc - 1], middles[arc], position[arc])
+    return Way(position, middles, rotation)
+
+
+def _followed(program: Program, robot: Robot, file: str, found: Rows, anchors: FloatArray) -> FloatArray:
+    """The joint values (R, J) of all rows, one stretch between anchors after the other."""
+    rotations, origins = _flanges(program, found)
+    joints = np.empty((len(origins), len(robot.home)))
+    fixed = found.at[~program.columns.posed]
+    joints[fixed] = anchors
+    for number, first in enumerate(fixed.tolist()):
+        last = int(fixed[number + 1]) if number + 1 < len(fixed) else len(joints)
+        here = slice(first + 1, last)
+        if first + 1 == last:
             continue
-        target = item.target
-        if isinstance(target, Joints):
-            start = None
-            continue
-        found = [target] if start is None or isinstance(item, MoveJ) else _between(start, item, target)
-        poses += found
-        owner += [index] * len(found)
-        start = target
-    return poses, owner
+        free = found.free[here]
+        end = anchors[number + 1] if number + 1 < len(fixed) else None
+        ties = Ties(joined=not free[0], end=end, free=free)
+        choice = follow(robot, rotations[here], origins[here], anchors[number], ties=ties)
+        if isinstance(choice, Stuck):
+            reason = why(robot, rotations[here], origins[here], choice)
+            raise _refusal(program, robot, file, found, first + 1 + reason.row, reason.text)
+        joints[here] = choice.joints
+    return joints
 
 
-def _between(start: Pose, item: Motion, target: Pose) -> list[Pose]:
-    """Poses along a line or an arc, without its start."""
-    same = start.rotation is target.rotation
-    turn = 0.0 if same else angle_between(start.rotation, target.rotation)
-    if isinstance(item, MoveC):
-        _, radius, _, sweep = circle(start.origin, item.via.origin, target.origin)
-        count = _count(radius * sweep, max(turn, sweep / 4))
-        return [*along(start, item, [k / count for k in range(1, count)]), target]
-    length = math.dist(start.origin, target.origin)
-    count = _count(length, turn)
-    a, b = np.asarray(start.origin), np.asarray(target.origin)
-    poses = []
-    for k in range(1, count):
-        x, y, z = (a + (b - a) * (k / count)).tolist()
-        rotation = start.rotation if same else rotation_between(start.rotation, target.rotation, k / count)
-        poses.append(Pose(rotation, (x, y, z)))
-    return [*poses, target]
+def _refusal(program: Program, robot: Robot, file: str, found: Rows, row: int, text: str) -> NoSafeProgram:
+    index = int(program.columns.at[found.motion[row]])
+    place = " ".join(short(v, 1) for v in found.way.position[row].tolist())
+    what = f"{robot.name} cannot run {_path(program.body, index)} at {place} mm: {text}"
+    return NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
 
 
-def _count(length: float, turn: float) -> int:
-    return max(1, math.ceil(length / _STEP), math.ceil(turn / _TURN))
-
-
-def _flanges(program: Program, poses: Sequence[Pose]) -> tuple[FloatArray, FloatArray]:
-    """base_from_flange of the TCP poses: rotations (N, 3, 3) and origins (N, 3)."""
+def _flanges(program: Program, found: Rows) -> tuple[FloatArray, FloatArray]:
+    """base_from_flange of the rows: rotations (R, 3, 3) and origins (R, 3)."""
     base, tool = program.base_from_work, program.flange_from_tool.inverse()
-    rotations = base.rotation @ np.stack([pose.rotation for pose in poses])
-    origins = np.array([pose.origin for pose in poses]) @ base.rotation.T + np.asarray(base.origin)
+    rotations = base.rotation @ found.way.rotation
+    origins = found.way.position @ base.rotation.T + np.asarray(base.origin)
     return rotations @ tool.rotation, origins + rotations @ np.asarray(tool.origin)
+
+
+def _filled(program: Program, robot: Robot, joints: FloatArray) -> Program:
+    """The program with joints and posture at every motion to a pose. joints: (M, J) where motions end."""
+    columns = program.columns
+    posed = columns.posed
+    named = postures(robot, joints, ~columns.moves_are(MoveJ))
+    body = list(program.body)
+    values = [tuple(row) for row in joints.tolist()]
+    for motion, index in zip(np.flatnonzero(posed).tolist(), columns.at[posed].tolist(), strict=True):
+        body[index] = replace(body[index], joints=Joints(values[motion]), posture=named[motion])
+    return program.with_body(tuple(body))
 
 
 def _path(body: Sequence[Instruction], index: int) -> str:

@@ -40,6 +40,18 @@ class Motions(Struct, frozen=True):
     force: float
 
 
+class Cycle(Struct, frozen=True, eq=False):
+    """The time of a program, s. total: of all of it. travel: of what is on no path: ways between paths, from and to
+    home, plunges, and waits there. paths: (P,) on each path of the tour, all its passes, with its waits. links: (P,) of
+    the travel that leads to each path; the rest of ``travel`` is the way back to home.
+    """
+
+    total: float
+    travel: float
+    paths: FloatArray
+    links: FloatArray
+
+
 def sum_up(columns: Columns) -> Motions:
     """The sums of a body of instructions."""
     end, via, speed = columns.ends, columns.vias, columns.speed
@@ -79,7 +91,8 @@ def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArr
     turn = np.pi - angle
     with np.errstate(divide="ignore", invalid="ignore"):
         curved = np.linalg.norm(end - start, axis=1) / np.sin(turn) * turn
-    return np.asarray(np.where(turn > 1e-9, curved, flat), dtype=np.float64)
+    # Three points on one line, in any order, are no arc; a foreign program may hold them.
+    return np.asarray(np.where(np.sin(turn) > 1e-9, curved, flat), dtype=np.float64)
 
 
 def _corner(values: FloatArray) -> Vec3:
@@ -105,19 +118,20 @@ def report(
     part: Part,
     tour: Tour,
     notes: Sequence[Note],
-    seconds: float,
+    time: Cycle,
     verified: float,
     files: Sequence[str],
     checked: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, object]:
     """The report of a build (contract, section 5): mm, s, N; lengths to 1e-3 mm, the deviation to 1e-6 mm.
 
-    seconds: ``Motions.seconds`` of the program. verified: the largest deviation of the read-back, mm. files: names.
+    time: of the program. verified: the largest deviation of the read-back, mm. files: names.
     checked: what of reach, collision and limits was checked, and the result.
     """
     contours = part.contours
     lengths, durations = path_sums(tour.paths)
-    rows = zip(tour.paths, lengths.tolist(), durations.tolist(), strict=True)
+    times = (column.tolist() for column in (lengths, durations, time.paths, time.links))
+    rows = zip(tour.paths, *times, strict=True)
     return {
         "input": {
             "source": clean(part.source),
@@ -126,6 +140,7 @@ def report(
             "closed": sum(c.closed for c in contours),
             "open": sum(not c.closed for c in contours),
             "layers": sorted({clean(c.layer) for c in contours}),
+            **({} if part.solid is None else {"edges": len(part.solid.edges)}),
         },
         "paths": [_path(*row) for row in rows],
         "skipped": [{"what": clean(n.what), "why": clean(n.why)} for n in notes if n.kind == "skipped"],
@@ -133,9 +148,10 @@ def report(
             "method": tour.method,
             "work_mm": round(math.fsum(lengths.tolist()), 3),
             "travel_mm": round(tour.travel, 3),
-            "bound_mm": None,
+            "bound_mm": None if tour.bound is None else round(tour.bound, 3),
         },
-        "time_s": round(seconds, 1),
+        "time_s": round(time.total, 1),
+        "travel_s": round(time.travel, 1),
         "checks": dict.fromkeys(("reach", "collision", "limits"), NOT_CHECKED) | dict(checked),
         "verify": {"status": "equal", "max_deviation_mm": round(verified, 6)},
         "files": [clean(name) for name in files],
@@ -143,8 +159,8 @@ def report(
     }
 
 
-def _path(path: ToolPath, length: float, seconds: float) -> dict[str, object]:
-    """feed: mm/s of the tool centre, its mean; force: the greatest, N."""
+def _path(path: ToolPath, length: float, seconds: float, time: float, travel: float) -> dict[str, object]:
+    """feed: mm/s of the tool centre, its mean; force: the greatest, N; travel_s: of the way to the path."""
     return {
         "id": path.id,
         "layer": clean(path.layer),
@@ -152,6 +168,8 @@ def _path(path: ToolPath, length: float, seconds: float) -> dict[str, object]:
         "length_mm": round(length, 3),
         "feed": round(length / seconds if seconds > 0 else float(path.feed[0]), 3),
         "force": round(float(path.force.max()), 3),
+        "time_s": round(time, 2),
+        "travel_s": round(travel, 2),
     }
 
 

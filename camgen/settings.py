@@ -15,6 +15,8 @@ NotNegative = Annotated[float, Meta(ge=0)]
 Grey = Annotated[float, Meta(ge=0, le=255)]
 Values = list[float]
 Points = list[list[float]]
+#: Each from corner to corner.
+Boxes = list[list[float]]
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True):
@@ -31,6 +33,10 @@ class Input(Table, frozen=True):
         default_factory=lambda: ["*"]
     )
     join: Annotated[NotNegative, Meta(description="ends closer than this meet, mm")] = 0.05
+    min_length: Annotated[NotNegative, Meta(description="shorter contours are dropped and counted, mm")] = 0.0
+    select: Annotated[
+        str, Meta(description='edges of a 3-D part: convex, all, bottom, ids as inspect prints them; "not" leaves out')
+    ] = "convex"
 
 
 class Image(Table, frozen=True):
@@ -84,9 +90,13 @@ class Operation(Table, frozen=True):
     """[operation]: what is done along the contours."""
 
     kind: Annotated[
-        Literal["follow", "trace"],
-        Meta(description="follow: the tool runs beside the contour; trace: its centre runs on the line"),
-    ] = "follow"
+        Literal["auto", "follow", "trace", "fill", "drill", "edges", "replay"],
+        Meta(
+            description="follow: the tool runs beside the contour; trace: its centre runs on the line; fill: it covers "
+            "what closed contours enclose; drill: marks, rings and circles; edges: of a 3-D part; "
+            "replay: what a G-code program does; auto: by the input"
+        ),
+    ] = "auto"
     side: Annotated[
         Literal["auto", "outside", "inside", "left", "right", "on"],
         Meta(description="auto: outer loops outside, holes inside; left, right, on: seen along the drawn direction"),
@@ -100,11 +110,22 @@ class Operation(Table, frozen=True):
     ] = "climb"
     corner_radius: Annotated[NotNegative, Meta(description="least radius of inner corners of the path, mm")] = 0.0
     inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
+    stepover: Annotated[
+        float, Meta(gt=0, le=1, description="fill: from pass to pass, as a share of the tool's diameter")
+    ] = 0.7
+    holes: Annotated[
+        Values | None, Meta(description="drill: the diameters that are drilled, [from, to] mm; not set: all")
+    ] = None
     depth: Annotated[NotNegative, Meta(description="depth of the tool tip below the top face, mm")] = 0.0
     passes: Annotated[int, Meta(ge=1, description="the depth is reached in so many equal passes")] = 1
     lead_in: Annotated[NotNegative, Meta(description="length of the run-in to a followed contour, mm")] = 0.0
     lead_out: Annotated[NotNegative, Meta(description="length of the run-out, mm")] = 0.0
     overlap: Annotated[NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")] = 0.0
+    offset: Annotated[NotNegative, Meta(description="distance of the tool tip from the edges of a 3-D part, mm")] = 0.0
+    offset_along: Annotated[
+        Literal["mean", "burr"],
+        Meta(description="mean: between the two faces of an edge; burr: off the face machined last"),
+    ] = "mean"
 
 
 class Tool(Table, frozen=True):
@@ -115,6 +136,14 @@ class Tool(Table, frozen=True):
     orient: Annotated[
         Literal["fixed", "follow"], Meta(description="follow: tool x turns with the contour normal, towards the part")
     ] = "fixed"
+    axis_tilt: Annotated[float, Meta(ge=0, le=60, description="the axis may lean by so much to reach an edge, deg")] = (
+        0.0
+    )
+    symmetric: Annotated[bool, Meta(description="any turn of the tool about its axis is as good")] = False
+    holder: Annotated[
+        Boxes | None,
+        Meta(description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, z], ...], mm"),
+    ] = None
 
 
 class Process(Table, frozen=True):
@@ -126,6 +155,9 @@ class Process(Table, frozen=True):
         float, Meta(ge=1, description="the tool centre may run so many times faster than the feed on outer curves")
     ] = 2.0
     travel: Annotated[Positive, Meta(description="speed between contours, mm/s")] = 100.0
+    acceleration: Annotated[
+        Positive | None, Meta(description="of the machine, mm/s2, for the time alone; not set: what its post assumes")
+    ] = None
     approach: Annotated[NotNegative, Meta(description="height above the start where the feed begins, mm")] = 2.0
     clearance: Annotated[Positive, Meta(description="height of travel above the top face, mm")] = 20.0
     spindle: Annotated[NotNegative, Meta(description="spindle speed for the whole program, rpm; 0: off")] = 0.0
@@ -141,13 +173,33 @@ class Tour(Table, frozen=True):
     method: Annotated[
         Literal["best", "nearest", "as-drawn"], Meta(description="best: the shortest travel that camgen finds")
     ] = "best"
+    seconds: Annotated[
+        NotNegative,
+        Meta(description="budget of the search, s of its compiled form; 0: a short look, none above 1,250 contours"),
+    ] = 0.0
+    seed: Annotated[int, Meta(ge=0, description="another number, another search")] = 0
+
+
+class Page(Table, frozen=True):
+    """[page]: the paper of a drawing job; the work frame is at its lower left corner."""
+
+    size: Annotated[
+        str | Values, Meta(description='"A4", "A3 landscape", "letter", ... or [width, height] in mm; "": no page')
+    ] = ""
+    margin: Annotated[NotNegative, Meta(description="border in which nothing is drawn, mm")] = 10.0
+    scale: Annotated[
+        Literal["fit", "true"] | Positive,
+        Meta(description="fit: as large as the page allows; true: as the input says; or mm per unit or pixel of it"),
+    ] = "fit"
 
 
 class CellTable(Table, frozen=True):
     """[cell]: where the work and the tool are. Without it the post's built-in cell is used."""
 
+    file: Annotated[str, Meta(description="another TOML file whose [cell] holds what is not set here")] = ""
     robot: Annotated[
-        str, Meta(description='the arm that must reach everything, as camgen robots lists it; "": not checked')
+        str,
+        Meta(description='the arm that must reach everything: one of camgen robots, or FILE.urdf; "": not checked'),
     ] = ""
 
     base_from_work: Annotated[
@@ -157,6 +209,11 @@ class CellTable(Table, frozen=True):
         Values | None, Meta(description="tool frame at the flange: [x, y, z, rx, ry, rz], mm and deg")
     ] = None
     home: Annotated[Values | None, Meta(description="joint values of the first and last position, deg")] = None
+    fixtures: Annotated[
+        list[list[float] | str] | None,
+        Meta(description="what stands around the part: boxes [x, y, z, x, y, z], mm, or mesh files, in the work frame"),
+    ] = None
+    safety: Annotated[NotNegative, Meta(description="room above part and fixtures on the way between edges, mm")] = 10.0
 
 
 class Tolerance(Table, frozen=True):
@@ -166,6 +223,10 @@ class Tolerance(Table, frozen=True):
     arc_fit: Annotated[
         NotNegative, Meta(description="short lines become an arc that leaves them by at most this, mm; 0: they stay")
     ] = 0.01
+    simplify: Annotated[
+        NotNegative | None,
+        Meta(description="lines are thinned out within this, mm; not set: one pixel of a traced picture, else none"),
+    ] = None
 
 
 class Job(Table, frozen=True):
@@ -178,6 +239,7 @@ class Job(Table, frozen=True):
     tool: Tool = Tool()
     process: Process = Process()
     tour: Tour = Tour()
+    page: Page = Page()
     cell: CellTable = CellTable()
     tolerance: Tolerance = Tolerance()
     post: dict[str, object] = {}

@@ -1,6 +1,8 @@
-"""The order of the paths of a plan: as drawn, or the nearest next one ("Following a continuous path", section 3.1).
+"""The order of the paths of a plan: as drawn, the nearest next one, or a search that begins with that.
 
-From where the tool is, the nearest start comes next. An open path may begin at either end, a closed one at any point
+The nearest next one ("Following a continuous path", section 3.1):
+
+from where the tool is, the nearest start comes next. An open path may begin at either end, a closed one at any point
 of any of its segments: the paper takes vertices only, but with long lines and arcs most of the gain is between them.
 """
 
@@ -10,38 +12,55 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec import Struct
 
 from camgen.paths import ToolPath, Tour
+from camgen.tour_search import Choices, looks, lower_bound, sampled, searched
 from camgen.tour_start import ends_of, reversed_each, starting_at, starting_each
-from camgen.tour_tree import Tree, starts
+from camgen.tour_tree import Starts, Tree, starts
 
 __all__ = ["order", "starting_at", "travel"]
 
-
-class _Choices(Struct, frozen=True):
-    """order: indices of the paths as they are run. row, fraction: by path, where it begins."""
-
-    order: list[int]
-    row: list[int]
-    fraction: list[float]
+#: The methods and what the summary calls them.
+_METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "local search"}
 
 
-def order(paths: Sequence[ToolPath], method: str, start: tuple[float, float] | None, inside_first: bool) -> Tour:
+def order(
+    paths: Sequence[ToolPath],
+    method: str,
+    start: tuple[float, float] | None,
+    inside_first: bool,
+    seconds: float = 0.0,
+    seed: int = 0,
+) -> Tour:
     """The paths in the order in which they are run, each once.
 
-    method: "as-drawn" keeps the order and the paths as they are, whatever ``inside_first`` says; "nearest" and "best"
-    take the nearest next start. start: x, y (work frame, mm) where the tool comes from and goes back to; without it
-    the leftmost start is the first. inside_first: a path is run after all the paths that it encloses. Distances are
-    measured in the plane, and arcs are taken to lie in it. ``parent`` keeps the index in ``paths`` as given.
-    ValueError for another method, or parents that enclose each other.
+    method: "as-drawn" keeps the order and the paths as they are, whatever ``inside_first`` says; "nearest" takes the
+    nearest next start; "best" shortens that by a search. start: x, y (work frame, mm) where the tool comes from and
+    goes back to; without it the leftmost start is the first of "nearest". inside_first: a path is run after all the
+    paths that it encloses. seconds: budget of the search in seconds of its compiled form, counted in looks at a path
+    and not by a clock; 0: a short one, none for thousands of paths. seed: of its shuffles. Distances are measured in
+    the plane, and arcs are taken to lie in it. ``parent`` keeps the index in ``paths`` as given. ValueError for another
+    method, or parents that enclose each other.
     """
-    if method == "as-drawn":
-        return Tour(tuple(paths), travel(paths, start), "as drawn")
-    if method not in ("nearest", "best"):
+    if method not in _METHODS:
         raise ValueError(f"unknown method {method!r}")
-    arranged = _arranged(paths, _nearest_neighbour(paths, start, inside_first)) if paths else []
-    return Tour(tuple(arranged), travel(arranged, start), "nearest neighbour")
+    if not paths:
+        return Tour((), 0.0, _METHODS[method], 0.0)
+    where = starts(paths)
+    known = sampled(paths, where, inside_first)
+    budget = looks(seconds, len(paths))
+    arranged = list(paths)
+    if method != "as-drawn":
+        first = _nearest_neighbour(paths, where, start, inside_first)
+        arranged = _arranged(paths, first)
+        if method == "best" and not budget:
+            method = "nearest"
+        if method == "best" and len(paths) > 1:
+            better = _arranged(paths, searched(known, first, start, budget, seed))
+            # A short search from samples may end above the first tour, whose starts lie anywhere.
+            arranged = min(arranged, better, key=lambda tour: travel(tour, start))
+    length = travel(arranged, start)
+    return Tour(tuple(arranged), length, _METHODS[method], lower_bound(known, start, length, seconds))
 
 
 def travel(paths: Sequence[ToolPath], start: tuple[float, float] | None) -> float:
@@ -55,8 +74,9 @@ def travel(paths: Sequence[ToolPath], start: tuple[float, float] | None) -> floa
     return math.fsum(np.hypot(gaps[:, 0], gaps[:, 1]).tolist())
 
 
-def _nearest_neighbour(paths: Sequence[ToolPath], start: tuple[float, float] | None, inside_first: bool) -> _Choices:
-    where = starts(paths)
+def _nearest_neighbour(
+    paths: Sequence[ToolPath], where: Starts, start: tuple[float, float] | None, inside_first: bool
+) -> Choices:
     tree = Tree(where)
     waits = _enclosed(paths) if inside_first else [0] * len(paths)
     for index, count in enumerate(waits):
@@ -64,7 +84,7 @@ def _nearest_neighbour(paths: Sequence[ToolPath], start: tuple[float, float] | N
             tree.remove(index)
     begins, ends = (column.tolist() for column in ends_of(paths))
     path_of, row_of = where.path.tolist(), where.row.tolist()
-    chosen = _Choices([], [0] * len(paths), [0.0] * len(paths))
+    chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
     if start is None:
         number, x, y = where.leftmost([not count for count in waits])
     else:
@@ -99,7 +119,7 @@ def _enclosed(paths: Sequence[ToolPath]) -> list[int]:
     return counts
 
 
-def _arranged(paths: Sequence[ToolPath], chosen: _Choices) -> list[ToolPath]:
+def _arranged(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
     """The chosen paths, reversed where they begin at their end, closed ones begun where they were met."""
     loops = [i for i, path in enumerate(paths) if path.closed and len(path.position) > 1]
     turned = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]

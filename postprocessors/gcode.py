@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from camgen.errors import JobError
 from camgen.ir import Force, MoveC, MoveL, Output, Program
 from camgen.passes import without_force
-from camgen.post import Tolerance
+from camgen.post import Pace, Tolerance
 from camgen.text import short
 
 from .rs274 import COOLANT, Rs274, check_signals
@@ -66,6 +66,12 @@ class GCode(Rs274):
         """Half the last printed digit, a force by its scale."""
         scale = self.force_scale if self.force == "analog" else 1.0
         return replace(super().tolerance(), force=0.5e-4 / scale)
+
+    def pace(self) -> Pace:
+        """A small mill; G64 P rounds every corner, G61 none. The shares are LinuxCNC's (docs/cycle-time.md)."""
+        rounded = self.path_tolerance
+        last = 0.5 if rounded else 1.0
+        return Pace(acceleration=500.0, corner="arc", deviation=rounded, across=0.866, along=0.5, last=last)
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Rs274``; drops force where the user said so."""

@@ -12,6 +12,7 @@ from typing import ClassVar, Literal
 from camgen.errors import JobError, Refused
 from camgen.ir import Output, Program
 from camgen.passes import without_force
+from camgen.post import Pace
 from camgen.text import short
 
 from .rs274 import COOLANT, Rs274, check_signals
@@ -43,6 +44,10 @@ class Grbl(Rs274):
         check_signals(self.signals, (*_SPINDLE, *COOLANT), [_SPINDLE, COOLANT])
         if not 0 < self.power <= 99_999:
             raise JobError("[post] power", f"{self.power:g} is not more than 0 and at most 99999")
+
+    def pace(self) -> Pace:
+        """A small mill or plotter. Corners by the junction deviation, $11, as the firmware has it: 0.01 mm."""
+        return Pace(acceleration=500.0, corner="junction", deviation=0.01)
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Rs274``; drops force where the user said so, and keeps the spindle line to one use."""

@@ -31,14 +31,18 @@ _CHORD, _TURN = 0.2, math.radians(179.0)
 
 @dataclass
 class PacScript(PacScriptOptions):
-    """Posts for PacScript. Poses are in the work frame, mm and degrees with R = Rz Ry Rx, figure -1 (undefined)."""
+    """Posts for PacScript. Poses are in the work frame, mm and degrees with R = Rz Ry Rx, and the figure where it is
+    known, else -1 (undefined).
+    """
 
     name: ClassVar[str] = "pacscript"
     suffix: ClassVar[str] = ".pcs"
     about: ClassVar[str] = "DENSO RC8, RC8A and RC9 (PacScript)"
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
-    carries: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "stop", "force-direction"})
+    carries: ClassVar[frozenset[str]] = frozenset(
+        {"orientation", "speed", "joint-speed", "stop", "force-direction", "figure"}
+    )
 
     #: The force that the controller presses with (N, work frame), None while force control is off.
     _pressing: Vec3 | None = field(default=None, init=False, repr=False)
@@ -143,6 +147,8 @@ class PacScript(PacScriptOptions):
         first = next((item for item in program.body if isinstance(item, MoveJ)), None)
         joints = first is not None and isinstance(first.target, Joints)
         posture = "fixed by the first joint move" if joints else "that of the arm at the start"
+        if any(_figure(item) is not None for item in program.columns.moves):
+            posture += ", then by Fig; -1: as it is"
         lines = [f'\'!TITLE "{harmless(program.name)}"', *(self.note(line) for line in program.header)]
         lines.append(f"' work {self.work} in the base: {self._pose(program.base_from_work)} mm, deg")
         lines.append(f"' tool {self.tool} at the flange: {self._pose(program.flange_from_tool)} mm, deg")
@@ -174,17 +180,17 @@ class PacScript(PacScriptOptions):
         if isinstance(motion.target, Joints):
             place = f"J({', '.join(fixed(math.degrees(v), _ANGLE) for v in motion.target.values)})"
         else:
-            place = self._target(motion.target)
+            place = self._target(motion.target, motion)
         return (f"Move P, {self._mark(motion)} {place}{self._tail(motion)}",)
 
     def movel(self, motion: MoveL) -> Sequence[str]:
         """Move L, after the force that it presses with."""
-        line = f"Move L, {self._mark(motion)} {self._target(motion.target)}{self._tail(motion)}"
+        line = f"Move L, {self._mark(motion)} {self._target(motion.target, motion)}{self._tail(motion)}"
         return (*self._changed(motion), line)
 
     def movec(self, motion: MoveC) -> Sequence[str]:
         """Move C; the mark belongs to the end point."""
-        via, end = self._target(motion.via), self._target(motion.target)
+        via, end = (self._target(pose, motion) for pose in (motion.via, motion.target))
         return (*self._changed(motion), f"Move C, {via}, {self._mark(motion)} {end}{self._tail(motion)}")
 
     def output(self, item: Output) -> Sequence[str]:
@@ -231,8 +237,9 @@ class PacScript(PacScriptOptions):
             return f", Speed = {short(self._percent(motion.speed), _PERCENT)}"
         return f", Speed = Mps({short(self._scaled(motion.speed) / 1000, _METRES)})"
 
-    def _target(self, pose: Pose) -> str:
-        return f"P({self._pose(pose)}, -1)"
+    def _target(self, pose: Pose, motion: Motion) -> str:
+        figure = _figure(motion)
+        return f"P({self._pose(pose)}, {-1 if figure is None else figure})"
 
     def _pose(self, pose: Pose) -> str:
         key = pose.rotation.tobytes()
@@ -261,13 +268,17 @@ class PacScript(PacScriptOptions):
     def cell(cls) -> Cell:
         """A VS-060 with a sheet of 200 x 150 mm flat in front of it, 150 mm above its base."""
         home = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
-        return Cell("DENSO VS-060", translation(300, -75, 150), translation(0, 0, 100), home)
+        return Cell("DENSO VS-060", translation(300, -75, 150), translation(0, 0, 100), home, robot="VS-060")
 
     def tolerance(self) -> Tolerance:
         """Half the last digit; an orientation adds up three angles, a force may keep what is ``_STEP`` away."""
         degree = math.radians(0.51 * 10**-_ANGLE)
         per_digit = 1000 * 10**-_METRES if self.speed == "mps" else self.rated / 100 * 10**-_PERCENT
         return Tolerance(0.501 * 10**-self.decimals, 3 * degree, degree, 0.51 * per_digit, 2 * _STEP, 0.00051)
+
+
+def _figure(motion: Motion) -> int | None:
+    return motion.posture.figure if motion.posture else None
 
 
 def _joints_reason(motion: MoveJ) -> str:

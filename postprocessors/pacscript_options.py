@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from camgen.errors import JobError
-from camgen.post import Post
+from camgen.post import Pace, Post
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _PARAM = "ForceParam {n}, 2, P({x}, {y}, {z}, 0, 0, 0) ' verify"
@@ -73,6 +73,10 @@ class PacScriptOptions(Post):
         _check_template("force_on", self.force_on, {"x", "y", "z"})
         _check_template("force_change", self.force_change, {"x", "y", "z"})
         _check_template("force_off", self.force_off, set())
+
+    def pace(self) -> Pace:
+        """``Accel`` as a share of 10 m/s2. @P leaves the corner to speed and acceleration."""
+        return Pace(acceleration=100.0 * self.accel, corner="overlap" if self.pass_mark == "P" else "zone")
 
 
 def _legal(name: str) -> bool:

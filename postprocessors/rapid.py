@@ -29,6 +29,8 @@ from .rapid_options import RapidOptions
 #: Digits of a joint angle in deg; of a quaternion, whose square may differ from 1 by 1e-5.
 _JOINT_DIGITS, _Q_DIGITS = 4, 7
 _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+#: confdata where no posture is known for sure; the supervision of postures is then off.
+_NEUTRAL = "0,0,0,0"
 #: Up to here a num (24 bits) tells 0.001 mm apart; least and greatest speed, mm/s, and least blend radius, mm.
 _FARTHEST, _LEAST, _FASTEST = 8388, 0.001, 99999
 _IN, _IN2 = "    ", "        "
@@ -42,6 +44,7 @@ class Rapid(RapidOptions):
     suffix: ClassVar[str] = ".mod"
     about: ClassVar[str] = "ABB RAPID modules (IRC5, OmniCore, S4)"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
+    carries: ClassVar[frozenset[str]] = RapidOptions.carries | {"confdata"}
 
     #: Rotations as they are printed, by identity, with the rotation itself: programs share them.
     _rotations: dict[int, tuple[FloatArray, str]] = field(default_factory=dict, init=False, repr=False)
@@ -78,7 +81,7 @@ class Rapid(RapidOptions):
         return prepared
 
     def accepts(self, columns: Columns) -> Mask:
-        """Motions without a posture to poses, in bounds, that are no arcs."""
+        """Motions without joints to poses, in bounds, that are no arcs."""
         speed, blend = columns.speed, columns.blend
         fine = columns.posed & ~columns.moves_are(MoveC) & (speed >= _LEAST) & (speed <= _FASTEST)
         fine &= (blend == 0) | ((blend >= _LEAST) & (blend <= _FARTHEST))
@@ -191,7 +194,8 @@ class Rapid(RapidOptions):
 
     def _target(self, pose: Pose, motion: Motion) -> str:
         """A robtarget written out: cheaper in program memory than a named one."""
-        conf = "0,0,0,0" if motion.joints is None or self.conf == "off" else _quarters(motion.joints)
+        known = motion.posture.confdata if motion.posture and self.conf != "off" else None
+        conf = ",".join(map(str, known)) if known else _NEUTRAL
         return f"[[{fixed_each(pose.origin, self.decimals)}],[{self._rotation(pose)}],[{conf}],{_NO_AXES}]"
 
     def _rotation(self, pose: Pose) -> str:
@@ -252,7 +256,7 @@ class Rapid(RapidOptions):
         for word, kinds in (("ConfJ", (MoveJ,)), ("ConfL", (MoveL, MoveC))):
             columns = program.columns
             found = taken(columns.moves, columns.moves_are(*kinds) & columns.posed)
-            on = self.conf == "auto" and found and all(m.joints is not None for m in found)
+            on = self.conf == "auto" and found and all(m.posture and m.posture.confdata for m in found)
             lines.append(f"{word}\\{'On' if on else 'Off'};")
         return lines
 
@@ -286,11 +290,12 @@ class Rapid(RapidOptions):
     def cell(cls) -> Cell:
         """ABB IRB 120 with a 200 x 150 mm sheet in front of it; its home keeps axis 5 off its singularity."""
         home = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
-        return Cell("ABB IRB 120", translation(300, -75, 100), translation(0, 0, 100), home)
+        return Cell("ABB IRB 120", translation(300, -75, 100), translation(0, 0, 100), home, robot="IRB 120")
 
     def carried(self) -> frozenset[str]:
-        """Tool and work object are in the text where it declares them."""
-        return self.carries | ({"work", "tool"} if self.declare else frozenset())
+        """Tool and work object are in the text where it declares them, the posture unless it is not to be."""
+        frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
+        return (self.carries | frames) - ({"confdata"} if self.conf == "off" else frozenset())
 
     def tolerance(self) -> Tolerance:
         """Half the last printed digit; an orientation loses at most 2e-7 rad to its seven digits, pressing 5e-7."""
@@ -302,9 +307,3 @@ class Rapid(RapidOptions):
 def _far(pose: Pose) -> bool:
     x, y, z = pose.origin
     return not (abs(x) <= _FARTHEST and abs(y) <= _FARTHEST and abs(z) <= _FARTHEST)
-
-
-def _quarters(joints: Joints) -> str:
-    """confdata: the quarter turn of axes 1, 4 and 6. Rounded first, so that 90 deg less a rounding error is 90."""
-    cf1, cf4, cf6 = (math.floor(round(math.degrees(joints.values[axis]), 6) / 90) for axis in (0, 3, 5))
-    return f"{cf1},{cf4},{cf6},0"

@@ -36,8 +36,12 @@ class RapidOptions(Post):
         metadata={"help": "controller name of each signal; spindle is an analog output"},
     )
     s4: bool = field(default=False, kw_only=True, metadata={"help": "for S4: names of 16 characters, plain PERS"})
-    conf: Literal["auto", "off"] = field(
-        default="auto", kw_only=True, metadata={"help": "auto: supervise the posture where it is known; off: never"}
+    conf: Literal["auto", "state", "off"] = field(
+        default="auto",
+        kw_only=True,
+        metadata={
+            "help": "auto: state the posture where it is known, and supervise it; state: only state it; off: never"
+        },
     )
     force: Literal["fcpress", "ignore"] = field(
         default="fcpress", kw_only=True, metadata={"help": "fcpress: Machining FC; ignore: leave pressing out"}

@@ -17,7 +17,7 @@ from camgen.errors import JobError, Refused
 from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.passes import without_force
 from camgen.pose import FloatArray, Pose, translation
-from camgen.post import Cell, OutputFile, Post, Tolerance, pose_of
+from camgen.post import Cell, OutputFile, Pace, Post, Tolerance, pose_of
 from camgen.text import short
 
 from . import vplus_rules as rules
@@ -40,7 +40,7 @@ class VPlus(Post):
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("chords",)
     #: V+ rounds corners by speed, not by a radius: only stop or no stop is in the text.
-    carries: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "stop"})
+    carries: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "stop", "switches"})
 
     max_lines: int = field(
         default=2000, kw_only=True, metadata={"help": "lines per .PROGRAM before it is split; 0: never"}
@@ -70,6 +70,7 @@ class VPlus(Post):
         default="refuse", kw_only=True, metadata={"help": "what a spindle becomes: refuse, or on-off (output spindle)"}
     )
     _speed: str = field(default="", init=False, repr=False)
+    _switches: tuple[str, ...] = field(default=(), init=False, repr=False)
     _posture_due: bool = field(default=True, init=False, repr=False)
     _scara: tuple[FloatArray, FloatArray] | None = field(default=None, init=False, repr=False)
     _by_hand: tuple[str, ...] = field(default=(), init=False, repr=False)
@@ -92,18 +93,25 @@ class VPlus(Post):
     def cell(cls) -> Cell:
         """Adept Cobra s600: a sheet of 200 x 150 mm before the robot, its top face 150 mm above the mounting face."""
         home = Joints((0.0, math.radians(45.0), 50.0, 0.0))
-        return Cell("Adept Cobra s600", translation(250, -75, 150), translation(0, 0, 100), home, frozenset({2}))
+        return Cell(
+            "Adept Cobra s600", translation(250, -75, 150), translation(0, 0, 100), home, frozenset({2}), "Cobra s600"
+        )
 
     def tolerance(self) -> Tolerance:
         """Half the last digit; of a percentage, counted in mm/s."""
         speed = 0.5 * 10**-SPEED_DIGITS * max(1.0, self.rated / 100)
         return replace(super().tolerance(), speed=speed)
 
+    def pace(self) -> Pace:
+        """Corners by speed and acceleration, whatever the blend."""
+        return Pace(corner="overlap")
+
     # -- legality ------------------------------------------------------------------------------------------------
 
     def carried(self) -> frozenset[str]:
-        """Tool and work frame are stated unless they are on the controller."""
-        return self.carries | ({"work", "tool"} if self.declare else frozenset())
+        """Tool and work frame are stated unless they are on the controller, the posture unless an option gives it."""
+        frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
+        return (self.carries | frames) - ({"switches"} if self.posture else frozenset())
 
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base; forces and spindles become what the options say. Refused: also axes, posture or frames."""
@@ -222,12 +230,24 @@ class VPlus(Post):
             target = _ppoint(motion.target)
         else:
             target = f"{self.work}:{self._trans(motion.target)}"
+            lines += self._switched(motion)
         return [*lines, f"{_IN}MOVE {target}", *_stop(motion)]
 
     def movel(self, motion: MoveL) -> Sequence[str]:
         """MOVES, at 100 % of the rotational speed at most."""
         lines = self._pace(f"SPEED {short(motion.speed, SPEED_DIGITS)}, 100 MMPS ALWAYS")
+        lines += self._switched(motion)
         return [*lines, f"{_IN}MOVES {self.work}:{self._trans(pose_of(motion))}", *_stop(motion)]
+
+    def _switched(self, motion: MoveJ | MoveL) -> list[str]:
+        """The words of a posture that is another than before: a TRANS has none, and they stay in force."""
+        words = motion.posture.switches if motion.posture else ()
+        if not words or words == self._switches:
+            return []
+        if self.posture:
+            raise JobError("[post] posture", "cell.robot plans the posture", remedy="leave out one of the two")
+        self._switches = words
+        return [f"{_IN}{word}" for word in words]
 
     def _pace(self, text: str) -> list[str]:
         """The SPEED line unless it is the one in force: V+ has one setting for joint and straight motions."""
@@ -261,7 +281,7 @@ class VPlus(Post):
 
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """One file; a long program is a main one that calls the others, each with the work frame for itself."""
-        self._speed, self._posture_due = "", True
+        self._speed, self._posture_due, self._switches = "", True, ()
         if len(parts) == 1:
             return super().assemble(program, parts)
         name = self._name(program, len(parts))
@@ -272,13 +292,15 @@ class VPlus(Post):
         lines += [f"{_IN}CALL {name}.{k}()" for k in range(1, len(parts) + 1)]
         lines += self.end(program)
         speed = ""
+        switches: list[str] = []
+        planned = any(motion.posture for motion in program.columns.moves)
         for k, part in enumerate(parts, start=1):
             lines += ["", f".PROGRAM {name}.{k}()"]
             if self.declare:
                 lines += [f"{_IN}AUTO {self.work}", f"{_IN}SET {self.work} = {self._trans(program.base_from_work)}"]
-            # Each part says its speed itself: whether a CALL keeps it is not confirmed.
-            lines += [*([speed] if speed else ()), *part, f"{_IN}RETURN", ".END"]
-            speed = _last_speed(part, speed)
+            # Each part says its speed and its posture itself: whether a CALL keeps them is not confirmed.
+            lines += [*([speed] if speed else ()), *switches, *part, f"{_IN}RETURN", ".END"]
+            speed, switches = _last_speed(part, speed), rules.last_switches(part, switches) if planned else []
         return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
 
 

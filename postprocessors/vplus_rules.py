@@ -97,6 +97,18 @@ def check_posture(words: Sequence[str]) -> None:
             raise JobError("[post] posture", what, remedy="give one of them, once")
 
 
+def last_switches(part: Sequence[str], before: list[str]) -> list[str]:
+    """The lines of the posture in force after ``part``, when ``before`` was in force where it started."""
+    known = {word for pair in _PAIRS for word in pair}
+    last = next((k for k in reversed(range(len(part))) if part[k].strip() in known), None)
+    if last is None:
+        return before
+    first = last
+    while first and part[first - 1].strip() in known:
+        first -= 1
+    return list(part[first : last + 1])
+
+
 def check_arm(words: Sequence[str], program: Program) -> None:
     """JobError for a posture that a SCARA lacks, or that its first position contradicts (joint 2 > 0 is RIGHTY)."""
     odd = ", ".join(sorted(_SIX_AXIS_ONLY.intersection(words)))

@@ -36,12 +36,12 @@ def said(reading: Reading) -> list[object]:
     for item in reading.body:
         if isinstance(item, MoveJ):
             target = repr(item.target.values) if isinstance(item.target, Joints) else pose(item.target)
-            body.append(("J", target, repr(item.speed), repr(item.blend)))
+            body.append(("J", target, repr(item.speed), repr(item.blend), item.posture))
         elif isinstance(item, MoveL):
-            body.append(("L", pose(item.target), repr((item.speed, item.blend, item.force, item.press))))
+            body.append(("L", pose(item.target), repr((item.speed, item.blend, item.force, item.press)), item.posture))
         elif isinstance(item, MoveC):
             ends = pose(item.via), pose(item.target)
-            body.append(("C", *ends, repr((item.speed, item.blend, item.force, item.press))))
+            body.append(("C", *ends, repr((item.speed, item.blend, item.force, item.press)), item.posture))
         else:
             body.append(repr(item))
     return [body, reading.lines, reading.faults, pose(reading.work), pose(reading.tool)]
@@ -105,6 +105,9 @@ Sub Main
     Move L, @0 P(10.000, 20.500, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.02)
     Set IO[24]
     Move L, @P P(12.000, 20.500, -0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.02)
+    Move L, @P P(13.000, 20.500, 0.000, 180.0000, 0.0000, 0.0000, 5), Speed = Mps(0.02)
+    Move L, @P P(13.500, 20.500, 0.000, 180.0000, 0.0000, 0.0000, 2 + 3), Speed = Mps(0.02)
+    Move L, @P P(13.750, 20.500, 0.000, 180.0000, 0.0000, 0.0000, 0.5), Speed = Mps(0.02)
     Move L, @5 P(14.000, 20.500, 0.0)
     Move L, P(16.000, 20.500, 0.0, 180.0)
     Move C, P(18.000, 22.500, 0.000, 180), @P P(20.000, 20.500, 0.000, 180), Speed = Mps(0.0125)

@@ -1,7 +1,9 @@
 """Golden programs: each folder of fixtures/cases holds a job and what it makes, as a plan and for every controller.
 
-The part is the drawing of fixtures/parts whose name the folder's name begins with. ``posts.toml`` may hold the options
-of ``[post]`` for single controllers. A changed expectation (``pytest --accept``) needs its reason in the changelog.
+The part is the drawing or the mesh of fixtures/parts whose name the folder's name begins with. ``posts.toml`` may hold
+the options of ``[post]`` for single controllers, ``robots.toml`` the robots that check their programs. A 3-D part has a
+program for the controller of its robot only. A changed expectation
+(``pytest --accept``) needs its reason in the changelog.
 """
 
 import tomllib
@@ -17,6 +19,9 @@ from camgen.lower import lower
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 CASES = sorted(p for p in (FIXTURES / "cases").iterdir() if p.is_dir())
 POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
+SOLID = [case for case in CASES if (FIXTURES / "parts" / f"{case.name.split('-')[0]}.stl").exists()]
+FLAT = [case for case in CASES if case not in SOLID]
+ALL = [(case, post) for case in FLAT for post in POSTS] + [(case, "rapid") for case in SOLID]
 
 
 def built(case: Path, post: str) -> Result:
@@ -24,7 +29,10 @@ def built(case: Path, post: str) -> Result:
     options = case / "posts.toml"
     if options.exists():
         job["post"] = tomllib.loads(options.read_text()).get(post, {})
-    part = FIXTURES / "parts" / f"{case.name.split('-')[0]}.dxf"
+    robots = case / "robots.toml"
+    if robots.exists():
+        job["cell"]["robot"] = tomllib.loads(robots.read_text()).get(post, "")
+    part = FIXTURES / "parts" / f"{case.name.split('-')[0]}{'.stl' if case in SOLID else '.dxf'}"
     return camgen.build(part, post=post, job=job, name="part")
 
 
@@ -40,7 +48,7 @@ def test_there_are_cases() -> None:
     assert len(CASES) >= 5
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda p: p.name)
+@pytest.mark.parametrize("case", FLAT, ids=lambda p: p.name)
 def test_the_plan_is_the_expected_one(case: Path, accept: bool) -> None:
     result = built(case, "rapid")
     plan = dump(lower(result.tour, result.cell, result.job, "part", ()))
@@ -48,8 +56,7 @@ def test_the_plan_is_the_expected_one(case: Path, accept: bool) -> None:
     assert len(parse(plan).body) == plan.count("\n") - 5
 
 
-@pytest.mark.parametrize("post", POSTS)
-@pytest.mark.parametrize("case", CASES, ids=lambda p: p.name)
+@pytest.mark.parametrize(("case", "post"), ALL, ids=lambda one: getattr(one, "name", one))
 def test_the_program_is_the_expected_one(case: Path, post: str, accept: bool) -> None:
     result = built(case, post)
     for file in result.files:

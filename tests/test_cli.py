@@ -186,7 +186,10 @@ REFUSED = {
     "plate.dxf --post rapd": (2, "post rapd: is not installed; nearest is rapid; camgen posts lists them"),
     "plate.dxf --post none.py": (2, "none.py: no such file"),
     "plate.dxf --post gcode --previw x.svg": (2, "build: unknown argument '--previw'; nearest is --preview"),
-    "plate.dxf --post gcode --preview x.png": (2, "x.png: a preview is drawn as SVG; give a name that ends in .svg"),
+    "plate.dxf --post gcode --preview x.pdf": (
+        2,
+        "x.pdf: a preview is a page (HTML) or a drawing (SVG, PNG); give a name that ends in .html, .svg or .png",
+    ),
     "plate.dxf --post gcode --format dxf": (
         2, "--format: is for standard input; leave it out, or give - as the input"),
     "plate.dxf --post gcode --job none.toml": (2, "none.toml: cannot be read: No such file or directory"),
@@ -269,7 +272,7 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
         (
             [],
             "command line: no command is given; "
-            "give one of build, inspect, init, verify, calibrate, markers, robots, posts",
+            "give one of build, batch, inspect, init, verify, calibrate, markers, localize, robots, posts, schema, completion",
         ),
         (["biuld"], "command line: no command 'biuld'; nearest is build"),
         (["posts", "--quite"], "posts: unknown argument '--quite'; nearest is --quiet"),

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.errors import Refused
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, motions
+from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait, motions
 from camgen.ir_text import dump, parse
 from camgen.pose import TOOL_DOWN, Pose, angle_between, rotation_from_fixed_xyz, translation
 
@@ -132,13 +132,17 @@ SPEEDS = st.floats(0.001, 5000)
 UNITS = st.sampled_from([(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (-0.36, 0.48, 0.8)])
 JOINTS = st.builds(lambda *v: Joints(v), *[NUMBERS] * 6)
 MAYBE = st.none() | JOINTS
+CONF = st.tuples(*[st.integers(-5, 7)] * 4)
+SWITCHES = st.sampled_from([(), ("RIGHTY",), ("LEFTY", "ABOVE", "NOFLIP", "SINGLE")])
+NAMED = st.builds(Posture, st.none() | CONF, st.none() | st.integers(-1, 31), SWITCHES)
+KNOWN = st.none() | NAMED.filter(lambda one: one != Posture())
 WORDS = st.text("abcXYZ 019_.+-=/:#@*", max_size=30).map(str.strip)
 CUTS = st.one_of(
-    st.builds(MoveL, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE),
-    st.builds(MoveC, POSES, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE),
+    st.builds(MoveL, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE, KNOWN),
+    st.builds(MoveC, POSES, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE, KNOWN),
 )
 ITEMS = st.one_of(
-    st.builds(MoveJ, POSES | JOINTS, SPEEDS, st.just(0.0), MAYBE),
+    st.builds(MoveJ, POSES | JOINTS, SPEEDS, st.just(0.0), MAYBE, KNOWN),
     st.builds(MoveL, POSES, SPEEDS, st.just(0.0), joints=MAYBE),
     st.builds(lambda a, b: [replace(a, blend=b), HOME], st.builds(MoveL, POSES, SPEEDS), st.floats(0.001, 50)),
     st.builds(MoveC, POSES, POSES, SPEEDS),
@@ -162,7 +166,7 @@ def same(a, b):
         return abs(a - b) <= 0.5e-6 + 1e-10
     if isinstance(a, (tuple, list)):
         return len(a) == len(b) and all(map(same, a, b))
-    if isinstance(a, (str, type(None))):
+    if isinstance(a, (str, int, type(None))):
         return a == b
     return type(a) is type(b) and all(same(getattr(a, name), getattr(b, name)) for name in a.__struct_fields__)
 

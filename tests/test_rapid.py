@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.errors import JobError, Refused
-from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait
 from camgen.plugins import find_post, find_readback, make_post
 from camgen.pose import TOOL_DOWN, Pose, angle_between, rotation_from_axes, rotation_from_quaternion, translation
 from camgen.post import Reading, Tolerance
@@ -127,16 +127,21 @@ ENDMODULE
     assert find_post("rapid") is Rapid
 
 
-def test_confdata_is_the_quarter_turn_and_is_supervised() -> None:
-    degrees = (-10.0, 0.0, 0.0, 90.0 - 1e-9, 30.0, 185.0)
-    joints = Joints(tuple(math.radians(v) for v in degrees))
-    plan = program(HOME, MoveJ(at(0, 0, 9), 100.0, 0.0, joints), MoveL(at(0, 0, 0), 20.0, joints=joints))
+def test_confdata_is_stated_and_supervised_where_it_is_known() -> None:
+    known = Posture((-1, 1, 2, 0), 5)
+    plan = program(HOME, MoveJ(at(0, 0, 9), 100.0, posture=known), MoveL(at(0, 0, 0), 20.0, posture=known))
     text = posted(plan)[1]["plate.mod"]
     assert "ConfJ\\On;" in text
     assert "ConfL\\On;" in text
     assert text.count(f",[-1,1,2,0],{E9}") == 2
     unknown = program(*plan.body, MoveL(at(5, 0, 0), 20.0))
     assert "ConfL\\Off;" in posted(unknown)[1]["plate.mod"]
+    unsure = program(*plan.body, MoveL(at(5, 0, 0), 20.0, joints=Joints((0.1,) * 6), posture=Posture(None, 5)))
+    assert "ConfL\\Off;" in posted(unsure)[1]["plate.mod"]
+    stated = posted(plan, conf="state")[1]["plate.mod"]
+    assert "ConfJ\\Off;" in stated
+    assert "ConfL\\Off;" in stated
+    assert stated.count(f",[-1,1,2,0],{E9}") == 2
     off = posted(plan, conf="off")[1]["plate.mod"]
     assert "ConfJ\\Off;" in off
     assert off.count(f",[0,0,0,0],{E9}") == 2

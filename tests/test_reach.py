@@ -35,12 +35,14 @@ def test_the_joints_lead_where_the_program_says() -> None:
     arc = MoveC(down(50, 50), down(100, 0), 20.0)
     found = reached(program(MoveJ(down(0, 0), 100.0), arc, MoveL(down(0, 0), 20.0)), arm, "part")
     rotations, origins = flange(arm, found.joints)
-    tips = origins + rotations @ np.array([0.0, 0.0, 100.0]) - np.array(BASE.origin)
-    assert tips[0] == pytest.approx([0, 0, 0], abs=1e-6)
-    on_arc = tips[(tips[:, 1] > 1e-6)]
+    every = origins + rotations @ np.array([0.0, 0.0, 100.0]) - np.array(BASE.origin)
+    assert every[found.owner == 2][-1] == pytest.approx([0, 0, 0], abs=1e-6)
+    tips = every[(found.owner == 3) | (found.owner == 4)]
+    on_arc = every[found.owner == 3]
     assert np.hypot(on_arc[:, 0] - 50, on_arc[:, 1]) == pytest.approx(np.full(len(on_arc), 50.0), abs=1e-6)
+    assert (on_arc[:-1, 1] > 1).all()
     assert np.abs(tips[:, 2]).max() < 1e-6
-    assert np.diff(tips, axis=0).max() <= 10.0 + 1e-6
+    assert np.linalg.norm(np.diff(tips, axis=0), axis=1).max() <= 10.0 + 1e-6
     assert np.all((found.joints >= arm.limits[:, 0]) & (found.joints <= arm.limits[:, 1]))
     assert np.abs(np.diff(found.joints, axis=0)).max() < math.radians(30)
     assert found.samples == len(found.joints)
@@ -62,7 +64,7 @@ def test_a_line_whose_ends_alone_are_in_reach_is_refused() -> None:
 
 def test_the_tool_counts() -> None:
     near = program(MoveJ(down(120, 0, 0), 100.0))
-    assert reached(near, robot("IRB 120"), "part").samples == 1
+    assert reached(near, robot("IRB 120"), "part").owner.tolist()[-1] == 3
     long = Program("part", BASE, translation(0, 0, 600), near.body)
     with pytest.raises(NoSafeProgram):
         reached(long, robot("IRB 120"), "part")
@@ -86,7 +88,7 @@ def test_a_program_for_another_arm_is_refused(made: Program, arm: str, line: str
 def test_the_built_in_cells_are_reached_by_their_arms(post: str, arm: str) -> None:
     job: dict[str, Any] = {"cell": {"robot": arm}}
     result = camgen.build(PARTS / "bracket.dxf", post=post, job=job)
-    assert result.report["checks"] == {"reach": "ok", "collision": "not checked", "limits": "ok"}
+    assert result.report["checks"] == {"reach": "ok", "collision": "ok", "limits": "ok"}
     plain = camgen.build(PARTS / "bracket.dxf", post=post)
     assert plain.report["checks"] == dict.fromkeys(("reach", "collision", "limits"), "not checked")
     assert [m for m in plain.program.body if not isinstance(m, Comment)]

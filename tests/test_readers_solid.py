@@ -30,13 +30,6 @@ def test_units_of_a_mesh_are_those_of_the_job() -> None:
         inspect(PARTS / "rfa1.step", Job(input=Input(units="inch")))
 
 
-def test_a_program_is_refused_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["build", str(PARTS / "rfa1.stl"), "--post", "rapid"]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "is a 3-D part, of which no program can be built yet" in said
-
-
 def test_a_job_file_can_be_written(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_bytes((PARTS / "rfa1.stl").read_bytes())
     assert main(["init", str(tmp_path / "part.stl"), "-q"]) == 0

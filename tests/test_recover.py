@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from drawn import circle, clockwise, contour, rectangle
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from camgen.geometry.clearance import Obstacles
@@ -69,6 +69,7 @@ def test_arcs_and_circles_stay_themselves() -> None:
     assert recover([drawn], 0.01)[0][0] is drawn
 
 
+@example([5.5625], 2.15923, 18, 0.01)
 @settings(max_examples=40, deadline=None)
 @given(
     radii=st.lists(st.floats(2.0, 40.0), min_size=1, max_size=4),

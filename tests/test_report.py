@@ -9,7 +9,7 @@ from camgen.body import Columns
 from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.paths import ToolPath, Tour
 from camgen.pose import TOOL_DOWN, Pose, frozen
-from camgen.report import arc_lengths, path_sums, report, sum_up
+from camgen.report import Cycle, arc_lengths, path_sums, report, sum_up
 from camgen.shapes import Contour, Note, Part
 
 
@@ -88,20 +88,24 @@ def test_the_report_has_the_keys_of_the_contract() -> None:
     part = Part("p", "p\udce4.dxf", "inch", contours, ())
     notes = (Note("skipped", "3 TEXT", "no curves"), Note("joined", "2 ends"))
     tour = Tour((tool_path("c1", [10, 10, 5], [0, 4, 2]),), 7.0, "nearest neighbour")
-    found = report(part, tour, notes, 4.26, 0.00049, ["p.mod"])
+    time = Cycle(4.26, 1.06, frozen([3.2]), frozen([0.555]))
+    found = report(part, tour, notes, time, 0.00049, ["p.mod"])
     assert list(found) == [
-        "input", "paths", "skipped", "tour", "time_s", "checks", "verify", "files", "notes",
+        "input", "paths", "skipped", "tour", "time_s", "travel_s", "checks", "verify", "files", "notes",
     ]  # fmt: skip
     assert found["input"] == {
         "source": "p?.dxf", "units": "inch", "contours": 2, "closed": 1, "open": 1, "layers": ["cut", "holes"],
     }  # fmt: skip
     # 20 mm in 1 s + 2 s
     assert found["paths"] == [
-        {"id": "c1", "layer": "cut", "closed": False, "length_mm": 20.0, "feed": 6.667, "force": 4.0}
-    ]
+        {
+            "id": "c1", "layer": "cut", "closed": False, "length_mm": 20.0, "feed": 6.667, "force": 4.0,
+            "time_s": 3.2, "travel_s": 0.56,
+        }
+    ]  # fmt: skip
     assert found["skipped"] == [{"what": "3 TEXT", "why": "no curves"}]
     assert found["tour"] == {"method": "nearest neighbour", "work_mm": 20.0, "travel_mm": 7.0, "bound_mm": None}
-    assert found["time_s"] == 4.3
+    assert (found["time_s"], found["travel_s"]) == (4.3, 1.1)
     assert found["checks"] == dict.fromkeys(("reach", "collision", "limits"), "not checked")
     assert found["verify"] == {"status": "equal", "max_deviation_mm": 0.00049}
     assert found["files"] == ["p.mod"]

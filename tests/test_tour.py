@@ -190,6 +190,52 @@ def test_each_step_takes_the_nearest_of_the_allowed_starts(
     check_nearest_neighbour(paths, start, inside_first)
 
 
+@settings(max_examples=60, deadline=None)
+@given(scene(), st.none() | spot, st.booleans(), st.integers(0, 5))
+def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neighbour(
+    paths: list[ToolPath], start: XY | None, inside_first: bool, seed: int
+) -> None:
+    tour = order(paths, "best", start, inside_first, seed=seed)
+    ran = [int(path.id[1:]) for path in tour.paths]
+    assert sorted(ran) == list(range(len(paths)))
+    for k, index in enumerate(ran):
+        assert not inside_first or not any(encloses(paths, index, later) for later in ran[k + 1 :])
+        begin, ends = complex(*tour.paths[k].position[0, :2]), choices(paths[index])
+        assert np.abs(ends - begin).min() < (1.5 if paths[index].closed else 1e-9)
+        assert tour.paths[k].length == pytest.approx(paths[index].length, abs=1e-6)
+    assert tour.travel == travel(tour.paths, start)
+    assert tour.bound is not None
+    assert 0 <= tour.bound <= tour.travel + 1e-6
+    nearest = order(paths, "nearest", start, inside_first)
+    assert tour.travel <= nearest.travel
+    assert nearest.bound is not None
+    # No tour is below the bound, whatever tour it was worked out beside.
+    assert nearest.bound <= tour.travel + 1e-6
+    assert order(paths, "as-drawn", start, inside_first).bound <= tour.travel + 1e-6
+
+
+def test_the_search_finds_the_shortest_way_over_a_circle() -> None:
+    # From home round a circle to a line: the best start of the circle is where a ray would be reflected, (5, -3).
+    tour = order(ids([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)]), "best", (0, -8), inside_first=False)
+    assert [p.id for p in tour.paths] == ["c0", "c1"]
+    assert tour.paths[0].position[0, :2].tolist() == pytest.approx([5, -3], abs=0.02)
+    assert tour.travel == pytest.approx(2 * math.hypot(5, 5) + 1, abs=1e-4)
+
+
+def test_a_thousand_are_searched_without_being_asked_and_thousands_only_with_a_budget() -> None:
+    rng = random.Random(3)
+    many = ids([line((x, y), (x + 1, y)) for x, y in ((rng.uniform(0, 900), rng.uniform(0, 900)) for _ in range(1300))])
+    few = many[:300]
+    assert order(few, "best", None, False).travel < 0.9 * order(few, "nearest", None, False).travel
+    nearest = order(many, "best", None, False)
+    assert nearest.method == "nearest neighbour"
+    found = order(many, "best", None, False, seconds=0.01)
+    assert found.method == "local search"
+    assert found.travel < 0.95 * nearest.travel
+    assert found.bound is not None
+    assert 0.7 * found.travel < found.bound
+
+
 def turned_circle(x: float, y: float, r: float, turn: float) -> ToolPath:
     ring = [(x + r * math.cos(turn + k * math.pi / 2), y + r * math.sin(turn + k * math.pi / 2)) for k in range(4)]
     return make([ring[0], ring[2], ring[0]], [ring[1], ring[3]], True)
@@ -213,7 +259,7 @@ def test_each_step_takes_the_nearest_start_in_a_crowd(kind: str, seed: int) -> N
 def test_reverses_and_starts_between_vertices() -> None:
     far = line((100, 0), (20, 10))
     square = make([(0, 5), (10, 5), (10, 15), (0, 15), (0, 5)], [None] * 4, True)
-    tour = order(ids([far, square, circle(50, -30, 10)]), "best", (4, 0), inside_first=True)
+    tour = order(ids([far, square, circle(50, -30, 10)]), "nearest", (4, 0), inside_first=True)
     assert [p.id for p in tour.paths] == ["c1", "c0", "c2"]
     # The square begins right above the start, the line at its end, the circle towards where the line leaves the tool.
     assert tour.paths[0].position[:, :2].tolist() == [[4, 5], [10, 5], [10, 15], [0, 15], [0, 5], [4, 5]]

@@ -49,7 +49,7 @@ def said(reading: Reading) -> list[object]:
         assert isinstance(item, (MoveJ, MoveL, Output, Wait))
         if isinstance(item, (MoveJ, MoveL)):
             target = item.target.values if isinstance(item.target, Joints) else pose(item.target)
-            body.append((type(item), target, repr(item.speed), repr(item.blend)))
+            body.append((type(item), target, repr(item.speed), repr(item.blend), item.posture))
         else:
             body.append(repr(item))
     return [body, reading.lines, reading.faults, pose(reading.work), pose(reading.tool)]

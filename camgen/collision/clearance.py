@@ -8,8 +8,8 @@ import numpy as np
 
 from camgen.collision.boxes import Boxes, meet
 from camgen.collision.hits import hits, near_mesh, near_pairs, place
-from camgen.collision.mesh import Mesh, body, distance, struck
-from camgen.collision.scene import Scene
+from camgen.collision.mesh import body, distance, struck
+from camgen.collision.scene import Scene, Target
 from camgen.pose import FloatArray
 from camgen.solid import BoolArray, IntArray
 
@@ -42,8 +42,8 @@ def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: FloatArr
         rows = slice(begin, begin + _ROWS)
         placed = place(scene, joints[rows])
         _between(scene, placed, place_of[rows], found)
-        if scene.mesh:
-            _to_mesh(scene, scene.mesh, placed, place_of[rows], found)
+        for target in scene.targets:
+            _to_mesh(target, placed, place_of[rows], found)
 
 
 def _between(scene: Scene, placed: Boxes, place_of: IntArray, found: FloatArray) -> None:
@@ -58,14 +58,14 @@ def _between(scene: Scene, placed: Boxes, place_of: IntArray, found: FloatArray)
     )
 
 
-def _to_mesh(scene: Scene, mesh: Mesh, placed: Boxes, place_of: IntArray, found: FloatArray) -> None:
-    row, which, wide = near_mesh(scene, mesh, placed.grown(found[place_of][:, None, None]))
-    boxes = Boxes(wide.centres, wide.axes, placed.half[row, scene.striking[which]])
+def _to_mesh(target: Target, placed: Boxes, place_of: IntArray, found: FloatArray) -> None:
+    row, which, wide = near_mesh(target, placed.grown(found[place_of][:, None, None]))
+    boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
     _measured(
         place_of[row],
         found,
-        lambda some, by: struck(mesh, boxes[some].grown(by)),
-        lambda k: distance(mesh.surface, body(boxes, k)),
+        lambda some, by: struck(target.mesh, boxes[some].grown(by)),
+        lambda k: distance(target.mesh.surface, body(boxes, k)),
     )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from camgen.collision.boxes import Boxes, meet
-from camgen.collision.mesh import Mesh, struck
-from camgen.collision.scene import Scene
+from camgen.collision.mesh import struck
+from camgen.collision.scene import Scene, Target
 from camgen.pose import FloatArray
 from camgen.robots.forward import frames
 from camgen.solid import IntArray
@@ -30,8 +30,8 @@ def hits(scene: Scene, joints: FloatArray, grow: float | FloatArray = 0.0) -> In
         met = meet(placed[row, scene.first[box]], placed[row, scene.second[box]])
         # Of several values for one place the last one stays: the first pair, since they come backwards.
         found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
-        if scene.mesh:
-            _against(scene, scene.mesh, placed, found[rows])
+        for target in scene.targets:
+            _against(target, placed, found[rows])
     return found
 
 
@@ -61,24 +61,25 @@ def near_pairs(scene: Scene, placed: Boxes) -> tuple[IntArray, IntArray]:
     return row, box
 
 
-def near_mesh(scene: Scene, mesh: Mesh, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]:
-    """Row and place in ``scene.striking`` of boxes (n,), in order, that meet the box around the mesh, and these boxes
-    in the part's frame.
+def near_mesh(target: Target, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]:
+    """Row and place in ``target.striking`` of boxes (n,), in order, that meet the box around the mesh, and these boxes
+    in the mesh's frame.
     """
-    rotation, origin = scene.base_from_part.rotation, np.asarray(scene.base_from_part.origin)
+    mesh = target.mesh
+    rotation, origin = target.base_from_mesh.rotation, np.asarray(target.base_from_mesh.origin)
     around = Boxes(rotation @ mesh.box.centres + origin, rotation, mesh.box.half)
-    apart = np.abs(placed.centres[:, scene.striking] - around.centres)
-    row, which = np.nonzero((apart <= placed.reach[:, scene.striking] + around.reach).all(axis=2))
-    boxes = placed[row, scene.striking[which]].seen_from(rotation, origin)
+    apart = np.abs(placed.centres[:, target.striking] - around.centres)
+    row, which = np.nonzero((apart <= placed.reach[:, target.striking] + around.reach).all(axis=2))
+    boxes = placed[row, target.striking[which]].seen_from(rotation, origin)
     count = len(row)
     whole = Boxes(*(np.broadcast_to(a, (count, *a.shape)) for a in (mesh.box.centres, mesh.box.axes, mesh.box.half)))
     met = meet(whole, boxes)
     return row[met], which[met], boxes[met]
 
 
-def _against(scene: Scene, mesh: Mesh, placed: Boxes, found: IntArray) -> None:
+def _against(target: Target, placed: Boxes, found: IntArray) -> None:
     """Fill in the pairs with the mesh for configurations that have none yet."""
     free = np.flatnonzero(found < 0)
-    row, which, boxes = near_mesh(scene, mesh, placed[free])
-    met = np.flatnonzero(struck(mesh, boxes))[::-1]
-    found[free[row[met]]] = scene.of_strike[which[met]]
+    row, which, boxes = near_mesh(target, placed[free])
+    met = np.flatnonzero(struck(target.mesh, boxes))[::-1]
+    found[free[row[met]]] = target.of_strike[which[met]]

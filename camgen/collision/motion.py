@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -40,17 +41,45 @@ def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0) 
     a hit that is not found is less than half a step deep, a step if both bodies move, and the clearance at any moment
     is no more than that below the one returned.
     """
-    waypoints = finite(waypoints)
-    numbers = _finer(_angles(scene, waypoints))
-    moves = moved(scene, _rows(waypoints, numbers))
-    ways = np.vstack([np.zeros(len(scene.frame)), np.cumsum(moves, axis=0)])
-    at = _undecided(scene, waypoints, numbers, ways, step, near)
-    rows = _rows(waypoints, at)
-    pairs = hits(scene, rows)
-    met = np.flatnonzero(pairs >= 0)
-    if len(met):
-        return Course(int(pairs[met[0]]), float(at[met[0]]), 0.0)
-    return Course(-1, math.nan, least(scene, rows, near) if near > 0 else 0.0)
+    return motions(scene, [waypoints], step, near)[0]
+
+
+def motions(scene: Scene, several: Sequence[FloatArray], step: float, near: float = 0.0) -> list[Course]:
+    """``motion`` of each of ``several``, together: in a fraction of the time where they are short."""
+    lines = [_Line.of(scene, finite(waypoints)) for waypoints in several]
+    at = _undecided(scene, lines, step, near)
+    rows = [_rows(line.waypoints, here) for line, here in zip(lines, at, strict=True)]
+    pairs = hits(scene, np.concatenate(rows))
+    ends = np.cumsum([len(own) for own in rows])
+    courses = []
+    for own, here, found in zip(rows, at, np.split(pairs, ends[:-1]), strict=True):
+        met = np.flatnonzero(found >= 0)
+        if len(met):
+            courses.append(Course(int(found[met[0]]), float(here[met[0]]), 0.0))
+        else:
+            courses.append(Course(-1, math.nan, least(scene, own, near) if near > 0 else 0.0))
+    return courses
+
+
+class _Line(Struct, frozen=True, eq=False):
+    """One motion. numbers: (K,) places along the waypoints, in rows, between which joints turn by no more than
+    ``_TURN``. ways: (K, B) mm that any point of each box has moved at most up to there. way: (K,) the same of the box
+    that moves most.
+    """
+
+    waypoints: FloatArray
+    numbers: FloatArray
+    ways: FloatArray
+    way: FloatArray
+
+    @classmethod
+    def of(cls, scene: Scene, waypoints: FloatArray) -> _Line:
+        """The motion through ``waypoints`` (K, J)."""
+        numbers = _finer(_angles(scene, waypoints))
+        moves = moved(scene, _rows(waypoints, numbers))
+        ways = np.vstack([np.zeros(len(scene.frame)), np.cumsum(moves, axis=0)])
+        way = np.append(0.0, np.cumsum(moves.max(axis=1, initial=0.0)))
+        return cls(waypoints, numbers, ways, way)
 
 
 def _finer(angles: FloatArray) -> FloatArray:
@@ -63,29 +92,37 @@ def _finer(angles: FloatArray) -> FloatArray:
     return np.append(row + (np.arange(len(row)) - before) / parts[row], float(len(parts)))
 
 
-def _undecided(
-    scene: Scene, waypoints: FloatArray, numbers: FloatArray, ways: FloatArray, step: float, near: float
-) -> FloatArray:
-    """Where the motion must be tested as it is, in rows of the waypoints: its ends, and the middles of those stretches
+def _undecided(scene: Scene, lines: Sequence[_Line], step: float, near: float) -> list[FloatArray]:
+    """Where each motion must be tested as it is, in rows of its waypoints: its ends, and the middles of those stretches
     that are no longer than ``step`` and were never found free.
-
-    ways: (K, B) mm that any point of each box has moved at most up to each of ``numbers`` (K,), in rows.
     """
-    way = np.append(0.0, np.cumsum(np.diff(ways, axis=0).max(axis=1, initial=0.0)))
-    index = np.arange(len(way), dtype=np.float64)
-    count = max(math.ceil(way[-1] / (step * 2**_HALVINGS)), 1)
-    width = way[-1] / count
-    begins = np.arange(count) * width
-    while width > step:
-        before, middle, after = (np.interp(begins + width * part, way, index) for part in (0.0, 0.5, 1.0))
-        here = _rows(ways, middle)
-        grow = np.maximum(here - _rows(ways, before), _rows(ways, after) - here) + near
-        places = np.interp(middle, index, numbers)
-        begins = begins[hits(scene, _rows(waypoints, places), grow) >= 0]
-        width /= 2
-        begins = np.concatenate([begins, begins + width])
-    middles = np.interp(np.sort(begins) + width / 2, way, numbers)
-    return np.concatenate([numbers[:1], middles, numbers[-1:]])
+    count = [max(math.ceil(line.way[-1] / (step * 2**_HALVINGS)), 1) for line in lines]
+    width = [float(line.way[-1]) / c for line, c in zip(lines, count, strict=True)]
+    begins = [np.arange(c) * w for c, w in zip(count, width, strict=True)]
+    while long := [k for k, line in enumerate(lines) if width[k] > step and len(begins[k])]:
+        asked = [_asked(lines[k], begins[k], width[k]) for k in long]
+        rows, grow = (np.concatenate(column) for column in zip(*asked, strict=True))
+        hit = np.split(hits(scene, rows, grow + near) >= 0, np.cumsum([len(begins[k]) for k in long])[:-1])
+        for k, own in zip(long, hit, strict=True):
+            left = begins[k][own]
+            width[k] /= 2
+            begins[k] = np.concatenate([left, left + width[k]])
+    at = []
+    for line, own, w in zip(lines, begins, width, strict=True):
+        middles = np.interp(np.sort(own) + w / 2, line.way, line.numbers)
+        at.append(np.concatenate([line.numbers[:1], middles, line.numbers[-1:]]))
+    return at
+
+
+def _asked(line: _Line, begins: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """The middles of the stretches that begin at ``begins`` along the way: joints (N, J), and mm (N, B) by which boxes
+    must grow there for all that they do in the stretch.
+    """
+    index = np.arange(len(line.way), dtype=np.float64)
+    before, middle, after = (np.interp(begins + width * part, line.way, index) for part in (0.0, 0.5, 1.0))
+    here = _rows(line.ways, middle)
+    grow = np.maximum(here - _rows(line.ways, before), _rows(line.ways, after) - here)
+    return _rows(line.waypoints, np.interp(middle, index, line.numbers)), grow
 
 
 def _rows(table: FloatArray, at: FloatArray) -> FloatArray:

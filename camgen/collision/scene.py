@@ -23,6 +23,15 @@ PART = "part"
 _HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
+class Target(Struct, frozen=True, eq=False):
+    """A mesh that stands. striking, of_strike: (M,) boxes of the scene that are tested against it and their pair."""
+
+    mesh: Mesh
+    base_from_mesh: Pose
+    striking: IntArray
+    of_strike: IntArray
+
+
 class Scene(Struct, frozen=True, eq=False):
     """A cell ready to be tested. Made by ``scene``.
 
@@ -31,8 +40,7 @@ class Scene(Struct, frozen=True, eq=False):
 
     Boxes, B in all, some bodies with more than one set of them: frame: (B,) the link that carries it, 0 for what
     stands; rotation (B, 3, 3), origin (B, 3): link_from_box; half: (B, 3).
-    first, second, of_pair: (P,) boxes that are tested against each other and their pair.
-    striking, of_strike: (M,) boxes that are tested against the mesh and their pair.
+    first, second, of_pair: (P,) boxes that are tested against each other and their pair. targets: the meshes.
     """
 
     robot: Robot
@@ -44,10 +52,7 @@ class Scene(Struct, frozen=True, eq=False):
     first: IntArray
     second: IntArray
     of_pair: IntArray
-    mesh: Mesh | None
-    base_from_part: Pose
-    striking: IntArray
-    of_strike: IntArray
+    targets: tuple[Target, ...]
 
     @property
     def moving(self) -> BoolArray:
@@ -67,6 +72,7 @@ class _Body(Struct, frozen=True, eq=False):
     frame: int
     boxes: tuple[Box, ...]
     mesh: Mesh | None = None
+    base_from_mesh: Pose = _HERE
 
 
 def scene(
@@ -77,11 +83,13 @@ def scene(
     base_from_part: Pose = _HERE,
     contact: float = 0.0,
     allowed: tuple[tuple[str, str], ...] = (),
+    meshes: tuple[tuple[str, Mesh, Pose], ...] = (),
 ) -> Scene:
     """A scene. tool: bodies fixed to the flange, their boxes as flange_from_box; obstacles: bodies that stand, their
     boxes as base_from_box; part: its boxes as part_from_box, or its mesh.
 
-    contact: mm that the tool may enter the part. allowed: pairs of names that are not tested.
+    contact: mm that the tool may enter the part. allowed: pairs of names that are not tested. meshes: obstacles with a
+    name, a mesh and base_from_mesh.
 
     Links are grown by the robot's pad. Links that touch anyway (``Robot.touching``) are not tested against each other,
     nor the tool against the last link; links that touch the last one, to which the flange may be closer than the pad,
@@ -94,6 +102,7 @@ def scene(
     links = [_Body(body.name, body.frame, _grown(body.boxes, robot.pad)) for body in bare]
     tools = [_Body(body.name, last, _on_flange(robot, body.boxes)) for body in tool]
     standing = [_Body(body.name, 0, body.boxes) for body in obstacles]
+    standing += [_Body(name, 0, (), mesh, place) for name, mesh, place in meshes]
     target = _part(part, base_from_part)
     _check([*links, *tools, *standing, *target], allowed)
     spared = {frozenset(pair) for pair in robot.touching}
@@ -104,7 +113,7 @@ def scene(
     pairs += [(body, other) for body in [*links[1:], *working] for other in target]
     without = {frozenset(names) for names in allowed}
     tested = [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in without]
-    return _tabled(robot, tested, base_from_part)
+    return _tabled(robot, tested)
 
 
 def _grown(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:
@@ -126,7 +135,7 @@ def _entering(body: _Body, contact: float) -> tuple[Box, ...]:
 
 def _part(part: Mesh | tuple[Box, ...], base_from_part: Pose) -> list[_Body]:
     if isinstance(part, Mesh):
-        return [_Body(PART, 0, (), part)]
+        return [_Body(PART, 0, (), part, base_from_part)]
     boxes = tuple(Box(base_from_part @ box.link_from_box, box.half) for box in part)
     return [_Body(PART, 0, boxes)] if boxes else []
 
@@ -142,7 +151,7 @@ def _check(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> None:
             raise JobError(f"body {name}", "it may touch, but there is no such body", remedy=f"nearest is {near}")
 
 
-def _tabled(robot: Robot, tested: list[tuple[_Body, _Body]], base_from_part: Pose) -> Scene:
+def _tabled(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
     rows: dict[int, range] = {}
     bodies: list[_Body] = []
     for body in itertools.chain.from_iterable(tested):
@@ -152,9 +161,7 @@ def _tabled(robot: Robot, tested: list[tuple[_Body, _Body]], base_from_part: Pos
             bodies.append(body)
     boxes = [(body.frame, box) for body in bodies for box in body.boxes]
     against = [(i, j, k) for k, (a, b) in enumerate(tested) for i in rows[id(a)] for j in rows[id(b)]]
-    strikes = [(i, k) for k, (a, b) in enumerate(tested) if b.mesh for i in rows[id(a)]]
     first, second, of_pair = np.array(against, dtype=np.int64).reshape(-1, 3).T
-    striking, of_strike = np.array(strikes, dtype=np.int64).reshape(-1, 2).T
     return Scene(
         robot=robot,
         pairs=tuple((a.name, b.name) for a, b in tested),
@@ -165,8 +172,12 @@ def _tabled(robot: Robot, tested: list[tuple[_Body, _Body]], base_from_part: Pos
         first=first,
         second=second,
         of_pair=of_pair,
-        mesh=next((b.mesh for _, b in tested if b.mesh), None),
-        base_from_part=base_from_part,
-        striking=striking,
-        of_strike=of_strike,
+        targets=tuple(_target(body, tested, rows) for body in bodies if body.mesh),
     )
+
+
+def _target(body: _Body, tested: list[tuple[_Body, _Body]], rows: dict[int, range]) -> Target:
+    assert body.mesh is not None
+    strikes = [(i, k) for k, (a, b) in enumerate(tested) if b is body for i in rows[id(a)]]
+    striking, of_strike = np.array(strikes, dtype=np.int64).reshape(-1, 2).T
+    return Target(body.mesh, body.base_from_mesh, striking, of_strike)

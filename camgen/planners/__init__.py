@@ -22,7 +22,7 @@ def _in_image_space(part: Part, job: Job) -> Plan:
     if part.raster is None:
         what = '"image" plans in a picture, and this is none'
         raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
-    if job.operation.kind != "follow":
+    if job.operation.kind not in ("auto", "follow"):
         what = f"the image-space planner follows contours, it cannot {job.operation.kind}"
         raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
     from camgen.planners.image_space import image_space  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
@@ -39,9 +39,19 @@ def plan(part: Part, job: Job) -> Plan:
 
     if job.operation.planner == "image":
         return _in_image_space(part, job)
+    if job.operation.kind == "fill":
+        from camgen.planners.fill import fill  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+
+        return Plan(*fill(part, job))
+    if job.operation.kind == "drill":
+        from camgen.planners.drill import drill  # noqa: PLC0415
+
+        return Plan(*drill(part, job))
     contours, recovered = recover(part.contours, job.tolerance.arc_fit)
     part = replace(part, contours=contours)
-    if job.operation.kind == "trace" or job.operation.side == "on":
+    # What is laid on a page is a drawing.
+    drawing = job.operation.kind == "auto" and bool(job.page.size)
+    if drawing or job.operation.kind == "trace" or job.operation.side == "on":
         return Plan(trace(part, job), recovered)
     paths, notes = follow(part, job)
     return Plan(paths, recovered + notes)

@@ -122,7 +122,8 @@ def _is_arc(points: FloatArray, tolerance: float) -> bool:
         return False
     vertex = np.abs(np.hypot(*(points - centre).T) - radius).max()
     half = np.hypot(*np.diff(points, axis=0).T).max() / 2
-    sagitta = half**2 / (2 * radius) if half < radius else np.inf
+    # r - sqrt(r^2 - h^2), without the loss of digits where r is large.
+    sagitta = half**2 / (radius + np.sqrt(radius**2 - half**2)) if half < radius else np.inf
     return bool(vertex + sagitta <= tolerance)
 
 

@@ -12,16 +12,17 @@ from camgen.shapes import Part
 
 _IMAGES = (b"\x89PNG", b"\xff\xd8\xff", b"II*\x00", b"MM\x00*", b"BM")
 _SUFFIXES = {
-    "": "dxf", ".dxf": "dxf",
+    "": "dxf", ".dxf": "dxf", ".svg": "svg",
     ".png": "image", ".jpg": "image", ".jpeg": "image", ".tif": "image", ".tiff": "image", ".bmp": "image",
     ".stl": "solid", ".obj": "solid", ".ply": "solid", ".off": "solid", ".3mf": "solid", ".glb": "solid",
     ".step": "solid", ".stp": "solid",
+    ".nc": "gcode", ".ngc": "gcode", ".gcode": "gcode", ".tap": "gcode",
 }  # fmt: skip
 
 
 def read(path: Path, job: Job) -> Part:
     """The part in the file ``path``, in mm, read as ``job`` asks. InputError if it has none."""
-    part: Part = _reader(path).read(path, job)
+    part: Part = _reader(path, job).read(path, job)
     return part
 
 
@@ -31,9 +32,14 @@ def inspect(path: Path, job: Job) -> object:
     return found
 
 
-def _reader(path: Path) -> ModuleType:
+def _reader(path: Path, job: Job | None = None) -> ModuleType:
     """The module for this kind of file: ezdxf, OpenCV and trimesh are loaded only by what needs them."""
-    return import_module(f"camgen.readers.{kind_of(path)}")
+    kind = kind_of(path)
+    if kind == "image" and job is not None:
+        artwork = import_module("camgen.readers.artwork")
+        if artwork.meant(job):
+            return artwork
+    return import_module(f"camgen.readers.{kind}")
 
 
 def kind_of(path: Path) -> str:
@@ -47,8 +53,11 @@ def kind_of(path: Path) -> str:
         return "image"
     if head.startswith(b"AutoCAD Binary DXF") or head.split()[:2] == [b"0", b"SECTION"]:
         return "dxf"
+    if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"<?xml", b"<svg")):
+        return "svg"
     kind = _SUFFIXES.get(path.suffix.lower())
     if kind is None:
         what = "is not a kind of file that camgen reads"
-        raise InputError(path.name, what, remedy="give a DXF drawing, a PNG, JPEG, TIFF or BMP picture, or a 3-D part")
+        remedy = "give a DXF or SVG drawing, a PNG, JPEG, TIFF or BMP picture, a 3-D part, or G-code"
+        raise InputError(path.name, what, remedy=remedy)
     return kind

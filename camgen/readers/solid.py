@@ -1,4 +1,4 @@
-"""3-D parts, meshes and STEP: what is in them (docs/inputs/solid.md)."""
+"""3-D parts, meshes and STEP (docs/inputs/solid.md)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
-from camgen.errors import InputError, JobError
+from camgen.errors import JobError
 from camgen.readers.units import MM
 from camgen.settings import Job
 from camgen.shapes import Note, Part
@@ -56,10 +56,9 @@ def inspect(path: Path, job: Job) -> Facts:
 
 
 def read(path: Path, job: Job) -> Part:
-    """A 3-D part has no contours: an InputError says what can be done with it."""
-    solid(path, job)
-    remedy = "camgen inspect lists its edges; give a drawing or a photo of a flat part to build from"
-    raise InputError(path.name, "is a 3-D part, of which no program can be built yet", remedy=remedy)
+    """The 3-D part at ``path``. InputError if there is none."""
+    found = solid(path, job)
+    return Part(found.name, found.source, found.units, (), found.notes, solid=found)
 
 
 def solid(path: Path, job: Job) -> Solid:

@@ -7,7 +7,6 @@ have passed. So every row keeps all of them, and dynamic programming finds the c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from msgspec import Struct
@@ -24,6 +23,8 @@ Index = NDArray[np.int64]
 JUMP = math.radians(30)
 #: Rows whose transitions are worked out at once: bounds the memory.
 _CHUNK = 512
+#: rad or mm: joint values that are no farther apart are the same.
+_SAME = 1e-6
 
 
 class Choice(Struct, frozen=True, eq=False):
@@ -31,6 +32,17 @@ class Choice(Struct, frozen=True, eq=False):
 
     joints: FloatArray
     branches: Index
+
+
+class Ties(Struct, frozen=True, eq=False):
+    """What a path of N rows is tied to. joined: its first row goes on from ``start`` as every row does from the one
+    before. end: (J,), where the joints move to after it; its last row has these very values where it can. free: (N,)
+    the rows to which joints move as they like: by any angle, but in the same branch, unless it is the first row.
+    """
+
+    joined: bool = False
+    end: FloatArray | None = None
+    free: NDArray[np.bool_] | None = None
 
 
 class Stuck(Struct, frozen=True, eq=False):
@@ -50,12 +62,13 @@ def follow(
     start: FloatArray | None = None,
     margin: float = 0.0,
     jump: float = JUMP,
+    ties: Ties = Ties(),  # noqa: B008 (frozen)
 ) -> Choice | Stuck:
     """Joints for the path of base_from_flange (N, 3, 3), (N, 3), N > 0, that keep all limits, stay ``margin`` rad away
     from singularities, and turn by at most ``jump`` rad from row to row.
 
     Of all such chains the one with the least sum of times, the slowest joint counting, from ``start`` (J,), the robot's
-    home by default, to the last row. ``reasons.why`` says what a ``Stuck`` ran into.
+    home by default, to the last row and to ``ties.end``. ``reasons.why`` says what a ``Stuck`` ran into.
     """
     start = robot.home if start is None else start
     found = candidates(robot, rotations, origins, start)
@@ -64,17 +77,23 @@ def follow(
     columns = np.flatnonzero(usable.any(axis=(0, 2)))
     few = _needed(table, usable)
     kept, usable, table = found[:, columns], usable[:, columns][:, :, few], table[few]
-    cost = np.where(usable[0], _time(robot, _turned(kept[0], table) - start), math.inf)
+    first = _turned(kept[0], table) - start
+    cost = np.where(usable[0] & ~(ties.joined & _leaps(robot, first, jump)), _time(robot, first), math.inf)
     if not np.isfinite(cost).any():
-        return Stuck(0, found, np.empty((0, found.shape[2])))
+        return Stuck(0, found, start[None] if ties.joined else np.empty((0, found.shape[2])))
     backs = np.empty((len(found), cost.size), dtype=np.int32)
-    for row, (source, times) in enumerate(_steps(robot, kept, table, jump), start=1):
-        after, backs[row] = _step(cost, source, times)
-        after[~usable[row]] = math.inf
-        if not np.isfinite(after).any():
-            return Stuck(row, found, _turned(kept[row - 1], table)[np.isfinite(cost)])
-        cost = after
-    states = _traced(cost, backs)
+    free = np.zeros(len(found), np.bool_) if ties.free is None else ties.free
+    for row in range(1, len(found), _CHUNK):
+        here = slice(row, row + _CHUNK)
+        source, times = _transitions(robot, kept[row - 1 : row + _CHUNK], table, jump, free[here])
+        costs = _along(cost, source, times, usable[here], backs[here])
+        lost = np.flatnonzero(~np.isfinite(costs).any(axis=(1, 2)))
+        if len(lost):
+            before = np.concatenate([cost[None], costs])[lost[0]]
+            at = row + int(lost[0])
+            return Stuck(at, found, _turned(kept[at - 1], table)[np.isfinite(before)])
+        cost = costs[-1]
+    states = _traced(_ended(robot, cost, _turned(kept[-1], table), ties.end), backs)
     branches, chosen = np.divmod(states, len(table))
     return Choice(kept[np.arange(len(kept)), branches] + math.tau * table[chosen], columns[branches])
 
@@ -98,10 +117,46 @@ def _step(cost: FloatArray, source: Index, times: FloatArray) -> tuple[FloatArra
     return total[best, every].reshape(cost.shape), before - before // padded.shape[1]
 
 
-def _steps(robot: Robot, kept: FloatArray, table: Index, jump: float) -> Iterator[tuple[Index, FloatArray]]:
-    """``_transitions`` step by step."""
-    for first in range(0, len(kept) - 1, _CHUNK):
-        yield from zip(*_transitions(robot, kept[first : first + _CHUNK + 1], table, jump), strict=True)
+def _along(
+    cost: FloatArray, source: Index, times: FloatArray, usable: NDArray[np.bool_], backs: NDArray[np.int32]
+) -> FloatArray:
+    """The least costs (n, B, T) of n rows from those of the row before them, infinite from the first row on that none
+    reaches. source, times: ``_transitions``. backs: (n, B * T), filled in.
+
+    Where no branch leads to another one and no joint passes half a turn, as it is nearly always, there is nothing to
+    choose: every state comes from its own, and its costs add up.
+    """
+    size, every = cost.shape[1], np.arange(cost.shape[0])
+    own = times[:, every, every]
+    away = times.copy()
+    away[:, every, every] = math.inf
+    still = source[:, every, every] == (np.arange(size) + every[:, None] * (size + 1))
+    if not np.isfinite(away).any() and (still | np.isinf(own)[..., None]).all():
+        backs[:] = np.arange(cost.size)
+        steps = np.where(usable, own[..., None], math.inf)
+        return np.asarray(np.cumsum(np.concatenate([cost[None], steps]), axis=0)[1:])
+    costs = np.full((len(times), *cost.shape), math.inf)
+    for row in range(len(times)):
+        cost, backs[row] = _step(cost, source[row], times[row])
+        cost[~usable[row]] = math.inf
+        costs[row] = cost
+    return costs
+
+
+def _ended(robot: Robot, cost: FloatArray, last: FloatArray, end: FloatArray | None) -> FloatArray:
+    """The costs (B, T) of ending in ``last`` (B, T, J), with the way to ``end``; only the states there, if any is."""
+    if end is None:
+        return cost
+    there = np.isfinite(cost) & (np.abs(last - end).max(axis=-1) < _SAME)
+    if there.any():
+        return np.where(there, cost, math.inf)
+    return cost + np.where(np.isfinite(cost), _time(robot, last - end), 0.0)
+
+
+def _leaps(robot: Robot, moved: FloatArray, jump: float) -> NDArray[np.bool_]:
+    """Whether a joint turns by more than ``jump`` rad in moving by (..., J)."""
+    turning = np.array([not joint.sliding for joint in robot.joints])
+    return np.asarray((np.abs(moved) > jump)[..., turning].any(axis=-1))
 
 
 def _turned(solutions: FloatArray, table: Index) -> FloatArray:
@@ -122,18 +177,20 @@ def _time(robot: Robot, moved: FloatArray) -> FloatArray:
     return np.asarray((np.abs(moved) / robot.speeds).max(axis=-1))
 
 
-def _transitions(robot: Robot, found: FloatArray, table: Index, jump: float) -> tuple[Index, FloatArray]:
+def _transitions(
+    robot: Robot, found: FloatArray, table: Index, jump: float, free: NDArray[np.bool_]
+) -> tuple[Index, FloatArray]:
     """For n rows of candidates (n, B, J), the n - 1 steps between them. times: (n - 1, B, B), from branch to branch by
-    the shortest turn, infinite where a joint jumps. source: (n - 1, B, B, T), for the branch before, the branch after
-    and its turns: the index of the state before in a table (B, T + 1) whose last column is unreachable.
+    the shortest turn, infinite where a joint jumps, or, on ``free`` steps, where the branch changes. source:
+    (n - 1, B, B, T), for the branch before, the branch after and its turns: the index of the state before in a table
+    (B, T + 1) whose last column is unreachable.
     """
     most, size = table.max(axis=0), len(table)
     moved = found[1:, None, :, :] - found[:-1, :, None, :]
     moved = np.where(np.isnan(moved), math.inf, moved)
     whole = np.where(most > 0, np.rint(np.where(np.isinf(moved), 0.0, moved) / math.tau), 0.0).astype(np.int64)
     moved = moved - whole * math.tau
-    turning = np.array([not joint.sliding for joint in robot.joints])
-    leaps = (np.abs(moved) > jump)[..., turning].any(axis=-1)
+    leaps = np.where(free[:, None, None], ~np.eye(found.shape[1], dtype=bool), _leaps(robot, moved, jump))
     times = np.where(leaps, math.inf, _time(robot, moved))
     index = np.zeros((*times.shape, size), dtype=np.int64)
     lost = np.zeros_like(index, dtype=bool)

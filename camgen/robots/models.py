@@ -27,6 +27,7 @@ from camgen.errors import JobError
 from camgen.pose import FloatArray, Pose, Vec3, frozen, pose_from_values, translation
 from camgen.robots.arms import Arm, Gantry, Scara, Spherical, recognise
 from camgen.robots.chain import Joint
+from camgen.robots.urdf_name import split_name
 
 Kind = Literal["spherical-wrist", "scara", "cartesian", "serial"]
 Known = Literal["confirmed", "derived", "uncertain"]
@@ -137,7 +138,14 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def robot(name: str) -> Robot:
-    """The robot ``name``; capitals, spaces and hyphens do not matter. JobError with the nearest name if none has it."""
+    """The robot ``name``; capitals, spaces and hyphens do not matter. JobError with the nearest name if none has it.
+
+    A name that ends in .urdf, or in .urdf#LINK for another tip than the flange, is a file; InputError if it is no arm.
+    """
+    if described := split_name(name):
+        from camgen.robots.urdf import read_urdf  # noqa: PLC0415 (it makes a Robot, and few jobs name a file)
+
+        return read_urdf(*described)
     known = _by_key()
     if _key(name) not in known:
         near = difflib.get_close_matches(_key(name), known, 1, 0)[0]

@@ -12,6 +12,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.errors import JobError
+from camgen.instructions import Posture
 from camgen.pose import FloatArray
 from camgen.robots.arms import Scara, Spherical
 from camgen.robots.models import Robot
@@ -22,6 +23,8 @@ from camgen.robots.values import theta_of
 ANY_FIGURE = -1
 #: Angles are rounded to so many digits of a degree: an axis at 0 is not at -1e-15.
 _DIGITS = 6
+#: deg: so close to half a turn it is open on which side of it a controller sees an axis.
+_BORDER = 0.01
 _LEFTY, _BELOW, _NONFLIP, _SIX_DOUBLE, _FOUR_DOUBLE = 1, 2, 4, 8, 16
 
 
@@ -37,6 +40,40 @@ class Words(Struct, frozen=True, eq=False):
 
     words: tuple[tuple[str, ...], ...]
     sure: NDArray[np.bool_]
+
+
+def postures(robot: Robot, joints: FloatArray, straight: NDArray[np.bool_]) -> list[Posture | None]:
+    """The posture of each row of joint values (N, J), rad or mm: the values in which motions end, one after the other;
+    None where nothing is sure. Rows that are alike share one.
+
+    straight: (N,) lines and arcs, which must end in the figure in which they start (RC8 manual, Move C). One on which
+    axis 4 or 6 turns past half a turn does not; its figure is left out, so that the arm keeps to the nearest. So is one
+    with axis 4 or 6 at half a turn, which the controller may see on either side of it. Nothing is sure of an arm from a
+    URDF: its joint values need not be those of its controller.
+    """
+    count = len(joints)
+    if not robot.controller:
+        return [None] * count
+    six, named = isinstance(robot.arm, Spherical), isinstance(robot.arm, Spherical | Scara)
+    conf = abb_confdata(robot, joints) if six else Numbers(np.zeros((count, 4), np.int64), np.zeros(count, np.bool_))
+    figure = denso_figure(robot, joints)
+    kept = figure.sure & ~(straight & (figure.values != np.roll(figure.values, 1)))
+    if six:
+        kept &= (np.abs(np.abs(_degrees(joints[:, [3, 5]])) - 180) > _BORDER).all(axis=1)
+    switches = vplus_switches(robot, joints) if named else Words(((),) * count, np.zeros(count, np.bool_))
+    words = switches.words if switches.sure.all() else ((),) * count
+    said = [conf.values, conf.sure[:, None], figure.values[:, None], kept[:, None]]
+    seen: dict[tuple[str, ...], int] = {}
+    table = np.column_stack([*said, [seen.setdefault(one, len(seen)) for one in words]])
+    starts = np.flatnonzero(np.append(True, (table[1:] != table[:-1]).any(axis=1))[:count])
+    made: dict[Posture, Posture] = {}
+    found: list[Posture | None] = []
+    for row, end in zip(starts.tolist(), [*starts[1:].tolist(), count], strict=True):
+        cf1, cf4, cf6, cfx = conf.values[row].tolist()
+        confdata = (cf1, cf4, cf6, cfx) if conf.sure[row] else None
+        one = Posture(confdata, int(figure.values[row]) if kept[row] else None, words[row])
+        found += [made.setdefault(one, one) if one != Posture() else None] * (end - row)
+    return found
 
 
 def abb_confdata(robot: Robot, joints: FloatArray) -> Numbers:

@@ -1,7 +1,8 @@
 """Reads a LinuxCNC program back: text -> instructions, faults by line.
 
-Written from the LinuxCNC manual and checked against its interpreter. What it does not read (cycles, O-words,
-parameters, expressions, cutter compensation, shifts of the origin) is a fault that names the word.
+Written from the LinuxCNC manual and checked against its interpreter. What no post writes (cycles, O-words, parameters,
+expressions, shifts of the origin) is left to the interpreter of foreign programs; what that does not know either is a
+fault that names the word.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from camgen.errors import JobError
+from camgen.gcode import arcs
 from camgen.post import Reading
 
+from .gcode_foreign import foreign
 from .gcode_lexis import Rules, by_group
-from .gcode_machine import run
+from .gcode_machine import played, written
 from .gcode_state import Expect
 
 #: Codes by modal group: two of one group in a line are an error of the controller.
@@ -43,9 +46,7 @@ LINUXCNC = Rules(
     squeezed=False,
     forbidden=None,
     linuxcnc=True,
-    spiral=(0.02828, 2.83, 0.002828 * 25.4),
-    shorter=0.00127,
-    least_radius=0.00127,
+    arcs=arcs.LINUXCNC,
 )
 
 
@@ -61,7 +62,9 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
         names={word: name for name, word in signals(options, {"process": "P0"}).items()},
         force=force,
     )
-    return run(lines(files), LINUXCNC, expect)
+    text = list(lines(files))
+    machine = played(text, LINUXCNC, expect)
+    return (foreign(text, machine) if machine.unread else None) or written(machine)
 
 
 def lines(files: Mapping[str, str]) -> Iterator[str]:

@@ -11,6 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
+from camgen.gcode.arcs import Limits
+from camgen.gcode.wrong import Unread, Wrong
+
 _WORD = r"([A-Z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))"
 _WORDS = re.compile(_WORD)
 _LINE = re.compile(rf"(?:{_WORD})*")
@@ -37,19 +40,13 @@ _UNREAD = {
 _WHY = {code: why for why, codes in _UNREAD.items() for code in codes.split()}
 
 
-class Wrong(Exception):
-    """A line that cannot be right or cannot be read; its text becomes the fault."""
-
-
 @dataclass(frozen=True, slots=True)
 class Rules:
     """What a controller accepts.
 
     codes: modal group of each code that is read. limit: characters per line, counted without blanks and comments
     where ``squeezed``. forbidden: characters that must not even stand in a comment. linuxcnc: its lexis, else GRBL's.
-    spiral: by how much the radii of an arc may differ at least, at most (mm), and at least in a program in inches;
-    between the two 0.1 % of the radius counts. shorter: by how much R may be less than half the chord (mm).
-    least_radius: mm.
+    arcs: what it takes as one.
     """
 
     name: str
@@ -58,9 +55,7 @@ class Rules:
     squeezed: bool
     forbidden: re.Pattern[str] | None
     linuxcnc: bool
-    spiral: tuple[float, float, float]
-    shorter: float
-    least_radius: float
+    arcs: Limits
 
 
 def by_group(table: Mapping[str, str]) -> dict[str, str]:
@@ -85,7 +80,7 @@ def lex(raw: str, rules: Rules) -> Line | None:
             code = _code(letter, number)
             group = rules.codes.get(code)
             if group is None:
-                raise Wrong(f"{code} is not read: {_WHY.get(code, f'not a code of {rules.name}')}")
+                raise Unread(f"{code} is not read: {_WHY.get(code, f'not a code of {rules.name}')}")
             if group in codes:
                 raise Wrong(f"{codes[group]} and {code} are of one group ({group})")
             codes[group] = code
@@ -120,7 +115,7 @@ def _bare(raw: str, rules: Rules) -> str:
     text = text.upper()
     if text.startswith("/"):
         if rules.linuxcnc:
-            raise Wrong("block delete: whether the line runs depends on a switch of the operator")
+            raise Unread("block delete: whether the line runs depends on a switch of the operator")
         text = text[1:]
     if text.startswith("N"):
         numbered = _NUMBERED.match(text)
@@ -153,7 +148,7 @@ def _complain(text: str) -> None:
     match = _LINE.match(text)
     rest = text[match.end() :] if match else text
     if any(character in text for character in "#[]"):
-        raise Wrong("parameters and expressions are not read")
+        raise Unread("parameters and expressions are not read")
     if re.search("O[0-9<]", text):
-        raise Wrong("O-words are not read")
+        raise Unread("O-words are not read")
     raise Wrong(f"cannot read {rest[:12]!r}")

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from camgen.gcode.wrong import Unread, Wrong
 from camgen.post import Fault, Reading
 
-from .gcode_lexis import Line, Rules, Wrong, is_percent, lex
+from .gcode_lexis import Line, Rules, is_percent, lex
 from .gcode_motion import move
 from .gcode_plain import is_settled, read_plain
 from .gcode_state import HANDLERS, Expect, Machine, feed, speed_and_tool
@@ -21,6 +22,16 @@ _KNOWN = 200
 
 def run(text: Iterable[str], rules: Rules, expect: Expect) -> Reading:
     """What the lines say. Never raises for anything that they hold."""
+    return written(played(text, rules, expect))
+
+
+def written(m: Machine) -> Reading:
+    """What a machine has written down."""
+    return Reading(tuple(m.body), tuple(m.lines), tuple(m.faults))
+
+
+def played(text: Iterable[str], rules: Rules, expect: Expect) -> Machine:
+    """The machine after the lines."""
     m = Machine(rules, expect)
     opened = begun = settled = False
     known: dict[str, Line | None] = {}
@@ -37,9 +48,10 @@ def run(text: Iterable[str], rules: Rules, expect: Expect) -> Reading:
                 _execute(m, line[0].copy(), line[1].copy())
         except Wrong as wrong:
             m.fault(str(wrong))
+            m.unread = m.unread or (m.line if isinstance(wrong, Unread) else 0)
         settled = is_settled(m)
     _finish(m)
-    return Reading(tuple(m.body), tuple(m.lines), tuple(m.faults))
+    return m
 
 
 def _remembered(known: dict[str, Line | None], raw: str, line: Line | None) -> Line | None:
@@ -73,7 +85,8 @@ def _finish(m: Machine) -> None:
 
 def _execute(m: Machine, codes: dict[str, str], words: dict[str, float]) -> None:
     if m.ended:
-        raise Wrong("a line after the end of the program")
+        m.remark("a line after the end of the program")
+        return
     if "F" in words:
         feed(m, words.pop("F"), codes)
     if "S" in words or "T" in words:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from camgen.gcode.arcs import pieces
+from camgen.gcode.wrong import Wrong
 from camgen.ir import MoveC, MoveJ, MoveL
 from camgen.pose import TOOL_DOWN, Pose, Vec3
 
-from .gcode_arcs import pieces
-from .gcode_lexis import Wrong
 from .gcode_plain import RAPID
 from .gcode_state import Machine
 
@@ -54,7 +54,7 @@ def _write(m: Machine, start: Vec3, target: Vec3, words: dict[str, float]) -> No
         if axis in words:
             words[axis] *= m.unit or 1.0
     inch = m.unit != 1.0
-    for via, end in pieces(m.plane, m.motion, start, target, words, m.absolute_centre, inch, m.rules):
+    for via, end in pieces(m.plane, m.motion, start, target, words, m.absolute_centre, inch, m.rules.arcs):
         pose = Pose(TOOL_DOWN, end)
         if via is None:
             m.add(MoveL(pose, m.feed, 0.0, force))
@@ -81,14 +81,14 @@ def _start(m: Machine) -> None:
     m.started = True
     if m.unit is None:
         m.unit = 1.0
-        m.fault("a motion before G20 or G21; read as mm")
+        m.remark("a motion before G20 or G21; read as mm")
     m.work = m.work or "G54"
     if m.work != m.expect.work:
         m.fault(f"work offset {m.work}, but post.work is {m.expect.work}")
     if m.expect.tool and m.length != "G43":
         m.fault("the length of the tool is not applied (G43) before the first motion")
     if m.expect.path is not None and not m.path:
-        m.fault("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
+        m.remark("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
 
 
 def _place(m: Machine, given: list[str], end: tuple[float | None, float | None, float | None]) -> bool:
@@ -100,14 +100,14 @@ def _place(m: Machine, given: list[str], end: tuple[float | None, float | None, 
         _assume(m, "X or Y moves while Z is not known")
         return True
     if any(m.at["XYZ".index(axis)] is not None for axis in given):
-        m.fault("an axis moves again before the position is known in all axes")
+        m.remark("an axis moves again before the position is known in all axes")
     m.at = end
     m.placed = None not in end
     return m.placed
 
 
 def _assume(m: Machine, why: str) -> None:
-    m.fault(f"{why}; read as from 0")
+    m.remark(f"{why}; read as from 0")
     x, y, z = m.at
     m.at = (x or 0.0, y or 0.0, z or 0.0)
     m.placed = True

@@ -9,11 +9,11 @@ from __future__ import annotations
 import re
 from typing import cast
 
+from camgen.gcode.arcs import pieces
+from camgen.gcode.wrong import Wrong
 from camgen.ir import MoveC, MoveJ, MoveL
 from camgen.pose import TOOL_DOWN, Pose, Vec3
 
-from .gcode_arcs import pieces
-from .gcode_lexis import Wrong
 from .gcode_state import Machine
 
 _NUMBER = r"(-?[0-9]{1,6}(?:\.[0-9]{1,8})?)"
@@ -64,7 +64,7 @@ def is_settled(m: Machine) -> bool:
 def _arc(m: Machine, code: str, target: Vec3, i: str | None, j: str | None, feed: float) -> bool:
     words = {letter: float(text) for letter, text in (("I", i), ("J", j)) if text is not None}
     try:
-        found = pieces("G17", code, cast(Vec3, m.at), target, words, False, False, m.rules)
+        found = pieces("G17", code, cast(Vec3, m.at), target, words, False, False, m.rules.arcs)
     except Wrong:
         return False  # the long way says what is wrong
     force = m.newtons if m.pressing else 0.0

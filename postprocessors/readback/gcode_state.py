@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from camgen.gcode.wrong import Wrong
 from camgen.ir import Force, Instruction, Output, Wait
-from camgen.post import Fault
+from camgen.post import Fault, Remark
 
-from .gcode_lexis import Rules, Wrong
+from .gcode_lexis import Rules
 
 _INCH = 25.4
 
@@ -34,6 +35,7 @@ class Machine:
 
     line: 1-based, the one being read. started: a motion was read. placed: the position is known in all axes.
     next_newtons, waiting: what M67 sets with the next motion, and the line of a word that waits for one.
+    unread: the first line with a word that no post writes.
     """
 
     rules: Rules
@@ -64,6 +66,7 @@ class Machine:
     next_newtons: float | None = None
     waiting: int = 0
     ended: bool = False
+    unread: int = 0
 
     def add(self, item: Instruction) -> None:
         """Writes ``item`` down for the line that is read."""
@@ -73,6 +76,10 @@ class Machine:
     def fault(self, what: str) -> None:
         """Notes a fault of the line that is read."""
         self.faults.append(Fault(self.line, what))
+
+    def remark(self, what: str) -> None:
+        """Notes what the line leaves open."""
+        self.faults.append(Remark(self.line, what))
 
 
 def feed(m: Machine, value: float, codes: dict[str, str]) -> None:

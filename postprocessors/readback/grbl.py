@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 from msgspec.structs import replace
 
+from camgen.gcode.arcs import Limits
 from camgen.ir import Instruction, Output
 from camgen.post import Reading
 
@@ -41,9 +42,7 @@ GRBL = Rules(
     squeezed=True,
     forbidden=re.compile(r"[!~?]|[^\t -~]"),
     linuxcnc=False,
-    spiral=(0.005, 0.5, 0.005),
-    shorter=0.0,
-    least_radius=1e-6,
+    arcs=Limits(spiral=(0.005, 0.5, 0.005), shorter=0.0, least_radius=1e-6, turns=False),
 )
 
 

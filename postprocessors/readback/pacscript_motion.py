@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+from functools import lru_cache
 
 from msgspec import Struct
 
-from camgen.ir import Joints, MoveC, MoveJ, MoveL
+from camgen.ir import Joints, MoveC, MoveJ, MoveL, Posture
 from camgen.pose import Pose, Vec3
 
 from .pacscript_machine import PASS_BLEND, Machine
-from .pacscript_values import Metres, Unreadable, Value, Vector, arguments, evaluate, number
+from .pacscript_values import Figured, Metres, Unreadable, Value, Vector, arguments, evaluate, number
 
 _MARK = re.compile(r"@\s*(0|P|E|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
 _MARKS = {"@0": 0.0, "@E": 0.0, "@e": 0.0, "@P": PASS_BLEND, "@p": PASS_BLEND}
@@ -194,12 +195,15 @@ def _back(pose: Pose, length: float) -> Pose:
 def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, speed: float, at_once: bool) -> None:
     """Moves to ``target``. at_once: what follows does not wait for the arm."""
     passing = blend > 0 or at_once
+    posture = _posture(target)
+    if isinstance(target, Figured):
+        target = Pose(target.rotation, target.origin)
     if not linear:
-        machine.emit_motion(MoveJ(target, speed, blend), passing)
+        machine.emit_motion(MoveJ(target, speed, blend, posture=posture), passing)
     elif isinstance(target, Joints):
         raise Unreadable("a straight line to joints is not evaluated")
     else:
-        machine.emit_motion(MoveL(target, speed, blend, *machine.pressing()), passing)
+        machine.emit_motion(MoveL(target, speed, blend, *machine.pressing(), posture=posture), passing)
 
 
 def _arc(machine: Machine, targets: list[str], speed: float, at_once: bool) -> None:
@@ -218,7 +222,21 @@ def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float, at_o
         machine.fault("an arc from a place that the text does not give")
     elif shape := _shape(machine.here.origin, via.origin, end.origin):
         machine.fault(shape)
-    machine.emit_motion(MoveC(via, end, speed, blend, *machine.pressing()), blend > 0 or at_once)
+    if isinstance(via, Figured) and isinstance(end, Figured) and via.figure != end.figure:
+        machine.fault("the points of the arc have different figures")
+    posture = _posture(end)
+    via, end = (Pose(place.rotation, place.origin) for place in (via, end))
+    machine.emit_motion(MoveC(via, end, speed, blend, *machine.pressing(), posture=posture), blend > 0 or at_once)
+
+
+@lru_cache(maxsize=64)
+def _figured(figure: int) -> Posture:
+    return Posture(figure=figure)
+
+
+def _posture(place: Pose | Joints) -> Posture | None:
+    """The figure of a position, if it has one."""
+    return _figured(place.figure) if isinstance(place, Figured) else None
 
 
 def _shape(start: Vec3, via: Vec3, end: Vec3) -> str:

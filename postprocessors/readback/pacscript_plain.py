@@ -19,7 +19,7 @@ from camgen.pose import FloatArray, Pose, Vec3
 
 from .pacscript_machine import Machine
 from .pacscript_motion import Manner, arc, go, manner_of, nothing
-from .pacscript_values import Unreadable, evaluate
+from .pacscript_values import UNDEFINED, Figured, Unreadable, evaluate
 
 #: As in JSON, whose reader is several times as fast as ``float`` and as exact. With a point: JSON's -0 has no sign.
 _NUMBER = r"-?(?:0|[1-9][0-9]{0,8})\.[0-9]{1,9}"
@@ -50,23 +50,30 @@ def plain(piece: re.Match[str], line: int) -> Plain | None:
     """What a match of ``PIECE`` with groups says; nothing where the long way has to say what is wrong with it."""
     kind, via, via_turn, mark, target, turn, speed = piece.groups()
     try:
-        manner, rotation = _manner(kind or "C", mark, speed), _rotation(turn)
-        middle = None if kind else Pose(_rotation(via_turn), _numbers.decode(f"[{via}]"))
+        manner, end = _manner(kind or "C", mark, speed), _place(target, turn)
+        middle = None if kind else _place(via, via_turn)
     except Unreadable:
         return None
-    return Plain(line, manner, middle, Pose(rotation, _numbers.decode(f"[{target}]")))
+    return Plain(line, manner, middle, end)
 
 
 _manner = lru_cache(maxsize=1024)(manner_of)
 
 
+def _place(position: str, turn: str) -> Pose:
+    """``P()`` with x, y, z and the rest."""
+    rotation, figure = _turned(turn)
+    origin = _numbers.decode(f"[{position}]")
+    return Pose(rotation, origin) if figure == UNDEFINED else Figured(rotation, origin, figure)
+
+
 @lru_cache(maxsize=1024)
-def _rotation(turn: str) -> FloatArray:
-    """The rotation that follows x, y, z in the brackets of ``P()``, as the long way reads it."""
+def _turned(turn: str) -> tuple[FloatArray, int]:
+    """The rotation and the figure that follow x, y, z in the brackets of ``P()``, as the long way reads them."""
     value = evaluate(f"P(0, 0, 0{turn})", nothing)
     if not isinstance(value, Pose):
         raise Unreadable(f"{turn} is no rotation")
-    return value.rotation
+    return value.rotation, value.figure if isinstance(value, Figured) else UNDEFINED
 
 
 def carry_out(machine: Machine, item: Plain) -> None:

@@ -31,10 +31,18 @@ class Vector:
     values: Vec3
 
 
+class Figured(Pose, frozen=True, eq=False, gc=False):
+    """A position with a figure that is not -1."""
+
+    figure: int
+
+
 Value = float | Pose | Joints | Vector | Metres
 #: The value of a variable: lower-case name, or array letter and index.
 Lookup = Callable[[str | tuple[str, int]], Value]
 
+#: The figure of a position that leaves it open (RC8 manual 456).
+UNDEFINED = -1
 _DEPTH = 40
 _PLAIN = re.compile(r"P\(([-+.\d\s,]+)\)", re.IGNORECASE)
 _WHOLE = re.compile(r"[0-9]{1,9}")
@@ -98,7 +106,7 @@ def number(text: str, lookup: Lookup) -> float:
 
 
 def position(values: list[float]) -> Pose:
-    """``P(x, y, z, rx, ry, rz, fig)`` in mm and degrees, what is left out 0; the figure is not a place."""
+    """``P(x, y, z, rx, ry, rz, fig)`` in mm and degrees, what is left out 0, and -1 for the figure."""
     if len(values) > 7:
         raise Unreadable("P() has more than seven values")
     x, y, z, rx, ry, rz = values[:6] if len(values) > 5 else values + [0.0] * (6 - len(values))
@@ -109,7 +117,9 @@ def position(values: list[float]) -> Pose:
         if len(_rotations) > 100_000:
             _rotations.clear()
         _rotations[key] = rotation_from_fixed_xyz(math.radians(rx), math.radians(ry), math.radians(rz))
-    return Pose(_rotations[key], (x, y, z))
+    if len(values) < 7 or values[6] == UNDEFINED:
+        return Pose(_rotations[key], (x, y, z))
+    return Figured(_rotations[key], (x, y, z), index(values[6]))
 
 
 def _tokens(text: str) -> list[str]:

@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import cast
 
-from camgen.ir import Force, Joints, Motion, MoveC, MoveJ, MoveL
+from camgen.ir import Force, Joints, Motion, MoveC, MoveJ, MoveL, Posture
 from camgen.pose import Pose, Vec3
-from camgen.post import Fault
+from camgen.post import Fault, Remark
 
 from .rapid_data import Value, numbers
 from .rapid_lexis import Wrong
@@ -43,7 +43,7 @@ def motion(state: State, call: Call) -> Bound:
     """One motion statement, and what it says beside its points. Wrong when it cannot be read."""
     values = _bound(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
-    bound = Bound(call.name, speed, _blend(values), values)
+    bound = Bound(call.name, speed, _blend(values), values, _posture(values))
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
         _move(state, call.line, bound, None, Joints(tuple(math.radians(v) for v in axes)))
@@ -71,7 +71,7 @@ def inline(state: State, move: Inline) -> None:
 def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
     """Moves through ``via``, if that is given, to ``target``."""
     if not state.moved and bound.name != "moveabsj":
-        state.faults.append(Fault(line, f"the first motion is {bound.name}, not MoveAbsJ"))
+        state.faults.append(Remark(line, f"the first motion is {bound.name}, not MoveAbsJ"))
     state.moved = True
     if via is not None and state.here is not None and isinstance(target, Pose):
         _check_arc(state, line, state.here, via, target)
@@ -88,10 +88,18 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
 def _free(bound: Bound, via: Pose | None, target: Pose | Joints) -> Motion:
     """A motion without force."""
     if isinstance(target, Joints) or bound.name == "movej":
-        return MoveJ(target, bound.speed, bound.blend)
+        return MoveJ(target, bound.speed, bound.blend, posture=bound.posture)
     if via is not None:
-        return MoveC(via, target, bound.speed, bound.blend)
-    return MoveL(target, bound.speed, bound.blend)
+        return MoveC(via, target, bound.speed, bound.blend, posture=bound.posture)
+    return MoveL(target, bound.speed, bound.blend, posture=bound.posture)
+
+
+def _posture(values: Mapping[str, Value]) -> Posture | None:
+    """What the configuration of the target says."""
+    if "to" not in values:
+        return None
+    cf1, cf4, cf6, cfx = map(int, numbers(cast(tuple[Value, ...], values["to"])[2]))
+    return Posture((cf1, cf4, cf6, cfx)) if cf1 or cf4 or cf6 or cfx else None
 
 
 def _bound(state: State, call: Call) -> dict[str, Value]:
@@ -166,7 +174,7 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
         state.stopped(name)
         state.pressing = None
         state.add(Force(0.0), line)
-        state.add(MoveL(target, speed, blend), line)
+        state.add(MoveL(target, speed, blend, posture=bound.posture), line)
         return
     else:
         force = cast(float, bound.values["force"]) * state.known.sign * state.pressing[1]
@@ -175,9 +183,9 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
     assert state.pressing is not None
     press = _direction(target, state.pressing)
     if via is not None:
-        state.add(MoveC(via, target, speed, blend, force, press), line)
+        state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture), line)
     else:
-        state.add(MoveL(target, speed, blend, force, press), line)
+        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture), line)
 
 
 def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:

@@ -8,7 +8,7 @@ from typing import cast
 
 from msgspec import Struct
 
-from camgen.ir import Instruction
+from camgen.ir import Instruction, Posture
 from camgen.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
 from camgen.post import Fault
 
@@ -33,12 +33,15 @@ class Known:
 
 
 class Bound(Struct, frozen=True, eq=False):
-    """What a motion says beside its points: its name in lower case, mm/s, mm, and all its arguments by name."""
+    """What a motion says beside its points: its name in lower case, mm/s, mm, all its arguments by name, and the
+    configuration of its target, none where that is all zero.
+    """
 
     name: str
     speed: float
     blend: float
     values: Mapping[str, Value]
+    posture: Posture | None = None
 
 
 @dataclass

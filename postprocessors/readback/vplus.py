@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 
+from msgspec.structs import replace
+
 from camgen.errors import one_line
 from camgen.ir import Instruction, MoveJ, MoveL
 from camgen.pose import Pose
@@ -111,8 +113,7 @@ def _translated(robot: Robot, report: Report) -> tuple[Pose | None, Sequence[Ins
 def _in_base(item: Instruction, frame: Frame | None) -> Instruction:
     if frame is None or not isinstance(item, (MoveJ, MoveL)) or not isinstance(item.target, Pose):
         return item
-    pose = Location(item.target, frame).in_base()
-    return MoveL(pose, item.speed, item.blend) if isinstance(item, MoveL) else MoveJ(pose, item.speed, item.blend)
+    return replace(item, target=Location(item.target, frame).in_base())
 
 
 def _common(given: list[Frame]) -> Frame | None:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import repeat
 from typing import Any, TypeVar
 
 import numpy as np
+from msgspec.structs import replace
 
-from camgen.ir import Joints, MoveJ, MoveL, Output, Wait
+from camgen.ir import Joints, MoveJ, MoveL, Output, Posture, Wait
 from camgen.pose import Pose, translation
 
 from . import vplus_words as words
@@ -33,6 +35,9 @@ _PLAIN = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 T = TypeVar("T")
+#: Posture words that exclude each other.
+_PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"))
+POSTURES = frozenset(word for pair in _PAIRS for word in pair)
 _PROFILE = re.compile(r"\(\s*\d\s*\)\s*(?=[\d.])")
 
 
@@ -62,6 +67,7 @@ class Robot(Variables):
         self._once: tuple[float, str] | None = None
         self._monitor = 1.0
         self._constants: dict[tuple[object, str], Any] = {}
+        self._posture: Posture | None = None
 
     def here(self, word: str) -> Location:
         """Where the last motion went."""
@@ -112,9 +118,10 @@ class Robot(Variables):
         if frame is None or not (straight or first[1] == others[1] == "%"):
             return False
         kind, blend, count = MoveL if straight else MoveJ, ROUNDED if self._path else 0.0, len(plain.poses)
-        self.body.append(kind(plain.poses[0], self._mm_per_second(first), blend))
+        made = partial(kind, posture=self._posture) if self._posture else kind
+        self.body.append(made(plain.poses[0], self._mm_per_second(first), blend))
         if count > 1:
-            self.body += map(kind, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend))
+            self.body += map(made, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend))
         self.lines += range(plain.line, plain.line + count)
         self.frames += repeat(frame, count)
         self._once = None
@@ -166,8 +173,8 @@ class Robot(Variables):
             self.report(statement.line, "a joint motion wants its SPEED in percent")
         speed, blend = self._mm_per_second(setting), ROUNDED if self._path else 0.0
         if isinstance(target, Location):
-            item = MoveL(target.local, speed, blend) if straight else MoveJ(target.local, speed, blend)
-            self._add(statement, item, target.frame)
+            kind = MoveL if straight else MoveJ
+            self._add(statement, kind(target.local, speed, blend, posture=self._posture), target.frame)
         elif straight:
             raise Unreadable("a straight motion to joint values is not evaluated")
         else:
@@ -194,10 +201,8 @@ class Robot(Variables):
     def _stopped(self) -> None:
         if self._last is not None:
             motion = self.body[self._last]
-            if isinstance(motion, MoveL):
-                self.body[self._last] = MoveL(motion.target, motion.speed, 0.0)
-            elif isinstance(motion, MoveJ):
-                self.body[self._last] = MoveJ(motion.target, motion.speed, 0.0)
+            if isinstance(motion, (MoveJ, MoveL)):
+                self.body[self._last] = replace(motion, blend=0.0)
         self._moving = False
 
     def speed(self, statement: Statement) -> None:
@@ -209,6 +214,15 @@ class Robot(Variables):
             self._always, self._once = (value, unit), None
         else:
             self._once = (value, unit)
+
+    def configure(self, statement: Statement) -> None:
+        """A posture word: in force from the next motion on, and instead of the one that it excludes."""
+        if statement.rest:
+            raise Unreadable(f"{statement.word} {statement.rest[:30]} is not evaluated")
+        pair = next(pair for pair in _PAIRS if statement.word in pair)
+        words = {*(self._posture.switches if self._posture else ()), statement.word}
+        words -= {*pair} - {statement.word}
+        self._posture = Posture(switches=tuple(word for both in _PAIRS for word in both if word in words))
 
     def accel(self, statement: Statement) -> None:
         """``ACCEL``: read, not compared."""

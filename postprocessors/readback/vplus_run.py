@@ -13,7 +13,7 @@ from .vplus_expr import Expression
 from .vplus_names import variable
 from .vplus_places import Unreadable
 from .vplus_plain import Stretch
-from .vplus_robot import Robot
+from .vplus_robot import POSTURES, Robot
 from .vplus_text import Report, Routine, Statement, canonical, one_by_one
 
 #: Loops may add so many instructions to those that stand in the text.
@@ -29,9 +29,8 @@ _OTHERS = frozenset(
 _MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
 _OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
 #: Instructions that change nothing which is compared, with what may follow them.
-_ALONE, _NUMBER = re.compile(""), re.compile(r"(\d+)?\s*(ALWAYS)?", re.IGNORECASE)
+_NUMBER = re.compile(r"(\d+)?\s*(ALWAYS)?", re.IGNORECASE)
 _SILENT = {
-    **dict.fromkeys(("LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE"), _ALONE),
     **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), _NUMBER),
     "TYPE": re.compile(".*"),
     "SELECT": re.compile(r"ROBOT\s*=\s*1", re.IGNORECASE),
@@ -211,4 +210,5 @@ _DOES: dict[str, Callable[[Machine, Statement], None]] = {
     "DISABLE": Machine.switch, "ENABLE": Machine.switch, "GLOBAL": Machine.declares, "LOCAL": Machine.declares,
     "MOVE": Machine.move, "MOVES": Machine.move, "SET": Machine.set, "SIGNAL": Machine.signal,
     "SPEED": Machine.speed, "TOOL": Machine.set_tool, "WAIT.EVENT": Machine.wait_event,
+    **dict.fromkeys(POSTURES, Machine.configure),
 }  # fmt: skip

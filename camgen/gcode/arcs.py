@@ -1,12 +1,15 @@
-"""G2 and G3 as arcs of at most half a circle, helices as short lines."""
+"""G2 and G3 as arcs of at most half a circle, helices as short lines: for the interpreter and for read-backs alike."""
 
 from __future__ import annotations
 
 import math
 
+from msgspec import Struct
+
+from camgen.gcode.wrong import Wrong
 from camgen.pose import Vec3
 
-from .gcode_lexis import Rules, Wrong
+Vec2 = tuple[float, float]
 
 #: First axis, second axis and normal of each plane; G3 turns from the first to the second.
 _PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
@@ -14,8 +17,6 @@ _PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
 _NO_ANGLE = 1e-6
 #: A half circle whose rounded points reach a little further stays one arc: mm along it, but no more than so many rad.
 _OVER_MM, _OVER_RAD = 0.01, 0.1
-#: A helix becomes lines that leave it by no more than this, mm.
-_HELIX = 0.002
 #: More pieces than this are not meant.
 _MOST = 20_000
 
@@ -23,8 +24,32 @@ _MOST = 20_000
 Piece = tuple[Vec3 | None, Vec3]
 
 
+class Limits(Struct, frozen=True):
+    """What a controller accepts as an arc.
+
+    spiral: by how much the radii may differ at least, at most (mm), and at least in a program in inches; between the
+    two 0.1 % of the radius counts. shorter: by how much R may be less than half the chord, mm. least_radius: mm. turns:
+    whether P counts turns. helix: by how much the lines that a helix becomes may leave it, mm.
+    """
+
+    spiral: tuple[float, float, float]
+    shorter: float
+    least_radius: float
+    turns: bool
+    helix: float = 0.002
+
+
+#: Of LinuxCNC 2.9, from its source and tried with its interpreter.
+LINUXCNC = Limits(
+    spiral=(0.02828, 2.83, 0.002828 * 25.4),
+    shorter=0.00127,
+    least_radius=0.00127,
+    turns=True,
+)
+
+
 def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float], absolute: bool, inch: bool,
-           rules: Rules) -> list[Piece]:  # fmt: skip
+           limits: Limits) -> list[Piece]:  # fmt: skip
     """The arc from ``start`` to ``end`` (mm). words: I J K R in mm and P, taken out as they are used. Raises Wrong."""
     first, second, normal = axes = _PLANES[plane]
     a0, b0, a1, b1 = start[first], start[second], end[first], end[second]
@@ -33,17 +58,17 @@ def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float
     if radius is None:
         a, b = _centre(offsets, (a0, b0), absolute)
     elif offsets == (None, None):
-        a, b = _centre_of(code, a0, b0, a1, b1, radius, rules)
+        a, b = _centre_of(code, a0, b0, a1, b1, radius, limits)
     else:
         raise Wrong("R and a centre in one arc")
     r0, r1 = math.hypot(a0 - a, b0 - b), math.hypot(a1 - a, b1 - b)
     if radius is None:
-        _check_radii(r0, r1, inch, rules)
+        _check_radii(r0, r1, inch, limits)
     begin = math.atan2(b0 - b, a0 - a)
-    sweep = _sweep(code, begin, math.atan2(b1 - b, a1 - a), words.pop("P", 1.0), rules)
+    sweep = _sweep(code, begin, math.atan2(b1 - b, a1 - a), words.pop("P", 1.0), limits)
     rise = end[normal] - start[normal]
     if rise or abs(sweep) - min(_OVER_MM / max(r0, r1), _OVER_RAD) > math.pi:
-        return _divide(axes, start, end, (a, b), (r0, r1, begin, sweep))
+        return _divide(axes, start, end, (a, b), (r0, r1, begin, sweep), limits.helix)
     r, angle = (r0 + r1) / 2, begin + sweep / 2
     point = [start[normal]] * 3
     point[first], point[second] = a + r * math.cos(angle), b + r * math.sin(angle)
@@ -61,15 +86,12 @@ def _centre(offsets: tuple[float | None, float | None], start: tuple[float, floa
     return start[0] + (first or 0.0), start[1] + (second or 0.0)
 
 
-Vec2 = tuple[float, float]
-
-
-def _centre_of(code: str, a0: float, b0: float, a1: float, b1: float, radius: float, rules: Rules) -> Vec2:
+def _centre_of(code: str, a0: float, b0: float, a1: float, b1: float, radius: float, limits: Limits) -> Vec2:
     """The centre of the arc of ``radius``: up to half a circle where positive, the larger one where negative."""
     half = math.hypot(a1 - a0, b1 - b0) / 2
     if half == 0:
         raise Wrong("arc with R whose end is its start")
-    if half - abs(radius) > rules.shorter:
+    if half - abs(radius) > limits.shorter:
         raise Wrong(f"R{radius:g} does not reach the end point")
     away = math.sqrt(max(0.0, radius * radius - half * half))
     # The centre of a short counter-clockwise arc lies to the left of its chord.
@@ -77,20 +99,20 @@ def _centre_of(code: str, a0: float, b0: float, a1: float, b1: float, radius: fl
     return (a0 + a1) / 2 - side * (b1 - b0) / (2 * half), (b0 + b1) / 2 + side * (a1 - a0) / (2 * half)
 
 
-def _check_radii(start: float, end: float, inch: bool, rules: Rules) -> None:
-    least, most, least_inch = rules.spiral
+def _check_radii(start: float, end: float, inch: bool, limits: Limits) -> None:
+    least, most, least_inch = limits.spiral
     if inch:
         least, most = least_inch, most * least_inch / least
-    if min(start, end) < rules.least_radius:
+    if min(start, end) < limits.least_radius:
         raise Wrong("arc of no radius")
     differ = abs(start - end)
     if differ > most or (differ > least and differ > 0.001 * max(start, end)):
         raise Wrong(f"the radii of the arc differ by {differ:.4f} mm (start {start:.4f}, end {end:.4f})")
 
 
-def _sweep(code: str, begin: float, finish: float, turns: float, rules: Rules) -> float:
+def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits) -> float:
     """The signed angle, counter-clockwise positive."""
-    if turns != 1 and not rules.linuxcnc:
+    if turns != 1 and not limits.turns:
         raise Wrong(f"P{turns:g} has no meaning in an arc")
     if turns < 1 or turns != int(turns):
         raise Wrong(f"P{turns:g} is no number of turns")
@@ -102,7 +124,12 @@ def _sweep(code: str, begin: float, finish: float, turns: float, rules: Rules) -
 
 
 def _divide(
-    axes: tuple[int, int, int], start: Vec3, end: Vec3, centre: Vec2, arc: tuple[float, float, float, float]
+    axes: tuple[int, int, int],
+    start: Vec3,
+    end: Vec3,
+    centre: Vec2,
+    arc: tuple[float, float, float, float],
+    helix: float,
 ) -> list[Piece]:
     """A helix as lines, a wide arc as several. arc: radii at start and end, angle at the start, sweep."""
     first, second, normal = axes
@@ -118,7 +145,7 @@ def _divide(
         return (point[0], point[1], point[2])
 
     if lift:
-        step = 2 * math.acos(max(0.0, 1 - _HELIX / radius))
+        step = 2 * math.acos(max(0.0, 1 - helix / radius))
         count = _count(abs(sweep) / step)
         return [*((None, at(i / count)) for i in range(1, count)), (None, end)]
     count = _count((abs(sweep) - min(_OVER_MM / radius, _OVER_RAD)) / math.pi)

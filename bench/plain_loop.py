@@ -1,0 +1,104 @@
+"""Collisions by a plain loop over fcl, with no filter before it: what camgen's verdicts are held against.
+
+It has nothing of camgen but the links' frames, and takes the sum of the solid angles of all triangles for whether a box
+is in the part.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import fcl
+import numpy as np
+
+from camgen.pose import FloatArray, Pose
+from camgen.robots.forward import flange, frames
+from camgen.robots.models import Box, Link, Robot
+from camgen.solid import Solid
+
+
+def solid_angle(triangles: FloatArray, point: FloatArray) -> float:
+    """Of a surface seen from a point, in whole spheres (van Oosterom, Strackee, 1983)."""
+    a, b, c = (triangles - point).transpose(1, 0, 2)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    over = np.einsum("ij,ij->i", a, np.cross(b, c))
+    under = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return float(np.arctan2(over, under).sum() / (2 * math.pi))
+
+
+class Loop:
+    """The plain loop. standing: base_from_box. tool: bodies at the flange. contact: mm that they may enter the part."""
+
+    def __init__(
+        self,
+        of: Robot,
+        solid: Solid,
+        base_from_part: Pose,
+        standing: tuple[Link, ...],
+        tool: tuple[Link, ...],
+        contact: float,
+        allowed: tuple[tuple[str, str], ...] = (),
+    ) -> None:
+        self.of, self.base_from_part = of, base_from_part
+        self.tool, self.contact, self.allowed = tool, contact, {frozenset(pair) for pair in allowed}
+        self.triangles = solid.vertices[solid.faces]
+        self.low, self.high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
+        model = fcl.BVHModel()
+        model.beginModel(len(solid.vertices), len(solid.faces))
+        model.addSubModel(np.asarray(solid.vertices), np.asarray(solid.faces))
+        model.endModel()
+        self.mesh = fcl.CollisionObject(model, self._transform(base_from_part.rotation, base_from_part.origin))
+        self.standing = standing
+
+    @staticmethod
+    def _transform(rotation: FloatArray, origin: Any) -> Any:
+        return fcl.Transform(np.asarray(rotation), np.asarray(origin))
+
+    def _objects(self, boxes: tuple[Box, ...], rotation: FloatArray, origin: FloatArray, by: float) -> list[Any]:
+        made = []
+        for box in boxes:
+            at = origin + rotation @ np.asarray(box.link_from_box.origin)
+            size = [2 * (half + by) for half in box.half]
+            turned = rotation @ box.link_from_box.rotation
+            made.append(fcl.CollisionObject(fcl.Box(*size), self._transform(turned, at)))
+        return made
+
+    def _in_part(self, box: Any) -> bool:
+        at = self.base_from_part.inverse().apply(box.getTranslation())
+        if (at < self.low).any() or (at > self.high).any():
+            return False
+        return solid_angle(self.triangles, np.array(at)) > 0.5
+
+    def _met(self, ones: list[Any], others: list[Any]) -> bool:
+        return any(fcl.collide(a, b, fcl.CollisionRequest(), fcl.CollisionResult()) for a in ones for b in others) or (
+            self.mesh in others and any(self._in_part(a) for a in ones)
+        )
+
+    def first(self, joints: FloatArray) -> tuple[str, str] | None:
+        """The first pair of names that meets at one configuration (J,)."""
+        of, last = self.of, len(self.of.joints)
+        rotations, origins = frames(of, joints[None])
+        tip = flange(of, joints[None])
+        spared = {frozenset(pair) for pair in of.touching}
+        padded, plain = (
+            [self._objects(k.boxes, r, o, by) for k, r, o in zip(of.links, rotations[0], origins[0], strict=True)]
+            for by in (of.pad, 0.0)
+        )
+        names = [link.name for link in of.links]
+        for i, j in itertools.combinations(range(last + 1), 2):
+            if frozenset((i, j)) not in spared and self._met(padded[i], padded[j]):
+                return names[i], names[j]
+        tools = [(body.name, self._objects(body.boxes, tip[0][0], tip[1][0], 0.0)) for body in self.tool]
+        inner = [(body.name, self._objects(body.boxes, tip[0][0], tip[1][0], -self.contact)) for body in self.tool]
+        for (name, boxes), i in itertools.product(tools, range(last)):
+            links = plain if frozenset((i, last)) in spared else padded
+            if frozenset((names[i], name)) not in self.allowed and self._met(links[i], boxes):
+                return names[i], name
+        moving = list(zip(names, padded, strict=True))[1:]
+        standing = [(body.name, self._objects(body.boxes, np.eye(3), np.zeros(3), 0.0)) for body in self.standing]
+        for (name, boxes), (other, obstacle) in itertools.product(moving + tools, standing):
+            if self._met(boxes, obstacle):
+                return name, other
+        return next(((name, "part") for name, boxes in moving + inner if self._met(boxes, [self.mesh])), None)

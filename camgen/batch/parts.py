@@ -1,0 +1,92 @@
+"""What is to be done for every input: build it, or nothing since it was built from the same before."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from msgspec import Struct
+
+from camgen import __version__
+from camgen.batch.inputs import Input, identity
+from camgen.batch.state import Record, unchanged
+from camgen.batch.values import Outcome, Task
+from camgen.cli_job import beside, load
+from camgen.errors import CamgenError, JobError
+from camgen.plugins import POSTS, find_post
+from camgen.sources import digest_of, readable
+
+
+class Order(Struct, frozen=True):
+    """What holds for all parts, as on the command line. job: the one of ``--job``, else each part's own."""
+
+    post: str
+    job: str | None
+    sets: tuple[str, ...]
+    strict: bool
+
+
+class Part(Struct, frozen=True):
+    """One input. program: its first file, below the output folder. digest: of all that the program is made from.
+    Exactly one of the last three is there: what is to be built, what is built already, why it cannot be built.
+    """
+
+    input: Input
+    program: str
+    digest: str
+    task: Task | None = None
+    record: Record | None = None
+    outcome: Outcome | None = None
+
+
+def looked_at(
+    inputs: Sequence[Input], order: Order, folder: Path, records: Mapping[str, Record]
+) -> tuple[list[Part], dict[str, int]]:
+    """The parts in order, and who may write which file (in small letters, since many systems do not tell the case):
+    the first file of each program belongs to its part. JobError where two claim one, or one is an input.
+    """
+    suffix, made_by = find_post(order.post).suffix, _maker(order.post)
+    parts = [_part(place, one, order, suffix, made_by) for place, one in enumerate(inputs)]
+    owners: dict[str, int] = {}
+    read = {identity(one.source) for one in inputs}
+    for place, part in enumerate(parts):
+        first = owners.setdefault(part.program.casefold(), place)
+        source = str(part.input.source)
+        if first != place and not part.outcome:
+            what = f"its program would have the name of that of {parts[first].input.source}"
+            raise JobError(source, what, part.program, 'build them into two folders, or by one pattern with "**"')
+        if identity(folder / part.program) in read:
+            raise JobError(source, "its program would overwrite an input", part.program, "give another folder with -o")
+    return [_unless_there(part, folder, records) for part in parts], owners
+
+
+def _part(place: int, one: Input, order: Order, suffix: str, made_by: str) -> Part:
+    name = one.source.stem
+    job_file = None
+    try:
+        job_file = beside(order.job, one.source)
+        job = load(job_file, order.sets)
+        name = str(job.post.get("program") or name)
+        total = f"{made_by} {one.source.name} {name} {order.strict} {digest_of(job, [one.source])}"
+    except CamgenError as error:
+        return Part(one, (one.folder / (name + suffix)).as_posix(), "", outcome=Outcome(error.exit_code, str(error)))
+    task = Task(place, one.source, order.post, job, str(job_file or "job"), order.strict, __version__)
+    digest = hashlib.sha256(total.encode("utf-8", "surrogateescape")).hexdigest()
+    return Part(one, (one.folder / (name + suffix)).as_posix(), digest, task)
+
+
+def _unless_there(part: Part, folder: Path, records: Mapping[str, Record]) -> Part:
+    record = records.get(part.program)
+    if part.task is None or not unchanged(record, part.digest, folder / part.input.folder):
+        return part
+    return Part(part.input, part.program, part.digest, record=record)
+
+
+def _maker(post: str) -> str:
+    """What the text depends on beside the job: camgen's version, and that of the post."""
+    if post.endswith(".py"):
+        return f"{__version__} {hashlib.sha256(readable(Path(post))).hexdigest()}"
+    (entry,) = entry_points(group=POSTS, name=post)
+    return f"{__version__} {post} {entry.dist.name} {entry.dist.version}" if entry.dist else f"{__version__} {post}"

@@ -1,0 +1,134 @@
+"""Builders on this machine: processes that live for the whole batch, one part at a time each.
+
+``concurrent.futures`` gives up all its processes when one of them dies and does not say which task killed it. Here
+every process has a pipe of its own, so a death belongs to one part and the others do not notice.
+
+They are spawned: fork is not there on Windows and is unsafe beside the threads of OpenCV and numpy. The import costs
+half a second for each process, once.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from time import monotonic
+
+from msgspec import Struct
+
+from camgen.batch.values import Outcome, Task, fault
+
+
+class _Worker(Struct, eq=False):
+    """One process, the pipe to it, what it builds, and until when (``monotonic``; inf: as long as it takes)."""
+
+    process: SpawnProcess
+    link: Connection
+    task: Task | None = None
+    until: float = 0.0
+
+
+def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Task, Outcome]]:
+    """Tasks as they are done, by ``jobs`` processes. seconds: what a part may take, 0: for ever."""
+    left = deque(tasks)
+    workers: list[_Worker] = []
+    try:
+        while left or any(worker.task for worker in workers):
+            workers = [worker for worker in workers if worker.task or worker.process.is_alive()]
+            while left and len([w for w in workers if w.task]) < jobs:
+                idle = next((worker for worker in workers if not worker.task), None)
+                worker = idle or _started()
+                if worker is not idle:
+                    workers.append(worker)
+                if not _given(worker, left[0], seconds):
+                    workers.remove(worker)  # it died while it had nothing to do: another one
+                    continue
+                left.popleft()
+            yield from _next([worker for worker in workers if worker.task])
+    finally:
+        for worker in workers:
+            worker.process.kill()
+            worker.process.join()
+            worker.link.close()
+
+
+def _started() -> _Worker:
+    context = get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_work, args=(theirs,), daemon=True)
+    with _no_interrupt():
+        process.start()
+    theirs.close()  # so that the pipe ends when the process does
+    return _Worker(process, ours)
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """A process that is started in here does not hear Ctrl-C, which is for the batch: it decides what happens."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread has to do with signals
+        return
+    old = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, old)
+
+
+def _given(worker: _Worker, task: Task, seconds: float) -> bool:
+    try:
+        worker.link.send(task)
+    except OSError:
+        worker.process.kill()
+        return False
+    worker.task = task
+    worker.until = monotonic() + seconds if seconds else float("inf")
+    return True
+
+
+def _next(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
+    """What is done next, or has taken too long."""
+    until = min(worker.until for worker in busy)
+    ready = wait([worker.link for worker in busy], None if until == float("inf") else max(0.0, until - monotonic()))
+    for worker in busy:
+        task = worker.task
+        assert task is not None
+        if worker.link in ready:
+            worker.task = None
+            yield task, _received(worker, task)
+        elif monotonic() >= worker.until:
+            worker.task = None
+            worker.process.kill()
+            worker.process.join()
+            yield task, fault(f"{task.source}: was stopped, it took longer than --timeout")
+
+
+def _received(worker: _Worker, task: Task) -> Outcome:
+    try:
+        outcome: Outcome = worker.link.recv()
+    except (EOFError, OSError):
+        worker.process.join()
+        return fault(f"{task.source}: the process that built it died ({_death(worker.process.exitcode)})")
+    return outcome
+
+
+def _death(code: int | None) -> str:
+    if code is not None and code < 0:
+        with suppress(ValueError):  # a signal without a name
+            return signal.Signals(-code).name
+    return f"exit code {code}"
+
+
+def _work(link: Connection) -> None:
+    """What a process does: tasks from the pipe, outcomes back, until the batch is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    from camgen.batch.perform import perform  # noqa: PLC0415 (only the processes that build pay for it)
+
+    with suppress(EOFError, OSError):  # the batch has ended or was killed
+        while True:
+            link.send(perform(link.recv()))

@@ -1,0 +1,1 @@
+"""How long a program takes: feeds, acceleration, corners, joint speeds and waits (docs/cycle-time.md)."""

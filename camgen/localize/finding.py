@@ -1,0 +1,157 @@
+"""The walk: search everywhere, refine the best, look for others that fit as well, and judge what was found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.errors import InputError
+from camgen.localize.coarse import Poses, field
+from camgen.localize.doubt import Rival, Seen, beside, freedom, rivals, seen, turned_over, weakness
+from camgen.localize.fine import TUKEY, Fit, cost, refined
+from camgen.localize.model import Model, modelled
+from camgen.localize.nearest import Cloud
+from camgen.localize.starts import starts
+from camgen.pose import IDENTITY, FloatArray, Pose, angle_between, frozen
+from camgen.solid import IntArray
+from camgen.text import short
+
+#: Points that choose among poses, and those that the last fit is made of at most.
+_FEW, _MANY = 1500, 400_000
+#: Poses whose costs (0..1, see ``fine.cost``) differ by less fit equally well.
+_SAME = 0.004
+#: A point of the scan lies on the model within this part of the model's size.
+WITHIN = 0.005
+#: Less than this of the scan on the model, or less of the model's near side in the scan: the part was not found.
+LEAST_OVERLAP, LEAST_SEEN = 0.2, 0.4
+#: A scan smaller or larger than this, as part of the model's size, is in another unit, and in which it may be.
+_SMALLEST, _LARGEST = 0.05, 50.0
+_UNITS = (("m", 1000.0), ("inch", 25.4), ("um", 0.001))
+#: Points that lie about a surface by chance spread evenly: 0.58 of the limit. A part that is there is well below.
+_CHANCE = 0.4
+
+
+class Location(Struct, frozen=True, eq=False):
+    """Where the model stands in the scan. Lengths mm, in the scan's frame.
+
+    overlap: share of the scan within ``within`` of the model. rms: of the distances of the ``used`` points that count.
+    rivals: other poses that fit as well; next_best: the best of those that do not. free, weak: "" or what the scan
+    does not hold, in words.
+    """
+
+    base_from_work: Pose
+    points: int
+    overlap: float
+    within: float
+    rms: float
+    used: int
+    seen: Seen
+    rivals: tuple[Rival, ...]
+    next_best: Rival | None
+    free: str
+    weak: str
+
+
+def localize(
+    name: str,
+    part: tuple[FloatArray, IntArray],
+    scan: FloatArray,
+    start: Pose | None = None,
+    stage: Callable[[str], None] = lambda _: None,
+) -> Location:
+    """Finds the part, vertices (V, 3) and faces (F, 3), in ``scan`` (N, 3), both mm. ``InputError`` if it is not there.
+
+    name: of the scan, for errors. start: base_from_work as far as it is known: tried too, and of poses that fit equally
+    well the one that is turned least from it is taken (without it: least turned at all).
+    """
+    # About the middle of the scan, so that coordinates far from the origin lose no digits in single precision.
+    middle = np.median(scan, axis=0)
+    points = np.random.default_rng(0).permutation(scan - middle)[:_MANY]
+    given = None if start is None else Pose(start.rotation, _sum(start.origin, -middle))
+    stage("preparing the model")
+    model = modelled(*part)
+    _sized(name, model.size, points)
+    samples = Cloud(model.samples)
+    found = starts(model, field(model, samples), points, given, stage)
+    few = points[:_FEW]
+    fits = _looked(model, samples, few, found, stage)
+    fits += _looked(model, samples, few, beside(model, samples, few, fits), stage)
+    fits += _looked(model, samples, few, turned_over(model, samples, few, fits), stage)
+    best = min(fits, key=lambda fit: cost(model, samples, few, fit, WITHIN * model.size))
+    if not math.isfinite(best.noise):
+        raise _missing(name, "no pose puts it on the points")
+    gate = min(max(best.noise, 1e-6 * model.size) * TUKEY, WITHIN * model.size)
+    costs = [cost(model, samples, few, fit, gate) for fit in fits]
+    wanted = IDENTITY if given is None else given.rotation
+    equal = [fit for fit, c in zip(fits, costs, strict=True) if c <= min(costs) + _SAME]
+    chosen = min(equal, key=lambda fit: angle_between(wanted, frozen(fit.rotation.T)))
+    stage("refining")
+    final = refined(model, samples, points, (chosen.rotation, chosen.origin), 1.3 * gate)
+    return _judged(name, model, samples, points, middle, final, (fits, costs, gate))
+
+
+def _sized(name: str, size: float, points: FloatArray) -> None:
+    """``InputError`` if the scan is in another unit than the model, or so large that the part is lost in it."""
+    extent = float(np.linalg.norm(np.subtract(*np.percentile(points, (99, 1), axis=0))))
+    if _SMALLEST * size <= extent <= _LARGEST * size:
+        return
+    where = f"the scan measures {extent:.3g} mm across, the model {size:.3g} mm"
+    if not extent:
+        raise InputError(name, "all its points are at one place")
+    unit = next((unit for unit, mm in _UNITS if 0.3 * size < mm * extent < 3 * size), "")
+    remedy = f"if it is in {unit}, give --units {unit}" if unit else "cut out the part, or give its --units"
+    raise InputError(name, "the scan cannot show this model", where, remedy)
+
+
+def _looked(model: Model, samples: Cloud, few: FloatArray, found: Poses, stage: Callable[[str], None]) -> list[Fit]:
+    """Each pose refined with a few points."""
+    fits = []
+    for i in range(len(found)):
+        stage(f"refining, {i + 1} of {len(found)}")
+        start = (found.rotations[i], found.origins[i])
+        fits.append(refined(model, samples, few, start, 0.02 * model.size))
+    return fits
+
+
+def _judged(
+    name: str,
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    middle: FloatArray,
+    final: Fit,
+    others: tuple[list[Fit], list[float], float],
+) -> Location:
+    """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part."""
+    within = WITHIN * model.size
+    overlap = 1 - cost(model, samples, points, final, within, count=True)
+    view = seen(model, points, final, within)
+    if overlap < LEAST_OVERLAP:
+        raise _missing(name, f"at best {100 * overlap:.0f} % of the points lie within {short(within, 2)} mm of it")
+    if not final.noise < _CHANCE * within:
+        raise _missing(name, f"at best its surface is {short(final.noise, 3)} mm rms off the points")
+    if view.near < LEAST_SEEN:
+        raise _missing(name, f"at best {100 * view.near:.0f} % of its near side show in the scan")
+    equal, following = rivals(model, final, others, _SAME, middle)
+    free = freedom(model, samples, points[:_FEW], final, (others[2], _SAME))
+    back = final.rotation.T
+    origin = middle - back @ final.origin
+    x, y, z = origin.tolist()
+    weak = "" if free else weakness(final)
+    return Location(
+        Pose(frozen(back), (x, y, z)), len(points), overlap, within, final.rms, final.used, view, equal, following,
+        free, weak,
+    )  # fmt: skip
+
+
+def _missing(name: str, why: str) -> InputError:
+    remedy = "check that it is this part, in these units (--units), and cut away what is not the part"
+    return InputError(name, "the model was not found in the scan", why, remedy)
+
+
+def _sum(a: tuple[float, float, float], b: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (np.asarray(a) + b).tolist()
+    return (x, y, z)

@@ -1,0 +1,111 @@
+"""The exact refinement: scan points to the planes of their closest triangles, robust, until nothing moves."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.localize.coarse import turned
+from camgen.localize.model import Model
+from camgen.localize.nearest import Cloud, Touch, candidates, touched
+from camgen.pose import FloatArray
+
+#: Tukey's biweight: points beyond this many standard deviations count nothing; 95 % efficient for normal noise.
+TUKEY = 4.685
+#: From the median of absolute values to the standard deviation of normal noise.
+_MEDIAN = 1.4826
+_ROUNDS, _STEPS = 8, 12
+#: A pose that moves by less than this part of the model's size is at rest. Points that change their triangle keep it
+#: from standing quite still.
+_STILL = 5e-7
+
+
+class Fit(Struct, frozen=True, eq=False):
+    """A refined pose: model_from_scan as ``rotation`` (3, 3) and ``origin`` (3,), mm.
+
+    noise: standard deviation of the residuals, robust, mm. rms: of the points that count, mm. used: their number.
+    information: (6, 6) of a turn (rad, times ``arm`` mm) about ``centre`` and a shift, in the model's frame.
+    """
+
+    rotation: FloatArray
+    origin: FloatArray
+    noise: float
+    rms: float
+    used: int
+    information: FloatArray
+    centre: FloatArray
+    arm: float
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """``points`` (N, 3) of the scan in the model's frame."""
+        return np.asarray(points @ self.rotation.T + self.origin)
+
+
+def refined(model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float) -> Fit:
+    """The pose near ``start`` (model_from_scan) that puts ``points`` (N, 3) onto the model.
+
+    gate: mm, points farther from the model do not count; it closes as the residuals shrink. Where fewer than seven
+    points are left, the start comes back with infinite noise.
+    """
+    rotation, origin = start
+    floor, still = 1e-6 * model.size, _STILL * model.size
+    noise = gate / TUKEY
+    found = Fit(rotation, origin, np.inf, np.inf, 0, np.zeros((6, 6)), np.zeros(3), 1.0)
+    for _ in range(_ROUNDS):
+        at = points @ rotation.T + origin
+        reach = max(TUKEY * noise, 10 * floor)
+        slack = max(0.1 * reach, floor)
+        pairs = candidates(model, samples, at, reach, slack)
+        moved = 0.0
+        for _ in range(_STEPS):
+            at = points @ rotation.T + origin
+            touch = touched(model, pairs, at)
+            off = np.einsum("ij,ij->i", at[touch.point] - touch.at, model.normals[touch.triangle])
+            near = touch.distance <= reach
+            if np.count_nonzero(near) < 7:
+                return found
+            noise = max(min(_MEDIAN * float(np.median(np.abs(off[near]))), gate / TUKEY), floor)
+            found, turn, shift = _step(model, touch, off, at, noise, (rotation, origin))
+            rotation = turn @ rotation
+            origin = turn @ (origin - found.centre) + found.centre + shift
+            step = float(np.linalg.norm(shift)) + found.arm * float(np.linalg.norm(turn - np.eye(3)))
+            moved += 2 * step
+            if step < still or moved > slack:
+                break
+        settled = step < still and TUKEY * noise > 0.8 * reach
+        if settled or (step < still and reach <= 10 * floor):
+            break
+    return found
+
+
+def _step(
+    model: Model, touch: Touch, off: FloatArray, at: FloatArray, noise: float, pose: tuple[FloatArray, FloatArray]
+) -> tuple[Fit, FloatArray, FloatArray]:
+    """One Gauss-Newton step: the fit before it, and the turn (3, 3) about its centre and shift (3,) that it takes."""
+    ratio = (touch.distance / (TUKEY * noise)) ** 2
+    weight = np.where(ratio < 1, (1 - ratio) ** 2, 0.0)
+    counts = weight > 0
+    total = float(weight.sum())
+    places, normals = at[touch.point], model.normals[touch.triangle]
+    centre = (weight[:, None] * places).sum(axis=0) / total
+    arms = places - centre
+    arm = float(np.sqrt((weight * (arms * arms).sum(axis=1)).sum() / total))
+    lines = np.concatenate([np.cross(arms, normals) / arm, normals], axis=1)
+    pulled = lines * weight[:, None]
+    matrix = pulled.T @ lines / total
+    damped = matrix + 1e-9 * np.eye(6)
+    step = -np.linalg.solve(damped, pulled.T @ off / total)
+    rms = float(np.sqrt((off[counts] ** 2).mean()))
+    fit = Fit(pose[0], pose[1], noise, rms, int(counts.sum()), matrix, centre, arm)
+    return fit, turned(step[None, :3] / arm)[0], step[3:]
+
+
+def cost(model: Model, samples: Cloud, points: FloatArray, fit: Fit, gate: float, count: bool = False) -> float:
+    """How badly ``points`` (N, 3) lie on the model, 0..1: mean of the squared distances in units of ``gate`` (mm), 1
+    for what is beyond. With ``count`` the share that is beyond.
+    """
+    at = fit.apply(points)
+    touch = touched(model, candidates(model, samples, at, gate, 0.0), at)
+    near = touch.distance[touch.distance <= gate]
+    inside = len(near) if count else len(near) - float(((near / gate) ** 2).sum())
+    return 1 - inside / len(points)

@@ -1,0 +1,127 @@
+// The robot, link by link, and the tool that moves along the program.
+function matrixOf(pose) {
+  const [a, b, c, d, e, f, g, h, i, x, y, z] = pose;
+  return new THREE.Matrix4().set(a, b, c, x, d, e, f, y, g, h, i, z, 0, 0, 0, 1);
+}
+
+const arm = data.arm && {
+  ...data.arm, values: unpack(data.arm.values), time: unpack(data.arm.time), links3: [],
+  base: new THREE.Matrix4().makeTranslation(...origin.map((v) => -v)).multiply(matrixOf(data.arm.work_from_base)),
+  flangeFrom: matrixOf(data.arm.flange), previous: data.arm.joints.map((joint) => matrixOf(joint[2])),
+};
+const flangeFromTool = matrixOf(data.tool.flange_from_tool);
+
+function cuboid([pose, half], name = "arm") {
+  const group = new THREE.Group();
+  const shape = new THREE.BoxGeometry(...half.map((v) => 2 * v));
+  const body = new THREE.Mesh(shape, new THREE.MeshLambertMaterial({ polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }));
+  const edges = new THREE.LineSegments(new THREE.EdgesGeometry(shape), new THREE.LineBasicMaterial({ transparent: true, opacity: 0.55 }));
+  [body.name, edges.name] = [name, name === "arm" ? "arm-edge" : "part"];
+  group.add(body, edges);
+  matrixOf(pose).decompose(group.position, group.quaternion, group.scale);
+  return group;
+}
+
+if (arm) {
+  for (const [, boxes] of arm.links) {
+    const link = new THREE.Group();
+    link.matrixAutoUpdate = false;
+    boxes.forEach((one) => link.add(cuboid(one)));
+    put("robot", link, 0);
+    arm.links3.push(link);
+  }
+}
+
+// A box given by two opposite corners.
+function between(corners, name) {
+  const middle = [0, 1, 2].map((k) => (corners[k] + corners[k + 3]) / 2);
+  const half = [0, 1, 2].map((k) => Math.max(Math.abs(corners[k + 3] - corners[k]) / 2, 1e-3));
+  return cuboid([[1, 0, 0, 0, 1, 0, 0, 0, 1, ...middle], half], name);
+}
+
+for (const corners of data.fixtures) {
+  put("fixtures", between(corners.map((v, k) => v - origin[k % 3]), "fixture"), 0);
+}
+
+// The tool: its shank as thick as it cuts, tip at the tool centre; with a robot as long as it is from the flange.
+const toolGroup = new THREE.Group();
+toolGroup.matrixAutoUpdate = false;
+function toolShape() {
+  const reach = Math.hypot(...data.tool.flange_from_tool.slice(9));
+  const length = arm ? reach : Math.min(reach || extent, Math.max(extent * 0.3, 2 * data.tool.diameter));
+  const radius = Math.min(data.tool.diameter / 2, length / 4) || 1;
+  const tip = Math.min(radius * 1.2, length / 3);
+  const parts = [new THREE.ConeGeometry(radius, tip, 64), new THREE.CylinderGeometry(radius, radius, Math.max(length - tip, 1e-3), 64)];
+  // Shapes stand along y, the cone's tip up: turned so that the tip is at 0 and the shank along -z.
+  parts[0].translate(0, -tip / 2, 0).rotateX(Math.PI / 2);
+  parts[1].translate(0, -tip - (length - tip) / 2, 0).rotateX(Math.PI / 2);
+  for (const shape of parts) {
+    const mesh = new THREE.Mesh(shape, new THREE.MeshLambertMaterial({ transparent: true, opacity: arm ? 0.9 : 0.4 }));
+    mesh.name = "tool";
+    toolGroup.add(mesh);
+  }
+  const holder = new THREE.Group();
+  holder.matrixAutoUpdate = false;
+  holder.matrix.copy(flangeFromTool).invert();
+  data.tool.holder.forEach((corners) => holder.add(between(corners, "tool")));
+  toolGroup.add(holder);
+}
+toolShape();
+put("tool", toolGroup, 7);
+
+function themedArm() {
+  scene.traverse(({ name, material }) => {
+    if (["arm", "arm-edge", "tool", "fixture", "part"].includes(name)) material.color.set(css(name));
+  });
+}
+
+// Joint values at a time: straight between two samples, as joint motions run; samples on a line are close together.
+function jointsAt(time) {
+  const count = arm.joints.length;
+  const row = indexAt(arm.time, time);
+  const next = Math.min(row + 1, arm.time.length - 1);
+  const span = arm.time[next] - arm.time[row];
+  const share = span > 0 ? Math.min(Math.max((time - arm.time[row]) / span, 0), 1) : 0;
+  return Array.from({ length: count }, (_, k) => {
+    const from = arm.values[row * count + k];
+    return from + (arm.values[next * count + k] - from) * share;
+  });
+}
+
+// Frames of all links and of the tool in the scene.
+function framesOf(values) {
+  const frames = [arm.base.clone()];
+  arm.joints.forEach(([, sliding, , axis], k) => {
+    const value = arm.coupling[k].reduce((sum, factor, j) => sum + factor * values[j], 0);
+    const along_ = new THREE.Vector3(...axis);
+    const turn = sliding
+      ? new THREE.Matrix4().makeTranslation(along_.multiplyScalar(value))
+      : new THREE.Matrix4().makeRotationAxis(along_, value);
+    frames.push(frames[k].clone().multiply(arm.previous[k]).multiply(turn));
+  });
+  return { frames, tool: frames.at(-1).clone().multiply(arm.flangeFrom).multiply(flangeFromTool) };
+}
+
+// Where the tool centre is at a time, and tool z; between two stations.
+function placeAt(time) {
+  const row = indexAt(track.time, time);
+  const next = Math.min(row + 1, stations - 1);
+  const span = track.time[next] - track.time[row];
+  const share = span > 0 ? (time - track.time[row]) / span : 0;
+  const between = (values) => new THREE.Vector3(...[0, 1, 2].map((k) => values[3 * row + k] + (values[3 * next + k] - values[3 * row + k]) * share));
+  return { station: span > 0 && share > 0 ? next : row, at: between(track.position), axis: between(track.axis).normalize() };
+}
+
+function poseAt(time) {
+  const place = placeAt(time);
+  if (arm) {
+    const { frames, tool } = framesOf(jointsAt(time));
+    arm.links3.forEach((link, k) => { link.matrix.copy(frames[k]); link.matrixWorldNeedsUpdate = true; });
+    toolGroup.matrix.copy(tool);
+  } else {
+    const turn = new THREE.Quaternion().setFromUnitVectors(new THREE.Vector3(0, 0, 1), place.axis);
+    toolGroup.matrix.compose(place.at, turn, new THREE.Vector3(1, 1, 1));
+  }
+  toolGroup.matrixWorldNeedsUpdate = true;
+  return place;
+}

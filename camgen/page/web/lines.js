@@ -1,0 +1,172 @@
+// Lines of a width in pixels and marks of a size in pixels: one draw call each, whatever their number. What is drawn
+// lies in textures, from which the vertices fetch it: instances of four vertices are slow where no graphics card helps.
+const shared = {
+  size: { value: new THREE.Vector2(1, 1) },
+  pixel: { value: 1 },
+  perMm: { value: 1 },
+  low: { value: new THREE.Color() },
+  middle: { value: new THREE.Color() },
+  high: { value: new THREE.Color() },
+  lift: { value: 0 },
+  stride: { value: 1 },
+  deep: { value: 0 },
+  pickColour: { value: new THREE.Color() },
+  now: { value: -1 },
+};
+
+const COLOURED = `
+  uniform vec3 low, middle, high, colour, pickColour;
+  varying float vValue, vPicked;
+  vec3 painted() {
+    vec3 own = vValue < 0.0 ? colour : vValue < 0.5 ? mix(low, middle, vValue * 2.0) : mix(middle, high, vValue * 2.0 - 1.0);
+    return vPicked > 0.5 ? pickColour : own;
+  }`;
+
+// group: what a segment belongs to, -1 for travel, below that nothing is drawn.
+const LINE_VERTEX = `
+  uniform highp sampler2D stations, infos;
+  uniform int stride, last;
+  uniform vec2 size;
+  uniform float width, pixel, perMm, pick, now, work, travel, picks, lift, order;
+  varying float vValue, vPicked, vPale, vRun, vDash;
+  void main() {
+    int row = (gl_VertexID >> 2) * stride;
+    int corner = gl_VertexID & 3;
+    vec3 a = texelFetch(stations, ivec2(row & 2047, row >> 11), 0).xyz;
+    float begun = texelFetch(stations, ivec2((row + 1) & 2047, (row + 1) >> 11), 0).w;
+    row = min(row + stride, last);
+    ivec2 spot = ivec2(row & 2047, row >> 11);
+    vec4 end = texelFetch(stations, spot, 0);
+    vec4 info = texelFetch(infos, spot, 0);
+    vec3 b = end.xyz;
+    float group = end.w, value = info.x, time = info.y, run = info.z;
+    vec2 place = vec2(corner > 1 ? 1.0 : 0.0, corner == 1 || corner == 2 ? 1.0 : -1.0);
+    bool moving = group < -0.5;
+    vec4 p = projectionMatrix * modelViewMatrix * vec4(a, 1.0);
+    vec4 q = projectionMatrix * modelViewMatrix * vec4(b, 1.0);
+    vec2 way = (q.xy - p.xy) * size * 0.5;
+    float wide = length(way);
+    way = wide > 1e-4 ? way / wide : vec2(1.0, 0.0);
+    vPicked = picks > 0.5 && !moving && abs(group - pick) < 0.5 ? 1.0 : 0.0;
+    float half_ = 0.5 * pixel * (moving ? 1.1 : vPicked > 0.5 ? width + 2.0 : width);
+    vec4 at = place.x < 0.5 ? p : q;
+    float cap = moving ? 0.0 : place.x * 2.0 - 1.0;
+    at.xy += (vec2(-way.y, way.x) * place.y + way * cap * 0.7) * half_ * 2.0 / size;
+    at.z -= lift * (vPicked > 0.5 ? 4.0 : order);
+    vValue = moving ? -1.0 : value;
+    vPale = now >= 0.0 && time > now ? 0.62 : 0.0;
+    vRun = (run - (1.0 - place.x) * distance(a, b)) * perMm;
+    vDash = moving ? 1.0 : 0.0;
+    gl_Position = group < -1.5 || begun != group || (moving ? travel : work) < 0.5 ? vec4(2.0, 2.0, 2.0, 1.0) : at;
+  }`;
+const LINE_FRAGMENT = `${COLOURED}
+  varying float vPale, vRun, vDash;
+  uniform vec3 other, back;
+  uniform float opacity;
+  void main() {
+    if (vDash > 0.5 && mod(vRun, 9.0) > 5.5) discard;
+    gl_FragColor = vec4(mix(vDash > 0.5 ? other : painted(), back, vPale), opacity);
+  }`;
+
+// Four vertices for each of `count` quads: the same index serves all, each takes as much of it as it needs.
+const quads = { count: 0, index: null };
+function quadIndex(count) {
+  if (count > quads.count) {
+    const index = new Uint32Array(6 * count);
+    for (let k = 0; k < count; k++) index.set([0, 2, 1, 0, 3, 2].map((corner) => 4 * k + corner), 6 * k);
+    Object.assign(quads, { count, index: new THREE.BufferAttribute(index, 1) });
+  }
+  return quads.index;
+}
+
+// Columns as the four values of the texels of a texture; `three` has the first three of them in one.
+function texels(count, three, fourth) {
+  const values = new Float32Array(4 * 2048 * Math.max(Math.ceil(count / 2048), 1));
+  for (let k = 0; k < count; k++) {
+    for (let i = 0; i < 3; i++) values[4 * k + i] = three(k, i);
+    values[4 * k + 3] = fourth(k);
+  }
+  const texture = new THREE.DataTexture(values, 2048, values.length / 8192, THREE.RGBAFormat, THREE.FloatType);
+  texture.needsUpdate = true;
+  return texture;
+}
+
+function drawn(count, vertexShader, fragmentShader, uniforms) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setIndex(quadIndex(count));
+  geometry.setDrawRange(0, 6 * count);
+  const material = new THREE.ShaderMaterial({
+    vertexShader, fragmentShader, transparent: true, uniforms: { ...shared, ...uniforms },
+  });
+  const mesh = new THREE.Mesh(geometry, material);
+  mesh.frustumCulled = false;
+  return mesh;
+}
+
+// A chain of points (Float32Array, three for each): what is said of segment i stands at its end, index i + 1.
+function lines({ points, group, time, run, width, picks = 0, order = 1, opacity = 1 }) {
+  const count = points.length / 3;
+  const infos = texels(count, (k, i) => [-1, time?.[k] ?? 0, run?.[k] ?? 0][i], () => 0);
+  const mesh = drawn(Math.max(count - 1, 0), LINE_VERTEX, LINE_FRAGMENT, {
+    last: { value: count - 1 },
+    stations: { value: texels(count, (k, i) => points[3 * k + i], (k) => group[k]) }, infos: { value: infos },
+    colour: { value: new THREE.Color() }, other: { value: new THREE.Color() }, back: { value: new THREE.Color() },
+    width: { value: width },
+    work: { value: 1 }, travel: { value: 1 }, picks: { value: picks }, pick: { value: -9 },
+    opacity: { value: opacity }, order: { value: order },
+  });
+  chains.push([mesh, Math.max(count - 1, 0)]);
+  return mesh;
+}
+
+// Only every n-th station: what moves is drawn so where all of them take too long.
+const chains = [];
+function coarse(stride) {
+  shared.stride.value = stride;
+  for (const [mesh, count] of chains) mesh.geometry.setDrawRange(0, 6 * Math.ceil(count / stride));
+}
+
+// room: mm on the path that belong to the mark; it is left out where that is too little on the screen.
+const MARK_VERTEX = `
+  uniform highp sampler2D places, ways;
+  uniform vec2 size;
+  uniform float pixel, perMm, least, radius, lift, deep;
+  varying vec2 vCorner;
+  void main() {
+    int row = gl_VertexID >> 2;
+    int corner = gl_VertexID & 3;
+    ivec2 spot = ivec2(row & 2047, row >> 11);
+    vec4 place = texelFetch(places, spot, 0);
+    vec3 at = place.xyz, way = texelFetch(ways, spot, 0).xyz;
+    float room = place.w;
+    vec2 own = vec2(corner > 1 ? 1.0 : -1.0, corner == 1 || corner == 2 ? 1.0 : -1.0);
+    vec4 p = projectionMatrix * modelViewMatrix * vec4(at, 1.0);
+    vec4 q = projectionMatrix * modelViewMatrix * vec4(at + way, 1.0);
+    vec2 towards = (q.xy - p.xy) * size;
+    float run = length(towards);
+    bool seen = room * perMm >= least && (least < 20.0 || run > 0.3 * perMm);
+    towards = run > 1e-9 ? towards / run : vec2(1.0, 0.0);
+    vCorner = own;
+    p.xy += (towards * own.x + vec2(-towards.y, towards.x) * own.y) * radius * pixel * 2.0 / size;
+    p.z -= lift * 5.0 + deep * radius / perMm;
+    gl_Position = seen ? p : vec4(2.0, 2.0, 2.0, 1.0);
+  }`;
+const MARK_FRAGMENT = `
+  varying vec2 vCorner;
+  uniform vec3 colour, back;
+  uniform float arrow;
+  void main() {
+    if (arrow > 0.5 && (abs(vCorner.y) > 0.5 - 0.5 * vCorner.x || vCorner.x < -0.9 + 0.5 * (1.0 - abs(vCorner.y)))) discard;
+    float r = length(vCorner);
+    if (arrow < 0.5 && r > 1.0) discard;
+    gl_FragColor = vec4(arrow < 0.5 && r < 0.55 ? back : colour, 1.0);
+  }`;
+
+function marks(at, way, room, { radius, least, arrow }) {
+  return drawn(room.length, MARK_VERTEX, MARK_FRAGMENT, {
+    places: { value: texels(room.length, (k, i) => at[3 * k + i], (k) => room[k]) },
+    ways: { value: texels(room.length, (k, i) => way[3 * k + i], () => 0) },
+    colour: { value: new THREE.Color() }, back: { value: new THREE.Color() }, radius: { value: radius },
+    least: { value: least }, arrow: { value: arrow ? 1 : 0 },
+  });
+}

@@ -1,0 +1,117 @@
+// The list of paths: only the rows that are seen are in the page, however many paths there are.
+const forced = data.paths.some((path) => path.force > 0);
+const rowHeight = () => (innerWidth <= 760 ? 36 : 30);
+let listed = data.paths.map((_, k) => k);
+const chosen = { path: -1, now: -1 };
+
+function cells(row, texts) {
+  texts.forEach((text, k) => {
+    const cell = make("span", text, k > 2 ? "n" : "");
+    if (k) cell.title = text;
+    row.append(cell);
+  });
+  row.classList.toggle("forced", forced);
+}
+
+function rowOf(k, top) {
+  const path = data.paths[k];
+  const row = make("div", "", "row");
+  const passes = path.passes > 1 ? ` x${path.passes}` : "";
+  cells(row, ["", path.id + passes, path.layer, number(path.length), number(path.feed), ...(forced ? [number(path.force)] : [])]);
+  const dot = make("i");
+  dot.style.background = rgb(rampColour(SCALES.order.high ? k / SCALES.order.high : 0));
+  row.firstChild.className = "k";
+  row.firstChild.append(dot, String(k + 1));
+  row.style.top = `${top}px`;
+  row.dataset.path = k;
+  row.classList.toggle("picked", k === chosen.path);
+  row.classList.toggle("now", k === chosen.now);
+  return row;
+}
+
+function fillList() {
+  const list = $("list");
+  const height = rowHeight();
+  const first = Math.max(Math.floor(list.scrollTop / height) - 4, 0);
+  const last = Math.min(first + Math.ceil(list.clientHeight / height) + 8, listed.length);
+  $("rows").style.height = `${listed.length * height}px`;
+  $("rows").replaceChildren(...listed.slice(first, last).map((k, i) => rowOf(k, (first + i) * height)));
+}
+
+function scrollTo(k) {
+  const list = $("list");
+  const top = listed.indexOf(k) * rowHeight();
+  if (top >= 0 && (top < list.scrollTop || top + rowHeight() > list.scrollTop + list.clientHeight)) {
+    list.scrollTop = Math.max(top - list.clientHeight / 3, 0);
+  }
+}
+
+// A path named in the list or hit in the picture; -1 for none.
+function choose(k, scroll = true) {
+  chosen.path = k;
+  way.material.uniforms.pick.value = k < 0 ? -9 : k;
+  if (scroll && k >= 0) scrollTo(k);
+  fillList();
+  redraw();
+}
+
+function running(k) {
+  if (k === chosen.now) return;
+  chosen.now = k;
+  if (k >= 0 && player.on) scrollTo(k);
+  fillList();
+}
+
+function setTabs() {
+  const bad = data.skipped.length;
+  const tabs = [["paths", `Paths ${data.paths.length}`], ["skipped", `Left out ${bad}`], ["facts", "Program"]];
+  for (const [name, label] of tabs) {
+    const tab = make("button", label, name === "skipped" && bad ? "bad" : "");
+    tab.setAttribute("role", "tab");
+    tab.dataset.tab = name;
+    tab.addEventListener("click", () => openTab(name));
+    document.querySelector("nav").append(tab);
+  }
+  for (const [what, why] of data.skipped) {
+    const note = make("div", "", "note");
+    note.append(make("b", what), make("span", why));
+    $("tab-skipped").append(note);
+  }
+  if (!bad) $("tab-skipped").append(make("p", "Nothing was left out.", "empty"));
+  for (const [label, text] of data.facts) $("facts").append(make("dt", label), make("dd", text));
+  openTab("paths");
+}
+
+function openTab(name) {
+  for (const tab of document.querySelectorAll("nav button")) {
+    tab.setAttribute("aria-selected", String(tab.dataset.tab === name));
+    $(`tab-${tab.dataset.tab}`).hidden = tab.dataset.tab !== name;
+  }
+  if (name === "paths") fillList();
+}
+
+function setList() {
+  cells($("head"), ["#", "Path", "Layer", "Length\nmm", "Feed\nmm/s", ...(forced ? ["Force\nN"] : [])]);
+  $("list").addEventListener("scroll", fillList);
+  $("rows").addEventListener("click", (event) => {
+    const row = event.target.closest(".row");
+    if (row) choose(Number(row.dataset.path) === chosen.path ? -1 : Number(row.dataset.path), false);
+  });
+  $("rows").addEventListener("dblclick", (event) => {
+    const row = event.target.closest(".row");
+    if (row) toPath(Number(row.dataset.path));
+  });
+  $("filter").addEventListener("input", (event) => {
+    const text = event.target.value.toLowerCase();
+    const has = (path) => path.id.toLowerCase().includes(text) || path.layer.toLowerCase().includes(text);
+    listed = data.paths.flatMap((path, k) => (has(path) ? [k] : []));
+    fillList();
+  });
+}
+
+// To the moment where the work on a path begins.
+function toPath(k) {
+  const s = worked.find((station) => track.path[track.event[station]] === k);
+  if (s !== undefined) player.to(track.time[s - 1]);
+  choose(k);
+}

@@ -1,0 +1,251 @@
+// Ties it together: buttons, keys, colours, the frame loop.
+const KEYS = [
+  ["space", "play, pause"], ["left, right", "one motion back, on"], ["home, end", "begin, end of the program"],
+  ["f", arm ? "fit; again: with the robot" : "fit"], ["t, s, i", "top, side, oblique view"], ["m", "measure"],
+  ["c", "next colouring"], ["l", "layers"], ["esc", "let go of what is chosen"], ["?", "these keys"],
+];
+const MOUSE = [
+  ["drag", "turn (one finger)"], ["right drag", "move (two fingers, or shift)"], ["wheel", "zoom (pinch)"],
+  ["click", "name a path or an edge"], ["double click", "in the list: go to its start"],
+];
+
+let colouring = "order";
+
+function legend(name) {
+  for (const button of document.querySelectorAll(".switch button")) {
+    button.setAttribute("aria-checked", String(button.dataset.by === name));
+  }
+  const { low, high, unit } = SCALES[name];
+  const text = (value) => (name === "order" ? `path ${value + 1}` : `${number(value)}${unit}`);
+  const same = !(high > low);
+  $("low").textContent = Number.isFinite(low) ? text(low) : "none";
+  $("high").textContent = same ? "" : text(high);
+  const stops = ramp().map(rgb);
+  $("ramp").style.background = same ? stops[0] : `linear-gradient(90deg, ${stops.join(", ")})`;
+  colouring = name;
+}
+
+function colour(name) {
+  colourBy(name);
+  legend(name);
+  redraw();
+}
+
+function setLegend() {
+  const holder = document.querySelector(".switch");
+  for (const [name, { label, high }] of Object.entries(SCALES)) {
+    if (name === "force" && !(high > 0)) continue;
+    const button = make("button", label);
+    button.setAttribute("role", "radio");
+    button.dataset.by = name;
+    button.addEventListener("click", () => colour(name));
+    holder.append(button);
+  }
+}
+
+function setLayers() {
+  for (const [name, layer] of Object.entries(layers)) {
+    if (!layer.things.length && name !== "paths" && name !== "travel") continue;
+    const label = make("label");
+    const tick = make("input");
+    tick.type = "checkbox";
+    tick.checked = !layer.off;
+    tick.dataset.layer = name;
+    tick.addEventListener("change", () => { layer.off = !tick.checked; showLayers(); redraw(); });
+    const swatch = make("i");
+    swatch.style.background = `var(--${layer.colour})`;
+    label.append(tick, swatch, make("span", layer.label));
+    $("layers").append(label);
+  }
+}
+
+function setKeys() {
+  for (const rows of [KEYS, MOUSE]) {
+    const table = make("div");
+    for (const [key, text] of rows) table.append(make("kbd", key), make("span", text));
+    $("keys").append(table);
+  }
+  const close = make("button", "Close");
+  close.addEventListener("click", () => $("keys").close());
+  $("keys").append(close);
+}
+
+const ACTIONS = {
+  top: () => turnTo("top"),
+  side: () => turnTo("side"),
+  iso: () => turnTo("iso"),
+  fit: () => fit(arm ? !look.whole : false),
+  measure: () => setMeasure(!measure.on),
+  layers: () => {
+    $("layers").hidden = !$("layers").hidden;
+    document.querySelector("[data-do=layers]").setAttribute("aria-pressed", String(!$("layers").hidden));
+  },
+  help: () => ($("keys").open ? $("keys").close() : $("keys").showModal()),
+  play: () => player.play(!player.on),
+  on: () => step(1),
+  back: () => step(-1),
+  begin: () => player.to(0),
+  end: () => player.to(total),
+  colour: () => {
+    const names = [...document.querySelectorAll(".switch button")].map((button) => button.dataset.by);
+    colour(names[(names.indexOf(colouring) + 1) % names.length]);
+  },
+  drop: () => { setMeasure(false); choose(-1); $("tip").hidden = true; },
+};
+const KEYED = {
+  " ": "play", ArrowRight: "on", ArrowLeft: "back", Home: "begin", End: "end", f: "fit", t: "top", s: "side", i: "iso",
+  m: "measure", l: "layers", c: "colour", "?": "help", Escape: "drop",
+};
+
+function setInput() {
+  for (const button of document.querySelectorAll("[data-do]")) button.addEventListener("click", () => ACTIONS[button.dataset.do]());
+  addEventListener("keydown", (event) => {
+    const name = KEYED[event.key];
+    if (!name || event.ctrlKey || event.metaKey || event.altKey || event.target === $("filter") || event.target.tagName === "SELECT") return;
+    if ($("keys").open && name !== "help") return;
+    // A button that has the focus is pressed by the space bar itself.
+    if (event.key === " " && event.target.tagName === "BUTTON") return;
+    event.preventDefault();
+    ACTIONS[name]();
+  });
+  const spot = (event) => {
+    const area = canvas.getBoundingClientRect();
+    return [event.clientX - area.left, event.clientY - area.top];
+  };
+  canvas.addEventListener("click", (event) => {
+    if (dragged > 4) return;
+    const [x, y] = spot(event);
+    const hit = under(x, y);
+    if (measure.on) return measureAt(hit, x, y);
+    tip(hit, x, y);
+    choose(hit.path);
+  });
+  // Looking for what is below the pointer at every move would be slow in large programs.
+  if (!isLarge) {
+    canvas.addEventListener("pointermove", (event) => {
+      if (held.size || measure.on || event.pointerType === "touch") return;
+      const [x, y] = spot(event);
+      tip(under(x, y), x, y);
+    });
+    canvas.addEventListener("pointerleave", () => { $("tip").hidden = true; });
+  }
+}
+
+function showTriad() {
+  const holder = $("triad");
+  holder.replaceChildren();
+  const [right, up] = [rightOf(), upOf()];
+  ["x", "y", "z"].map((name, k) => [name, k, new THREE.Vector3().setComponent(k, 1)])
+    .forEach(([name, k, axis]) => {
+      const [dx, dy] = [axis.dot(right), -axis.dot(up)];
+      const stroke = ["#d6394a", "#2c9a52", "#3b7de0"][k];
+      const element = (tag, attributes, text = "") => {
+        const one = document.createElementNS("http://www.w3.org/2000/svg", tag);
+        for (const [key, value] of Object.entries(attributes)) one.setAttribute(key, value);
+        one.textContent = text;
+        holder.append(one);
+      };
+      if (Math.hypot(dx, dy) < 0.12) return;
+      element("line", { x1: 0, y1: 0, x2: 20 * dx, y2: 20 * dy, stroke, "stroke-width": 2 });
+      element("text", { x: 27 * dx, y: 27 * dy, fill: stroke }, name);
+    });
+}
+
+function showScale() {
+  const most = 110 / shared.perMm.value;
+  const power = 10 ** Math.floor(Math.log10(most));
+  const bar = [5, 2, 1].map((m) => m * power).find((v) => v <= most);
+  $("scale").replaceChildren(make("div", `${bar >= 1 ? bar : bar.toPrecision(1)} mm`), make("span"));
+  $("scale").style.setProperty("--bar", `${bar * shared.perMm.value}px`);
+}
+
+function resize() {
+  if (renderer) {
+    renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    renderer.setSize(canvas.clientWidth, canvas.clientHeight, false);
+    shared.pixel.value = renderer.getPixelRatio();
+    renderer.getDrawingBufferSize(shared.size.value);
+  }
+  aim();
+  fillList();
+}
+
+function theme() {
+  themed();
+  themedArm();
+  if (renderer) renderer.setClearColor(css("scene"));
+  legend(colouring);
+  fillList();
+  redraw();
+}
+
+function paint() {
+  stale = false;
+  scene.traverse((thing) => { if (thing.name === "plate") thing.visible = !layers.part.off && shared.stride.value === 1; });
+  renderer?.render(scene, camera);
+  showTriad();
+  showScale();
+  showMeasure();
+}
+
+// Frames that come one after the other tell how fast this machine is: where there is much to draw, slow ones are drawn
+// coarser until all is still.
+const isLarge = stations + lineOf.length > 40000;
+const pace = { stride: 1, last: 0, still: 0 };
+function frame(moment) {
+  player.tick(moment);
+  if (stale) {
+    const took = pace.still === 0 ? moment - pace.last : 30;
+    if (isLarge && took > 55 && pace.stride < 64) pace.stride *= took > 300 ? 8 : 2;
+    if (took < 18 && pace.stride > 1) pace.stride /= 2;
+    coarse(pace.stride);
+    paint();
+    pace.last = moment;
+    pace.still = 0;
+  } else if (++pace.still === 12 && shared.stride.value > 1) {
+    coarse(1);
+    paint();
+  }
+  requestAnimationFrame(frame);
+}
+
+function setPrint() {
+  addEventListener("beforeprint", () => {
+    paint();
+    const picture = make("img");
+    if (renderer) picture.src = canvas.toDataURL("image/png");
+    const numbers = make("dl");
+    for (const [label, text] of data.facts) numbers.append(make("dt", label), make("dd", text));
+    $("print").replaceChildren(make("h1", data.title), picture, numbers);
+    for (const [what, why] of data.skipped) $("print").append(make("p", `Left out: ${what}${why ? ` (${why})` : ""}`));
+  });
+}
+
+$("title").textContent = data.title;
+makeRenderer();
+setTabs();
+setList();
+setLegend();
+setLayers();
+setKeys();
+setPlayer();
+setInput();
+setPrint();
+showLayers();
+theme();
+colour("order");
+resize();
+player.to(0);
+[look.turn, look.tilt] = VIEWS[isFlat && !arm ? "top" : "iso"];
+fit(Boolean(arm));
+dark.addEventListener("change", theme);
+let fitted = [canvas.clientWidth, canvas.clientHeight];
+new ResizeObserver(() => {
+  if (fitted[0] === canvas.clientWidth && fitted[1] === canvas.clientHeight) return;
+  fitted = [canvas.clientWidth, canvas.clientHeight];
+  resize();
+  fit();
+}).observe(canvas);
+requestAnimationFrame(frame);
+// For whoever drives the page from outside, as tests do.
+window.camgen = { data, player, look, track, arm, chosen, measure, fit, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup };

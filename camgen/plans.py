@@ -1,0 +1,121 @@
+"""What will be done with a part: the tour of its contours, the route over its edges, or the motions that it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from camgen.errors import InputError, JobError, NoSafeProgram
+from camgen.gcode.recorded import Recorded
+from camgen.ir import Program
+from camgen.leads import add_leads
+from camgen.lower import lower
+from camgen.paths import ToolPath, Tour
+from camgen.planners import plan
+from camgen.pose import Pose
+from camgen.post import Cell
+from camgen.replay import check as check_replay
+from camgen.replay import replayed, tour_of
+from camgen.robots.models import Robot, robot
+from camgen.settings import Job
+from camgen.shapes import Note, Part
+from camgen.tour import order, travel
+
+if TYPE_CHECKING:
+    from camgen.surroundings import Surroundings
+
+#: What is called when a stage begins: its name as the user sees it.
+Watch = Callable[[str], None]
+
+
+class Planned(Struct, frozen=True, eq=False):
+    """What will be done. arm: the robot that the program is checked with. lowered: the program, from its name and
+    header.
+    """
+
+    tour: Tour
+    notes: tuple[Note, ...]
+    arm: Robot | None
+    lowered: Callable[[str, tuple[str, ...]], Program]
+    where: Surroundings | None = None
+
+
+def _flat(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
+    """The tour of the paths of a flat part."""
+    watch("planning")
+    planned = plan(part, job)
+    notes = part.notes + planned.notes
+    _insist(part, notes, bool(planned.paths), strict)
+    watch("ordering")
+    tour, lead_notes = _toured(planned.paths, part, job, cell)
+    notes += lead_notes
+    _insist(part, notes, bool(tour.paths), strict)
+    arm = robot(job.cell.robot) if job.cell.robot else None
+    return Planned(tour, notes, arm, lambda title, header: lower(tour, cell, job, title, header))
+
+
+def way(part: Part, job: Job) -> Callable[[Part, Job, Cell, bool, Watch], Planned]:
+    """How a part becomes a program: by contours, by edges, or by the motions that it holds."""
+    if isinstance(part, Recorded):
+        return _replay
+    if job.operation.kind == "replay":
+        raise JobError("job", f'"replay" is for G-code, {part.source} is none', "operation.kind", "leave it out")
+    return _flat if part.solid is None else _edges
+
+
+def _replay(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
+    """The motions of a program that was read, as they stand in it."""
+    assert isinstance(part, Recorded)
+    watch("planning")
+    check_replay(job)
+    tour = tour_of(part)
+    _insist(part, part.notes, bool(tour.paths), strict)
+    arm = robot(job.cell.robot) if job.cell.robot else None
+    return Planned(tour, part.notes, arm, lambda title, header: replayed(part, cell, job, title, header))
+
+
+def _edges(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
+    """The route over the edges of a 3-D part."""
+    from camgen.finishing import finished  # noqa: PLC0415 (fcl is loaded only by what needs it)
+    from camgen.lower_edges import lower_edges  # noqa: PLC0415
+
+    watch("planning")
+    assert part.solid is not None
+    if not cell.robot:
+        raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
+    arm = robot(cell.robot)
+    done = finished(part.solid, job, arm, cell)
+    notes = part.notes + done.notes
+    _insist(part, notes, True, strict)
+    route, lengths = done.route, done.lengths
+    return Planned(
+        done.tour, notes, arm, lambda title, header: lower_edges(route, lengths, cell, job, title, header), done.where
+    )
+
+
+def _toured(paths: Sequence[ToolPath], part: Part, job: Job, cell: Cell) -> tuple[Tour, tuple[Note, ...]]:
+    """The paths in order from and back to home, with their leads."""
+    start = cell.home.origin[:2] if isinstance(cell.home, Pose) else None
+    choice = job.tour
+    tour = order(paths, choice.method, start, job.operation.inside_first, choice.seconds, choice.seed)
+    led, notes = add_leads(tour.paths, part, job)
+    # Leads move the ends of a path by no more than their lengths.
+    moved = len(paths) * (job.operation.lead_in + job.operation.lead_out + job.operation.overlap)
+    bound = None if tour.bound is None else max(0.0, tour.bound - moved)
+    return Tour(tuple(led), travel(led, start), tour.method, bound), tuple(notes)
+
+
+def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:
+    """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out."""
+    skipped = [note for note in notes if note.kind == "skipped"]
+    if not part.contours and part.solid is None and not isinstance(part, Recorded):
+        raise InputError(part.source, "nothing to work on", remedy="camgen inspect shows what the file holds")
+    if not something:
+        # What the planner left out comes last; what the reader left out is not why the contours have no path.
+        last = next((note for note in reversed(skipped) if note not in part.notes), Note("skipped", "nothing fits"))
+        raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
+    if strict and skipped:
+        what = f"--strict and {len(skipped)} left out, first: {skipped[0].what}"
+        raise NoSafeProgram(part.source, what, skipped[0].why, "mend the input, or build without --strict")

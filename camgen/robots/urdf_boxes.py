@@ -1,0 +1,133 @@
+"""Cuboids around the shapes of a URDF: one around each simple shape, one to three around a mesh."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+
+from camgen.errors import InputError
+from camgen.pose import IDENTITY, FloatArray, Pose, frozen
+from camgen.robots.models import Box
+from camgen.robots.urdf_files import mesh_path
+from camgen.robots.urdf_xml import Shape
+from camgen.solid import IntArray
+from camgen.solids.mesh_load import load
+
+#: A mesh is looked at in so many slices along each axis, and becomes so many cuboids at most.
+_SLICES, _MOST = 16, 3
+#: More cuboids, or turned ones, have to be smaller than the upright one by at least this factor.
+_WORTH = 0.85
+#: mm: the least half edge of a cuboid, for meshes that are flat.
+_THIN = 0.01
+#: Of the radius: two cuboids, one as wide as a circle and this high, the other the other way round, hold the circle.
+_CROSS = math.sqrt(0.5)
+
+
+def boxes_of(link: str, shapes: tuple[Shape, ...], folder: Path) -> tuple[tuple[Box, ...], list[str]]:
+    """Cuboids around the shapes, in the frame of the link, and notes on what has none. folder: of the URDF."""
+    boxes: list[Box] = []
+    notes = []
+    for shape in shapes:
+        if shape.kind != "mesh":
+            boxes += _simple(shape)
+            continue
+        path = mesh_path(shape.mesh, folder)
+        if path is None:
+            notes.append(f"link {link} has no boxes of its mesh {shape.mesh}: there is no such file near the URDF")
+            continue
+        try:
+            soup = load(path)
+        except InputError as error:
+            notes.append(f"link {link} has no boxes of its mesh {error}")
+            continue
+        vertices = (soup.mm if soup.unit else 1000.0) * soup.vertices * np.array(shape.size)
+        boxes += [Box(shape.link_from_shape @ box.link_from_box, box.half) for box in around(vertices, soup.faces)]
+    return tuple(boxes), notes
+
+
+def _simple(shape: Shape) -> list[Box]:
+    """The cuboid around a box or a sphere; two around a cylinder, crosswise, which leaves its corners out."""
+    a, b, c = (size / 2 for size in shape.size)
+    if shape.kind != "cylinder":
+        return [Box(shape.link_from_shape, (a, b, c))]
+    return [Box(shape.link_from_shape, (a, b * _CROSS, c)), Box(shape.link_from_shape, (a * _CROSS, b, c))]
+
+
+def around(vertices: FloatArray, faces: IntArray) -> list[Box]:
+    """Cuboids that together hold a mesh of ``vertices`` (V, 3), mm: one, upright or turned, or up to three upright."""
+    points, corners = vertices[np.unique(faces)], vertices[faces]
+    single = _upright(points.min(axis=0), points.max(axis=0))
+    best, size = [single], _volume([single]) * _WORTH
+    for boxes in ([_turned(points)], *(_sliced(corners, axis) for axis in range(3))):
+        if _volume(boxes) < size:
+            best, size = boxes, _volume(boxes)
+    return best
+
+
+def _volume(boxes: list[Box]) -> float:
+    return sum(8 * float(np.prod(box.half)) for box in boxes)
+
+
+def _upright(low: FloatArray, high: FloatArray, rotation: FloatArray = IDENTITY) -> Box:
+    """The cuboid from ``low`` to ``high``, both in a frame with this rotation."""
+    x, y, z = (rotation @ ((low + high) / 2)).tolist()
+    a, b, c = np.maximum((high - low) / 2, _THIN).tolist()
+    return Box(Pose(rotation, (x, y, z)), (a, b, c))
+
+
+def _turned(points: FloatArray) -> Box:
+    """The cuboid along the principal axes of the points."""
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    rotation = frozen(np.column_stack([axes[0], axes[1], np.cross(axes[0], axes[1])]))
+    own = points @ rotation
+    return _upright(own.min(axis=0), own.max(axis=0), rotation)
+
+
+def _sliced(corners: FloatArray, axis: int) -> list[Box]:
+    """Up to three cuboids, one behind the other along ``axis``, around triangles (F, 3, 3)."""
+    low, high = _slices(corners, axis)
+    kept = np.isfinite(low[:, 0])
+    low, high = low[kept], high[kept]
+    count = len(low)
+    sizes = np.full((count, count + 1), np.inf)  # of the cuboid around slices from a to below b
+    for a in range(count):
+        edges = np.maximum.accumulate(high[a:], axis=0) - np.minimum.accumulate(low[a:], axis=0)
+        sizes[a, a + 1 :] = np.maximum(edges, 2 * _THIN).prod(axis=1)
+    best, least = [0, count], float(sizes[0, count])
+    for more in range(1, min(_MOST, count)):
+        least *= _WORTH
+        for cuts in itertools.combinations(range(1, count), more):
+            ends = [0, *cuts, count]
+            size = sum(float(sizes[a, b]) for a, b in itertools.pairwise(ends))
+            if size < least:
+                best, least = ends, size
+    return [_upright(low[a:b].min(axis=0), high[a:b].max(axis=0)) for a, b in itertools.pairwise(best)]
+
+
+def _slices(corners: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
+    """What of the triangles lies in each slice across ``axis``: least and greatest coordinates (S, 3), infinite where
+    there is nothing. An edge that passes a plane between two slices touches both there.
+    """
+    along = corners[..., axis]
+    planes = np.linspace(along.min(), along.max(), _SLICES + 1)
+    low, high = np.full((_SLICES, 3), np.inf), np.full((_SLICES, 3), -np.inf)
+    points = corners.reshape(-1, 3)
+    inside = np.clip(np.searchsorted(planes, points[:, axis], side="right") - 1, 0, _SLICES - 1)
+    np.minimum.at(low, inside, points)
+    np.maximum.at(high, inside, points)
+    a, b = points, corners[:, [1, 2, 0]].reshape(-1, 3)
+    for k, plane in enumerate(planes[1:-1].tolist()):
+        crosses = (a[:, axis] - plane) * (b[:, axis] - plane) <= 0
+        crosses &= a[:, axis] != b[:, axis]
+        if not crosses.any():
+            continue
+        start, end = a[crosses], b[crosses]
+        there = start + (end - start) * ((plane - start[:, axis]) / (end[:, axis] - start[:, axis]))[:, None]
+        there[:, axis] = plane
+        for slice_ in (k, k + 1):
+            low[slice_] = np.minimum(low[slice_], there.min(axis=0))
+            high[slice_] = np.maximum(high[slice_], there.max(axis=0))
+    return low, high

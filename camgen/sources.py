@@ -1,0 +1,87 @@
+"""The files that a job reads: their bytes, and the digest that stands for them and for the settings."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import os
+import stat
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+from msgspec.structs import replace
+
+from camgen.errors import InputError
+from camgen.robots.urdf_files import urdf_files
+from camgen.robots.urdf_name import split_name
+from camgen.settings import Job
+
+
+def digest_of(job: Job, sources: Sequence[Path]) -> str:
+    """Twelve hex digits that stand for the settings and the bytes of all files that are read."""
+    if not sources:
+        raise InputError("input", "none is given")
+    total = hashlib.sha256(msgspec.json.encode(_own(job), order="deterministic"))
+    seen: dict[str, Path] = {}
+    for source in sources:
+        data = readable(source)
+        real = os.path.realpath(source)
+        if real in seen:
+            raise InputError(str(source), "is given twice", remedy="name every input once")
+        seen[real] = source
+        total.update(b"%d:" % len(data))
+        total.update(data)
+    described = split_name(job.cell.robot)
+    arm = urdf_files(described[0]) if described else ()
+    meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
+    for name in (job.image.background, job.camera.file, *map(str, arm), *meshes):
+        if name:
+            total.update(readable(Path(name)))
+    return total.hexdigest()[:12]
+
+
+def _own(job: Job) -> dict[str, object]:
+    """What the job sets differently from the defaults: a new setting leaves the programs of old jobs as they are."""
+    image, camera, cell = job.image, job.camera, job.cell
+    # Of a file its bytes count, wherever it lies.
+    image = replace(image, background=Path(image.background).name)
+    camera = replace(camera, file=Path(camera.file).name)
+    if described := split_name(cell.robot):
+        cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))
+    if cell.fixtures:
+        fixtures = [Path(one).name if isinstance(one, str) else one for one in cell.fixtures]
+        cell = replace(cell, fixtures=fixtures)
+    tables = msgspec.to_builtins(replace(job, image=image, camera=camera, cell=cell))
+    defaults = msgspec.to_builtins(Job())
+    return {
+        name: {key: value for key, value in table.items() if value != defaults[name].get(key)}
+        for name, table in tables.items()
+        if table != defaults[name]
+    }
+
+
+def readable(source: Path) -> bytes:
+    """The bytes of an input. InputError when there are none: missing, a folder, not to be read."""
+    try:
+        mode = source.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise InputError(str(source), "is a folder", remedy="name the files in it")
+        if not stat.S_ISREG(mode):
+            raise InputError(str(source), "is not a regular file", remedy="copy it to a file, or use - with --format")
+        data = source.read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(str(source), "no such file", remedy=_nearest(source)) from error
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(str(source), f"cannot be read: {reason}") from error
+    return data
+
+
+def _nearest(source: Path) -> str:
+    try:
+        stems = {Path(name).stem: name for name in sorted(os.listdir(source.parent))}
+    except OSError:
+        return "its folder does not exist"
+    near = difflib.get_close_matches(source.stem, stems, 1)
+    return f"nearest is {source.parent / stems[near[0]]}" if near else ""

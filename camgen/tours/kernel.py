@@ -1,0 +1,281 @@
+"""The moves of the search for a short tour in the plane, one item after another.
+
+Everything here is plain arithmetic over sequences of numbers, so that the same lines run in Python over lists and,
+compiled by ``camgen.tours.speed``, over arrays, with the same results to the last bit: no hypot, no powers, no sums of
+arrays. A tour is a ring of items, one of them home. An open item is entered at one end and left at the other, a closed
+one is entered and left at the same point, any of its samples.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+Ints = list[int]
+Floats = list[float]
+
+#: Kinds of items.
+BOTH_WAYS, ONE_WAY, CLOSED = 0, 1, 2
+#: Entries of ``Run.marks``.
+QUEUED, HEAD, LOGGED, LOGS, WORK, DICE = 0, 1, 2, 3, 4, 5
+#: Kinds of entries of ``Run.log``, each five numbers.
+_TURN, _CARRY, _POINT = 0, 1, 2
+#: Gain below which a move is not made, mm.
+EPS = 1e-7
+#: So many items moved in the ring are as much work as a look at one item.
+_BULK = 64
+
+
+class Scene(NamedTuple):
+    """What does not change. N items, the last one home; P points.
+
+    x, y: (P,) mm. first: (N + 1,) of each item's points. kind: (N,). step: (N,) mm, the most that two neighbouring
+    samples of a closed item are apart. near: (N * width,) nearest items, -1 for none, apart: how far, at least, rising.
+    parent: (N,) the item that must come later, -1 for none. children, child: the same the other way round. rank: (N,)
+    items of a lower rank come first. nowhere: point of a home that costs no way, else -1. directed: some move is not
+    allowed, so that the tour may not be turned round.
+    """
+
+    x: Floats
+    y: Floats
+    first: Ints
+    kind: Ints
+    step: Floats
+    near: Ints
+    apart: Floats
+    width: int
+    parent: Ints
+    children: Ints
+    child: Ints
+    rank: Ints
+    nowhere: int
+    directed: bool
+
+
+class Run(NamedTuple):
+    """What changes. ring: (N,) items in order. place: (N,) where they are. enter, leave: (N,) points.
+
+    queue: (N,) items to look at, ``waits`` (N,) tells which. log: what to undo. marks: counters, see above.
+    """
+
+    ring: Ints
+    place: Ints
+    enter: Ints
+    leave: Ints
+    queue: Ints
+    waits: Ints
+    log: Ints
+    marks: Ints
+
+
+def way(s: Scene, p: int, q: int) -> float:
+    """Distance of two points, mm."""
+    if s.nowhere in (p, q):
+        return 0.0
+    dx = s.x[p] - s.x[q]
+    dy = s.y[p] - s.y[q]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+def after(r: Run, item: int) -> int:
+    """The next item."""
+    k = r.place[item] + 1
+    return r.ring[k] if k < len(r.ring) else r.ring[0]
+
+
+def ahead(r: Run, item: int) -> int:
+    """The item before."""
+    return r.ring[r.place[item] - 1] if r.place[item] else r.ring[len(r.ring) - 1]
+
+
+def push(r: Run, item: int) -> None:
+    """The item is to be looked at."""
+    if not r.waits[item]:
+        r.waits[item] = 1
+        size = len(r.queue)
+        r.queue[(r.marks[HEAD] + r.marks[QUEUED]) % size] = item
+        r.marks[QUEUED] += 1
+
+
+def pop(r: Run) -> int:
+    """The item that waits longest."""
+    item = r.queue[r.marks[HEAD]]
+    r.marks[HEAD] = (r.marks[HEAD] + 1) % len(r.queue)
+    r.marks[QUEUED] -= 1
+    r.waits[item] = 0
+    return item
+
+
+def note(r: Run, kind: int, a: int, b: int, c: int, d: int) -> None:
+    """What was done, for ``undo``."""
+    if r.marks[LOGS]:
+        k = 5 * r.marks[LOGGED]
+        r.log[k] = kind
+        r.log[k + 1] = a
+        r.log[k + 2] = b
+        r.log[k + 3] = c
+        r.log[k + 4] = d
+        r.marks[LOGGED] += 1
+
+
+def turn(s: Scene, r: Run, low: int, high: int) -> None:
+    """The stretch from place ``low`` to ``high`` run backwards; or the rest of the ring, which is the same tour."""
+    size = len(r.ring)
+    count = (high - low) % size + 1
+    other = low > high or low == 0 if s.directed else 2 * count > size
+    if other:
+        low, high, count = (high + 1) % size, (low - 1) % size, size - count
+    note(r, _TURN, low, high, 0, 0)
+    r.marks[WORK] += count // _BULK
+    i, j = low, high
+    for _ in range((count + 1) // 2):
+        a, b = r.ring[i], r.ring[j]
+        r.ring[i], r.ring[j] = b, a
+        r.place[a], r.place[b] = j, i
+        r.enter[a], r.leave[a] = r.leave[a], r.enter[a]
+        if a != b:
+            r.enter[b], r.leave[b] = r.leave[b], r.enter[b]
+        i = i + 1 if i + 1 < size else 0
+        j = j - 1 if j else size - 1
+
+
+def carry(r: Run, low: int, count: int, past: int, back: int) -> None:
+    """``count`` items from place ``low`` carried past the next ``past`` items (before them if negative).
+
+    back: 1 if they are run backwards there.
+    """
+    size = len(r.ring)
+    note(r, _CARRY, (low + past) % size, count, -past, back)
+    steps = past if past > 0 else -past
+    r.marks[WORK] += (steps + count) // _BULK
+    held = [r.ring[(low + k) % size] for k in range(count)]
+    for k in range(steps):
+        source = (low + count + k) % size if past > 0 else (low - 1 - k) % size
+        goal = (low + k) % size if past > 0 else (low + count - 1 - k) % size
+        item = r.ring[source]
+        r.ring[goal] = item
+        r.place[item] = goal
+    for k in range(count):
+        item = held[count - 1 - k] if back else held[k]
+        goal = (low + past + k) % size
+        r.ring[goal] = item
+        r.place[item] = goal
+        if back:
+            r.enter[item], r.leave[item] = r.leave[item], r.enter[item]
+
+
+def set_point(r: Run, item: int, point: int) -> None:
+    """A closed item is entered and left at ``point``."""
+    note(r, _POINT, item, r.enter[item], 0, 0)
+    r.enter[item] = point
+    r.leave[item] = point
+
+
+def undo(s: Scene, r: Run) -> None:
+    """Everything since the log was emptied."""
+    r.marks[LOGS] = 0
+    while r.marks[LOGGED]:
+        r.marks[LOGGED] -= 1
+        k = 5 * r.marks[LOGGED]
+        if r.log[k] == _TURN:
+            turn(s, r, r.log[k + 1], r.log[k + 2])
+        elif r.log[k] == _CARRY:
+            carry(r, r.log[k + 1], r.log[k + 2], r.log[k + 3], r.log[k + 4])
+        else:
+            set_point(r, r.log[k + 1], r.log[k + 2])
+    r.marks[LOGS] = 1
+
+
+def chosen(s: Scene, item: int, p: int, q: int, now: int) -> int:
+    """The sample of a closed item with the shortest way from point p over it to point q, ``now`` if none is shorter.
+
+    A sample's way differs from its neighbour's by at most twice their distance: so many samples can be passed over.
+    """
+    if p == s.nowhere:
+        p = q
+    if q == s.nowhere:
+        q = p
+    if p == s.nowhere:
+        return now
+    # Written out, without calls: most of the time of the search in Python is here.
+    x, y = s.x, s.y
+    px, py, qx, qy = x[p], y[p], x[q], y[q]
+    ax, ay, bx, by = px - x[now], py - y[now], qx - x[now], qy - y[now]
+    best = math.sqrt(ax * ax + ay * ay) + math.sqrt(bx * bx + by * by) - EPS
+    if best <= way(s, p, q):
+        return now
+    choice = now
+    k = s.first[item]
+    stop = s.first[item + 1]
+    step = 2.0 * s.step[item]
+    while k < stop:
+        ax, ay, bx, by = px - x[k], py - y[k], qx - x[k], qy - y[k]
+        cost = math.sqrt(ax * ax + ay * ay) + math.sqrt(bx * bx + by * by)
+        if cost < best:
+            best = cost
+            choice = k
+            k += 1
+        else:
+            k += 1 + int((cost - best) / step)
+    return choice
+
+
+def settle(s: Scene, r: Run, item: int) -> float:
+    """A closed item begun at its best point, an open one turned round where it stands; the change."""
+    p, q, now, end = r.leave[ahead(r, item)], r.enter[after(r, item)], r.enter[item], r.leave[item]
+    if s.kind[item] == BOTH_WAYS:
+        change = way(s, p, end) + way(s, now, q) - way(s, p, now) - way(s, end, q)
+        if change > -EPS:
+            return 0.0
+        turn(s, r, r.place[item], r.place[item])
+        return change
+    if s.kind[item] == ONE_WAY or s.first[item + 1] - s.first[item] == 1:
+        return 0.0
+    point = chosen(s, item, p, q, now)
+    if point == now:
+        return 0.0
+    set_point(r, item, point)
+    return way(s, p, point) + way(s, point, q) - way(s, p, now) - way(s, now, q)
+
+
+def may_turn(s: Scene, r: Run, low: int, high: int) -> bool:
+    """No rule forbids ``turn``."""
+    if not s.directed:
+        return True
+    size = len(r.ring)
+    if low > high or low == 0:
+        low, high = (high + 1) % size, (low - 1) % size
+    if low > high or low == 0 or s.rank[r.ring[low]] != s.rank[r.ring[high]]:
+        return False
+    r.marks[WORK] += (high - low) // _BULK
+    for k in range(low, high + 1):
+        item = r.ring[k]
+        if s.kind[item] == ONE_WAY:
+            return False
+        if s.parent[item] >= 0 and low <= r.place[s.parent[item]] <= high:
+            return False
+    return True
+
+
+def may_carry(s: Scene, r: Run, low: int, count: int, past: int, back: int) -> bool:
+    """No rule forbids ``carry``, given that the stretch and what it passes do not hold home."""
+    if not s.directed:
+        return True
+    left = low if past > 0 else low + past
+    right = low + count - 1 + past if past > 0 else low + count - 1
+    if left < 1 or right >= len(r.ring) or s.rank[r.ring[left]] != s.rank[r.ring[right]]:
+        return False
+    for k in range(low, low + count):
+        item = r.ring[k]
+        if back and s.kind[item] == ONE_WAY:
+            return False
+        over = s.parent[item]
+        if over >= 0:
+            inside = low <= r.place[over] < low + count
+            if (back and inside) or (past > 0 and not inside and low <= r.place[over] <= right):
+                return False
+        if past < 0:
+            for m in range(s.children[item], s.children[item + 1]):
+                if left <= r.place[s.child[m]] < low:
+                    return False
+    return True

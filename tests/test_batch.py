@@ -1,0 +1,318 @@
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from camgen.batch import state
+from camgen.cli import main
+
+PLATE = (
+    "0\nSECTION\n2\nENTITIES\n"
+    "0\nCIRCLE\n8\nholes\n10\n50\n20\n25\n40\n{radius}\n"
+    "0\nLINE\n8\noutline\n10\n0\n20\n0\n11\n100\n21\n0\n"
+    "0\nLINE\n8\noutline\n10\n100\n20\n0\n11\n100\n21\n50\n"
+    "0\nLINE\n8\noutline\n10\n100\n20\n50\n11\n0\n21\n50\n"
+    "0\nLINE\n8\noutline\n10\n0\n20\n50\n11\n0\n21\n0\n"
+    "0\nENDSEC\n0\nEOF\n"
+)
+#: A post that dies, hangs or faults where the program's name says so, with G-code's text and read-back.
+FATAL = """
+import os
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+from camgen_posts.gcode import GCode
+from camgen_posts.readback.gcode import read
+
+
+@dataclass
+class Fatal(GCode):
+    name: ClassVar[str] = "fatal"
+
+    def begin(self, program):
+        if program.name == "killed":
+            os.kill(os.getpid(), 9)
+        if program.name == "segfault":
+            os.kill(os.getpid(), 11)
+        if program.name == "leaves":
+            os._exit(7)
+        if program.name == "memory":
+            raise MemoryError("no more")
+        if program.name == "hangs":
+            time.sleep(600)
+        return super().begin(program)
+"""
+Captured = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with three plates of different holes; commands run in it."""
+    (tmp_path / "parts").mkdir()
+    for name, radius in (("a", 8), ("b", 9), ("c", 10)):
+        (tmp_path / "parts" / f"{name}.dxf").write_text(PLATE.format(radius=radius))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def table(capsys: Captured) -> tuple[dict[str, list[str]], str]:
+    """The rows of the table by file, and what was said besides."""
+    said = capsys.readouterr()
+    lines = said.out.splitlines()
+    assert lines[0].split() == ["file", "status", "paths", "time", "notes"]
+    return {line.split()[0]: line.split()[1:] for line in lines[1:]}, said.err
+
+
+def error_of(capsys: Captured) -> str:
+    said = capsys.readouterr()
+    assert (said.out, said.err.count("\n")) == ("", 1)
+    return said.err.removeprefix("camgen: error: ").rstrip("\n")
+
+
+def one_by_one(post: str, folder: Path, *sources: str) -> dict[str, bytes]:
+    folder.mkdir()
+    for source in sources:
+        assert main(["build", source, "--post", post, "-o", str(folder), "-q"]) == 0
+    return files(folder)
+
+
+@pytest.mark.parametrize("post", ["rapid", "pacscript"])
+def test_same_bytes_as_one_by_one(post: str, here: Path, capsys: Captured) -> None:
+    Path("parts/b.toml").write_text("[tool]\ndiameter = 4.0\n")
+    alone = one_by_one(post, here / "alone", "parts/a.dxf", "parts/b.dxf", "parts/c.dxf")
+    capsys.readouterr()
+    assert main(["batch", "parts/*", "--post", post, "--jobs", "2", "-o", "out"]) == 0
+    rows, said = table(capsys)
+    assert list(rows) == ["parts/a.dxf", "parts/b.dxf", "parts/c.dxf"]  # the job file b.toml is none of the inputs
+    assert [row[:2] for row in rows.values()] == [["built", "2"]] * 3
+    made = files(here / "out")
+    assert made.pop(state.NAME).count(b"\n") == 3
+    assert made == alone
+    assert said.splitlines()[-1].split(maxsplit=1) == ["batch", "3 parts: 3 built"]
+    assert sorted(line.split()[0] for line in said.splitlines()[:-1]) == ["built"] * 3
+
+
+def test_a_second_run_builds_only_what_changed(here: Path, capsys: Captured) -> None:
+    command = ["batch", "parts/*.dxf", "--post", "gcode", "--jobs", "1", "-o", "out"]
+
+    def again(*more: str) -> list[str]:
+        capsys.readouterr()
+        assert main([*command, *more]) == 0
+        return [row[0] for row in table(capsys)[0].values()]
+
+    assert again() == ["built"] * 3
+    first = files(here / "out")
+    assert again() == ["unchanged"] * 3
+    assert files(here / "out") == first
+    (here / "parts/a.dxf").write_text(PLATE.format(radius=7))
+    (here / "out/b.ngc").unlink()
+    (here / "out/c.ngc").write_bytes(first["c.ngc"] + b"\n")
+    assert again() == ["built"] * 3
+    assert {**files(here / "out"), "a.ngc": b"", state.NAME: b""} == {**first, "a.ngc": b"", state.NAME: b""}
+    (here / "parts/b.toml").write_text("[tool]\ndiameter = 4.0\n")
+    assert again() == ["unchanged", "built", "unchanged"]
+    assert again("--set", "process.feed=11") == ["built"] * 3
+    assert again("--set", "process.feed=11") == ["unchanged"] * 3
+
+
+def test_a_cut_off_state_costs_its_last_part_only(here: Path, capsys: Captured) -> None:
+    command = ["batch", "parts/*.dxf", "--post", "gcode", "--jobs", "1", "-o", "out"]
+    assert main(command) == 0
+    file = here / "out" / state.NAME
+    file.write_bytes(file.read_bytes()[:-9])
+    capsys.readouterr()
+    assert main(command) == 0
+    assert [row[0] for row in table(capsys)[0].values()] == ["unchanged", "unchanged", "built"]
+
+
+def test_failures_are_listed_and_stop_no_other(here: Path, capsys: Captured) -> None:
+    (here / "parts/bad.dxf").write_text("no drawing")
+    (here / "parts/b.toml").write_text("[tool]\ndiametre = 4\n")
+    line = PLATE.format(radius=1).replace("CIRCLE", "POINT")  # an outline alone
+    (here / "parts/open.dxf").write_text(line.replace("11\n0\n21\n0\n0\nENDSEC", "11\n0\n21\n30\n0\nENDSEC"))
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out", "--report", "r.json"]) == 3
+    rows, said = table(capsys)
+    assert [row[:2] for row in rows.values()] == [
+        ["built", "2"],
+        ["failed", "2"],
+        ["failed", "2"],
+        ["built", "2"],
+        ["failed", "3"],
+    ]
+    assert 'parts/b.dxf: parts/b.toml: unknown key "diametre" ([tool]); nearest is diameter' in said
+    assert "5 parts: 2 built, 3 failed" in said
+    report = json.loads((here / "r.json").read_text())
+    assert [part["exit_code"] for part in report["parts"]] == [0, 2, 2, 0, 3]
+    assert report["parts"][0]["files"] == ["out/a.ngc"]
+    assert report["parts"][0]["work_mm"] == pytest.approx(300 + 6 * 3.14159265 + 2 * 3.14159265 * 5, abs=1e-3)
+    assert report["parts"][4]["error"].startswith("open.dxf: no path is left")
+    assert set(files(here / "out")) == {"a.ngc", "c.ngc", state.NAME}
+
+
+@pytest.mark.parametrize("jobs", ["1", "3"])
+def test_a_part_that_kills_its_process_fails_alone(jobs: str, here: Path, capsys: Captured) -> None:
+    (here / "fatal.py").write_text(FATAL)
+    for name in ("killed", "segfault", "leaves", "memory", "hangs"):
+        shutil.copy("parts/a.dxf", f"parts/{name}.dxf")
+    assert main(["batch", "parts/*.dxf", "--post", "./fatal.py", "--jobs", jobs, "--timeout", "6", "-o", "out"]) == 1
+    rows, said = table(capsys)
+    status = {Path(name).stem: " ".join(row[:2]) for name, row in rows.items()}
+    good = dict.fromkeys("abc", "built 2")
+    assert status == good | dict.fromkeys(["killed", "segfault", "leaves", "memory", "hangs"], "failed 1")
+    for name, why in (
+        ("killed", "the process that built it died (SIGKILL)"),
+        ("segfault", "the process that built it died (SIGSEGV)"),
+        ("leaves", "the process that built it died (exit code 7)"),
+        ("memory", "fault: MemoryError: no more"),
+        ("hangs", "was stopped, it took longer than --timeout"),
+    ):
+        assert f"failed    parts/{name}.dxf: {why}\n" in said
+    assert set(files(here / "out")) == {"a.ngc", "b.ngc", "c.ngc", state.NAME}
+
+
+def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Captured) -> None:
+    for name in ("parts/left", "parts/right/deep"):
+        Path(name).mkdir(parents=True)
+        shutil.copy("parts/a.dxf", f"{name}/a.dxf")
+    assert main(["batch", "parts/**/*.dxf", "parts/a.dxf", "--post", "gcode", "-o", "out"]) == 0
+    assert set(files(here / "out")) == {
+        "a.ngc", "b.ngc", "c.ngc", "left/a.ngc", "right/deep/a.ngc", state.NAME,
+    }  # fmt: skip
+    capsys.readouterr()
+    assert main(["batch", "parts/*/a.dxf", "parts/right/deep/a.dxf", "--post", "gcode", "-o", "two"]) == 0
+    assert set(files(here / "two")) == {"a.ngc", "left/a.ngc", state.NAME}
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["nothing/*.dxf"], "nothing/*.dxf: no file matches; "),
+        (["parts/none.dxf"], "parts/none.dxf: no such file; "),
+        (["parts"], "parts: is a folder; "),
+        (["parts/*.dxf", "--jobs", "0"], "--jobs: must be 1 or more, not 0"),
+        (["parts/*.dxf", "--timeout", "nan"], "--timeout: must be 0 or more seconds, not nan"),
+        (["parts/*.dxf", "--set", "tool.x=1"], '--set tool.x=1: unknown key "x" ([tool]); nearest is '),
+        (["parts/*.dxf", "--job", "no.toml"], "no.toml: cannot be read: "),
+        (["parts/*.dxf", "-o", "parts/a.dxf"], "parts/a.dxf: is not a folder; "),
+        (["parts/*.dxf", "--dask", "tcp://x:1", "--jobs", "2"], "--dask: the cluster decides "),
+        (
+            ["parts/a.dxf", "other/A.dxf"],
+            "parts/a.dxf: its program would have the name of that of other/A.dxf (a.ngc); ",
+        ),
+        (["parts/*.dxf", "--set", "post.program=x"], "parts/b.dxf: its program would have the name of that of parts/a"),
+        (["old/*.ngc", "-o", "old"], "old/x.ngc: its program would overwrite an input (x.ngc); "),
+    ],
+)
+def test_what_is_wrong_for_all_is_said_at_once(words: list[str], says: str, here: Path, capsys: Captured) -> None:
+    (here / "other").mkdir()
+    (here / "other/A.dxf").write_text(PLATE.format(radius=8))
+    (here / "old").mkdir()
+    (here / "old/x.ngc").write_text("G21 G90\nG1 X1 F100\nM2\n")
+    before = files(here)
+    assert main(["batch", *words, "--post", "gcode"]) == 2
+    assert error_of(capsys).startswith(says)
+    assert files(here) == before
+
+
+def test_a_program_of_several_files_never_takes_anothers_name(here: Path, capsys: Captured) -> None:
+    shutil.copy("parts/a.dxf", "parts/a_part1.dxf")
+    Path("parts/a.toml").write_text("[post]\nmax_lines = 10\n")
+    assert main(["batch", "parts/a*.dxf", "--post", "rapid", "-o", "out"]) == 2
+    rows, said = table(capsys)
+    assert [row[:2] for row in rows.values()] == [["failed", "2"], ["built", "2"]]
+    assert "its program would overwrite that of parts/a_part1.dxf" in said
+    assert set(files(here / "out")) == {"a_part1.mod", state.NAME}
+
+
+def test_quiet_says_only_what_failed(here: Path, capsys: Captured) -> None:
+    (here / "parts/bad.dxf").write_text("no drawing")
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out", "-q"]) == 2
+    assert error_of(capsys).startswith("parts/bad.dxf: ")
+
+
+def test_strict(here: Path, capsys: Captured) -> None:
+    narrow = PLATE.format(radius=2)  # a hole that the tool does not fit
+    (here / "parts/b.dxf").write_text(narrow)
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out", "--strict"]) == 3
+    rows, _ = table(capsys)
+    assert [row[0] for row in rows.values()] == ["built", "failed", "built"]
+
+
+def _until(ready: Path, count: int) -> None:
+    """Waits until a batch has written ``count`` programs."""
+    for _ in range(600):
+        if len(list(ready.glob("*.ngc"))) >= count:
+            return
+        time.sleep(0.05)
+    raise AssertionError(f"{count} programs were not written within 30 s")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends signals of POSIX")
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_a_batch_that_is_ended_goes_on_where_it_was(how: signal.Signals, here: Path, capsys: Captured) -> None:
+    for k in range(40):
+        (here / f"parts/p{k:02}.dxf").write_text(PLATE.format(radius=8 + k / 10))
+    command = ["batch", "parts/*.dxf", "--post", "gcode", "--jobs", "2", "-o", "out"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "camgen", *command], stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        _until(here / "out", 5)
+        if how == signal.SIGINT:
+            os.killpg(process.pid, how)  # as a terminal does: to the workers, too
+        else:
+            process.kill()
+        said = process.communicate(timeout=60)[1]
+    done = files(here / "out")
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert "of 43 not built; the same command goes on from here" in said.splitlines()[-1]
+        assert "Traceback" not in said
+        assert not [name for name in done if name.startswith(".")]
+    times = {name: (here / "out" / name).stat().st_mtime_ns for name in done if name.endswith(".ngc")}
+    assert 5 <= len(times) < 43
+    assert main(command) == 0
+    rows, _ = table(capsys)
+    unchanged = [name for name, row in rows.items() if row[0] == "unchanged"]
+    assert len(unchanged) >= len(times) - 1  # one may have been written and not yet recorded
+    for name in unchanged:
+        program = f"{Path(name).stem}.ngc"
+        assert (here / "out" / program).stat().st_mtime_ns == times[program]
+    alone = one_by_one("gcode", here / "alone", *sorted(str(p) for p in Path("parts").glob("*.dxf")))
+    made = {name: data for name, data in files(here / "out").items() if name.endswith(".ngc")}
+    assert made == alone
+
+
+@pytest.mark.skipif(os.name == "nt", reason="looks at processes as POSIX has them")
+def test_workers_end_with_a_batch_that_is_killed(here: Path) -> None:
+    (here / "fatal.py").write_text(
+        FATAL.replace("time.sleep(600)", "open('pid', 'w').write(str(os.getpid())); time.sleep(2)")
+    )
+    shutil.copy("parts/a.dxf", "parts/hangs.dxf")
+    command = ["batch", "parts/hangs.dxf", "--post", "./fatal.py", "--jobs", "1", "-o", "out"]
+    with subprocess.Popen([sys.executable, "-m", "camgen", *command], stderr=subprocess.DEVNULL) as process:
+        for _ in range(600):
+            if (here / "pid").exists() and (here / "pid").read_text():
+                break
+            time.sleep(0.05)
+        process.kill()
+    worker = int((here / "pid").read_text())
+    for _ in range(200):
+        try:
+            os.kill(worker, 0)
+        except ProcessLookupError:
+            return
+        if Path(f"/proc/{worker}/stat").exists() and ") Z " in Path(f"/proc/{worker}/stat").read_text():
+            return  # ended, and nobody asked yet
+        time.sleep(0.05)
+    raise AssertionError("the worker runs on")

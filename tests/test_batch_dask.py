@@ -1,0 +1,156 @@
+"""The same jobs on a real Dask cluster: a scheduler and two workers as processes of their own on this machine."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from camgen.batch import state
+from camgen.cli import main
+
+pytest.importorskip("distributed", reason="the extra dask is not installed")
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+
+CIRCLE = "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\nrings\n10\n50\n20\n25\n40\n{radius}\n0\nENDSEC\n0\nEOF\n"
+#: Every build on the cluster takes a little, so that a worker can be killed while it builds.
+SLOW = """
+import time
+import camgen.job
+_read = camgen.job.read
+def _slow(*arguments):
+    time.sleep(0.4)
+    return _read(*arguments)
+camgen.job.read = _slow
+"""
+
+
+class Cluster:
+    """A scheduler and its workers, by process."""
+
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self.folder, self.stack = folder, stack
+        scheduler = self._start(
+            "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1"
+        )
+        self.address = self._said(scheduler, r"Scheduler at:\s+(tcp://\S+)")
+
+    def worker(self, name: str, *more: str) -> "subprocess.Popen[str]":
+        words = [self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", name, *more]
+        worker = self._start("distributed.cli.dask_worker", *words)
+        self._said(worker, r"(Registered to):")
+        return worker
+
+    def _start(self, module: str, *words: str) -> "subprocess.Popen[str]":
+        code = f"import sys; sys.argv[0] = 'dask'\nfrom {module} import main\nmain()"
+        command = [sys.executable, "-c", code, *words]
+        process = subprocess.Popen(command, cwd=self.folder, stderr=subprocess.PIPE, text=True)
+        self.stack.callback(self._end, process)
+        return process
+
+    @staticmethod
+    def _end(process: "subprocess.Popen[str]") -> None:
+        process.kill()
+        process.communicate()
+
+    @staticmethod
+    def _said(process: "subprocess.Popen[str]", pattern: str) -> str:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if found := re.search(pattern, line):
+                return found[1]
+        raise AssertionError(f"{pattern} was never said")
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    (tmp_path / "elsewhere").mkdir()
+    with ExitStack() as stack:
+        yield Cluster(tmp_path / "elsewhere", stack)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "parts").mkdir()
+    for k in range(12):
+        (tmp_path / f"parts/p{k:02}.dxf").write_text(CIRCLE.format(radius=5 + k))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def programs(folder: str) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in Path(folder).iterdir() if p.name != state.NAME}
+
+
+def test_a_cluster_of_which_one_worker_is_killed_midway(
+    here: Path, cluster: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (cluster.folder / "slow.py").write_text(SLOW)
+    workers = [cluster.worker(name, "--preload", str(cluster.folder / "slow.py")) for name in ("one", "two")]
+    (here / "parts/bad.dxf").write_text("no drawing")
+    command = [sys.executable, "-m", "camgen", "batch", "parts/*.dxf", "--post", "rapid"]
+    with subprocess.Popen(
+        [*command, "-o", "out", "--dask", cluster.address], stdout=subprocess.PIPE, text=True
+    ) as batch:
+        for _ in range(1200):
+            if len(list(Path("out").glob("*.mod"))) >= 3:
+                break
+            time.sleep(0.05)
+        os.kill(workers[0].pid, signal.SIGKILL)
+        done = len(list(Path("out").glob("*.mod")))
+        said = batch.communicate(timeout=120)[0]
+    assert 3 <= done < 12, "the worker was killed midway"
+    assert batch.returncode == 2
+    status = [line.split()[1] for line in said.splitlines()[1:]]
+    assert status == ["failed", *["built"] * 12]
+    assert main(["batch", "parts/p*.dxf", "--post", "rapid", "--jobs", "2", "-o", "alone"]) == 0
+    assert programs("out") == programs("alone")
+    capsys.readouterr()
+
+
+def test_files_of_a_job_travel_and_errors_name_them_as_the_user_does(
+    here: Path, cluster: Cluster, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cluster.worker("one")
+    corners = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
+    faces = ["\n".join(f"vertex {corners[k]}" for k in face) for face in ((0, 2, 1), (0, 3, 2), (0, 1, 3), (1, 2, 3))]
+    cube = "\n".join(f"facet normal 0 0 0\nouter loop\n{face}\nendloop\nendfacet" for face in faces)
+    Path("parts/clamp.stl").write_text(f"solid clamp\n{cube}\nendsolid\n")
+    Path("parts/p00.toml").write_text('[cell]\nrobot = "irb120"\nfixtures = ["clamp.stl"]\n')
+    Path("parts/p01.toml").write_text('[cell]\nrobot = "irb120"\nfixtures = ["lost.stl"]\n')
+    (here / "parts/p02.dxf").write_text("no drawing")
+    words = ["batch", "parts/p0[0-3].dxf", "--post", "rapid", "-q"]
+    assert main([*words, "-o", "out", "--dask", cluster.address]) == 2
+    far = capsys.readouterr().err
+    assert main([*words, "-o", "alone", "--jobs", "2"]) == 2
+    assert capsys.readouterr().err == far
+    assert "parts/p01.dxf: parts/lost.stl: no such file" in far
+    assert programs("out") == programs("alone")
+    assert {"p00.mod", "p03.mod"} == set(programs("out"))
+
+
+@pytest.mark.usefixtures("here")
+def test_what_cannot_travel(cluster: Cluster, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("own.py").write_text(
+        "from camgen_posts.gcode import GCode\nfrom camgen_posts.readback.gcode import read\n\n\n"
+        "class Own(GCode):\n    name = 'own'\n"
+    )
+    assert main(["batch", "parts/p00.dxf", "--post", "./own.py", "-q", "--dask", cluster.address]) == 2
+    assert "a post from a file does not travel to a cluster" in capsys.readouterr().err
+
+
+def test_no_scheduler_is_one_line(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("camgen.batch.cluster._PATIENCE", 1)
+    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+        assert main(["batch", "parts/*.dxf", "--post", "rapid", "--dask", address]) == 2
+        said = capsys.readouterr().err.splitlines()
+        assert said[-1].startswith(f"camgen: error: --dask {address}: ")
+    assert not (here / state.NAME).exists()

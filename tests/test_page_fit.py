@@ -1,0 +1,115 @@
+"""[page]: the algorithms of continuous-path.md, section 3.2, against their formulas."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.cli_job import from_mapping
+from camgen.errors import InputError, JobError
+from camgen.geometry.segments import bounds, from_contours
+from camgen.page_fit import on_page, page_size
+from camgen.pose import frozen
+from camgen.settings import Page
+from camgen.shapes import Contour, Part
+
+
+def part_of(
+    points: list[list[float]], bulges: list[float] | None = None, closed: bool = False, units: str = "mm"
+) -> Part:
+    bulge = frozen(bulges if bulges is not None else np.zeros(len(points)))
+    return Part("part", "part.dxf", units, (Contour(frozen(points), bulge, closed, "0", "c1"),), ())
+
+
+def laid(part: Part, **page: object) -> Part:
+    return on_page(part, from_mapping({"page": page}))
+
+
+def box(part: Part) -> list[float]:
+    boxes = bounds(from_contours(part.contours))
+    return [*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist()]
+
+
+@pytest.mark.parametrize(
+    ("size", "expected"),
+    [
+        ("A4", (210, 297)), ("a4 landscape", (297, 210)), ("A3 portrait", (297, 420)), ("letter", (215.9, 279.4)),
+        ([80, 60], (80, 60)),
+    ],
+)  # fmt: skip
+def test_sizes(size: str | list[float], expected: tuple[float, float]) -> None:
+    assert page_size(Page(size=size)) == expected
+
+
+@given(
+    st.lists(st.tuples(st.floats(-500, 500), st.floats(-500, 500)), min_size=2, max_size=9),
+    st.floats(30, 400),
+    st.floats(30, 400),
+    st.floats(0, 14),
+)
+def test_fit_is_the_smaller_ratio_and_centred(
+    points: list[tuple[float, float]], width: float, height: float, margin: float
+) -> None:
+    p = np.array(points)
+    low, high = p.min(axis=0), p.max(axis=0)
+    if (high - low).min() < 1e-3:
+        return
+    part = laid(part_of(p.tolist()), size=[width, height], margin=margin)
+    r = min((width - 2 * margin) / (high - low)[0], (height - 2 * margin) / (high - low)[1])
+    expected = (p - (low + high) / 2) * r + [width / 2, height / 2]
+    assert np.allclose(part.contours[0].points, expected, atol=1e-9)
+
+
+def test_arcs_count_with_their_bulge_and_stay_arcs() -> None:
+    # A circle by two points on its horizontal diameter.
+    part = laid(part_of([[0, 0], [10, 0]], [1.0, 1.0], True), size=[100, 60], margin=5)
+    assert box(part) == pytest.approx([25, 5, 75, 55])
+    assert part.contours[0].bulges.tolist() == [1.0, 1.0]
+
+
+def test_a_single_line_fits_by_its_length() -> None:
+    assert box(laid(part_of([[3, 4], [13, 4]]), size=[100, 60], margin=10)) == pytest.approx([10, 30, 90, 30])
+
+
+def test_a_given_scale_is_mm_per_unit_of_the_file() -> None:
+    for units, mm in [("mm", 1.0), ("inch", 25.4), ("0.5 mm/unit", 0.5)]:
+        part = laid(part_of([[0, 0], [10 * mm, 20 * mm]], units=units), size="A4", scale=2)
+        assert box(part) == pytest.approx([95, 128.5, 115, 168.5]), units
+
+
+def test_true_keeps_the_size() -> None:
+    assert box(laid(part_of([[5, 5], [15, 25]]), size="A4", scale="true")) == pytest.approx([100, 138.5, 110, 158.5])
+
+
+def test_a_drawing_that_leaves_the_page_is_refused_with_the_numbers() -> None:
+    with pytest.raises(InputError) as error:
+        laid(part_of([[0, 0], [195, 10]]), size="A4", scale="true")
+    text = "leaves the page: the drawing is 195 x 10 mm, the page 210 x 297 mm with a margin of 10 mm"
+    assert text in str(error.value)
+    laid(part_of([[0, 0], [190, 10]]), size="A4", scale="true")
+
+
+@pytest.mark.parametrize(
+    ("page", "what"),
+    [
+        ({"size": "A9"}, 'unknown page "A9"'),
+        ({"size": [100]}, "is no width and height"),
+        ({"size": [100, -1]}, "is no width and height"),
+        ({"size": "A6", "margin": 60}, "leaves nothing of 105 x 148 mm"),
+        ({"margin": 5}, "has no effect without a size"),
+        ({"size": "A4", "scale": "huge"}, "scale must be one of"),
+    ],
+)
+def test_pages_that_are_none(page: dict[str, object], what: str) -> None:
+    with pytest.raises(JobError, match=what):
+        laid(part_of([[0, 0], [1, 1]]), **page)
+
+
+def test_a_scale_per_unit_of_two_units_is_refused() -> None:
+    with pytest.raises(JobError, match="does not go with units"):
+        laid(part_of([[0, 0], [1, 1]], units="inch + mm"), size="A4", scale=2)
+
+
+def test_without_a_page_nothing_changes() -> None:
+    part = part_of([[0, 0], [1, 1]])
+    assert on_page(part, from_mapping({})) is part

@@ -1,0 +1,210 @@
+"""The search in the plane, the nearest items and the bound, on random scenes judged by plain formulas."""
+
+import importlib.util
+import itertools
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.tours import plane, rounds
+from camgen.tours.bound import at_least
+from camgen.tours.kernel import BOTH_WAYS, CLOSED, DICE, LOGGED, LOGS, ONE_WAY, undo
+from camgen.tours.near import Discs, nearest_items
+from camgen.tours.plane import Items, Start, discs_of, shortened
+
+HOME = np.array([0.0, 0.0])
+
+
+def scene(rng: random.Random, count: int, *, rules: bool = False, spread: float = 20.0) -> Items:
+    """Lines and circles of 4 to 20 samples; with rules some run one way, some wait for another, in two ranks."""
+    points: list[np.ndarray] = []
+    kinds, steps, parents, ranks = [], [], [], []
+    side = spread * math.sqrt(count)
+    for k in range(count):
+        middle = np.array([rng.uniform(0, side), rng.uniform(0, side)])
+        if rng.random() < 0.5:
+            points.append(np.array([middle, middle + np.array([rng.uniform(-20, 20), rng.uniform(-20, 20)])]))
+            kinds.append(ONE_WAY if rules and rng.random() < 0.4 else BOTH_WAYS)
+            steps.append(1.0)
+        else:
+            samples, radius = rng.randint(4, 20), rng.uniform(1, 12)
+            turn = np.arange(samples) * math.tau / samples + rng.uniform(0, 1)
+            points.append(middle + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1))
+            kinds.append(CLOSED)
+            steps.append(math.tau * radius / samples)
+        parents.append(rng.randrange(k + 1, count) if rules and k + 1 < count and rng.random() < 0.2 else -1)
+        ranks.append(0)
+    if rules:
+        ranks = [int(k >= count - 2) for k in range(count)]
+    first = np.cumsum([0, *map(len, points)])
+    return Items(first, np.concatenate(points), np.array(kinds), np.array(steps), np.array(parents), np.array(ranks))
+
+
+def drawn(items: Items) -> Start:
+    return Start(np.arange(len(items.kind)), items.first[:-1].copy())
+
+
+def leaves(items: Items, enter: np.ndarray) -> np.ndarray:
+    other = items.first[:-1] + items.first[1:] - 1 - enter
+    return np.where(items.kind == CLOSED, enter, other)
+
+
+def travel(items: Items, tour: Start, home: np.ndarray | None) -> float:
+    here, total = home, 0.0
+    out = leaves(items, tour.enter)
+    for item in tour.order.tolist():
+        if here is not None:
+            total += math.dist(here, items.points[tour.enter[item]])
+        here = items.points[out[item]]
+    return total if home is None else total + math.dist(here, home)
+
+
+def near_of(items: Items) -> object:
+    return nearest_items(discs_of(items), len(items.kind), 10)
+
+
+def check_rules(items: Items, tour: Start) -> None:
+    count = len(items.kind)
+    assert sorted(tour.order.tolist()) == list(range(count))
+    place = np.argsort(tour.order)
+    assert ((items.first[:-1] <= tour.enter) & (tour.enter < items.first[1:])).all()
+    one = items.kind == ONE_WAY
+    assert (tour.enter[one] == items.first[:-1][one]).all()
+    waits = items.parent >= 0
+    assert (place[waits] < place[items.parent[waits]]).all()
+    assert (np.diff(items.rank[tour.order]) >= 0).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 40), st.booleans(), st.booleans())
+def test_a_search_keeps_all_items_and_rules_and_never_lengthens(seed: int, count: int, rules: bool, at: bool) -> None:
+    items = scene(random.Random(seed), count, rules=rules)
+    home = HOME if at else None
+    tour = shortened(items, drawn(items), home, near_of(items), 300, seed)
+    check_rules(items, tour)
+    assert travel(items, tour, home) <= travel(items, drawn(items), home) + 1e-6
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 4), st.booleans(), st.booleans())
+def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(seed: int, count: int, rules: bool, at: bool) -> None:
+    items = scene(random.Random(seed), count, rules=rules)
+    home = HOME if at else None
+    best = math.inf
+    ends = [range(a, b) for a, b in itertools.pairwise(items.first.tolist())]
+    rings = [[p for p in own if len(own) == 2 or items.kind[i] != CLOSED or (p - own[0]) % 3 == 0]
+             for i, own in enumerate(ends)]  # fmt: skip
+    for order in itertools.permutations(range(count)):
+        for enter in itertools.islice(itertools.product(*rings), 100):
+            best = min(best, travel(items, Start(np.array(order), np.array(enter)), home))
+    assert at_least(items, home, best, 30) <= best + 1e-6
+    if not rules:
+        tour = shortened(items, drawn(items), home, near_of(items), 400, seed)
+        # The search sees all samples, the trial every third one, and not all of these.
+        assert travel(items, tour, home) <= best * 1.1 + 1.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 60), st.booleans())
+def test_the_bound_is_below_every_tour_found(seed: int, count: int, at: bool) -> None:
+    items = scene(random.Random(seed), count, spread=random.Random(seed).choice([0.5, 20.0, 200.0]))
+    home = HOME if at else None
+    found = travel(items, shortened(items, drawn(items), home, near_of(items), 2000, 0), home)
+    bounds = [at_least(items, home, found, rounds) for rounds in (1, 10, 100)]
+    assert 0 <= bounds[0] <= bounds[1] <= bounds[2] <= found + 1e-9
+
+
+def test_the_bound_is_exact_where_that_can_be_seen() -> None:
+    # Points on a line: along it; there and back, less what the prices have not reached. One point: there and back.
+    count = 9
+    points = np.stack([np.arange(1.0, count + 1), np.zeros(count)], axis=1)
+    none, flat = np.full(count, -1), np.zeros(count, dtype=np.int64)
+    items = Items(np.arange(count + 1), points, np.full(count, CLOSED), np.ones(count), none, flat)
+    assert at_least(items, None, 8.0, 50) == pytest.approx(8.0)
+    assert 16.0 < at_least(items, HOME, 18.0, 200) <= 18.0
+    lone = Items(np.array([0, 1]), points[:1], np.array([CLOSED]), np.ones(1), none[:1], flat[:1])
+    assert at_least(lone, HOME, 2.0, 1) == pytest.approx(2.0)
+    assert at_least(lone, None, 0.0, 1) == 0.0
+
+
+def test_the_bound_is_near_the_best_for_short_lines() -> None:
+    rng = random.Random(4)
+    points = np.repeat([[rng.uniform(0, 200), rng.uniform(0, 200)] for _ in range(120)], 2, axis=0)
+    points[1::2] += [0.5, 0.0]
+    first = np.arange(0, 241, 2)
+    zeros = np.zeros(120, dtype=np.int64)
+    items = Items(first, points, zeros, np.ones(120), zeros - 1, zeros)
+    found = travel(items, shortened(items, drawn(items), HOME, near_of(items), 6000, 0), HOME)
+    assert 0.88 * found < at_least(items, HOME, found, 100) <= found
+
+
+@pytest.mark.skipif(importlib.util.find_spec("numba") is None, reason="numba (extra fast) is not installed")
+@pytest.mark.parametrize("rules", [False, True])
+def test_compiled_and_plain_searches_find_the_same_tour(rules: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    items = scene(random.Random(7), 150, rules=rules)
+    # Ranks and parents of ``scene`` are kept by the drawn order.
+    near = near_of(items)
+    monkeypatch.setattr(plane, "_WORTH", 10**9)
+    plain = shortened(items, drawn(items), HOME, near, 3000, 5)
+    monkeypatch.setattr(plane, "_WORTH", 0)
+    fast = shortened(items, drawn(items), HOME, near, 3000, 5)
+    assert plain.order.tolist() == fast.order.tolist()
+    assert plain.enter.tolist() == fast.enter.tolist()
+    assert travel(items, plain, HOME) < 0.5 * travel(items, drawn(items), HOME)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6), st.integers(4, 40), st.booleans())
+def test_a_shuffle_is_undone_and_every_change_is_what_it_says(seed: int, count: int, rules: bool) -> None:
+    items = scene(random.Random(seed), count, rules=rules)
+    parts, run = plane._made(items, drawn(items), HOME, near_of(items), seed)
+
+    def length() -> float:
+        ring = np.array(run.ring)
+        gaps = np.array([parts.x, parts.y]).T[np.array(run.leave)[np.roll(ring, 1)]]
+        return float(np.linalg.norm(np.array([parts.x, parts.y]).T[np.array(run.enter)[ring]] - gaps, axis=1).sum())
+
+    before = length()
+    assert before + rounds.search(parts, run, 60) == pytest.approx(length())
+    for _ in range(5):
+        kept = [list(column) for column in (run.ring, run.place, run.enter, run.leave)]
+        began = length()
+        run.marks[LOGS], run.marks[LOGGED] = 1, 0
+        change = rounds.shuffle(parts, run)
+        change += rounds.repair(parts, run)
+        assert began + change == pytest.approx(length())
+        undo(parts, run)
+        after = [run.ring, run.place, run.enter, run.leave]
+        # A tour without rules may come back turned round: the same ways, in the other direction.
+        assert length() == pytest.approx(began)
+        assert not rules or not parts.directed or after == kept
+    assert run.marks[DICE] != seed
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 90), st.integers(1, 3), st.sampled_from([0.0, 1.0, 30.0]))
+def test_the_nearest_items_are_those_of_a_plain_search(seed: int, count: int, each: int, size: float) -> None:
+    rng = np.random.default_rng(seed)
+    centre = rng.integers(0, 12, (count * each, 2)).astype(float)  # many at one point
+    discs = Discs(np.repeat(np.arange(count), each), centre, rng.uniform(0, size, count * each))
+    gap = np.linalg.norm(centre[:, None] - centre, axis=2) - discs.radius[:, None] - discs.radius
+    apart = np.maximum(gap, 0.0).reshape(count, each, count, each).min(axis=(1, 3))
+    np.fill_diagonal(apart, np.inf)
+    near = nearest_items(discs, count, 8)
+    listed = np.zeros((count, count), dtype=bool)
+    listed[near.item, near.other] = True
+    assert not np.diagonal(listed).any()
+    assert not ((apart < near.sure[:, None] * (1 - 1e-9) - 1e-9) & ~listed).any()
+    assert (near.apart >= apart[near.item, near.other] - 1e-9).all()
+    exact = near.apart <= near.sure[near.item]
+    assert near.apart[exact] == pytest.approx(apart[near.item, near.other][exact], abs=1e-9)
+
+
+def test_a_crowd_at_one_point_is_not_quadratic() -> None:
+    count = 20_000
+    discs = Discs(np.arange(count), np.zeros((count, 2)), np.zeros(count))
+    assert len(nearest_items(discs, count, 8).item) < 20 * count

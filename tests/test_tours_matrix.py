@@ -1,0 +1,130 @@
+import itertools
+import math
+import random
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.tours import matrix
+from camgen.tours.matrix import nearest, shortest, total
+
+Tables = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def tables(rng: random.Random, count: int, holes: float = 0.0) -> Tables:
+    """Costs without any order in them: asymmetric, each direction its own, some ways missing."""
+
+    def cost(*shape: int) -> np.ndarray:
+        values = [math.inf if rng.random() < holes else rng.uniform(0, 100) for _ in range(math.prod(shape))]
+        return np.array(values).reshape(shape)
+
+    return cost(count, 2, count, 2), cost(count, 2), cost(count, 2)
+
+
+def plane(rng: random.Random, count: int) -> Tables:
+    """Lines in a plane with home in a corner."""
+    ends = np.array([[complex(rng.uniform(0, 100), rng.uniform(0, 100)) for _ in range(2)] for _ in range(count)])
+    between = np.abs(ends[:, :, None, None] - ends[None, None, :, :])
+    return between, np.abs(ends), np.abs(ends)
+
+
+def by_hand(tables: Tables, order: tuple[int, ...], ways: tuple[int, ...]) -> float:
+    between, first, last = tables
+    ways = tuple(map(int, ways))
+    cost = first[order[0], ways[0]] + last[order[-1], 1 - ways[-1]]
+    for k in range(len(order) - 1):
+        cost += between[order[k], 1 - ways[k], order[k + 1], ways[k + 1]]
+    return float(cost)
+
+
+def least(tables: Tables) -> float:
+    count = len(tables[1])
+    return min(
+        by_hand(tables, order, ways)
+        for order in itertools.permutations(range(count))
+        for ways in itertools.product((0, 1), repeat=count)
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 5), st.sampled_from([0.0, 0.3, 0.8]))
+def test_nothing_is_shorter_among_all_orders(seed: int, count: int, holes: float) -> None:
+    costs = tables(random.Random(seed), count, holes)
+    found = shortest(*costs)
+    assert sorted(found[0]) == list(range(count))
+    assert total(*costs, *found) == pytest.approx(by_hand(costs, tuple(found[0]), tuple(found[1])))
+    assert total(*costs, *found) == pytest.approx(least(costs))
+
+
+# Costs without any order in them are the hardest there are: there the search may stay a little above.
+@pytest.mark.parametrize(("make", "above"), [(plane, 1.0), (tables, 1.3)])
+@pytest.mark.parametrize("seed", range(6))
+def test_the_search_finds_what_the_exact_method_finds(
+    make: Callable[[random.Random, int], Tables], above: float, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    costs = make(random.Random(seed), 8)
+    exact = total(*costs, *shortest(*costs))
+    monkeypatch.setattr(matrix, "EXACT", 0)
+    order, flipped = shortest(*costs)
+    assert sorted(order) == list(range(8))
+    assert exact - 1e-9 <= total(*costs, order, flipped) <= above * exact + 1e-9
+
+
+@pytest.mark.parametrize("count", [40, 120])
+def test_many_are_far_shorter_than_nearest_neighbour_and_no_move_is_left(count: int) -> None:
+    costs = plane(random.Random(count), count)
+    order, flipped = shortest(*costs)
+    assert sorted(order) == list(range(count))
+    found = total(*costs, order, flipped)
+    assert found < 0.9 * total(*costs, *nearest(*costs[:2]))
+    ways = [int(back) for back in flipped]
+    for i, j in itertools.combinations(range(count + 1), 2):
+        turned = order[:i] + order[i:j][::-1] + order[j:], ways[:i] + [1 - w for w in ways[i:j][::-1]] + ways[j:]
+        assert by_hand(costs, *map(tuple, turned)) > found - 1e-6
+    for i, j in itertools.product(range(count), repeat=2):
+        rest = order[:i] + order[i + 1 :], ways[:i] + ways[i + 1 :]
+        put = [*rest[0][:j], order[i], *rest[0][j:]], [*rest[1][:j], ways[i], *rest[1][j:]]
+        assert by_hand(costs, *map(tuple, put)) > found - 1e-6
+
+
+def test_the_same_seed_gives_the_same_order() -> None:
+    costs = plane(random.Random(5), 30)
+    assert shortest(*costs, seed=3) == shortest(*costs, seed=3)
+
+
+def test_a_way_around_what_is_missing_is_found() -> None:
+    # Only one chain of 14 items is possible at all, each run backwards: 0 <- 1 <- 2 ...
+    count = 14
+    between = np.full((count, 2, count, 2), math.inf)
+    first, last = np.full((count, 2), math.inf), np.full((count, 2), math.inf)
+    between[np.arange(1, count), 0, np.arange(count - 1), 1] = 1.0
+    first[count - 1, 1] = last[0, 0] = 1.0
+    assert shortest(between, first, last) == (list(range(count))[::-1], [True] * count)
+    first[:] = math.inf
+    assert total(between, first, last, *shortest(between, first, last)) == math.inf
+
+
+def test_nearest_takes_the_cheapest_end_each_time() -> None:
+    costs = tables(random.Random(2), 7)
+    order, flipped = nearest(*costs[:2])
+    left = set(range(7))
+    row = costs[1]
+    for item, back in zip(order, flipped, strict=True):
+        assert row[item, int(back)] == min(row[i, a] for i in left for a in (0, 1))
+        left.remove(item)
+        row = costs[0][item, 1 - int(back)]
+
+
+def test_nothing_and_tables_that_are_none() -> None:
+    none = np.zeros((0, 2, 0, 2)), np.zeros((0, 2)), np.zeros((0, 2))
+    assert shortest(*none) == ([], [])
+    assert total(*none, [], []) == 0.0
+    between, first, last = tables(random.Random(1), 3)
+    with pytest.raises(ValueError, match="do not belong together"):
+        shortest(between, first[:2], last)
+    first[0, 0] = math.nan
+    with pytest.raises(ValueError, match="a number or inf"):
+        shortest(between, first, last)
