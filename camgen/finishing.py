@@ -61,7 +61,7 @@ def finished(solid: Solid, job: Job, robot: Robot, cell: Cell) -> Finished:
     home = _home(robot, cell, where.scene)
     setup = setup_of(robot, cell, where.scene)
     freedom = Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric)
-    found = reach(edges, setup, job.operation.offset, job.operation.offset_along, freedom)
+    found = reach(edges, setup, job.operation.offset, job.operation.offset_along, freedom, job.operation.trim)
     good = [one for one in found if isinstance(one, Reached)]
     best, lifted = job.tour.method == "best", job.process.force > 0
     made = route(setup, room_of(where), good, edges, home, job.process.travel, best, lifted)
@@ -69,7 +69,7 @@ def finished(solid: Solid, job: Job, robot: Robot, cell: Cell) -> Finished:
     if not made.legs:
         raise NoSafeProgram(solid.source, f"none of {len(edges)} edges can be processed: {lost[0].id}", lost[0].text)
     by_id = {edge.id: edge for edge in edges}
-    lengths = tuple(by_id[leg.motion.id].length for leg in made.legs)
+    lengths = tuple(by_id[leg.motion.id].length - sum(leg.motion.trimmed) for leg in made.legs)
     paths = tuple(_path(leg.motion, by_id[leg.motion.id], job) for leg in made.legs)
     method = "nearest neighbour" if job.tour.method == "nearest" else "best found"
     tour = Tour(paths, _travel(made, setup, home), method)
@@ -125,7 +125,7 @@ def _path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
     way, count = motion.way, len(motion.way)
     axis = frozen(way.rotation[:, :, 2])
     press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
-    feed = feed_of(motion, edge.length, job.process)
+    feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
     return ToolPath(
         id=motion.id,
         layer=edge.kind,
@@ -163,6 +163,11 @@ def _freed(made: Route) -> list[Note]:
             notes.append(
                 Note("assumed", f"edge {leg.motion.id} is reached with {tilt} deg of tilt, {roll} deg of roll")
             )
+    for leg in made.legs:
+        if sum(leg.motion.trimmed) > 0:
+            before, after = (short(value, 1) for value in leg.motion.trimmed)
+            what = f"edge {leg.motion.id} is run without its first {before} and last {after} mm"
+            notes.append(Note("skipped", what, "the whole cannot be reached"))
     return notes
 
 

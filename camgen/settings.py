@@ -122,6 +122,9 @@ class Operation(Table, frozen=True):
     lead_out: Annotated[NotNegative, Meta(description="length of the run-out, mm")] = 0.0
     overlap: Annotated[NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")] = 0.0
     offset: Annotated[NotNegative, Meta(description="distance of the tool tip from the edges of a 3-D part, mm")] = 0.0
+    trim: Annotated[
+        NotNegative, Meta(description="so much may be left out at the ends of an edge that cannot be reached whole, mm")
+    ] = 0.0
     offset_along: Annotated[
         Literal["mean", "burr"],
         Meta(description="mean: between the two faces of an edge; burr: off the face machined last"),

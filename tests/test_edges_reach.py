@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from camgen.edges.poses import poses
 from camgen.edges.reach import reach
 from camgen.edges.results import Freedom, Reached, Setup, Unreached
-from camgen.edges.ways import Way
+from camgen.edges.ways import Way, cut
 from camgen.pose import FloatArray, Pose, pose_from_values, translation
 from camgen.robots.forward import flange
 from camgen.robots.models import robot
@@ -278,3 +278,50 @@ def test_a_scara_reaches_an_edge_from_above_but_cannot_lean() -> None:
     assert np.allclose(origins + rotations @ [0, 0, 60], [[350, 100, 155], [470, 100, 155]])
     assert isinstance(mean, Unreached)
     assert (mean.kind, mean.text) == ("lean", "the robot cannot lean its tool, and it has to by 45 deg, 0 mm along it")
+
+
+# -- trimmed edges ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 30.0), (10.0, 55.0), (25.0, 26.0), (12.0, 71.4)])
+def test_a_piece_of_a_way_is_the_same_motion(low: float, high: float) -> None:
+    """A line of 20 mm and a quarter circle of radius 30 mm: points, length and turn of the piece by hand."""
+    quarter = 30 * math.pi / 2
+    turn = [np.eye(3), np.eye(3), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])]
+    via = [(math.nan,) * 3, (math.nan,) * 3, (20 + 30 * math.sin(math.pi / 4), 30 - 30 * math.cos(math.pi / 4), 0)]
+    way = Way(np.array([(0.0, 0, 0), (20, 0, 0), (50, 30, 0)]), np.array(via), np.array(turn))
+    high = min(high, 20 + quarter)
+    piece = cut(way, low, high)
+    assert piece.length.sum() == pytest.approx(high - low)
+
+    def at(s: float) -> tuple[FloatArray, float]:
+        if s <= 20:
+            return np.array([s, 0, 0]), 0.0
+        angle = (s - 20) / 30
+        return np.array([20 + 30 * math.sin(angle), 30 - 30 * math.cos(angle), 0]), angle
+
+    for k, s in ((0, low), (-1, high)):
+        place, angle = at(s)
+        assert piece.position[k] == pytest.approx(place, abs=1e-9)
+        assert math.atan2(piece.rotation[k, 1, 0], piece.rotation[k, 0, 0]) == pytest.approx(angle, abs=1e-9)
+    if high > 20:
+        assert piece.via[-1] == pytest.approx(at((max(low, 20) + high) / 2)[0], abs=1e-9)
+    assert np.isnan(piece.via[0]).all()
+
+
+def test_an_edge_that_meets_a_wall_is_run_up_to_it() -> None:
+    """What collides beyond 100 mm of an edge of 120 mm costs the last 30 mm: the first trim that is long enough."""
+
+    def clear(joints: FloatArray) -> NDArray[np.bool_]:
+        return np.asarray(tcp(CELL, joints)[:, 0, 3] < 100.0)
+
+    cell = replace(CELL, clear=clear, hit=lambda _: "wall")
+    (whole,) = reach([TOP], cell, 5.0)
+    assert isinstance(whole, Unreached)
+    (found,) = reach([TOP], cell, 5.0, trim=60.0)
+    assert isinstance(found, Reached)
+    assert found.trimmed == (0.0, 30.0)
+    assert found.way.position[[0, -1], 0] == pytest.approx([0.0, 90.0])
+    assert found.reversed().trimmed == (30.0, 0.0)
+    (short,) = reach([TOP], cell, 5.0, trim=10.0)
+    assert isinstance(short, Unreached)

@@ -6,13 +6,14 @@ from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.edges.freedom import Grid, grid
 from camgen.edges.moving import JUMP, MARGIN, dense_parts, flange_poses
 from camgen.edges.poses import Offset, poses
 from camgen.edges.results import Freedom, Reached, Setup, Unreached
 from camgen.edges.search import searched
-from camgen.edges.ways import Way, divided, rows
+from camgen.edges.ways import Way, cut, divided, rows
 from camgen.pose import frozen
 from camgen.robots.continuity import Choice, follow
 from camgen.robots.reasons import why
@@ -21,33 +22,62 @@ from camgen.text import short
 
 _grid = cache(grid)
 _NONE = Freedom()
+#: Of the trim, what is tried.
+_SHARES = (0.25, 0.5, 1.0)
 
 
 def reach(
-    edges: Iterable[Edge], setup: Setup, offset: float, direction: Offset = "mean", freedom: Freedom = _NONE
+    edges: Iterable[Edge],
+    setup: Setup,
+    offset: float,
+    direction: Offset = "mean",
+    freedom: Freedom = _NONE,
+    trim: float = 0.0,
 ) -> tuple[Reached | Unreached, ...]:
-    """How each of ``edges`` is processed ``offset`` mm away from it (``poses.poses``), or why it cannot be.
+    """How each of ``edges`` is processed ``offset`` mm away from it (``poses.poses``), or why it cannot be. trim: mm at
+    either end that may be left out where the whole cannot be reached; closed edges have no ends.
 
     Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
     least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
     """
-    return tuple(_reached(edge, setup, offset, direction, freedom) for edge in edges)
+    return tuple(_reached(edge, setup, offset, direction, freedom, trim) for edge in edges)
 
 
-def _reached(edge: Edge, setup: Setup, offset: float, direction: Offset, freedom: Freedom) -> Reached | Unreached:
+def _reached(
+    edge: Edge, setup: Setup, offset: float, direction: Offset, freedom: Freedom, trim: float
+) -> Reached | Unreached:
     way = poses(edge, offset, direction)
     if isinstance(way, Unreached):
         return way
-    plain = _nominal(setup, edge.id, way)
+    whole = _along(setup, edge.id, way, freedom)
+    if isinstance(whole, Reached) or edge.closed:
+        return whole
+    length = float(way.length.sum())
+    for low, high in _trims(trim, length):
+        part = _along(setup, edge.id, cut(way, low, length - high), freedom)
+        if isinstance(part, Reached):
+            return replace(part, trimmed=(low, high))
+    return whole
+
+
+def _trims(trim: float, length: float) -> list[tuple[float, float]]:
+    """What is left out at the ends, least first; at least half of the edge stays."""
+    steps = [trim * share for share in _SHARES]
+    found = [pair for step in steps for pair in ((0.0, step), (step, 0.0), (step, step))]
+    return [pair for pair in found if 0 < sum(pair) <= length / 2]
+
+
+def _along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unreached:
+    plain = _nominal(setup, name, way)
     if isinstance(plain, Reached):
         return plain
     collision = ""
     for choice in _grids(plain, freedom):
-        found = searched(setup, edge.id, way, choice)
+        found = searched(setup, name, way, choice)
         if isinstance(found, Reached):
             return found
         collision = found
-    return Unreached(edge.id, plain.kind, plain.text + _in_vain(freedom, collision)) if freedom else plain
+    return Unreached(name, plain.kind, plain.text + _in_vain(freedom, collision)) if freedom else plain
 
 
 def _grids(plain: Unreached, freedom: Freedom) -> list[Grid]:

@@ -60,7 +60,8 @@ class Unreached(Struct, frozen=True):
 class Reached(Struct, frozen=True, eq=False):
     """A processing motion. way: the rows of the program, few. joints: (N, J) at these, their posture. dense: (D, J) as
     the motion goes, for collision tests; at: (N,) the rows' places in it. tilt: (D,) rad between tool z and the nominal
-    one, roll: (D,) rad about it. backwards: the edge is run from its end to its start.
+    one, roll: (D,) rad about it. backwards: the edge is run from its end to its start. trimmed: mm that are left out
+    before its first row and after its last.
     """
 
     id: str
@@ -71,6 +72,7 @@ class Reached(Struct, frozen=True, eq=False):
     at: NDArray[np.int64]
     tilt: FloatArray
     roll: FloatArray
+    trimmed: tuple[float, float] = (0.0, 0.0)
 
     def reversed(self) -> Reached:
         """The same motion the other way."""
@@ -83,6 +85,7 @@ class Reached(Struct, frozen=True, eq=False):
             at=len(self.dense) - 1 - self.at[::-1],
             tilt=frozen(self.tilt[::-1]),
             roll=frozen(self.roll[::-1]),
+            trimmed=self.trimmed[::-1],
         )
 
     @property

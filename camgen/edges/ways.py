@@ -76,6 +76,21 @@ def divided(way: Way, parts: Index) -> Way:
     return Way(frozen(position), frozen(via), frozen(rotation))
 
 
+def cut(way: Way, low: float, high: float) -> Way:
+    """The same motion from ``low`` to ``high`` mm along it, where it has a length in between."""
+    ends = np.concatenate([[0.0], np.cumsum(way.length)])
+    before, after = np.clip(ends[:-1], low, high), np.clip(ends[1:], low, high)
+    segment = np.flatnonzero(after - before > 0)
+    span = np.maximum(way.length[segment], 1e-300)
+    start, stop = (before[segment] - ends[segment]) / span, (after[segment] - ends[segment]) / span
+    chord, height = _shape(way)
+    own, first = np.concatenate([segment[:1], segment]), np.concatenate([start[:1], stop])
+    via = np.concatenate([np.full((1, 3), np.nan), _at(way, chord, height, segment, (start + stop) / 2)])
+    via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
+    rotation = between(way.rotation[:-1], way.rotation[1:], own, first)
+    return Way(frozen(_at(way, chord, height, own, first)), frozen(via), frozen(rotation))
+
+
 def rows(parts: Index) -> Index:
     """(N,) where the rows of a way are after ``divided``."""
     return np.concatenate([[0], np.cumsum(parts)])

@@ -91,8 +91,8 @@ def route(
 ) -> Route:
     """The tour over ``motions`` along ``edges`` (one each), from ``home`` (J,), at ``speed`` mm/s between them.
 
-    best: the shortest that is found, else the nearest neighbour's. lifted: every link leaves the part, as it must where a
-    force presses.
+    best: the shortest that is found, else the nearest neighbour's. lifted: every link leaves the part, as it must do
+    where a force presses.
     """
     by_id = {edge.id: edge for edge in edges}
     left, outs, dropped = _left(setup, room, motions)
@@ -153,8 +153,7 @@ def _worked(
     out = np.array([out.way.length.sum() for out in outs]) / speed
     through = np.array([motion.way.length.sum() for motion in motions]) / speed
     free = links.seconds(setup.robot, safe[:, None], safe[None], speed)
-    swapped = [motion.backwards for motion in motions]
-    vertices = np.concatenate([e.points[[-1, 0] if back else [0, -1]] for e, back in zip(edges, swapped, strict=True)])
+    vertices = np.concatenate([_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)])
     direct = links.seconds(setup.robot, joints[:, None], joints[None], speed)
     direct[lifted | ~links.shared(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
@@ -167,6 +166,13 @@ def _worked(
     count = len(joints)
     known = _Known(np.zeros((count, count), dtype=bool), np.zeros(count, dtype=bool), set())
     return _Work(room, tuple(motions), tuple(outs), ends, home, to_home, known)
+
+
+def _vertices(motion: Reached, edge: Edge) -> FloatArray:
+    """(2, 3) where the edge starts and ends as it is run, NaN where the motion does not go so far."""
+    ends = edge.points[[-1, 0] if motion.backwards else [0, -1]].copy()
+    ends[np.array(motion.trimmed) > 0] = np.nan
+    return np.asarray(ends)
 
 
 def _ordered(work: _Work, best: bool) -> _Found:
