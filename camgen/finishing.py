@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -14,7 +14,7 @@ from camgen.collision.scene import Scene, told
 from camgen.edges.picked import select
 from camgen.edges.reach import reach
 from camgen.edges.results import Freedom, Reached, Setup, Unreached
-from camgen.errors import JobError, NoSafeProgram
+from camgen.errors import InputError, JobError, NoSafeProgram
 from camgen.ir import Joints
 from camgen.lower_edges import feed_of
 from camgen.note import Note
@@ -45,36 +45,43 @@ class Finished(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def finished(solid: Solid, job: Job, robot: Robot, cell: Cell) -> Finished:
+def finished(solid: Solid, job: Job, robot: Robot, cell: Cell, watch: Callable[[str], None]) -> Finished:
     """The route over the selected edges of ``solid`` with ``robot`` from and back to the home of ``cell``.
 
-    JobError for settings that do not go together, NoSafeProgram where no edge is left.
+    watch: is told the stages. InputError for a part without edges, JobError for settings that do not go together,
+    NoSafeProgram where no edge is left.
     """
     _check(job, cell)
+    edges = _chosen(solid, job)
     where = around(job, robot, cell, solid)
-    chosen = set(select(solid, [job.input.select]))
-    edges = [edge for edge in solid.edges if edge.id in chosen]
-    if not edges:
-        raise JobError(
-            "job", f"picks none of the {len(solid.edges)} edges", "input.select", "camgen inspect lists them"
-        )
     home = _home(robot, cell, where.scene)
     setup = setup_of(robot, cell, where.scene)
     freedom = Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric)
-    found = reach(edges, setup, job.operation.offset, job.operation.offset_along, freedom, job.operation.trim)
+    watch("reaching")
+    found = reach(edges.values(), setup, job.operation.offset, job.operation.offset_along, freedom, job.operation.trim)
     good = [one for one in found if isinstance(one, Reached)]
+    watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
-    made = route(setup, room_of(where), good, edges, home, job.process.travel, best, lifted)
+    made = route(setup, room_of(where), good, tuple(edges.values()), home, job.process.travel, best, lifted)
     lost = [*(one for one in found if isinstance(one, Unreached)), *made.dropped]
     if not made.legs:
         raise NoSafeProgram(solid.source, f"none of {len(edges)} edges can be processed: {lost[0].id}", lost[0].text)
-    by_id = {edge.id: edge for edge in edges}
-    lengths = tuple(by_id[leg.motion.id].length - sum(leg.motion.trimmed) for leg in made.legs)
-    paths = tuple(_path(leg.motion, by_id[leg.motion.id], job) for leg in made.legs)
-    method = "nearest neighbour" if job.tour.method == "nearest" else "best found"
-    tour = Tour(paths, _travel(made, setup, home), method)
-    notes = (*where.notes, *_skipped(lost, by_id), *_advice(lost, freedom), *_freed(made), *_said(made))
+    lengths = tuple(edges[leg.motion.id].length - sum(leg.motion.trimmed) for leg in made.legs)
+    paths = tuple(_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
+    tour = Tour(paths, _travel(made, setup, home), "best found" if best else "nearest neighbour")
+    notes = (*where.notes, *_skipped(lost, edges), *_advice(lost, freedom), *_freed(made), *_said(made))
     return Finished(where, made, lengths, tour, notes)
+
+
+def _chosen(solid: Solid, job: Job) -> dict[str, Edge]:
+    """The selected edges by their ids."""
+    if not solid.edges:
+        raise InputError(solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it")
+    chosen = set(select(solid, [job.input.select]))
+    if not chosen:
+        what = f"picks none of the {len(solid.edges)} edges"
+        raise JobError("job", what, "input.select", "camgen inspect lists them")
+    return {edge.id: edge for edge in solid.edges if edge.id in chosen}
 
 
 def _check(job: Job, cell: Cell) -> None:

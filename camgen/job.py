@@ -110,6 +110,8 @@ def build(
     program = poster.prepare(planned.lowered(title, header), settings.tolerance.chord)
     tour, notes, arm = planned.tour, planned.notes, planned.arm
     notes += _of_urdf(settings.cell.robot, arm)
+    if arm:
+        watch("checking")
     reach = reached(program, arm, part.source) if arm else None
     program = reach.program if reach else program
     clear = _clear(part, settings, cell, planned, reach) if reach else None

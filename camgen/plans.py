@@ -86,7 +86,7 @@ def _edges(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Plan
     if not cell.robot:
         raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
     arm = robot(cell.robot)
-    done = finished(part.solid, job, arm, cell)
+    done = finished(part.solid, job, arm, cell, watch)
     notes = part.notes + done.notes
     _insist(part, notes, True, strict)
     route, lengths = done.route, done.lengths

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from arm_models import by_hand
 
 import camgen
@@ -229,6 +230,14 @@ def test_a_home_in_the_part_is_refused(plate: Path) -> None:
     job = {**PLATE, "cell": {"robot": "IRB 120", "base_from_work": [x - 30, y - 20, z - 5, 0, 0, 0]}}
     with pytest.raises(NoSafeProgram, match=r"home collides: tool against (part|table)"):
         camgen.build(plate, post="rapid", job=job)
+
+
+def test_a_part_without_edges_is_told(tmp_path: Path) -> None:
+    """A ball: 320 triangles that meet at less than the feature angle."""
+    made = trimesh.creation.icosphere(subdivisions=3, radius=30)
+    made.export(tmp_path / "ball.stl")
+    with pytest.raises(camgen.errors.InputError, match=r"ball\.stl: has no sharp edges"):
+        camgen.build(tmp_path / "ball.stl", post="rapid", job=PLATE)
 
 
 def test_two_parts_in_one_program_are_refused(plate: Path) -> None:
