@@ -10,12 +10,12 @@ from pathlib import Path
 
 from camgen.cli_job import settings, tables
 from camgen.cli_say import Voice
+from camgen.content import readable
 from camgen.errors import JobError
 from camgen.plugins import find_post, installed
 from camgen.post import Post
 from camgen.readers import kind_of, read
 from camgen.settings import Job
-from camgen.sources import readable
 from camgen.writing import check_targets, write_all
 
 

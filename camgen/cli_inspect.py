@@ -7,8 +7,8 @@ from pathlib import Path
 
 from camgen.cli_job import beside, load
 from camgen.cli_say import Voice, out
+from camgen.content import readable
 from camgen.readers import inspect
-from camgen.sources import readable
 
 
 def run(arguments: Namespace, says: Voice) -> int:

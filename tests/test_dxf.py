@@ -506,5 +506,5 @@ def test_a_document_without_model_space() -> None:
 def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a folder"):
         dxf.read(tmp_path, Job())
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="no such file"):
         dxf.read(tmp_path / "none.dxf", Job())

@@ -7,7 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 FLOORS = {
-    "errors": 0, "pose": 0, "text": 0, "note": 0,
+    "errors": 0, "pose": 0, "text": 0, "note": 0, "content": 0,
     "solid": 1, "shapes": 1, "paths": 1, "settings": 1, "geometry": 1, "writing": 1, "tour_start": 1,
     "instructions": 1, "solids": 1,
     "body": 2, "vision": 2, "robots": 2, "tours": 2, "gcode": 2, "tour_tree": 2,

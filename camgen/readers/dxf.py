@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
+from camgen.content import readable
 from camgen.errors import InputError
 from camgen.readers import dxf_load, join, units
 from camgen.readers.dxf_entities import REPAIRED, Drawn, walk
@@ -86,7 +87,7 @@ def read(path: Path, job: Job) -> Part:
 
     ``InputError`` if it cannot be read or holds nothing to machine, ``JobError`` for unknown units or layers.
     """
-    return read_bytes(path.name, dxf_load.content(path), job.input, job.tolerance.chord)
+    return read_bytes(path.name, readable(path), job.input, job.tolerance.chord)
 
 
 def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
@@ -101,7 +102,7 @@ def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
 
 def inspect(path: Path, job: Job = _DEFAULTS) -> Facts:
     """What is in the file at ``path``. ``InputError`` if it cannot be read, ``JobError`` as for ``read``."""
-    found = _read(path.name, dxf_load.content(path), job.input, job.tolerance.chord)
+    found = _read(path.name, readable(path), job.input, job.tolerance.chord)
     drawn = found.drawn
     kinds: Counter[str] = Counter()
     by_layer: dict[str, Counter[str]] = {name: Counter() for name in drawn.layers.names}

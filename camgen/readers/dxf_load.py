@@ -6,7 +6,6 @@ import logging
 import re
 import struct
 from io import BytesIO, TextIOWrapper
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from camgen.errors import InputError, one_line
@@ -28,18 +27,6 @@ _STUMBLES = (
     ValueError, TypeError, LookupError, StopIteration, AttributeError, ArithmeticError, AssertionError, RecursionError,
     struct.error, EOFError,
 )  # fmt: skip
-
-
-def content(path: Path) -> bytes:
-    """The file's bytes. ``InputError`` if there is no file or it cannot be read."""
-    try:
-        return path.read_bytes()
-    except IsADirectoryError:
-        raise InputError(path.name, "is a folder", "", "name a DXF file in it") from None
-    except FileNotFoundError:
-        raise InputError(path.name, "there is no such file") from None
-    except OSError as error:
-        raise InputError(path.name, f"cannot be read: {one_line(error.strerror or str(error))}") from error
 
 
 def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:

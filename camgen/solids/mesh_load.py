@@ -12,6 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 from msgspec import Struct
 
+from camgen.content import readable
 from camgen.errors import InputError, one_line
 from camgen.pose import FloatArray
 from camgen.shapes import Note
@@ -69,14 +70,7 @@ def load(path: Path) -> Soup:
 
 
 def _content(path: Path) -> bytes:
-    try:
-        data = path.read_bytes()
-    except IsADirectoryError:
-        raise InputError(path.name, "is a folder", "", "name a mesh in it") from None
-    except FileNotFoundError:
-        raise InputError(path.name, "there is no such file") from None
-    except OSError as error:
-        raise InputError(path.name, f"cannot be read: {one_line(error.strerror or str(error))}") from error
+    data = readable(path)
     if not data.strip():
         raise InputError(path.name, "the file is empty")
     return data

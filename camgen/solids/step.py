@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from camgen.content import readable
 from camgen.errors import InputError, one_line
 from camgen.pose import FloatArray, frozen
 from camgen.shapes import Note
@@ -60,14 +61,7 @@ def read(path: Path, tolerance: float = 0.01, feature_angle: float = FEATURE_ANG
 
 def _units(path: Path) -> tuple[str, list[Note]]:
     """The units of length that the shapes of the file are in. The kernel converts them; this is for the user."""
-    try:
-        data = path.read_bytes()
-    except IsADirectoryError:
-        raise InputError(path.name, "is a folder", "", "name a STEP file in it") from None
-    except FileNotFoundError:
-        raise InputError(path.name, "there is no such file") from None
-    except OSError as error:
-        raise InputError(path.name, f"cannot be read: {one_line(error.strerror or str(error))}") from error
+    data = readable(path)
     if not data[:4096].lstrip().startswith(b"ISO-10303-21"):
         raise InputError(path.name, "is no STEP file", "it does not begin with ISO-10303-21")
     lengths = dict(_INSTANCE.findall(data))
