@@ -238,26 +238,30 @@ class Post(ABC):
                 raise Refused(self.name, index, what, "give the arc a via point beside its chord, or plan a line")
             reason = self.refuses(item, start)
             if reason:
-                replaced = self._replace(item, start, chord)
-                if replaced is None:
-                    raise Refused(self.name, index, reason)
+                replaced = self._replace(item, start, chord) or reason
+                if isinstance(replaced, str):
+                    raise Refused(self.name, index, replaced)
                 changed[index] = replaced
         return program.with_body(spliced(body, changed)) if changed else program
 
-    def _replace(self, item: Instruction, start: Pose | None, chord: float) -> list[Instruction] | None:
-        """``item`` as instructions that are accepted, by the first pass that achieves it."""
+    def _replace(self, item: Instruction, start: Pose | None, chord: float) -> list[Instruction] | str:
+        """``item`` as instructions that are accepted, by the first pass that achieves it; else why the last pass does
+        not, empty where none is made for it.
+        """
+        reason = ""
         if not isinstance(item, MoveC) or start is None:
-            return None
+            return reason
         for name in self.passes:
             pieces = PASSES[name](start, item, chord)
             here: Pose | None = start
             for piece in pieces:
-                if self.refuses(piece, here):
+                reason = self.refuses(piece, here)
+                if reason:
                     break
                 here = piece.target if isinstance(piece.target, Pose) else None
             else:
                 return list(pieces)
-        return None
+        return reason
 
     def render(self, program: Program) -> tuple[OutputFile, ...]:
         """The program as files. Every instruction must be one that the controller has (``prepare``)."""

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from camgen_posts.vplus import VPlus
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.ir import MoveC, MoveL
+from camgen.errors import Refused
+from camgen.ir import Joints, MoveC, MoveJ, MoveL, Program
 from camgen.passes import PASSES, along, chords, circle, corner_blend, halves
-from camgen.pose import TOOL_DOWN, Pose, angle_between, frozen, rotation_about_axis, rotation_from_fixed_xyz
+from camgen.pose import IDENTITY, TOOL_DOWN, Pose, angle_between, frozen, rotation_about_axis, rotation_from_fixed_xyz
 
 ANGLES = st.floats(-3.1, 3.1)
 RADII = st.floats(0.05, 500)
@@ -135,3 +137,19 @@ def test_a_blend_leaves_its_corner_by_no_more_than_the_tolerance(turn, tolerance
     larger = {0.0: 0.3, 0.3: 1.0, 1.0: 5.0}.get(blend)
     if larger:
         assert np.linalg.norm(larger * (before + after)) / 4 > tolerance * (1 - 1e-9)
+
+
+def test_a_replacement_that_is_turned_down_says_why() -> None:
+    """V+ has no arc; where it will not take the chords either, the reason is that of the chords."""
+
+    class Fussy(VPlus):
+        def refuses(self, item, start):  # type: ignore[no-untyped-def]
+            return super().refuses(item, start) or ("this line is too short" if isinstance(item, MoveL) else "")
+
+    home = MoveJ(Joints((0.0,) * 4), 100.0)
+    start = Pose(TOOL_DOWN, (0.0, 0.0, 0.0))
+    arc = MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 0.0)), Pose(TOOL_DOWN, (10.0, 0.0, 0.0)), 10.0)
+    here = Pose(IDENTITY, (0.0, 0.0, 0.0))
+    program = Program("p", here, here, (home, MoveJ(start, 100.0), arc))
+    with pytest.raises(Refused, match="this line is too short"):
+        Fussy().prepare(program, 0.01)
