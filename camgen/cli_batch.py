@@ -124,7 +124,7 @@ class _Batch(Struct):
         source = str(part.input.source)
         if outcome.sums is None:
             if self.says.verbose > 1 and outcome.trace:
-                self.says.error(outcome.trace)
+                self.says.rows([("trace", line, "plain") for line in outcome.trace.splitlines()])
             self._add(place, _Row(source, "failed", outcome.code, outcome.error))
             return
         try:

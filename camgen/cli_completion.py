@@ -71,7 +71,8 @@ def _actions(parser: argparse.ArgumentParser) -> list[argparse.Action]:
 
 def _known() -> dict[str, _Values]:
     """The values that camgen knows, by the name of the argument."""
-    arms = tuple(robot.name for robot in robots())
+    # Of a robot's name capitals, spaces and hyphens do not matter: without them it is one word.
+    arms = tuple("".join(c for c in robot.name.casefold() if c.isalnum()) for robot in robots())
     return {
         "post": _Values(tuple(post.name for post in installed()), files=True),
         "robot": _Values(arms, files=True),

@@ -66,7 +66,7 @@ def _options(kind: type[Post]) -> Schema:
     fields = [(option.name, hints[option.name]) for option in options]
     (_,), components = msgspec.json.schema_components(
         [defstruct("Options", fields)],
-        schema_hook=lambda _: {},  # a type of a post from elsewhere that no schema has: anything
+        schema_hook=lambda own: {"title": own.__name__},  # a type of a post from elsewhere: anything
         ref_template="{name}",
     )
     keys = components["Options"]["properties"]

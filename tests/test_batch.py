@@ -11,6 +11,7 @@ import pytest
 
 from camgen.batch import state
 from camgen.cli import main
+from camgen.cli_say import Voice
 
 PLATE = (
     "0\nSECTION\n2\nENTITIES\n"
@@ -165,7 +166,7 @@ def test_a_part_that_kills_its_process_fails_alone(jobs: str, here: Path, capsys
     (here / "fatal.py").write_text(FATAL)
     for name in ("killed", "segfault", "leaves", "memory", "hangs"):
         shutil.copy("parts/a.dxf", f"parts/{name}.dxf")
-    assert main(["batch", "parts/*.dxf", "--post", "./fatal.py", "--jobs", jobs, "--timeout", "6", "-o", "out"]) == 1
+    assert main(["batch", "parts/*.dxf", "--post", "./fatal.py", "--jobs", jobs, "--timeout", "12", "-o", "out"]) == 1
     rows, said = table(capsys)
     status = {Path(name).stem: " ".join(row[:2]) for name, row in rows.items()}
     good = dict.fromkeys("abc", "built 2")
@@ -233,6 +234,28 @@ def test_a_program_of_several_files_never_takes_anothers_name(here: Path, capsys
     assert [row[:2] for row in rows.values()] == [["failed", "2"], ["built", "2"]]
     assert "its program would overwrite that of parts/a_part1.dxf" in said
     assert set(files(here / "out")) == {"a_part1.mod", state.NAME}
+
+
+def test_a_fault_tells_its_trace_when_asked(here: Path, capsys: Captured) -> None:
+    (here / "fatal.py").write_text(FATAL)
+    shutil.copy("parts/a.dxf", "parts/memory.dxf")
+    command = ["batch", "parts/memory.dxf", "--post", "./fatal.py", "-o", "out"]
+    assert main(command) == 1
+    assert "Traceback" not in capsys.readouterr().err
+    assert main([*command, "-vv"]) == 1
+    said = capsys.readouterr().err
+    assert "trace     Traceback (most recent call last):\n" in said
+    assert "trace     MemoryError: no more\n" in said
+
+
+@pytest.mark.usefixtures("here")
+def test_a_terminal_gets_a_bar(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("camgen.cli.voice", lambda *_, **__: Voice(terminal=True))
+    assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out"]) == 0
+    said = capsys.readouterr().err
+    assert "\r\x1b[2K[########----------------] 1 of 3, 0 failed, about " in said
+    assert f"\r\x1b[2K[{'#' * 24}] 3 of 3, 0 failed, about 0.0 s left" in said
+    assert said.endswith("\r\x1b[2Kbatch     3 parts: 3 built\n")
 
 
 def test_quiet_says_only_what_failed(here: Path, capsys: Captured) -> None:

@@ -23,10 +23,10 @@ CIRCLE = "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\nrings\n10\n50\n20\n25\n40\n{rad
 SLOW = """
 import time
 import camgen.job
-_read = camgen.job.read
+from camgen.readers import read
 def _slow(*arguments):
     time.sleep(0.4)
-    return _read(*arguments)
+    return read(*arguments)
 camgen.job.read = _slow
 """
 
@@ -36,36 +36,32 @@ class Cluster:
 
     def __init__(self, folder: Path, stack: ExitStack) -> None:
         self.folder, self.stack = folder, stack
-        scheduler = self._start(
-            "distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1"
-        )
-        self.address = self._said(scheduler, r"Scheduler at:\s+(tcp://\S+)")
+        self.log = folder / "scheduler.log"
+        self._start("distributed.cli.dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1")
+        self.address = self._said(r"Scheduler at:\s+(tcp://\S+)")
 
-    def worker(self, name: str, *more: str) -> "subprocess.Popen[str]":
+    def worker(self, name: str, *more: str) -> "subprocess.Popen[bytes]":
         words = [self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--name", name, *more]
+        self.log = self.folder / f"{name}.log"
         worker = self._start("distributed.cli.dask_worker", *words)
-        self._said(worker, r"(Registered to):")
+        self._said(r"(Registered to):")
         return worker
 
-    def _start(self, module: str, *words: str) -> "subprocess.Popen[str]":
+    def _start(self, module: str, *words: str) -> "subprocess.Popen[bytes]":
         code = f"import sys; sys.argv[0] = 'dask'\nfrom {module} import main\nmain()"
         command = [sys.executable, "-c", code, *words]
-        process = subprocess.Popen(command, cwd=self.folder, stderr=subprocess.PIPE, text=True)
-        self.stack.callback(self._end, process)
+        with self.log.open("wb") as log:  # a pipe that nobody reads would fill up
+            process = subprocess.Popen(command, cwd=self.folder, stderr=log)
+        self.stack.callback(process.wait)
+        self.stack.callback(process.kill)
         return process
 
-    @staticmethod
-    def _end(process: "subprocess.Popen[str]") -> None:
-        process.kill()
-        process.communicate()
-
-    @staticmethod
-    def _said(process: "subprocess.Popen[str]", pattern: str) -> str:
-        assert process.stderr is not None
-        for line in process.stderr:
-            if found := re.search(pattern, line):
+    def _said(self, pattern: str) -> str:
+        for _ in range(600):
+            if found := re.search(pattern, self.log.read_text()):
                 return found[1]
-        raise AssertionError(f"{pattern} was never said")
+            time.sleep(0.05)
+        raise AssertionError(f"{pattern} was not said within 30 s")
 
 
 @pytest.fixture

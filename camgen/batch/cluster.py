@@ -15,9 +15,9 @@ from msgspec.structs import replace
 
 from camgen.batch.perform import carried_names, perform
 from camgen.batch.values import Outcome, Task, fault
+from camgen.content import readable
 from camgen.errors import CamgenError, JobError
 from camgen.robots.urdf_name import split_name
-from camgen.sources import readable
 
 #: Seconds until a cluster that does not answer is given up.
 _PATIENCE = 10

@@ -14,9 +14,10 @@ from camgen.batch.inputs import Input, identity
 from camgen.batch.state import Record, unchanged
 from camgen.batch.values import Outcome, Task
 from camgen.cli_job import beside, load
+from camgen.content import readable
 from camgen.errors import CamgenError, JobError
 from camgen.plugins import POSTS, find_post
-from camgen.sources import digest_of, readable
+from camgen.sources import digest_of
 
 
 class Order(Struct, frozen=True):

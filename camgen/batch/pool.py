@@ -9,6 +9,7 @@ half a second for each process, once.
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 from collections import deque
@@ -25,12 +26,20 @@ from camgen.batch.values import Outcome, Task, fault
 
 
 class _Worker(Struct, eq=False):
-    """One process, the pipe to it, what it builds, and until when (``monotonic``; inf: as long as it takes)."""
+    """One process, the pipe to it, what it builds, how long a part may take (s), and until when this one may
+    (``monotonic``). The time begins when the process has imported what it needs, which is no matter of the part.
+    """
 
     process: SpawnProcess
     link: Connection
+    seconds: float
     task: Task | None = None
-    until: float = 0.0
+    until: float = math.inf
+    imported: bool = False
+
+    def begin(self) -> None:
+        """From now on the time of the part counts."""
+        self.until = monotonic() + self.seconds if self.imported else math.inf
 
 
 def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Task, Outcome]]:
@@ -42,13 +51,16 @@ def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Tas
             workers = [worker for worker in workers if worker.task or worker.process.is_alive()]
             while left and len([w for w in workers if w.task]) < jobs:
                 idle = next((worker for worker in workers if not worker.task), None)
-                worker = idle or _started()
+                worker = idle or _started(seconds or math.inf)
                 if worker is not idle:
                     workers.append(worker)
-                if not _given(worker, left[0], seconds):
-                    workers.remove(worker)  # it died while it had nothing to do: another one
+                if _given(worker, left[0]):
+                    left.popleft()
                     continue
-                left.popleft()
+                workers.remove(worker)
+                if worker is not idle:  # one that died while it had nothing to do gets a successor, this one none
+                    task = left.popleft()
+                    yield task, fault(f"{task.source}: no process can be started ({_death(worker.process.exitcode)})")
             yield from _next([worker for worker in workers if worker.task])
     finally:
         for worker in workers:
@@ -57,14 +69,14 @@ def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Tas
             worker.link.close()
 
 
-def _started() -> _Worker:
+def _started(seconds: float) -> _Worker:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_work, args=(theirs,), daemon=True)
     with _no_interrupt():
         process.start()
     theirs.close()  # so that the pipe ends when the process does
-    return _Worker(process, ours)
+    return _Worker(process, ours, seconds)
 
 
 @contextmanager
@@ -80,27 +92,30 @@ def _no_interrupt() -> Iterator[None]:
         signal.signal(signal.SIGINT, old)
 
 
-def _given(worker: _Worker, task: Task, seconds: float) -> bool:
+def _given(worker: _Worker, task: Task) -> bool:
     try:
         worker.link.send(task)
     except OSError:
         worker.process.kill()
+        worker.process.join()
+        worker.link.close()
         return False
     worker.task = task
-    worker.until = monotonic() + seconds if seconds else float("inf")
+    worker.begin()
     return True
 
 
 def _next(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
     """What is done next, or has taken too long."""
     until = min(worker.until for worker in busy)
-    ready = wait([worker.link for worker in busy], None if until == float("inf") else max(0.0, until - monotonic()))
+    ready = wait([worker.link for worker in busy], None if until == math.inf else max(0.0, until - monotonic()))
     for worker in busy:
         task = worker.task
         assert task is not None
         if worker.link in ready:
-            worker.task = None
-            yield task, _received(worker, task)
+            if outcome := _received(worker, task):
+                worker.task = None
+                yield task, outcome
         elif monotonic() >= worker.until:
             worker.task = None
             worker.process.kill()
@@ -108,12 +123,16 @@ def _next(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
             yield task, fault(f"{task.source}: was stopped, it took longer than --timeout")
 
 
-def _received(worker: _Worker, task: Task) -> Outcome:
+def _received(worker: _Worker, task: Task) -> Outcome | None:
+    """The outcome of the task; None where the process only says that it begins."""
     try:
-        outcome: Outcome = worker.link.recv()
+        outcome: Outcome | None = worker.link.recv()
     except (EOFError, OSError):
         worker.process.join()
         return fault(f"{task.source}: the process that built it died ({_death(worker.process.exitcode)})")
+    if outcome is None:
+        worker.imported = True
+        worker.begin()
     return outcome
 
 
@@ -130,5 +149,6 @@ def _work(link: Connection) -> None:
     from camgen.batch.perform import perform  # noqa: PLC0415 (only the processes that build pay for it)
 
     with suppress(EOFError, OSError):  # the batch has ended or was killed
+        link.send(None)
         while True:
             link.send(perform(link.recv()))

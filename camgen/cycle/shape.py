@@ -36,7 +36,7 @@ def shaped(program: Program, arm: Robot | None) -> Shape:
     """The motions of ``program``. arm: tells where joint values put the tool; without one that is not known."""
     columns = program.columns
     end, turn = _placed(program, arm)
-    start = np.concatenate([np.full((1, 3), np.nan), end[:-1]])
+    start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
     chord = end - start
     length = np.linalg.norm(chord, axis=1)
     first = last = chord

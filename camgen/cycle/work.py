@@ -12,8 +12,8 @@ from camgen.pose import FloatArray
 
 #: Nearer than this two points are one, mm.
 _SAME = 1e-5
-#: So many motions are looked at first for the start of the next path; the links between paths are few motions.
-_FEW = 16
+#: From so many points on a path is compared as an array; below, that takes longer than a loop.
+_MANY = 64
 
 
 def worked(tour: Tour, ends: FloatArray) -> NDArray[np.int64]:
@@ -23,48 +23,55 @@ def worked(tour: Tour, ends: FloatArray) -> NDArray[np.int64]:
     pass by pass, and may have points in between. A pass that is not found so is left as -1.
     """
     path = np.full(len(ends), -1)
+    rows = ends.tolist()
     here = 0
     for index, points in _passes(tour.paths):
-        first = _next(ends, here, points[0])
+        first = _next(rows, here, points[0].tolist())
         last = first + len(points) - 1
-        if last >= len(ends) or not (np.abs(ends[first + 1 : last + 1] - points[1:]) < _SAME).all():
-            first, last = _with_more(ends, first, points)
+        if len(points) < _MANY or last >= len(ends) or not _same(ends[first + 1 : last + 1], points[1:]):
+            first, last = _with_more(rows, first, points.tolist())
         if last < len(ends):
             path[first + 1 : last + 1] = index
             here = last
     return path
 
 
-def _with_more(ends: FloatArray, first: int, points: FloatArray) -> tuple[int, int]:
+def _with_more(rows: list[list[float]], first: int, points: list[list[float]]) -> tuple[int, int]:
     """The first and last of the motions through ``points``, with others in between; the last is their number if there
     are none.
     """
     last, begun = first, False
     for point in points[1:]:
-        if last < len(ends) and not (np.abs(ends[last] - point) < _SAME).all():
-            last = _next(ends, last + 1, point)
-            if not begun and last < len(ends):
-                # The way there may have touched the start before, as a link from a neighbour does.
-                first += int(np.flatnonzero((np.abs(ends[first:last] - points[0]) < _SAME).all(axis=1))[-1])
+        if last == len(rows):
+            break
+        found = _next(rows, last, point)
+        if found > last:
+            # The way there may have touched the start before, as a link from a neighbour does.
+            while not begun and found < len(rows) and (again := _next(rows, first + 1, points[0], found)) < found:
+                first = again
             begun = True
+        last = found
     return first, last
 
 
 def _passes(paths: tuple[ToolPath, ...]) -> Iterator[tuple[int, FloatArray]]:
     """The points of every pass; passes of an open path that may run backwards go to and fro, as ``lower`` has them."""
     for index, path in enumerate(paths):
-        to_and_fro = path.reversible and not (np.abs(path.position[0] - path.position[-1]) < _SAME).all()
+        to_and_fro = len(path.depths) > 1 and path.reversible and not _same(path.position[0], path.position[-1])
         for number, depth in enumerate(path.depths):
-            rows = path.position - (0.0, 0.0, depth)
+            rows = path.position - (0.0, 0.0, depth) if depth else path.position
             yield index, rows[::-1] if to_and_fro and number % 2 else rows
 
 
-def _next(ends: FloatArray, begin: int, point: FloatArray) -> int:
-    """The first of ``ends`` from ``begin`` on that is ``point``, the number of them if none is."""
-    size = _FEW
-    while begin < len(ends):
-        near = np.flatnonzero((np.abs(ends[begin : begin + size] - point) < _SAME).all(axis=1))
-        if len(near):
-            return begin + int(near[0])
-        begin, size = begin + size, 4 * size
-    return len(ends)
+def _next(rows: list[list[float]], begin: int, point: list[float], end: int | None = None) -> int:
+    """The first of ``rows`` from ``begin`` to ``end`` that is ``point``, their number if none is."""
+    x, y, z = point
+    for k in range(begin, len(rows) if end is None else end):
+        row = rows[k]
+        if abs(row[0] - x) < _SAME and abs(row[1] - y) < _SAME and abs(row[2] - z) < _SAME:
+            return k
+    return len(rows)
+
+
+def _same(a: FloatArray, b: FloatArray) -> bool:
+    return bool((np.abs(a - b) < _SAME).all())
