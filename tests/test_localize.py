@@ -34,7 +34,7 @@ def pose_of(found):
 def test_a_part_is_found_where_it_was_put(name, views, table, seed):
     mesh = MESHES[name]
     truth = placed(np.random.default_rng(seed), 30, 50)
-    points = scan(mesh, 30_000, seed, views, 0.1, table) @ truth[0].T + truth[1]
+    points = scan(mesh, 20_000, seed, views, 0.1, table) @ truth[0].T + truth[1]
     found = localize("scan", shape(mesh), points)
     origin, worst, angle = errors(pose_of(found), truth, mesh.vertices)
     assert origin < 0.02
@@ -42,7 +42,7 @@ def test_a_part_is_found_where_it_was_put(name, views, table, seed):
     assert angle < 0.01
     assert found.overlap == pytest.approx(1 - table, abs=0.01)
     assert found.rms == pytest.approx(0.1, rel=0.03)
-    assert found.used == pytest.approx(30_000 * (1 - table), rel=0.01)
+    assert found.used == pytest.approx(20_000 * (1 - table), rel=0.01)
     assert found.seen.near > 0.75  # rfa1 hides a part of its foot
     assert (found.seen.all > 0.97) == (views is None)
     assert found.weak == ""
@@ -114,7 +114,7 @@ def test_half_a_turn_of_rfa2_fits_as_well():
 
 
 def test_a_cylinder_may_turn_about_its_axis():
-    mesh = trimesh.creation.cylinder(radius=30, height=80, sections=128)
+    mesh = trimesh.creation.cylinder(radius=30, height=80, sections=64)
     turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])[:3, :3]
     found = localize("scan", shape(mesh), scan(mesh, 6000, 3) @ turn.T)
     assert found.free == "turning it about x"
@@ -123,22 +123,32 @@ def test_a_cylinder_may_turn_about_its_axis():
 def test_both_sides_of_a_plate_are_told_apart_by_its_rim():
     """The sides are 2 mm apart, nearer than the search looks."""
     mesh = trimesh.creation.box((120, 80, 2))
-    for seed in range(3):
-        truth = placed(np.random.default_rng(seed), 20, 50)
-        points = scan(mesh, 20_000, seed, ASIDE, 0.05, 0.2) @ truth[0].T + truth[1]
-        found = localize("scan", shape(mesh), points)
-        assert errors(pose_of(found), truth, mesh.vertices)[1] < 0.1
-        assert [round(rival.turn) for rival in found.rivals] == [180, 180, 180]
+    truth = placed(np.random.default_rng(1), 20, 50)
+    points = scan(mesh, 10_000, 1, ASIDE, 0.05, 0.2) @ truth[0].T + truth[1]
+    found = localize("scan", shape(mesh), points)
+    assert errors(pose_of(found), truth, mesh.vertices)[1] < 0.1
+    assert [round(rival.turn) for rival in found.rivals] == [180, 180, 180]
 
 
 def test_what_a_look_straight_down_does_not_hold_is_said():
     mesh = MESHES["rfa1"]
     found = localize("scan", shape(mesh), scan(mesh, 20_000, 5, DOWN, 0.1, 0.2))
     assert found.weak.startswith("moving it along")
-    # Height and tilt are held all the same.
+    # Height and tilt are held all the same, and the rim of the top says where it ends.
     rotation, origin = pose_of(found)
     assert abs(origin[2]) < 0.02
     assert np.degrees(np.arccos(rotation[2, 2])) < 0.01
+    assert np.abs(origin[:2]).max() < 0.2
+
+
+def test_the_rim_of_one_face_holds_it_sideways():
+    """Points of the top of a plate alone: there is no wall whose plane could say where it stands."""
+    mesh = trimesh.creation.box((120, 80, 40))
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-60, 60, 20_000), rng.uniform(-40, 40, 20_000), np.full(20_000, 20.0)])
+    found = localize("scan", shape(mesh), points + rng.normal(0, 0.1, points.shape))
+    assert errors(pose_of(found), (np.eye(3), np.zeros(3)), mesh.vertices)[1] < 0.15
+    assert found.weak.startswith("moving it along")
 
 
 # -- refusals
@@ -148,12 +158,20 @@ def test_what_a_look_straight_down_does_not_hold_is_said():
 def test_another_part_is_not_found(seed):
     shapes = {
         "cube": trimesh.creation.box((60, 60, 60)),
-        "ball": trimesh.creation.icosphere(3, 60),
+        "ball": trimesh.creation.icosphere(2, 60),
         "rfa2": MESHES["rfa2"],
     }
     wrong = list(shapes.values())[seed]
     with pytest.raises(InputError, match="the model was not found in the scan"):
         localize("scan", shape(wrong), scan(MESHES["rfa1"], 10_000, seed, ROUND, 0.1, 0.2))
+
+
+def test_a_pose_that_leaves_points_inside_the_part_is_none():
+    """The top alone fits onto the larger bottom as well; the slope beside it would then run through the part."""
+    mesh = MESHES["rfa1"]
+    top = scan(mesh, 100_000, 1, DOWN, 0.1)[:20_000]
+    found = localize("scan", shape(mesh), top)
+    assert errors(pose_of(found), (np.eye(3), np.zeros(3)), mesh.vertices)[1] < 0.2
 
 
 def test_a_room_of_dust_holds_no_part():

@@ -11,7 +11,7 @@ from camgen.pose import FloatArray
 from camgen.solid import IntArray
 
 #: Cells along the longest side of the model, and how far the field goes beyond it, as part of that side.
-_CELLS, _BEYOND = 64, 0.25
+_CELLS, _BEYOND = 40, 0.25
 #: Super-Fibonacci spiral (Alexa, CVPR 2022): the constants of its two golden-like ratios.
 _PHI, _PSI = 2**0.5, 1.533751168755204288118041
 

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.localize.coarse import Poses, turned
-from camgen.localize.fine import Fit, cost, refined
+from camgen.localize.fine import Fit, cost, on, refined
 from camgen.localize.model import Model
 from camgen.localize.nearest import Cloud
 from camgen.localize.starts import corners
@@ -66,9 +66,9 @@ def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[Fit]) -> Po
     The best two fits, moved by the thickness along and against the face that most points lie on. None if the part is
     not thin.
     """
-    thick = 2 * model.volume / model.area
-    if not 0 < thick < _THIN * model.size:
+    if not thin(model):
         return Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    thick = 2 * model.volume / model.area
     best = sorted(fits, key=lambda fit: cost(model, samples, few, fit, 0.01 * model.size))[:2]
     turns, origins = [], []
     for fit in best:
@@ -79,13 +79,25 @@ def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[Fit]) -> Po
     return Poses(np.array(turns), np.array(origins))
 
 
-def turned_over(model: Model, samples: Cloud, few: FloatArray, fits: list[Fit]) -> Poses:
-    """The best of ``fits``, half a turn about each principal axis of the surface: there its symmetries are."""
-    best = min(fits, key=lambda fit: cost(model, samples, few, fit, 0.01 * model.size))
-    middle = model.samples.mean(axis=0)
-    axes = np.linalg.eigh(np.cov((model.samples - middle).T))[1].T
-    turns = 2 * axes[:, :, None] * axes[:, None] - np.eye(3)
-    return Poses(turns @ best.rotation, turns @ (best.origin - middle) + middle)
+def alike(fit: Fit, symmetries: Poses) -> Poses:
+    """The poses by which the model looks about the same as by ``fit``; ``symmetries`` put the model onto itself."""
+    return Poses(symmetries.rotations @ fit.rotation, symmetries.rotations @ fit.origin + symmetries.origins)
+
+
+def thin(model: Model) -> bool:
+    """Whether two sides of the part are so near that the search may take one for the other."""
+    return 2 * model.volume < _THIN * model.size * model.area
+
+
+def stray(model: Model, samples: Cloud, few: FloatArray, fit: Fit, within: float) -> float:
+    """Points in the model's box, without a margin at its sides, that do not lie on the model, per point that does: 0
+    where the part stands, more where it only seems to.
+    """
+    at = fit.apply(few)
+    off = np.ones(len(at), dtype=bool)
+    off[on(model, samples, at, within)[0]] = False
+    inside = ((at > model.low + 2 * within) & (at < model.high - 2 * within)).all(axis=1)
+    return float(np.count_nonzero(off & inside)) / max(float(np.count_nonzero(~off)), 1.0)
 
 
 def _limit(model: Model) -> float:

@@ -10,23 +10,31 @@ from msgspec import Struct
 
 from camgen.errors import InputError
 from camgen.localize.coarse import Poses, field
-from camgen.localize.doubt import Rival, Seen, beside, freedom, rivals, seen, turned_over, weakness
-from camgen.localize.fine import TUKEY, Fit, cost, refined
+from camgen.localize.doubt import Rival, Seen, alike, beside, freedom, rivals, seen, stray, thin, weakness
+from camgen.localize.fine import TUKEY, Fit, cost, on, refined
 from camgen.localize.model import Model, modelled
 from camgen.localize.nearest import Cloud
-from camgen.localize.starts import starts
+from camgen.localize.starts import starts, symmetries, things
 from camgen.pose import IDENTITY, FloatArray, Pose, angle_between, frozen
 from camgen.solid import IntArray
 from camgen.text import short
 
 #: Points that choose among poses, and those that the last fit is made of at most.
 _FEW, _MANY = 1500, 400_000
+#: Points that show which poses are worth more, and by how much the cost of such a one may be greater.
+_FEWER, _FAR = 300, 0.05
+#: Points in which the bench and things on it are looked for.
+_SOME = 20_000
+#: Where more of the points in the model's box do not lie on it, the search goes on.
+_STRAY = 0.02
 #: Poses whose costs (0..1, see ``fine.cost``) differ by less fit equally well.
 _SAME = 0.004
 #: A point of the scan lies on the model within this part of the model's size.
 WITHIN = 0.005
 #: Less than this of the scan on the model, or less of the model's near side in the scan: the part was not found.
-LEAST_OVERLAP, LEAST_SEEN = 0.2, 0.4
+LEAST_OVERLAP, LEAST_SEEN = 0.3, 0.65
+#: More points in the model's box that are not on it than this, per point that is: it was not found either.
+MOST_STRAY = 0.1
 #: A scan smaller or larger than this, as part of the model's size, is in another unit, and in which it may be.
 _SMALLEST, _LARGEST = 0.05, 50.0
 _UNITS = (("m", 1000.0), ("inch", 25.4), ("um", 0.001))
@@ -70,26 +78,25 @@ def localize(
     # About the middle of the scan, so that coordinates far from the origin lose no digits in single precision.
     middle = np.median(scan, axis=0)
     points = np.random.default_rng(0).permutation(scan - middle)[:_MANY]
-    given = None if start is None else Pose(start.rotation, _sum(start.origin, -middle))
+    given = Pose(IDENTITY, (0.0, 0.0, 0.0)) if start is None else start
+    given = Pose(given.rotation, _sum(given.origin, -middle))
     stage("preparing the model")
     model = modelled(*part)
     _sized(name, model.size, points)
     samples = Cloud(model.samples)
-    found = starts(model, field(model, samples), points, given, stage)
     few = points[:_FEW]
-    fits = _looked(model, samples, few, found, stage)
-    fits += _looked(model, samples, few, beside(model, samples, few, fits), stage)
-    fits += _looked(model, samples, few, turned_over(model, samples, few, fits), stage)
-    best = min(fits, key=lambda fit: cost(model, samples, few, fit, WITHIN * model.size))
+    fits = _searched(model, samples, points, given, stage)
+    best = _best(model, samples, few, fits)
     if not math.isfinite(best.noise):
         raise _missing(name, "no pose puts it on the points")
     gate = min(max(best.noise, 1e-6 * model.size) * TUKEY, WITHIN * model.size)
     costs = [cost(model, samples, few, fit, gate) for fit in fits]
-    wanted = IDENTITY if given is None else given.rotation
     equal = [fit for fit, c in zip(fits, costs, strict=True) if c <= min(costs) + _SAME]
-    chosen = min(equal, key=lambda fit: angle_between(wanted, frozen(fit.rotation.T)))
+    chosen = min(equal, key=lambda fit: angle_between(given.rotation, frozen(fit.rotation.T)))
     stage("refining")
-    final = refined(model, samples, points, (chosen.rotation, chosen.origin), 1.3 * gate)
+    final = chosen
+    for some in (points[: 4 * _FEW], points):
+        final = refined(model, samples, some, (final.rotation, final.origin), 1.1 * gate)
     return _judged(name, model, samples, points, middle, final, (fits, costs, gate))
 
 
@@ -106,14 +113,39 @@ def _sized(name: str, size: float, points: FloatArray) -> None:
     raise InputError(name, "the scan cannot show this model", where, remedy)
 
 
-def _looked(model: Model, samples: Cloud, few: FloatArray, found: Poses, stage: Callable[[str], None]) -> list[Fit]:
-    """Each pose refined with a few points."""
-    fits = []
-    for i in range(len(found)):
-        stage(f"refining, {i + 1} of {len(found)}")
-        start = (found.rotations[i], found.origins[i])
-        fits.append(refined(model, samples, few, start, 0.02 * model.size))
+def _searched(model: Model, samples: Cloud, points: FloatArray, given: Pose, stage: Callable[[str], None]) -> list[Fit]:
+    """Refined poses, the right one among them: near ``given``, and if the part is not clearly there, everywhere."""
+    within, few = WITHIN * model.size, points[:_FEW]
+    ground, sets = field(model, samples), things(model, points[:_SOME])
+    same = symmetries(model, ground)
+    fits: list[Fit] = []
+    for place in (given, None):
+        stage("searching everywhere" if place is None else "searching near by")
+        fits += _looked(model, samples, few, starts(model, ground, sets, place))
+        fits += _looked(model, samples, few, beside(model, samples, few, fits))
+        best = _best(model, samples, few, fits)
+        if best.noise < _CHANCE * within:
+            fits += _looked(model, samples, few, alike(best, same))
+            best = _best(model, samples, few, fits)
+            if not thin(model) and stray(model, samples, few, best, within) < _STRAY:
+                break
     return fits
+
+
+def _looked(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[Fit]:
+    """Each pose refined with a few points, those that are far from the best with fewer."""
+    poses = zip(found.rotations, found.origins, strict=True)
+    fits = [refined(model, samples, few[:_FEWER], pose, 0.02 * model.size) for pose in poses]
+    costs = [cost(model, samples, few[:_FEWER], fit, WITHIN * model.size) for fit in fits]
+    return [
+        refined(model, samples, few, (fit.rotation, fit.origin), 0.01 * model.size) if c < min(costs) + _FAR else fit
+        for fit, c in zip(fits, costs, strict=True)
+    ]
+
+
+def _best(model: Model, samples: Cloud, few: FloatArray, fits: list[Fit]) -> Fit:
+    """The one that puts the points best onto the model."""
+    return min(fits, key=lambda fit: cost(model, samples, few[:_FEWER], fit, WITHIN * model.size))
 
 
 def _judged(
@@ -127,14 +159,19 @@ def _judged(
 ) -> Location:
     """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part."""
     within = WITHIN * model.size
-    overlap = 1 - cost(model, samples, points, final, within, count=True)
+    rest = np.delete(points, final.used, axis=0)
+    overlap = (len(final.used) + len(on(model, samples, final.apply(rest), within)[0])) / len(points)
     view = seen(model, points, final, within)
+    inside = stray(model, samples, points[: 4 * _FEW], final, within)
     if overlap < LEAST_OVERLAP:
         raise _missing(name, f"at best {100 * overlap:.0f} % of the points lie within {short(within, 2)} mm of it")
     if not final.noise < _CHANCE * within:
         raise _missing(name, f"at best its surface is {short(final.noise, 3)} mm rms off the points")
     if view.near < LEAST_SEEN:
         raise _missing(name, f"at best {100 * view.near:.0f} % of its near side show in the scan")
+    if inside > MOST_STRAY:
+        share = 100 * inside / (1 + inside)
+        raise _missing(name, f"where it fits best, {share:.0f} % of the points in its box are off its surface")
     equal, following = rivals(model, final, others, _SAME, middle)
     free = freedom(model, samples, points[:_FEW], final, (others[2], _SAME))
     back = final.rotation.T
@@ -142,7 +179,7 @@ def _judged(
     x, y, z = origin.tolist()
     weak = "" if free else weakness(final)
     return Location(
-        Pose(frozen(back), (x, y, z)), len(points), overlap, within, final.rms, final.used, view, equal, following,
+        Pose(frozen(back), (x, y, z)), len(points), overlap, within, final.rms, len(final.used), view, equal, following,
         free, weak,
     )  # fmt: skip
 

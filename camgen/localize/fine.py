@@ -9,12 +9,15 @@ from camgen.localize.coarse import turned
 from camgen.localize.model import Model
 from camgen.localize.nearest import Cloud, Touch, candidates, touched
 from camgen.pose import FloatArray
+from camgen.solid import IntArray
 
 #: Tukey's biweight: points beyond this many standard deviations count nothing; 95 % efficient for normal noise.
 TUKEY = 4.685
 #: From the median of absolute values to the standard deviation of normal noise.
 _MEDIAN = 1.4826
 _ROUNDS, _STEPS = 8, 12
+#: How far a pose may move, as part of the reach, before the candidates are looked for again.
+_SLACK = 0.2
 #: A pose that moves by less than this part of the model's size is at rest. Points that change their triangle keep it
 #: from standing quite still.
 _STILL = 5e-7
@@ -23,7 +26,7 @@ _STILL = 5e-7
 class Fit(Struct, frozen=True, eq=False):
     """A refined pose: model_from_scan as ``rotation`` (3, 3) and ``origin`` (3,), mm.
 
-    noise: standard deviation of the residuals, robust, mm. rms: of the points that count, mm. used: their number.
+    noise: standard deviation of the residuals, robust, mm. rms: of the points that count, mm. used: which they are.
     information: (6, 6) of a turn (rad, times ``arm`` mm) about ``centre`` and a shift, in the model's frame.
     """
 
@@ -31,7 +34,7 @@ class Fit(Struct, frozen=True, eq=False):
     origin: FloatArray
     noise: float
     rms: float
-    used: int
+    used: IntArray
     information: FloatArray
     centre: FloatArray
     arm: float
@@ -50,22 +53,21 @@ def refined(model: Model, samples: Cloud, points: FloatArray, start: tuple[Float
     rotation, origin = start
     floor, still = 1e-6 * model.size, _STILL * model.size
     noise = gate / TUKEY
-    found = Fit(rotation, origin, np.inf, np.inf, 0, np.zeros((6, 6)), np.zeros(3), 1.0)
+    found = Fit(rotation, origin, np.inf, np.inf, np.zeros(0, dtype=np.int64), np.zeros((6, 6)), np.zeros(3), 1.0)
     for _ in range(_ROUNDS):
         at = points @ rotation.T + origin
         reach = max(TUKEY * noise, 10 * floor)
-        slack = max(0.1 * reach, floor)
+        slack = max(_SLACK * reach, floor)
         pairs = candidates(model, samples, at, reach, slack)
         moved = 0.0
         for _ in range(_STEPS):
             at = points @ rotation.T + origin
             touch = touched(model, pairs, at)
-            off = np.einsum("ij,ij->i", at[touch.point] - touch.at, model.normals[touch.triangle])
             near = touch.distance <= reach
             if np.count_nonzero(near) < 7:
                 return found
-            noise = max(min(_MEDIAN * float(np.median(np.abs(off[near]))), gate / TUKEY), floor)
-            found, turn, shift = _step(model, touch, off, at, noise, (rotation, origin))
+            noise = max(min(_MEDIAN * float(np.median(touch.distance[near])), gate / TUKEY), floor)
+            found, turn, shift = _step(model, touch, at, noise, (rotation, origin))
             rotation = turn @ rotation
             origin = turn @ (origin - found.centre) + found.centre + shift
             step = float(np.linalg.norm(shift)) + found.arm * float(np.linalg.norm(turn - np.eye(3)))
@@ -79,14 +81,15 @@ def refined(model: Model, samples: Cloud, points: FloatArray, start: tuple[Float
 
 
 def _step(
-    model: Model, touch: Touch, off: FloatArray, at: FloatArray, noise: float, pose: tuple[FloatArray, FloatArray]
+    model: Model, touch: Touch, at: FloatArray, noise: float, pose: tuple[FloatArray, FloatArray]
 ) -> tuple[Fit, FloatArray, FloatArray]:
     """One Gauss-Newton step: the fit before it, and the turn (3, 3) about its centre and shift (3,) that it takes."""
     ratio = (touch.distance / (TUKEY * noise)) ** 2
     weight = np.where(ratio < 1, (1 - ratio) ** 2, 0.0)
     counts = weight > 0
     total = float(weight.sum())
-    places, normals = at[touch.point], model.normals[touch.triangle]
+    places = at[touch.point]
+    normals, off = _pulls(model, touch, places)
     centre = (weight[:, None] * places).sum(axis=0) / total
     arms = places - centre
     arm = float(np.sqrt((weight * (arms * arms).sum(axis=1)).sum() / total))
@@ -96,16 +99,34 @@ def _step(
     damped = matrix + 1e-9 * np.eye(6)
     step = -np.linalg.solve(damped, pulled.T @ off / total)
     rms = float(np.sqrt((off[counts] ** 2).mean()))
-    fit = Fit(pose[0], pose[1], noise, rms, int(counts.sum()), matrix, centre, arm)
+    fit = Fit(pose[0], pose[1], noise, rms, touch.point[counts], matrix, centre, arm)
     return fit, turned(step[None, :3] / arm)[0], step[3:]
 
 
-def cost(model: Model, samples: Cloud, points: FloatArray, fit: Fit, gate: float, count: bool = False) -> float:
-    """How badly ``points`` (N, 3) lie on the model, 0..1: mean of the squared distances in units of ``gate`` (mm), 1
-    for what is beyond. With ``count`` the share that is beyond.
+def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Which way each place moves away from the model fastest (K, 3), and how far away it is, signed, mm.
+
+    Over a face that is its normal. Beside an edge it is the way from there: what lies beyond the rim of a face says
+    where that ends, which is all that holds a box sideways that is seen from above.
     """
-    at = fit.apply(points)
-    touch = touched(model, candidates(model, samples, at, gate, 0.0), at)
-    near = touch.distance[touch.distance <= gate]
-    inside = len(near) if count else len(near) - float(((near / gate) ** 2).sum())
-    return 1 - inside / len(points)
+    away, normals = places - touch.at, model.normals[touch.triangle]
+    off = np.einsum("ij,ij->i", away, normals)
+    beside = np.flatnonzero(touch.distance > np.abs(off) * (1 + 1e-6) + 1e-9 * model.size)
+    normals[beside] = away[beside] / touch.distance[beside, None]
+    off[beside] = touch.distance[beside]
+    return normals, off
+
+
+def cost(model: Model, samples: Cloud, points: FloatArray, fit: Fit, gate: float) -> float:
+    """How badly ``points`` (N, 3) lie on the model, 0..1: mean of the squared distances in units of ``gate`` (mm), 1
+    for what is beyond.
+    """
+    near = on(model, samples, fit.apply(points), gate)[1]
+    return 1 - (len(near) - float(((near / gate) ** 2).sum())) / len(points)
+
+
+def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> tuple[IntArray, FloatArray]:
+    """Which places ``at`` (N, 3) are within ``reach`` of the model, and the distance of each of these, mm."""
+    touch = touched(model, candidates(model, samples, at, reach, 0.0), at)
+    near = touch.distance <= reach
+    return touch.point[near], touch.distance[near]

@@ -13,8 +13,9 @@ from camgen.solid import BoolArray, IntArray
 
 #: FLANN's single k-d tree: exact, and the same every time (its default is a random forest).
 _EXACT_TREE: dict[str, bool | int | float | str] = {"algorithm": 4, "leaf_max_size": 10}
-#: Cells of the grid along the diagonal of the model, and how often they are joined two by two to ask the tree.
-_CELLS, _HALVINGS = 128, 3
+#: Cells of the grids along the diagonal of the model, each a half of the one before. They end where a grid would not
+#: halve the number of questions.
+_CELLS = (128, 64, 32, 16)
 
 
 class Cloud:
@@ -27,6 +28,8 @@ class Cloud:
 
     def nearest(self, points: FloatArray, count: int = 1) -> tuple[IntArray, FloatArray]:
         """Indices and distances (mm) of the ``count`` nearest to each of ``points`` (n, 3): (n, count) each."""
+        if not len(points):
+            return np.zeros((0, count), dtype=np.int64), np.zeros((0, count))
         found, square = self._tree.knnSearch(
             np.ascontiguousarray(points, dtype=np.float32), count, params={"checks": -1}
         )
@@ -53,30 +56,33 @@ def candidates(model: Model, samples: Cloud, points: FloatArray, reach: float, s
     """The triangles that may be closest to ``points`` (N, 3) which are within ``reach`` of the model, also after they
     have moved by ``slack`` (mm). Points farther away are in no pair.
 
-    The tree is asked for the large cells of a grid that hold points; the halves of a cell choose from what it found.
+    The tree is asked for the large cells of a grid that hold points; smaller cells choose from what it found.
     """
     gap = np.linalg.norm(np.maximum(np.maximum(model.low - points, points - model.high), 0), axis=1)
     near = np.flatnonzero(gap <= reach + slack)
-    low, cell = model.low - reach - slack, model.size / _CELLS
-    grid, of = _unique(np.floor((points[near] - low) / cell).astype(np.int64))
-    places, parents = [points[near], low + cell * (grid + 0.5)], [of]
-    for _ in range(_HALVINGS):
-        grid, of = _unique(grid >> 1)
-        cell *= 2
-        places.append(low + cell * (grid + 0.5))
-        parents.append(of)
-    pairs = _boxed(model, samples, places.pop(), (reach + slack, 2 * slack), cell)
-    while places:
-        cell = cell / 2 if len(places) > 1 else 0.0
-        pairs = _pruned(model, places.pop(), *_joined(parents.pop(), pairs), (reach + slack, 2 * slack), cell)
+    low, limits = model.low - reach - slack, (reach + slack, 2 * slack)
+    places, wholes, sizes = [points[near]], [], [0.0]
+    for count in _CELLS:
+        size = model.size / count
+        middles, of = _cells(places[-1], low, size)
+        if 2 * len(middles) > len(of):
+            break
+        places.append(middles)
+        wholes.append(of)
+        sizes.append(size)
+    pairs = _boxed(model, samples, places[-1], limits, sizes[-1])
+    for some, of, size in zip(places[-2::-1], wholes[::-1], sizes[-2::-1], strict=True):
+        pairs = _pruned(model, some, *_joined(of, pairs), limits, size)
     return Pairs(near[pairs.point], pairs.triangle)
 
 
-def _unique(cells: IntArray) -> tuple[IntArray, IntArray]:
-    """Different cells (M, 3) of a grid among ``cells`` (N, 3), and which of them each is (N,)."""
-    keys = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-    _, first, of = np.unique(keys, return_index=True, return_inverse=True)
-    return cells[first], of.reshape(-1)
+def _cells(points: FloatArray, low: FloatArray, cell: float) -> tuple[FloatArray, IntArray]:
+    """Middles (M, 3) of the cells that hold points, and the cell of each point."""
+    cells = np.floor((points - low) / cell).astype(np.int64)
+    _, first, of = np.unique(
+        (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True, return_inverse=True
+    )
+    return low + cell * (cells[first] + 0.5), of.reshape(-1)
 
 
 def _boxed(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float, float], cell: float) -> Pairs:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from camgen.localize.coarse import Field, Poses, fit, rotations, slid, thinned
@@ -13,12 +11,18 @@ from camgen.solid import BoolArray
 
 #: Orientations to begin with: about 25 deg from one to the next.
 _ORIENTATIONS = 600
+#: Trace of the rotation between two that are turned by less than 45 deg.
+_LITTLE = 1 + 2 * np.cos(np.radians(45))
+#: A scan that measures less than this part of the model across shows one side, which lies this part of the way out.
+_FLATTER, _OUT = 0.7, 0.6
 #: Points that slide. More make it slower, not better.
-_POINTS = 300
+_POINTS = 120
+#: Points of the model by which its symmetries are looked for.
+_ITSELF = 60
 #: Rounds: reach of a point and pull of the samples (see ``coarse.slid``), steps. Reaches are parts of the model's size.
 _FAR = ((0.15, 1.0, 4), (0.08, 0.5, 4))
 _NEAR = ((0.05, 0.2, 6), (0.03, 0.05, 6), (0.015, 0.02, 6))
-_KEPT = 120
+_KEPT = 60
 #: Poses that fit less than this part of the best one are not refined.
 _WORTH = 0.6
 #: A plane that holds this part of the scan with all else on one side may be the bench.
@@ -30,33 +34,55 @@ _AROUND = tuple((a, b, c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 
 _APART = 0.03
 
 
-def starts(model: Model, field: Field, points: FloatArray, given: Pose | None, stage: Callable[[str], None]) -> Poses:
-    """Poses (model_from_scan) worth refining, the best first, all different. ``given``: scan_from_model to try too."""
+def things(model: Model, points: FloatArray) -> list[FloatArray]:
+    """What of the scan (N, 3) may be the part: all of it, what is not the bench, and the largest things on that."""
     sets = [points]
     bench = flat(thinned(points, 2000), points, 0.005 * model.size)
     if bench is not None and np.count_nonzero(~bench) >= _FEWEST:
         sets.append(points[~bench])
-        things = heaps(sets[1], model.size / 16)
-        sets += things if len(things) > 1 else []
-    everything = thinned(points, _POINTS)
-    found: list[Poses] = []
-    for number, some in enumerate(sets):
-        stage(f"searching, {number + 1} of {len(sets)}")
-        found.append(_slid(model, field, thinned(some, _POINTS), given))
+        apart = heaps(sets[1], model.size / 16)
+        sets += apart if len(apart) > 1 else []
+    return [thinned(some, _POINTS) for some in sets]
+
+
+def starts(model: Model, field: Field, sets: list[FloatArray], given: Pose | None = None) -> Poses:
+    """Poses (model_from_scan) worth refining, the best first, all different, of the ``things`` of a scan.
+
+    given: scan_from_model as far as it is known. The search then begins only with what is turned little from it.
+    """
+    turns, origin = rotations(_ORIENTATIONS), None
+    if given is not None:
+        back = given.inverse()
+        turns = np.concatenate([back.rotation[None], turns[np.einsum("bij,ij->b", turns, back.rotation) > _LITTLE]])
+        origin = back.origin
+    found = [_slid(model, field, some, turns, origin) for some in sets]
     poses = Poses(*(np.concatenate([getattr(p, name) for p in found]) for name in ("rotations", "origins")))
-    fits = fit(field, everything, poses, 0.01 * model.size)
+    fits = fit(field, sets[0], poses, 0.01 * model.size)
     best = np.argsort(-fits, kind="stable")
     return different(model, poses[best[fits[best] > _WORTH * fits[best[0]]]], _APART * model.size)
 
 
-def _slid(model: Model, field: Field, points: FloatArray, given: Pose | None) -> Poses:
-    """The best of all orientations about the middle of the points, slid onto the model."""
-    turns = rotations(_ORIENTATIONS)
-    origins = model.samples.mean(axis=0) - turns @ points.mean(axis=0)
-    if given is not None:
-        back = given.inverse()
-        turns = np.concatenate([turns, back.rotation[None]])
-        origins = np.concatenate([origins, np.array([back.origin])])
+def symmetries(model: Model, field: Field) -> Poses:
+    """Poses of the model that put its surface about onto itself: found by the search, and half a turn about each
+    principal axis, which the search meets only nearly where the part is thin.
+    """
+    found = starts(model, field, [thinned(model.samples, _ITSELF)])
+    middle = model.samples.mean(axis=0)
+    axes = np.linalg.eigh(np.cov((model.samples - middle).T))[1].T
+    turns = 2 * axes[:, :, None] * axes[:, None] - np.eye(3)
+    origins = middle - turns @ middle
+    return Poses(np.concatenate([turns, found.rotations]), np.concatenate([origins, found.origins]))
+
+
+def _slid(
+    model: Model, field: Field, points: FloatArray, turns: FloatArray, origin: tuple[float, float, float] | None
+) -> Poses:
+    """The best of ``turns`` (B, 3, 3) about the middle of the points, and of the first with ``origin``, slid onto the
+    model.
+    """
+    turns, origins = _laid(model, points, turns)
+    if origin is not None:
+        turns, origins = np.concatenate([turns[:1], turns]), np.concatenate([np.array([origin]), origins])
     poses = Poses(turns, origins)
     for scale, plain, steps in _FAR:
         for _ in range(steps):
@@ -67,6 +93,21 @@ def _slid(model: Model, field: Field, points: FloatArray, given: Pose | None) ->
         for _ in range(steps):
             poses = slid(field, points, poses, scale * model.size, plain)
     return poses
+
+
+def _laid(model: Model, points: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``turns`` (B, 3, 3) and origins (B, 3) that lay the middle of the points onto that of the model; of points that
+    are flatter than the model, which show one side of it, also towards either side.
+    """
+    middle, centre = points.mean(axis=0), model.samples.mean(axis=0)
+    origins = centre - turns @ middle
+    least, axes = np.linalg.eigh(np.cov((points - middle).T))
+    if least[0] > _FLATTER**2 * np.linalg.eigvalsh(np.cov((model.samples - centre).T))[0]:
+        return turns, origins
+    across = turns @ axes[:, 0]
+    heights = (corners(model) - centre) @ across.T
+    out = _OUT * np.stack([0 * heights[0], heights.max(axis=0), heights.min(axis=0)])
+    return np.tile(turns, (3, 1, 1)), (origins + out[..., None] * across).reshape(-1, 3)
 
 
 def corners(model: Model) -> FloatArray:
