@@ -15,6 +15,7 @@ from camgen.edges.picked import select
 from camgen.edges.reach import reach
 from camgen.edges.results import Freedom, Reached, Setup, Unreached
 from camgen.errors import InputError, JobError, NoSafeProgram
+from camgen.idle import no_idle
 from camgen.ir import Joints
 from camgen.lower_edges import feed_of
 from camgen.note import Note
@@ -92,6 +93,7 @@ def _check(job: Job, cell: Cell) -> None:
         raise JobError("job", "the edges of a part have no drawn order", "tour.method", 'set it to "best" or "nearest"')
     if not isinstance(cell.home, Joints):
         raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
+    no_idle(job, "a 3-D part")
 
 
 def _home(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
@@ -147,9 +149,10 @@ def _path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
 
 
 def _skipped(lost: Sequence[Unreached], edges: dict[str, Edge]) -> list[Note]:
+    found = [(one, edges[one.id]) for one in lost]
     return [
-        Note("skipped", f"edge {one.id}, {edges[one.id].kind} of {short(edges[one.id].length, 1)} mm", one.text)
-        for one in lost
+        Note("skipped", f"edge {one.id}, {edge.kind} of {short(edge.length, 1)} mm", one.text, (one.id,))
+        for one, edge in found
     ]
 
 
@@ -174,7 +177,7 @@ def _freed(made: Route) -> list[Note]:
         if sum(leg.motion.trimmed) > 0:
             before, after = (short(value, 1) for value in leg.motion.trimmed)
             what = f"edge {leg.motion.id} is run without its first {before} and last {after} mm"
-            notes.append(Note("skipped", what, "the whole cannot be reached"))
+            notes.append(Note("skipped", what, "the whole cannot be reached", (leg.motion.id,)))
     return notes
 
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.errors import InputError, JobError, NoSafeProgram
 from camgen.gcode.recorded import Recorded
+from camgen.idle import no_idle
 from camgen.ir import Program
 from camgen.leads import add_leads
 from camgen.lower import lower
 from camgen.paths import ToolPath, Tour
 from camgen.planners import plan
+from camgen.planners.coverage import Coverage
 from camgen.pose import Pose
 from camgen.post import Cell
 from camgen.replay import check as check_replay
@@ -21,6 +25,7 @@ from camgen.replay import replayed, tour_of
 from camgen.robots.models import Robot, robot
 from camgen.settings import Job
 from camgen.shapes import Note, Part
+from camgen.stay_down import staying_down
 from camgen.tour import order, travel
 
 if TYPE_CHECKING:
@@ -30,9 +35,13 @@ if TYPE_CHECKING:
 Watch = Callable[[str], None]
 
 
+def unwatched(_: str) -> None:
+    """Nobody watches: then nobody can stop a search but with all the rest."""
+
+
 class Planned(Struct, frozen=True, eq=False):
     """What will be done. arm: the robot that the program is checked with. lowered: the program, from its name and
-    header.
+    header. coverage: of a fill.
     """
 
     tour: Tour
@@ -40,20 +49,23 @@ class Planned(Struct, frozen=True, eq=False):
     arm: Robot | None
     lowered: Callable[[str, tuple[str, ...]], Program]
     where: Surroundings | None = None
+    coverage: Coverage | None = None
 
 
 def _flat(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
     """The tour of the paths of a flat part."""
     watch("planning")
+    no_idle(job, "a drawing" if part.raster is None else "a picture")
     planned = plan(part, job)
     notes = part.notes + planned.notes
     _insist(part, notes, bool(planned.paths), strict)
     watch("ordering")
-    tour, lead_notes = _toured(planned.paths, part, job, cell)
+    tour, lead_notes = _toured(planned.paths, part, job, cell, watch)
     notes += lead_notes
     _insist(part, notes, bool(tour.paths), strict)
     arm = robot(job.cell.robot) if job.cell.robot else None
-    return Planned(tour, notes, arm, lambda title, header: lower(tour, cell, job, title, header))
+    run = partial(lower, tour, cell, job)
+    return Planned(tour, notes, arm, run, coverage=planned.coverage)
 
 
 def way(part: Part, job: Job) -> Callable[[Part, Job, Cell, bool, Watch], Planned]:
@@ -95,16 +107,26 @@ def _edges(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Plan
     )
 
 
-def _toured(paths: Sequence[ToolPath], part: Part, job: Job, cell: Cell) -> tuple[Tour, tuple[Note, ...]]:
+def _toured(paths: Sequence[ToolPath], part: Part, job: Job, cell: Cell, watch: Watch) -> tuple[Tour, tuple[Note, ...]]:
     """The paths in order from and back to home, with their leads."""
     start = cell.home.origin[:2] if isinstance(cell.home, Pose) else None
-    choice = job.tour
-    tour = order(paths, choice.method, start, job.operation.inside_first, choice.seconds, choice.seed)
-    led, notes = add_leads(tour.paths, part, job)
+    choice, inside = job.tour, job.operation.inside_first
+
+    def tell(part: float) -> None:
+        watch(f"ordering {part:.0%}, Ctrl-C takes the best tour so far")
+
+    told = None if watch is unwatched else tell
+    found = order(paths, choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam, told)
+    led, notes = add_leads(found.paths, part, job)
+    if found.stopped:
+        why = "the best tour so far is used; the same job gives another one when its search is not interrupted"
+        notes = [*notes, Note("warning", "the search for a short tour was stopped", why)]
     # Leads move the ends of a path by no more than their lengths.
     moved = len(paths) * (job.operation.lead_in + job.operation.lead_out + job.operation.overlap)
-    bound = None if tour.bound is None else max(0.0, tour.bound - moved)
-    return Tour(tuple(led), travel(led, start), tour.method, bound), tuple(notes)
+    bound = None if found.bound is None else max(0.0, found.bound - moved)
+    tour = replace(found, paths=tuple(led), travel=travel(led, start), bound=bound)
+    tour, saved = staying_down(tour, part, job)
+    return tour, (*notes, *saved)
 
 
 def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:

@@ -2,7 +2,7 @@
 
 Motions to joint values are anchors: what is between two of them is followed as one stretch, in one posture, from the
 very values of the first. What is between two rows is not looked at: they are so close that no joint may turn by
-more than 30 deg from one to the next. Collisions are not looked at either.
+more than 30 deg from one to the next.
 """
 
 from __future__ import annotations

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from msgspec.structs import asdict
 
 from camgen.body import Columns, taken
 from camgen.errors import JobError
 from camgen.gcode.recorded import Recorded
+from camgen.idle import no_idle
 from camgen.ir import Instruction, MoveC, MoveJ, MoveL, Program
 from camgen.passes import ZONES
 from camgen.paths import ToolPath, Tour, segment_lengths
@@ -26,16 +26,6 @@ from camgen.settings import Job
 
 #: Nearer than this two points are one, mm: a motion between them is none.
 _SAME = 1e-6
-#: Settings that say something which a recorded program says itself.
-_SAID = {
-    "input": ("units", "layers"),
-    "operation": (
-        "side", "planner", "direction", "corner_radius", "inside_first", "depth", "passes", "lead_in", "lead_out",
-        "overlap",
-    ),
-    "tool": ("orient",),
-    "process": ("feed", "force", "max_feed_factor", "spindle", "signal", "dwell"),
-}  # fmt: skip
 
 
 def check(job: Job) -> None:
@@ -43,13 +33,7 @@ def check(job: Job) -> None:
     if job.operation.kind not in ("auto", "replay"):
         what = f"G-code is replayed, it cannot be used to {job.operation.kind}"
         raise JobError("job", what, "operation.kind", 'set operation.kind to "replay" or leave it out')
-    for table, keys in _SAID.items():
-        given, default = asdict(getattr(job, table)), asdict(getattr(Job(), table))
-        for key in keys:
-            if given[key] != default[key]:
-                raise JobError(
-                    "job", "has no effect on a replay, the program says it", f"{table}.{key}", "leave it out"
-                )
+    no_idle(job, "a replay")
 
 
 def tour_of(part: Recorded) -> Tour:

@@ -119,7 +119,7 @@ def test_a_skipped_word_is_an_error_with_strict(tmp_path):
 def test_settings_that_mean_nothing_here(tmp_path, tables, where):
     with pytest.raises(JobError) as error:
         built(tmp_path, **tables)
-    assert str(error.value) == f"job: has no effect on a replay, the program says it ({where}); leave it out"
+    assert str(error.value) == f"job: has no effect on a replay ({where}); leave it out"
 
 
 def test_another_operation_than_a_replay(tmp_path):

@@ -34,10 +34,8 @@ class Setup(Struct, frozen=True, eq=False):
 
 class Freedom(Struct, frozen=True):
     """What of a tool's orientation is free where the nominal one does not do. tilt: rad, how far its axis may lean from
-    the nominal one to any side. roll: it is symmetric, so any turn about its axis is as good.
-
-    Both hold at the rows of the program. Where the orientation changes along an arc the axis cuts the corner between
-    rows up to 30 deg apart: 1.3 deg more tilt at most at a right-angled rim; ``Reached.tilt`` has it as it is.
+    the nominal one to any side. roll: it is symmetric, so any turn about its axis is as good. Where the roll changes
+    along an arc the axis may lean by up to 2 deg between two rows.
     """
 
     tilt: float = 0.0

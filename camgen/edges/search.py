@@ -27,6 +27,8 @@ _STRETCH, _TURN = 50.0, math.radians(30)
 _STEP, _STEP_TURN = 10.0, math.radians(10)
 #: rad: the most a joint may turn from one row of the search to the next, and from one look to the next.
 _KNOT_JUMP, _STEP_JUMP = math.radians(120), 2 * JUMP
+#: rad: a tilt so much above another is the same; and what the axis may lean between rows where only the roll is free.
+_EVEN, _CUT = 1e-6, math.radians(2)
 #: So many chains are proved before an edge is given up.
 _TRIES = 40
 
@@ -128,9 +130,19 @@ def _proved(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain) -> 
         return _stretch(at, int(hit[0])), setup.hit(joints.joints[hit[0]])
     kept, few = _few(knots, chain)
     tilt, roll = lean(divided(knots.way, parts).rotation, dense.rotation)
+    # On an arc the axis cuts the corner between two rows that lean, or roll, differently.
+    steep = np.flatnonzero(tilt > max(_most(grid), _CUT) + _EVEN)
+    if len(steep):
+        return _stretch(at, int(steep[0])), ""
     way = replace(few, rotation=frozen(actual.rotation[kept]))
     posture = frozen(joints.joints[at[kept]])
     return Reached(edge, False, way, posture, frozen(joints.joints), at[kept], frozen(tilt), frozen(roll))
+
+
+def _most(grid: Grid) -> float:
+    """The greatest tilt of the grid, rad."""
+    along = grid.nominal_from_tool[:, :, 2]
+    return float(np.arctan2(np.hypot(along[:, 0], along[:, 1]), along[:, 2]).max())
 
 
 def _stretch(at: Index, row: int) -> int:
