@@ -1,7 +1,7 @@
 """Pictures as drawings: how many points they need, how near they keep to the pixels, and the way with the pen up.
 
     python bench/drawing.py [FOLDER]      a table over the pictures of FOLDER (default: shared/data/image)
-    python bench/drawing.py docs FOLDER   the pictures of docs/drawing-robot.md: gear.png and drawing-gear.svg in FOLDER
+    python bench/drawing.py docs FOLDER   the pictures of docs/drawing-robot.md, for FOLDER = docs/images
 
 Every picture is traced on an A4 page. Distances are measured on points 0.25 px apart, in both directions.
 """
@@ -11,11 +11,12 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-import numpy as np
 import shapely
 from machine import machine
 
+from camgen.cli import main
 from camgen.cli_job import from_mapping
 from camgen.errors import CamgenError
 from camgen.geometry.segments import flatten, from_contours
@@ -30,6 +31,12 @@ from camgen.vision.similarity import scale_of
 DEFAULT = Path(__file__).parents[2] / "shared" / "data" / "image"
 JOB = from_mapping({"operation": {"kind": "trace"}, "page": {"size": "A4"}})
 METHODS = ("as-drawn", "nearest", "best")
+PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
+ARM = ["--post", "vplus", "--set", "cell.robot=Cobra s600"]
+WALKS = {
+    "gear": [*ARM, "--set", "page.size=A5"],
+    "board": [*ARM, "--set", "operation.kind=fill", "--set", "tool.diameter=0.8"],
+}
 
 
 def line(contour: Contour, chord: float) -> shapely.LineString:
@@ -73,62 +80,17 @@ def table(folder: Path) -> None:
         try:
             print(row(path), flush=True)
         except CamgenError as error:
-            print(f"| {path.name} | {error} | | | | | | | | |")
-
-
-def gear(teeth: int = 18, size: int = 600) -> np.ndarray:
-    """A gear in black on white, two values, with a bore and six round holes."""
-    v, u = np.mgrid[0:size, 0:size] - (size - 1) / 2
-    r, turn = np.hypot(u, v), np.arctan2(v, u)
-    root, tip = 0.36 * size, 0.44 * size
-    half = 0.27 - 0.11 * np.clip((r - root) / (tip - root), 0, 1)
-    tooth = np.abs((turn * teeth / (2 * np.pi)) % 1 - 0.5) < half
-    ink = ((r <= root) | (tooth & (r <= tip))) & (r >= 0.09 * size)
-    for k in range(6):
-        a = np.pi / 3 * k + 0.3
-        ink &= np.hypot(u - 0.22 * size * np.cos(a), v - 0.22 * size * np.sin(a)) >= 0.055 * size
-    return np.where(ink, 0, 255).astype(np.uint8)
-
-
-def svg(part: Part, raw: Part, path: Path) -> None:
-    """The page with the ink in grey, the drawing by stroke in colour, the way with the pen up in thin grey."""
-    paths = order(trace(part, JOB), "best", (0.0, 0.0), False).paths
-    shapes = "".join("M" + " ".join(f"{x:.2f},{297 - y:.2f}" for x, y in c.points) + "Z" for c in raw.contours)
-    lines = [f'<path d="{shapes}" fill="#ddd" fill-rule="evenodd"/>']
-    at = np.zeros(2)
-    colours = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
-    for k, one in enumerate(paths):
-        xy = one.position[:, :2]
-        lines.append(
-            f'<path d="M{at[0]:.2f},{297 - at[1]:.2f}L{xy[0, 0]:.2f},{297 - xy[0, 1]:.2f}" stroke="#999" '
-            'stroke-width="0.3" stroke-dasharray="2 1.5" fill="none"/>'
-        )
-        at = xy[-1]
-        points = []
-        for a, b, via in zip(one.position[:-1], one.position[1:], one.via[1:], strict=True):
-            if np.isnan(via[0]):
-                points.append(f"L{b[0]:.2f},{297 - b[1]:.2f}")
-                continue
-            chord = float(np.hypot(*(b - a)[:2]))
-            height = float(np.hypot(*(via - (a + b) / 2)[:2]))
-            radius = (chord**2 / 4 + height**2) / (2 * height)
-            left = (b - a)[0] * (via - a)[1] - (b - a)[1] * (via - a)[0] > 0
-            points.append(f"A{radius:.2f} {radius:.2f} 0 0 {int(left)} {b[0]:.2f},{297 - b[1]:.2f}")
-        d = f"M{xy[0, 0]:.2f},{297 - xy[0, 1]:.2f}" + "".join(points)
-        lines.append(f'<path d="{d}" stroke="{colours[k % len(colours)]}" stroke-width="0.7" fill="none"/>')
-        lines += [f'<circle cx="{x:.2f}" cy="{297 - y:.2f}" r="0.9" fill="#222"/>' for x, y in xy]
-    head = '<svg xmlns="http://www.w3.org/2000/svg" width="105mm" height="148.5mm" viewBox="0 0 210 297">'
-    page = '<rect width="210" height="297" fill="white" stroke="#888"/>'
-    path.write_text("\n".join([head, page, *lines, "</svg>"]) + "\n")
+            print(f"| {path.name} | refused: {error.what} | | | | | | | | |")
 
 
 def docs(folder: Path) -> None:
-    import cv2  # noqa: PLC0415 (only here)
-
-    source = folder / "gear.png"
-    cv2.imwrite(str(source), gear(), [cv2.IMWRITE_PNG_BILEVEL, 1])
-    raw = on_page(read(source, JOB), JOB)
-    svg(simplified(raw, JOB), raw, folder / "drawing-gear.svg")
+    """What docs/drawing-robot.md shows, by the commands that it names."""
+    for name, words in WALKS.items():
+        picture = folder / f"{name}.png"
+        picture.write_bytes((PARTS / picture.name).read_bytes())
+        with TemporaryDirectory() as made:
+            preview = folder / f"drawing-{name}.svg"
+            assert main(["build", str(picture), *words, "-q", "-o", made, "--preview", str(preview)]) == 0
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from pathlib import Path
 
 SIZES = (100, 1_000, 10_000, 100_000)
 #: tour.seconds of the compiled search, of the plain one (about 2 s of Python), and of the long run; by size.
-BUDGETS = {100: (0.2, 0.03, 5.0), 1_000: (1.0, 0.06, 20.0), 10_000: (5.0, 0.1, 60.0), 100_000: (30.0, 0.1, 0.0)}
+BUDGETS = {100: (0.2, 0.03, 2.0), 1_000: (0.5, 0.05, 10.0), 10_000: (2.5, 0.1, 30.0), 100_000: (15.0, 0.1, 0.0)}
 #: Above this many paths vpype is not asked to improve its order.
 TWO_OPT = 1_000
 Row = tuple[str, float, float, float, float | None]

@@ -21,6 +21,7 @@ from camgen.cli_say import Voice
 from camgen.cli_summary import rows
 from camgen.errors import InputError, JobError
 from camgen.job import Result, build
+from camgen.readers.artwork import meant
 from camgen.report import clean
 from camgen.writing import check_targets, write_all
 
@@ -36,6 +37,8 @@ class _Stages(Struct):
         if name == "planning":
             gc.collect()  # what was read is a heap of cycles, and a large one
         self.says.stage(name)
+        if self.names and name.startswith(f"{self.names[-1]} "):
+            return  # how far the same stage is
         self.names.append(name)
         self.times.append(perf_counter())
 
@@ -126,9 +129,11 @@ def _picture(result: Result) -> bytes:
 
 
 def _drawing(result: Result) -> bytes:
-    from camgen import preview, preview_stages  # noqa: PLC0415 (only where a picture is asked for)
+    from camgen import preview, preview_drawing, preview_stages  # noqa: PLC0415 (only where a picture is asked for)
 
     part, title = result.part, f"{result.part.source}, {result.post.name}"
+    if part.raster is not None and meant(result.job):
+        return preview_drawing.svg(part, part.raster, result.tour, result.notes, result.job, title).encode("utf-8")
     if part.raster is not None:
         return preview_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
     return preview.svg(part, result.tour, result.notes, title).encode("utf-8")

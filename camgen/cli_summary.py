@@ -38,6 +38,7 @@ def rows(
         *_job(job, inputs),
         *_notes(result.notes, verbose),
         *_planned(result),
+        *_coverage(result),
         ("cell", _cell(result), "look"),
         ("time", f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel", "plain"),
         *(_program(path, data, result.post.newline) for path, data in programs),
@@ -115,6 +116,13 @@ def _planned(result: Result) -> list[Row]:
         ("plan", f"{counted(len(result.tour.paths), 'path')}, work {length(work)}", "plain"),
         ("tour", f"{result.tour.method}: work {length(work)}, travel {length(travel)}{_above(result.tour)}", "plain"),
     ]
+
+
+def _coverage(result: Result) -> list[Row]:
+    if result.coverage is None:
+        return []
+    found, enough = result.coverage, result.coverage.enough
+    return [("coverage", f"{found}" + ("" if enough else "; use a finer tool"), "plain" if enough else "look")]
 
 
 def _above(tour: Tour) -> str:

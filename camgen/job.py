@@ -24,7 +24,8 @@ from camgen.ir import Program
 from camgen.lower import placed
 from camgen.page_fit import on_page
 from camgen.paths import Tour
-from camgen.plans import Planned, Watch, way
+from camgen.planners.coverage import Coverage
+from camgen.plans import Planned, Watch, unwatched, way
 from camgen.plugins import find_post, find_readback, make_post
 from camgen.pose import Pose, fixed_xyz
 from camgen.post import Cell, OutputFile, Pace, Post
@@ -42,6 +43,7 @@ from camgen.text import short
 
 if TYPE_CHECKING:
     from camgen.collide import Clear
+    from camgen.surroundings import Surroundings
 
 
 class Result(Struct, frozen=True, eq=False, dict=True):
@@ -50,7 +52,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     part: what was read. tour: the paths in order, with their leads. program: as the text says it, arcs already
     replaced where the controller has none. files: the text with LF line ends. deviation: of the text read back.
     motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot found, None where there
-    is none.
+    is none. coverage: of a fill. arm, where: the robot and what it was tested against, None where there is none.
     """
 
     part: Part
@@ -66,13 +68,17 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     cycle: Cycle
     reach: Reach | None = None
     clear: Clear | None = None
+    coverage: Coverage | None = None
+    arm: Robot | None = None
+    where: Surroundings | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
         """The contract's report as plain data."""
         files = [file.name for file in self.files]
         checked = {} if self.reach is None else {"reach": "ok", "limits": "ok", "collision": "ok"}
-        return report_of(self.part, self.tour, self.notes, self.cycle, self.deviation.max_mm, files, checked)
+        found = (self.part, self.tour, self.notes, self.cycle, self.deviation.max_mm, files, checked)
+        return report_of(*found, self.coverage)
 
     @property
     def text(self) -> str:
@@ -87,7 +93,7 @@ def build(
     job: Mapping[str, object] | Job | str | Path | None = None,
     name: str = "",
     strict: bool = False,
-    watch: Watch = lambda _: None,
+    watch: Watch = unwatched,
 ) -> Result:
     """A checked program for the controller ``post`` from one or several drawings in one work frame.
 
@@ -114,17 +120,18 @@ def build(
         watch("checking")
     reach = reached(program, arm, part.source) if arm else None
     program = reach.program if reach else program
-    clear = _clear(part, settings, cell, planned, reach) if reach else None
+    where, clear = _clear(part, settings, cell, planned, reach) if reach else (None, None)
     files = poster.render(program)
     watch("verifying")
     reading = readback({file.name: file.text for file in files}, settings.post)
     deviation = compare(program, reading, poster.tolerance(), poster.carried(), files[0].name)
-    motions, pace = sum_up(program.columns), _pace(poster, settings)
+    motions, pace = sum_up(program.columns), pace_of(poster, settings)
     time = cycle(program, tour, pace, reach, arm)
-    return Result(part, settings, poster, cell, tour, notes, program, files, deviation, motions, time, reach, clear)
+    made = (part, settings, poster, cell, tour, notes, program, files, deviation, motions, time, reach, clear)
+    return Result(*made, planned.coverage, arm, where)
 
 
-def _pace(post: Post, job: Job) -> Pace:
+def pace_of(post: Post, job: Job) -> Pace:
     """What the post takes its machine to do, with the acceleration of the job."""
     own, pace = job.process.acceleration, post.pace()
     return replace(pace, acceleration=own) if own else pace
@@ -176,14 +183,14 @@ def _poster(name: str, job: Job, origin: str) -> Post:
         raise JobError(origin, error.what, error.file, error.remedy) from error
 
 
-def _clear(part: Part, job: Job, cell: Cell, planned: Planned, reach: Reach) -> Clear:
-    """The test of the whole program, links included, for collisions."""
+def _clear(part: Part, job: Job, cell: Cell, planned: Planned, reach: Reach) -> tuple[Surroundings, Clear]:
+    """What there is to run into, and the test of the whole program, links included, for collisions."""
     from camgen.collide import collided  # noqa: PLC0415 (fcl is loaded only by what needs it)
     from camgen.surroundings import around  # noqa: PLC0415
 
     assert planned.arm is not None
     where = planned.where or around(job, planned.arm, cell, None)
-    return collided(where, reach.program, reach, part.source)
+    return where, collided(where, reach.program, reach, part.source)
 
 
 def _of_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:

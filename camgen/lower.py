@@ -40,7 +40,7 @@ def lower(tour: Tour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) 
         body += [Output("spindle", job.process.spindle), *dwell(job.process)]
     # A machine without joints has no axis that winds up.
     winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
-    runs = _runs(tour.paths, winds)
+    runs = _runs(tour, winds)
     table = _table(runs, job, winds)
     for run in range(len(runs)):
         body += _enter(table, run, job.process, run == 0, isinstance(cell.home, Pose))
@@ -104,19 +104,22 @@ def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
 
 
 class _Run(Struct, frozen=True):
-    """One pass. linked: it starts where the run before it ended, so that nothing lies between them but the plunge."""
+    """One pass. linked: it starts where the run before it ended, so that nothing lies between them but the plunge.
+    down: it is reached straight from there, without a lift.
+    """
 
     path: ToolPath
     depth: float
     linked: bool
+    down: bool = False
 
 
-def _runs(paths: Sequence[ToolPath], winds: bool) -> list[_Run]:
+def _runs(tour: Tour, winds: bool) -> list[_Run]:
     """winds: the tool turns with the contour, once round for every pass, and has to be turned back in the air."""
     runs = []
-    for path in paths:
+    for index, path in enumerate(tour.paths):
         first, *deeper = path.depths
-        runs.append(_Run(path, first, False))
+        runs.append(_Run(path, first, False, index in tour.down))
         if not deeper:
             continue
         meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < _SAME
@@ -227,6 +230,10 @@ def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian
     # A path that starts on an outer corner is faster there than the feed; the plunge before it must not be.
     feed = min(table.feed[row], process.feed)
     yield Comment(f"path {one.path.id} layer {one.path.layer}")
+    if one.down:
+        if not _same(table.position[table.last[run - 1]], contact):
+            yield MoveL(Pose(rotation, contact), process.travel)
+        return
     if not one.linked:
         above, near = table.above_start[run], table.near[run]
         turned = table.unwound[run]
@@ -250,7 +257,7 @@ def _leave(table: _Table, run: int, process: Process, cartesian: bool) -> Iterat
     """Up to the height of travel, unless the next run starts where this one ended."""
     following = run + 1
     last = following == len(table.runs)
-    if not last and table.runs[following].linked:
+    if not last and (table.runs[following].linked or table.runs[following].down):
         return
     row = table.last[run]
     up, target = table.above_end[run], Pose(table.orientations.ends[row], table.above_end[run])

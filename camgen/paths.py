@@ -79,12 +79,16 @@ class Tour(Struct, frozen=True, eq=False):
 
     travel: mm between the end of each path and the start of the next, from and back to the home position if given.
     bound: mm, no order, directions and starts of these paths travel less; None where it is not known.
+    down: indices of the paths that are reached from the one before without a lift. stopped: the search for it was ended
+    before it was done.
     """
 
     paths: tuple[ToolPath, ...]
     travel: float
     method: str
     bound: float | None = None
+    down: frozenset[int] = frozenset()
+    stopped: bool = False
 
 
 def joined(paths: Sequence[ToolPath]) -> ToolPath:

@@ -13,7 +13,7 @@ from msgspec import Struct
 
 from camgen.errors import one_line
 from camgen.paths import ToolPath, Tour
-from camgen.preview_draw import Page, arrows, bounds, of_contours, of_paths, path_data
+from camgen.preview_draw import Page, arrows, bounds, by_order, of_contours, of_paths, path_data
 from camgen.shapes import Contour, Note, Part
 
 #: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
@@ -22,8 +22,7 @@ _WIDE, _HIGH, _MARGIN, _TITLE = 277.0, 200.0, 10.0, 16.0
 _LEAST = 170.0
 #: From so many paths on there are no numbers, no arrows, and no hover texts.
 _NUMBERS, _ARROWS = 200, 1500
-#: From the first path to the last: blue, violet, orange; mid lightness, legible on white and on black.
-_RAMP = ((31, 111, 235), (163, 59, 196), (235, 94, 40))
+#: Colours at most, from so many paths on.
 _BINS = 32
 
 _STYLE = """\
@@ -110,14 +109,14 @@ def _paths(tour: Tour, page: Page) -> Iterator[str]:
     if len(paths) <= _ARROWS:
         for k, (path, line) in enumerate(zip(paths, data, strict=True)):
             hint = _text(f"{k + 1}: {path.id}, layer {path.layer}, {path.length:.1f} mm")
-            colour = _colour(k, len(paths))
+            colour = by_order(k, len(paths))
             yield f'<path class="path" stroke="{colour}" d="{line}"><title>{hint}</title></path>'
             yield from _arrows(path, page, colour)
         yield from _starts(paths, page)
         return
     edges = [round(k * len(paths) / _BINS) for k in range(_BINS + 1)]
     for a, b in pairwise(edges):
-        yield f'<path class="path" stroke="{_colour(a, len(paths))}" d="{"".join(data[a:b])}"/>'
+        yield f'<path class="path" stroke="{by_order(a, len(paths))}" d="{"".join(data[a:b])}"/>'
 
 
 def _arrows(path: ToolPath, page: Page, colour: str) -> Iterator[str]:
@@ -136,17 +135,10 @@ def _starts(paths: Sequence[ToolPath], page: Page) -> Iterator[str]:
     places = page.place(np.array([path.position[0] for path in paths]).reshape(-1, 3))
     for k, (x, y) in enumerate(places.tolist()):
         radius = min(largest, max(1.0, paths[k].length * page.scale / 14)) if numbered else 0.6
-        yield f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}" fill="{_colour(k, len(paths))}"/>'
+        yield f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}" fill="{by_order(k, len(paths))}"/>'
         if numbered:
             size = radius * (1.25 if k < 99 else 0.95)
             yield f'<text class="n" style="font-size:{size:.2f}px" x="{x:.2f}" y="{y + 0.36 * size:.2f}">{k + 1}</text>'
-
-
-def _colour(k: int, count: int) -> str:
-    place = k / max(count - 1, 1) * (len(_RAMP) - 1)
-    low = min(int(place), len(_RAMP) - 2)
-    rgb = (round(a + (b - a) * (place - low)) for a, b in zip(_RAMP[low], _RAMP[low + 1], strict=True))
-    return "#" + "".join(f"{v:02x}" for v in rgb)
 
 
 def _legend(sheet: _Sheet, tour: Tour, unused: bool) -> Iterator[str]:
@@ -159,7 +151,7 @@ def _legend(sheet: _Sheet, tour: Tour, unused: bool) -> Iterator[str]:
             x += 16 + 1.9 * len(label)
     if tour.paths:
         for k in range(12):
-            yield f'<rect x="{x + k:.2f}" y="{y - 2}" width="1.05" height="1.6" fill="{_colour(k, 12)}"/>'
+            yield f'<rect x="{x + k:.2f}" y="{y - 2}" width="1.05" height="1.6" fill="{by_order(k, 12)}"/>'
         label = "tool centre, first to last; dot: start"
         yield f'<text x="{x + 14}" y="{y}">{label}</text>'
     bar = _nice(45 / sheet.page.scale)

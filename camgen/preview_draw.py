@@ -11,6 +11,17 @@ from camgen.paths import ToolPath, segment_lengths
 from camgen.pose import FloatArray
 from camgen.shapes import Contour
 
+#: From the first path to the last: blue, violet, orange; mid lightness, legible on white and on black.
+_RAMP = ((31, 111, 235), (163, 59, 196), (235, 94, 40))
+
+
+def by_order(k: int, count: int) -> str:
+    """The colour of path k of so many."""
+    place = k / max(count - 1, 1) * (len(_RAMP) - 1)
+    low = min(int(place), len(_RAMP) - 2)
+    rgb = (round(a + (b - a) * (place - low)) for a, b in zip(_RAMP[low], _RAMP[low + 1], strict=True))
+    return "#" + "".join(f"{v:02x}" for v in rgb)
+
 
 class Page(Struct, frozen=True, eq=False):
     """From the work frame (mm, y up) to the page: scale, then the page position of the work origin."""

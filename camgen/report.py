@@ -12,6 +12,7 @@ from msgspec import Struct
 from camgen.body import Columns
 from camgen.ir import Force, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.paths import ToolPath, Tour, segment_lengths
+from camgen.planners.coverage import Coverage
 from camgen.pose import FloatArray, Vec3, frozen
 from camgen.shapes import Note, Part
 
@@ -122,11 +123,12 @@ def report(
     verified: float,
     files: Sequence[str],
     checked: Mapping[str, str] = MappingProxyType({}),
+    coverage: Coverage | None = None,
 ) -> dict[str, object]:
     """The report of a build (contract, section 5): mm, s, N; lengths to 1e-3 mm, the deviation to 1e-6 mm.
 
     time: of the program. verified: the largest deviation of the read-back, mm. files: names.
-    checked: what of reach, collision and limits was checked, and the result.
+    checked: what of reach, collision and limits was checked, and the result. coverage: of a fill.
     """
     contours = part.contours
     lengths, durations = path_sums(tour.paths)
@@ -150,6 +152,7 @@ def report(
             "travel_mm": round(tour.travel, 3),
             "bound_mm": None if tour.bound is None else round(tour.bound, 3),
         },
+        **({} if coverage is None else {"coverage": _coverage(coverage)}),
         "time_s": round(time.total, 1),
         "travel_s": round(time.travel, 1),
         "checks": dict.fromkeys(("reach", "collision", "limits"), NOT_CHECKED) | dict(checked),
@@ -157,6 +160,15 @@ def report(
         "files": [clean(name) for name in files],
         "notes": [{"kind": n.kind, "what": clean(n.what), "why": clean(n.why)} for n in notes],
     }
+
+
+def _coverage(found: Coverage) -> dict[str, float]:
+    """mm2 to 1e-3, shares of the copper to 1e-3 %."""
+    areas = {"covered": found.covered, "ink_outside": found.outside, "ink_beside_thin": found.thin}
+    told = {"copper_mm2": round(found.copper, 3)}
+    for name, area in areas.items():
+        told |= {f"{name}_percent": round(found.percent(area), 3), f"{name}_mm2": round(area, 3)}
+    return told
 
 
 def _path(path: ToolPath, length: float, seconds: float, time: float, travel: float) -> dict[str, object]:

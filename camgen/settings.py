@@ -163,6 +163,9 @@ class Process(Table, frozen=True):
     ] = None
     approach: Annotated[NotNegative, Meta(description="height above the start where the feed begins, mm")] = 2.0
     clearance: Annotated[Positive, Meta(description="height of travel above the top face, mm")] = 20.0
+    stay_down: Annotated[
+        bool, Meta(description="no lift where the straight way keeps clear of part and fixtures; there is no stock")
+    ] = False
     spindle: Annotated[NotNegative, Meta(description="spindle speed for the whole program, rpm; 0: off")] = 0.0
     signal: Annotated[
         str, Meta(description='output that is on along a contour; "auto": process unless a spindle runs; "": none')
@@ -181,6 +184,12 @@ class Tour(Table, frozen=True):
         Meta(description="budget of the search, s of its compiled form; 0: a short look, none above 1,250 contours"),
     ] = 0.0
     seed: Annotated[int, Meta(ge=0, description="another number, another search")] = 0
+    layers: Annotated[
+        list[str], Meta(description="layers in the order in which they are run, those that are not named last")
+    ] = field(default_factory=list)
+    seam: Annotated[
+        Literal["any", "smooth"], Meta(description="where closed contours may begin; smooth: off their corners")
+    ] = "any"
 
 
 class Page(Table, frozen=True):

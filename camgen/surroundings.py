@@ -36,6 +36,9 @@ class Surroundings(Struct, frozen=True, eq=False):
 
     level: mm, base frame, above which an end of tool and holder is free of part and fixtures: half the holder's width
     and ``cell.safety`` above their top (RFA paper, section II.A). low, high: corners of the part's box, base frame.
+
+    bodies: tool and holder, their boxes at the flange. standing: table and fixtures, their boxes in the base frame.
+    meshes: fixtures that are meshes with their names, work frame.
     """
 
     scene: Scene
@@ -45,6 +48,9 @@ class Surroundings(Struct, frozen=True, eq=False):
     low: FloatArray
     high: FloatArray
     notes: tuple[Note, ...]
+    bodies: tuple[Link, ...]
+    standing: tuple[Link, ...]
+    meshes: tuple[tuple[str, Solid], ...]
 
 
 def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None) -> Surroundings:
@@ -53,13 +59,13 @@ def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None) -> Surroundi
     Without fixtures a 3-D part is taken to stand on a table. JobError for boxes that are none.
     """
     fixtures, notes = _fixtures(job, solid)
-    standing = tuple(Link(name, (_placed(cell.base_from_work, low, high),)) for name, (low, high) in fixtures)
-    shapes = _shapes(job)
+    standing = tuple(Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures)
+    shapes = mesh_fixtures(job)
     meshes = tuple((name, meshed(shape), cell.base_from_work) for name, shape in shapes)
-    holder = [_corners("tool.holder", box) for box in job.tool.holder or ()]
+    holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
     bodies = [Link("tool", (_shaft(job, cell, holder),))]
     if holder:
-        bodies.append(Link("holder", tuple(_placed(Pose(IDENTITY, (0.0, 0.0, 0.0)), *box) for box in holder)))
+        bodies.append(Link("holder", tuple(box_between(Pose(IDENTITY, (0.0, 0.0, 0.0)), *box) for box in holder)))
     tool = tuple(bodies)
     part = meshed(solid) if solid is not None else ()
     contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
@@ -74,7 +80,7 @@ def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None) -> Surroundi
     tops = [high[2], *(_top(box) for link in standing if link.name != "table" for box in link.boxes)]
     tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in shapes]
     room = _width(job, holder) / 2 + job.cell.safety
-    return Surroundings(made, apart, max(tops) + room, room, low, high, notes)
+    return Surroundings(made, apart, max(tops) + room, room, low, high, notes, tool, standing, tuple(shapes))
 
 
 def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
@@ -96,7 +102,7 @@ def _fixtures(
 ) -> tuple[list[tuple[str, tuple[FloatArray, FloatArray]]], tuple[Note, ...]]:
     """Names and corners, work frame."""
     listed = enumerate(job.cell.fixtures or (), 1)
-    given = [(f"fixture {k}", _corners("cell.fixtures", box)) for k, box in listed if not isinstance(box, str)]
+    given = [(f"fixture {k}", corners_of("cell.fixtures", box)) for k, box in listed if not isinstance(box, str)]
     if job.cell.fixtures is not None or solid is None:
         return given, ()
     low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
@@ -106,13 +112,14 @@ def _fixtures(
     return [("table", table)], (note,)
 
 
-def _shapes(job: Job) -> list[tuple[str, Solid]]:
-    """Fixtures that are meshes, with their names."""
+def mesh_fixtures(job: Job) -> list[tuple[str, Solid]]:
+    """Fixtures that are meshes, with their names, work frame."""
     named = [(f"fixture {k}", Path(one)) for k, one in enumerate(job.cell.fixtures or (), 1) if isinstance(one, str)]
     return [(name, mesh.read(path, tolerance=job.tolerance.chord)) for name, path in named]
 
 
-def _corners(key: str, values: Sequence[float]) -> Corners:
+def corners_of(key: str, values: Sequence[float]) -> Corners:
+    """The corners of a box that a job gives, the lower one first. JobError, with the ``key``, for what is none."""
     if len(values) != 6:
         raise JobError("job", f"a box has {len(values)} values", key, "give two corners: [x, y, z, x, y, z]")
     ends = np.reshape(values, (2, 3)).astype(np.float64)
@@ -122,7 +129,8 @@ def _corners(key: str, values: Sequence[float]) -> Corners:
     return low, high
 
 
-def _placed(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
+def box_between(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
+    """The box of two corners that are told in ``frame``."""
     x, y, z = ((low + high) / 2).tolist()
     a, b, c = ((high - low) / 2).tolist()
     return Box(frame @ translation(x, y, z), (a, b, c))

@@ -12,11 +12,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.paths import ToolPath, Tour
+from camgen.tour_seams import Starts, starts
 from camgen.tour_search import Choices, looks, lower_bound, sampled, searched
 from camgen.tour_start import ends_of, reversed_each, starting_at, starting_each
-from camgen.tour_tree import Starts, Tree, starts
+from camgen.tour_tree import Tree
+from camgen.tours.plane import Tell
 
 __all__ = ["order", "starting_at", "travel"]
 
@@ -24,13 +27,16 @@ __all__ = ["order", "starting_at", "travel"]
 _METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "local search"}
 
 
-def order(
+def order(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     paths: Sequence[ToolPath],
     method: str,
     start: tuple[float, float] | None,
     inside_first: bool,
     seconds: float = 0.0,
     seed: int = 0,
+    layers: Sequence[str] = (),
+    seam: str = "any",
+    tell: Tell | None = None,
 ) -> Tour:
     """The paths in the order in which they are run, each once.
 
@@ -46,21 +52,27 @@ def order(
         raise ValueError(f"unknown method {method!r}")
     if not paths:
         return Tour((), 0.0, _METHODS[method], 0.0)
-    where = starts(paths)
-    known = sampled(paths, where, inside_first)
+    where = starts(paths, seam)
+    ranks = _ranks(paths, layers)
+    waits_for = _waits_for(paths, ranks) if inside_first else [-1] * len(paths)
+    known = sampled(paths, where, waits_for, ranks)
     budget = looks(seconds, len(paths))
-    arranged = list(paths)
+    arranged = [paths[i] for i in sorted(range(len(paths)), key=ranks.__getitem__)]
+    stopped = False
     if method != "as-drawn":
-        first = _nearest_neighbour(paths, where, start, inside_first)
+        first = _nearest_neighbour(paths, where, start, waits_for, ranks)
         arranged = _arranged(paths, first)
         if method == "best" and not budget:
             method = "nearest"
         if method == "best" and len(paths) > 1:
-            better = _arranged(paths, searched(known, first, start, budget, seed))
+            found = searched(known, first, start, budget, seed, tell)
+            stopped = not found.whole
+            better = _arranged(paths, found)
             # A short search from samples may end above the first tour, whose starts lie anywhere.
             arranged = min(arranged, better, key=lambda tour: travel(tour, start))
     length = travel(arranged, start)
-    return Tour(tuple(arranged), length, _METHODS[method], lower_bound(known, start, length, seconds))
+    bound = lower_bound(known, start, length, 0.0 if stopped else seconds)
+    return Tour(tuple(arranged), length, _METHODS[method], bound, stopped=stopped)
 
 
 def travel(paths: Sequence[ToolPath], start: tuple[float, float] | None) -> float:
@@ -74,48 +86,103 @@ def travel(paths: Sequence[ToolPath], start: tuple[float, float] | None) -> floa
     return math.fsum(np.hypot(gaps[:, 0], gaps[:, 1]).tolist())
 
 
+def _ranks(paths: Sequence[ToolPath], layers: Sequence[str]) -> list[int]:
+    """The place of each path's layer among ``layers``."""
+    places = {name: place for place, name in reversed(list(enumerate(layers)))}
+    return [places.get(path.layer, len(layers)) for path in paths]
+
+
+def _waits_for(paths: Sequence[ToolPath], ranks: Sequence[int]) -> list[int]:
+    """For each path the nearest one around it of its own rank, which comes later; -1 if there is none.
+
+    Between ranks the order of layers decides, also where it takes what is around before what is inside.
+    """
+    found = []
+    for path, rank in zip(paths, ranks, strict=True):
+        parent, steps = path.parent, 0
+        while parent >= 0 and ranks[parent] != rank and steps < len(paths):
+            parent, steps = paths[parent].parent, steps + 1
+        found.append(parent)
+    return found
+
+
+class _Walk(Struct, frozen=True, eq=False):
+    """What a walk from path to path knows. waits_for: by path, the one that comes later, or -1. ranks: by path.
+
+    waits: by path, how many have to come before it; that and ``tree`` and ``chosen`` change on the way. begins, ends:
+    by path, x, y mm.
+    """
+
+    paths: Sequence[ToolPath]
+    where: Starts
+    tree: Tree
+    waits_for: Sequence[int]
+    ranks: Sequence[int]
+    waits: list[int]
+    begins: list[tuple[float, float]]
+    ends: list[tuple[float, float]]
+    chosen: Choices
+
+
 def _nearest_neighbour(
-    paths: Sequence[ToolPath], where: Starts, start: tuple[float, float] | None, inside_first: bool
+    paths: Sequence[ToolPath],
+    where: Starts,
+    start: tuple[float, float] | None,
+    waits_for: Sequence[int],
+    ranks: Sequence[int],
 ) -> Choices:
-    tree = Tree(where)
-    waits = _enclosed(paths) if inside_first else [0] * len(paths)
-    for index, count in enumerate(waits):
-        if count:
-            tree.remove(index)
+    """The nearest next path of all whose turn it is: those with nothing left inside, rank by rank."""
     begins, ends = (column.tolist() for column in ends_of(paths))
-    path_of, row_of = where.path.tolist(), where.row.tolist()
     chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
-    if start is None:
-        number, x, y = where.leftmost([not count for count in waits])
-    else:
-        x, y = start
-        number = tree.nearest(x, y)
-    while number >= 0:
-        index, row = path_of[number], row_of[number]
-        fraction, x, y = tree.project(number, x, y)
-        chosen.order.append(index)
-        chosen.row[index], chosen.fraction[index] = row, fraction
-        if not paths[index].closed:
-            x, y = begins[index] if row else ends[index]
-            number = where.other_end(number)
-        tree.remove(index)
-        parent = paths[index].parent
-        if inside_first and parent >= 0:
-            waits[parent] -= 1
-            if not waits[parent]:
-                tree.add(parent)
-        number = tree.nearest(x, y, near=number)
+    walk = _Walk(paths, where, Tree(where), waits_for, ranks, _enclosed(waits_for), begins, ends, chosen)
+    turns = sorted(set(ranks))
+    ready = [not count and rank == turns[0] for count, rank in zip(walk.waits, ranks, strict=True)]
+    for index, may in enumerate(ready):
+        if not may:
+            walk.tree.remove(index)
+    at = where.leftmost(ready) if start is None else (walk.tree.nearest(*start), *start)
+    for turn in turns:
+        if turn != turns[0]:
+            for index, count in enumerate(walk.waits):
+                if not count and ranks[index] == turn:
+                    walk.tree.add(index)
+            at = (walk.tree.nearest(*at[1:], near=at[0]), *at[1:])
+        at = _walked(walk, turn, at)
     if len(chosen.order) != len(paths):
         raise ValueError("paths enclose each other in a circle")
     return chosen
 
 
-def _enclosed(paths: Sequence[ToolPath]) -> list[int]:
-    """How many paths lie directly inside each."""
-    counts = [0] * len(paths)
-    for path in paths:
-        if path.parent >= 0:
-            counts[path.parent] += 1
+def _walked(walk: _Walk, turn: int, at: tuple[int, float, float]) -> tuple[int, float, float]:
+    """All paths of one rank, from the start ``at``: its number and where the tool is; the last start and place."""
+    where, tree, chosen, waits = walk.where, walk.tree, walk.chosen, walk.waits
+    path_of, row_of, low, span = (column.tolist() for column in (where.path, where.row, where.low, where.span))
+    number, x, y = at
+    last = max(number, 0)
+    while number >= 0:
+        index, row = path_of[number], row_of[number]
+        fraction, x, y = tree.project(number, x, y)
+        chosen.order.append(index)
+        chosen.row[index], chosen.fraction[index] = row, low[number] + fraction * span[number]
+        if not walk.paths[index].closed:
+            x, y = walk.begins[index] if row else walk.ends[index]
+            number = where.other_end(number)
+        tree.remove(index)
+        parent = walk.waits_for[index]
+        if parent >= 0:
+            waits[parent] -= 1
+            if not waits[parent] and walk.ranks[parent] == turn:
+                tree.add(parent)
+        last, number = number, tree.nearest(x, y, near=number)
+    return last, x, y
+
+
+def _enclosed(waits_for: Sequence[int]) -> list[int]:
+    """How many paths each one has to wait for."""
+    counts = [0] * len(waits_for)
+    for parent in waits_for:
+        if parent >= 0:
+            counts[parent] += 1
     return counts
 
 

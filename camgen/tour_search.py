@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,12 +10,12 @@ from msgspec import Struct
 
 from camgen.paths import ToolPath
 from camgen.pose import FloatArray
+from camgen.tour_seams import SEAM, Starts
 from camgen.tour_start import IntArray, ends_of
-from camgen.tour_tree import SEAM, Starts
-from camgen.tours.bound import at_least
+from camgen.tours.bound import Dense, at_least
 from camgen.tours.kernel import BOTH_WAYS, CLOSED, ONE_WAY
 from camgen.tours.near import nearest_items
-from camgen.tours.plane import Items, Start, discs_of, shortened
+from camgen.tours.plane import Items, Start, Tell, discs_of, shortened
 
 __all__ = ["Choices", "Sampled", "lower_bound", "sampled", "searched"]
 
@@ -26,37 +27,51 @@ _NEAR = 10
 RATE = 400_000
 #: Without ``tour.seconds``: looks at each item, and the least in all, 0.05 s to 0.3 s in plain Python. For more than
 #: ``_MANY`` items so few looks gain little and there is no search, for more than ``_CROWD`` no bound either.
-_LOOKS, _FEW, _MANY, _CROWD = 2, 400, 1_250, 20_000
+_LOOKS, _FEW, _MANY, _CROWD = 1.5, 400, 1_250, 20_000
+#: Trees of the bound: at least and at most; with ``tour.seconds`` as many as take about a fourth of that time, at
+#: so many seconds for each tree and item.
+_TREES, _TREE = (12, 80), 4e-6
+#: Distances that the bound may measure, without and with ``tour.seconds``; then as many for each item at least.
+_CLOSE, _CLOSE_EACH = (100_000, 6_000_000), 2_000
 #: Each round moves every start to its best place between its neighbours; so finely, narrowed down so often.
 _ROUNDS, _FINER, _NARROWER = 2, 4, 4
 
 
 class Choices(Struct, frozen=True):
-    """order: indices of the paths as they are run. row, fraction: by path, where it begins."""
+    """order: indices of the paths as they are run. row, fraction: by path, where it begins. whole: the search for it
+    came to its end.
+    """
 
     order: list[int]
     row: list[int]
     fraction: list[float]
+    whole: bool = True
 
 
 class Sampled(Struct, frozen=True, eq=False):
-    """Paths as items. along: (starts + 1,) mm, the lengths of all starts' segments summed up; whole: by path, mm."""
+    """Paths as items. along: (starts + 1,) mm, the lengths of all starts' segments summed up; whole: by path, mm.
+    step: by path, mm along it from one sample to the next.
+    """
 
     items: Items
     where: Starts
     along: FloatArray
     whole: FloatArray
+    step: FloatArray
 
 
 def looks(seconds: float, count: int) -> int:
     """The budget of the search, looks at an item. seconds: of the compiled search; 0: few looks, none at a crowd."""
     if seconds:
         return round(seconds * RATE)
-    return max(_LOOKS * count, _FEW) if count <= _MANY else 0
+    return max(round(_LOOKS * count), _FEW) if count <= _MANY else 0
 
 
-def sampled(paths: Sequence[ToolPath], where: Starts, inside_first: bool) -> Sampled:
-    """The paths as items: ends of open ones, samples of closed ones, evenly along them."""
+def sampled(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], rank: Sequence[int]) -> Sampled:
+    """The paths as items: ends of open ones, samples of closed ones, evenly along them.
+
+    parent: by path, the one that comes later, or -1. rank: by path, lower ranks come first.
+    """
     count = len(paths)
     along = np.concatenate([[0.0], np.cumsum(where.shape.length)])
     whole = along[where.first[1:]] - along[where.first[:-1]]
@@ -73,25 +88,17 @@ def sampled(paths: Sequence[ToolPath], where: Starts, inside_first: bool) -> Sam
     step = np.arange(len(owner)) - first[owner]
     points = np.where((step == 0)[:, None], begins[owner], ends[owner])
     step_mm = whole / samples
-    found = Sampled(_items(paths, first, points, (loop, lone), step_mm, inside_first), where, along, whole)
+    both = np.array([path.reversible for path in paths])
+    kind = np.where(loop | lone, CLOSED, np.where(both, BOTH_WAYS, ONE_WAY))
+    # Between two samples may lie a corner that is no start: so much farther are they apart.
+    skipped = np.where(where.span > 0, (1 - where.span) / np.maximum(where.span, 1e-300), 0.0) * where.shape.length
+    wide = np.maximum.reduceat(skipped, where.first[:-1])
+    apart = np.where(loop, step_mm + 2 * wide, 1.0)
+    items = Items(first, points, kind, apart, np.array(parent, dtype=np.int64), np.array(rank, dtype=np.int64))
+    found = Sampled(items, where, along, whole, step_mm)
     inside = loop[owner]
     points[inside] = _at(found, owner[inside], (step * step_mm[owner])[inside])
     return found
-
-
-def _items(
-    paths: Sequence[ToolPath],
-    first: IntArray,
-    points: FloatArray,
-    kinds: tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], np.ndarray[tuple[int], np.dtype[np.bool_]]],
-    step: FloatArray,
-    inside_first: bool,
-) -> Items:
-    loop, lone = kinds
-    both = np.array([path.reversible for path in paths])
-    kind = np.where(loop | lone, CLOSED, np.where(both, BOTH_WAYS, ONE_WAY))
-    parent = np.array([path.parent if inside_first else -1 for path in paths])
-    return Items(first, points, kind, np.where(loop, step, 1.0), parent, np.zeros(len(paths), dtype=np.int64))
 
 
 def lower_bound(known: Sampled, home: tuple[float, float] | None, travel: float, seconds: float) -> float | None:
@@ -101,26 +108,60 @@ def lower_bound(known: Sampled, home: tuple[float, float] | None, travel: float,
     count = len(known.whole)
     if not seconds and count > _CROWD:
         return None
-    rounds = 60 if seconds else min(max(10_000 // count, 2), 8)
-    return at_least(known.items, None if home is None else np.array(home), travel, rounds)
+    rounds = min(max(10_000 // count, 2), 5)
+    if seconds:
+        rounds = min(max(round(seconds / 4 / (_TREE * count)), _TREES[0]), _TREES[1])
+    place = None if home is None else np.array(home)
+    most = max(_CLOSE[1], _CLOSE_EACH * count) if seconds else _CLOSE[0]
+    return at_least(known.items, place, travel, rounds, _dense(known, most))
 
 
-def searched(known: Sampled, first: Choices, home: tuple[float, float] | None, budget: int, seed: int) -> Choices:
-    """A tour that is shorter than ``first``, if one is found: the search, then every start moved to its best point."""
+def _dense(known: Sampled, most: int) -> Dense | None:
+    """Points of the items, those of closed ones so close that ``most`` distances measure their near pairs; None where
+    these would be too few to tell anything.
+    """
+    items = known.items
+    count = np.diff(items.first)
+    loop = (items.kind == CLOSED) & (count > 1)
+    each = min(int(math.sqrt(most / (_NEAR * len(count)))), _MOST)
+    if each < _LEAST:
+        return None
+    samples = np.where(loop, each, count)
+    first = np.concatenate([[0], np.cumsum(samples)])
+    owner = np.repeat(np.arange(len(count)), samples)
+    place = np.arange(len(owner)) - first[owner]
+    inside = loop[owner]
+    points = np.empty((len(owner), 2))
+    points[~inside] = items.points[~np.repeat(loop, count)]
+    length = known.whole / samples
+    points[inside] = _at(known, owner[inside], (place * length[owner])[inside])
+    # ``items.step`` counts corners that are no starts as well.
+    wide = items.step - known.step + length
+    return Dense(first, points, np.where(loop, wide / 2, 0.0))
+
+
+def searched(
+    known: Sampled, first: Choices, home: tuple[float, float] | None, budget: int, seed: int, tell: Tell | None
+) -> Choices:
+    """A tour that is shorter than ``first``, if one is found: the search, then every start moved to its best point.
+
+    tell: who watches, and may stop the search.
+    """
     items = known.items
     count = len(items.kind)
     near = nearest_items(discs_of(items), count, _NEAR)
     place = None if home is None else np.array(home)
-    found = shortened(items, Start(np.array(first.order), _entered(known, first)), place, near, budget, seed)
+    begun = Start(np.array(first.order), _entered(known, first))
+    found = shortened(items, begun, place, near, budget, seed, tell)
     closed = items.kind == CLOSED
     length = np.zeros(count)
     number = found.enter - items.first[:-1]
-    length[closed] = (number * items.step)[closed]
+    length[closed] = (number * known.step)[closed]
     length = _polished(known, found, place, length)
     row, fraction = _placed(known, length)
     turned = ~closed & (number > 0)
     row = np.where(closed, row, np.where(turned, known.where.row[known.where.first[1:] - 1], 0))
-    return Choices(found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist())
+    return Choices(found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist(), found.whole)
 
 
 def _entered(known: Sampled, first: Choices) -> IntArray:
@@ -130,8 +171,9 @@ def _entered(known: Sampled, first: Choices) -> IntArray:
     samples = np.diff(items.first)
     segment = where.first[:-1] + np.maximum(row - 1, 0)
     segment = np.minimum(segment, where.first[1:] - 1)
+    fraction = np.clip((fraction - where.low[segment]) / where.span[segment], 0.0, 1.0)
     length = known.along[segment] - known.along[where.first[:-1]] + fraction * where.shape.length[segment]
-    number = np.round(length / items.step).astype(np.int64) % samples
+    number = np.round(length / np.maximum(known.step, 1e-300)).astype(np.int64) % samples
     return items.first[:-1] + np.where(items.kind == CLOSED, number, row > 0)
 
 
@@ -158,7 +200,7 @@ def _placed(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
     whole = known.where.shape.length[number]
     part = np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0)
     part = np.where(np.minimum(rest, whole - rest) < SEAM, np.round(part), part)
-    return known.where.row[number], part
+    return known.where.row[number], known.where.low[number] + part * known.where.span[number]
 
 
 def _polished(known: Sampled, found: Start, home: FloatArray | None, length: FloatArray) -> FloatArray:
@@ -188,7 +230,7 @@ def _polished(known: Sampled, found: Start, home: FloatArray | None, length: Flo
 
 def _best(known: Sampled, path: IntArray, length: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
     """The places along the closed paths, near ``length``, with the shortest way from ``before`` to ``after``."""
-    reach = known.items.step[path]
+    reach = known.step[path]
     shift = np.linspace(-1.0, 1.0, 2 * _FINER + 1)
     # The place itself comes first, so that it stays where nothing is shorter.
     shift = shift[np.argsort(np.abs(shift), kind="stable")]

@@ -8,14 +8,12 @@ empty leaves its parent, so that the search for the few paths that remain far aw
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
-from msgspec import Struct
 
-from camgen.paths import ToolPath
 from camgen.pose import FloatArray
-from camgen.tour_start import SNAP, IntArray, Segments, segments
+from camgen.tour_seams import SEAM, Starts
+from camgen.tour_start import SNAP, IntArray, Segments
 
 #: key, start x y, to the end x y, 1 / length^2 (0: a single point).
 Line = tuple[int, float, float, float, float, float]
@@ -23,64 +21,9 @@ Line = tuple[int, float, float, float, float, float]
 Arc = tuple[int, float, float, float, float, float, float, float, float, float, float, float]
 Entry = tuple[float, float, float, float, int]
 
-#: No piece shorter than this is cut off a segment, mm. It would gain no travel, and the ends of a short arc, rounded
-#: to what a controller's text carries, lie on any circle.
-SEAM = 0.1
 #: Pieces in a leaf and boxes in a box. 4 to 12 are equally fast.
 _FAN = 6
 _GRID = 65535
-
-
-class Starts(Struct, frozen=True, eq=False):
-    """Where paths may begin: S starts in the order of paths and of rows.
-
-    path: (S,) index of the path. row: (S,) the segment that ends at this row, for an open path its first or last row.
-    shape: the S segments, of no length for the ends of open paths. first: (paths + 1,) of each path's starts.
-    """
-
-    path: IntArray
-    row: IntArray
-    shape: Segments
-    first: IntArray
-
-    def other_end(self, number: int) -> int:
-        """The start at the other end of the open path of start ``number``, itself if that is its only one."""
-        path = self.path[number]
-        return int(self.first[path] + self.first[path + 1]) - 1 - number
-
-    def leftmost(self, allowed: Sequence[bool]) -> tuple[int, float, float]:
-        """The leftmost start of the allowed paths, the first of equal ones: its number (-1 if none) and point x, y."""
-        shape = self.shape
-        x = np.minimum(shape.start[:, 0], shape.end[:, 0])
-        y = np.where(shape.end[:, 0] < shape.start[:, 0], shape.end[:, 1], shape.start[:, 1])
-        over = shape.curved & (-shape.towards[:, 0] >= np.cos(shape.sweep / 2))
-        centre = shape.via[over] - shape.radius[over, None] * shape.towards[over]
-        x[over], y[over] = centre[:, 0] - shape.radius[over], centre[:, 1]
-        open_to = np.array(allowed)[self.path]
-        number = int(np.argmin(np.where(open_to, x, np.inf)))
-        return number if open_to[number] else -1, float(x[number]), float(y[number])
-
-
-def starts(paths: Sequence[ToolPath]) -> Starts:
-    """All starts of ``paths``."""
-    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
-    loop = np.array([path.closed for path in paths]) & (rows > 1)
-    both = np.array([path.reversible for path in paths]) & (rows > 1)
-    count = np.where(loop, rows - 1, 1 + both)
-    first = np.concatenate([[0], np.cumsum(count)])
-    owner = np.repeat(np.arange(len(paths)), count)
-    step = np.arange(len(owner)) - first[owner]
-    row = np.where(loop[owner], step + 1, step * (rows[owner] - 1))
-    position = np.concatenate([path.position for path in paths])
-    via = np.concatenate([path.via for path in paths])
-    at = (np.cumsum(rows) - rows)[owner] + row
-    closed = loop[owner]
-    return Starts(
-        path=owner,
-        row=row,
-        shape=segments(position[at - closed], np.where(closed[:, None], via[at], np.nan), position[at]),
-        first=first,
-    )
 
 
 class Tree:

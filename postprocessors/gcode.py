@@ -12,13 +12,16 @@ from typing import ClassVar, Literal
 
 from msgspec.structs import replace
 
+from camgen.body import spliced
 from camgen.errors import JobError
-from camgen.ir import Force, MoveC, MoveL, Output, Program
+from camgen.ir import Force, Motion, MoveC, MoveJ, MoveL, Output, Program
 from camgen.passes import without_force
+from camgen.pose import Pose
 from camgen.post import Pace, Tolerance
 from camgen.text import short
 
 from .rs274 import COOLANT, Rs274, check_signals
+from .rs274_cycles import Hole, holes, rows
 
 #: What a signal may be put on: LinuxCNC has at most 64 digital outputs.
 _OUTPUTS = (*COOLANT, *(f"P{n}" for n in range(64)))
@@ -35,6 +38,7 @@ class GCode(Rs274):
 
     tool: int = field(default=0, kw_only=True, metadata={"help": "tool to change to and measure by; 0: no change"})
     path_tolerance: float = field(default=0.01, kw_only=True, metadata={"help": "G64 P, mm; 0: exact path (G61)"})
+    cycles: bool = field(default=True, kw_only=True, metadata={"help": "G81 and G83 for holes; false: each motion"})
     signals: dict[str, str] = field(
         default_factory=lambda: {"process": "P0"},
         kw_only=True,
@@ -48,6 +52,10 @@ class GCode(Rs274):
 
     #: The printed analog value, empty while force is off.
     _pressing: str = field(default="", init=False, repr=False)
+    #: By identity, with the motion itself: the cycle that it begins, whether it goes on and ends; None inside of one.
+    _cycles: dict[int, tuple[Motion, tuple[Hole, bool, bool] | None]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -74,8 +82,19 @@ class GCode(Rs274):
         return Pace(acceleration=500.0, corner="arc", deviation=rounded, across=0.866, along=0.5, last=last)
 
     def prepare(self, program: Program, chord: float) -> Program:
-        """See ``Rs274``; drops force where the user said so."""
-        return super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+        """See ``Rs274``; drops force where the user said so, and makes cycles of holes."""
+        program = super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+        found = holes(program.columns, self.decimals) if self.cycles else []
+        if not found:
+            return program
+        changed: dict[int, Sequence[Motion]] = {}
+        for row in rows(program.body, found):
+            first, *others = row[0].motions
+            self._cycles[id(first)] = first, row
+            self._cycles.update((id(motion), (motion, None)) for motion in others)
+            changed |= dict.fromkeys(range(row[0].first, row[0].last + 1), ())
+            changed[row[0].first] = row[0].motions
+        return program.with_body(spliced(program.body, changed))
 
     def begin(self, program: Program) -> Sequence[str]:
         """Q0 keeps LinuxCNC from joining lines, so that the path stays within P."""
@@ -83,9 +102,29 @@ class GCode(Rs274):
         change = (f"T{self.tool} M6", "G43") if self.tool else ()
         return [*super().begin(program), path, *change]
 
+    def movej(self, motion: MoveJ) -> Sequence[str]:
+        """G0, or the cycle that begins with it."""
+        lines = self._cycle(motion)
+        return super().movej(motion) if lines is None else lines
+
     def movel(self, motion: MoveL) -> Sequence[str]:
-        """G1, after the force of this line."""
-        return (*self._pressed(motion), *super().movel(motion))
+        """G1, after the force of this line, or the cycle that begins with it."""
+        lines = self._cycle(motion)
+        return (*self._pressed(motion), *super().movel(motion)) if lines is None else lines
+
+    def _cycle(self, motion: MoveJ | MoveL) -> Sequence[str] | None:
+        """The lines of the cycle that ``motion`` begins, none inside of one; None where it is of no cycle."""
+        known, row = self._cycles.get(id(motion), (None, None))
+        if known is not motion:
+            return None
+        self._go(motion)
+        if row is None:
+            return ()
+        hole, going, last = row
+        x, y = (f"{axis}{short(value, self.decimals)}" for axis, value in zip("XY", hole.place[:2], strict=True))
+        feed = self._feed_word(MoveL(motion.target, hole.feed)) if isinstance(motion.target, Pose) else []
+        words = (x, y) if going else ("G98", hole.words[:3], x, y, hole.words[4:], *feed)
+        return (" ".join(words), *(("G80",) if last else ()))
 
     def movec(self, motion: MoveC) -> Sequence[str]:
         """G2 or G3, after the force of this arc."""

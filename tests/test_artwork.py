@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from camgen.cli import main
 from camgen.cli_job import from_mapping
 from camgen.errors import InputError, JobError
 from camgen.geometry.segments import flatten, from_contours
@@ -205,7 +206,7 @@ def test_what_has_no_ink_or_no_scale_is_refused(tmp_path: Path) -> None:
     drawing = np.full((9, 9), 255, np.uint8)
     drawing[3:6, 3:6] = 0
     path = written(tmp_path, drawing)
-    with pytest.raises(InputError, match="has no scale"):
+    with pytest.raises(InputError, match=r"has no scale; give \[page\] size to draw it on paper"):
         read(path, from_mapping(TRACE))
     with pytest.raises(JobError, match="has no effect on a drawing"):
         read(path, from_mapping({**TRACE, "image": {"min_area": 3.0}}))
@@ -226,3 +227,39 @@ def test_on_a_page_a_picture_needs_no_scale_and_its_mask_moves_along(tmp_path: P
     v, u = np.nonzero(raster.mask)
     middle = raster.work_from_view @ (u.mean(), v.mean(), 1.0)
     assert middle.tolist() == pytest.approx([50, 30])
+
+
+def test_inspect_says_what_would_be_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    drawing = np.full((20, 30), 255, np.uint8)
+    drawing[5:15, 10:20] = 0
+    path = written(tmp_path, drawing)
+    asked = ["--set", "page.size=[100, 60]", "--set", "page.margin=5", "-q"]
+    assert main(["inspect", str(path), *asked]) == 0
+    said = capsys.readouterr().out
+    # A square of 10 px on 50 mm.
+    assert said.startswith("picture of 30 x 20 px, taken as a drawing\nscale: 5 mm/px, drawing 50 x 50 mm\n")
+    assert "strokes: 1, all closed, of 4 lines and 0 arcs; 200 mm in all, the shortest 200 mm\n" in said
+    assert main(["inspect", str(path), *asked, "--set", "operation.kind=fill", "--set", "tool.diameter=0.8"]) == 0
+    said = capsys.readouterr().out
+    assert "borders of the ink: 1, all closed, of 4 lines and 0 arcs" in said
+    assert "\nfilled with a pen of 0.8 mm (tool.diameter)\n" in said
+    # The same job builds what was said; without a page it is asked for.
+    assert main(["build", str(path), "--post", "gcode", *asked, "-o", str(tmp_path / "square.ngc")]) == 0
+    assert main(["inspect", str(path)]) == 0
+    assert "give [page] size to draw it on paper" in capsys.readouterr().out
+
+
+def test_small_squares_stay_squares_and_small_discs_become_circles(tmp_path: Path) -> None:
+    drawing = np.full((60, 300), 255, np.uint8)
+    v, u = np.mgrid[0:60, 0:300]
+    for k in range(7):
+        drawing[10 : 16 + k, 10 + 40 * k : 16 + 41 * k] = 0
+        drawing[np.hypot(u - 20.3 - 40 * k, v - 40.4) <= 4 + 0.7 * k] = 0
+    _, thin = both(written(tmp_path, drawing), image={"mm_per_px": 1.0})
+    by_place = sorted(thin.contours, key=lambda c: (c.points[:, 1].mean() < 30, c.points[:, 0].mean()))
+    squares, discs = by_place[:7], by_place[7:]
+    for k, square in enumerate(squares):
+        assert (len(square.points), int((square.bulges != 0).sum())) == (4, 0), k
+    for k, disc in enumerate(discs):
+        assert disc.bulges.tolist() == [1.0, 1.0]
+        assert np.hypot(*(disc.points[1] - disc.points[0])) / 2 == pytest.approx(4 + 0.7 * k, abs=0.5)

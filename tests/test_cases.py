@@ -32,8 +32,13 @@ def built(case: Path, post: str) -> Result:
     robots = case / "robots.toml"
     if robots.exists():
         job["cell"]["robot"] = tomllib.loads(robots.read_text()).get(post, "")
-    part = FIXTURES / "parts" / f"{case.name.split('-')[0]}{'.stl' if case in SOLID else '.dxf'}"
+    part = next(part for part in parts(case) if part.exists())
     return camgen.build(part, post=post, job=job, name="part")
+
+
+def parts(case: Path) -> list[Path]:
+    """What the case may be about: the first word of its name with an ending."""
+    return [FIXTURES / "parts" / (case.name.split("-")[0] + ending) for ending in (".stl", ".dxf", ".svg", ".png")]
 
 
 def compare(file: Path, text: str, accept: bool) -> None:

@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import pytest
 from boards import CENTRE, MM, mark_errors, marks, part_of
+from hypothesis import given
+from hypothesis import strategies as st
 
 import camgen
 from camgen.cli_job import from_mapping
@@ -122,12 +124,28 @@ def test_rings_and_marks_of_a_picture() -> None:
 
 def test_a_hole_goes_straight_down_in_pecks_and_up() -> None:
     (path,) = planned(part_with(circle(3, 4, 0.5)), depth=1.8, passes=3).paths
-    assert path.position[:, 2].tolist() == pytest.approx([0, -0.6, 0, -1.2, 0, -1.8, 0])
+    assert path.position[:, 2].tolist() == pytest.approx([0, -0.6, 2, -0.346, -1.2, 2, -0.946, -1.8, 0])
     assert (path.position[:, :2] == [3, 4]).all()
-    assert path.feed.tolist() == [20, 20, 100, 20, 100, 20, 100]
+    assert path.feed.tolist() == [20, 20, 100, 100, 20, 100, 100, 20, 100]
     assert not path.reversible
     (touch,) = planned(part_with(circle(3, 4, 0.5))).paths
     assert touch.position.tolist() == [[3, 4, 0]]
+
+
+@given(st.floats(0.05, 30), st.integers(1, 12), st.floats(0, 8))
+def test_no_peck_is_deeper_than_its_share(depth: float, passes: int, approach: float) -> None:
+    job = {"operation": {"kind": "drill", "depth": depth, "passes": passes}, "process": {"approach": approach}}
+    (path,) = plan(part_with(circle(3, 4, 0.5)), from_mapping(job)).paths
+    z, feed = path.position[:, 2], path.feed
+    cuts = z[1:][feed[1:] == 20]
+    bites = -np.diff(np.concatenate([[0.0], cuts]))
+    assert cuts[-1] == pytest.approx(-depth)
+    assert bites.min() > 0
+    assert bites.max() <= depth / passes * (1 + 2e-6)
+    assert passes <= len(cuts) <= passes + 1
+    # No rapid motion ends in what has not been drilled yet.
+    for before, after, speed in zip(np.minimum.accumulate(z), z[1:], feed[1:], strict=False):
+        assert speed == 20 or after >= before
 
 
 @pytest.mark.parametrize("post", ["gcode", "grbl", "vplus", "rapid", "pacscript"])
@@ -145,6 +163,8 @@ def test_a_program_drills_every_hole_once_and_travels_above(post: str, tmp_path:
     for item in result.program.body:
         if isinstance(item, (MoveL, MoveJ)) and not hasattr(item.target, "values"):
             here = item.target.origin
+            # No corner is rounded on the way into the material, nor where the feed begins.
+            assert item.blend == 0 or here[2] > 10
             if at is not None and min(at[2], here[2]) < 1.0:
                 # Whatever is near the face goes straight up or down.
                 assert here[:2] == pytest.approx(at[:2], abs=1e-9)

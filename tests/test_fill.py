@@ -15,7 +15,7 @@ from camgen.cli_job import from_mapping
 from camgen.errors import InputError, JobError
 from camgen.paths import ToolPath
 from camgen.planners import Plan, plan
-from camgen.planners.fill import fill_measured
+from camgen.planners.fill import fill
 from camgen.planners.fill_cover import measured, painted
 from camgen.planners.image_space_rings import rings
 from camgen.pose import frozen
@@ -174,7 +174,7 @@ def test_rendered_boards_meet_the_goals(diameter: float) -> None:
 
 def test_the_coverage_told_is_what_geos_measures() -> None:
     part = part_of(board(600, 6, plane=False))
-    paths, _, found = fill_measured(part, job_for(0.85))
+    paths, _, found = fill(part, job_for(0.85))
     copper = copper_of(part)
     covered, outside = shares(paths, 0.85, copper)
     assert found.copper == pytest.approx(copper.area, rel=1e-3)
@@ -261,7 +261,10 @@ def test_a_program_is_made_and_read_back(tmp_path: Path) -> None:
     for post in ("vplus", "gcode", "rapid"):
         result = camgen.build(picture, post=post, job=job)
         assert result.deviation.max_mm < 0.001
-        assert any(note.what.startswith("coverage: 9") for note in result.notes)
+        assert result.coverage is not None
+        assert result.report["coverage"]["covered_percent"] == pytest.approx(
+            100 * result.coverage.covered / result.coverage.copper, abs=1e-3
+        )
         # Leads and overlap are for what runs beside a contour: not a millimetre is added.
         plain = plan(result.part, result.job).paths
         assert sum(p.length for p in result.tour.paths) == pytest.approx(sum(p.length for p in plain), abs=1e-6)

@@ -18,10 +18,8 @@ from camgen.job import Result
 from camgen.page.curves import drawn, of_contours
 from camgen.page.html import page
 from camgen.page.picture import png
-from camgen.page.view import View, reasons, view
-from camgen.page.work import worked
+from camgen.page.view import View, view
 from camgen.passes import circle
-from camgen.paths import ToolPath, Tour
 from camgen.pose import frozen
 from camgen.shapes import Contour, Note
 
@@ -39,20 +37,15 @@ def robot() -> Result:
     return camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
 
 
+@pytest.fixture(scope="module")
+def solid() -> Result:
+    return camgen.build(PARTS / "rfa1.stl", post="rapid")
+
+
 def data(text: str) -> dict[str, object]:
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
     assert found
     return json.loads(found[1])  # type: ignore[no-any-return]
-
-
-def path(ident: str, points: list[tuple[float, float, float]], depths: tuple[float, ...] = (0.0,)) -> ToolPath:
-    n = len(points)
-    ones, none = frozen(np.ones(n)), frozen(np.full((n, 3), np.nan))
-    down = frozen(np.tile([0.0, 0.0, -1.0], (n, 1)))
-    closed = points[0] == points[-1]
-    return ToolPath(
-        ident, "L", frozen(points), none, down, frozen(np.zeros((n, 2, 3))), ones, ones, closed, depths=depths
-    )
 
 
 # -- curves
@@ -90,46 +83,32 @@ def test_a_contour_is_drawn_with_its_bulges_to_the_right_side() -> None:
     assert np.allclose(rest[:, :2], square.points)
 
 
-# -- which motions work
-
-
-def test_motions_between_the_first_and_last_point_of_a_path_work_on_it() -> None:
-    tour = Tour((path("c1", [(0, 0, 0), (5, 0, 0), (5, 5, 0)]), path("c2", [(9, 9, 0), (9, 0, 0)])), 0.0, "as-drawn")
-    ends = [(0, 0, 20), (0, 0, 0), (5, 0, 0), (5, 2, 0), (5, 5, 0), (5, 5, 20), (9, 9, 20), (9, 9, 0), (9, 0, 0)]
-    assert worked(tour, np.array(ends, float)).tolist() == [-1, -1, 0, 0, 0, -1, -1, -1, 1]
-
-
-def test_passes_of_an_open_path_go_to_and_fro_at_their_depths() -> None:
-    tour = Tour((path("c1", [(0, 0, 0), (5, 0, 0)], (1.0, 2.0)),), 0.0, "as-drawn")
-    ends = [(0, 0, 2), (0, 0, -1), (5, 0, -1), (5, 0, -2), (0, 0, -2), (0, 0, 20)]
-    assert worked(tour, np.array(ends, float)).tolist() == [-1, -1, 0, -1, 0, -1]
-
-
-def test_a_link_that_touches_the_start_of_the_next_path_is_travel() -> None:
-    tour = Tour((path("e1", [(0, 0, 0), (5, 0, 0)]), path("e2", [(5, 0, 0), (5, 5, 0)])), 0.0, "as-drawn")
-    ends = [(0, 0, 0), (5, 0, 0), (5, 0, 30), (5, 0, 0), (5, 5, 0)]
-    assert worked(tour, np.array(ends, float)).tolist() == [-1, 0, -1, -1, 1]
-
-
-def test_a_path_that_the_program_does_not_run_stays_travel_and_hides_no_other() -> None:
-    tour = Tour((path("c1", [(1, 1, 1), (2, 2, 2)]), path("c2", [(0, 0, 0), (5, 0, 0)])), 0.0, "as-drawn")
-    assert worked(tour, np.array([(0, 0, 0), (5, 0, 0)], float)).tolist() == [-1, 1]
-
-
 # -- the way through time
 
 
-def test_time_and_length_of_work_are_those_of_the_report(flat: Result) -> None:
-    way = view(flat).track
-    assert way.time[-1] == pytest.approx(flat.motions.seconds, rel=1e-9)
+@pytest.mark.parametrize("name", ["flat", "robot", "solid"])
+def test_the_time_is_that_of_the_report(name: str, request: pytest.FixtureRequest) -> None:
+    result = request.getfixturevalue(name)
+    way = view(result).track
+    assert round(float(way.time[-1]), 1) == result.report["time_s"]
     assert (np.diff(way.time) >= 0).all()
+    # And so is the time that each path takes, and what is left for travel.
+    spent = np.diff(way.time, prepend=0.0)
+    owner = way.events.path[way.event]
+    for k, path in enumerate(result.report["paths"]):
+        assert spent[owner == k].sum() == pytest.approx(path["time_s"], abs=0.0051)
+    assert spent[owner < 0].sum() == pytest.approx(result.report["travel_s"], abs=0.051)
+
+
+def test_length_of_work_is_that_of_the_report(flat: Result) -> None:
+    way = view(flat).track
     steps = np.linalg.norm(np.diff(way.position, axis=0), axis=1)
-    work = steps[way.path[way.event[1:]] >= 0].sum()
+    work = steps[way.events.path[way.event[1:]] >= 0].sum()
     assert work == pytest.approx(sum(p["length_mm"] for p in flat.report["paths"]), rel=1e-3)  # type: ignore[attr-defined]
 
 
 def test_every_path_of_a_tour_is_worked_on_in_its_order(flat: Result) -> None:
-    order = [p for p in view(flat).track.path.tolist() if p >= 0]
+    order = [p for p in view(flat).track.events.path.tolist() if p >= 0]
     assert list(dict.fromkeys(order)) == list(range(len(flat.tour.paths)))
 
 
@@ -145,27 +124,6 @@ def test_a_robot_stands_where_the_program_is_at_the_same_time(robot: Result) -> 
         )
         assert next(shown) == pytest.approx(place[:, k], abs=0.05)
         assert next(shown) == pytest.approx(axis[:, k], abs=1e-3)
-    assert found.track.time[-1] > robot.motions.seconds  # the way from and to home counts
-
-
-# -- what is left out
-
-
-def test_reasons_are_found_for_names_and_for_ranges_of_names() -> None:
-    notes = [
-        Note("skipped", "3 contours not followed, open: c2-c4, 2/c9 on layer A", "gap"),
-        Note("skipped", "edge e7, line", "far"),
-    ]
-    assert reasons(notes) == {"c2": "gap", "c3": "gap", "c4": "gap", "2/c9": "gap", "e7": "far"}
-
-
-def test_a_contour_without_a_path_is_shown_with_its_reason() -> None:
-    result = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}})
-    lines = {line.id: line for line in view(result).lines}
-    skipped = [line for line in lines.values() if line.state == "skipped"]
-    assert skipped
-    assert all(line.why for line in skipped)
-    assert {line.id for line in lines.values() if line.state == "done"} == {p.id for p in result.tour.paths}
 
 
 # -- the page
@@ -181,7 +139,7 @@ def test_columns_come_out_of_the_page_as_they_went_in(flat: Result) -> None:
     track, origin = plain["track"], plain["origin"]
     position = np.frombuffer(base64.b64decode(track["position"]), "<f4").reshape(-1, 3)  # type: ignore[index]
     assert position + origin == pytest.approx(shown.track.position, abs=1e-4)
-    assert np.frombuffer(base64.b64decode(track["path"]), "<i4").tolist() == shown.track.path.tolist()  # type: ignore[index]
+    assert np.frombuffer(base64.b64decode(track["path"]), "<i4").tolist() == shown.track.events.path.tolist()  # type: ignore[index]
 
 
 EVIL = "</script><script>window.bad=1</script><!--<img src=x onerror=window.bad=2>\u2028'\""

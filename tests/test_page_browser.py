@@ -10,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from msgspec.structs import replace
 from test_page import PARTS, ROBOT, poisoned
 
 import camgen
@@ -43,10 +42,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     flat = camgen.build(PARTS / "bracket.dxf", post="gcode")
     robot = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
     solid = camgen.build(PARTS / "rfa1.stl", post="rapid")
-    boxed = replace(
-        view(solid), holder=((-20.0, -20.0, 0.0, 20.0, 20.0, 40.0),), fixtures=((-40.0,) * 3 + (-1.0,) * 3,)
-    )
-    views = {"flat": view(flat), "robot": view(robot), "solid": boxed, "evil": poisoned(flat)}
+    views = {"flat": view(flat), "robot": view(robot), "solid": view(solid), "evil": poisoned(flat)}
     for name, shown in views.items():
         (folder / f"{name}.html").write_text(page(shown), encoding="utf-8")
     return {name: folder / f"{name}.html" for name in views}
@@ -71,7 +67,8 @@ class Opened:
 
     def picture(self) -> np.ndarray[Any, Any]:
         """What the scene shows, (H, W, 3)."""
-        self.page.wait_for_timeout(250)
+        # Two frames later what was asked for is drawn.
+        self.run("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         raw = self.page.locator("#canvas").screenshot()
         return cv2.imdecode(np.frombuffer(io.BytesIO(raw).getvalue(), np.uint8), cv2.IMREAD_COLOR)
 
@@ -172,10 +169,9 @@ def test_keys_play_step_turn_and_measure(opened: Any) -> None:
     keys.press("ArrowLeft")
     assert one.run("camgen.player.time") == pytest.approx(first)
     keys.press(" ")
-    one.page.wait_for_timeout(400)
-    assert one.run("camgen.player.on")
+    one.page.wait_for_function("first => camgen.player.on && camgen.player.time > first", arg=first)
     keys.press(" ")
-    assert one.run("camgen.player.time") > first
+    assert not one.run("camgen.player.on")
     keys.press("s")
     assert one.run("camgen.look.tilt") == 0
     keys.press("t")
@@ -185,6 +181,37 @@ def test_keys_play_step_turn_and_measure(opened: Any) -> None:
     keys.press("?")
     keys.press("m")
     assert one.run("camgen.measure.on")
+
+
+def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
+    one = opened("solid")
+    # In pixels from the middle: the box of the part and the paths, and that of the base of the robot.
+    script = """() => {
+      camgen.setScreen();
+      const { low, high } = camgen.box;
+      const corners = [];
+      for (let k = 0; k < 8; k++) corners.push([0, 1, 2].map((i) => (k >> i & 1 ? high[i] : low[i])));
+      return [...corners, camgen.arm.base.elements.slice(12, 15)].map((point) => camgen.toScreen(point, 0));
+    }"""
+
+    def seen() -> tuple[float, np.ndarray[Any, Any]]:
+        # toScreen counts from the top left of the canvas.
+        spots = np.array(one.run(script))
+        return float(np.ptp(spots[:8], axis=0).max()), spots
+
+    area = one.page.locator("#canvas").bounding_box()
+    begun, spots = seen()
+    assert (
+        np.abs((spots[:8].max(axis=0) + spots[:8].min(axis=0)) / 2 - (area["width"] / 2, area["height"] / 2)).max() < 60
+    )
+    one.page.keyboard.press("f")
+    part = seen()[0]
+    one.page.keyboard.press("F")
+    whole, spots = seen()
+    assert part > begun > whole
+    assert part > 0.7 * min(area["width"], area["height"])
+    assert (spots >= 0).all()
+    assert (spots <= (area["width"], area["height"])).all()
 
 
 def test_two_clicks_measure_a_distance_between_corners(opened: Any) -> None:
@@ -216,7 +243,7 @@ def test_dragging_turns_and_the_wheel_zooms(opened: Any) -> None:
     one.page.mouse.move(900, 430, steps=5)
     one.page.mouse.up()
     one.page.mouse.wheel(0, -240)
-    one.page.wait_for_timeout(100)
+    one.page.wait_for_function("height => camgen.look.height < height", arg=height)
     later = one.run("[camgen.look.turn, camgen.look.height]")
     assert later[0] < turn
     assert later[1] < height

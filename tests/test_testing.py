@@ -45,7 +45,7 @@ def test_the_tutorial_shows_the_example_as_it_is():
     """Every Python block of the tutorial stands in the example, line by line."""
     text = (ROOT / "docs" / "writing-a-post.md").read_text()
     source = (EXAMPLE / "wend.py").read_text() + (EXAMPLE / "wend_readback.py").read_text()
-    blocks = [part.partition("```")[0] for part in text.split("```python from the example\n")[1:]]
+    blocks = [part.partition("```")[0] for part in text.split('```python title="from the example"\n')[1:]]
     assert len(blocks) >= 4
     for block in blocks:
         assert block.strip("\n") in source, block

@@ -13,8 +13,8 @@ from msgspec.structs import replace
 from camgen.paths import ToolPath
 from camgen.pose import frozen
 from camgen.tour import order, starting_at, travel
+from camgen.tour_seams import SEAM
 from camgen.tour_start import reversed_each
-from camgen.tour_tree import SEAM
 
 XY = tuple[float, float]
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from camgen.tours import plane, rounds
 from camgen.tours.bound import at_least
-from camgen.tours.kernel import BOTH_WAYS, CLOSED, DICE, LOGGED, LOGS, ONE_WAY, undo
+from camgen.tours.kernel import BOTH_WAYS, CLOSED, DICE, LOGGED, LOGS, ONE_WAY, Run, Scene, undo
 from camgen.tours.near import Discs, nearest_items
 from camgen.tours.plane import Items, Start, discs_of, shortened
 
@@ -169,7 +169,7 @@ def test_a_shuffle_is_undone_and_every_change_is_what_it_says(seed: int, count: 
         return float(np.linalg.norm(np.array([parts.x, parts.y]).T[np.array(run.enter)[ring]] - gaps, axis=1).sum())
 
     before = length()
-    assert before + rounds.search(parts, run, 60) == pytest.approx(length())
+    assert before + rounds.search(parts, run, 60, 60) == pytest.approx(length())
     for _ in range(5):
         kept = [list(column) for column in (run.ring, run.place, run.enter, run.leave)]
         began = length()
@@ -208,3 +208,54 @@ def test_a_crowd_at_one_point_is_not_quadratic() -> None:
     count = 20_000
     discs = Discs(np.arange(count), np.zeros((count, 2)), np.zeros(count))
     assert len(nearest_items(discs, count, 8).item) < 20 * count
+
+
+@pytest.mark.parametrize("rules", [False, True])
+@pytest.mark.parametrize("budget", [50, 700, 3000])
+def test_a_search_in_slices_is_the_search_in_one_go(rules: bool, budget: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    items = scene(random.Random(11), 120, rules=rules)
+    near = near_of(items)
+    monkeypatch.setattr(plane, "_WORTH", 10**9)
+    monkeypatch.setattr(plane, "_PAUSE", (37, 37))
+    whole = shortened(items, drawn(items), HOME, near, budget, 3)
+    told: list[float] = []
+    sliced = shortened(items, drawn(items), HOME, near, budget, 3, told.append)
+    assert sliced.order.tolist() == whole.order.tolist()
+    assert sliced.enter.tolist() == whole.enter.tolist()
+    assert sliced.whole
+    assert told == sorted(told)
+    assert 0 <= told[0] <= told[-1] < 1
+    assert budget / 37 / 4 < len(told) <= budget / 37 + 1
+
+
+@pytest.mark.parametrize("rules", [False, True])
+def test_an_interrupt_gives_the_best_tour_so_far_wherever_it_comes(
+    rules: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    items = scene(random.Random(12), 80, rules=rules)
+    monkeypatch.setattr(plane, "_WORTH", 10**9)
+    monkeypatch.setattr(plane, "_PAUSE", (100, 100))
+    plain = rounds.search
+    lengths = []
+    for calls in (0, 1, 5, 12):
+        left = [calls]
+
+        def search(s: Scene, r: Run, budget: int, pause: int, left: list[int] = left) -> float:
+            left[0] -= 1
+            if left[0] < 0:
+                # In the middle of a move: the ring does not hold every item once.
+                r.ring[0] = r.ring[1]
+                raise KeyboardInterrupt
+            return plain(s, r, budget, pause)
+
+        monkeypatch.setattr(rounds, "search", search)
+        tour = shortened(items, drawn(items), HOME, near_of(items), 3000, 1, lambda _: None)
+        assert not tour.whole
+        check_rules(items, tour)
+        lengths.append(travel(items, tour, HOME))
+        left[0] = 0
+        with pytest.raises(KeyboardInterrupt):
+            shortened(items, drawn(items), HOME, near_of(items), 3000, 1)
+    assert lengths[0] == pytest.approx(travel(items, drawn(items), HOME))
+    assert lengths == sorted(lengths, reverse=True)
+    assert lengths[-1] < lengths[0]

@@ -22,6 +22,8 @@ from camgen.text import short
 
 _grid = cache(grid)
 _NONE = Freedom()
+#: Of the tilt, what rows on arcs may have.
+_ON_ARCS = 0.9
 #: Of the trim, what is tried.
 _SHARES = (0.25, 0.5, 1.0)
 
@@ -72,19 +74,21 @@ def _along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unr
     if isinstance(plain, Reached):
         return plain
     collision = ""
-    for choice in _grids(plain, freedom):
-        found = searched(setup, name, way, choice)
+    for choice in _grids(plain, freedom, way):
+        found = searched(setup, name, way, choice, freedom.tilt)
         if isinstance(found, Reached):
             return found
         collision = found
     return Unreached(name, plain.kind, plain.text + _in_vain(freedom, collision)) if freedom else plain
 
 
-def _grids(plain: Unreached, freedom: Freedom) -> list[Grid]:
+def _grids(plain: Unreached, freedom: Freedom, way: Way) -> list[Grid]:
     """What is tried, in this order: another branch where the first collides, a roll, which costs nothing, all."""
     steps = [Freedom()] if plain.kind == "collision" else []
     steps += [Freedom(roll=True)] if freedom.roll else []
-    steps += [freedom] if freedom.tilt > 0 else []
+    # Along an arc the axis leans more between two rows than at them: the grid leaves room for it.
+    share = _ON_ARCS if np.isfinite(way.via).any() else 1.0
+    steps += [Freedom(share * freedom.tilt, freedom.roll)] if freedom.tilt > 0 else []
     return [_grid(step) for step in steps]
 
 

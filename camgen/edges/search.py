@@ -41,9 +41,9 @@ class Knots(Struct, frozen=True, eq=False):
     parts: Index
 
 
-def searched(setup: Setup, edge: str, way: Way, grid: Grid) -> Reached | str:
+def searched(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reached | str:
     """The motion along ``way`` that costs least, its orientations free within ``grid``; or what the last one collided
-    with, empty where no motion is possible at all.
+    with, empty where no motion is possible at all. most: rad that the axis may lean, between rows too.
     """
     parts = counts(way, _STRETCH, _TURN)
     knots = Knots(way, divided(way, parts), parts)
@@ -55,7 +55,7 @@ def searched(setup: Setup, edge: str, way: Way, grid: Grid) -> Reached | str:
         chain = cheapest(setup.robot, states, ways, setup.robot.home)
         if chain is None:
             break
-        proved = _proved(setup, edge, knots, grid, chain)
+        proved = _proved(setup, edge, knots, grid, chain, most)
         if isinstance(proved, Reached):
             return proved
         stretch, collision = proved[0], proved[1] or collision
@@ -117,7 +117,7 @@ def _check(setup: Setup, states: States, row: int) -> None:
     states.usable[row] &= clear[..., None]
 
 
-def _proved(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain) -> Reached | tuple[int, str]:
+def _proved(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain, most: float) -> Reached | tuple[int, str]:
     """The motion of ``chain`` as the robot makes it, or the first stretch where it fails, and what it collides with."""
     actual = replace(knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation]))
     parts = dense_parts(actual)
@@ -131,18 +131,12 @@ def _proved(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain) -> 
     kept, few = _few(knots, chain)
     tilt, roll = lean(divided(knots.way, parts).rotation, dense.rotation)
     # On an arc the axis cuts the corner between two rows that lean, or roll, differently.
-    steep = np.flatnonzero(tilt > max(_most(grid), _CUT) + _EVEN)
+    steep = np.flatnonzero(tilt > max(most, _CUT) + _EVEN)
     if len(steep):
         return _stretch(at, int(steep[0])), ""
     way = replace(few, rotation=frozen(actual.rotation[kept]))
     posture = frozen(joints.joints[at[kept]])
     return Reached(edge, False, way, posture, frozen(joints.joints), at[kept], frozen(tilt), frozen(roll))
-
-
-def _most(grid: Grid) -> float:
-    """The greatest tilt of the grid, rad."""
-    along = grid.nominal_from_tool[:, :, 2]
-    return float(np.arctan2(np.hypot(along[:, 0], along[:, 1]), along[:, 2]).max())
 
 
 def _stretch(at: Index, row: int) -> int:

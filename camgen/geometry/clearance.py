@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from camgen.geometry.boxes import boxed
+from camgen.geometry.intersect import cuts
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, passes
 from camgen.pose import FloatArray
 
@@ -81,3 +82,43 @@ class Obstacles:
             np.minimum.at(best, point, distances(points[point], self.segments, segment))
         best[best > reach] = np.inf
         return best
+
+
+def gaps(lines: Segments, segments: Segments, reach: float) -> FloatArray:
+    """(L,) distance of each straight line to the nearest of ``segments``, inf when none is nearer than ``reach`` mm.
+
+    Two segments that do not cross are nearest at an end of one of them, or where the line passes an arc's centre.
+    """
+    best = np.full(len(lines), np.inf)
+    if not len(lines) or not len(segments):
+        return best
+    tree = shapely.STRtree(boxed(bounds(segments)))
+    boxes = bounds(lines) + np.array([-reach, -reach, reach, reach])
+    step, first = 256, 0
+    while first < len(lines):
+        line, other = tree.query(boxed(boxes[first : first + step]))
+        line, other = line + first, other.astype(np.int64)
+        first += step
+        step = int(np.clip(_CHUNK * step / max(len(line), 1), 1, 4 * step))
+        np.minimum.at(best, line, _apart(lines.take(line), segments.take(other)))
+    best[best > reach] = np.inf
+    return best
+
+
+def _apart(line: Segments, other: Segments) -> FloatArray:
+    """(K,) distance of each straight line from the line or arc beside it in the list."""
+    own = np.arange(len(line))
+    gap = np.minimum(distances(line.start, other, own), distances(line.end, other, own))
+    for end in (other.start, other.end):
+        np.minimum(gap, _from_lines(end, line, own), out=gap)
+    chord = line.end - line.start
+    square = np.maximum((chord**2).sum(axis=1), 1e-300)
+    foot = line.start + np.clip(((other.centre - line.start) * chord).sum(axis=1) / square, 0.0, 1.0)[:, None] * chord
+    np.minimum(gap, np.where(other.is_arc, distances(foot, other, own), np.inf), out=gap)
+    rows, _ = cuts(_both(line, other), own, own + len(line))
+    gap[rows[rows < len(line)]] = 0.0
+    return gap
+
+
+def _both(one: Segments, two: Segments) -> Segments:
+    return Segments(*(np.concatenate([getattr(one, name), getattr(two, name)]) for name in Segments.__struct_fields__))

@@ -6,9 +6,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.body import column
 from camgen.ir import Joints, MoveC, MoveJ, MoveL, Program, Wait
 from camgen.pose import FloatArray, Pose
-from camgen.report import arc_lengths
 from camgen.robots.forward import flange
 from camgen.robots.models import Robot
 
@@ -19,7 +19,8 @@ class Events(Struct, frozen=True, eq=False):
     """E motions and waits. instruction: (E,) index in the body. kind: (E,) 0 joint, 1 line, 2 arc, 3 wait.
 
     start, via, end: (E, 3) of the tool centre, work frame, mm; via is NaN but for arcs. first_axis, last_axis: (E, 3)
-    tool z at both ends. feed: (E,) mm/s. force: (E,) N. seconds: (E,) the length at the feed, or the wait.
+    tool z at both ends. feed: (E,) mm/s. force: (E,) N. path: (E,) index of the tool path that it works on, -1: travel.
+    seconds: (E,).
     """
 
     instruction: IntArray
@@ -31,12 +32,13 @@ class Events(Struct, frozen=True, eq=False):
     last_axis: FloatArray
     feed: FloatArray
     force: FloatArray
+    path: IntArray
     seconds: FloatArray
 
 
-def events(program: Program, arm: Robot | None) -> Events:
+def events(program: Program, arm: Robot | None, path: IntArray, seconds: FloatArray) -> Events:
     """The events of ``program``. A target in joints is where ``arm`` puts the tool; without one the tool is taken to
-    stand where it is next, or was last.
+    stand where it is next, or was last. path, seconds: (M,) of its motions.
     """
     columns = program.columns
     chosen = np.flatnonzero(columns.are(MoveJ, MoveL, MoveC, Wait))
@@ -49,14 +51,12 @@ def events(program: Program, arm: Robot | None) -> Events:
     end, last_axis = _filled(end), _filled(last_axis)
     start, first_axis = (np.concatenate([values[:1], values[:-1]]) for values in (end, last_axis))
     via, feed, force = (_spread(len(chosen), moves, values) for values in (columns.vias, columns.speed, columns.force))
-    length = np.linalg.norm(end - start, axis=1)
-    arc = kind == 2
-    length[arc] = arc_lengths(start[arc], via[arc], end[arc])
-    seconds = length / np.nan_to_num(feed, nan=1.0)
-    seconds[waits] = [item.seconds for item in columns.of(Wait)]
-    return Events(
-        chosen, kind, start, via, end, first_axis, last_axis, np.nan_to_num(feed), np.nan_to_num(force), seconds
-    )
+    # A wait belongs to the motion after it, as in ``cycle``.
+    owner = np.append(path, -1)[np.searchsorted(moves, np.arange(len(chosen)))]
+    taken = _spread(len(chosen), moves, seconds)
+    taken[waits] = column(columns.of(Wait), "seconds")
+    feed, force = np.nan_to_num(feed), np.nan_to_num(force)
+    return Events(chosen, kind, start, via, end, first_axis, last_axis, feed, force, owner, taken)
 
 
 def tool_of(program: Program, arm: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:

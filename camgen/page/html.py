@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from functools import cache
 from html import escape
 from importlib import resources
@@ -14,8 +15,9 @@ from numpy.typing import NDArray
 
 from camgen.errors import one_line
 from camgen.page.view import View
-from camgen.pose import Pose
-from camgen.robots.models import Box
+from camgen.pose import FloatArray, Pose
+from camgen.robots.models import Link
+from camgen.solid import Solid
 
 #: The scripts in the order in which they run, all but the first in one scope.
 _LIBRARY = "three.min.js"
@@ -73,11 +75,7 @@ def _plain(view: View) -> dict[str, object]:
             "counts": chains.counts.tolist(),
             "rows": view.lines,
         },
-        "solid": view.solid
-        and {
-            "vertices": _packed(view.solid.vertices - origin),
-            "faces": _packed(view.solid.faces, np.uint32),
-        },
+        "solid": view.solid and _mesh(view.solid, origin),
         "paths": view.rows,
         "skipped": [[note.what, note.why] for note in view.skipped],
         "track": {
@@ -87,16 +85,17 @@ def _plain(view: View) -> dict[str, object]:
             "event": _packed(way.event, np.uint32),
             "instruction": _packed(motions.instruction, np.uint32),
             "kind": _packed(motions.kind, np.uint8),
-            "path": _packed(way.path, np.int32),
+            "path": _packed(motions.path, np.int32),
             "feed": _packed(motions.feed),
             "force": _packed(motions.force),
         },
         "tool": {
             "diameter": view.diameter,
             "flange_from_tool": _pose(view.flange_from_tool),
-            "holder": view.holder,
+            "bodies": _links(view.bodies),
         },
-        "fixtures": view.fixtures,
+        "standing": _links(view.standing),
+        "meshes": [[name, _mesh(shape, origin)] for name, shape in view.meshes],
         "arm": _arm(view),
     }
 
@@ -111,14 +110,19 @@ def _arm(view: View) -> dict[str, object] | None:
         "flange": _pose(robot.flange),
         "coupling": robot.coupling.tolist(),
         "joints": [[j.name, j.sliding, _pose(j.previous_from_joint), j.axis] for j in robot.joints],
-        "links": [[link.name, [_box(box) for box in link.boxes]] for link in robot.links],
+        "links": _links(robot.links),
         "values": _packed(view.arm.joints),
         "time": _packed(view.arm.time),
     }
 
 
-def _box(box: Box) -> list[object]:
-    return [_pose(box.link_from_box), box.half]
+def _links(links: Sequence[Link]) -> list[object]:
+    """Name, then pose and half edges of each box."""
+    return [[link.name, [[_pose(box.link_from_box), box.half] for box in link.boxes]] for link in links]
+
+
+def _mesh(solid: Solid, origin: FloatArray) -> dict[str, str]:
+    return {"vertices": _packed(solid.vertices - origin), "faces": _packed(solid.faces, np.uint32)}
 
 
 def _pose(pose: Pose) -> list[float]:

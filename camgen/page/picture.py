@@ -55,7 +55,7 @@ def _fitted(view: View) -> _Sheet:
     right = (-math.sin(turn), math.cos(turn), 0.0)
     up = (-math.sin(tilt) * math.cos(turn), -math.sin(tilt) * math.sin(turn), math.cos(tilt))
     axes = np.array([right, np.negative(up)])
-    work = view.track.path[view.track.event] >= 0
+    work = view.track.events.path[view.track.event] >= 0
     flat = np.concatenate([view.chains.points, view.track.position[work]]) @ axes.T
     if not len(flat):
         flat = view.track.position @ axes.T
@@ -82,7 +82,7 @@ def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
 def _way(image: Pixels, view: View, sheet: _Sheet) -> None:
     """Travel, then the paths from the first to the last, in one stroke for every run of stations of a path."""
     way = view.track
-    path = way.path[way.event]
+    path = way.events.path[way.event]
     at = sheet.place(way.position)
     cuts = np.flatnonzero(np.diff(path)) + 1
     strokes = [(int(path[a]), at[max(a - 1, 0) : b]) for a, b in zip([0, *cuts], [*cuts, len(path)], strict=True)]

@@ -1,7 +1,7 @@
 """A program as a way through time: where the tool is, how it stands, and when.
 
-Times are lengths at their speeds and the waits, as ``report`` sums them up. A joint motion of a robot whose joints are
-known takes as long as its slowest joint at full speed, if that is longer. Acceleration is not in it.
+Every motion takes the time that ``cycle`` gives it, so that the last station has the time of the report. Within a
+motion the speed is even.
 """
 
 from __future__ import annotations
@@ -9,19 +9,18 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.ir import Program
+from camgen.cycle.times import timed
+from camgen.cycle.work import worked
+from camgen.job import Result, pace_of
 from camgen.page.curves import drawn
 from camgen.page.events import Events, IntArray, events, tool_of
-from camgen.page.work import worked
-from camgen.paths import Tour
 from camgen.pose import FloatArray
-from camgen.reach import Reach
 from camgen.robots.models import Robot
 
 
 class Track(Struct, frozen=True, eq=False):
     """S stations on the way. position, axis: (S, 3), tool centre and tool z, work frame, mm. time: (S,) s. event:
-    (S,) the row of ``events`` that leads here. path: (E,) index of the tool path that an event works on, -1: travel.
+    (S,) the row of ``events`` that leads here.
     """
 
     position: FloatArray
@@ -29,7 +28,6 @@ class Track(Struct, frozen=True, eq=False):
     time: FloatArray
     event: IntArray
     events: Events
-    path: IntArray
 
 
 class Arm(Struct, frozen=True, eq=False):
@@ -49,25 +47,22 @@ class _Stations(Struct, frozen=True, eq=False):
     axis: FloatArray
 
 
-def track(
-    program: Program, tour: Tour, reach: Reach | None, robot: Robot | None, sag: float
-) -> tuple[Track, Arm | None]:
-    """The way of ``program``, arcs in pieces within ``sag`` mm, and that of ``robot`` where its joints are known."""
-    found = events(program, robot)
+def track(result: Result, sag: float) -> tuple[Track, Arm | None]:
+    """The way of the program, arcs in pieces within ``sag`` mm, and that of the robot where its joints are known."""
+    program, reach, robot = result.program, result.reach, result.arm
+    seconds, ends = timed(program, pace_of(result.post, result.job), reach, robot)
+    found = events(program, robot, worked(result.tour, ends), seconds)
     stations = _stations(found, sag)
     seconds, arm = found.seconds, None
     if reach is not None and robot is not None and len(reach.joints):
         owner = np.searchsorted(found.instruction, reach.owner)
         share = (np.arange(len(owner)) - np.searchsorted(owner, owner) + 1) / np.bincount(owner)[owner]
         swing = found.kind[owner] == 0
-        turn = np.abs(np.diff(reach.joints, axis=0, prepend=reach.joints[:1])) / robot.speeds
-        slowest = np.bincount(owner[swing], turn[swing].max(axis=1), len(seconds))
-        seconds = np.maximum(seconds, slowest)
         points, axis = tool_of(program, robot, reach.joints[swing])
         stations = _replaced(stations, _Stations(owner[swing], share[swing], points, axis))
         arm = Arm(robot, reach.joints, _begins(seconds)[owner] + seconds[owner] * share)
     time = _begins(seconds)[stations.event] + seconds[stations.event] * stations.fraction
-    return Track(stations.points, stations.axis, time, stations.event, found, worked(tour, found.end)), arm
+    return Track(stations.points, stations.axis, time, stations.event, found), arm
 
 
 def _begins(seconds: FloatArray) -> FloatArray:

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.job import Result
+from camgen.page.around import around
 from camgen.page.curves import Chains, of_contours, of_spans
 from camgen.page.track import Arm, Track, track
+from camgen.page.trimmed import cut
 from camgen.pose import FloatArray, Pose
 from camgen.report import clean, path_sums
-from camgen.robots.models import robot
+from camgen.robots.models import Link
 from camgen.shapes import Note
 from camgen.solid import Solid
 from camgen.text import short
 
 #: Arcs are drawn to this part of the size of what is shown.
 _FINE = 2e-5
-_NAMES = re.compile(r"(?<![\w.])((?:\d+/)?)([ce])(\d+)(?:-(?:\d+/)?[ce](\d+))?(?![\w.])")
 
 
 class Line(Struct, frozen=True):
-    """A contour or an edge: state is "done", "skipped" or "unused" (nothing was asked of it); why it was skipped."""
+    """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
+    was skipped.
+    """
 
     id: str
     layer: str
@@ -36,7 +39,7 @@ class Line(Struct, frozen=True):
 
 
 class Row(Struct, frozen=True):
-    """A tool path as the list has it: mm, mm/s, N, s; depths: number of passes."""
+    """A tool path as the list has it: mm, mm/s, N, s. feed: the mean of what is asked for. seconds: of the cycle."""
 
     id: str
     layer: str
@@ -51,8 +54,8 @@ class View(Struct, frozen=True, eq=False):
     """title: of the page. facts: label and text of the numbers to show. lines: what ``chains`` draws, in its order.
 
     solid: triangles, None for a flat part. arm: the robot, None where none is known. base_from_work,
-    flange_from_tool: of the program. diameter: of the tool, mm. holder: boxes at the flange, fixtures: boxes in the
-    work frame, each as two opposite corners. skipped: what was left out.
+    flange_from_tool: of the program. diameter: of the tool, mm. bodies: tool and holder, boxes at the flange. standing:
+    table and fixtures, boxes in the work frame. meshes: fixtures that are meshes. skipped: what was left out.
     """
 
     title: str
@@ -66,8 +69,9 @@ class View(Struct, frozen=True, eq=False):
     base_from_work: Pose
     flange_from_tool: Pose
     diameter: float
-    holder: tuple[tuple[float, ...], ...]
-    fixtures: tuple[tuple[float, ...], ...]
+    bodies: tuple[Link, ...]
+    standing: tuple[Link, ...]
+    meshes: tuple[tuple[str, Solid], ...]
     skipped: tuple[Note, ...]
 
 
@@ -76,19 +80,13 @@ def view(result: Result) -> View:
     part, program = result.part, result.program
     skipped = tuple(note for note in result.notes if note.kind == "skipped")
     sag = _sag(result)
-    known = result.job.cell.robot or result.cell.robot
-    model = robot(known) if result.reach and known else None
-    way, arm = track(program, result.tour, result.reach, model, sag)
-    contours = tuple(c for c in part.contours if len(c.points) > 1)
-    edges = part.solid.edges if part.solid else ()
-    flat, sharp = of_contours(contours, sag), of_spans([(edge.points, edge.via) for edge in edges], sag)
-    chains = Chains(np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts]))
-    names = [(c.id, c.layer, c.closed) for c in contours]
-    names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
+    way, arm = track(result, sag)
+    lines, chains = _lines(result, sag)
+    beside = around(result)
     return View(
         title=clean(f"{part.source}, {result.post.name}"),
         facts=_facts(result, float(way.time[-1])),
-        lines=_lines(names, chains, {path.id.partition(".")[0] for path in result.tour.paths}, skipped),
+        lines=lines,
         chains=chains,
         solid=part.solid,
         rows=_rows(result),
@@ -97,20 +95,16 @@ def view(result: Result) -> View:
         base_from_work=program.base_from_work,
         flange_from_tool=program.flange_from_tool,
         diameter=result.job.tool.diameter,
-        holder=tuple(map(tuple, result.job.tool.holder or ())),
-        fixtures=tuple(tuple(box) for box in result.job.cell.fixtures or () if not isinstance(box, str)),
+        bodies=beside.bodies,
+        standing=beside.standing,
+        meshes=beside.meshes,
         skipped=tuple(Note(note.kind, clean(note.what), clean(note.why)) for note in skipped),
     )
 
 
 def reasons(skipped: Sequence[Note]) -> dict[str, str]:
-    """Why, by the id of the contours and edges that the notes name, one by one (c3) or as a range (c3-c8)."""
-    found: dict[str, str] = {}
-    for note in skipped:
-        for before, letter, first, last in _NAMES.findall(note.what):
-            for number in range(int(first), int(last or first) + 1):
-                found.setdefault(f"{before}{letter}{number}", clean(note.why or note.what))
-    return found
+    """Why, by the id of the contours and edges that the notes are about; of several notes the first."""
+    return {ident: clean(note.why or note.what) for note in reversed(skipped) for ident in note.ids}
 
 
 def _sag(result: Result) -> float:
@@ -121,22 +115,47 @@ def _sag(result: Result) -> float:
     return max(float(np.linalg.norm(np.ptp(points, axis=0))) * _FINE, 1e-4) if len(points) else 1e-3
 
 
-def _lines(
-    names: Sequence[tuple[str, str, bool]], chains: Chains, done: set[str], skipped: Sequence[Note]
-) -> tuple[Line, ...]:
-    why = reasons(skipped)
-    lengths = _lengths(chains)
-    return tuple(
+def _lines(result: Result, sag: float) -> tuple[tuple[Line, ...], Chains]:
+    """The contours and edges of the part, and how they are drawn."""
+    contours = tuple(c for c in result.part.contours if len(c.points) > 1)
+    edges = result.part.solid.edges if result.part.solid else ()
+    flat, sharp = of_contours(contours, sag), of_spans([(edge.points, edge.via) for edge in edges], sag)
+    chains = Chains(np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts]))
+    names = [(c.id, c.layer, c.closed) for c in contours]
+    names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
+    why = reasons([note for note in result.notes if note.kind == "skipped"])
+    # A contour with several paths gives them its id and a number; a network of contours is run as few paths.
+    done = {path.id.partition(".")[0] for path in result.tour.paths}
+    done |= {ident for note in result.notes if note.kind == "joined" for ident in note.ids} - why.keys()
+    lines = [
         Line(
             id=clean(ident),
             layer=clean(layer),
             closed=closed,
             length=length,
             state="done" if ident in done else "skipped" if ident in why else "unused",
-            why="" if ident in done else why.get(ident, ""),
+            why=why.get(ident, ""),
         )
-        for (ident, layer, closed), length in zip(names, lengths, strict=True)
-    )
+        for (ident, layer, closed), length in zip(names, _lengths(chains), strict=True)
+    ]
+    return _trimmed(result, lines, chains) if edges else (tuple(lines), chains)
+
+
+def _trimmed(result: Result, lines: Sequence[Line], chains: Chains) -> tuple[tuple[Line, ...], Chains]:
+    """Edges that are run without their ends, with these as lines of their own."""
+    work = {path.id: path.position for path in result.tour.paths}
+    pieces: list[tuple[Line, FloatArray]] = []
+    for line, points in zip(lines, np.split(chains.points, np.cumsum(chains.counts)[:-1]), strict=True):
+        if line.state != "done" or not line.why:
+            pieces.append((line, points))
+            continue
+        before, inner, after = cut(points, work[line.id][0], work[line.id][-1])
+        rest = replace(line, state="skipped", closed=False)
+        found = [(rest, before), (replace(line, why="", closed=False), inner), (rest, after)]
+        pieces += [(one, part) for one, part in found if len(part)]
+    made = Chains(np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces]))
+    lengths = _lengths(made)
+    return tuple(replace(one, length=long) for (one, _), long in zip(pieces, lengths, strict=True)), made
 
 
 def _lengths(chains: Chains) -> list[float]:
@@ -160,10 +179,12 @@ def _rows(result: Result) -> tuple[Row, ...]:
             length=length,
             feed=length / time if time > 0 else float(path.feed[0]),
             force=float(path.force.max()),
-            seconds=time,
+            seconds=spent,
             passes=len(path.depths),
         )
-        for path, length, time in zip(paths, lengths.tolist(), seconds.tolist(), strict=True)
+        for path, length, time, spent in zip(
+            paths, lengths.tolist(), seconds.tolist(), result.cycle.paths.tolist(), strict=True
+        )
     )
 
 
@@ -182,12 +203,20 @@ def _facts(result: Result, seconds: float) -> tuple[tuple[str, str], ...]:
         ("Travel", f"{short(tour.travel, 1)} mm ({tour.method})"),
         ("Speed", f"{short(feeds[0], 1)} to {short(feeds[1], 1)} mm/s"),
         ("Force", f"up to {short(force, 2)} N" if force else "none"),
-        ("Time", f"{short(seconds, 1)} s without acceleration"),
+        ("Time", f"{short(seconds, 1)} s, {short(result.cycle.travel, 1)} s of it travel"),
+        (
+            "Time counts",
+            f"feeds, acceleration, corners, waits{' and joint speeds' if result.reach else ''}; an estimate",
+        ),
         ("Verified", f"text read back, within {result.deviation.max_mm:.6f} mm"),
     ]
-    meshes = sum(isinstance(one, str) for one in result.job.cell.fixtures or ())
-    if meshes:
-        found.append(("Not drawn", f"{meshes} of the fixtures, which are meshes"))
+    if result.clear and result.where:
+        solid = ["the part"] if part.solid else []
+        names = ["robot", *(body.name for body in (*result.where.bodies, *result.where.standing)), *solid]
+        names += [name for name, _ in result.where.meshes]
+        found.append(
+            ("Collision", f"none, {short(result.clear.clearance, 2)} mm or more apart; tested: {', '.join(names)}")
+        )
     extents = result.motions.extents
     if extents:
         low, high = extents

@@ -7,15 +7,20 @@ from msgspec.structs import replace
 
 from camgen.errors import JobError
 from camgen.paths import ToolPath
+from camgen.planners.coverage import Coverage
 from camgen.settings import Job
 from camgen.shapes import Note, Part
 
 
 class Plan(Struct, frozen=True):
-    """The paths of a part in the order of its contours, and what the planner left out or wants known."""
+    """The paths of a part in the order of its contours, and what the planner left out or wants known.
+
+    coverage: of what is to be filled, None for other operations.
+    """
 
     paths: tuple[ToolPath, ...]
     notes: tuple[Note, ...]
+    coverage: Coverage | None = None
 
 
 def _in_image_space(part: Part, job: Job) -> Plan:
@@ -35,7 +40,7 @@ def plan(part: Part, job: Job) -> Plan:
     """The tool paths of ``part`` as ``job`` asks for them."""
     from camgen.planners.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
     from camgen.planners.recover import recover  # noqa: PLC0415
-    from camgen.planners.trace import trace  # noqa: PLC0415
+    from camgen.planners.trace import trace, with_few_lifts  # noqa: PLC0415
 
     if job.operation.planner == "image":
         return _in_image_space(part, job)
@@ -52,6 +57,7 @@ def plan(part: Part, job: Job) -> Plan:
     # What is laid on a page is a drawing.
     drawing = job.operation.kind == "auto" and bool(job.page.size)
     if drawing or job.operation.kind == "trace" or job.operation.side == "on":
-        return Plan(trace(part, job), recovered)
+        part, merged = with_few_lifts(part, job)
+        return Plan(trace(part, job), recovered + merged)
     paths, notes = follow(part, job)
     return Plan(paths, recovered + notes)

@@ -6,6 +6,7 @@ is switched, so the way through the air and the order of the holes are those of 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -15,7 +16,6 @@ from msgspec import Struct
 from camgen.errors import InputError, JobError
 from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours, points_at
 from camgen.paths import ToolPath
-from camgen.planners.columns import pass_depths
 from camgen.pose import FloatArray, frozen
 from camgen.settings import Job
 from camgen.shapes import Note, Part, Raster
@@ -27,6 +27,10 @@ _OFF, _SHARE, _OFF_PX = 0.01, 0.01, 0.5
 _SAME = 0.05
 #: Diameters are told apart to this, mm.
 _GAUGE = 0.05
+#: So much above where a peck ended the feed begins again, mm: where the cycle G83 of LinuxCNC begins it.
+_AGAIN = 0.254
+#: Smaller rings of a picture are noise, px.
+_LEAST_PX = 4.0
 
 
 class Hole(Struct, frozen=True):
@@ -42,8 +46,8 @@ class Hole(Struct, frozen=True):
 def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
     """A path for every hole, in the order of the input, and notes on how many there are of each diameter.
 
-    ``operation.passes`` are pecks: the tool comes up to the top face after each. Raises InputError where there is no
-    hole, JobError for settings that make no sense.
+    ``operation.passes`` are pecks: the tool comes up to the height of approach after each. Raises InputError where
+    there is no hole, JobError for settings that make no sense.
     """
     lowest, highest = _range(job)
     if job.process.force:
@@ -82,7 +86,7 @@ def _in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]]:
         points = np.concatenate(raster.borders)
         owner = np.repeat(np.arange(len(raster.borders)), [len(b) for b in raster.borders])
         centre, radius, off = _fitted(points, owner, len(raster.borders))
-        round_ = off <= np.maximum(_OFF_PX, 2 * _SHARE * radius)
+        round_ = (off <= np.maximum(_OFF_PX, 2 * _SHARE * radius)) & (2 * radius >= _LEAST_PX)
         height, width = raster.mask.shape
         at = np.rint(centre).astype(np.int64).clip(0, (width - 1, height - 1))
         rings = np.flatnonzero(round_ & (raster.mask[at[:, 1], at[:, 0]] == 0))
@@ -168,13 +172,18 @@ def _innermost(centre: FloatArray, radius: FloatArray) -> IntArray:
 
 
 def _path(hole: Hole, job: Job) -> ToolPath:
-    """Down at the feed and up again at the speed of travel, once for every peck; without a depth one touch."""
-    depth = job.operation.depth
-    pecks = pass_depths(depth, job.operation.passes) if depth else ()
-    z = [0.0, *(level for peck in pecks for level in (-peck, 0.0))]
-    count = len(z)
-    feed = np.where(np.arange(count) % 2 == 1, job.process.feed, job.process.travel)
-    feed[0] = job.process.feed
+    """Down at the feed and up again at the speed of travel, peck by peck; without a depth one touch."""
+    levels, clear = _levels(job), job.process.approach
+    way = [(0.0, job.process.feed)]
+    for k, level in enumerate(levels):
+        if k:
+            way.append((clear, job.process.travel))
+            again = levels[k - 1] + _AGAIN
+            way += [(again, job.process.travel)] if again < clear else []
+        way.append((level, job.process.feed))
+    way += [(0.0, job.process.travel)] if levels else []
+    z, feed = np.array(way).T
+    count = len(way)
     return ToolPath(
         id=hole.id,
         layer=hole.layer,
@@ -187,6 +196,20 @@ def _path(hole: Hole, job: Job) -> ToolPath:
         closed=False,
         reversible=False,
     )
+
+
+def _levels(job: Job) -> list[float]:
+    """How deep each peck ends, mm, below 0. None is deeper than the depth shared out among ``operation.passes``.
+
+    The first one begins at the height of approach, as that of the cycle G83 does, where it reaches the material then.
+    """
+    depth, count = job.operation.depth, job.operation.passes
+    if not depth:
+        return []
+    step, above = depth / count, job.process.approach
+    first = above if count > 1 and above < step else 0.0
+    count = math.ceil((first + depth) / step - 1e-6)
+    return [*(first - k * step for k in range(1, count)), -depth]
 
 
 def _told(holes: Sequence[Hole], job: Job) -> list[Note]:

@@ -18,7 +18,8 @@ from camgen.errors import InputError
 from camgen.geometry.segments import IntArray
 from camgen.paths import ToolPath
 from camgen.planners.columns import pass_depths
-from camgen.planners.fill_cover import Coverage, lines_of, measured, painted
+from camgen.planners.coverage import Coverage
+from camgen.planners.fill_cover import lines_of, measured, painted
 from camgen.planners.fill_ground import Ground, ground
 from camgen.planners.fill_lines import Line, centre_lines
 from camgen.planners.fill_passes import core, passes
@@ -32,8 +33,6 @@ from camgen.text import short
 _SIMPLIFY = 0.2
 #: What is left bare is worth a stroke from this share of the tool's disc on.
 _WORTH = 0.05
-#: Below this share of covered copper the summary warns.
-_ENOUGH = 0.98
 
 
 class Kind(Struct, frozen=True, eq=False):
@@ -45,20 +44,12 @@ class Kind(Struct, frozen=True, eq=False):
     thin: list[bool]
 
 
-def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    """Strokes that cover what the closed contours of ``part`` enclose, even-odd, and notes on what they cover.
+def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], Coverage]:
+    """Strokes that cover what the closed contours of ``part`` enclose, even-odd, notes, and what they cover.
 
     Of a picture the borders in it count. Raises InputError where nothing is closed, JobError for a tool that is too
     small for the picture or the drawing.
     """
-    paths, notes, coverage = fill_measured(part, job)
-    enough = coverage.covered >= _ENOUGH * coverage.copper
-    what = f"coverage: {coverage}"
-    return paths, (*notes, Note("assumed", what) if enough else Note("warning", what, "use a finer tool"))
-
-
-def fill_measured(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], Coverage]:
-    """As ``fill``, with the coverage as numbers."""
     if not any(c.closed for c in part.contours):
         raise InputError(part.source, "no closed contour to fill", remedy="trace it, or close its outlines")
     field = ground(part, job.tool.diameter / 2)
@@ -174,9 +165,9 @@ def covered_by(field: Ground, paths: Sequence[ToolPath], thin: Sequence[bool], r
 
 
 def _open(part: Part) -> tuple[Note, ...]:
-    count = sum(not c.closed for c in part.contours)
+    ids = tuple(c.id for c in part.contours if not c.closed)
     why = "only what is closed has an inside; join gaps with input.join, or trace them"
-    return (Note("skipped", f"{count} open contours not filled", why),) if count else ()
+    return (Note("skipped", f"{len(ids)} open contours not filled", why, ids),) if ids else ()
 
 
 def _rules(kinds: Sequence[Kind], region: IntArray, job: Job) -> tuple[Note, ...]:

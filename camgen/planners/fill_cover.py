@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec import Struct
 
 from camgen.geometry.segments import IntArray
+from camgen.planners.coverage import Coverage
 from camgen.planners.fill_ground import Pixels, crossings, spread
 from camgen.planners.image_space_rings import ComplexArray, Rings
 from camgen.pose import FloatArray
@@ -22,26 +22,6 @@ _ROWS, _TURN = 12.7, np.exp(0.4j)
 _MOST = 9000
 #: Border crossings of a row stay below the first, passes that lie on each other below the second.
 _PASS, _THIN = 1 << 20, 1 << 40
-
-
-class Coverage(Struct, frozen=True):
-    """Areas, mm2. copper: what is to be covered. covered: of it, by ink. outside: ink beside it, of passes. thin: ink
-    beside it that only centre lines leave, of tracks thinner than the tool.
-    """
-
-    copper: float
-    covered: float
-    outside: float
-    thin: float
-
-    def __str__(self) -> str:
-        share = 100 / self.copper if self.copper else 0.0
-        left = self.copper - self.covered
-        return (
-            f"{self.covered * share:.2f} % of {self.copper:.1f} mm2 covered, {left:.2f} mm2 not; ink outside "
-            f"{self.outside * share:.2f} % ({self.outside:.2f} mm2), beside thin tracks {self.thin * share:.2f} % "
-            f"({self.thin:.2f} mm2)"
-        )
 
 
 def spans(

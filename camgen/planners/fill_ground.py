@@ -22,7 +22,7 @@ Pixels = NDArray[np.uint8]
 Distances = NDArray[np.float32]
 
 #: The tool's radius in grid pixels: wanted of a picture, made of a drawing, and the least that can be worked with.
-_WANTED, _MADE, _LEAST = 3.5, 6.0, 1.4
+_WANTED, _MADE, _LEAST = 2.2, 6.0, 1.4
 #: Pixels of a grid at most, and the free ones around it.
 _MOST, _ROOM = 40_000_000, 4
 #: From the centre of the nearest pixel outside to the border, px: the mean over all directions of an edge.
@@ -54,9 +54,7 @@ class Ground(Struct, frozen=True, eq=False):
 
 def ground(part: Part, radius: float) -> Ground:
     """The grid of a part for a tool of ``radius`` mm. JobError where the tool is too small for picture or drawing."""
-    seen = part.raster if part.raster is not None and part.raster.borders else None
-    found = _of_picture(seen, radius) if seen is not None else _of_drawing(part, radius)
-    counts, points, work_from_grid, contour = found
+    counts, points, work_from_grid, contour = outlines(part, radius)
     table = rings(counts)
     corner = _whole(points, np.minimum) - _ROOM * (1 + 1j)
     high = _whole(points, np.maximum) - corner + _ROOM * (1 + 1j)
@@ -69,6 +67,12 @@ def ground(part: Part, radius: float) -> Ground:
     return Ground(mask, depth, border(*_dense(table, points), shape), contour, work_from_grid)
 
 
+def outlines(part: Part, radius: float) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
+    """The closed borders of a part: points of each, the points px of the grid, work_from_grid, the contour of each."""
+    seen = part.raster if part.raster is not None and part.raster.borders else None
+    return _of_picture(seen, radius) if seen is not None else _of_drawing(part, radius)
+
+
 def _whole(points: ComplexArray, pick: np.ufunc) -> complex:
     return complex(np.floor(pick.reduce(points.real)), np.floor(pick.reduce(points.imag)))
 
@@ -76,7 +80,7 @@ def _whole(points: ComplexArray, pick: np.ufunc) -> complex:
 def _of_picture(seen: Raster, radius: float) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
     mm_per_px = float(np.hypot(*seen.work_from_view[:, 0]))
     size = radius / mm_per_px
-    finer = max(1, min(int(np.ceil(_WANTED / size - 1e-9)), int(np.sqrt(_MOST / seen.mask.size))))
+    finer = max(1.0, min(_WANTED / size, float(np.sqrt(_MOST / seen.mask.size))))
     if size * finer < _LEAST:
         what = f"{2 * radius:g} mm is {2 * size:.2g} px of the picture"
         raise JobError("job", what, "tool.diameter", "use a wider tool or a finer picture")
@@ -101,6 +105,8 @@ def _of_drawing(part: Part, radius: float) -> tuple[IntArray, ComplexArray, Floa
         wide, tall = (high - low).tolist()
         what = f"{2 * radius:g} mm is too small for a drawing of {wide:.0f} x {tall:.0f} mm"
         raise JobError("job", what, "tool.diameter", "use a wider tool, or fill the drawing in parts")
+    # Outer edges lie between the centres of pixels: one that ran through them would count half a pixel of paper.
+    low, high = low - pixel / 2, high + pixel / 2
     moved = ((points[:, 0] - low[0]) + 1j * (high[1] - points[:, 1])) / pixel
     return counts, moved, np.array([[pixel, 0, low[0]], [0, -pixel, high[1]]]), closed
 

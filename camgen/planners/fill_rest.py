@@ -18,9 +18,9 @@ from camgen.vision.skeleton_strokes import strokes
 
 #: The tool has room where it is no nearer to the border than this share of its radius.
 _ROOM = 0.9
-#: A touch needs a piece so many times as large as a line does, more than the corner of a square leaves, and must cover
-#: this many times what it inks outside.
-_TOUCH, _PAYS = 1.6, 2.0
+#: A touch needs a piece so many times as large as a line does and so many pixels, which is more than the corner of a
+#: square leaves wherever the pixels lie, and must cover this many times what it inks outside.
+_TOUCH, _GRAIN, _PAYS = 1.6, 4, 2.0
 #: Where a touch is tried, from the place with most room towards the middle of the piece.
 _WAY = (0.0, 0.25, 0.5, 0.75, 1.0)
 
@@ -45,7 +45,7 @@ def uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> list[L
     worth = bare.facts[:, cv2.CC_STAT_AREA] >= least
     worth[0] = False
     lines = _lines(field, bare, worth & (room >= _ROOM * radius), radius)
-    left = worth & (bare.facts[:, cv2.CC_STAT_AREA] >= _TOUCH * least)
+    left = worth & (bare.facts[:, cv2.CC_STAT_AREA] >= _TOUCH * least + _GRAIN)
     if lines:
         drawn = np.concatenate([line.points for line in lines])
         left[bare.labels[np.rint(drawn.imag).astype(np.int64), np.rint(drawn.real).astype(np.int64)]] = False

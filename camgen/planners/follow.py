@@ -106,9 +106,11 @@ def _crossing_notes(contours: list[Contour], nesting: Nesting) -> list[Note]:
 def _not_followed(contours: list[Contour], how: str, why: str) -> Note:
     """One note on contours that have no path, all of them named."""
     layers = ", ".join(sorted({c.layer for c in contours}))
-    names = ", ".join(_ranges([c.id for c in contours]))
+    ids = [c.id for c in contours]
+    names = ", ".join(_ranges(ids))
     noun = "contour" if len(contours) == 1 else "contours"
-    return Note("skipped", f"{len(contours)} {noun} not followed, {how}: {names} on layer {layers}", why)
+    what = f"{len(contours)} {noun} not followed, {how}: {names} on layer {layers}"
+    return Note("skipped", what, why, tuple(ids))
 
 
 def _ranges(ids: list[str]) -> list[str]:

@@ -91,6 +91,7 @@ def left_out(
 
 def not_followed(borders: IntArray, how: str, why: str) -> Note:
     """One note on borders that have no path, the first of them by name."""
-    names = ", ".join(f"c{k + 1}" for k in borders[:8].tolist()) + (" ..." if len(borders) > 8 else "")
+    ids = [f"c{k + 1}" for k in borders.tolist()]
+    names = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
     noun = "contour" if len(borders) == 1 else "contours"
-    return Note("skipped", f"{len(borders)} {noun} not followed, {how}: {names} on layer {_LAYER}", why)
+    return Note("skipped", f"{len(ids)} {noun} not followed, {how}: {names} on layer {_LAYER}", why, tuple(ids))

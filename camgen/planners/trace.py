@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
 from camgen.paths import ToolPath
 from camgen.planners.columns import Label, pass_depths, sideways, tool_paths
+from camgen.planners.merging import merged
 from camgen.settings import Job
-from camgen.shapes import Part
+from camgen.shapes import Note, Part
 
 
 def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
@@ -25,6 +27,23 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
     feed = np.full(len(segments), job.process.feed)
     depths = pass_depths(job.operation.depth, job.operation.passes)
     return tool_paths(segments, labels, press, force, feed, depths)
+
+
+def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
+    """The part with its networks of lines as few trails, unless the order or the direction of its contours counts.
+
+    A tool that turns with the contour is not led round a sharp corner; ``tour.method = "as-drawn"`` keeps what was
+    drawn; where what is inside is done first, a loop with another one around it or in it is cut out by itself.
+    """
+    if job.tool.orient == "follow" or job.tour.method == "as-drawn":
+        return part, ()
+    contours, notes = merged(part.contours, [False] * len(part.contours), job.input.join)
+    if notes and job.operation.inside_first:
+        parents = _parents(part)
+        around = set(parents)
+        fixed = [parent >= 0 or k in around for k, parent in enumerate(parents)]
+        contours, notes = merged(part.contours, fixed, job.input.join)
+    return (replace(part, contours=contours) if notes else part), notes
 
 
 def _parents(part: Part) -> list[int]:

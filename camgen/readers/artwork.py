@@ -1,4 +1,5 @@
-"""Drawings in black and white, to be traced or filled: the borders of the ink, point by point (continuous-path.md, 3).
+"""Drawings in black and white, to be traced, filled or drilled: the borders of the ink, point by point
+(continuous-path.md, 3).
 
 ``camgen.simplify`` makes lines and arcs of them once the size on the page is known.
 """
@@ -18,11 +19,11 @@ from camgen.vision.artwork import borders, ink_of
 from camgen.vision.image import Picture, load
 from camgen.vision.rectify import View, already_to_scale
 
-_KINDS = ("trace", "fill")
+_KINDS = ("trace", "fill", "drill")
 
 
 def meant(job: Job) -> bool:
-    """Whether a picture is a drawing: it is to be traced, filled or laid on a page, and nothing says it is a photo."""
+    """Whether a picture is a drawing: to be traced, filled, drilled or laid on a page, and no photo."""
     kind = job.operation.kind
     drawing = kind in _KINDS or (kind == "auto" and bool(job.page.size))
     return drawing and job.camera == Camera() and job.image.mask in ("auto", "otsu", "threshold")
@@ -89,4 +90,5 @@ def _nothing_unused(job: Job) -> None:
     for key in ("region", "tones", "background", "color", "min_area"):
         if getattr(job.image, key) != getattr(default, key):
             remedy = "leave it out; input.min_length drops what is small"
-            raise JobError(f"[image] {key}", "has no effect on a drawing that is traced or filled", remedy=remedy)
+            what = "has no effect on a drawing that is traced, filled or drilled"
+            raise JobError(f"[image] {key}", what, remedy=remedy)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -26,10 +27,14 @@ from camgen.pose import FloatArray
 from camgen.readers.curves_biarc import biarc, radius, to_arc
 
 IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+#: Segments, where their intervals begin, and rows (K, 2, 3) of x, y, bulge.
+_Done = tuple[IntArray, FloatArray, FloatArray]
 Outline = tuple[FloatArray, FloatArray]
 
 #: Samples per interval; the deviation of a biarc is smooth, so its maximum lies close to one of them.
 _SAMPLES = 12
+_EVENLY = np.linspace(0.0, 1.0, _SAMPLES + 1)
 #: Part of the tolerance that the samples may use; the rest is for what lies between them.
 _SHARE = 0.9
 #: Least deviation asked for, as a part of the size of the curve.
@@ -122,32 +127,67 @@ def fit(curves: Sequence[FloatArray], chord: float) -> list[Outline]:
     return [outlines.get(i, lost) for i in range(len(curves))]
 
 
-class _Run(Struct, frozen=True):
-    """Bezier segments of several curves of one degree end to end; parameter u runs over segment floor(u)."""
+class _Intervals(Struct, frozen=True):
+    """Pieces of segments by their own control points, (K, degree + 1, 3). low: where they begin, 0 to 1.
 
+    size: how far the segment's control points are apart, widths: the part of the segment, both (K,).
+    """
+
+    segment: IntArray
+    low: FloatArray
     control: FloatArray
-    origin: FloatArray
+    size: FloatArray
+    width: FloatArray
 
-    def points(self, segment: IntArray, t: FloatArray) -> FloatArray:
-        """Points (K, M, 2) at ``t`` (K, M) of segment[k]."""
-        h = np.einsum("kmp,kpd->kmd", _bernstein(self.control.shape[1] - 1, t), self.control[segment])
-        return np.asarray(h[..., :2] / h[..., 2:])
+    @classmethod
+    def whole(cls, segment: IntArray, control: FloatArray) -> _Intervals:
+        places = control[..., :2] / control[..., 2:]
+        size = np.maximum(*np.abs(places - places[:, :1]).max(axis=1).T)
+        return cls(segment, np.zeros(len(segment)), control, size, np.ones(len(segment)))
 
-    def tangents(self, segment: IntArray, t: FloatArray, inwards: FloatArray) -> FloatArray:
-        """Unit tangents (K, 2) at ``t`` (K,); the chord to t + inwards gives them where the derivative vanishes."""
-        control = self.control[segment]
-        degree = control.shape[1] - 1
-        value = np.einsum("kp,kpd->kd", _bernstein(degree, t), control)
-        slope = np.einsum("kp,kpd->kd", _bernstein(degree - 1, t), np.diff(control, axis=1)) * degree
+    def divided(self, which: BoolArray, parts: IntArray) -> _Intervals:
+        """Those of ``which``, each in so many equal parts."""
+        of = np.repeat(np.flatnonzero(which), parts)
+        count = np.repeat(parts, parts)
+        step = np.arange(len(of)) - np.repeat(np.cumsum(parts) - parts, parts)
+        start, end = step / count, (step + 1) / count
+        width = self.width[of] / count
+        low = self.low[of] + width * step
+        return _Intervals(self.segment[of], low, _between(self.control[of], start, end), self.size[of], width)
+
+    def points(self, u: FloatArray) -> FloatArray:
+        """Points (2, M, K) at ``u`` (M,), 0 to 1 from end to end of each interval."""
+        h = np.tensordot(_bernstein(self.control.shape[1] - 1, u), self.control, axes=(1, 1))
+        return np.moveaxis(h[..., :2] / h[..., 2:], 2, 0)
+
+    def tangents(self, end: bool) -> FloatArray:
+        """Unit tangents (K, 2) at the start or the end, from a short chord where the derivative vanishes."""
+        at, before, after = (-1, -2, -1) if end else (0, 0, 1)
+        value = self.control[:, at]
+        slope = (self.control[:, after] - self.control[:, before]) * (self.control.shape[1] - 1) / self.width[:, None]
         tangent = (slope[:, :2] * value[:, 2:] - value[:, :2] * slope[:, 2:]) / value[:, 2:] ** 2
-        size = np.abs(control[..., :2] / control[..., 2:] - (value[:, :2] / value[:, 2:])[:, None]).max(axis=(1, 2))
-        flat = np.hypot(tangent[:, 0], tangent[:, 1]) < 1e-7 * size
+        flat = np.hypot(tangent[:, 0], tangent[:, 1]) < 1e-7 * self.size
         if flat.any():
-            near = np.stack([t, t + inwards], axis=1)[flat]
-            ends = self.points(segment[flat], near)
-            tangent[flat] = (ends[:, 1] - ends[:, 0]) * np.sign(inwards[flat])[:, None]
+            near = self.points(np.array([1 - 1e-3, 1.0] if end else [0.0, 1e-3]))[..., flat]
+            tangent[flat] = (near[:, 1] - near[:, 0]).T
         norm = np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
         return np.asarray(tangent / np.where(norm > 0, norm, 1.0))
+
+
+def _between(control: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """The control points (K, degree + 1, 3) of the stretches start to end, by de Casteljau with mixed arguments."""
+    degree = control.shape[1] - 1
+    a, b = start[:, None, None], end[:, None, None]
+    found = np.empty_like(control)
+    # Each row of the loop has one level more with ``start`` behind it; the rest is done with ``end``.
+    for k in range(degree, -1, -1):
+        local = control
+        for _ in range(k):
+            local = local[:, :-1] * (1 - b) + local[:, 1:] * b
+        found[:, k] = local[:, 0]
+        if k:
+            control = control[:, :-1] * (1 - a) + control[:, 1:] * a
+    return found
 
 
 def _bernstein(degree: int, t: FloatArray) -> FloatArray:
@@ -157,101 +197,91 @@ def _bernstein(degree: int, t: FloatArray) -> FloatArray:
     return np.asarray(binomials * t[..., None] ** i * (1 - t[..., None]) ** (degree - i))
 
 
-class _Intervals(Struct, frozen=True):
-    """Pieces of segments by their parameters."""
-
-    segment: IntArray
-    low: FloatArray
-    high: FloatArray
-
-    def divided(self, parts: IntArray) -> _Intervals:
-        """Each interval in so many equal parts."""
-        of = np.repeat(np.arange(len(parts)), parts)
-        step = np.arange(len(of)) - np.repeat(np.cumsum(parts) - parts, parts)
-        width = ((self.high - self.low) / parts)[of]
-        low = self.low[of] + width * step
-        high = np.where(step + 1 == parts[of], self.high[of], low + width)
-        return _Intervals(self.segment[of], low, high)
-
-
 def _fit_alike(curves: list[FloatArray], chord: float) -> list[Outline]:
     """``fit`` for curves of one degree."""
     counts = np.array([len(c) for c in curves])
     owner = np.repeat(np.arange(len(curves)), counts)
-    origin = np.array([c[0, 0, :2] / c[0, 0, 2] for c in curves])
     control = np.concatenate(curves)
+    first = np.cumsum(counts) - counts
+    origin = control[first, 0, :2] / control[first, 0, 2:]
     # Close to zero the full precision is there, wherever the drawing lies.
     control[..., :2] -= origin[owner][:, None] * control[..., 2:]
-    run = _Run(control, origin)
     # No interval can be closer than rounding leaves it.
     reach = np.abs(control[..., :2] / control[..., 2:]).max(axis=(1, 2))
     limit = _SHARE * np.maximum(chord, _FINEST * reach)
-    done: list[tuple[IntArray, FloatArray, FloatArray]] = []
-    for first in range(0, len(control), _BATCH):
-        segment = np.arange(first, min(first + _BATCH, len(control)))
-        _divide(run, _Intervals(segment, np.zeros(len(segment)), np.ones(len(segment))), limit, done)
-    return _outlines(run, owner, len(curves), done)
+    done: list[_Done] = []
+    for begin in range(0, len(control), _BATCH):
+        segment = np.arange(begin, min(begin + _BATCH, len(control)))
+        _divide(_Intervals.whole(segment, control[segment]), limit, done)
+    final = control[np.cumsum(counts) - 1, -1]
+    return _outlines(owner, origin, final[:, :2] / final[:, 2:], done)
 
 
-def _divide(
-    run: _Run, todo: _Intervals, limit: FloatArray, done: list[tuple[IntArray, FloatArray, FloatArray]]
-) -> None:
+def _divide(todo: _Intervals, limit: FloatArray, done: list[_Done]) -> None:
     """Append segment, start and rows of every interval that fits to ``done``, dividing what does not.
 
-    limit: deviation allowed for each segment of the run.
+    limit: deviation allowed for each segment.
     """
     for depth in range(_DEPTH):
         allowed = limit[todo.segment]
-        rows, deviation = _biarcs(run, todo, allowed)
+        rows, deviation = _biarcs(todo, allowed)
         bad = (deviation > allowed) & (depth < _DEPTH - 1)
         done.append((todo.segment[~bad], todo.low[~bad], rows[~bad]))
         if not bad.any():
             return
         wanted = np.where(np.isinf(deviation), 2, np.ceil(np.cbrt(deviation / allowed)))[bad]
-        parts = np.clip(wanted, 2, _MOST_PARTS).astype(np.intp)
-        todo = _Intervals(todo.segment[bad], todo.low[bad], todo.high[bad]).divided(parts)
+        todo = todo.divided(bad, np.clip(wanted, 2, _MOST_PARTS).astype(np.intp))
 
 
-def _outlines(
-    run: _Run, owner: IntArray, count: int, done: list[tuple[IntArray, FloatArray, FloatArray]]
-) -> list[Outline]:
-    """The pieces (K, 2, 3) of x, y, bulge in order of their curves, each run closed with its last point."""
+def _outlines(owner: IntArray, origin: FloatArray, final: FloatArray, done: list[_Done]) -> list[Outline]:
+    """The pieces (K, 2, 3) of x, y, bulge in order of their curves, each closed with its last point ``final``."""
     segment, low, pieces = (np.concatenate(column) for column in zip(*done, strict=True))
     order = np.lexsort([low, segment])
-    curve = owner[segment[order]]
     rows = pieces[order].reshape(-1, 3)
-    ends = np.searchsorted(curve, np.arange(count + 1)) * 2
-    last = np.searchsorted(owner, np.arange(count), side="right") - 1
-    final = run.points(last, np.ones((count, 1)))[:, 0]
-    outlines = []
-    for i in range(count):
-        mine = rows[ends[i] : ends[i + 1]]
-        mine = mine[~np.isnan(mine[:, 0])]
-        points = np.concatenate([mine[:, :2], final[i : i + 1]]) + run.origin[i]
-        outlines.append((points, np.append(mine[:, 2], 0.0)))
-    return outlines
+    curve = np.repeat(owner[segment[order]], 2)
+    used = ~np.isnan(rows[:, 0])
+    rows, curve = rows[used], curve[used]
+    ends = np.searchsorted(curve, np.arange(len(origin)), side="right")
+    rows = np.insert(rows, ends, np.column_stack([final, np.zeros(len(final))]), axis=0)
+    ends += np.arange(1, len(ends) + 1)
+    points = rows[:, :2] + np.repeat(origin, np.diff(ends, prepend=0), axis=0)
+    bulges = np.ascontiguousarray(rows[:, 2])
+    return [(points[a:b], bulges[a:b]) for a, b in pairwise([0, *ends.tolist()])]
 
 
-def _biarcs(run: _Run, todo: _Intervals, allowed: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _biarcs(todo: _Intervals, allowed: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rows of x, y, bulge (K, 2, 3) of the biarc of each interval and its deviation (K,), inf where there is none.
 
     A straight interval is one row, the other is NaN.
     """
-    u = np.linspace(0.0, 1.0, _SAMPLES + 1)
-    width = todo.high - todo.low
-    samples = run.points(todo.segment, todo.low[:, None] + width[:, None] * u)
-    start, end, inner = samples[:, 0], samples[:, -1], samples[:, 1:-1]
-    t0 = run.tangents(todo.segment, todo.low, width * 1e-3)
-    t1 = run.tangents(todo.segment, todo.high, -width * 1e-3)
+    x, y = todo.points(_EVENLY)
+    start, end = np.column_stack([x[0], y[0]]), np.column_stack([x[-1], y[-1]])
+    t0, t1 = todo.tangents(end=False), todo.tangents(end=True)
     joint, b0, b1 = biarc(start, end, t0, t1)
     with np.errstate(all="ignore"):
-        deviation = np.minimum(to_arc(inner, start, joint, b0), to_arc(inner, joint, end, b1)).max(axis=1)
+        first, second = to_arc(x[1:-1], y[1:-1], start, joint, b0), to_arc(x[1:-1], y[1:-1], joint, end, b1)
+        deviation = np.minimum(first, second).max(axis=0)
         refused = (np.einsum("kd,kd->k", t0, t1) < _LEAST_TURN_COSINE) | ~np.isfinite(deviation)
         refused |= np.minimum(radius(start, joint, b0), radius(joint, end, b1)) < 2 * allowed
-        straight = to_arc(inner, start, end, np.zeros(len(start))).max(axis=1)
-    straight = np.where(np.isfinite(straight), straight, np.ptp(samples, axis=1).max(axis=1))
-    line = (straight <= 1e-9 * np.hypot(*(end - start).T)) | (refused & (straight <= allowed))
+    line = _straight(x, y, np.where(refused, allowed, 0.0))
     rows = np.stack([np.column_stack([start, b0]), np.column_stack([joint, b1])], axis=1)
     rows[line, 0, 2] = 0.0
     rows[line, 1] = np.nan
     return rows, np.where(line, 0.0, np.where(refused, np.inf, deviation))
+
+
+def _straight(x: FloatArray, y: FloatArray, allowed: FloatArray) -> BoolArray:
+    """Which columns of the samples x, y (M, K) lie within ``allowed`` (K,), or rounding, of the line over them."""
+    chord = np.hypot(x[-1] - x[0], y[-1] - y[0])
+    allowed = np.maximum(allowed, 1e-9 * chord)
+    # From the middle sample few are left to look at.
+    k, middle = np.arange(len(chord)), len(x) // 2
+    away = (x[middle] - x[0]) * (y[-1] - y[0]) - (y[middle] - y[0]) * (x[-1] - x[0])
+    k = k[np.abs(away) <= 2 * allowed * chord]
+    start, end = np.column_stack([x[0, k], y[0, k]]), np.column_stack([x[-1, k], y[-1, k]])
+    with np.errstate(all="ignore"):
+        off = to_arc(x[1:-1, k], y[1:-1, k], start, end, np.zeros(len(k))).max(axis=0)
+    off = np.where(np.isfinite(off), off, np.maximum(np.ptp(x[:, k], axis=0), np.ptp(y[:, k], axis=0)))
+    found = np.zeros(len(chord), dtype=np.bool_)
+    found[k] = off <= allowed[k]
+    return found

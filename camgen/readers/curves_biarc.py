@@ -40,20 +40,22 @@ def _turn(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("kd,kd->k", a, b)))
 
 
-def to_arc(points: FloatArray, a: FloatArray, b: FloatArray, bulge: FloatArray) -> FloatArray:
-    """Distances (K, M) of points (K, M, 2) to the arcs a -> b; stable down to bulge 0, where the circle is a line."""
+def to_arc(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, bulge: FloatArray) -> FloatArray:
+    """Distances (..., K) of points x, y (..., K) to the arcs a -> b; stable down to bulge 0, a line."""
     chord = b - a
-    c = np.hypot(chord[:, 0], chord[:, 1])[:, None]
-    ex = (chord / c)[:, None]
-    local = points - a[:, None]
-    x = (local * ex).sum(axis=2)
-    y = local[..., 1] * ex[..., 0] - local[..., 0] * ex[..., 1]
-    g = bulge[:, None]
+    c = np.hypot(chord[:, 0], chord[:, 1])
+    ex, ey = chord.T / c
+    right, up = x - a[:, 0], y - a[:, 1]
+    x, y = right * ex + up * ey, up * ex - right * ey
+    g = bulge
     k = 4 * g / c
+    square = x * x + y * y
     # Everything times 4 |bulge| / chord: the circle's equation stays finite when its centre runs away.
-    radial = np.hypot(k * (x - c / 2), k * y - (1 - g * g))
-    off = np.abs(((x * x - c * x + y * y) * k - 2 * (1 - g * g) * y) / (radial + 1 + g * g))
+    radial = np.sqrt((k * (x - c / 2)) ** 2 + (k * y - (1 - g * g)) ** 2)
+    off = np.abs(((square - c * x) * k - 2 * (1 - g * g) * y) / (radial + 1 + g * g))
     half = 2 * np.arctan(g)
-    ahead = x * np.cos(half) - y * np.sin(half) >= 0
-    behind = (x - c) * np.cos(half) + y * np.sin(half) <= 0
-    return np.asarray(np.where(ahead & behind, off, np.minimum(np.hypot(x, y), np.hypot(x - c, y))))
+    cos, sin = np.cos(half), np.sin(half)
+    ahead = x * cos - y * sin >= 0
+    behind = (x - c) * cos + y * sin <= 0
+    ends = np.sqrt(np.minimum(square, (x - c) ** 2 + y * y))
+    return np.asarray(np.where(ahead & behind, off, ends))

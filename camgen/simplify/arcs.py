@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from camgen.pose import FloatArray
 from camgen.readers.curves_biarc import to_arc
+from camgen.simplify.circles import SMALLEST, circle_of, turned, whole_circle
 from camgen.simplify.thinning import IntArray
 
 BoolArray = NDArray[np.bool_]
@@ -25,8 +26,6 @@ _LEAST = 3
 _CORNER = np.radians(75.0)
 #: An arc turns by at most this (rad), so that it stays below a half circle.
 _MOST = np.radians(170.0)
-#: Arcs of a smaller radius, in tolerances, are left to lines: each point of an arc must have its own of the border.
-_SMALLEST = 2.5
 #: Part of the tolerance that a line or an arc may use by itself; the rest is for its ends, which its neighbours move.
 _SHARE = 0.8
 #: So often what fails is looked at again; then the border's own points remain.
@@ -45,7 +44,7 @@ def with_arcs(points: FloatArray, kept: IntArray, closed: bool, tolerance: float
     A closed border ends with its first point again, and so does what is returned.
     """
     if closed:
-        circle = _whole_circle(points, tolerance)
+        circle = whole_circle(points, kept, tolerance)
         if circle is not None:
             return circle
     corners = points[kept]
@@ -79,46 +78,6 @@ def _as_lines(
     stay = np.ones(len(all_knots), dtype=np.bool_)
     stay[at_knot] = stays
     return all_knots, arcs, stay
-
-
-def _whole_circle(points: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray] | None:
-    if len(points) < 9:
-        return None
-    centre, radius, off = _circle(points[:-1])
-    if off > tolerance or radius < _SMALLEST * tolerance:
-        return None
-    turned = _turned(points - centre)
-    # A thin crescent lies on a circle too, there and back.
-    if abs(turned) < np.pi:
-        return None
-    ends = centre + np.array([[radius, 0.0], [-radius, 0.0], [radius, 0.0]])
-    bulge = float(np.sign(turned))
-    return ends, np.array([bulge, bulge, 0.0])
-
-
-def _circle(points: FloatArray) -> tuple[FloatArray, float, float]:
-    """Centre and radius of the circle through ``points`` with the least algebraic error (Kasa 1976).
-
-    Then its largest distance from the lines between the points: what they cut off of the circle counts too.
-    """
-    middle = points.mean(axis=0)
-    local = points - middle
-    square = (local * local).sum(axis=1)
-    normal = local.T @ local
-    determinant = float(normal[0, 0] * normal[1, 1] - normal[0, 1] * normal[1, 0])
-    if determinant <= 1e-12 * float(np.trace(normal)) ** 2:
-        return middle, np.inf, np.inf
-    u, v = (local.T @ (square - square.mean()) / 2).tolist()
-    centre = np.array([normal[1, 1] * u - normal[0, 1] * v, normal[0, 0] * v - normal[1, 0] * u]) / determinant
-    radius = float(np.sqrt(square.mean() + centre @ centre))
-    off = float(np.abs(np.hypot(*(local - centre).T) - radius).max())
-    return middle + centre, radius, off + _cut_off(points, radius)
-
-
-def _cut_off(points: FloatArray, radius: float) -> float:
-    """How far the longest line between ``points`` is inside the circle at its middle, at most."""
-    step = np.diff(points, axis=0)
-    return float(np.einsum("nd,nd->n", step, step).max()) / (8 * radius)
 
 
 def _runs(points: FloatArray, kept: IntArray, tolerance: float) -> tuple[IntArray, BoolArray]:
@@ -178,16 +137,10 @@ def _line_off(stretch: FloatArray) -> float:
 def _is_arc(stretch: FloatArray, tolerance: float) -> bool:
     if len(stretch) <= _POINTS:
         return False
-    centre, radius, off = _circle(stretch)
-    if off > tolerance or radius < _SMALLEST * tolerance:
+    centre, radius, off = circle_of(stretch)
+    if off > tolerance or radius < SMALLEST * tolerance:
         return False
-    return bool(abs(_turned(stretch - centre)) <= _MOST)
-
-
-def _turned(local: FloatArray) -> float:
-    """The angle by which ``local`` (N, 2) goes round the origin, rad."""
-    u, v = local[:-1], local[1:]
-    return float(np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], np.einsum("nd,nd->n", u, v)).sum())
+    return bool(abs(turned(stretch - centre)) <= _MOST)
 
 
 def _without_chamfers(
@@ -227,7 +180,7 @@ _Shape = tuple[FloatArray, FloatArray] | None
 
 def _shape(stretch: FloatArray, arc: bool) -> _Shape:
     if arc:
-        centre, radius, _ = _circle(stretch)
+        centre, radius, _ = circle_of(stretch)
         return centre, np.array([radius, np.nan])
     # The ends may be rounded by the corners there.
     inner = stretch[1:-1]
@@ -287,10 +240,11 @@ def _too_far(
     length = np.hypot(*np.diff(placed, axis=0).T)
     flat = length < 1e-9
     with np.errstate(all="ignore"):
-        off = to_arc(points[rows][:, None], placed[:-1][of], placed[1:][of], bulges[of])[:, 0]
+        x, y = points[rows].T
+        off = to_arc(x, y, placed[:-1][of], placed[1:][of], bulges[of])
         radius = length * (1 + bulges**2) / (4 * np.abs(bulges))
         step = np.hypot(*np.diff(points[rows], axis=0, append=points[-1:]).T)
     step[begin + counts - 1] = 0.0
     most = np.maximum.reduceat(off, begin) + np.maximum.reduceat(step, begin) ** 2 / (8 * radius)
-    small = radius < _SMALLEST * tolerance
+    small = radius < SMALLEST * tolerance
     return np.asarray(flat | small | (np.abs(bulges) > 1.0) | ~(most <= tolerance * (1 + 1e-9)))

@@ -16,13 +16,15 @@ from camgen.tours.kernel import CLOSED
 from camgen.tours.near import Discs, IntArray, nearest_items
 from camgen.tours.plane import Items, discs_of
 
-__all__ = ["at_least"]
+__all__ = ["Dense", "at_least"]
 
 #: Near ends among which the tree is looked for; all others count as no farther than the farthest of these.
 _NEAR = 8
 #: The first step of the prices, as a part of the way to the known tour, and how fast the steps shrink. Measured: twice
 #: as much overshoots, a third as much is slow.
 _PULL, _SHRINK = 0.15, 0.95
+#: Pairs of points that are measured in one go.
+_PAIRS = 1_000_000
 
 
 class _Graph(Struct, frozen=True, eq=False):
@@ -40,15 +42,25 @@ class _Graph(Struct, frozen=True, eq=False):
     forced: IntArray
 
 
-def at_least(items: Items, home: FloatArray | None, known: float, rounds: int) -> float:
+class Dense(Struct, frozen=True, eq=False):
+    """Points close along the items: first (N + 1,) of each item's, points (P, 2) mm, radius (N,) mm: no place of an
+    item is farther than that from one of its points.
+    """
+
+    first: IntArray
+    points: FloatArray
+    radius: FloatArray
+
+
+def at_least(items: Items, home: FloatArray | None, known: float, rounds: int, dense: Dense | None = None) -> float:
     """A length, mm, that no tour of ``items`` is below, whatever the order, the directions and the starts.
 
     home: x, y where every tour begins and ends, None: nowhere. known: the length of some tour, mm, which sets the size
-    of the steps. rounds: trees to look at, 1 or more.
+    of the steps. rounds: trees to look at, 1 or more. dense: with it near pairs are measured more closely.
     """
     if not len(items.kind):
         return 0.0
-    graph = _graph(items, home)
+    graph = _graph(items, home, dense)
     if len(graph.links) == 1:
         return max(float(2 * graph.home[0]), 0.0)
     price = np.zeros(len(graph.links))
@@ -67,7 +79,7 @@ def at_least(items: Items, home: FloatArray | None, known: float, rounds: int) -
     return max(0.0, best * (1 - 1e-12) - 1e-9)
 
 
-def _graph(items: Items, home: FloatArray | None) -> _Graph:
+def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph:
     nodes = _nodes(items)
     count = int(nodes.owner.max()) + 1
     near = nearest_items(nodes, count, _NEAR)
@@ -77,9 +89,13 @@ def _graph(items: Items, home: FloatArray | None) -> _Graph:
     partner = np.arange(count)
     partner[forced[:, 0]], partner[forced[:, 1]] = forced[:, 1], forced[:, 0]
     once = (near.other != partner[near.item]) & (near.item != near.other)
-    # A pair may be listed once or twice; either is sound.
     one, two = near.item[once], near.other[once]
-    apart = np.minimum(near.apart[once], np.maximum(near.sure[one], near.sure[two]))
+    # A pair may be listed from one side or from both; once is enough, and half the work.
+    _, first_seen = np.unique(np.minimum(one, two) * count + np.maximum(one, two), return_index=True)
+    one, two, listed = one[first_seen], two[first_seen], near.apart[once][first_seen]
+    apart = np.minimum(listed, np.maximum(near.sure[one], near.sure[two]))
+    if dense is not None:
+        np.maximum(apart, _measured(dense, closed, one, two), out=apart)
     far = np.zeros(count)
     if home is not None:
         gap = np.sqrt(((nodes.centre - home) ** 2).sum(axis=1)) - nodes.radius
@@ -88,6 +104,29 @@ def _graph(items: Items, home: FloatArray | None) -> _Graph:
     links = np.full(count, 1)
     links[first[closed]] = 2
     return _Graph(one, two, apart, near.sure, far, links, forced)
+
+
+def _measured(dense: Dense, closed: NDArray[np.bool_], one: IntArray, two: IntArray) -> FloatArray:
+    """(E,) what the nodes of each pair are apart at least: their nearest points, less what lies between these."""
+    item = np.repeat(np.arange(len(closed)), np.where(closed, 1, 2))
+    last = np.concatenate([item[1:] != item[:-1], [True]])
+    # The two ends of an open item are its first and its last point; a closed item has all of its own.
+    begin = np.where(closed[item] | ~last, dense.first[item], dense.first[item + 1] - 1)
+    end = np.where(closed[item], dense.first[item + 1], begin + 1)
+    found = np.empty(len(one))
+    counts = (end - begin)[one] * (end - begin)[two]
+    chunk = np.cumsum(counts) // _PAIRS
+    for part in np.split(np.arange(len(one)), np.flatnonzero(np.diff(chunk)) + 1):
+        a, b = one[part], two[part]
+        size = counts[part]
+        pair = np.repeat(np.arange(len(part)), size)
+        step = np.arange(len(pair)) - (np.cumsum(size) - size)[pair]
+        wide = (end - begin)[b][pair]
+        gap = dense.points[begin[a][pair] + step // wide] - dense.points[begin[b][pair] + step % wide]
+        firsts = np.cumsum(size) - size
+        found[part] = np.sqrt(np.minimum.reduceat((gap**2).sum(axis=1), firsts)) if len(part) else 0.0
+    radius = dense.radius[item]
+    return np.maximum(found - radius[one] - radius[two], 0.0)
 
 
 def _nodes(items: Items) -> Discs:

@@ -17,7 +17,7 @@ Floats = list[float]
 #: Kinds of items.
 BOTH_WAYS, ONE_WAY, CLOSED = 0, 1, 2
 #: Entries of ``Run.marks``.
-QUEUED, HEAD, LOGGED, LOGS, WORK, DICE = 0, 1, 2, 3, 4, 5
+QUEUED, HEAD, LOGGED, LOGS, WORK, DICE, IDLE = 0, 1, 2, 3, 4, 5, 6
 #: Kinds of entries of ``Run.log``, each five numbers.
 _TURN, _CARRY, _POINT = 0, 1, 2
 #: Gain below which a move is not made, mm.

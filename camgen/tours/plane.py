@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from msgspec import Struct
 
@@ -10,12 +12,16 @@ from camgen.tours import kernel, rounds, speed
 from camgen.tours.kernel import CLOSED, Run, Scene
 from camgen.tours.near import Discs, IntArray, Near
 
-__all__ = ["Items", "Start", "discs_of", "shortened"]
+__all__ = ["Items", "Start", "Tell", "discs_of", "shortened"]
 
 #: Near items that are tried.
 WIDTH = 8
 #: Looks at an item above which the compiled search is worth its start, where it is installed.
 _WORTH = 30_000
+#: So many looks of the plain and of the compiled search, some tenths of a second, between two words on the progress.
+_PAUSE = (2_000, 100_000)
+#: What is told the part of the budget that is used up, 0 to 1.
+Tell = Callable[[float], None]
 
 
 class Items(Struct, frozen=True, eq=False):
@@ -36,10 +42,11 @@ class Items(Struct, frozen=True, eq=False):
 
 
 class Start(Struct, frozen=True, eq=False):
-    """A tour. order: (N,) items. enter: by item, the point where it is entered."""
+    """A tour. order: (N,) items. enter: by item, the point where it is entered. whole: the search came to its end."""
 
     order: IntArray
     enter: IntArray
+    whole: bool = True
 
 
 def discs_of(items: Items) -> Discs:
@@ -85,23 +92,44 @@ def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
     return number, stretch
 
 
-def shortened(items: Items, start: Start, home: FloatArray | None, near: Near, budget: int, seed: int) -> Start:
+def shortened(
+    items: Items, start: Start, home: FloatArray | None, near: Near, budget: int, seed: int, tell: Tell | None = None
+) -> Start:
     """The tour ``start`` shortened by ``budget`` looks at an item. home: x, y where it begins and ends, None: nowhere.
 
-    start must keep the rules of ``items`` (parents and ranks). Equal arguments, equal tours, compiled or not.
+    start must keep the rules of ``items`` (parents and ranks). Equal arguments, equal tours, compiled or not. tell: is
+    told now and then which part of the budget is used up; who watches may stop the search (KeyboardInterrupt), and gets
+    the best tour so far.
     """
     scene, run = _made(items, start, home, near, seed)
+    search: speed.Search = rounds.search
+    pause = _PAUSE[0]
     if budget >= _WORTH and speed.available():
         columns = (np.array(value) if isinstance(value, list) else value for value in scene)
+        scene = Scene(*columns)  # type: ignore[arg-type]
         run = Run(*(np.array(column) for column in run))  # type: ignore[arg-type]
-        speed.compiled()(Scene(*columns), run, budget)  # type: ignore[arg-type]
-    else:
-        rounds.search(scene, run, budget)
+        search, pause = speed.compiled(), _PAUSE[1]
+    if tell is None:
+        search(scene, run, budget, budget)
+        return _as_start(items, run.ring, run.enter)
+    # An interrupt may come in the middle of a move: what is given back is the tour before it.
+    ring, enter, whole = run.ring[:], run.enter[:], True
+    try:
+        while not rounds.done(run, budget):
+            search(scene, run, budget, pause)
+            ring, enter = np.array(run.ring), np.array(run.enter)  # type: ignore[assignment]
+            if not rounds.done(run, budget):
+                tell(run.marks[kernel.WORK] / budget)
+    except KeyboardInterrupt:
+        whole = False
+    return _as_start(items, ring, enter, whole)
+
+
+def _as_start(items: Items, ring: list[int], enter: list[int], whole: bool = True) -> Start:
     count = len(items.kind)
-    ring = np.asarray(run.ring)
-    begin = int(np.flatnonzero(ring == count)[0])
-    order = np.concatenate([ring[begin + 1 :], ring[:begin]])
-    return Start(order, np.asarray(run.enter)[:count])
+    begin = int(np.flatnonzero(np.asarray(ring) == count)[0])
+    order = np.concatenate([ring[begin + 1 :], ring[:begin]]).astype(np.int64)
+    return Start(order, np.asarray(enter)[:count], whole)
 
 
 def _made(items: Items, start: Start, home: FloatArray | None, near: Near, seed: int) -> tuple[Scene, Run]:
@@ -131,7 +159,7 @@ def _made(items: Items, start: Start, home: FloatArray | None, near: Near, seed:
     leave = np.concatenate([np.where(items.kind == CLOSED, start.enter, turned), [points]])
     run = Run(
         ring=ring.tolist(), place=where.tolist(), enter=enter.tolist(), leave=leave.tolist(), queue=ring.tolist(),
-        waits=[1] * (count + 1), log=[0] * (5 * rounds.LOG), marks=[count + 1, 0, 0, 0, 0, seed & 0xFFFFFFFF],
+        waits=[1] * (count + 1), log=[0] * (5 * rounds.LOG), marks=[count + 1, 0, 0, 0, 0, seed & 0xFFFFFFFF, 0],
     )  # fmt: skip
     return scene, run
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from camgen.tours.kernel import (
     DICE,
     EPS,
+    IDLE,
     LOGGED,
     LOGS,
     QUEUED,
@@ -82,28 +83,37 @@ def shuffle(s: Scene, r: Run) -> float:
     return new - old
 
 
-def search(s: Scene, r: Run, budget: int) -> float:
-    """The tour shortened as far as ``budget`` looks at an item go; the change. All items must wait in the queue."""
-    r.marks[LOGS] = 0
+def search(s: Scene, r: Run, budget: int, pause: int) -> float:
+    """The tour shortened as far as ``budget`` looks at an item go; the change. All items must wait in the queue.
+
+    It comes back after about ``pause`` looks, 1 or more, and goes on when it is called again: in how many calls the
+    budget is used up makes no difference. ``done`` tells when it is.
+    """
+    stop = min(budget, r.marks[WORK] + pause)
     total = 0.0
-    while r.marks[QUEUED] > 0 and r.marks[WORK] < budget:
+    while not r.marks[LOGS] and r.marks[QUEUED] > 0 and r.marks[WORK] < stop:
         a = pop(r)
         r.marks[WORK] += 1
         total += improve(s, r, a)
-    while r.marks[QUEUED] > 0:
-        pop(r)
-    r.marks[LOGS] = 1
-    idle = 0
-    while r.marks[WORK] < budget and idle < _IDLE:
+    if not r.marks[LOGS] and (r.marks[QUEUED] == 0 or r.marks[WORK] >= budget):
+        while r.marks[QUEUED] > 0:
+            pop(r)
+        r.marks[LOGS] = 1
+    while r.marks[LOGS] and r.marks[WORK] < stop and r.marks[IDLE] < _IDLE:
         r.marks[LOGGED] = 0
         change = shuffle(s, r)
         if r.marks[LOGGED] == 0:
-            idle += 1
+            r.marks[IDLE] += 1
             continue
-        idle = 0
+        r.marks[IDLE] = 0
         change += repair(s, r)
         if change < -EPS:
             total += change
         else:
             undo(s, r)
     return total
+
+
+def done(r: Run, budget: int) -> bool:
+    """Whether ``search`` has nothing left to do."""
+    return r.marks[WORK] >= budget or r.marks[IDLE] >= _IDLE

@@ -18,7 +18,7 @@ from camgen.tours import kernel, moves, rounds
 from camgen.tours.kernel import Run, Scene
 
 _MODULES = (kernel, moves, rounds)
-Search = Callable[[Scene, Run, int], float]
+Search = Callable[[Scene, Run, int, int], float]
 
 
 def available() -> bool:

@@ -108,8 +108,8 @@ def _no_scale(picture: Picture) -> InputError:
     return InputError(
         picture.name,
         f"has no scale{unused}",
-        remedy="give [image] mm_per_px or width_mm for a picture that is to scale, save it with its DPI, or give "
-        "[camera] points_px and points_mm, plane_from, or markers for a photo",
+        remedy="give [page] size to draw it on paper, [image] mm_per_px or width_mm for a picture that is to scale, "
+        "save it with its DPI, or give [camera] points_px and points_mm, plane_from, or markers for a photo",
     )
 
 

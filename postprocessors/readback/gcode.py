@@ -1,8 +1,8 @@
 """Reads a LinuxCNC program back: text -> instructions, faults by line.
 
-Written from the LinuxCNC manual and checked against its interpreter. What no post writes (cycles, O-words, parameters,
-expressions, shifts of the origin) is left to the interpreter of foreign programs; what that does not know either is a
-fault that names the word.
+Written from the LinuxCNC manual and checked against its interpreter. What no post writes (other cycles, O-words,
+parameters, expressions, shifts of the origin) is left to the interpreter of foreign programs; what that does not know
+either is a fault that names the word.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .gcode_state import Expect
 
 #: Codes by modal group: two of one group in a line are an error of the controller.
 _GROUPS = {
-    "motion": "G0 G1 G2 G3 G80",
+    "motion": "G0 G1 G2 G3 G80 G81 G82 G83",
     "plane": "G17 G18 G19",
     "distance": "G90 G91",
     "arc distance": "G90.1 G91.1",

@@ -7,6 +7,7 @@ from camgen.gcode.wrong import Wrong
 from camgen.ir import MoveC, MoveJ, MoveL
 from camgen.pose import TOOL_DOWN, Pose, Vec3
 
+from .gcode_cycles import CYCLES, begin, drill
 from .gcode_plain import RAPID
 from .gcode_state import Machine
 
@@ -15,9 +16,11 @@ _ARCS = ("G2", "G3")
 
 def move(m: Machine, code: str, words: dict[str, float]) -> None:
     """The motion of a line. code: its motion code, empty where the last one still holds. Takes out the words used."""
-    if code:
-        m.motion = "" if code == "G80" else code
+    _chosen(m, code)
     given = [axis for axis in "XYZ" if axis in words]
+    if m.motion in CYCLES:
+        drill(m, code, words)
+        return
     if not given and not (code in _ARCS and m.rules.linuxcnc):
         if code in _ARCS:
             raise Wrong(f"{code} without an end point")
@@ -40,6 +43,14 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
     if m.next_newtons is not None:
         m.newtons, m.next_newtons = m.next_newtons, None
     _write(m, start, target, words)
+
+
+def _chosen(m: Machine, code: str) -> None:
+    """Takes in the motion code of a line."""
+    if code in CYCLES and code != m.motion:
+        begin(m)
+    if code:
+        m.motion = "" if code == "G80" else code
 
 
 def _write(m: Machine, start: Vec3, target: Vec3, words: dict[str, float]) -> None:

@@ -34,6 +34,7 @@ class Machine:
     """The modal state, and what was written down so far. Lengths mm, feed mm/s; None: not said yet.
 
     line: 1-based, the one being read. started: a motion was read. placed: the position is known in all axes.
+    back: G98 or G99. sticky: what the lines of a drilling cycle share, level: where it began.
     next_newtons, waiting: what M67 sets with the next motion, and the line of a word that waits for one.
     unread: the first line with a word that no post writes.
     """
@@ -55,6 +56,9 @@ class Machine:
     work: str = ""
     length: str = ""
     path: str = ""
+    back: str = ""
+    sticky: dict[str, float] = field(default_factory=dict)
+    level: float = 0.0
     feed: float = 0.0
     speed: float | None = None
     spindle: str = "M5"
@@ -224,6 +228,10 @@ def _centre_distance(m: Machine, code: str, words: dict[str, float]) -> None:  #
     m.absolute_centre = code == "G90.1"
 
 
+def _back(m: Machine, code: str, words: dict[str, float]) -> None:  # noqa: ARG001
+    m.back = code
+
+
 HANDLERS: tuple[tuple[str, Callable[[Machine, str, dict[str, float]], None]], ...] = (
     ("input/output", _input_output),
     ("tool change", _change),
@@ -237,4 +245,5 @@ HANDLERS: tuple[tuple[str, Callable[[Machine, str, dict[str, float]], None]], ..
     ("path", _path),
     ("distance", _distance),
     ("arc distance", _centre_distance),
+    ("return level", _back),
 )

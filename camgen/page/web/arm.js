@@ -32,23 +32,19 @@ if (arm) {
   }
 }
 
-// A box given by two opposite corners.
-function between(corners, name) {
-  const middle = [0, 1, 2].map((k) => (corners[k] + corners[k + 3]) / 2);
-  const half = [0, 1, 2].map((k) => Math.max(Math.abs(corners[k + 3] - corners[k]) / 2, 1e-3));
-  return cuboid([[1, 0, 0, 0, 1, 0, 0, 0, 1, ...middle], half], name);
-}
+// Table and fixtures, told in the work frame.
+const around = new THREE.Group();
+around.position.set(...origin.map((v) => -v));
+for (const [, boxes] of data.standing) boxes.forEach((one) => around.add(cuboid(one, "fixture")));
+if (data.standing.length) put("fixtures", around, 0);
 
-for (const corners of data.fixtures) {
-  put("fixtures", between(corners.map((v, k) => v - origin[k % 3]), "fixture"), 0);
-}
-
-// The tool: its shank as thick as it cuts, tip at the tool centre; with a robot as long as it is from the flange.
+// Tool and holder at the flange as they are tested. Where nothing is tested the tool is a rod with its tip at the tool
+// centre, as thick as it cuts.
 const toolGroup = new THREE.Group();
 toolGroup.matrixAutoUpdate = false;
 function toolShape() {
   const reach = Math.hypot(...data.tool.flange_from_tool.slice(9));
-  const length = arm ? reach : Math.min(reach || extent, Math.max(extent * 0.3, 2 * data.tool.diameter));
+  const length = Math.min(reach || extent, Math.max(extent * 0.3, 2 * data.tool.diameter));
   const radius = Math.min(data.tool.diameter / 2, length / 4) || 1;
   const tip = Math.min(radius * 1.2, length / 3);
   const parts = [new THREE.ConeGeometry(radius, tip, 64), new THREE.CylinderGeometry(radius, radius, Math.max(length - tip, 1e-3), 64)];
@@ -56,17 +52,17 @@ function toolShape() {
   parts[0].translate(0, -tip / 2, 0).rotateX(Math.PI / 2);
   parts[1].translate(0, -tip - (length - tip) / 2, 0).rotateX(Math.PI / 2);
   for (const shape of parts) {
-    const mesh = new THREE.Mesh(shape, new THREE.MeshLambertMaterial({ transparent: true, opacity: arm ? 0.9 : 0.4 }));
+    const mesh = new THREE.Mesh(shape, new THREE.MeshLambertMaterial({ transparent: true, opacity: 0.4 }));
     mesh.name = "tool";
     toolGroup.add(mesh);
   }
-  const holder = new THREE.Group();
-  holder.matrixAutoUpdate = false;
-  holder.matrix.copy(flangeFromTool).invert();
-  data.tool.holder.forEach((corners) => holder.add(between(corners, "tool")));
-  toolGroup.add(holder);
 }
-toolShape();
+if (!data.tool.bodies.some(([name]) => name === "tool")) toolShape();
+const atFlange = new THREE.Group();
+atFlange.matrixAutoUpdate = false;
+atFlange.matrix.copy(flangeFromTool).invert();
+for (const [, boxes] of data.tool.bodies) boxes.forEach((one) => atFlange.add(cuboid(one, "tool")));
+toolGroup.add(atFlange);
 put("tool", toolGroup, 7);
 
 function themedArm() {

@@ -1,7 +1,7 @@
 // One camera without perspective, so that lengths compare; turned, moved and zoomed by mouse, touch and keys.
 const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, 0, 1);
 camera.up.set(0, 0, 1);
-const look = { target: new THREE.Vector3(), turn: -0.9, tilt: 0.6, height: 1, whole: false };
+const look = { target: new THREE.Vector3(), turn: -0.9, tilt: 0.6, height: 1, whole: false, begun: false };
 const canvas = $("canvas");
 let renderer = null;
 let stale = true;
@@ -58,7 +58,7 @@ const rightOf = () => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld
 const upOf = () => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
 
 function fit(whole = look.whole) {
-  look.whole = whole;
+  [look.whole, look.begun] = [whole, false];
   const found = corners(whole);
   aim();
   const spans = [rightOf(), upOf()].map((axis) => {
@@ -77,6 +77,18 @@ function fit(whole = look.whole) {
   look.height = per * canvas.clientHeight;
   look.target.addScaledVector(upOf(), (per * (above - below)) / 2);
   aim();
+}
+
+// What is seen first: the part in the middle, and beside it as much of the robot as leaves the part legible.
+function begin() {
+  if (arm) {
+    fit(true);
+    const all = look.height;
+    fit(false);
+    look.height = Math.max(look.height, Math.min(all, 2.4 * look.height));
+    aim();
+  } else fit(false);
+  look.begun = true;
 }
 
 // The oblique view looks over the part at the robot, which would hide it from behind.

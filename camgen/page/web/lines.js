@@ -22,12 +22,12 @@ const COLOURED = `
     return vPicked > 0.5 ? pickColour : own;
   }`;
 
-// group: what a segment belongs to, -1 for travel, below that nothing is drawn.
+// group: what a segment belongs to, -1 for free travel, -0.75 for travel in lines; below -1.5 nothing is drawn.
 const LINE_VERTEX = `
   uniform highp sampler2D stations, infos;
   uniform int stride, last;
   uniform vec2 size;
-  uniform float width, pixel, perMm, pick, now, work, travel, picks, lift, order;
+  uniform float width, pixel, perMm, pick, now, work, travel, approach, picks, lift, order;
   varying float vValue, vPicked, vPale, vRun, vDash;
   void main() {
     int row = (gl_VertexID >> 2) * stride;
@@ -41,7 +41,7 @@ const LINE_VERTEX = `
     vec3 b = end.xyz;
     float group = end.w, value = info.x, time = info.y, run = info.z;
     vec2 place = vec2(corner > 1 ? 1.0 : 0.0, corner == 1 || corner == 2 ? 1.0 : -1.0);
-    bool moving = group < -0.5;
+    bool moving = group < -0.5, free = group < -0.9;
     vec4 p = projectionMatrix * modelViewMatrix * vec4(a, 1.0);
     vec4 q = projectionMatrix * modelViewMatrix * vec4(b, 1.0);
     vec2 way = (q.xy - p.xy) * size * 0.5;
@@ -56,16 +56,16 @@ const LINE_VERTEX = `
     vValue = moving ? -1.0 : value;
     vPale = now >= 0.0 && time > now ? 0.62 : 0.0;
     vRun = (run - (1.0 - place.x) * distance(a, b)) * perMm;
-    vDash = moving ? 1.0 : 0.0;
-    gl_Position = group < -1.5 || begun != group || (moving ? travel : work) < 0.5 ? vec4(2.0, 2.0, 2.0, 1.0) : at;
+    vDash = free ? 1.0 : moving ? 2.0 : 0.0;
+    gl_Position = group < -1.5 || begun != group || (free ? travel : moving ? approach : work) < 0.5 ? vec4(2.0, 2.0, 2.0, 1.0) : at;
   }`;
 const LINE_FRAGMENT = `${COLOURED}
   varying float vPale, vRun, vDash;
-  uniform vec3 other, back;
+  uniform vec3 other, near, back;
   uniform float opacity;
   void main() {
-    if (vDash > 0.5 && mod(vRun, 9.0) > 5.5) discard;
-    gl_FragColor = vec4(mix(vDash > 0.5 ? other : painted(), back, vPale), opacity);
+    if (vDash > 0.5 && vDash < 1.5 && mod(vRun, 9.0) > 5.5) discard;
+    gl_FragColor = vec4(mix(vDash > 1.5 ? near : vDash > 0.5 ? other : painted(), back, vPale), opacity);
   }`;
 
 // Four vertices for each of `count` quads: the same index serves all, each takes as much of it as it needs.
@@ -110,9 +110,9 @@ function lines({ points, group, time, run, width, picks = 0, order = 1, opacity 
   const mesh = drawn(Math.max(count - 1, 0), LINE_VERTEX, LINE_FRAGMENT, {
     last: { value: count - 1 },
     stations: { value: texels(count, (k, i) => points[3 * k + i], (k) => group[k]) }, infos: { value: infos },
-    colour: { value: new THREE.Color() }, other: { value: new THREE.Color() }, back: { value: new THREE.Color() },
+    colour: { value: new THREE.Color() }, other: { value: new THREE.Color() }, near: { value: new THREE.Color() }, back: { value: new THREE.Color() },
     width: { value: width },
-    work: { value: 1 }, travel: { value: 1 }, picks: { value: picks }, pick: { value: -9 },
+    work: { value: 1 }, travel: { value: 1 }, approach: { value: 1 }, picks: { value: picks }, pick: { value: -9 },
     opacity: { value: opacity }, order: { value: order },
   });
   chains.push([mesh, Math.max(count - 1, 0)]);

@@ -27,12 +27,13 @@ const isFlat = !data.solid;
 const layers = {
   part: { label: "Part", colour: "part", things: [] },
   skipped: { label: "Left out", colour: "bad", things: [] },
-  fixtures: { label: "Fixtures", colour: "fixture", things: [] },
+  fixtures: { label: data.standing.some(([name]) => name === "table") ? "Table" : "Fixtures", colour: "fixture", things: [] },
   unused: { label: "Not asked for", colour: "unused", things: [] },
   paths: { label: "Tool paths", colour: "accent", things: [] },
   arrows: { label: "Directions", colour: "ink", things: [] },
   starts: { label: "Starts", colour: "ink", things: [] },
-  travel: { label: "Travel", colour: "travel", things: [] },
+  approach: { label: "Travel in lines", colour: "near", things: [] },
+  travel: { label: "Free travel", colour: "travel", things: [] },
   axes: { label: "Tool axes", colour: "tool", things: [], off: isFlat },
   tool: { label: "Tool", colour: "tool", things: [] },
   robot: { label: "Robot", colour: "arm", things: [], off: false },
@@ -94,20 +95,22 @@ function sheet() {
 }
 sheet();
 
-function solid() {
+// Triangles of the part or of a fixture.
+function surface(layer, name, points, faces) {
   const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(solidPoints, 3));
-  geometry.setIndex(new THREE.BufferAttribute(unpack(data.solid.faces, Uint32Array), 1));
+  geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
+  geometry.setIndex(new THREE.BufferAttribute(unpack(faces, Uint32Array), 1));
   const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({
     flatShading: true, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2,
   }));
-  mesh.name = "solid";
-  put("part", mesh, 0);
+  mesh.name = name;
+  put(layer, mesh, 0);
 }
-if (data.solid) solid();
+if (data.solid) surface("part", "solid", solidPoints, data.solid.faces);
+for (const [, { vertices, faces }] of data.meshes) surface("fixtures", "fixture", unpack(vertices), faces);
 
 // The program's way. Segments carry their path, so that switching colours sends one number for each.
-const wayGroup = Float32Array.from(track.event, (e) => track.path[e]);
+const wayGroup = Float32Array.from(track.event, (e) => (track.path[e] < 0 && track.kind[e] ? -0.75 : track.path[e]));
 const travelled = new Float32Array(stations);
 for (let s = 1; s < stations; s++) {
   // Dashes run on through the pieces of a motion, and begin anew with every motion.
@@ -209,6 +212,7 @@ function themed() {
   [shared.low, shared.middle, shared.high].forEach((uniform, k) => set(uniform, stops[k]));
   set(shared.pickColour, css("pick"));
   set(way.material.uniforms.other, css("travel"));
+  set(way.material.uniforms.near, css("near"));
   set(way.material.uniforms.back, css("scene"));
   for (const layer of Object.values(layers)) {
     for (const { material, name } of layer.things) {
@@ -224,4 +228,5 @@ function showLayers() {
   for (const layer of Object.values(layers)) layer.things.forEach((thing) => { thing.visible = !layer.off; });
   way.material.uniforms.work.value = layers.paths.off ? 0 : 1;
   way.material.uniforms.travel.value = layers.travel.off ? 0 : 1;
+  way.material.uniforms.approach.value = layers.approach.off ? 0 : 1;
 }

@@ -1,7 +1,7 @@
 // Ties it together: buttons, keys, colours, the frame loop.
 const KEYS = [
   ["space", "play, pause"], ["left, right", "one motion back, on"], ["home, end", "begin, end of the program"],
-  ["f", arm ? "fit; again: with the robot" : "fit"], ["t, s, i", "top, side, oblique view"], ["m", "measure"],
+  ["f", arm ? "fit part and paths" : "fit"], ...(arm ? [["F", "fit all, with the robot"]] : []), ["t, s, i", "top, side, oblique view"], ["m", "measure"],
   ["c", "next colouring"], ["l", "layers"], ["esc", "let go of what is chosen"], ["?", "these keys"],
 ];
 const MOUSE = [
@@ -45,7 +45,7 @@ function setLegend() {
 
 function setLayers() {
   for (const [name, layer] of Object.entries(layers)) {
-    if (!layer.things.length && name !== "paths" && name !== "travel") continue;
+    if (!layer.things.length && !["paths", "travel", "approach"].includes(name)) continue;
     const label = make("label");
     const tick = make("input");
     tick.type = "checkbox";
@@ -53,7 +53,8 @@ function setLayers() {
     tick.dataset.layer = name;
     tick.addEventListener("change", () => { layer.off = !tick.checked; showLayers(); redraw(); });
     const swatch = make("i");
-    swatch.style.background = `var(--${layer.colour})`;
+    if (name === "travel") swatch.className = "dashed";
+    else swatch.style.background = `var(--${layer.colour})`;
     label.append(tick, swatch, make("span", layer.label));
     $("layers").append(label);
   }
@@ -74,7 +75,8 @@ const ACTIONS = {
   top: () => turnTo("top"),
   side: () => turnTo("side"),
   iso: () => turnTo("iso"),
-  fit: () => fit(arm ? !look.whole : false),
+  fit: () => fit(false),
+  all: () => fit(true),
   measure: () => setMeasure(!measure.on),
   layers: () => {
     $("layers").hidden = !$("layers").hidden;
@@ -93,12 +95,15 @@ const ACTIONS = {
   drop: () => { setMeasure(false); choose(-1); $("tip").hidden = true; },
 };
 const KEYED = {
-  " ": "play", ArrowRight: "on", ArrowLeft: "back", Home: "begin", End: "end", f: "fit", t: "top", s: "side", i: "iso",
+  " ": "play", ArrowRight: "on", ArrowLeft: "back", Home: "begin", End: "end", f: "fit", F: "all", t: "top", s: "side", i: "iso",
   m: "measure", l: "layers", c: "colour", "?": "help", Escape: "drop",
 };
 
 function setInput() {
-  for (const button of document.querySelectorAll("[data-do]")) button.addEventListener("click", () => ACTIONS[button.dataset.do]());
+  for (const button of document.querySelectorAll("[data-do]")) {
+    button.hidden = button.dataset.do === "all" && !arm;
+    button.addEventListener("click", () => ACTIONS[button.dataset.do]());
+  }
   addEventListener("keydown", (event) => {
     const name = KEYED[event.key];
     if (!name || event.ctrlKey || event.metaKey || event.altKey || event.target === $("filter") || event.target.tagName === "SELECT") return;
@@ -237,15 +242,15 @@ colour("order");
 resize();
 player.to(0);
 [look.turn, look.tilt] = VIEWS[isFlat && !arm ? "top" : "iso"];
-fit(Boolean(arm));
+begin();
 dark.addEventListener("change", theme);
 let fitted = [canvas.clientWidth, canvas.clientHeight];
 new ResizeObserver(() => {
   if (fitted[0] === canvas.clientWidth && fitted[1] === canvas.clientHeight) return;
   fitted = [canvas.clientWidth, canvas.clientHeight];
   resize();
-  fit();
+  (look.begun ? begin : fit)();
 }).observe(canvas);
 requestAnimationFrame(frame);
 // For whoever drives the page from outside, as tests do.
-window.camgen = { data, player, look, track, arm, chosen, measure, fit, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup };
+window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup };

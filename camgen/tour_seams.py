@@ -1,0 +1,95 @@
+"""Where paths may begin: all of a closed one, or what of it is off its corners, and the ends of an open one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.paths import ToolPath
+from camgen.pose import FloatArray
+from camgen.tour_start import IntArray, Segments, segments
+
+__all__ = ["SEAM", "Starts", "starts"]
+
+#: No piece shorter than this is cut off a segment, mm. It would gain no travel, and the ends of a short arc, rounded
+#: to what a controller's text carries, lie on any circle.
+SEAM = 0.1
+#: A turn of the travel that makes a vertex a corner, rad, and how far from one a smooth place is at least, mm; a third
+#: of the segment where that is shorter.
+_CORNER, _AWAY = math.radians(10), 1.0
+
+
+class Starts(Struct, frozen=True, eq=False):
+    """Where paths may begin: S starts in the order of paths and of rows.
+
+    path: (S,) index of the path. row: (S,) the segment that ends at this row, for an open path its first or last row.
+    shape: the S segments, of no length for the ends of open paths. first: (paths + 1,) of each path's starts.
+    low, span: (S,) where on the segment of its row ``shape`` begins, and how much of it that is, fractions.
+    """
+
+    path: IntArray
+    row: IntArray
+    shape: Segments
+    first: IntArray
+    low: FloatArray
+    span: FloatArray
+
+    def other_end(self, number: int) -> int:
+        """The start at the other end of the open path of start ``number``, itself if that is its only one."""
+        path = self.path[number]
+        return int(self.first[path] + self.first[path + 1]) - 1 - number
+
+    def leftmost(self, allowed: Sequence[bool]) -> tuple[int, float, float]:
+        """The leftmost start of the allowed paths, the first of equal ones: its number (-1 if none) and point x, y."""
+        shape = self.shape
+        x = np.minimum(shape.start[:, 0], shape.end[:, 0])
+        y = np.where(shape.end[:, 0] < shape.start[:, 0], shape.end[:, 1], shape.start[:, 1])
+        over = shape.curved & (-shape.towards[:, 0] >= np.cos(shape.sweep / 2))
+        centre = shape.via[over] - shape.radius[over, None] * shape.towards[over]
+        x[over], y[over] = centre[:, 0] - shape.radius[over], centre[:, 1]
+        open_to = np.array(allowed)[self.path]
+        number = int(np.argmin(np.where(open_to, x, np.inf)))
+        return number if open_to[number] else -1, float(x[number]), float(y[number])
+
+
+def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
+    """All starts of ``paths``. seam: "smooth" leaves out what is near a corner of a closed path."""
+    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
+    loop = np.array([path.closed for path in paths]) & (rows > 1)
+    both = np.array([path.reversible for path in paths]) & (rows > 1)
+    count = np.where(loop, rows - 1, 1 + both)
+    first = np.concatenate([[0], np.cumsum(count)])
+    owner = np.repeat(np.arange(len(paths)), count)
+    step = np.arange(len(owner)) - first[owner]
+    row = np.where(loop[owner], step + 1, step * (rows[owner] - 1))
+    position = np.concatenate([path.position for path in paths])
+    via = np.concatenate([path.via for path in paths])
+    at = (np.cumsum(rows) - rows)[owner] + row
+    closed = loop[owner]
+    shape = segments(position[at - closed], np.where(closed[:, None], via[at], np.nan), position[at])
+    low, span = np.zeros(len(owner)), np.ones(len(owner))
+    if seam == "smooth":
+        low, span = _off_corners(shape, closed, first)
+        middle = np.where(shape.curved[:, None], shape.point(low + span / 2), np.nan)
+        shape = segments(shape.point(low), middle, shape.point(low + span))
+    return Starts(owner, row, shape, first, low, span)
+
+
+def _off_corners(shape: Segments, closed: NDArray[np.bool_], first: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Where the part of each segment begins that is off the corners, and how long it is, fractions (S,) of it."""
+    half = (shape.sweep / 2)[:, None]
+    ahead = np.cos(half) * shape.along + np.sin(half) * shape.towards
+    behind = np.cos(half) * shape.along - np.sin(half) * shape.towards
+    before = np.arange(-1, len(closed) - 1)
+    before[first[:-1]] = first[1:] - 1
+    corner = closed & ((behind[before] * ahead).sum(axis=1) < np.cos(_CORNER))
+    after = np.zeros(len(closed), dtype=bool)
+    after[before[corner]] = True
+    # What is too short to be cut in three may begin anywhere.
+    part = np.minimum(_AWAY / np.maximum(shape.length, 1e-300), 1 / 3) * (shape.length > 3 * SEAM)
+    low = np.where(corner, part, 0.0)
+    return low, 1.0 - low - np.where(after, part, 0.0)

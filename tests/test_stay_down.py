@@ -1,0 +1,152 @@
+"""Ways at working height: the distance of a way from what is drawn, and programs without a needless lift."""
+
+import itertools
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.geometry.clearance import gaps
+from camgen.geometry.segments import from_contours, make, points_at
+from camgen.ir import MoveC, MoveJ, MoveL, Output
+from camgen.job import build
+from camgen.pose import Pose, frozen
+from camgen.settings import CellTable, Job, Operation, Process, Tool
+from camgen.shapes import Contour, Part
+from camgen.stay_down import staying_down
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.integers(0, 10**6))
+def test_the_distance_of_a_way_is_that_of_its_points(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lines = make(rng.uniform(0, 20, (6, 2)), rng.uniform(0, 20, (6, 2)), np.zeros(6), np.zeros(6, dtype=np.int64))
+    bulge = rng.uniform(-1, 1, 8) * (rng.random(8) < 0.7)
+    drawn = make(rng.uniform(0, 20, (8, 2)), rng.uniform(0, 20, (8, 2)), bulge, np.zeros(8, dtype=np.int64))
+    fine = 400
+    t = np.linspace(0, 1, fine + 1)
+    found = gaps(lines, drawn, 100.0)
+    for k in range(6):
+        way = lines.start[k] + t[:, None] * (lines.end[k] - lines.start[k])
+        least = math.inf
+        for row in range(8):
+            one = drawn.take(np.full(len(t), row))
+            points = points_at(one, t)
+            least = min(least, np.linalg.norm(way[:, None] - points[None], axis=2).min())
+        # Points so close along both are no farther apart than the two together, and no nearer.
+        step = (float(lines.length[k]) + float(drawn.length.max())) / fine / 2
+        assert found[k] <= least + 1e-9
+        assert found[k] >= least - step - 1e-9
+    near = gaps(lines, drawn, 2.0)
+    assert (near[found <= 2.0] == found[found <= 2.0]).all()
+    assert np.isinf(near[found > 2.0]).all()
+
+
+def block(x: float, y: float, side: float, name: str) -> Contour:
+    points = [(x, y), (x + side, y), (x + side, y + side), (x, y + side)]
+    return Contour(frozen(points), frozen(np.zeros(4)), True, "0", name)
+
+
+def drawing(tmp_path, contours: list[list[tuple[float, float]]]):
+    import ezdxf  # noqa: PLC0415
+
+    document = ezdxf.new("R2010", units=4)
+    for points in contours:
+        document.modelspace().add_lwpolyline(points, close=True)
+    file = tmp_path / "part.dxf"
+    document.saveas(file)
+    return file
+
+
+def box(x: float, y: float, side: float) -> list[tuple[float, float]]:
+    return [(x, y), (x + side, y), (x + side, y + side), (x, y + side)]
+
+
+def lifts(result) -> int:
+    """Ways at the height of travel between paths: rapid motions that end above."""
+    heights = [i.target.origin[2] for i in result.program.body if isinstance(i, (MoveL, MoveJ)) and
+               isinstance(i.target, Pose)]  # fmt: skip
+    return sum(1 for a, b in itertools.pairwise(heights) if a <= 0 < b)
+
+
+def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_not(tmp_path) -> None:
+    # Two blocks face each other; the third has a hole, which needs a lift on both of its ways.
+    file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20), box(1000, 1000, 20), box(1006, 1006, 8)])
+    job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}}
+    plain = build(file, post="gcode", job=job)
+    down = build(file, post="gcode", job={**job, "process": {"stay_down": True}})
+    assert [note.what for note in down.notes if "lifts" in note.what] == ["lifts saved: 1 of 3"]
+    assert not [note for note in plain.notes if "lifts" in note.what]
+    assert lifts(plain) == 4
+    assert lifts(down) == 3
+    assert down.motions.seconds < plain.motions.seconds
+    # The process is off on every such way, and each keeps 2 mm from every block.
+    on, here, ways = False, None, []
+    for item in down.program.body:
+        if isinstance(item, Output):
+            on = bool(item.value)
+        elif isinstance(item, (MoveL, MoveC, MoveJ)) and isinstance(item.target, Pose):
+            there = item.target.origin
+            if here is not None and here[2] == there[2] == -1.0 and not on:
+                ways.append((here, there))
+            here = there
+    assert len(ways) == 1
+    drawn = from_contours(down.part.contours)
+    for a, b in ways:
+        t = np.linspace(0, 1, 2001)[:, None]
+        points = np.array(a[:2]) + t * (np.array(b[:2]) - np.array(a[:2]))
+        for row in range(len(drawn)):
+            sides = points_at(drawn.take(np.full(501, row)), np.linspace(0, 1, 501))
+            assert np.linalg.norm(points[:, None] - sides, axis=2).min() >= 2.0 - 0.005
+
+
+@pytest.mark.parametrize(
+    ("why", "table", "saved"),
+    [
+        ("clear", {}, 1),
+        ("a clamp between", {"cell": {"fixtures": [[30, -50, -5, 40, 80, 10]]}}, 0),
+        ("a clamp below the tool", {"cell": {"fixtures": [[30, -50, -5, 40, 80, -2]]}}, 1),
+        ("a clamp aside", {"cell": {"fixtures": [[30, 60, -5, 40, 80, 10]]}}, 1),
+        ("a clamp that holds all of it", {"cell": {"fixtures": [[-900, -900, -5, 900, 900, 10]]}}, 0),
+        ("two passes", {"operation": {"depth": 2.0, "passes": 2}}, 0),
+        ("force", {"process": {"force": 5.0}}, 0),
+        ("marks", {"operation": {"kind": "trace"}}, 0),
+    ],
+)
+def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
+    file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20)])
+    job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}, **table}
+    job["process"] = {"stay_down": True, **table.get("process", {})}
+    result = build(file, post="rapid" if "process" in table else "gcode", job=job)
+    assert [n.what for n in result.notes if "lifts" in n.what] == [f"lifts saved: {saved} of 1"], why
+
+
+def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
+    rng = random.Random(5)
+    from camgen.planners.follow import follow  # noqa: PLC0415
+    from camgen.tour import order  # noqa: PLC0415
+
+    cells = rng.sample([(x, y) for x in range(8) for y in range(8)], 30)
+    contours = tuple(block(25.0 * x, 25.0 * y, rng.uniform(8, 20), f"c{k}") for k, (x, y) in enumerate(cells))
+    part = Part("p", "p.dxf", "mm", contours, ())
+    job = Job(operation=Operation(depth=1.0), tool=Tool(diameter=3.0), process=Process(stay_down=True),
+              cell=CellTable())  # fmt: skip
+    tour = order(follow(part, job)[0], "best", (0.0, 0.0), True)
+    led, _ = staying_down(tour, part, job)
+    assert 5 < len(led.down) < 30
+    t = np.linspace(0, 1, 801)[:, None]
+    for index in range(1, 30):
+        a, b = led.paths[index - 1].position[-1, :2], led.paths[index].position[0, :2]
+        points = a + t * (b - a)
+        room = math.inf
+        for contour in contours:
+            low, high = contour.points.min(axis=0), contour.points.max(axis=0)
+            outside = np.maximum(np.maximum(low - points, points - high), 0.0)
+            room = min(room, float(np.hypot(*outside.T).min()))
+        step = float(np.hypot(*(b - a))) / 800
+        assert (index in led.down) == (room >= 1.5 - 0.005) or abs(room - 1.5) < step + 0.01
+        if index in led.down:
+            assert room >= 1.5 - 0.006
