@@ -29,20 +29,19 @@ from camgen.plans import Planned, Watch, unwatched, way
 from camgen.plugins import find_post, find_readback, make_post
 from camgen.pose import Pose, fixed_xyz
 from camgen.post import Cell, OutputFile, Pace, Post
-from camgen.reach import Reach, reached
 from camgen.readers import read
 from camgen.report import Cycle, Motions, sum_up
 from camgen.report import report as report_of
-from camgen.robots.models import Robot
 from camgen.robots.urdf_name import split_name
 from camgen.settings import Job
 from camgen.shapes import Note, Part
-from camgen.simplify import simplified
 from camgen.sources import digest_of
 from camgen.text import short
 
 if TYPE_CHECKING:
     from camgen.collide import Clear
+    from camgen.reach import Reach
+    from camgen.robots.models import Robot
     from camgen.surroundings import Surroundings
 
 
@@ -107,7 +106,7 @@ def build(
     readback = find_readback(post)
     watch("reading")
     digest = digest_of(settings, sources)
-    part = simplified(on_page(joined([_read(source, settings) for source in sources]), settings), settings)
+    part = _thinned(on_page(joined([_read(source, settings) for source in sources]), settings), settings)
     cell = placed(poster.cell(), settings)
     planned = way(part, settings)(part, settings, cell, strict, watch)
     watch("programming")
@@ -118,7 +117,7 @@ def build(
     notes += _of_urdf(settings.cell.robot, arm)
     if arm:
         watch("checking")
-    reach = reached(program, arm, part.source) if arm else None
+    reach = _reach(program, arm, part.source) if arm else None
     program = reach.program if reach else program
     where, clear = _clear(part, settings, cell, planned, reach) if reach else (None, None)
     files = poster.render(program)
@@ -181,6 +180,20 @@ def _poster(name: str, job: Job, origin: str) -> Post:
         return make_post(kind, job.post)
     except JobError as error:
         raise JobError(origin, error.what, error.file, error.remedy) from error
+
+
+def _thinned(part: Part, job: Job) -> Part:
+    if part.raster is None and not job.tolerance.simplify and not job.input.min_length:
+        return part
+    from camgen.simplify import simplified  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+
+    return simplified(part, job)
+
+
+def _reach(program: Program, arm: Robot, file: str) -> Reach:
+    from camgen.reach import reached  # noqa: PLC0415 (kinematics, only for what needs them)
+
+    return reached(program, arm, file)
 
 
 def _clear(part: Part, job: Job, cell: Cell, planned: Planned, reach: Reach) -> tuple[Surroundings, Clear]:

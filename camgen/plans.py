@@ -20,15 +20,13 @@ from camgen.planners import plan
 from camgen.planners.coverage import Coverage
 from camgen.pose import Pose
 from camgen.post import Cell
-from camgen.replay import check as check_replay
-from camgen.replay import replayed, tour_of
-from camgen.robots.models import Robot, robot
 from camgen.settings import Job
 from camgen.shapes import Note, Part
 from camgen.stay_down import staying_down
 from camgen.tour import order, travel
 
 if TYPE_CHECKING:
+    from camgen.robots.models import Robot
     from camgen.surroundings import Surroundings
 
 #: What is called when a stage begins: its name as the user sees it.
@@ -63,9 +61,18 @@ def _flat(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Plann
     tour, lead_notes = _toured(planned.paths, part, job, cell, watch)
     notes += lead_notes
     _insist(part, notes, bool(tour.paths), strict)
-    arm = robot(job.cell.robot) if job.cell.robot else None
+    arm = _arm(job.cell.robot)
     run = partial(lower, tour, cell, job)
     return Planned(tour, notes, arm, run, coverage=planned.coverage)
+
+
+def _arm(name: str) -> Robot | None:
+    """The robot of this name, none without one."""
+    if not name:
+        return None
+    from camgen.robots.models import robot  # noqa: PLC0415 (only jobs with a robot load it)
+
+    return robot(name)
 
 
 def way(part: Part, job: Job) -> Callable[[Part, Job, Cell, bool, Watch], Planned]:
@@ -79,12 +86,14 @@ def way(part: Part, job: Job) -> Callable[[Part, Job, Cell, bool, Watch], Planne
 
 def _replay(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
     """The motions of a program that was read, as they stand in it."""
+    from camgen.replay import check, replayed, tour_of  # noqa: PLC0415 (the interpreter, only for what needs it)
+
     assert isinstance(part, Recorded)
     watch("planning")
-    check_replay(job)
+    check(job)
     tour = tour_of(part)
     _insist(part, part.notes, bool(tour.paths), strict)
-    arm = robot(job.cell.robot) if job.cell.robot else None
+    arm = _arm(job.cell.robot)
     return Planned(tour, part.notes, arm, lambda title, header: replayed(part, cell, job, title, header))
 
 
@@ -97,7 +106,8 @@ def _edges(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Plan
     assert part.solid is not None
     if not cell.robot:
         raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
-    arm = robot(cell.robot)
+    arm = _arm(cell.robot)
+    assert arm is not None
     done = finished(part.solid, job, arm, cell, watch)
     notes = part.notes + done.notes
     _insist(part, notes, True, strict)

@@ -12,7 +12,6 @@ from msgspec.structs import replace
 
 from camgen.content import readable
 from camgen.errors import InputError
-from camgen.robots.urdf_files import urdf_files
 from camgen.robots.urdf_name import split_name
 from camgen.settings import Job
 
@@ -31,8 +30,11 @@ def digest_of(job: Job, sources: Sequence[Path]) -> str:
         seen[real] = source
         total.update(b"%d:" % len(data))
         total.update(data)
-    described = split_name(job.cell.robot)
-    arm = urdf_files(described[0]) if described else ()
+    arm: Sequence[Path] = ()
+    if described := split_name(job.cell.robot):
+        from camgen.robots.urdf_files import urdf_files  # noqa: PLC0415 (only arms from a URDF need it)
+
+        arm = urdf_files(described[0])
     meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
     for name in (job.image.background, job.camera.file, *map(str, arm), *meshes):
         if name:

@@ -188,3 +188,11 @@ def test_what_cannot_be_drilled_says_why() -> None:
     pressing = from_mapping({"operation": {"kind": "drill"}, "process": {"force": 2.0}})
     with pytest.raises(JobError, match="not to a force"):
         plan(hole, pressing)
+
+
+def test_spaces_in_the_ink_that_are_no_circles_are_told() -> None:
+    """The board of the fixtures has seven round holes; what is hollow besides is said to be left out."""
+    board = Path(__file__).parents[1] / "fixtures" / "parts" / "board.png"
+    result = camgen.build(board, post="gcode", job={"operation": {"kind": "drill"}, "image": {"width_mm": 60}})
+    assert len(result.tour.paths) == 7
+    assert any("no circles and are not drilled" in note.what for note in result.notes)

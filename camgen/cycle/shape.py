@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from operator import attrgetter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -11,8 +12,9 @@ from camgen.body import taken
 from camgen.ir import MoveC, MoveJ, Program
 from camgen.pose import FloatArray
 from camgen.report import arc_lengths
-from camgen.robots.models import Robot
-from camgen.sampling import ends
+
+if TYPE_CHECKING:
+    from camgen.robots.models import Robot
 
 #: Sine of the sweep below which three points are one line, as in ``report.arc_lengths``.
 _FLAT = 1e-9
@@ -58,6 +60,8 @@ def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray
     if arm is not None:
         fixed = taken(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
         anchors = np.array([move.target.values for move in fixed]).reshape(len(fixed), len(arm.home))
+        from camgen.sampling import ends  # noqa: PLC0415 (kinematics, only for what needs them)
+
         end, rotation = ends(program, arm, anchors)
         return end, np.append(0.0, _angles(rotation[:-1], rotation[1:]))
     turn = np.zeros(len(columns.moves))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
@@ -13,9 +15,10 @@ from camgen.cycle.shape import Shape, shaped
 from camgen.ir import Comment, MoveJ, Program
 from camgen.pose import FloatArray
 from camgen.post import Pace
-from camgen.reach import Reach
-from camgen.robots.forward import flange
-from camgen.robots.models import Robot
+
+if TYPE_CHECKING:
+    from camgen.reach import Reach
+    from camgen.robots.models import Robot
 
 #: A motion shorter than this only turns the tool, mm.
 _STILL = 1e-6
@@ -68,6 +71,8 @@ def timed(program: Program, pace: Pace, found: Reach | None, arm: Robot | None) 
 
 
 def _rows(program: Program, found: Reach, arm: Robot) -> _Arm:
+    from camgen.robots.forward import flange  # noqa: PLC0415 (kinematics, only for what needs them)
+
     owner = np.searchsorted(program.columns.at, found.owner)[1:]
     turned, origin = flange(arm, found.joints)
     place = origin + turned @ np.asarray(program.flange_from_tool.origin)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from camgen.ir import Program, Wait
 from camgen.paths import Tour
 from camgen.pose import frozen
 from camgen.post import Pace
-from camgen.reach import Reach
 from camgen.report import Cycle
-from camgen.robots.models import Robot
+
+if TYPE_CHECKING:
+    from camgen.reach import Reach
+    from camgen.robots.models import Robot
 
 
 def cycle(program: Program, tour: Tour, pace: Pace, found: Reach | None = None, arm: Robot | None = None) -> Cycle:

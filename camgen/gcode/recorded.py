@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from camgen.gcode.interpreter import Run
+from typing import TYPE_CHECKING
+
 from camgen.shapes import Part
+
+if TYPE_CHECKING:
+    from camgen.gcode.interpreter import Run
 
 
 class Recorded(Part, frozen=True, eq=False, kw_only=True):

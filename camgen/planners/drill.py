@@ -22,7 +22,7 @@ from camgen.shapes import Note, Part, Raster
 from camgen.text import short
 
 #: A loop is a circle when it leaves one by no more than this, mm, or this share of its radius; of a picture, px.
-_OFF, _SHARE, _OFF_PX = 0.01, 0.01, 0.5
+_OFF, _SHARE, _OFF_PX = 0.01, 0.01, 0.75
 #: Circles with centres nearer than this, mm, are one hole and the pad around it.
 _SAME = 0.05
 #: Diameters are told apart to this, mm.
@@ -86,16 +86,29 @@ def _in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]]:
         points = np.concatenate(raster.borders)
         owner = np.repeat(np.arange(len(raster.borders)), [len(b) for b in raster.borders])
         centre, radius, off = _fitted(points, owner, len(raster.borders))
-        round_ = (off <= np.maximum(_OFF_PX, 2 * _SHARE * radius)) & (2 * radius >= _LEAST_PX)
+        large = 2 * radius >= _LEAST_PX
         height, width = raster.mask.shape
         at = np.rint(centre).astype(np.int64).clip(0, (width - 1, height - 1))
-        rings = np.flatnonzero(round_ & (raster.mask[at[:, 1], at[:, 0]] == 0))
+        hollow = large & (raster.mask[at[:, 1], at[:, 0]] == 0)
+        round_ = off <= np.maximum(_OFF_PX, 2 * _SHARE * radius)
+        rings = np.flatnonzero(hollow & round_)
         middle = centre @ place[:, :2].T + place[:, 2]
         size = 2 * radius * float(np.hypot(*place[:, 0]))
         # The outer border of a ring has no ink in its middle either.
         rings = rings[_innermost(middle[rings], size[rings])]
         found += [_hole(middle[k], size[k], layer, f"hole{n}") for n, k in enumerate(rings.tolist(), 1)]
+        return found, _not_round(middle[hollow & ~round_], found)
     return found, []
+
+
+def _not_round(middles: FloatArray, found: Sequence[Hole]) -> list[Note]:
+    """What has no ink in its middle (N, 2) and is no circle, but for the borders around what is drilled."""
+    places = np.array([(hole.x, hole.y) for hole in found]).reshape(-1, 2)
+    near = np.array([max(hole.diameter, 1.0) for hole in found])
+    apart = np.linalg.norm(middles[:, None] - places[None], axis=2)
+    count = int((apart > near).all(axis=1).sum())
+    why = f"they leave one by more than {short(_OFF_PX, 2)} px"
+    return [Note("assumed", f"{count} spaces in the ink are no circles and are not drilled", why)] if count else []
 
 
 def _in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
