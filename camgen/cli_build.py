@@ -15,13 +15,13 @@ from time import perf_counter
 import msgspec
 from msgspec import Struct, field
 
+from camgen.artwork import meant
 from camgen.cli_job import beside, load
 from camgen.cli_plan import encode
 from camgen.cli_say import Voice
 from camgen.cli_summary import rows
 from camgen.errors import InputError, JobError
 from camgen.job import Result, build
-from camgen.readers.artwork import meant
 from camgen.report import clean
 from camgen.writing import check_targets, write_all
 

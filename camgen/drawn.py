@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from msgspec import Struct
 
+from camgen.artwork import meant
 from camgen.geometry.segments import bounds, from_contours
 from camgen.page_fit import on_page
 from camgen.readers import read
-from camgen.readers.artwork import meant
 from camgen.settings import Job
 from camgen.shapes import Note
 from camgen.simplify import simplified

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parent.parent
 FLOORS = {
     "errors": 0, "pose": 0, "text": 0, "note": 0, "content": 0,
     "solid": 1, "shapes": 1, "paths": 1, "settings": 1, "geometry": 1, "writing": 1, "tour_start": 1, "tour_seams": 1,
-    "instructions": 1, "idle": 2, "solids": 1,
+    "instructions": 1, "idle": 2, "artwork": 2, "solids": 1,
     "body": 2, "vision": 2, "robots": 2, "tours": 2, "gcode": 2, "tour_tree": 2,
     "ir_rules": 3, "collision": 3, "edges": 3, "readers": 3, "planners": 3, "tour_search": 3, "lower_rows": 3,
     "ir": 4, "localize": 4, "tour": 4, "leads": 4, "stay_down": 4, "winding": 4,

@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from camgen.artwork import meant
 from camgen.errors import InputError
 from camgen.settings import Job
 from camgen.shapes import Part
@@ -35,10 +36,8 @@ def inspect(path: Path, job: Job) -> object:
 def _reader(path: Path, job: Job | None = None) -> ModuleType:
     """The module for this kind of file: ezdxf, OpenCV and trimesh are loaded only by what needs them."""
     kind = kind_of(path)
-    if kind == "image" and job is not None:
-        artwork = import_module("camgen.readers.artwork")
-        if artwork.meant(job):
-            return artwork
+    if kind == "image" and job is not None and meant(job):
+        kind = "artwork"
     return import_module(f"camgen.readers.{kind}")
 
 

@@ -12,21 +12,12 @@ import numpy as np
 
 from camgen.errors import InputError, JobError
 from camgen.pose import frozen
-from camgen.settings import Camera, Image, Job
+from camgen.settings import Image, Job
 from camgen.shapes import Contour, Note, Part, Raster
 from camgen.text import short
 from camgen.vision.artwork import borders, ink_of
 from camgen.vision.image import Picture, load
 from camgen.vision.rectify import View, already_to_scale
-
-_KINDS = ("trace", "fill", "drill")
-
-
-def meant(job: Job) -> bool:
-    """Whether a picture is a drawing: to be traced, filled, drilled or laid on a page, and no photo."""
-    kind = job.operation.kind
-    drawing = kind in _KINDS or (kind == "auto" and bool(job.page.size))
-    return drawing and job.camera == Camera() and job.image.mask in ("auto", "otsu", "threshold")
 
 
 def read(path: Path, job: Job) -> Part:

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.artwork import meant
 from camgen.geometry.segments import from_contours
 from camgen.pose import frozen
-from camgen.readers.artwork import meant
 from camgen.settings import Job
 from camgen.shapes import Contour, Note, Part
 from camgen.simplify.arcs import with_arcs

@@ -13,7 +13,6 @@ from camgen.errors import JobError
 from camgen.gcode import arcs
 from camgen.post import Reading
 
-from .gcode_foreign import foreign
 from .gcode_lexis import Rules, by_group
 from .gcode_machine import played, written
 from .gcode_state import Expect
@@ -64,7 +63,11 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     )
     text = list(lines(files))
     machine = played(text, LINUXCNC, expect)
-    return (foreign(text, machine) if machine.unread else None) or written(machine)
+    if machine.unread:
+        from .gcode_foreign import foreign  # noqa: PLC0415 (camgen's own programs need no interpreter)
+
+        return foreign(text, machine) or written(machine)
+    return written(machine)
 
 
 def lines(files: Mapping[str, str]) -> Iterator[str]:
