@@ -33,12 +33,14 @@ def collided(where: Surroundings, program: Program, reach: Reach, file: str) -> 
     joints = reach.joints
     for begin in range(0, max(len(joints) - 1, 1), _ROWS):
         rows = joints[begin : begin + _ROWS + 1]
-        course = motion(where.scene, rows, STEP)
-        if course.pair >= 0:
-            index = int(reach.owner[begin + int(np.ceil(course.at))])
-            what = f"{reach.robot} collides on {_path(program, index)}: {told(where.scene, course.pair)}"
+        courses = (where.apart, motion(where.apart, rows, STEP, NEAR)), (where.work, motion(where.work, rows, STEP))
+        least = min(least, courses[0][1].clearance)
+        hit = [(course.at, course.pair, scene) for scene, course in courses if course.pair >= 0]
+        if hit:
+            at, pair, scene = min(hit, key=lambda one: one[0])
+            index = int(reach.owner[begin + int(np.ceil(at))])
+            what = f"{reach.robot} collides on {_path(program, index)}: {told(scene, pair)}"
             raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
-        least = min(least, motion(where.apart, rows, STEP, NEAR).clearance)
     return Clear(least)
 
 

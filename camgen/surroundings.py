@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from camgen.collision.hits import hits
 from camgen.collision.mesh import meshed
-from camgen.collision.scene import Scene, scene
+from camgen.collision.scene import Scene, narrowed, scene
 from camgen.errors import JobError
 from camgen.note import Note
 from camgen.pose import IDENTITY, FloatArray, Pose, translation
@@ -32,7 +32,7 @@ Corners = tuple[FloatArray, FloatArray]
 
 
 class Surroundings(Struct, frozen=True, eq=False):
-    """scene: all of it. apart: the same without the tool against the part, which are meant to meet.
+    """scene: all of it. work: of it the tool against the part, which are meant to meet. apart: all else.
 
     level: mm, base frame, above which an end of tool and holder is free of part and fixtures: half the holder's width
     and ``cell.safety`` above their top (RFA paper, section II.A). low, high: corners of the part's box, base frame.
@@ -43,6 +43,7 @@ class Surroundings(Struct, frozen=True, eq=False):
 
     scene: Scene
     apart: Scene
+    work: Scene
     level: float
     room: float
     low: FloatArray
@@ -72,15 +73,16 @@ def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None) -> Surroundi
     contact = min(contact, job.tool.diameter / 2 * 0.99)
     overlaps = _overlaps(robot, tool)
     made = scene(robot, tool, standing, part, cell.base_from_work, contact, overlaps, meshes)
-    allowed = (*overlaps, ("tool", "part")) if solid is not None else overlaps
-    apart = scene(robot, tool, standing, part, cell.base_from_work, 0.0, allowed, meshes)
+    work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part")]
+    rest = [k for k in range(len(made.pairs)) if k not in work]
     notes += tuple(Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home") for a, b in overlaps)
     points = solid.vertices if solid is not None else np.zeros((1, 3))
     low, high = _extent(cell.base_from_work, points)
     tops = [high[2], *(_top(box) for link in standing if link.name != "table" for box in link.boxes)]
     tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in shapes]
     room = _width(job, holder) / 2 + job.cell.safety
-    return Surroundings(made, apart, max(tops) + room, room, low, high, notes, tool, standing, tuple(shapes))
+    scenes = made, narrowed(made, rest), narrowed(made, work)
+    return Surroundings(*scenes, max(tops) + room, room, low, high, notes, tool, standing, tuple(shapes))
 
 
 def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:

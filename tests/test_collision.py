@@ -10,8 +10,8 @@ from camgen.collision.boxes import Boxes
 from camgen.collision.clearance import clearance, least
 from camgen.collision.hits import hits, place
 from camgen.collision.mesh import Mesh, meshed
-from camgen.collision.motion import motion, moved
-from camgen.collision.scene import Scene, scene, told
+from camgen.collision.motion import closing, motion, moved
+from camgen.collision.scene import Scene, narrowed, scene, told
 from camgen.errors import JobError
 from camgen.pose import Pose, frozen, rotation_about, translation
 from camgen.robots.forward import flange, frames
@@ -326,3 +326,59 @@ def test_boxes_are_where_their_links_are() -> None:
     assert isinstance(placed, Boxes)
     middles = {tuple(np.round(centre, 6).tolist()) for centre in placed.centres[0]}
     assert middles == {(325.0, 137.5, 450.0), (325.0, 275.0, 387.0 - 10 - 50), (9.0, 8.0, 7.0)}
+
+
+@pytest.mark.parametrize("name", ["IRB 2400", "COBOTTA", "Cobra s600", "3-axis mill"])
+def test_no_box_comes_nearer_to_another_than_the_bound(name: str) -> None:
+    """The corners of the farther box of each pair, seen from the link of the other one, over 100 parts of a stretch."""
+    of = robot(name)
+    tested = scene(of, (bar("tool", (10, 0, 120), (10, 20, 60)),), (bar("table", (0, 0, -500), (9, 9, 9)),))
+    first, second = tested.first, tested.second
+    swapped = tested.frame[first] > tested.frame[second]
+    near, far = np.where(swapped, second, first), np.where(swapped, first, second)
+    moves = 0
+    for pair in some(of, 20).reshape(10, 2, -1):
+        fine = np.linspace(pair[0], pair[0] + (pair[1] - pair[0]) * 0.2, 101)
+        rotations, origins = frames(of, fine)
+        placed = place(tested, fine)
+        corners = placed.centres[..., None, :] + (SIGNS * tested.half[:, None]) @ placed.axes.transpose(0, 1, 3, 2)
+        link = tested.frame[near]
+        seen = (corners[:, far] - origins[:, link][:, :, None]) @ rotations[:, link]
+        ways = np.linalg.norm(np.diff(seen, axis=0), axis=-1).sum(axis=0).max(axis=1)
+        serial = np.abs(np.diff(fine @ of.coupling.T, axis=0)).sum(axis=0)
+        bound = serial @ closing(tested, np.abs(fine @ of.coupling.T).max(axis=0))
+        assert (ways <= bound + 1e-9).all()
+        moves += int((ways > 1).sum())
+    assert moves > 50
+
+
+def test_a_cell_in_two_parts_collides_where_the_whole_does() -> None:
+    of = robot("VS-6556")
+    tools = (bar("tool", (0, 0, 60), (10, 10, 60)), bar("holder", (0, 0, 20), (40, 40, 20)))
+    table = bar("table", (350, 0, 60), (200, 200, 9))
+    tested = scene(of, tools, (table,), block((150, 150, 80)), translation(350, 0, 300))
+    own = [k for k, pair in enumerate(tested.pairs) if "tool" in pair]
+    rest = [k for k in range(len(tested.pairs)) if k not in own]
+    joints = some(of, 300)
+    whole = name_of(tested, joints)
+    parts = [narrowed(tested, pairs) for pairs in (own, rest)]
+    names = [name_of(part, joints) for part in parts]
+    assert [set(a) == {""} for a in zip(whole, strict=True)] == [a == b == "" for a, b in zip(*names, strict=True)]
+    assert all(one in (a, b) for one, a, b in zip(whole, *names, strict=True))
+    assert all(any(found) for found in names)
+    assert len(parts[0].frame) < len(tested.frame)
+    nothing = narrowed(tested, [])
+    assert (hits(nothing, joints) == -1).all()
+    assert motion(nothing, joints[:2], 2.0, 5.0).clearance == 5.0
+
+
+def test_the_tool_may_enter_the_part_and_its_holder_may_not() -> None:
+    """The tool ends at z = 387 - 100 - 100, 1 mm within a plate; the holder, beside it, as far."""
+    tool, holder = bar("tool", (0, 0, 50), (5, 5, 50)), bar("holder", (0, 30, 50), (5, 5, 50))
+    plate = block((100, 100, 20))
+    for tools, met in (((tool,), ""), ((tool, holder), "holder against part")):
+        tested = scene(rods(), tools, (), plate, translation(600, 0, 178), 2.0)
+        assert name_of(tested, at(0, 0, 100, 0)) == [met]
+    assert name_of(scene(rods(), (tool,), (), plate, translation(600, 0, 178)), at(0, 0, 100, 0)) == [
+        "tool against part"
+    ]

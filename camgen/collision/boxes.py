@@ -26,7 +26,7 @@ class Boxes(Struct, frozen=True, eq=False):
     @property
     def reach(self) -> FloatArray:
         """(..., 3): half the edges of the box around each that is square to the frame."""
-        return np.asarray((np.abs(self.axes) @ self.half[..., None])[..., 0])
+        return _across(np.abs(self.axes), self.half)
 
     def grown(self, by: float | FloatArray) -> Boxes:
         """Larger by mm on every side; ``by`` must broadcast to (..., 3)."""
@@ -35,6 +35,11 @@ class Boxes(Struct, frozen=True, eq=False):
     def seen_from(self, rotation: FloatArray, origin: FloatArray) -> Boxes:
         """The same boxes in the frame whose place in theirs is ``rotation`` and ``origin``."""
         return Boxes((self.centres - origin) @ rotation, rotation.T @ self.axes, self.half)
+
+
+def _across(axes: FloatArray, half: FloatArray) -> FloatArray:
+    """``axes @ half`` (..., 3), in less than half of the time."""
+    return axes[..., 0] * half[..., 0, None] + axes[..., 1] * half[..., 1, None] + axes[..., 2] * half[..., 2, None]
 
 
 def every(good: BoolArray) -> BoolArray:

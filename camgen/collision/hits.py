@@ -15,24 +15,49 @@ from camgen.solid import IntArray
 _ROWS = 1024
 
 
-def hits(scene: Scene, joints: FloatArray, grow: float | FloatArray = 0.0) -> IntArray:
+def hits(
+    scene: Scene,
+    joints: FloatArray,
+    grow: float | FloatArray = 0.0,
+    closing: FloatArray | None = None,
+    near: float | FloatArray = 0.0,
+) -> IntArray:
     """The first pair of ``scene.pairs`` that collides at each configuration (N, J), rad or mm: (N,), -1: none.
 
-    grow: mm by which boxes that move are larger, one number or (N, B). To touch is to collide.
+    grow: mm by which boxes that move are larger, one number or (N, B). closing: (N, P) mm by which the two boxes of
+    ``scene.first`` and ``scene.second`` are larger together, where that is less. near: mm, one number or (N,), at which
+    bodies collide. To touch is to collide.
     """
     joints = np.asarray(joints, dtype=np.float64)
-    grow = np.broadcast_to(grow, (len(joints), len(scene.frame)))
+    grow = np.broadcast_to(grow, (len(joints), len(scene.frame))) * scene.moving
+    near = np.broadcast_to(near, len(joints))
     found = np.full(len(joints), -1, dtype=np.int64)
     for begin in range(0, len(joints), _ROWS):
         rows = slice(begin, begin + _ROWS)
-        placed = place(scene, joints[rows]).grown((grow[rows] * scene.moving)[..., None])
+        bare = place(scene, joints[rows])
+        placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
         row, box = near_pairs(scene, placed)
-        met = meet(placed[row, scene.first[box]], placed[row, scene.second[box]])
+        pair = _grown(scene, bare, (row, box), grow[rows], None if closing is None else closing[rows])
+        met = meet(pair[0].grown(near[rows][row, None]), pair[1])
         # Of several values for one place the last one stays: the first pair, since they come backwards.
         found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
         for target in scene.targets:
             _against(target, placed, found[rows])
     return found
+
+
+def _grown(
+    scene: Scene, bare: Boxes, which: tuple[IntArray, IntArray], grow: FloatArray, closing: FloatArray | None
+) -> tuple[Boxes, Boxes]:
+    """The boxes of the pairs ``which`` (rows and pairs of boxes), larger by what each of them or both together grow."""
+    row, box = which
+    first, second = scene.first[box], scene.second[box]
+    one, other = grow[row, first], grow[row, second]
+    if closing is not None:
+        both = closing[which]
+        less = both < one + other
+        one, other = np.where(less, both, one), np.where(less, 0.0, other)
+    return bare[row, first].grown(one[:, None]), bare[row, second].grown(other[:, None])
 
 
 def finite(joints: FloatArray) -> FloatArray:
@@ -45,9 +70,14 @@ def finite(joints: FloatArray) -> FloatArray:
 def place(scene: Scene, joints: FloatArray) -> Boxes:
     """All boxes at N configurations (N, J), base frame: (N, B)."""
     rotations, origins = frames(scene.robot, finite(joints))
-    turned = rotations[:, scene.frame]
-    centres = origins[:, scene.frame] + (turned @ scene.origin[..., None])[..., 0]
-    return Boxes(centres, turned @ scene.rotation, np.broadcast_to(scene.half, centres.shape))
+    # All configurations of a box in one product of matrices: an eighth of the time of a product each.
+    count = len(scene.frame)
+    rows = rotations.swapaxes(0, 1)[scene.frame].reshape(count, 3 * len(joints), 3)
+    turned = rows @ np.concatenate([scene.rotation, scene.origin[..., None]], axis=2)
+    turned = turned.reshape(count, len(joints), 3, 4)
+    centres = origins[:, scene.frame] + turned[..., 3].swapaxes(0, 1)
+    axes = np.ascontiguousarray(turned[..., :3].swapaxes(0, 1))
+    return Boxes(centres, axes, np.broadcast_to(scene.half, centres.shape))
 
 
 def near_pairs(scene: Scene, placed: Boxes) -> tuple[IntArray, IntArray]:

@@ -23,11 +23,12 @@ _BOXES = 512
 
 
 class Mesh(Struct, frozen=True, eq=False):
-    """A part's surface in its own frame. box: around all. surface: fcl's collision object."""
+    """A part's surface in its own frame. box: around all. surface: fcl's collision object. closed: without borders."""
 
     tree: Tree
     box: Boxes
     surface: Any
+    closed: bool
 
 
 def meshed(solid: Solid) -> Mesh:
@@ -39,7 +40,7 @@ def meshed(solid: Solid) -> Mesh:
     tree = grown(solid.vertices[solid.faces])
     low, high = tree.lows[0].min(axis=0), tree.highs[0].max(axis=0)
     box = Boxes(frozen((low + high) / 2), frozen(np.eye(3)), frozen((high - low) / 2))
-    return Mesh(tree, box, fcl.CollisionObject(model))
+    return Mesh(tree, box, fcl.CollisionObject(model), not solid.borders)
 
 
 def struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
@@ -93,14 +94,15 @@ def _cut(corners: FloatArray, half: FloatArray) -> BoolArray:
 def inside(mesh: Mesh, points: FloatArray) -> BoolArray:
     """Which points (N, 3) are in the part (N,).
 
-    The surface is counted along six rays, one each way along each axis: left outward +1, entered -1. A closed surface
-    gives the same along all. Where it has holes, half of the rays decide.
+    The surface is counted along rays each way along axes: left outward +1, entered -1. A closed surface gives the same
+    along all: one axis is enough. Where it has holes, half of the six rays along three axes decide.
     """
     total = np.zeros(len(points))
+    axes = 1 if mesh.closed else 3
     within = np.flatnonzero((np.abs(points - mesh.box.centres) <= mesh.box.half).all(axis=1))
-    for axis in range(3):
+    for axis in range(axes):
         total[within] += _through(mesh.tree, points[within], axis)
-    return np.abs(total) >= 3
+    return np.abs(total) >= axes
 
 
 def _through(tree: Tree, points: FloatArray, axis: int) -> FloatArray:

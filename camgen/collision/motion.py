@@ -17,6 +17,8 @@ from camgen.pose import FloatArray
 _HALVINGS = 5
 #: rad that joints may turn together between two places where it is worked out how far all has moved.
 _TURN = 0.05
+#: Of so many waypoints one is looked at first.
+_SPARSE = 8
 
 
 class Course(Struct, frozen=True):
@@ -47,39 +49,47 @@ def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0) 
 def motions(scene: Scene, several: Sequence[FloatArray], step: float, near: float = 0.0) -> list[Course]:
     """``motion`` of each of ``several``, together: in a fraction of the time where they are short."""
     lines = [_Line.of(scene, finite(waypoints)) for waypoints in several]
-    at = _undecided(scene, lines, step, near)
+    # What is as near at some of the waypoints bounds how near the rest need be looked at.
+    nears = [_near(scene, line.waypoints[::_SPARSE], near) for line in lines]
+    at = _undecided(scene, lines, step, nears)
     rows = [_rows(line.waypoints, here) for line, here in zip(lines, at, strict=True)]
     pairs = hits(scene, np.concatenate(rows))
     ends = np.cumsum([len(own) for own in rows])
     courses = []
-    for own, here, found in zip(rows, at, np.split(pairs, ends[:-1]), strict=True):
+    for own, here, found, bound in zip(rows, at, np.split(pairs, ends[:-1]), nears, strict=True):
         met = np.flatnonzero(found >= 0)
         if len(met):
             courses.append(Course(int(found[met[0]]), float(here[met[0]]), 0.0))
         else:
-            courses.append(Course(-1, math.nan, least(scene, own, near) if near > 0 else 0.0))
+            courses.append(Course(-1, math.nan, least(scene, own, bound) if bound > 0 else 0.0))
     return courses
 
 
 class _Line(Struct, frozen=True, eq=False):
     """One motion. numbers: (K,) places along the waypoints, in rows, between which joints turn by no more than
     ``_TURN``. ways: (K, B) mm that any point of each box has moved at most up to there. way: (K,) the same of the box
-    that moves most.
+    that moves most. turned: (K, J) what the joints of the serial chain have turned or slid up to there, to and fro.
+    closing: (J, P) mm per rad or mm of a joint by which two boxes of a pair come nearer at most.
     """
 
     waypoints: FloatArray
     numbers: FloatArray
     ways: FloatArray
     way: FloatArray
+    turned: FloatArray
+    closing: FloatArray
 
     @classmethod
     def of(cls, scene: Scene, waypoints: FloatArray) -> _Line:
         """The motion through ``waypoints`` (K, J)."""
         numbers = _finer(_angles(scene, waypoints))
-        moves = moved(scene, _rows(waypoints, numbers))
+        rows = _rows(waypoints, numbers)
+        moves = moved(scene, rows)
         ways = np.vstack([np.zeros(len(scene.frame)), np.cumsum(moves, axis=0)])
         way = np.append(0.0, np.cumsum(moves.max(axis=1, initial=0.0)))
-        return cls(waypoints, numbers, ways, way)
+        serial = rows @ scene.robot.coupling.T
+        turned = np.vstack([np.zeros(serial.shape[1]), np.cumsum(np.abs(np.diff(serial, axis=0)), axis=0)])
+        return cls(waypoints, numbers, ways, way, turned, closing(scene, np.abs(serial).max(axis=0)))
 
 
 def _finer(angles: FloatArray) -> FloatArray:
@@ -92,7 +102,14 @@ def _finer(angles: FloatArray) -> FloatArray:
     return np.append(row + (np.arange(len(row)) - before) / parts[row], float(len(parts)))
 
 
-def _undecided(scene: Scene, lines: Sequence[_Line], step: float, near: float) -> list[FloatArray]:
+def _near(scene: Scene, waypoints: FloatArray, near: float) -> float:
+    """The least clearance at ``waypoints``, at most ``near``; 0 where one of them collides."""
+    if near == 0:
+        return 0.0
+    return least(scene, waypoints, near) if (hits(scene, waypoints) < 0).all() else 0.0
+
+
+def _undecided(scene: Scene, lines: Sequence[_Line], step: float, nears: Sequence[float]) -> list[FloatArray]:
     """Where each motion must be tested as it is, in rows of its waypoints: its ends, and the middles of those stretches
     that are no longer than ``step`` and were never found free.
     """
@@ -101,8 +118,9 @@ def _undecided(scene: Scene, lines: Sequence[_Line], step: float, near: float) -
     begins = [np.arange(c) * w for c, w in zip(count, width, strict=True)]
     while long := [k for k, line in enumerate(lines) if width[k] > step and len(begins[k])]:
         asked = [_asked(lines[k], begins[k], width[k]) for k in long]
-        rows, grow = (np.concatenate(column) for column in zip(*asked, strict=True))
-        hit = np.split(hits(scene, rows, grow + near) >= 0, np.cumsum([len(begins[k]) for k in long])[:-1])
+        rows, grow, closing = (np.concatenate(column) for column in zip(*asked, strict=True))
+        near = np.repeat([nears[k] for k in long], [len(begins[k]) for k in long])
+        hit = np.split(hits(scene, rows, grow, closing, near) >= 0, np.cumsum([len(begins[k]) for k in long])[:-1])
         for k, own in zip(long, hit, strict=True):
             left = begins[k][own]
             width[k] /= 2
@@ -114,15 +132,20 @@ def _undecided(scene: Scene, lines: Sequence[_Line], step: float, near: float) -
     return at
 
 
-def _asked(line: _Line, begins: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+def _asked(line: _Line, begins: FloatArray, width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The middles of the stretches that begin at ``begins`` along the way: joints (N, J), and mm (N, B) by which boxes
-    must grow there for all that they do in the stretch.
+    must grow there for all that they do in the stretch, (N, P) by which two must together.
     """
     index = np.arange(len(line.way), dtype=np.float64)
-    before, middle, after = (np.interp(begins + width * part, line.way, index) for part in (0.0, 0.5, 1.0))
-    here = _rows(line.ways, middle)
-    grow = np.maximum(here - _rows(line.ways, before), _rows(line.ways, after) - here)
-    return _rows(line.waypoints, np.interp(middle, index, line.numbers)), grow
+    places = [np.interp(begins + width * part, line.way, index) for part in (0.0, 0.5, 1.0)]
+    grow, turned = (_most(table, places) for table in (line.ways, line.turned))
+    return _rows(line.waypoints, np.interp(places[1], index, line.numbers)), grow, turned @ line.closing
+
+
+def _most(table: FloatArray, places: Sequence[FloatArray]) -> FloatArray:
+    """How much columns that only grow change at most from the middle one of three places to the others."""
+    before, here, after = (_rows(table, place) for place in places)
+    return np.maximum(here - before, after - here)
 
 
 def _rows(table: FloatArray, at: FloatArray) -> FloatArray:
@@ -166,3 +189,14 @@ def _levers(scene: Scene, travel: FloatArray) -> FloatArray:
         levers[k, beyond] = 1.0 if joints[k].sliding else far[beyond]
         far[beyond] += math.hypot(*joints[k].previous_from_joint.origin) + joints[k].sliding * travel[k]
     return levers
+
+
+def closing(scene: Scene, travel: FloatArray) -> FloatArray:
+    """By how much two boxes of a pair come nearer at most per rad or mm of a joint (J, P): by what the joints between
+    their links do to the farther one. travel: as for ``_levers``.
+    """
+    one, other = scene.frame[scene.first], scene.frame[scene.second]
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    levers = _levers(scene, travel)[:, np.where(one > other, scene.first, scene.second)]
+    joint = np.arange(len(levers))[:, None]
+    return np.where((joint >= low) & (joint < high), levers, 0.0)

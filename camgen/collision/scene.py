@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -88,8 +89,8 @@ def scene(
     """A scene. tool: bodies fixed to the flange, their boxes as flange_from_box; obstacles: bodies that stand, their
     boxes as base_from_box; part: its boxes as part_from_box, or its mesh.
 
-    contact: mm that the tool may enter the part. allowed: pairs of names that are not tested. meshes: obstacles with a
-    name, a mesh and base_from_mesh.
+    contact: mm that the first of ``tool`` may enter the part. allowed: pairs of names that are not tested. meshes:
+    obstacles with a name, a mesh and base_from_mesh.
 
     Links are grown by the robot's pad. Links that touch anyway (``Robot.touching``) are not tested against each other,
     nor the tool against the last link; links that touch the last one, to which the flange may be closer than the pad,
@@ -109,11 +110,40 @@ def scene(
     pairs = [(a, b) for a, b in itertools.combinations(links, 2) if frozenset((a.frame, b.frame)) not in spared]
     pairs += [((bare if frozenset((k, last)) in spared else links)[k], body) for body in tools for k in range(last)]
     pairs += [(body, other) for body in [*links[1:], *tools] for other in standing]
-    working = [_Body(body.name, last, _entering(body, contact)) for body in tools]
+    working = [*(_Body(body.name, last, _entering(body, contact)) for body in tools[:1]), *tools[1:]]
     pairs += [(body, other) for body in [*links[1:], *working] for other in target]
     without = {frozenset(names) for names in allowed}
     tested = [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in without]
     return _tabled(robot, tested)
+
+
+def narrowed(scene: Scene, pairs: Sequence[int]) -> Scene:
+    """The same cell with only these of its pairs, by index, and only their boxes."""
+    number = np.full(len(scene.pairs), -1)
+    number[list(pairs)] = np.arange(len(pairs))
+    tested = number[scene.of_pair] >= 0
+    strikes = [(target, number[target.of_strike] >= 0) for target in scene.targets]
+    used = np.zeros(len(scene.frame), dtype=bool)
+    used[scene.first[tested]] = used[scene.second[tested]] = True
+    for target, kept in strikes:
+        used[target.striking[kept]] = True
+    place = np.cumsum(used) - 1
+    return Scene(
+        robot=scene.robot,
+        pairs=tuple(scene.pairs[k] for k in pairs),
+        frame=scene.frame[used],
+        rotation=frozen(scene.rotation[used]),
+        origin=frozen(scene.origin[used]),
+        half=frozen(scene.half[used]),
+        first=place[scene.first[tested]],
+        second=place[scene.second[tested]],
+        of_pair=number[scene.of_pair[tested]],
+        targets=tuple(
+            Target(one.mesh, one.base_from_mesh, place[one.striking[kept]], number[one.of_strike[kept]])
+            for one, kept in strikes
+            if kept.any()
+        ),
+    )
 
 
 def _grown(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:

@@ -57,21 +57,26 @@ class Steps(Struct, frozen=True, eq=False):
 
 def steps(robot: Robot, states: States, jump: float) -> Steps:
     """All steps by the shortest turns, where no turning joint goes by more than ``jump`` rad."""
-    moved = states.joints[1:, None] - states.joints[:-1, states.moves]
-    moved = np.where(np.isnan(moved), math.inf, moved)
-    most, table = states.table.max(axis=0), states.table
-    whole = np.where(most > 0, np.rint(np.where(np.isinf(moved), 0.0, moved) / math.tau), 0.0).astype(np.int16)
-    moved = moved - math.tau * whole
-    turning = np.array([not joint.sliding for joint in robot.joints])
-    bad = (np.abs(moved) > jump)[..., turning].any(axis=-1) | (states.moves < 0)[..., None]
+    table, most = states.table, states.table.max(axis=0)
+    bad, time, whole = states.moves[..., None] < 0, np.zeros(()), {}
+    for k, joint in enumerate(robot.joints):
+        own = np.ascontiguousarray(states.joints[..., k])
+        moved = own[1:, None] - own[:-1, states.moves]
+        if most[k]:
+            turns = np.rint(moved / math.tau)
+            moved -= math.tau * turns
+            whole[k] = np.where(np.isnan(turns), 0.0, turns).astype(np.int16)
+        moved = np.abs(moved)
+        bad = bad | ~(moved <= (math.inf if joint.sliding else jump))
+        time = np.maximum(time, moved / robot.speeds[k])
+    time = np.where(bad, math.inf, time + CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None])
     before = np.zeros((*bad.shape, len(table)), dtype=np.int16)
     lost = np.zeros(before.shape, dtype=bool)
-    for k in np.flatnonzero(most):
-        turned = (table[:, k] + whole[..., k, None]).astype(np.int16)
+    for k, turns in whole.items():
+        turned = (table[:, k] + turns[..., None]).astype(np.int16)
         lost |= np.abs(turned) > most[k]
         before = before * np.int16(2 * most[k] + 1) + turned + np.int16(most[k])
-    time = _time(robot, moved) + CHANGE * (np.arange(len(states.moves)) > 0)[:, None, None]
-    return Steps(np.where(bad, math.inf, time), np.where(lost, np.int16(len(table)), before))
+    return Steps(time, np.where(lost, np.int16(len(table)), before))
 
 
 def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> Chain | None:
@@ -82,10 +87,13 @@ def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> Ch
     first = states.joints[0][:, :, None] + math.tau * states.table - start
     cost = np.where(states.usable[0], _time(robot, first) + share, math.inf)
     unreachable = np.full((*cost.shape[:2], 1), math.inf)
+    # Where a move comes from in the costs of a row, laid out in one line, one more for "from none".
+    count, branches, turns = cost.shape
+    places = (states.moves[:, :, None] % count * branches + np.arange(branches))[..., None] * (turns + 1)
     backs = []
     for row, (time, before) in enumerate(zip(ways.time, ways.before, strict=True), start=1):
         padded = np.concatenate([cost, unreachable], axis=2)
-        total = np.take_along_axis(padded[states.moves], before, axis=3) + time[..., None]
+        total = padded.take(places + before) + time[..., None]
         total[~states.open[row - 1]] = math.inf
         best = total.argmin(axis=0)
         backs.append(best)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from camgen.pose import FloatArray
@@ -57,9 +59,15 @@ def jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray, 
 
 def _turned(joint: Joint, angles: FloatArray) -> FloatArray:
     """previous_from_joint's rotation (N, 3, 3) at N angles (Rodrigues)."""
+    parts = np.stack([np.ones(len(angles)), np.cos(angles), np.sin(angles)], axis=1)
+    return np.asarray((parts @ _parts(joint)).reshape(-1, 3, 3))
+
+
+@lru_cache(maxsize=256)
+def _parts(joint: Joint) -> FloatArray:
+    """What of a joint's rotation stays, goes with the cosine of its angle and with the sine: (3, 9)."""
     x, y, z = joint.axis
     still = np.outer(joint.axis, joint.axis)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     place = joint.previous_from_joint.rotation
-    cosine, sine = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
-    return np.asarray(place @ still + cosine * (place @ (np.eye(3) - still)) + sine * (place @ cross))
+    return np.stack([place @ still, place @ (np.eye(3) - still), place @ cross]).reshape(3, 9)

@@ -76,8 +76,10 @@ def within_turned(robot: Robot, solutions: FloatArray, table: NDArray[np.int64])
     good = np.repeat(stays[..., None], len(table), axis=-1)
     for k in np.flatnonzero(turning):
         low, high = robot.limits[k] + [-_ON_LIMIT, _ON_LIMIT]
-        moved = solutions[..., k, None] + math.tau * table[:, k]
-        good &= (low <= moved) & (moved <= high)
+        # Rows of the table share their turns of one joint: each number of turns is tested once.
+        numbers, own = np.unique(table[:, k], return_inverse=True)
+        moved = solutions[..., k, None] + math.tau * numbers
+        good &= ((low <= moved) & (moved <= high))[..., own]
     return good
 
 

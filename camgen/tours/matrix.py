@@ -30,6 +30,8 @@ EXACT = 10
 _STRETCH = 3
 #: Work spent on shuffles, in entries of the table looked at, and the bounds on their number.
 _WORK, _LEAST, _MOST = 2_000_000, 20, 300
+#: Entries of the tables of one batch of shuffles, and the most shuffles in it.
+_BATCH, _WIDEST = 20_000, 64
 #: Share of the costs below which a gain is rounding.
 _EPS = 1e-12
 
@@ -152,24 +154,33 @@ def _exact(steps: FloatArray) -> IntArray:
 
 def _iterated(states: IntArray, steps: FloatArray, seed: int, effort: float) -> IntArray:
     """Local search, then again and again from the best order with two neighbouring stretches exchanged and one item
-    turned round.
+    turned round; so many at once that the work is done in large arrays.
     """
     count = len(states) - 2
     dice = Dice(seed)
-    best = _improved(states, steps)
+    best: IntArray = _improved(states[None], steps)[0]
     least = _cost(best, steps)
-    reach = max(1, min(count // 2, 30))
-    for _ in range(math.ceil(effort * min(max(_WORK // count**2, _LEAST), _MOST))):
-        a, b = 1 + dice.below(reach), 1 + dice.below(reach)
-        low = 1 + dice.below(count - a - b + 1)
-        trial = best.copy()
-        trial[low : low + a + b] = np.roll(best[low : low + a + b], -a)
-        trial[1 + dice.below(count)] ^= 1
-        trial = _improved(trial, steps)
-        cost = _cost(trial, steps)
-        if cost < least - _EPS * abs(least):
-            best, least = trial, cost
+    trials = math.ceil(effort * min(max(_WORK // count**2, _LEAST), _MOST))
+    while trials > 0:
+        batch = min(trials, max(_BATCH // count**2, 1), _WIDEST)
+        trials -= batch
+        shuffled = np.stack([_shuffled(best, dice) for _ in range(batch)])
+        for trial in _improved(shuffled, steps):
+            cost = _cost(trial, steps)
+            if cost < least - _EPS * abs(least):
+                best, least = trial, cost
     return best
+
+
+def _shuffled(states: IntArray, dice: Dice) -> IntArray:
+    count = len(states) - 2
+    reach = max(1, min(count // 2, 30))
+    a, b = 1 + dice.below(reach), 1 + dice.below(reach)
+    low = 1 + dice.below(count - a - b + 1)
+    trial = states.copy()
+    trial[low : low + a + b] = np.roll(states[low : low + a + b], -a)
+    trial[1 + dice.below(count)] ^= 1
+    return trial
 
 
 def _cost(states: IntArray, steps: FloatArray) -> float:
@@ -177,19 +188,31 @@ def _cost(states: IntArray, steps: FloatArray) -> float:
 
 
 def _improved(states: IntArray, steps: FloatArray) -> IntArray:
-    """The order after all moves that shorten it: the best ones first, many at a time where they do not overlap."""
+    """The orders (B, n + 2), each after all moves that shorten it: the best ones first, many at a time where they do
+    not overlap.
+    """
+    states = states.copy()
     eps = _EPS * float(np.abs(steps).max())
-    while True:
-        moves = sorted([*_reversals(states, steps, eps), *_transfers(states, steps, eps)], key=lambda m: (m[3], m[0]))
-        if not moves:
-            return states
-        states = states.copy()
-        taken = np.zeros(len(states), dtype=bool)
-        for low, high, inside, _ in moves:
-            # A move speaks of the steps into and out of its range; those of another one must be left as they were.
-            if not taken[low - 1 : high + 2].any():
-                taken[low - 1 : high + 2] = True
-                states[low : high + 1] = inside
+    active = np.arange(len(states))
+    while len(active):
+        moves: list[list[_Move]] = [[] for _ in active]
+        _reversals(states[active], steps, eps, moves)
+        _transfers(states[active], steps, eps, moves)
+        for k, found in zip(active.tolist(), moves, strict=True):
+            _apply(states[k], found)
+        active = active[[bool(found) for found in moves]]
+    return states
+
+
+def _apply(states: IntArray, moves: list[_Move]) -> None:
+    """Carry out the moves of one order, but for those that meet a better one."""
+    moves.sort(key=lambda m: (m[3], m[0]))
+    taken = np.zeros(len(states), dtype=bool)
+    for low, high, inside, _ in moves:
+        # A move speaks of the steps into and out of its range; those of another one must be left as they were.
+        if not taken[low - 1 : high + 2].any():
+            taken[low - 1 : high + 2] = True
+            states[low : high + 1] = inside
 
 
 def _flip(states: IntArray) -> IntArray:
@@ -198,56 +221,55 @@ def _flip(states: IntArray) -> IntArray:
 
 
 def _sums(states: IntArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Costs from position 1 up to each position 1..n, as it stands, and the same stretch run backwards; (n,) each."""
-    inner = states[1:-1]
-    there = np.concatenate([[0.0], np.cumsum(steps[inner[:-1], inner[1:]])])
-    back = np.concatenate([[0.0], np.cumsum(steps[_flip(inner[1:]), _flip(inner[:-1])])])
+    """Costs from position 1 up to each position 1..n, as it stands, and the same stretch run backwards; (B, n) each."""
+    inner = states[:, 1:-1]
+    there, back = np.zeros(inner.shape), np.zeros(inner.shape)
+    np.cumsum(steps[inner[:, :-1], inner[:, 1:]], axis=1, out=there[:, 1:])
+    np.cumsum(steps[_flip(inner[:, 1:]), _flip(inner[:, :-1])], axis=1, out=back[:, 1:])
     return there, back
 
 
-def _reversals(states: IntArray, steps: FloatArray, eps: float) -> list[_Move]:
-    """For each first position the best stretch to reverse (2-opt, with the costs of the other direction)."""
-    inner, before, after = states[1:-1], states[:-2], states[2:]
+def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]]) -> None:
+    """Of each order, for each first position the best stretch to reverse (2-opt, with the costs of the other
+    direction).
+    """
+    inner, before, after = states[:, 1:-1], states[:, :-2], states[:, 2:]
     there, back = _sums(states, steps)
     turn = back - there
-    gain = steps[before[:, None], _flip(inner)[None, :]] + steps[_flip(inner)[:, None], after[None, :]]
-    gain -= steps[before, inner][:, None] + steps[inner, after][None, :]
-    gain += turn[None, :] - turn[:, None]
-    gain[np.tril_indices(len(inner), -1)] = 0.0
-    ends = gain.argmin(axis=1)
-    return [
-        (i + 1, j + 1, _flip(inner[i : j + 1][::-1]), float(gain[i, j]))
-        for i, j in enumerate(ends.tolist())
-        if gain[i, j] < -eps
-    ]
+    gain = steps[before[:, :, None], _flip(inner)[:, None, :]] + steps[_flip(inner)[:, :, None], after[:, None, :]]
+    gain -= steps[before, inner][:, :, None] + steps[inner, after][:, None, :]
+    gain += turn[:, None, :] - turn[:, :, None]
+    gain[:, np.tri(inner.shape[1], k=-1, dtype=bool)] = 0.0
+    ends = gain.argmin(axis=2)
+    least = np.take_along_axis(gain, ends[:, :, None], axis=2)[:, :, 0]
+    for k, i in np.argwhere(least < -eps).tolist():
+        j = int(ends[k, i])
+        moves[k].append((i + 1, j + 1, _flip(inner[k, i : j + 1][::-1]), float(least[k, i])))
 
 
-def _transfers(states: IntArray, steps: FloatArray, eps: float) -> list[_Move]:
-    """For each short stretch its best other place, in either direction (Or-opt)."""
-    count = len(states) - 2
+def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]]) -> None:
+    """Of each order, for each short stretch its best other place, in either direction (Or-opt)."""
+    count = states.shape[1] - 2
     there, back = _sums(states, steps)
-    gap = steps[states[:-1], states[1:]]
-    moves: list[_Move] = []
+    gap = steps[states[:, :-1], states[:, 1:]]
+    place = np.arange(count + 1)
     for size in range(1, min(_STRETCH, count - 1) + 1):
         low = np.arange(1, count - size + 2)
         high = low + size - 1
-        saved = gap[low - 1] + gap[high] - steps[states[low - 1], states[high + 1]]
-        turned = (back[high - 1] - back[low - 1]) - (there[high - 1] - there[low - 1])
-        place = np.arange(count + 1)
+        saved = gap[:, low - 1] + gap[:, high] - steps[states[:, low - 1], states[:, high + 1]]
+        turned = (back[:, high - 1] - back[:, low - 1]) - (there[:, high - 1] - there[:, low - 1])
         own = (place[None, :] >= low[:, None] - 1) & (place[None, :] <= high[:, None])
         for back_to_front in (False, True):
-            head, tail = states[low], states[high]
+            head, tail = states[:, low, None], states[:, high, None]
             if back_to_front:
                 head, tail = _flip(tail), _flip(head)
-            cost = steps[states[:-1][None, :], head[:, None]] + steps[tail[:, None], states[1:][None, :]] - gap
-            cost += (turned * back_to_front - saved)[:, None]
-            cost[own] = 0.0
-            best = cost.argmin(axis=1)
-            good = np.flatnonzero(cost[np.arange(len(low)), best] < -eps)
-            moves += [
-                _moved(states, k + 1, size, int(best[k]), back_to_front, float(cost[k, best[k]])) for k in good.tolist()
-            ]
-    return moves
+            cost = steps[states[:, None, :-1], head] + steps[tail, states[:, None, 1:]] - gap[:, None, :]
+            cost += (turned * back_to_front - saved)[:, :, None]
+            cost[:, own] = 0.0
+            best = cost.argmin(axis=2)
+            least = np.take_along_axis(cost, best[:, :, None], axis=2)[:, :, 0]
+            for k, i in np.argwhere(least < -eps).tolist():
+                moves[k].append(_moved(states[k], i + 1, size, int(best[k, i]), back_to_front, float(least[k, i])))
 
 
 def _moved(states: IntArray, low: int, size: int, place: int, back_to_front: bool, gain: float) -> _Move:
