@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def machine() -> str:
-    """One line: processor, cores, Python. Processes started from here on keep their compiled modules, as installed ones."""
+    """One line: processor, cores, Python. Processes started from here on keep compiled modules, as installed ones."""
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     name = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")

@@ -1,8 +1,9 @@
 """Travel, seconds and memory of the search for a tour beside vpype's: `python bench/tours.py [paths ...]`.
 
 Scenes: evenly scattered, half open, half closed, without a home, so that both programs count the same ways. Every run
-is a process of its own. vpype is taken from the environment variable VPYPE or from the path; without it its rows are
-left out. "best known" is the shortest of all rows, one of which is a long search.
+is a process of its own. vpype is taken from the environment variable VPYPE or from the path, LKH from the package elkai
+(``tours_lkh.py``); without them their rows are left out. "best known" is the shortest of all rows, one of which is a
+long search.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ET
+from importlib.util import find_spec
 from pathlib import Path
 
 SIZES = (100, 1_000, 10_000, 100_000)
@@ -23,6 +25,8 @@ SIZES = (100, 1_000, 10_000, 100_000)
 BUDGETS = {100: (0.2, 0.03, 2.0), 1_000: (0.5, 0.05, 10.0), 10_000: (2.5, 0.1, 30.0), 100_000: (15.0, 0.1, 0.0)}
 #: Above this many paths vpype is not asked to improve its order.
 TWO_OPT = 1_000
+#: By number of paths, how many starts of a closed one LKH is given and how often it begins anew.
+LKH = {100: (8, 10)}
 Row = tuple[str, float, float, float, float | None]
 
 
@@ -111,6 +115,14 @@ def vpype(tool: str, folder: Path, options: list[str]) -> Row:
     return " ".join(["vpype linesort", *options]), between(result), max(seconds - alone, 0.0), memory, None
 
 
+def lkh(count: int) -> Row:
+    points, runs = LKH[count]
+    script = str(Path(__file__).with_name("tours_lkh.py"))
+    text, _, memory = measured([sys.executable, script, str(count), str(points), str(runs)])
+    travel, taken = text.split()[-2:]
+    return f"LKH, {points} starts of a closed path", float(travel), float(taken), memory, None
+
+
 def rows(count: int, tool: str | None) -> list[Row]:
     fast, plain, long = BUDGETS[count]
     found = [
@@ -127,6 +139,8 @@ def rows(count: int, tool: str | None) -> list[Row]:
             found.append(vpype(tool, Path(name), []))
             if count <= TWO_OPT:
                 found.append(vpype(tool, Path(name), ["--two-opt"]))
+    if count in LKH and find_spec("elkai"):
+        found.append(lkh(count))
     return found
 
 
@@ -135,6 +149,8 @@ def main(sizes: list[int]) -> None:
 
     tool = os.environ.get("VPYPE") or shutil.which("vpype")
     print(machine(), "" if tool else "; vpype is not installed: its rows are left out")
+    if not find_spec("elkai"):
+        print("elkai is not installed: the rows of LKH are left out")
     print("\n| paths | program | travel, m | above best known | seconds | peak MB | bound, m |")
     print("|---|---|---|---|---|---|---|")
     for count in sizes:

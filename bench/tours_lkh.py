@@ -1,13 +1,13 @@
 """The order of a scene of ``bench/tours.py`` by LKH: the peer that is hardest to beat. Wants ``pip install elkai``.
 
-    python bench/tours_lkh.py PATHS [POINTS]
+    python bench/tours_lkh.py PATHS [POINTS [RUNS]]
 
-Each way to run a path is a city: an open path has two, a closed one POINTS starts around it. One city of each path has to
-be visited, which is a generalised travelling salesman; it is made an ordinary, asymmetric one by walking the cities of a path
-in a cycle that costs nothing (C. E. Noon and J. C. Bean, "An efficient transformation of the generalized traveling
-salesman problem", 1993). LKH (K. Helsgaun, as packed by elkai; free for academic use, so no part of camgen) gets the
-matrix; afterwards the starts of the closed paths are chosen once more among 512 points each by dynamic programming, which is
-exact for the order that it gave. Prints travel (mm) and seconds.
+Each way to run a path is a city: an open path has two, a closed one POINTS starts around it. One city of each path
+has to be visited, which is a generalised travelling salesman; it is made an ordinary, asymmetric one by walking the
+cities of a path in a cycle that costs nothing (C. E. Noon and J. C. Bean, "An efficient transformation of the
+generalized traveling salesman problem", 1993). LKH (K. Helsgaun, as packed by elkai; free for academic use, so no part
+of camgen) gets the matrix. Afterwards the starts of the closed paths are chosen once more among 512 points each by
+dynamic programming, which is exact for the order that it gave. Prints travel (mm) and seconds.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def main(count: int, points: int = 12, runs: int = 10) -> None:
     paths = scattered(count, random.Random(count))
     begun = time.perf_counter()
     coarse = [ways(path, points) for path in paths]
-    costs, owner = matrix([e for e, _ in coarse], [l for _, l in coarse])
+    costs, owner = matrix([e for e, _ in coarse], [leave for _, leave in coarse])
     tour = np.array(elkai.DistanceMatrix(costs.tolist()).solve_tsp(runs=runs)[:-1])
     tour = np.roll(tour, -int(np.flatnonzero(tour == len(owner))[0]))[1:]
     walked = owner[tour]
@@ -88,7 +88,7 @@ def main(count: int, points: int = 12, runs: int = 10) -> None:
     if len(order) != count:
         sys.exit(f"LKH left a path half walked: {len(order)} pieces of {count} paths")
     fine = [ways(paths[i], FINE) for i in order]
-    print(fitted([e for e, _ in fine], [l for _, l in fine]), time.perf_counter() - begun)
+    print(fitted([e for e, _ in fine], [leave for _, leave in fine]), time.perf_counter() - begun)
 
 
 if __name__ == "__main__":
