@@ -33,8 +33,8 @@ from camgen.solid import Solid
 POSES, CLOSE, GOAL = 10_000, 2_000, 25_000
 CENTRES = {"IRB 2000": (900, 0, 700), "IRB 1200": (500, 0, 300), "VS-6556": (400, 0, 300)}
 TOOL = (
-    Link("holder", (Box(translation(0, 0, 40), (30.0, 30.0, 39.9)),)),
     Link("tool", (Box(translation(0, 0, 130), (6.0, 6.0, 50.0)),)),
+    Link("holder", (Box(translation(0, 0, 40), (30.0, 30.0, 39.9)),)),
 )
 CONTACT = 1.0
 

@@ -29,7 +29,9 @@ def solid_angle(triangles: FloatArray, point: FloatArray) -> float:
 
 
 class Loop:
-    """The plain loop. standing: base_from_box. tool: bodies at the flange. contact: mm that they may enter the part."""
+    """The plain loop. standing: base_from_box. tool: bodies at the flange. contact: mm that the first of them may enter
+    the part.
+    """
 
     def __init__(
         self,
@@ -91,7 +93,9 @@ class Loop:
             if frozenset((i, j)) not in spared and self._met(padded[i], padded[j]):
                 return names[i], names[j]
         tools = [(body.name, self._objects(body.boxes, tip[0][0], tip[1][0], 0.0)) for body in self.tool]
-        inner = [(body.name, self._objects(body.boxes, tip[0][0], tip[1][0], -self.contact)) for body in self.tool]
+        working = [
+            (body.name, self._objects(body.boxes, tip[0][0], tip[1][0], -self.contact)) for body in self.tool[:1]
+        ]
         for (name, boxes), i in itertools.product(tools, range(last)):
             links = plain if frozenset((i, last)) in spared else padded
             if frozenset((names[i], name)) not in self.allowed and self._met(links[i], boxes):
@@ -101,4 +105,6 @@ class Loop:
         for (name, boxes), (other, obstacle) in itertools.product(moving + tools, standing):
             if self._met(boxes, obstacle):
                 return name, other
-        return next(((name, "part") for name, boxes in moving + inner if self._met(boxes, [self.mesh])), None)
+        return next(
+            ((name, "part") for name, boxes in moving + working + tools[1:] if self._met(boxes, [self.mesh])), None
+        )

@@ -13,7 +13,6 @@ from camgen.errors import InputError, JobError, NoSafeProgram
 from camgen.gcode.recorded import Recorded
 from camgen.idle import no_idle
 from camgen.ir import Program
-from camgen.leads import add_leads
 from camgen.lower import lower
 from camgen.paths import ToolPath, Tour
 from camgen.planners import plan
@@ -22,7 +21,6 @@ from camgen.pose import Pose
 from camgen.post import Cell
 from camgen.settings import Job
 from camgen.shapes import Note, Part
-from camgen.stay_down import staying_down
 from camgen.tour import order, travel
 
 if TYPE_CHECKING:
@@ -119,6 +117,9 @@ def _edges(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Plan
 
 def _toured(paths: Sequence[ToolPath], part: Part, job: Job, cell: Cell, watch: Watch) -> tuple[Tour, tuple[Note, ...]]:
     """The paths in order from and back to home, with their leads."""
+    from camgen.leads import add_leads  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.stay_down import staying_down  # noqa: PLC0415
+
     start = cell.home.origin[:2] if isinstance(cell.home, Pose) else None
     choice, inside = job.tour, job.operation.inside_first
 
