@@ -1,6 +1,7 @@
 """The way from a picture to a drawing as one SVG file: the stages side by side (continuous-path.md, figures 4-7, 9-11).
 
-Picture, ink, borders, then lines and arcs or the lines of the pen in its width, and the order on the page.
+Picture, ink, borders, then lines and arcs, or the lines of the pen in its width and what they cover, and the order on
+the page.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from camgen.page_fit import page_size
 from camgen.paths import Tour
+from camgen.planners.fill_map import coverage_map
 from camgen.pose import FloatArray
 from camgen.preview_draw import Page, by_order, of_contours, of_paths, path_data
 from camgen.preview_panels import WIDE, Crop, Panel, cropped, faint, image, line, on_panel, sheet, shown
@@ -21,6 +23,8 @@ from camgen.text import short
 
 #: Radius of the points, and width of the drawn lines, page mm. Colours from the first stroke to the last.
 _DOT, _STROKE, _BINS = 0.55, 0.45, 32
+#: px of the map of what is covered, along its longer side.
+_MAP = 1000
 
 
 def svg(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Job, title: str) -> str:
@@ -29,11 +33,13 @@ def svg(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Jo
     height, width = raster.photo.shape[:2]
     points = sum(len(border) for border in raster.borders)
     high = WIDE * height / width
+    fill = job.operation.kind == "fill"
+    drawn = _filled(part, raster, tour, job, crop) if fill else [_simplified(part, raster, crop)]
     panels = [
         Panel(f"picture, {width} x {height} px", high, [image(raster.photo, WIDE, high)]),
         Panel("ink", crop.high, [shown(crop, np.bitwise_not(raster.mask), smooth=False)]),
         Panel(f"borders of the ink, {points} points", crop.high, [faint(raster, crop), _borders(raster, crop)]),
-        _covered(raster, tour, job, crop) if job.operation.kind == "fill" else _simplified(part, raster, crop),
+        *drawn,
         _ordered(raster, tour, job),
     ]
     return sheet(panels, notes, title)
@@ -63,6 +69,18 @@ def _simplified(part: Part, raster: Raster, crop: Crop) -> Panel:
             f'<path class="dot" stroke-width="{2 * _DOT}" d="{data}"/>',
         ],
     )
+
+
+def _filled(part: Part, raster: Raster, tour: Tour, job: Job, crop: Crop) -> list[Panel]:
+    """What the pen draws, and what of that is where it should be."""
+    found = coverage_map(part, tour.paths, job.tool.diameter, _MAP)
+    height, width = found.pixels.shape[:2]
+    ends = found.work_from_map @ np.array([[-0.5, width - 0.5], [-0.5, height - 0.5], [1.0, 1.0]])
+    (left, right), (top, bottom) = on_panel(raster, crop).place(ends.T).T.tolist()
+    picture = image(found.pixels, right - left, bottom - top, smooth=False)
+    content = [f'<g transform="translate({left:.2f} {top:.2f})">{picture}</g>']
+    told = "green: covered, red: bare, yellow: ink outside"
+    return [_covered(raster, tour, job, crop), Panel(told, crop.high, content)]
 
 
 def _covered(raster: Raster, tour: Tour, job: Job, crop: Crop) -> Panel:
