@@ -2,12 +2,16 @@
 
 import math
 import re
+from base64 import b64decode
 from pathlib import Path
 from xml.etree import ElementTree
 
+import cv2
+import numpy as np
 import pytest
 
 from camgen.cli import main
+from camgen.planners.fill_map import COLOURS
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 GEAR = ["--set", "page.size=A5"]
@@ -90,22 +94,44 @@ def test_without_a_scale_the_user_is_told_of_the_page(
 
 
 def test_the_stages_of_a_drawing_are_shown(tmp_path: Path) -> None:
-    for name, words, fourth in (
-        ("gear.png", GEAR, r"4 lines and 14 arcs, \d+ points"),
-        ("board.png", BOARD, r"4 lines of a pen of 0\.8 mm"),
+    for name, words, count, fourth in (
+        ("gear.png", GEAR, 5, r"4 lines and 14 arcs, \d+ points"),
+        ("board.png", BOARD, 6, r"4 lines of a pen of 0\.8 mm"),
     ):
         picture = tmp_path / "stages.svg"
         program(tmp_path, name, *words, "--preview", str(picture))
         root = ElementTree.parse(picture).getroot()
         texts = [text.text or "" for text in root.iter(f"{SPACE}text")]
         panels = [text for text in texts if text[:1].isdigit()]
-        assert [text[0] for text in panels] == list("12345")
+        assert [text[0] for text in panels] == list("123456")[:count]
         assert re.fullmatch(fourth, panels[3])
     # The board has no page of its own: 591 x 472 px at 300 per inch and a row of paper around them.
-    assert panels[4].startswith("5 50.2 x 40.1 mm: ")
+    assert panels[5].startswith("6 50.2 x 40.1 mm: ")
     # Between two strokes the pen goes one way, as thin line.
-    count = int(re.findall(r"(\d+) strokes", panels[4])[0])
+    count = int(re.findall(r"(\d+) strokes", panels[5])[0])
     (up,) = (path for path in root.iter(f"{SPACE}path") if path.get("class") == "up")
     assert up.get("d", "").count("M") == count - 1
     colours = [path.get("stroke") for path in root.iter(f"{SPACE}path") if path.get("stroke")]
     assert len(set(colours)) == count
+
+
+def test_the_map_of_what_is_covered_lies_on_the_ink(tmp_path: Path) -> None:
+    """Green and red are the copper: they end where the black of the second panel does, and nearly all is green."""
+    picture = tmp_path / "stages.svg"
+    program(tmp_path, "board.png", *BOARD, "--preview", str(picture))
+    root = ElementTree.parse(picture).getroot()
+    images = [one for one in root.iter(f"{SPACE}image") if "image/png" in one.get("href", "")]
+    coded = [b64decode(one.get("href", "").partition(",")[2]) for one in images]
+    ink, found = (cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) for data in coded)
+    (group,) = (one for one in root.iter(f"{SPACE}g") if images[1] in one)
+    at = [float(word) for word in re.findall(r"-?[\d.]+", group.get("transform", ""))]
+    green, red = ((found == colour).all(axis=2) for colour in COLOURS[1:3])
+    assert green.sum() > 0.98 * (green | red).sum() > 0
+
+    def ends(mask: np.ndarray, image: ElementTree.Element, corner: list[float]) -> list[float]:
+        size = float(image.get("width", "")), float(image.get("height", ""))
+        places = [np.flatnonzero(mask.any(axis=k)) for k in (0, 1)]
+        spans = [(k, size[k] / mask.shape[1 - k]) for k in (0, 1)]
+        return [corner[k] + pixel * end for k, pixel in spans for end in (places[k].min(), places[k].max() + 1)]
+
+    assert ends(green | red, images[1], at) == pytest.approx(ends(ink[:, :, 0] < 128, images[0], [0.0, 0.0]), abs=0.3)
