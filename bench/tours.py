@@ -22,7 +22,7 @@ from pathlib import Path
 
 SIZES = (100, 1_000, 10_000, 100_000)
 #: tour.seconds of the compiled search, of the plain one (about 2 s of Python), and of the long run; by size.
-BUDGETS = {100: (0.2, 0.03, 2.0), 1_000: (0.5, 0.05, 10.0), 10_000: (2.5, 0.1, 30.0), 100_000: (15.0, 0.1, 0.0)}
+BUDGETS = {100: (0.2, 0.03, 2.0), 1_000: (0.3, 0.04, 10.0), 10_000: (2.0, 0.1, 60.0), 100_000: (15.0, 0.1, 30.0)}
 #: Above this many paths vpype is not asked to improve its order.
 TWO_OPT = 1_000
 #: By number of paths, how many starts of a closed one LKH is given and how often it begins anew.
