@@ -109,12 +109,18 @@ def _notes(notes: Sequence[Note], verbose: int) -> list[Row]:
     return told
 
 
+#: ``tour.method`` and what was done instead.
+_UNSEARCHED = ("best", "nearest neighbour")
+
+
 def _planned(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
-    travel = result.tour.travel
+    tour, chosen = result.tour, result.job.tour.method
+    # So many paths are searched only when they are told to be: plain Python is too slow for them.
+    hint = "; tour.seconds = 1 searches for a shorter one" if (chosen, tour.method) == _UNSEARCHED else ""
     return [
-        ("plan", f"{counted(len(result.tour.paths), 'path')}, work {length(work)}", "plain"),
-        ("tour", f"{result.tour.method}: work {length(work)}, travel {length(travel)}{_above(result.tour)}", "plain"),
+        ("plan", f"{counted(len(tour.paths), 'path')}, work {length(work)}", "plain"),
+        ("tour", f"{tour.method}: work {length(work)}, travel {length(tour.travel)}{_above(tour)}{hint}", "plain"),
     ]
 
 

@@ -586,3 +586,14 @@ def test_numbers_for_people() -> None:
     assert [say.size(n) for n in (1, 9999, 10_000, 12_345_678)] == ["1 bytes", "9999 bytes", "10 kB", "12.3 MB"]
     assert [say.counted(n, "path") for n in (1, 0, 12345)] == ["1 path", "0 paths", "12 345 paths"]
     assert say.listed(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
+
+
+def test_so_many_paths_that_no_order_is_searched_say_what_searches_one(here: Path, capsys: Captured) -> None:
+    """1,300 lines, more than are searched unasked."""
+    lines = "".join(f'<path d="M{5 * (k % 40)} {5 * (k // 40)}h2"/>' for k in range(1300))
+    sheet = '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" viewBox="0 0 300 300">'
+    (here / "many.svg").write_text(f"{sheet}{lines}</svg>")
+    build = ["build", "many.svg", "--post", "grbl", "-o", "many.nc", "--set", "operation.kind=trace"]
+    for words, said in (([], True), (["tour.method=nearest"], False), (["tour.seconds=0.001"], False)):
+        assert main([*build, *(one for word in words for one in ("--set", word))]) == 0
+        assert ("; tour.seconds = 1 searches for a shorter one" in capsys.readouterr().err) == said
