@@ -172,7 +172,7 @@ def test_another_part_is_not_found(seed):
     }
     wrong = list(shapes.values())[seed]
     with pytest.raises(InputError, match="the model was not found in the scan"):
-        localize("scan", shape(wrong), scan(MESHES["rfa1"], 10_000, seed, ROUND, 0.1, 0.2))
+        localize("scan", shape(wrong), scan(MESHES["rfa1"], 4_000, seed, ROUND, 0.1, 0.2))
 
 
 def test_a_pose_that_leaves_points_inside_the_part_is_none():
