@@ -163,14 +163,9 @@ def test_the_rim_of_one_face_holds_it_sideways():
 # -- refusals
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_another_part_is_not_found(seed):
-    shapes = {
-        "cube": trimesh.creation.box((60, 60, 60)),
-        "ball": trimesh.creation.icosphere(2, 60),
-        "rfa2": MESHES["rfa2"],
-    }
-    wrong = list(shapes.values())[seed]
+    wrong = (trimesh.creation.box((60, 60, 60)), MESHES["rfa2"])[seed]
     with pytest.raises(InputError, match="the model was not found in the scan"):
         localize("scan", shape(wrong), scan(MESHES["rfa1"], 4_000, seed, ROUND, 0.1, 0.2))
 
