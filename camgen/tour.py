@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from camgen.paths import ToolPath, Tour
 from camgen.tour_seams import Starts, starts
-from camgen.tour_search import Choices, looks, lower_bound, sampled, searched
+from camgen.tour_search import Choices, bounded, looks, lower_bound, sampled, searched
 from camgen.tour_start import ends_of, reversed_each, starting_at, starting_each
 from camgen.tour_tree import Tree
 from camgen.tours.plane import Tell
@@ -55,8 +55,8 @@ def order(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     where = starts(paths, seam)
     ranks = _ranks(paths, layers)
     waits_for = _waits_for(paths, ranks) if inside_first else [-1] * len(paths)
-    known = sampled(paths, where, waits_for, ranks)
     budget = looks(seconds, len(paths))
+    known = sampled(paths, where, waits_for, ranks) if budget or bounded(seconds, len(paths)) else None
     arranged = [paths[i] for i in sorted(range(len(paths)), key=ranks.__getitem__)]
     stopped = False
     if method != "as-drawn":
@@ -64,14 +64,15 @@ def order(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
         arranged = _arranged(paths, first)
         if method == "best" and not budget:
             method = "nearest"
-        if method == "best" and len(paths) > 1:
+        if method == "best" and known and len(paths) > 1:
             found = searched(known, first, start, budget, seed, tell)
             stopped = not found.whole
             better = _arranged(paths, found)
             # A short search from samples may end above the first tour, whose starts lie anywhere.
             arranged = min(arranged, better, key=lambda tour: travel(tour, start))
     length = travel(arranged, start)
-    bound = lower_bound(known, start, length, 0.0 if stopped else seconds)
+    seconds = 0.0 if stopped else seconds
+    bound = lower_bound(known, start, length, seconds) if known and bounded(seconds, len(paths)) else None
     return Tour(tuple(arranged), length, _METHODS[method], bound, stopped=stopped)
 
 

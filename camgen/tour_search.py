@@ -101,13 +101,16 @@ def sampled(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], ran
     return found
 
 
-def lower_bound(known: Sampled, home: tuple[float, float] | None, travel: float, seconds: float) -> float | None:
+def bounded(seconds: float, count: int) -> bool:
+    """Whether ``lower_bound`` is worth its time: for a crowd only where seconds were asked for."""
+    return seconds > 0 or count <= _CROWD
+
+
+def lower_bound(known: Sampled, home: tuple[float, float] | None, travel: float, seconds: float) -> float:
     """What no tour of the paths is below, mm. travel: of a tour that is known. seconds: as for the search; without
-    them few trees are looked at, and none for a crowd: then None.
+    them few trees are looked at.
     """
     count = len(known.whole)
-    if not seconds and count > _CROWD:
-        return None
     rounds = min(max(10_000 // count, 2), 5)
     if seconds:
         rounds = min(max(round(seconds / 4 / (_TREE * count)), _TREES[0]), _TREES[1])
