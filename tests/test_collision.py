@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from camgen.collision.boxes import Boxes
 from camgen.collision.clearance import clearance, least
 from camgen.collision.hits import hits, place
-from camgen.collision.mesh import Mesh, meshed
+from camgen.collision.mesh import Mesh, inside, meshed
 from camgen.collision.motion import closing, motion, moved
 from camgen.collision.scene import Scene, narrowed, scene, told
 from camgen.errors import JobError
@@ -382,3 +382,20 @@ def test_the_tool_may_enter_the_part_and_its_holder_may_not() -> None:
     assert name_of(scene(rods(), (tool,), (), plate, translation(600, 0, 178)), at(0, 0, 100, 0)) == [
         "tool against part"
     ]
+
+
+def test_one_axis_is_asked_only_where_the_triangles_bound_a_body() -> None:
+    """A box without its two faces across x, which says nothing of its borders: rays along x alone would miss it."""
+    made = trimesh.creation.box((40, 40, 40))
+    along = np.abs(made.face_normals[:, 0]) < 0.5
+    for faces, closed in ((made.faces, True), (made.faces[along], False), (made.faces[:, ::-1], True)):
+        normals = frozen(np.zeros((len(faces), 3)))
+        mesh = meshed(Solid("b", "b", "mm", frozen(made.vertices), np.asarray(faces, np.int64), normals, (), (), ()))
+        assert mesh.closed == closed
+        points = np.array([[3.0, 4.0, 5.0], [30.0, 0.0, 0.0], [3.0, 4.0, 25.0]])
+        assert inside(mesh, points).tolist() == [True, False, False]
+    loose = made.vertices[made.faces].reshape(-1, 3)
+    apart = np.arange(len(loose)).reshape(-1, 3)
+    mesh = meshed(Solid("b", "b", "mm", frozen(loose), apart, frozen(made.face_normals), (), (), ()))
+    assert not mesh.closed
+    assert inside(mesh, np.array([[3.0, 4.0, 5.0]])).tolist() == [True]

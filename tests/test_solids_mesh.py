@@ -2,6 +2,8 @@
 
 import math
 import struct
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -203,6 +205,18 @@ def test_every_format_holds_the_same_edges(tmp_path: Path, kind: str, scale: flo
     solid = mesh.read(path)
     assert kinds(solid) == {("line", True): 17, ("line", False): 1}
     assert sum(e.length for e in solid.edges) == pytest.approx((2 * 140 + 6 * 25) * scale)
+
+
+def test_a_material_needs_no_package_that_is_not_there(tmp_path: Path) -> None:
+    """Two faces of one material with places on its picture, read where the package for pictures is missing."""
+    rows = ["v 0 0 0", "v 10 0 0", "v 10 10 0", "v 0 10 0", "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "usemtl brick"]
+    (tmp_path / "wall.obj").write_text("\n".join([*rows, "f 1/1 2/2 3/3", "usemtl stone", "f 1/1 3/3 4/4", ""]))
+    code = (
+        "import sys; sys.modules['PIL'] = None; from pathlib import Path; from camgen.solids import mesh;"
+        "print(len(mesh.read(Path('wall.obj')).faces))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("2\n", "")
 
 
 def _indexed(triangles: Array) -> tuple[Array, Any]:

@@ -23,7 +23,7 @@ _BOXES = 512
 
 
 class Mesh(Struct, frozen=True, eq=False):
-    """A part's surface in its own frame. box: around all. surface: fcl's collision object. closed: without borders."""
+    """A part's surface in its own frame. box: around all. surface: fcl's collision object. closed: it bounds a body."""
 
     tree: Tree
     box: Boxes
@@ -40,7 +40,17 @@ def meshed(solid: Solid) -> Mesh:
     tree = grown(solid.vertices[solid.faces])
     low, high = tree.lows[0].min(axis=0), tree.highs[0].max(axis=0)
     box = Boxes(frozen((low + high) / 2), frozen(np.eye(3)), frozen((high - low) / 2))
-    return Mesh(tree, box, fcl.CollisionObject(model), not solid.borders)
+    return Mesh(tree, box, fcl.CollisionObject(model), _closed(solid))
+
+
+def _closed(solid: Solid) -> bool:
+    """Whether every side of a triangle is run as often the other way: then all rays from a point count the same.
+
+    A mesh whose vertices are not shared, or whose triangles are wound against each other, is taken for an open one.
+    """
+    one, other = solid.faces.ravel(), np.roll(solid.faces, -1, axis=1).ravel()
+    count = len(solid.vertices)
+    return bool(np.array_equal(np.sort(one * count + other), np.sort(other * count + one)))
 
 
 def struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
@@ -95,7 +105,7 @@ def inside(mesh: Mesh, points: FloatArray) -> BoolArray:
     """Which points (N, 3) are in the part (N,).
 
     The surface is counted along rays each way along axes: left outward +1, entered -1. A closed surface gives the same
-    along all: one axis is enough. Where it has holes, half of the six rays along three axes decide.
+    along all: one axis is enough. Of any other, half of the six rays along three axes decide.
     """
     total = np.zeros(len(points))
     axes = 1 if mesh.closed else 3

@@ -58,10 +58,10 @@ def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray
     """Where the motions end (M, 3) and the angles (M,) by which the tool turns."""
     columns = program.columns
     if arm is not None:
-        fixed = taken(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
-        anchors = np.array([move.target.values for move in fixed]).reshape(len(fixed), len(arm.home))
         from camgen.sampling import ends  # noqa: PLC0415 (kinematics, only for what needs them)
 
+        fixed = taken(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
+        anchors = np.array([move.target.values for move in fixed]).reshape(len(fixed), len(arm.home))
         end, rotation = ends(program, arm, anchors)
         return end, np.append(0.0, _angles(rotation[:-1], rotation[1:]))
     turn = np.zeros(len(columns.moves))

@@ -28,11 +28,12 @@ _MM = {
 }  # fmt: skip
 
 #: trimesh parses whatever it is given: a damaged file makes it stumble in each of these ways. ImportError: it wants
-#: packages that guess the encoding of what is no text at all.
+#: a package for this format, or the one that guesses the encoding of what is no text at all.
 _STUMBLES = (
     ValueError, TypeError, LookupError, NameError, AttributeError, ArithmeticError, AssertionError, OSError, EOFError,
     ImportError, NotImplementedError, RuntimeError, SyntaxError, BadZipFile, struct.error, zlib.error,
 )  # fmt: skip
+_GUESSER = "charset_normalizer"
 #: Coordinates beyond this are damage.
 _FARTHEST = 1e9
 _QUIET = logging.NullHandler()
@@ -103,15 +104,20 @@ def _parsed(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, st
     logging.getLogger("trimesh").addHandler(_QUIET)
     try:
         with np.errstate(all="ignore"):
-            mesh = trimesh.load_mesh(BytesIO(data), file_type=kind[1:], process=False)
+            scene = trimesh.load_scene(BytesIO(data), file_type=kind[1:], process=False)
+            for shape in scene.geometry.values():
+                # Materials are of no use here, and trimesh needs one more package to copy them.
+                if isinstance(shape, trimesh.Trimesh):
+                    shape.visual = trimesh.visual.ColorVisuals()
+            mesh = scene.to_mesh()
         vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
         faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
         unit = "m" if kind == ".glb" else str(mesh.units or "").lower()
     except _STUMBLES as error:
-        if isinstance(error, ImportError) and kind == ".3mf":
-            package = error.name or "lxml"
-            missing = f"reading 3MF needs the package {package}"
-            raise InputError(name, missing, "", f"pip install {package}") from error
+        package = error.name or ("lxml" if kind == ".3mf" else "") if isinstance(error, ImportError) else ""
+        if package and package != _GUESSER:
+            missing = f"reading this {kind[1:].upper()} needs the package {package}"
+            raise InputError(name, missing, "", f"install {package}, or {_SAVE_AGAIN}") from error
         raise InputError(name, f"is damaged or no {kind[1:].upper()} mesh: {_plain(error)}", "", _SAVE_AGAIN) from error
     return vertices, faces, unit
 
