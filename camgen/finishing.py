@@ -60,10 +60,12 @@ def finished(solid: Solid, job: Job, robot: Robot, cell: Cell, watch: Callable[[
     freedom = Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric)
     watch("reaching")
     found = reach(edges.values(), setup, job.operation.offset, job.operation.offset_along, freedom, job.operation.trim)
+    room = room_of(where)
+    found = _clear_between(found, room)
     good = [one for one in found if isinstance(one, Reached)]
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
-    made = route(setup, room_of(where), good, tuple(edges.values()), home, job.process.travel, best, lifted)
+    made = route(setup, room, good, tuple(edges.values()), home, job.process.travel, best, lifted)
     lost = [*(one for one in found if isinstance(one, Unreached)), *made.dropped]
     if not made.legs:
         raise NoSafeProgram(solid.source, f"none of {len(edges)} edges can be processed: {lost[0].id}", lost[0].text)
@@ -72,6 +74,16 @@ def finished(solid: Solid, job: Job, robot: Robot, cell: Cell, watch: Callable[[
     tour = Tour(paths, _travel(made, setup, home), "best found" if best else "nearest neighbour")
     notes = (*where.notes, *_skipped(lost, edges), *_advice(lost, freedom), *_freed(made), *_said(made))
     return Finished(where, made, lengths, tour, notes)
+
+
+def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
+    """``found``, without the motions that collide between two of the places where they were looked at."""
+    said = iter(room.hits([one.dense for one in found if isinstance(one, Reached)]))
+    result: list[Reached | Unreached] = []
+    for one in found:
+        hit = next(said) if isinstance(one, Reached) else ""
+        result.append(Unreached(one.id, "collision", f"collision, {hit}, on the way along it") if hit else one)
+    return tuple(result)
 
 
 def _chosen(solid: Solid, job: Job) -> dict[str, Edge]:

@@ -295,3 +295,15 @@ def test_what_is_wrong_in_the_file_of_a_cell(plate: Path, tmp_path: Path, text: 
         file.write_text(text)
     with pytest.raises(JobError, match=message):
         camgen.build(plate, post="rapid", job={"cell": {"file": str(file)}})
+
+
+def test_what_stands_between_two_looks_leaves_its_edge_out(plate: Path) -> None:
+    """A sheet of 0.2 mm across one of three edges, 2.3 mm from where a tool of 1 mm is looked at every 5 mm."""
+    job = {**PLATE, "tool": {"diameter": 1.0}}
+    sheet = [27.3, -10.0, 5.0, 27.5, -0.5, 40.0]
+    for fixtures, count in (([], 3), ([sheet], 2)):
+        result = camgen.build(plate, post="rapid", job={**job, "cell": {**job["cell"], "fixtures": fixtures}})
+        assert len(result.tour.paths) == count
+        assert result.report["checks"]["collision"] == "ok"
+    lost = [note.why for note in result.notes if note.kind == "skipped"]
+    assert sum("collision, tool against fixture 1, on the way along it" in why for why in lost) == 1
