@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from boards import MM, board, marks, part_of
 
-from camgen.cli_job import from_mapping
-from camgen.planners.fill import fill
-from camgen.planners.fill_map import coverage_map
+from camgen.model.job_tables import from_mapping
+from camgen.plan.fill import fill
+from camgen.plan.fill.cover import coverage_map
 from camgen.vision.crosses import crosses
 
 #: Blue, green, red.

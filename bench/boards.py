@@ -18,13 +18,13 @@ import numpy as np
 from machine import machine
 from msgspec import Struct
 
-from camgen.cli_job import from_mapping
-from camgen.planners.fill import fill
-from camgen.planners.image_space_border import between_pixels
-from camgen.planners.image_space_field import chains
-from camgen.pose import frozen
-from camgen.readers import read
-from camgen.shapes import Contour, Part, Raster
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part, Raster
+from camgen.model.pose import frozen
+from camgen.plan.fill import fill
+from camgen.plan.image_space.border import between_pixels
+from camgen.plan.image_space.field import chains
+from camgen.read import read
 from camgen.vision.crosses import crosses
 
 DPI = 300

@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from machine import machine
 
-from camgen.pose import frozen
-from camgen.vision.boards import chessboard, seen
-from camgen.vision.calibrate import calibrate
-from camgen.vision.camera import Camera
+from camgen.model.pose import frozen
+from camgen.vision.boards.corners import chessboard, seen
+from camgen.vision.camera.calibrate import calibrate
+from camgen.vision.camera.camera import Camera
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from board_photos import chess, photo, poses

@@ -17,17 +17,17 @@ from kinematics import drawn, timed
 from machine import machine
 from plain_loop import Loop
 
-from camgen.collision.clearance import clearance
-from camgen.collision.hits import hits
+from camgen.collision.hits import clearance, hits
 from camgen.collision.mesh import Mesh, meshed
 from camgen.collision.motion import motion
 from camgen.collision.scene import Scene, scene
-from camgen.pose import FloatArray, frozen, pose_from_values, translation
-from camgen.robots.continuity import Choice, follow
-from camgen.robots.inverse import inverse
-from camgen.robots.models import Box, Link, Robot, robot
-from camgen.robots.values import within
-from camgen.solid import Solid
+from camgen.model.part import Solid
+from camgen.model.pose import FloatArray, frozen, pose_from_values, translation
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.models import Box, Link, Robot
 
 #: Poses all over the robot's range, poses at the part, poses/s.
 POSES, CLOSE, GOAL = 10_000, 2_000, 25_000

@@ -18,13 +18,12 @@ import numpy as np
 from machine import machine
 
 import camgen
-from camgen.cycle.times import timed
-from camgen.cycle.total import cycle
-from camgen.ir import MoveC, MoveJ, MoveL, Program
-from camgen.paths import Tour
-from camgen.plugins import find_post, make_post
-from camgen.pose import TOOL_DOWN, Pose, translation
-from camgen.report import sum_up
+from camgen.check.report import sum_up
+from camgen.check.time import cycle, timed
+from camgen.model.path import Tour
+from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.program import MoveC, MoveJ, MoveL, Program
+from camgen.post.plugins import find_post, make_post
 
 ROOT = Path(__file__).parents[1]
 JOBS: dict[str, tuple[str, dict[str, object]]] = {

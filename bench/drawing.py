@@ -17,16 +17,16 @@ import shapely
 from machine import machine
 
 from camgen.cli import main
-from camgen.cli_job import from_mapping
-from camgen.errors import CamgenError
 from camgen.geometry.segments import flatten, from_contours
-from camgen.page_fit import on_page
-from camgen.planners.trace import trace
-from camgen.readers import read
-from camgen.shapes import Contour, Part
-from camgen.simplify import simplified
-from camgen.tour import order, travel
-from camgen.vision.similarity import scale_of
+from camgen.model.errors import CamgenError
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part
+from camgen.order import order, travel
+from camgen.plan.page import on_page
+from camgen.plan.simplify import simplified
+from camgen.plan.trace import trace
+from camgen.read import read
+from camgen.vision.plane import scale_of
 
 DEFAULT = Path(__file__).parents[2] / "shared" / "data" / "image"
 JOB = from_mapping({"operation": {"kind": "trace"}, "page": {"size": "A4"}})

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from camgen.errors import CamgenError
-from camgen.readers import dxf
-from camgen.readers.units import INSUNITS, MM
-from camgen.settings import Job
-from camgen.shapes import Contour, Part
+from camgen.model.errors import CamgenError
+from camgen.model.job import Job
+from camgen.model.part import Contour, Part
+from camgen.read import dxf
+from camgen.read.units import INSUNITS, MM
 
 DEFAULT = Path(__file__).parents[2] / "shared" / "data"
 TOLERANCE = 0.005

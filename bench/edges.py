@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 from machine import machine
 
-from camgen.errors import CamgenError
-from camgen.solid import FEATURE_ANGLE, Solid
-from camgen.solids import mesh, mesh_load, step
+from camgen.model.errors import CamgenError
+from camgen.model.part import FEATURE_ANGLE, Solid
+from camgen.read.solid import mesh, step
+from camgen.read.solid import mesh_file as mesh_load
 
 DEFAULT = Path(__file__).parents[2] / "shared" / "data"
 TOLERANCE = 0.005

@@ -20,11 +20,11 @@ from ezdxf.entities import DXFEntity
 from machine import machine
 
 import camgen
-from camgen.errors import CamgenError
-from camgen.ir import Instruction, MoveC, MoveL, Output
-from camgen.passes import circle
-from camgen.plugins import find_readback
-from camgen.pose import Pose, rotation_about_axis
+from camgen.model.errors import CamgenError
+from camgen.model.pose import Pose, rotation_about_axis
+from camgen.model.program import Instruction, MoveC, MoveL, Output
+from camgen.post.passes import circle
+from camgen.post.plugins import find_readback
 
 POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
 GOAL = 0.02

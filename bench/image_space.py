@@ -25,9 +25,9 @@ import numpy as np
 import shapely
 from machine import machine
 
-from camgen.paths import ToolPath
-from camgen.planners.image_space import image_space
-from camgen.settings import Job, Operation, Process, Tool
+from camgen.model.job import Job, Operation, Process, Tool
+from camgen.model.path import ToolPath
+from camgen.plan.image_space import image_space
 
 RADIUS = 3.0
 SCALES = (0.143, 0.3)

@@ -10,13 +10,14 @@ from collections.abc import Callable
 import numpy as np
 from machine import machine
 
-from camgen.pose import FloatArray, Pose, quaternion
-from camgen.robots.arms import Spherical
-from camgen.robots.continuity import Choice, follow
-from camgen.robots.forward import flange, frames
-from camgen.robots.inverse import inverse
-from camgen.robots.models import Robot, robot, robots
-from camgen.robots.values import copies, theta_of, within
+from camgen.model.pose import FloatArray, Pose, quaternion
+from camgen.robots.catalogue import robot, robots
+from camgen.robots.kinematics.arms import Spherical
+from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import copies, theta_of, within
+from camgen.robots.models import Robot
 
 POSES, ROWS = 10_000, 10_000
 BY_ITERATION = 1_000

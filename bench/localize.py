@@ -18,9 +18,9 @@ import numpy as np
 import trimesh
 from machine import machine
 
-from camgen.errors import CamgenError
-from camgen.localize.finding import localize
-from camgen.solids import mesh as solids
+from camgen.localize import localize
+from camgen.model.errors import CamgenError
+from camgen.read.solid import mesh as solids
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))

@@ -16,10 +16,10 @@ import cv2
 import numpy as np
 from machine import machine
 
-from camgen.errors import CamgenError
+from camgen.model.errors import CamgenError
 from camgen.vision.image import load
-from camgen.vision.mask import Mask, part_mask
-from camgen.vision.rectify import View, already_to_scale
+from camgen.vision.mask.part_mask import Mask, part_mask
+from camgen.vision.to_scale import View, already_to_scale
 
 ENDS = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 GOAL = 1.3

@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 from machine import machine
 
-from camgen.paths import ToolPath
-from camgen.pose import frozen
-from camgen.tour import order
+from camgen.model.path import ToolPath
+from camgen.model.pose import frozen
+from camgen.order import order
 
 SIZES = (1_000, 10_000, 35_000, 100_000)
 HOME = (0.0, 0.0)

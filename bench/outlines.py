@@ -4,7 +4,7 @@ Each part lies at random in a grey picture, 60 beside it and 180 on it: the shar
 blurred by a Gaussian, with noise, in whole grey values, and cut half-way for the mask. All in pixels.
 
 - `pixels`: the centres of the part's outermost pixels, as cv2.findContours gives them; `points`:
-  camgen.vision.outlines; `lines and arcs`: camgen.vision.primitives, points 0.25 px apart on them, and for the largest
+  camgen.vision.outline; `lines and arcs`: camgen.vision.lines_arcs, points 0.25 px apart on them, and for the largest
   error the drawing against them too.
 - What is within 4 px of a sharp corner is left out, and told by the distance from drawn to found corners.
 - `pieces`: how many lines and arcs were found, whole circles being two, and how many were drawn.
@@ -26,8 +26,8 @@ import shapely
 from machine import machine
 
 from camgen.geometry.segments import flatten, from_contours
-from camgen.vision.outlines import outlines
-from camgen.vision.primitives import primitives
+from camgen.vision.lines_arcs.contours import primitives
+from camgen.vision.outline import outlines
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from outline_pictures import Drawn, disc, drawn, gear, mask_of, picture, plate

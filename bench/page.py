@@ -19,10 +19,10 @@ import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 
 import camgen
-from camgen.errors import CamgenError
-from camgen.job import Result
-from camgen.page.html import page
-from camgen.page.view import view
+from camgen.build import Result
+from camgen.model.errors import CamgenError
+from camgen.preview.page import page
+from camgen.preview.view import view
 
 DEFAULT = Path(__file__).parents[2] / "shared" / "data" / "dxf"
 SWITCHES = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]

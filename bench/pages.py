@@ -2,7 +2,7 @@
 
     python bench/pages.py        writes what is not current; tests/test_docs.py says when that is
 
-docs/job.md is made by ``python -m camgen.cli_init``, the pictures by bench/pictures.py.
+docs/job.md is made by ``python -m camgen.cli.init``, the pictures by bench/pictures.py.
 """
 
 from __future__ import annotations

@@ -12,25 +12,29 @@ Outlined = ast.ClassDef | ast.FunctionDef
 
 #: Heading, module, and the names of it that are shown; "Name.method" is one method of a class.
 SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    ("Build", "camgen.job", ("build", "Result", "Result.report", "Result.text")),
-    ("Jobs", "camgen.cli_job", ("load", "from_mapping")),
-    ("Read a file", "camgen.readers", ("read",)),
+    ("Build", "camgen.build", ("build", "Result", "Result.report", "Result.text")),
+    ("Jobs", "camgen.model.job_tables", ("load", "from_mapping")),
+    ("Read a file", "camgen.read", ("read",)),
     (
         "Errors",
-        "camgen.errors",
+        "camgen.model.errors",
         ("CamgenError", "InputError", "JobError", "NoSafeProgram", "Refused", "VerifyError"),
     ),
-    ("The program", "camgen.ir", ("Program", "MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force", "Comment")),
-    ("Its text form", "camgen.ir_text", ("dump", "parse")),
-    ("Poses", "camgen.pose", ("Pose", "pose_from_values")),
+    (
+        "The program",
+        "camgen.model.program",
+        ("Program", "MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force", "Comment"),
+    ),
+    ("Its text form", "camgen.model.program_text", ("dump", "parse")),
+    ("Poses", "camgen.model.pose", ("Pose", "pose_from_values")),
     (
         "Posts and read-backs",
         "camgen.post",
         ("Post", "Cell", "OutputFile", "Tolerance", "Pace", "Reading", "Fault", "Remark"),
     ),
-    ("Plug-ins", "camgen.plugins", ("installed", "find_post", "find_readback", "make_post", "Installed")),
-    ("Comparison", "camgen.check", ("compare", "Deviation")),
-    ("Conformance kit", "camgen.testing", ("cases", "check_case", "conformance")),
+    ("Plug-ins", "camgen.post.plugins", ("installed", "find_post", "find_readback", "make_post", "Installed")),
+    ("Comparison", "camgen.post.verify", ("compare", "Deviation")),
+    ("Conformance kit", "camgen.post.kit", ("cases", "check_case", "conformance")),
 )
 _INTRODUCTION = """\
 # Python interface
@@ -49,7 +53,7 @@ are mm, angles rad, times s, forces N; job settings have the units that [the job
 What can go wrong is a `CamgenError`, with the exit code that the command line would return:
 
 ```python
-from camgen.errors import CamgenError
+from camgen.model.errors import CamgenError
 
 try:
     result = camgen.build("part.dxf", post="rapid")

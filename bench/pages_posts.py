@@ -7,8 +7,8 @@ import re
 from types import UnionType
 from typing import Literal, Union, get_args, get_origin, get_type_hints
 
-from camgen.cli_init import toml
-from camgen.plugins import find_post
+from camgen.cli.init import toml
+from camgen.post.plugins import find_post
 
 _MARKS = ("<!-- options: made by bench/pages.py -->\n", "<!-- end of options -->")
 _WORDS = {bool: "true, false", int: "whole number", float: "number", str: "text"}

@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 
-from camgen.plugins import find_post, installed, make_post
-from camgen.pose import Pose, fixed_xyz
-from camgen.post import Cell
-from camgen.robots.forward import flange
-from camgen.robots.models import Robot, robots
-from camgen.robots.values import within
-from camgen.text import short
+from camgen.model.cell import Cell
+from camgen.model.pose import Pose, fixed_xyz
+from camgen.model.text import short
+from camgen.post.plugins import find_post, installed, make_post
+from camgen.robots.catalogue import robots
+from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.models import Robot
 
 _KINDS = {
     "spherical-wrist": "closed form, spherical wrist",

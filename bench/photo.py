@@ -26,7 +26,7 @@ from render_shapes import Loop
 from render_truth import Error, Truth, offset_truth, path_error
 from speed import measured
 
-from camgen.errors import CamgenError
+from camgen.model.errors import CamgenError
 
 PLANNERS = ("geometric", "image")
 #: Photos that are harder than the rest in one thing, see render_photos.hard. No goal is set.
@@ -230,7 +230,7 @@ def speed(folder: Path, names: list[str]) -> int:
 def _inside(folder: Path, name: str, photo: str, planner: str) -> float:
     """The best time of a build from the photo to the checked program, everything imported."""
     import camgen  # noqa: PLC0415 (only where it is timed)
-    from camgen.cli_job import load  # noqa: PLC0415
+    from camgen.model.job_tables import load  # noqa: PLC0415
 
     job = load(folder / f"{name}.toml", [f"operation.planner={planner}"])
     times = []

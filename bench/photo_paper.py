@@ -10,16 +10,16 @@ import cv2
 import numpy as np
 from render_truth import Truth
 
-from camgen.cli_job import load as load_job
-from camgen.planners.image_space import image_space
-from camgen.pose import pose_from_values
-from camgen.settings import Job
-from camgen.vision.camera import Camera, read_camera
+from camgen.model.job import Job
+from camgen.model.job_tables import load as load_job
+from camgen.model.pose import pose_from_values
+from camgen.plan.image_space import image_space
+from camgen.vision.boards.find import find
+from camgen.vision.boards.sheet import sheet
+from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.image import Picture, load
-from camgen.vision.markers import find
 from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
-from camgen.vision.rectify import rectify
-from camgen.vision.sheet import sheet
+from camgen.vision.to_scale import rectify
 
 #: mm around the tool's path that the view shows.
 ROOM = 4.0

@@ -19,10 +19,11 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
-from camgen import build
-from camgen.job import Result
-from camgen.page import html, picture, view
-from camgen.preview import svg
+from camgen.build import Result, build
+from camgen.preview import page as html
+from camgen.preview import png as picture
+from camgen.preview import view
+from camgen.preview.svg import svg
 
 ROOT = Path(__file__).parents[1]
 PARTS = ROOT / "fixtures" / "parts"

@@ -23,8 +23,8 @@ from render_truth import Truth, offset_truth, path_error
 
 import camgen
 from camgen.cli import main as run
-from camgen.cli_job import load
-from camgen.preview_stages import svg
+from camgen.model.job_tables import load
+from camgen.preview.photo_stages import svg
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"
 #: mm: half the height of a row of the error picture; what counts as near a sharp corner.

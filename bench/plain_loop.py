@@ -13,10 +13,10 @@ from typing import Any
 import fcl
 import numpy as np
 
-from camgen.pose import FloatArray, Pose
-from camgen.robots.forward import flange, frames
+from camgen.model.part import Solid
+from camgen.model.pose import FloatArray, Pose
+from camgen.robots.kinematics.forward import flange, frames
 from camgen.robots.models import Box, Link, Robot
-from camgen.solid import Solid
 
 
 def solid_angle(triangles: FloatArray, point: FloatArray) -> float:

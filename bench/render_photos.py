@@ -13,7 +13,7 @@ from render_optics import Lens, Shot, looking, mm_per_px, photo_from_work
 from render_parts import NAMED, random_part
 from render_shapes import Loop
 
-from camgen.vision.sheet import DICTIONARY, Sheet, sheet
+from camgen.vision.boards.sheet import DICTIONARY, Sheet, sheet
 
 #: The camera of the paper: 3840 x 2748 px of 1.67 um behind 8.5 mm; and the same view with a tenth of the pixels.
 SIZES = {10: (3840, 2748), 1: (1200, 859)}

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 
-from camgen.gcode.interpreter import Run, interpret
-from camgen.ir import MoveC, MoveJ, MoveL
+from camgen.model.program import MoveC, MoveJ, MoveL
+from camgen.read.gcode.interpreter import Run, interpret
 
 _CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
 _NUMBER = re.compile(r"-?\d+\.?\d*")

@@ -24,15 +24,16 @@ from machine import machine
 from plain_loop import Loop
 
 import camgen
-from camgen.errors import NoSafeProgram
-from camgen.ir import Program
-from camgen.job import Result
-from camgen.plugins import find_readback
-from camgen.pose import Pose, pose_from_values, rotation_about
-from camgen.reach import reached
-from camgen.robots.models import Box, Link, robot
-from camgen.solid import Solid
-from camgen.solids import mesh
+from camgen.build import Result
+from camgen.check.reach import reached
+from camgen.model.errors import NoSafeProgram
+from camgen.model.part import Solid
+from camgen.model.pose import Pose, pose_from_values, rotation_about
+from camgen.model.program import Program
+from camgen.post.plugins import find_readback
+from camgen.read.solid import mesh
+from camgen.robots.catalogue import robot
+from camgen.robots.models import Box, Link
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 RAISED = {"rfa1": 40.0, "rfa2": 0.0}

@@ -34,8 +34,8 @@ def child(count: int, method: str, seconds: float, plain: bool) -> None:
     """One order of one scene; prints travel, seconds of the call, seconds before it, bound."""
     from order import scattered  # noqa: PLC0415 (numpy is not to be held by the parent)
 
-    from camgen.tour import order  # noqa: PLC0415
-    from camgen.tours import plane, speed  # noqa: PLC0415
+    from camgen.order import order  # noqa: PLC0415
+    from camgen.order.solver import plane, speed  # noqa: PLC0415
 
     if plain:
         plane._WORTH = 10**18

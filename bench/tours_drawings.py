@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from camgen.paths import ToolPath
-    from camgen.readers.pieces import Soup
+    from camgen.model.path import ToolPath
+    from camgen.read.pieces import Soup
 
 #: Chains of the large drawing, segments of each, and segments that are drawn twice.
 CHAINS, LINKS, TWICE = 100_000, 9, 100_000
@@ -29,11 +29,11 @@ CHAINS, LINKS, TWICE = 100_000, 9, 100_000
 
 def million() -> None:
     """Loose segments in no order, some drawn twice, joined to chains and ordered."""
-    from camgen.planners.trace import trace, with_few_lifts  # noqa: PLC0415
-    from camgen.readers.join import contours  # noqa: PLC0415
-    from camgen.settings import Job, Operation  # noqa: PLC0415
-    from camgen.shapes import Part  # noqa: PLC0415
-    from camgen.tour import order  # noqa: PLC0415
+    from camgen.model.job import Job, Operation  # noqa: PLC0415
+    from camgen.model.part import Part  # noqa: PLC0415
+    from camgen.order import order  # noqa: PLC0415
+    from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
+    from camgen.read.join import contours  # noqa: PLC0415
 
     soup = loose(np.random.default_rng(1))
     clock = [time.perf_counter()]
@@ -54,7 +54,7 @@ def million() -> None:
 
 def loose(rng: np.random.Generator) -> Soup:
     """Segments of random walks over a square, mixed, each drawn either way."""
-    from camgen.readers.pieces import Soup  # noqa: PLC0415
+    from camgen.read.pieces import Soup  # noqa: PLC0415
 
     begin = rng.uniform(0, 10 * CHAINS**0.5, (CHAINS, 1, 2))
     walk = np.cumsum(np.concatenate([begin, rng.uniform(-2, 2, (CHAINS, LINKS, 2))], axis=1), axis=1)
@@ -71,7 +71,7 @@ def loose(rng: np.random.Generator) -> Soup:
 
 def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
     """The paths as polylines of an SVG, px; arcs within 0.01."""
-    from camgen.tour_start import segments  # noqa: PLC0415
+    from camgen.order.starts import segments  # noqa: PLC0415
 
     low = np.min([path.position.min(axis=0) for path in paths], axis=0)[:2]
     with file.open("w") as out:
@@ -93,11 +93,11 @@ def row(file: Path, tool: str | None) -> str | None:
     """The line of the table for one drawing; None for one with fewer than five contours or nothing to trace."""
     from tours import between, measured  # noqa: PLC0415
 
-    from camgen.errors import CamgenError  # noqa: PLC0415
-    from camgen.planners.trace import trace, with_few_lifts  # noqa: PLC0415
-    from camgen.readers import read  # noqa: PLC0415
-    from camgen.settings import Job, Operation  # noqa: PLC0415
-    from camgen.tour import order, travel  # noqa: PLC0415
+    from camgen.model.errors import CamgenError  # noqa: PLC0415
+    from camgen.model.job import Job, Operation  # noqa: PLC0415
+    from camgen.order import order, travel  # noqa: PLC0415
+    from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
+    from camgen.read import read  # noqa: PLC0415
 
     job = Job(operation=Operation(kind="trace", inside_first=False))
     try:

@@ -20,7 +20,7 @@ import elkai
 import numpy as np
 from order import scattered
 
-from camgen.paths import ToolPath
+from camgen.model.path import ToolPath
 
 #: Cities' distances are whole numbers of this many mm.
 UNIT = 0.01

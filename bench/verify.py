@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 from time import perf_counter
 
-from camgen.body import Columns
-from camgen.plugins import find_readback
+from camgen.check.report import sum_up
+from camgen.model.program import Columns
 from camgen.post import Remark
-from camgen.report import sum_up
+from camgen.post.plugins import find_readback
 
 POSTS = {
     ".mod": "rapid", ".pcs": "pacscript", ".v2": "vplus", ".pg": "vplus", ".ngc": "gcode", ".nc": "gcode",

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from camgen.errors import JobError, Refused
-from camgen.ir import Output, Program
-from camgen.passes import without_force
-from camgen.post import Pace
-from camgen.text import short
+from camgen.model.cell import Pace
+from camgen.model.errors import JobError, Refused
+from camgen.model.program import Output, Program
+from camgen.model.text import short
+from camgen.post.passes import without_force
 
 from .rs274 import COOLANT, Rs274, check_signals
 

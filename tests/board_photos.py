@@ -13,7 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from camgen.vision.camera import Camera
+from camgen.vision.camera.camera import Camera
 
 INK, PAPER, BENCH = 30.0, 220.0, 120.0
 #: Places in a pixel near an edge: a Fibonacci lattice, which no edge runs along.

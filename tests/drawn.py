@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camgen.pose import frozen
-from camgen.shapes import Contour, Part
+from camgen.model.part import Contour, Part
+from camgen.model.pose import frozen
 
 QUARTER = math.tan(math.pi / 8)
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camgen.pose import FloatArray
-from camgen.solid import Edge
+from camgen.model.part import Edge
+from camgen.model.pose import FloatArray
 
 Vector = Sequence[float]
 

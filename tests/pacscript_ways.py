@@ -10,19 +10,19 @@ from unittest.mock import patch
 
 from camgen_posts.pacscript import PacScript
 from camgen_posts.readback.pacscript import read
-from camgen_posts.readback.pacscript_plain import LINE, PIECE
+from camgen_posts.readback.pacscript.motion import LINE, PIECE
 
-from camgen.ir import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.plugins import make_post
-from camgen.pose import TOOL_DOWN, Pose, frozen, pose_from_values, rotation_about, translation
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, pose_from_values, rotation_about, translation
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Reading
+from camgen.post.plugins import make_post
 
 PARTS = "camgen_posts.readback."
 
 
 @contextmanager
 def the_long_way() -> Iterator[None]:
-    with patch(PARTS + "pacscript_text.PIECE", LINE):
+    with patch(PARTS + "pacscript.text.PIECE", LINE):
         yield
 
 

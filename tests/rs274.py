@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 from hypothesis import strategies as st
 
-from camgen.ir import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.pose import TOOL_DOWN, Pose, Vec3, translation
+from camgen.model.pose import TOOL_DOWN, Pose, Vec3, translation
+from camgen.model.program import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Post, Reading, Tolerance
 
 RS274 = shutil.which("rs274")

@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.body import Columns
-from camgen.ir import Comment, Instruction, Joints, MoveJ, MoveL, Output
-from camgen.plugins import find_post, make_post
-from camgen.pose import TOOL_DOWN, Pose, translation
+from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.program import Columns, Comment, Instruction, Joints, MoveJ, MoveL, Output
+from camgen.post.plugins import find_post, make_post
 
 POSTS = ("gcode", "grbl", "rapid", "pacscript", "vplus")
 TILTED = translation(0, 0, 0).rotation

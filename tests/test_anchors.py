@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from camgen.errors import CamgenError, NoSafeProgram
-from camgen.ir import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Program
-from camgen.pose import TOOL_DOWN, FloatArray, Pose, frozen, rotation_about, translation
-from camgen.reach import Reach, reached
-from camgen.robots import continuity
-from camgen.robots.forward import flange
-from camgen.robots.inverse import inverse
-from camgen.robots.models import robot
-from camgen.robots.values import within
+from camgen.check.reach import Reach, reached
+from camgen.model.errors import CamgenError, NoSafeProgram
+from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, rotation_about, translation
+from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Program
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics import continuity
+from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import within
 
 ARM = robot("IRB 1200")
 HOME = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))

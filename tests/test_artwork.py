@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from camgen.cli import main
-from camgen.cli_job import from_mapping
-from camgen.errors import InputError, JobError
 from camgen.geometry.segments import flatten, from_contours
-from camgen.page_fit import on_page
-from camgen.pose import frozen
-from camgen.readers import read
-from camgen.shapes import Contour, Part
-from camgen.simplify import simplified
-from camgen.vision.artwork import borders, ink_of
+from camgen.model.errors import InputError, JobError
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part
+from camgen.model.pose import frozen
+from camgen.plan.page import on_page
+from camgen.plan.simplify import simplified
+from camgen.read import read
+from camgen.vision.ink import borders, ink_of
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data" / "image"
 TRACE = {"operation": {"kind": "trace"}}
@@ -159,7 +159,7 @@ def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(pixels: np.ndar
         Contour(frozen(b * [0.1, -0.1]), frozen(np.zeros(len(b))), True, "0", f"c{k}")
         for k, b in enumerate(borders(ink))
     )
-    from camgen.simplify import _thin  # noqa: PLC0415 (without a file)
+    from camgen.plan.simplify import _thin  # noqa: PLC0415 (without a file)
 
     raw = Part("a", "a.png", "mm", contours, ())
     drawn = Part("a", "a.png", "mm", _thin(contours, tolerance, arcs=True), ())

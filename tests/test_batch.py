@@ -11,7 +11,7 @@ import pytest
 
 from camgen.batch import state
 from camgen.cli import main
-from camgen.cli_say import Voice
+from camgen.cli.say import Voice
 
 PLATE = (
     "0\nSECTION\n2\nENTITIES\n"

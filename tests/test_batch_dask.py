@@ -22,12 +22,13 @@ CIRCLE = "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\nrings\n10\n50\n20\n25\n40\n{rad
 #: Every build on the cluster takes a little, so that a worker can be killed while it builds.
 SLOW = """
 import time
-import camgen.job
-from camgen.readers import read
+from importlib import import_module
+build = import_module("camgen.build")
+read = build.read
 def _slow(*arguments):
     time.sleep(0.4)
     return read(*arguments)
-camgen.job.read = _slow
+build.read = _slow
 """
 
 

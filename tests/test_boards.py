@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from board_photos import BENCH, View, charuco, chess, photo, poses
 
-from camgen.errors import JobError
-from camgen.pose import frozen
-from camgen.vision import boards
-from camgen.vision.boards import Seen, seen
-from camgen.vision.camera import Camera
+from camgen.model.errors import JobError
+from camgen.model.pose import frozen
+from camgen.vision.boards import corners as boards
+from camgen.vision.boards.corners import Seen, seen
+from camgen.vision.camera.camera import Camera
 
 CAMERA = Camera(
     matrix=frozen([[600, 0, 318], [0, 602, 243], [0, 0, 1]]),

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from board_photos import charuco, chess, photo, poses, projected
 
-from camgen import cli_calibrate
-from camgen.cli_say import voice
-from camgen.errors import InputError, JobError
-from camgen.pose import frozen
-from camgen.vision.boards import Seen, chessboard
-from camgen.vision.calibrate import Calibration, Photo, calibrate, calibrated, photographed
-from camgen.vision.camera import Camera, read_camera
-from camgen.vision.residuals import svg
+from camgen.cli import calibrate as cli_calibrate
+from camgen.cli.say import voice
+from camgen.model.errors import InputError, JobError
+from camgen.model.pose import frozen
+from camgen.vision.boards.corners import Seen, chessboard
+from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, calibrated, photographed
+from camgen.vision.camera.camera import Camera, read_camera
+from camgen.vision.camera.residuals import svg
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data" / "calib" / "opencv-left"
 CAMERA = Camera(

@@ -9,10 +9,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.errors import InputError
-from camgen.pose import frozen
-from camgen.vision.camera import Camera, camera_info, distorted, read_camera, undistorted
-from camgen.vision.lens import bent, fold, straight
+from camgen.model.errors import InputError
+from camgen.model.pose import frozen
+from camgen.vision.camera.camera import Camera, camera_info, distorted, read_camera, undistorted
+from camgen.vision.camera.lens import bent, fold, straight
 
 MATRIX = frozen([[800.0, 0, 321], [0, 802, 236], [0, 0, 1]])
 LENSES = {

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 import camgen
-from camgen.ir_text import dump, parse
-from camgen.job import Result
+from camgen.build import Result
 from camgen.lower import lower
+from camgen.model.program_text import dump, parse
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 CASES = sorted(p for p in (FIXTURES / "cases").iterdir() if p.is_dir())

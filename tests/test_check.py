@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.check import ARC_SLACK, arc_middles, compare
-from camgen.errors import VerifyError
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.passes import along
-from camgen.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about, rotation_about_axis, translation
+from camgen.geometry.arcs import arc_middles
+from camgen.model.errors import VerifyError
+from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about, rotation_about_axis, translation
+from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Fault, Reading, Tolerance
+from camgen.post.passes import along
+from camgen.post.verify import ARC_SLACK, compare
 
 TOLERANCE = Tolerance(mm=0.0005, angle=1e-5, joint=1e-5, speed=0.01, force=0.01, seconds=0.001)
 ALL = frozenset({"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"})

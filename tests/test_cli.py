@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-import camgen.cli_say
+import camgen.cli.say
 from camgen.cli import main
-from camgen.cli_plan import decode, encode
-from camgen.errors import JobError
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.ir_text import dump
-from camgen.pose import TOOL_DOWN, Pose, rotation_from_fixed_xyz, translation
-from camgen.writing import check_targets, write_all
+from camgen.cli.motion_file import decode, encode
+from camgen.model.errors import JobError
+from camgen.model.files import check_targets, write_all
+from camgen.model.pose import TOOL_DOWN, Pose, rotation_from_fixed_xyz, translation
+from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program_text import dump
 
 PLATE = (
     "0\nSECTION\n2\nENTITIES\n"
@@ -78,7 +78,7 @@ def test_build_writes_the_program_and_sums_it_up(post: str, here: Path, capsys: 
 def test_line_ends_are_those_of_the_controller(here: Path) -> None:
     for post in POSTS:
         main(["build", "plate.dxf", "--post", post, "-q", "-o", f"{post}.out"])
-    from camgen.plugins import find_post  # noqa: PLC0415 (numpy comes with it)
+    from camgen.post.plugins import find_post  # noqa: PLC0415 (numpy comes with it)
 
     for post in POSTS:
         data = (here / f"{post}.out").read_bytes()
@@ -315,7 +315,7 @@ def test_a_fault_is_one_line_and_a_traceback_only_on_demand(capsys: Captured, mo
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("one\ntwo")
 
-    monkeypatch.setattr("camgen.cli_build.build", broken)
+    monkeypatch.setattr("camgen.cli.build.build", broken)
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 1
     said = capsys.readouterr().err
     assert said == ("camgen: fault: ZeroDivisionError: one two; run it again with -vv and report what that prints\n")
@@ -329,7 +329,7 @@ def test_an_interrupt_is_one_line(here: Path, capsys: Captured, monkeypatch: pyt
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("camgen.cli_build.build", interrupted)
+    monkeypatch.setattr("camgen.cli.build.build", interrupted)
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 130
     assert capsys.readouterr().err == "camgen: interrupted\n"
     assert files(here) == {"plate.dxf"}
@@ -563,10 +563,10 @@ def test_init_writes_a_job_file_once(here: Path, capsys: Captured) -> None:
 
 
 def test_posts_lists_all_and_says_why_one_is_broken(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    from camgen.plugins import Installed, installed  # noqa: PLC0415 (numpy comes with it)
+    from camgen.post.plugins import Installed, installed  # noqa: PLC0415 (numpy comes with it)
 
     listed = [*installed(), Installed("ours", "our-posts 1.0", "", "", "plug-in ours: no module named x")]
-    monkeypatch.setattr("camgen.cli_posts.installed", lambda: listed, raising=False)
+    monkeypatch.setattr("camgen.cli.posts.installed", lambda: listed, raising=False)
     assert main(["posts"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["name", "suffix", "origin", "about"]
@@ -578,7 +578,7 @@ def test_posts_lists_all_and_says_why_one_is_broken(capsys: Captured, monkeypatc
 
 
 def test_numbers_for_people() -> None:
-    say = camgen.cli_say
+    say = camgen.cli.say
     assert [say.duration(s) for s in (0.44, 9.99, 59.6, 61, 3599.6, 7260)] == [
         "0.4 s", "10.0 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "2 h 01 min",
     ]  # fmt: skip

@@ -7,17 +7,17 @@ import trimesh
 from msgspec.structs import replace
 
 from camgen.collision.boxes import Boxes
-from camgen.collision.clearance import clearance, least
-from camgen.collision.hits import hits, place
+from camgen.collision.hits import clearance, hits, least, place
 from camgen.collision.mesh import Mesh, inside, meshed
 from camgen.collision.motion import closing, motion, moved
 from camgen.collision.scene import Scene, narrowed, scene, told
-from camgen.errors import JobError
-from camgen.pose import Pose, frozen, rotation_about, translation
-from camgen.robots.forward import flange, frames
-from camgen.robots.models import Box, Link, Robot, robot, robots
-from camgen.robots.values import within
-from camgen.solid import Solid
+from camgen.model.errors import JobError
+from camgen.model.part import Solid
+from camgen.model.pose import Pose, frozen, rotation_about, translation
+from camgen.robots.catalogue import robot, robots
+from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.models import Box, Link, Robot
 
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 

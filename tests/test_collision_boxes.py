@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from camgen.collision.boxes import Boxes, meet
 from camgen.collision.mesh import Mesh, _through, body, distance, inside, meshed, struck
 from camgen.collision.tree import asked, grown
-from camgen.pose import frozen, rotation_about, rotation_about_axis
-from camgen.solid import Solid
+from camgen.model.part import Solid
+from camgen.model.pose import frozen, rotation_about, rotation_about_axis
 
 SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 STRAIGHT = np.eye(3)

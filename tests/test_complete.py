@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from camgen.cli import main, parsers
-from camgen.cli_job import settings
-from camgen.plugins import installed
-from camgen.robots.models import robot
+from camgen.model.job_tables import settings
+from camgen.post.plugins import installed
+from camgen.robots.catalogue import robot
 
 COMMANDS = set(parsers()[1])
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from camgen.readers import curves
+from camgen.geometry import curves
 
 Array = NDArray[np.float64]
 

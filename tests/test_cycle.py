@@ -9,15 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.cycle.profile import durations, squares
-from camgen.cycle.times import timed
-from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.plugins import find_post, make_post
-from camgen.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
-from camgen.post import Pace
-from camgen.reach import reached
-from camgen.robots.forward import flange
-from camgen.robots.models import robot
+from camgen.check.reach import reached
+from camgen.check.time import durations, squares, timed
+from camgen.model.cell import Pace
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.post.plugins import find_post, make_post
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.forward import flange
 
 PACE = Pace(acceleration=1000.0, turning=math.radians(500), ramp=0.2)
 FRAME = translation(0, 0, 0)

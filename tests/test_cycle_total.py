@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import camgen
+from camgen.check.time import cycle, worked
 from camgen.cli import main
-from camgen.cycle.total import cycle
-from camgen.cycle.work import worked
-from camgen.ir import Comment, Instruction, MoveJ, MoveL, Output, Program, Wait
-from camgen.paths import ToolPath, Tour
-from camgen.pose import TOOL_DOWN, Pose, frozen, translation
-from camgen.post import Pace
+from camgen.model.cell import Pace
+from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, translation
+from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Output, Program, Wait
 
 BRACKET = Path(__file__).parents[1] / "fixtures" / "parts" / "bracket.dxf"
 PACE = Pace(acceleration=1000.0)

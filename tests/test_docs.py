@@ -13,10 +13,10 @@ from pages_robots import reach
 from pictures import PICTURES, Shown, drawn
 
 from camgen.cli import parsers
-from camgen.cli_job import from_mapping, load, settings, tables
-from camgen.errors import CamgenError
-from camgen.plugins import find_post, make_post
-from camgen.robots.models import robot
+from camgen.model.errors import CamgenError
+from camgen.model.job_tables import from_mapping, load, settings, tables
+from camgen.post.plugins import find_post, make_post
+from camgen.robots.catalogue import robot
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

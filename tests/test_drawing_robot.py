@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from camgen.cli import main
-from camgen.planners.fill_map import COLOURS
+from camgen.plan.fill.cover import COLOURS
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 GEAR = ["--set", "page.size=A5"]

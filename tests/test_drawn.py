@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import shapely
 
-from camgen.instructions import MoveC, MoveJ, MoveL
-from camgen.plugins import find_readback
-from camgen.pose import FloatArray, Pose
+from camgen.model.pose import FloatArray, Pose
+from camgen.model.program import MoveC, MoveJ, MoveL
+from camgen.post.plugins import find_readback
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 FILES = {"rapid": "part.mod", "pacscript": "part.pcs", "vplus": "part.v2", "gcode": "part.ngc", "grbl": "part.nc"}

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
-from camgen.cli_job import from_mapping
-from camgen.errors import InputError, JobError
-from camgen.ir import MoveJ, MoveL
-from camgen.planners import Plan, plan
-from camgen.pose import frozen
-from camgen.shapes import Contour, Part
+from camgen.model.errors import InputError, JobError
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part
+from camgen.model.pose import frozen
+from camgen.model.program import MoveJ, MoveL
+from camgen.plan import Plan, plan
 from camgen.vision.crosses import crosses
 
 

@@ -13,10 +13,10 @@ import pytest
 from ezdxf.document import Drawing
 from ezdxf.xclip import XClip
 
-from camgen.errors import InputError, JobError
-from camgen.readers import dxf
-from camgen.settings import Input, Job
-from camgen.shapes import Contour, Part
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Input, Job
+from camgen.model.part import Contour, Part
+from camgen.read import dxf
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 REFUSED = sorted(FIXTURES.glob("refused/*.dxf"))

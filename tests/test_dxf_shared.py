@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from camgen.errors import InputError
-from camgen.readers import dxf
-from camgen.readers.units import INSUNITS, MM
-from camgen.settings import Job
-from camgen.shapes import Contour
+from camgen.model.errors import InputError
+from camgen.model.job import Job
+from camgen.model.part import Contour
+from camgen.read import dxf
+from camgen.read.units import INSUNITS, MM
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data"
 FILES = sorted(p for p in DATA.glob("dxf/*/*") if p.suffix.lower() == ".dxf")

@@ -10,12 +10,12 @@ import trimesh
 from arm_models import by_hand
 
 import camgen
+from camgen.build import Result
 from camgen.cli import main
-from camgen.errors import JobError, NoSafeProgram
-from camgen.ir import Comment, Joints, MoveC, MoveJ, MoveL, Output
-from camgen.job import Result
-from camgen.pose import FloatArray, Pose
-from camgen.solids import mesh
+from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.pose import FloatArray, Pose
+from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Output
+from camgen.read.solid import mesh
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 #: A plate of 60 x 40 x 10 mm before an IRB 120, its four upper edges.
@@ -236,12 +236,12 @@ def test_a_part_without_edges_is_told(tmp_path: Path) -> None:
     """A ball: 320 triangles that meet at less than the feature angle."""
     made = trimesh.creation.icosphere(subdivisions=3, radius=30)
     made.export(tmp_path / "ball.stl")
-    with pytest.raises(camgen.errors.InputError, match=r"ball\.stl: has no sharp edges"):
+    with pytest.raises(InputError, match=r"ball\.stl: has no sharp edges"):
         camgen.build(tmp_path / "ball.stl", post="rapid", job=PLATE)
 
 
 def test_two_parts_in_one_program_are_refused(plate: Path) -> None:
-    with pytest.raises(camgen.errors.InputError, match="a 3-D part makes a program by itself"):
+    with pytest.raises(InputError, match="a 3-D part makes a program by itself"):
         camgen.build([plate, PARTS / "bracket.dxf"], post="rapid", job=PLATE)
 
 

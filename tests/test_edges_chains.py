@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.edges.chains import CHANGE, States, cheapest, steps
-from camgen.edges.freedom import grid, lean
-from camgen.edges.results import Freedom
-from camgen.pose import rotation_about, rotation_about_axis
-from camgen.robots.models import robot
-from camgen.robots.values import turns
+from camgen.model.pose import rotation_about, rotation_about_axis
+from camgen.plan.edges.chains import CHANGE, States, cheapest, steps
+from camgen.plan.edges.motion import Freedom
+from camgen.plan.edges.search import grid, lean
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.joint_limits import turns
 
 SCARA = robot("Cobra s600")
 TABLE = turns(SCARA)

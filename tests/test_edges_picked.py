@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from camgen.edges.picked import select
-from camgen.errors import JobError
-from camgen.solids import mesh
+from camgen.model.errors import JobError
+from camgen.plan.edges.select import select
+from camgen.read.solid import mesh
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 RFA1 = mesh.read(PARTS / "rfa1.stl")

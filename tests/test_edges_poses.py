@@ -8,10 +8,10 @@ from edge_shapes import rim, straight
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.edges.poses import poses
-from camgen.edges.results import Unreached
-from camgen.edges.ways import Way, counts, divided, rows
-from camgen.pose import FloatArray, rotation_about
+from camgen.model.pose import FloatArray, rotation_about
+from camgen.plan.edges.motion import Unreached
+from camgen.plan.edges.reach import poses
+from camgen.plan.edges.ways import Way, counts, divided, rows
 
 H = math.sqrt(0.5)
 FRONT = straight((0, 0, 50), (100, 0, 50), (0, 0, 1), (0, -1, 0))

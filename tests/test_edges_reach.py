@@ -11,16 +11,15 @@ from edge_shapes import rim, straight
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.edges.poses import poses
-from camgen.edges.reach import reach
-from camgen.edges.results import Freedom, Reached, Setup, Unreached
-from camgen.edges.ways import Way, cut
-from camgen.pose import FloatArray, Pose, pose_from_values, translation
-from camgen.robots.forward import flange
-from camgen.robots.models import robot
-from camgen.robots.values import within
-from camgen.solid import Edge
-from camgen.solids import mesh
+from camgen.model.part import Edge
+from camgen.model.pose import FloatArray, Pose, pose_from_values, translation
+from camgen.plan.edges.motion import Freedom, Reached, Setup, Unreached
+from camgen.plan.edges.reach import poses, reach
+from camgen.plan.edges.ways import Way, cut
+from camgen.read.solid import mesh
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.joint_limits import within
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 ARM = robot("IRB 2400")

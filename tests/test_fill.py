@@ -11,17 +11,17 @@ import shapely
 from boards import GOALS, board, part_of
 
 import camgen
-from camgen.cli_job import from_mapping
-from camgen.errors import InputError, JobError
-from camgen.paths import ToolPath
-from camgen.planners import Plan, plan
-from camgen.planners.fill import fill
-from camgen.planners.fill_cover import measured, painted
-from camgen.planners.image_space_rings import rings
-from camgen.pose import frozen
-from camgen.readers import read
-from camgen.settings import Job
-from camgen.shapes import Contour, Part
+from camgen.geometry.rings import rings
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Job
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part
+from camgen.model.path import ToolPath
+from camgen.model.pose import frozen
+from camgen.plan import Plan, plan
+from camgen.plan.fill import fill
+from camgen.plan.fill.cover import measured, painted
+from camgen.read import read
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data" / "image" / "DeepPCB"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.planners.fill_map import COLOURS, coverage_map
+from camgen.plan.fill.cover import COLOURS, coverage_map
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 JOB = {"operation": {"kind": "fill"}, "tool": {"diameter": 0.85}}

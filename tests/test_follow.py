@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from drawn import circle, contour, part, rectangle, rounded
 
-from camgen.geometry.clearance import Obstacles
+from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
-from camgen.paths import ToolPath
-from camgen.planners import Plan, plan
-from camgen.settings import Job, Operation, Process, Tool
-from camgen.shapes import Contour
+from camgen.model.job import Job, Operation, Process, Tool
+from camgen.model.part import Contour
+from camgen.model.path import ToolPath
+from camgen.plan import Plan, plan
 
 SIX = Tool(diameter=6.0)
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.ir import Comment, Instruction, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.plugins import find_post, find_readback, make_post
+from camgen.model.program import Comment, Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.post.plugins import find_post, find_readback, make_post
 from tests.rs274 import assert_moves, at, difference, needs_rs274, posted, program, run
 
 

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.errors import InputError
-from camgen.gcode import plain
-from camgen.gcode.interpreter import interpret
-from camgen.ir import MoveC, MoveJ, MoveL, Output, Wait
-from camgen.readers import inspect, read
-from camgen.settings import Job
+from camgen.model.errors import InputError
+from camgen.model.job import Job
+from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
+from camgen.read import inspect, read
+from camgen.read.gcode import motion as plain
+from camgen.read.gcode.interpreter import interpret
 
 
 def run(*lines, lead=("G21 G90", "G0 X0 Y0 Z0", "F600")):
@@ -289,7 +289,7 @@ def test_the_short_way_reads_as_the_long_way(motions, unit):
         "G3 X1 R9",
     ]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("camgen.gcode.interpreter.read_plain", lambda m, raw: False)  # noqa: ARG005
+        patch.setattr("camgen.read.gcode.interpreter.read_plain", lambda m, raw: False)  # noqa: ARG005
         slow = interpret(lines)
     quick = interpret(lines)
     assert plain.read_plain is not None

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from camgen.errors import JobError, Refused
-from camgen.ir import Comment, Force, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.plugins import find_post, find_readback, make_post
-from camgen.testing import Case, cases, check_case
+from camgen.model.errors import JobError, Refused
+from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.post.kit import Case, cases, check_case
+from camgen.post.plugins import find_post, find_readback, make_post
 from tests.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
 
 SLOW = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])

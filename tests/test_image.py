@@ -11,9 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.errors import InputError
-from camgen.vision.image import Picture, load
-from camgen.vision.image_header import Header, header
+from camgen.model.errors import InputError
+from camgen.vision.image import Header, Picture, header, load
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data" / "image"
 shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the developer data set is not beside the repository")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.errors import CamgenError
-from camgen.job import Result
+from camgen.build import Result
+from camgen.model.errors import CamgenError
 
 IMAGES = Path(__file__).parents[1].parent / "shared" / "data" / "image"
 SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".bmp"}

@@ -5,18 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.errors import InputError, JobError
+from camgen.geometry.rings import held, rings
 from camgen.geometry.segments import BoolArray
-from camgen.paths import ToolPath
-from camgen.planners.image_space import image_space
-from camgen.planners.image_space_border import between_pixels
-from camgen.planners.image_space_field import Pixels, chains, gradient
-from camgen.planners.image_space_process import feeds, observed
-from camgen.planners.image_space_resample import needed, resampled
-from camgen.planners.image_space_rings import held, rings
-from camgen.pose import FloatArray
-from camgen.settings import Job, Operation, Process, Tolerance, Tool
-from camgen.shapes import Note
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Job, Operation, Process, Tolerance, Tool
+from camgen.model.part import Note
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+from camgen.plan.image_space import image_space
+from camgen.plan.image_space.border import between_pixels
+from camgen.plan.image_space.field import Pixels, chains, gradient
+from camgen.plan.image_space.tool_path import feeds, needed, observed, resampled
 
 SCALE = 0.143
 TOOL = 6.0

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.errors import Refused
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait, motions
-from camgen.ir_text import dump, parse
-from camgen.pose import TOOL_DOWN, Pose, angle_between, rotation_from_fixed_xyz, translation
+from camgen.model.errors import Refused
+from camgen.model.pose import TOOL_DOWN, Pose, angle_between, rotation_from_fixed_xyz, translation
+from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait, motions
+from camgen.model.program_text import dump, parse
 
 PROGRAMS = sorted((Path(__file__).parent.parent / "fixtures" / "programs").glob("*.ir"))
 HOME = MoveJ(Joints((0.0, 0.5)), 100.0)

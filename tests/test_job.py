@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
-from camgen.cli_init import reference, template, toml
-from camgen.cli_job import beside, from_mapping, load, settings
-from camgen.errors import CamgenError, InputError, JobError, NoSafeProgram
-from camgen.job import joined
-from camgen.pose import frozen
-from camgen.settings import Job
-from camgen.shapes import Contour, Note, Part
+from camgen.build import joined
+from camgen.cli.init import reference, template, toml
+from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
+from camgen.model.job import Job
+from camgen.model.job_tables import beside, from_mapping, load, settings
+from camgen.model.part import Contour, Note, Part
+from camgen.model.pose import frozen
 
 ROOT = Path(__file__).parents[1]
 PLATE = (

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.readers.join import contours
-from camgen.readers.pieces import Soup
-from camgen.shapes import Contour, Note
+from camgen.model.part import Contour, Note
+from camgen.read.join import contours
+from camgen.read.pieces import Soup
 
 Point = tuple[float, float]
 Piece = tuple[list[Point], list[float], bool, str]

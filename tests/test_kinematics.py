@@ -8,17 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.pose import Pose, frozen, rotation_about, rotation_from_fixed_xyz, translation
-from camgen.robots.arms import Spherical, recognise
+from camgen.model.pose import Pose, frozen, rotation_about, rotation_from_fixed_xyz, translation
+from camgen.robots.catalogue import robot, robots
 from camgen.robots.chain import Joint
-from camgen.robots.continuity import Choice, Stuck, follow
-from camgen.robots.forward import flange, frames
-from camgen.robots.inverse import inverse
-from camgen.robots.models import Robot, robot, robots
-from camgen.robots.reasons import Reason, why
-from camgen.robots.singular import from_singular
-from camgen.robots.spherical import branch, shortfall
-from camgen.robots.values import copies, theta_of, turns, within
+from camgen.robots.kinematics.arms import Spherical, recognise
+from camgen.robots.kinematics.continuity import Choice, Stuck, follow
+from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import copies, theta_of, turns, within
+from camgen.robots.kinematics.reasons import Reason, why
+from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.kinematics.spherical import branch, shortfall
+from camgen.robots.models import Robot
 
 DOWN = frozen(np.diag([1.0, -1.0, -1.0]))
 CLOSED = [of for of in robots() if of.arm]

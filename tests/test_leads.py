@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from drawn import circle, contour, part, rectangle
 
-from camgen.geometry.clearance import Obstacles
+from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
-from camgen.leads import add_leads
-from camgen.paths import ToolPath, segment_lengths
-from camgen.planners import plan
-from camgen.settings import Job, Operation, Process
-from camgen.shapes import Contour, Note
-from camgen.tour_start import starting_at
+from camgen.model.job import Job, Operation, Process
+from camgen.model.part import Contour, Note
+from camgen.model.path import ToolPath, segment_lengths
+from camgen.order.leads import add_leads
+from camgen.order.starts import starting_at
+from camgen.plan import plan
 
 
 def led(*contours: Contour, **operation: object) -> tuple[list[ToolPath], list[Note]]:

@@ -8,12 +8,11 @@ import pytest
 import trimesh
 from clouds import ASIDE, DOWN, ROUND, errors, placed, scan
 
-from camgen.errors import InputError
+from camgen.localize import WITHIN, localize
 from camgen.localize.coarse import rotations
-from camgen.localize.finding import WITHIN, localize
-from camgen.localize.model import modelled
-from camgen.localize.nearest import Cloud, candidates, closest, touched
-from camgen.pose import Pose, frozen
+from camgen.localize.model import Cloud, candidates, closest, modelled, touched
+from camgen.model.errors import InputError
+from camgen.model.pose import Pose, frozen
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 MESHES = {name: trimesh.load_mesh(PARTS / f"{name}.stl") for name in ("rfa1", "rfa2")}

@@ -9,10 +9,11 @@ import pytest
 import trimesh
 from clouds import ROUND, scan
 
-from camgen import cli, job
-from camgen.errors import InputError
+import camgen
+from camgen import cli
 from camgen.localize.scans import read
-from camgen.pose import pose_from_values
+from camgen.model.errors import InputError
+from camgen.model.pose import pose_from_values
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[1].parent / "shared" / "data" / "cloud"
@@ -54,7 +55,7 @@ def test_the_job_file_is_taken_by_a_build(cloud, tmp_path):
     np.savetxt(tmp_path / "bench.xyz", cloud, fmt="%.5f")
     assert run("-q", PARTS / "rfa1.stl", tmp_path / "bench.xyz", "-o", tmp_path / "frame.toml") == 0
     table = tomllib.loads((tmp_path / "frame.toml").read_text())
-    built = job.build(PARTS / "bracket.dxf", post="rapid", job=table)
+    built = camgen.build(PARTS / "bracket.dxf", post="rapid", job=table)
     frame = built.program.base_from_work
     assert np.allclose(frame.rotation, pose_from_values(TRUTH).rotation, atol=1e-3)
     assert np.allclose(frame.origin, TRUTH[:3], atol=0.05)

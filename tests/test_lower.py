@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.errors import JobError, NoSafeProgram
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.ir_text import dump
 from camgen.lower import lower, placed
-from camgen.passes import circle, corner_blend
-from camgen.paths import ToolPath, Tour
-from camgen.pose import TOOL_DOWN, Pose, angle_between, frozen, pose_from_values, rotation_about, translation
-from camgen.post import Cell
-from camgen.settings import CellTable, Job, Process, Tolerance, Tool
+from camgen.model.cell import Cell
+from camgen.model.errors import JobError, NoSafeProgram
+from camgen.model.job import CellTable, Job, Process, Tolerance, Tool
+from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import TOOL_DOWN, Pose, angle_between, frozen, pose_from_values, rotation_about, translation
+from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program_text import dump
+from camgen.post.passes import circle, corner_blend
 
 ROBOT = Cell("arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0)))
 MILL = Cell("mill", translation(0, 0, 0), translation(0, 0, 0), Pose(TOOL_DOWN, (0.0, 0.0, 50.0)))

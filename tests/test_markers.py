@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 from test_plane import error_mm, looking, seen
 
-from camgen import cli_markers
-from camgen.cli_say import voice
-from camgen.errors import InputError, JobError
-from camgen.pose import Pose, frozen
-from camgen.vision.camera import Camera, undistorted
-from camgen.vision.homography import mapped
+from camgen.cli import markers as cli_markers
+from camgen.cli.say import voice
+from camgen.model.errors import InputError, JobError
+from camgen.model.pose import Pose, frozen
+from camgen.vision.boards.find import _detected, _measured, find
+from camgen.vision.boards.sheet import SIZES, Board, drawn_pdf, drawn_svg, sheet
+from camgen.vision.camera.camera import Camera, undistorted
 from camgen.vision.image import Picture
-from camgen.vision.markers import _detected, _measured, find
-from camgen.vision.plane import plane_from_pose
-from camgen.vision.sheet import SIZES, Board, drawn_pdf, drawn_svg, sheet
+from camgen.vision.plane import mapped, plane_from_pose
 
 #: 1280 x 920 px, a lens with the distortion of a good industrial one; 4 px/mm from 430 mm.
 CAMERA = Camera(

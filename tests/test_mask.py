@@ -10,17 +10,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from camgen.errors import CamgenError, InputError, JobError
-from camgen.pose import frozen
-from camgen.settings import Image
+from camgen.model.errors import CamgenError, InputError, JobError
+from camgen.model.job import Image
+from camgen.model.pose import frozen
 from camgen.vision.image import load
-from camgen.vision.mask import Mask
-from camgen.vision.mask import part_mask as masked
-from camgen.vision.mask_cells import cells_of
-from camgen.vision.mask_channel import strips
-from camgen.vision.mask_clean import cleaned
-from camgen.vision.mask_level import spread_out
-from camgen.vision.rectify import View, already_to_scale
+from camgen.vision.mask.cells import cells_of
+from camgen.vision.mask.channel import strips
+from camgen.vision.mask.clean import cleaned
+from camgen.vision.mask.level import spread_out
+from camgen.vision.mask.part_mask import Mask
+from camgen.vision.mask.part_mask import part_mask as masked
+from camgen.vision.to_scale import View, already_to_scale
 
 WIDTH, HEIGHT = 620, 480
 #: u, v, radius in px: a disc, and a hole in it.

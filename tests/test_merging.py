@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.planners import plan
-from camgen.planners.merging import merged
-from camgen.planners.trace import with_few_lifts
-from camgen.pose import frozen
-from camgen.settings import Input, Job, Operation, Tool, Tour
-from camgen.shapes import Contour, Part
-from camgen.tours.matching import paired
+from camgen.geometry.pairing import paired
+from camgen.model.job import Input, Job, Operation, Tool, Tour
+from camgen.model.part import Contour, Part
+from camgen.model.pose import frozen
+from camgen.plan import plan
+from camgen.plan.merge import merged
+from camgen.plan.trace import with_few_lifts
 
 XY = tuple[float, float]
 

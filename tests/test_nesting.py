@@ -3,7 +3,7 @@ from drawn import circle, clockwise, contour, rectangle
 
 from camgen.geometry.nesting import nest
 from camgen.geometry.segments import from_contours
-from camgen.shapes import Contour
+from camgen.model.part import Contour
 
 
 def nested(*loops: Contour) -> tuple[list[int], list[int], list[int]]:

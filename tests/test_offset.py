@@ -9,10 +9,10 @@ from drawn import circle, clockwise, contour, rectangle, rounded
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.geometry.clearance import Obstacles
+from camgen.geometry.intersect import Obstacles
 from camgen.geometry.offset import Offset, offset
 from camgen.geometry.segments import flatten, from_contours, neighbours, points_at
-from camgen.shapes import Contour
+from camgen.model.part import Contour
 
 MITRE = 0.001
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from outline_pictures import Drawn, disc, drawn, mask_of, picture, plate, with_holes
 
-from camgen.errors import InputError
-from camgen.vision.outlines import Outline, outlines
-from camgen.vision.outlines_loops import loops_of
+from camgen.model.errors import InputError
+from camgen.vision.loops import loops_of
+from camgen.vision.outline import Outline, outlines
 
 #: A pixel is a box: it blurs like a Gaussian of this sigma.
 BOX = np.sqrt(1 / 12)

@@ -14,10 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.errors import JobError, Refused
-from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.plugins import make_post
-from camgen.pose import (
+from camgen.model.errors import JobError, Refused
+from camgen.model.pose import (
     TOOL_DOWN,
     Pose,
     frozen,
@@ -27,7 +25,9 @@ from camgen.pose import (
     rotation_from_quaternion,
     translation,
 )
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Reading
+from camgen.post.plugins import make_post
 
 SHARED = Path(__file__).parents[1].parent / "shared"
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from unittest.mock import patch
 
 import pytest
-from camgen_posts.readback import pacscript, pacscript_text
+from camgen_posts.readback import pacscript
 from camgen_posts.readback.pacscript import read
-from camgen_posts.readback.pacscript_machine import Machine
-from camgen_posts.readback.pacscript_plain import LINE, PIECE, Plain
+from camgen_posts.readback.pacscript import text as pacscript_text
+from camgen_posts.readback.pacscript.machine import Machine
+from camgen_posts.readback.pacscript.motion import LINE, PIECE, Plain
 from hypothesis import given
 from hypothesis import strategies as st
 from pacscript_ways import (
@@ -24,7 +25,7 @@ from pacscript_ways import (
     the_long_way,
 )
 
-from camgen.ir import Force, MoveC, MoveJ, MoveL
+from camgen.model.program import Force, MoveC, MoveJ, MoveL
 
 
 @pytest.mark.parametrize(("text", "options"), TEXTS)

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import camgen
-from camgen.job import Result
-from camgen.page.curves import drawn, of_contours
-from camgen.page.html import page
-from camgen.page.picture import png
-from camgen.page.view import View, view
-from camgen.passes import circle
-from camgen.pose import frozen
-from camgen.shapes import Contour, Note
+from camgen.build import Result
+from camgen.model.part import Contour, Note
+from camgen.model.pose import frozen
+from camgen.post.passes import circle
+from camgen.preview.curves import drawn, of_contours
+from camgen.preview.page import page
+from camgen.preview.png import png
+from camgen.preview.view import View, view
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 ROBOT = {"cell": {"robot": "IRB 2400", "base_from_work": [1000, 0, 400, 0, 0, 0]}}
@@ -115,7 +115,7 @@ def test_every_path_of_a_tour_is_worked_on_in_its_order(flat: Result) -> None:
 def test_a_robot_stands_where_the_program_is_at_the_same_time(robot: Result) -> None:
     found = view(robot)
     assert found.arm is not None
-    from camgen.page.events import tool_of  # noqa: PLC0415 (only where there is an arm)
+    from camgen.preview.track import tool_of  # noqa: PLC0415 (only where there is an arm)
 
     place, axis = tool_of(robot.program, found.arm.robot, found.arm.joints)
     for k in range(3):

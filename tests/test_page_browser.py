@@ -13,9 +13,9 @@ import pytest
 from test_page import PARTS, ROBOT, poisoned
 
 import camgen
-from camgen.page.html import page
-from camgen.page.view import view
-from camgen.robots.forward import flange
+from camgen.preview.page import page
+from camgen.preview.view import view
+from camgen.robots.kinematics.forward import flange
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 

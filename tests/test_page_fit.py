@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.cli_job import from_mapping
-from camgen.errors import InputError, JobError
 from camgen.geometry.segments import bounds, from_contours
-from camgen.page_fit import on_page, page_size
-from camgen.pose import frozen
-from camgen.settings import Page
-from camgen.shapes import Contour, Part
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Page
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part
+from camgen.model.pose import frozen
+from camgen.plan.page import on_page, page_size
 
 
 def part_of(

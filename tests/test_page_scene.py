@@ -9,11 +9,10 @@ import pytest
 from test_page import PARTS, data
 
 import camgen
-from camgen.job import Result
-from camgen.page.html import page
-from camgen.page.trimmed import cut
-from camgen.page.view import reasons, view
-from camgen.shapes import Note
+from camgen.build import Result
+from camgen.model.part import Note
+from camgen.preview.page import page
+from camgen.preview.view import cut, reasons, view
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,18 @@ from camgen_posts.vplus import VPlus
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.errors import Refused
-from camgen.ir import Joints, MoveC, MoveJ, MoveL, Program
-from camgen.passes import PASSES, along, chords, circle, corner_blend, halves
-from camgen.pose import IDENTITY, TOOL_DOWN, Pose, angle_between, frozen, rotation_about_axis, rotation_from_fixed_xyz
+from camgen.model.errors import Refused
+from camgen.model.pose import (
+    IDENTITY,
+    TOOL_DOWN,
+    Pose,
+    angle_between,
+    frozen,
+    rotation_about_axis,
+    rotation_from_fixed_xyz,
+)
+from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program
+from camgen.post.passes import PASSES, along, chords, circle, corner_blend, halves
 
 ANGLES = st.floats(-3.1, 3.1)
 RADII = st.floats(0.05, 500)

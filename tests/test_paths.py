@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.paths import ToolPath, segment_lengths
-from camgen.pose import frozen
+from camgen.model.path import ToolPath, segment_lengths
+from camgen.model.pose import frozen
 
 
 @st.composite

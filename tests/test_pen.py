@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen import build
-from camgen.check import compare
-from camgen.cli_job import from_mapping
-from camgen.errors import NoSafeProgram
-from camgen.instructions import MoveC, MoveJ, MoveL, Output
+from camgen.build import build
 from camgen.lower import lower, placed
-from camgen.planners.trace import trace
-from camgen.plugins import find_post, find_readback, make_post
-from camgen.pose import Pose, frozen
-from camgen.shapes import Contour, Part
-from camgen.tour import order
+from camgen.model.errors import NoSafeProgram
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part
+from camgen.model.pose import Pose, frozen
+from camgen.model.program import MoveC, MoveJ, MoveL, Output
+from camgen.order import order
+from camgen.plan.trace import trace
+from camgen.post.plugins import find_post, find_readback, make_post
+from camgen.post.verify import compare
 
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
 #: By signal and height, by height alone, with pressure, by signal alone on a clearance of a hair.

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.geometry import nesting
-from camgen.geometry.plain import loop_areas, plain
+from camgen.geometry.nesting import loop_areas, plain
 from camgen.geometry.segments import from_contours
-from camgen.shapes import Contour
+from camgen.model.part import Contour
 
 ELL = contour([(0, 0), (20, 0), (20, 5), (5, 5), (5, 20), (0, 20)])
 #: A circle with a bite: its outline turns inward along the arc of the bite.

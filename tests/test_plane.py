@@ -6,11 +6,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from camgen.errors import JobError
-from camgen.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
-from camgen.vision.camera import Camera
-from camgen.vision.homography import fitted, in_line, mapped, scales
-from camgen.vision.plane import Plane, plane_from_points, plane_from_pose, pose_of
+from camgen.model.errors import JobError
+from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
+from camgen.vision.camera.camera import Camera
+from camgen.vision.plane import Plane, fitted, in_line, mapped, plane_from_points, plane_from_pose, pose_of, scales
 
 MATRIX = np.array([[5090.0, 0, 1921], [0, 5092, 1370], [0, 0, 1]])
 LENS = Camera(

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import pytest
 
-from camgen.errors import JobError
-from camgen.plugins import POSTS, READBACKS, find_post, find_readback, installed, make_post
+from camgen.model.errors import JobError
 from camgen.post import Post
+from camgen.post.plugins import POSTS, READBACKS, find_post, find_readback, installed, make_post
 
 POST = """
 from dataclasses import dataclass, field

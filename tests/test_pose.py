@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.pose import (
+from camgen.model.pose import (
     IDENTITY,
     TOOL_DOWN,
     Pose,

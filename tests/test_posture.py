@@ -9,13 +9,13 @@ import pytest
 from msgspec.structs import replace
 
 import camgen
-from camgen.check import compare
 from camgen.cli import main
-from camgen.errors import JobError, VerifyError
-from camgen.ir import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Posture, Program
-from camgen.plugins import find_post, find_readback, make_post
-from camgen.pose import TOOL_DOWN, Pose, translation
-from camgen.robots.models import robot
+from camgen.model.errors import JobError, VerifyError
+from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Posture, Program
+from camgen.post.plugins import find_post, find_readback, make_post
+from camgen.post.verify import compare
+from camgen.robots.catalogue import robot
 from camgen.robots.posture import postures
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from camgen.paths import ToolPath, Tour
-from camgen.pose import FloatArray, frozen
-from camgen.preview import svg
-from camgen.preview_draw import Page, arrows, bounds, of_contours, of_paths, path_data
-from camgen.shapes import Contour, Note, Part
+from camgen.model.part import Contour, Note, Part
+from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import FloatArray, frozen
+from camgen.preview.draw import Page, arrows, bounds, of_contours, of_paths, path_data
+from camgen.preview.svg import svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from outline_pictures import Drawn, disc, drawn, gear, mask_of, picture, plate, with_holes
 
-from camgen.errors import InputError
 from camgen.geometry.segments import flatten, from_contours
-from camgen.shapes import Contour
-from camgen.vision.outlines import Outline, outlines
-from camgen.vision.primitives import Fit, primitives
-from camgen.vision.primitives_fit import circles, joined, lines, moved, summed
-from camgen.vision.primitives_polish import Chain, polished, to_arcs
+from camgen.model.errors import InputError
+from camgen.model.part import Contour
+from camgen.vision.lines_arcs.contours import Fit, primitives
+from camgen.vision.lines_arcs.fit import circles, joined, lines, moved, summed
+from camgen.vision.lines_arcs.polish import Chain, polished, to_arcs
+from camgen.vision.outline import Outline, outlines
 
 #: mm are pixels, y up.
 PIXELS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

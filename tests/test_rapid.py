@@ -9,17 +9,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 from camgen_posts.rapid import Rapid
-from camgen_posts.rapid_names import legal_name
+from camgen_posts.rapid.options import legal_name
 from camgen_posts.readback.rapid import read
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.errors import JobError, Refused
-from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait
-from camgen.plugins import find_post, find_readback, make_post
-from camgen.pose import TOOL_DOWN, Pose, angle_between, rotation_from_axes, rotation_from_quaternion, translation
+from camgen.model.errors import JobError, Refused
+from camgen.model.pose import TOOL_DOWN, Pose, angle_between, rotation_from_axes, rotation_from_quaternion, translation
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Program,
+    Wait,
+)
 from camgen.post import Reading, Tolerance
+from camgen.post.plugins import find_post, find_readback, make_post
 
 SHARED = Path(__file__).parents[1].parent / "shared"
 HOME = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0)), 200.0)

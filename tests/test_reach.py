@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import camgen
+from camgen.check.reach import reached
 from camgen.cli import main
-from camgen.errors import CamgenError, NoSafeProgram
-from camgen.ir import Comment, Joints, MoveC, MoveJ, MoveL, Program
-from camgen.pose import IDENTITY, TOOL_DOWN, Pose, translation
-from camgen.reach import reached
-from camgen.robots.forward import flange
-from camgen.robots.models import robot
+from camgen.model.errors import CamgenError, NoSafeProgram
+from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, translation
+from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Program
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.forward import flange
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 HOME = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))

@@ -6,15 +6,13 @@ from collections.abc import Mapping
 import pytest
 from camgen_posts.rapid import Rapid
 from camgen_posts.readback.rapid import read, read_with
-from camgen_posts.readback.rapid_plain import read_plain
-from camgen_posts.readback.rapid_syntax import parse
-from camgen_posts.readback.rapid_tree import Call, Inline
+from camgen_posts.readback.rapid.syntax import Call, Inline, parse, read_plain
 from rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program
 
-from camgen.ir import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
-from camgen.plugins import make_post
-from camgen.pose import TOOL_DOWN, Pose, translation
+from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
 from camgen.post import Reading
+from camgen.post.plugins import make_post
 
 
 def plain(value: object) -> object:

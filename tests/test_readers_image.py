@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import camgen
+from camgen.build import Result
 from camgen.cli import main
-from camgen.errors import CamgenError
-from camgen.ir import Joints, MoveC, MoveL
-from camgen.job import Result
-from camgen.readers import image
+from camgen.model.errors import CamgenError
+from camgen.model.program import Joints, MoveC, MoveL
+from camgen.read import image
 
 sys.path.append(str(Path(__file__).parents[1] / "bench"))
 
@@ -26,7 +26,7 @@ from render_optics import Lens, Shot, looking, photo_from_work
 from render_parts import NAMED
 from render_truth import offset_truth, path_error
 
-from camgen.vision.sheet import DICTIONARY, sheet
+from camgen.vision.boards.sheet import DICTIONARY, sheet
 
 FEW = Lens(np.array([[1300.0, 0, 402], [0, 1300, 297], [0, 0, 1]]), (-0.12, 0.05, 8e-4, -5e-4, 0), (800, 600))
 PART, BENCH = 0.25, 0.75

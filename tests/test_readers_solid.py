@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from camgen.cli import main
-from camgen.errors import JobError
-from camgen.readers import inspect, kind_of
-from camgen.settings import Input, Job
+from camgen.model.errors import JobError
+from camgen.model.job import Input, Job
+from camgen.read import inspect, kind_of
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 

@@ -8,10 +8,10 @@ from drawn import circle, clockwise, contour, rectangle
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from camgen.geometry.clearance import Obstacles
+from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
-from camgen.planners.recover import recover
-from camgen.shapes import Contour
+from camgen.model.part import Contour
+from camgen.plan.recover import recover
 
 
 def ellipse(a: float, b: float, count: int) -> Contour:

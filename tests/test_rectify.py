@@ -5,14 +5,22 @@ import numpy as np
 import pytest
 from test_plane import LENS, MATRIX, PINHOLE, looking, seen
 
-from camgen.errors import InputError, JobError
-from camgen.pose import frozen
-from camgen.vision.camera import Camera, distorted
-from camgen.vision.homography import mapped
+from camgen.model.errors import InputError, JobError
+from camgen.model.pose import frozen
+from camgen.vision.camera.camera import Camera, distorted
 from camgen.vision.image import Picture
-from camgen.vision.plane import plane_from_points, plane_from_pose
-from camgen.vision.rectify import View, already_to_scale, rectify
-from camgen.vision.remap import mm_per_pixel, photo_from_work, photo_grid, remapped, shown_by, work_from_photo
+from camgen.vision.plane import mapped, plane_from_points, plane_from_pose
+from camgen.vision.to_scale import (
+    View,
+    already_to_scale,
+    mm_per_pixel,
+    photo_from_work,
+    photo_grid,
+    rectify,
+    remapped,
+    shown_by,
+    work_from_photo,
+)
 
 #: A small camera with the strong distortion of a cheap lens.
 SMALL = Camera(

@@ -21,12 +21,11 @@ from render_photos import photos, write
 from render_shapes import Loop, area, box, circle, hole, pieces, rounded, slot
 from render_truth import offset_truth, path_error
 
-from camgen.cli_job import load
-from camgen.pose import pose_from_values
-from camgen.vision.camera import distorted, read_camera
-from camgen.vision.homography import mapped
-from camgen.vision.plane import plane_from_points, plane_from_pose
-from camgen.vision.sheet import sheet
+from camgen.model.job_tables import load
+from camgen.model.pose import pose_from_values
+from camgen.vision.boards.sheet import sheet
+from camgen.vision.camera.camera import distorted, read_camera
+from camgen.vision.plane import mapped, plane_from_points, plane_from_pose
 
 PINHOLE = Lens(np.array([[800.0, 0, 79.5], [0, 801, 59.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (160, 120))
 #: 2 % to 6 % of distortion in so small a photo, radial and tangential.

@@ -9,10 +9,10 @@ from replay import against, judged
 from rs274 import needs_rs274
 
 import camgen
-from camgen.errors import InputError, JobError, NoSafeProgram
-from camgen.gcode.interpreter import interpret
-from camgen.ir import Joints, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.pose import Pose
+from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.pose import Pose
+from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.read.gcode.interpreter import interpret
 
 SHARED = Path(__file__).parents[1].parent / "shared" / "data" / "gcode"
 needs_shared = pytest.mark.skipif(

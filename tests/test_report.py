@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.body import Columns
-from camgen.ir import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.paths import ToolPath, Tour
-from camgen.pose import TOOL_DOWN, Pose, frozen
-from camgen.report import Cycle, arc_lengths, path_sums, report, sum_up
-from camgen.shapes import Contour, Note, Part
+from camgen.check.report import Cycle, path_sums, report, sum_up
+from camgen.geometry.arcs import arc_lengths
+from camgen.model.part import Contour, Note, Part
+from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import TOOL_DOWN, Pose, frozen
+from camgen.model.program import Columns, Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 
 
 def at(x: float, y: float, z: float = 0.0) -> Pose:

@@ -10,22 +10,22 @@ from arm_models import by_hand
 from camgen_posts.rapid import Rapid
 from msgspec.structs import replace
 
-from camgen.cli_job import load
+from camgen.collision.cell import around
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
-from camgen.edges.picked import select
-from camgen.edges.reach import reach
-from camgen.edges.results import Freedom, Reached, Setup
-from camgen.edges.ways import Way
-from camgen.finishing import room_of, setup_of
 from camgen.lower import placed
-from camgen.pose import FloatArray, Pose
-from camgen.rfa.links import BY_HOME, FREE, Along, Ends, Turn, steps
-from camgen.rfa.retract import Retraction, Room, retractions
-from camgen.rfa.route import Route, route
-from camgen.robots.models import robot
-from camgen.solids import mesh
-from camgen.surroundings import around
+from camgen.model.job_tables import load
+from camgen.model.pose import FloatArray, Pose
+from camgen.order.edges import room_of, setup_of
+from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, steps
+from camgen.order.edges.retract import Retraction, Room, retractions
+from camgen.order.edges.route import Route, route
+from camgen.plan.edges.motion import Freedom, Reached, Setup
+from camgen.plan.edges.reach import reach
+from camgen.plan.edges.select import select
+from camgen.plan.edges.ways import Way
+from camgen.read.solid import mesh
+from camgen.robots.catalogue import robot
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 ARM = robot("IRB 2400")

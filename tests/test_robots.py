@@ -5,13 +5,14 @@ import pytest
 from arm_models import ARMS, SHARED, by_hand, shared_frames, shared_robot
 from msgspec.structs import replace
 
-from camgen.errors import JobError
-from camgen.pose import rotation_from_fixed_xyz
-from camgen.robots.forward import flange, frames, jacobian
-from camgen.robots.inverse import inverse
-from camgen.robots.models import Robot, robot, robots
+from camgen.model.errors import JobError
+from camgen.model.pose import rotation_from_fixed_xyz
+from camgen.robots.catalogue import robot, robots
+from camgen.robots.kinematics.forward import flange, frames, jacobian
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import excess, within
+from camgen.robots.models import Robot
 from camgen.robots.posture import ANY_FIGURE, abb_confdata, denso_figure, vplus_switches
-from camgen.robots.values import excess, within
 
 STEMS = (
     "abb_irb120", "abb_irb1200_5_90", "abb_irb2000", "abb_irb2400_10", "adept_cobra_s600", "adept_viper_s650",

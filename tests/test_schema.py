@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import pytest
 
 from camgen.cli import main
-from camgen.cli_init import template
-from camgen.cli_job import from_mapping, settings, tables
-from camgen.errors import JobError
-from camgen.plugins import find_post, installed, make_post
-from camgen.schema import schema
+from camgen.cli.init import template
+from camgen.cli.schema import schema
+from camgen.model.errors import JobError
+from camgen.model.job_tables import from_mapping, settings, tables
+from camgen.post.plugins import find_post, installed, make_post
 
 POSTS = [post.name for post in installed()]
 jsonschema = pytest.importorskip("jsonschema", reason="jsonschema of the extra dev is not installed")
@@ -130,7 +130,7 @@ def test_a_post_with_an_option_that_no_schema_can_say(monkeypatch: pytest.Monkey
         thing: Own | None = None
 
     Foreign.__annotations__ = {"about": ClassVar[str], "thing": Own | None}
-    monkeypatch.setattr("camgen.schema.find_post", lambda _: Foreign)
+    monkeypatch.setattr("camgen.cli.schema.find_post", lambda _: Foreign)
     assert faults({"post": {"thing": 5}}, "foreign") == []
     assert faults({"post": {"thong": 5}}, "foreign") == ["$.post"]
 

@@ -6,9 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from camgen.vision.skeleton import skeleton
-from camgen.vision.skeleton_graph import graph
-from camgen.vision.skeleton_strokes import Stroke, strokes
+from camgen.vision.skeleton import Stroke, graph, skeleton, strokes
 
 
 def blobs(seed: int) -> np.ndarray:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from camgen.errors import InputError
-from camgen.solid import Solid
-from camgen.solids import mesh
+from camgen.model.errors import InputError
+from camgen.model.part import Solid
+from camgen.read.solid import mesh
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from camgen.pose import rotation_from_quaternion
-from camgen.solid import Edge, Solid
-from camgen.solids import mesh
+from camgen.model.part import Edge, Solid
+from camgen.model.pose import rotation_from_quaternion
+from camgen.read.solid import mesh
 
 Array = NDArray[np.float64]
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"
@@ -212,7 +212,7 @@ def test_a_material_needs_no_package_that_is_not_there(tmp_path: Path) -> None:
     rows = ["v 0 0 0", "v 10 0 0", "v 10 10 0", "v 0 10 0", "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "usemtl brick"]
     (tmp_path / "wall.obj").write_text("\n".join([*rows, "f 1/1 2/2 3/3", "usemtl stone", "f 1/1 3/3 4/4", ""]))
     code = (
-        "import sys; sys.modules['PIL'] = None; from pathlib import Path; from camgen.solids import mesh;"
+        "import sys; sys.modules['PIL'] = None; from pathlib import Path; from camgen.read.solid import mesh;"
         "print(len(mesh.read(Path('wall.obj')).faces))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)

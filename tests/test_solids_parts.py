@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from camgen.solids import mesh
+from camgen.read.solid import mesh
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 

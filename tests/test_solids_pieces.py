@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from camgen.pose import rotation_from_fixed_xyz
-from camgen.solids.circles import fitted, span_lengths, through
-from camgen.solids.pieces import Run, recognised
+from camgen.geometry.arcs import fitted, span_lengths, through
+from camgen.model.pose import rotation_from_fixed_xyz
+from camgen.read.solid.edges import Run, recognised
 
 Array = NDArray[np.float64]
 TIGHT = 1e-7

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from camgen.errors import InputError
-from camgen.solid import Edge, Solid
-from camgen.solids import kernel, mesh, step
-from camgen.solids.circles import through
+from camgen.geometry.arcs import through
+from camgen.model.errors import InputError
+from camgen.model.part import Edge, Solid
+from camgen.read.solid import kernel, mesh, step
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[1].parent / "shared" / "data"

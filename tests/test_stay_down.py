@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.geometry.clearance import gaps
+from camgen.build import build
+from camgen.geometry.intersect import gaps
 from camgen.geometry.segments import from_contours, make, points_at
-from camgen.ir import MoveC, MoveJ, MoveL, Output
-from camgen.job import build
-from camgen.pose import Pose, frozen
-from camgen.settings import CellTable, Job, Operation, Process, Tool
-from camgen.shapes import Contour, Part
-from camgen.stay_down import staying_down
+from camgen.model.job import CellTable, Job, Operation, Process, Tool
+from camgen.model.part import Contour, Part
+from camgen.model.pose import Pose, frozen
+from camgen.model.program import MoveC, MoveJ, MoveL, Output
+from camgen.order.stay_down import staying_down
 
 
 @settings(max_examples=40, deadline=None)
@@ -126,8 +126,8 @@ def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
 
 def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     rng = random.Random(5)
-    from camgen.planners.follow import follow  # noqa: PLC0415
-    from camgen.tour import order  # noqa: PLC0415
+    from camgen.order import order  # noqa: PLC0415
+    from camgen.plan.follow import follow  # noqa: PLC0415
 
     cells = rng.sample([(x, y) for x in range(8) for y in range(8)], 30)
     contours = tuple(block(25.0 * x, 25.0 * y, rng.uniform(8, 20), f"c{k}") for k, (x, y) in enumerate(cells))

@@ -8,20 +8,20 @@ import pytest
 from camgen_posts.rapid import Rapid
 from msgspec.structs import replace
 
-from camgen.cli_job import from_mapping
+from camgen.collision.cell import Surroundings, around
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene, told
-from camgen.errors import InputError, JobError
-from camgen.ir import Joints
 from camgen.lower import placed
-from camgen.pose import FloatArray, pose_from_values
-from camgen.post import Cell
-from camgen.robots.inverse import inverse
-from camgen.robots.models import robot
-from camgen.settings import Job
-from camgen.solid import Solid
-from camgen.solids import mesh
-from camgen.surroundings import Surroundings, around
+from camgen.model.cell import Cell
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Job
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Solid
+from camgen.model.pose import FloatArray, pose_from_values
+from camgen.model.program import Joints
+from camgen.read.solid import mesh
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.inverse import inverse
 
 PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
 ARM = robot("IRB 1200")

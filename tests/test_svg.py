@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.cli_job import from_mapping
-from camgen.errors import InputError, JobError
 from camgen.geometry.segments import bounds, flatten, from_contours
-from camgen.readers import inspect, kind_of, read
-from camgen.readers.svg_path import tracks
-from camgen.readers.svg_values import Malformed, fitted, transform, view_box
-from camgen.shapes import Part
+from camgen.model.errors import InputError, JobError
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Part
+from camgen.read import inspect, kind_of, read
+from camgen.read.svg.path import tracks
+from camgen.read.svg.values import Malformed, fitted, transform, view_box
 
 HEAD = (
     'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
@@ -341,7 +341,7 @@ def test_references_that_never_end_are_left_out(tmp_path: Path) -> None:
 
 
 def test_a_bomb_of_references_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("camgen.readers.svg_tree._MOST", 20_000)
+    monkeypatch.setattr("camgen.read.svg.tree._MOST", 20_000)
     levels = "".join(f'<g id="g{k}">' + f'<use href="#g{k + 1}"/>' * 10 + "</g>" for k in range(12))
     with pytest.raises(InputError, match="elements come of its references"):
         drawn(tmp_path, f'<defs>{levels}<path id="g12" d="M0 0h9"/></defs><use href="#g0"/>')

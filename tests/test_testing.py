@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from camgen.errors import JobError, Refused
-from camgen.ir import Comment, Joints, MoveJ, MoveL, Output, Wait
-from camgen.plugins import find_post, find_readback
-from camgen.pose import Pose
+from camgen.model.errors import JobError, Refused
+from camgen.model.pose import Pose
+from camgen.model.program import Comment, Joints, MoveJ, MoveL, Output, Wait
 from camgen.post import OutputFile
-from camgen.testing import FEATURES, WHOLE, Case, cases, check_case, conformance
+from camgen.post.kit import FEATURES, WHOLE, Case, cases, check_case, conformance
+from camgen.post.plugins import find_post, find_readback
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "docs" / "example_post"
@@ -336,8 +336,8 @@ def run(site, *arguments):
 def test_the_installed_example_is_found_and_conforms(site):
     code = (
         "import json, sys, wend\n"
-        "from camgen.plugins import find_post, find_readback, installed\n"
-        "from camgen.testing import conformance\n"
+        "from camgen.post.plugins import find_post, find_readback, installed\n"
+        "from camgen.post.kit import conformance\n"
         "found = conformance(find_post('wend'), find_readback('wend'), lacks=set(sys.argv[1:]))\n"
         "entry = next(e for e in installed() if e.name == 'wend')\n"
         "print(json.dumps([wend.__file__, entry.origin, entry.suffix, entry.broken, found]))\n"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.text import fixed, harmless, short
+from camgen.model.text import fixed, harmless, short
 
 NUMBERS = st.floats(-1e9, 1e9) | st.sampled_from([0.0, -0.0, -1e-12, 5e-324, -5e-324])
 

@@ -10,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.paths import ToolPath
-from camgen.pose import frozen
-from camgen.tour import order, starting_at, travel
-from camgen.tour_seams import SEAM
-from camgen.tour_start import reversed_each
+from camgen.model.path import ToolPath
+from camgen.model.pose import frozen
+from camgen.order import order, travel
+from camgen.order.starts import SEAM, reversed_each, starting_at
 
 XY = tuple[float, float]
 
@@ -419,7 +418,7 @@ def test_thousands_at_one_point_are_ordered_in_time_that_does_not_explode() -> N
 
 
 def test_no_heavy_import() -> None:
-    code = "import camgen.tour, sys; print('scipy' in sys.modules, 'shapely' in sys.modules)"
+    code = "import camgen.order, sys; print('scipy' in sys.modules, 'shapely' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == (
         "False False\n"
     )

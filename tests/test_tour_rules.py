@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from test_tour import XY, circle, ids, line, make, slot
 
-from camgen.job import build
-from camgen.paths import ToolPath
-from camgen.tour import order, travel
+from camgen.build import build
+from camgen.model.path import ToolPath
+from camgen.order import order, travel
 
 LAYERS = ("a", "b", "c")
 

@@ -10,11 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.tours import plane, rounds
-from camgen.tours.bound import at_least
-from camgen.tours.kernel import BOTH_WAYS, CLOSED, DICE, LOGGED, LOGS, ONE_WAY, Run, Scene, undo
-from camgen.tours.near import Discs, nearest_items
-from camgen.tours.plane import Items, Start, discs_of, shortened
+from camgen.geometry.nearest import Discs, nearest_items
+from camgen.order.solver import moves as rounds
+from camgen.order.solver import plane
+from camgen.order.solver.bound import at_least
+from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, DICE, LOGGED, LOGS, ONE_WAY, Run, Scene, undo
+from camgen.order.solver.plane import Items, Start, discs_of, shortened
 
 HOME = np.array([0.0, 0.0])
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.tours import matrix
-from camgen.tours.matrix import nearest, shortest, total
+from camgen.order.solver import matrix
+from camgen.order.solver.matrix import nearest, shortest, total
 
 Tables = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -8,16 +8,17 @@ import pytest
 from urdf_arms import Arm, built_in, disguised, rpy, step, tip, turn, urdf
 
 import camgen
+from camgen.build import build
 from camgen.cli import main
-from camgen.errors import CamgenError, NoSafeProgram
-from camgen.job import build
-from camgen.robots import damped
-from camgen.robots.arms import recognise
-from camgen.robots.forward import flange, frames, jacobian
-from camgen.robots.inverse import inverse
-from camgen.robots.models import Robot, robot
-from camgen.robots.urdf_files import urdf_files
-from camgen.robots.values import within
+from camgen.model.errors import CamgenError, NoSafeProgram
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics import iterative as damped
+from camgen.robots.kinematics.arms import recognise
+from camgen.robots.kinematics.forward import flange, frames, jacobian
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.models import Robot
+from camgen.robots.urdf.xml import urdf_files
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 SIX, COBOT = FIXTURES / "robots" / "six.urdf", FIXTURES / "robots" / "cobot.urdf"

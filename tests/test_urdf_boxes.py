@@ -10,11 +10,11 @@ import pytest
 from urdf_arms import rpy
 
 from camgen.collision.scene import scene
-from camgen.pose import Pose, frozen
-from camgen.robots.models import Box, robot
-from camgen.robots.overlap import overlaps
-from camgen.robots.urdf_boxes import around
-from camgen.robots.urdf_files import mesh_path
+from camgen.model.pose import Pose, frozen
+from camgen.robots.catalogue import robot
+from camgen.robots.models import Box
+from camgen.robots.urdf.boxes import around, overlaps
+from camgen.robots.urdf.xml import mesh_path
 
 ROBOTS = Path(__file__).parents[1] / "fixtures" / "robots"
 CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.cli import main
-from camgen.errors import CamgenError
-from camgen.robots.models import robot
-from camgen.robots.urdf_name import split_name
+from camgen.model.errors import CamgenError
+from camgen.model.job_tables import split_name
+from camgen.robots.catalogue import robot
 
 ROBOTS = Path(__file__).parents[1] / "fixtures" / "robots"
 COBOT = (ROBOTS / "cobot.urdf").read_text()

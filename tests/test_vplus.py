@@ -13,11 +13,11 @@ from camgen_posts.vplus import VPlus
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.errors import CamgenError, JobError, Refused
-from camgen.ir import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.plugins import make_post
-from camgen.pose import TOOL_DOWN, FloatArray, Pose, angle_between, frozen, rotation_about, translation
+from camgen.model.errors import CamgenError, JobError, Refused
+from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, angle_between, frozen, rotation_about, translation
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Reading
+from camgen.post.plugins import make_post
 
 CELL = VPlus.cell()
 HOME = MoveJ(CELL.home, 100.0)

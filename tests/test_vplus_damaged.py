@@ -97,7 +97,7 @@ def test_damaged_texts_are_read_alike(
     if looped is None:
         check(files, options)
     else:
-        with patch(PARTS + "vplus_run._LOOPED", looped):
+        with patch(PARTS + "vplus._LOOPED", looped):
             check(files, options)
 
 

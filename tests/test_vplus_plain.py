@@ -4,16 +4,16 @@ import re
 from unittest.mock import patch
 
 import pytest
-from camgen_posts.readback import vplus_text
 from camgen_posts.readback.vplus import read
-from camgen_posts.readback.vplus_plain import PIECE
-from camgen_posts.readback.vplus_robot import Robot
+from camgen_posts.readback.vplus import text as vplus_text
+from camgen_posts.readback.vplus.robot import Robot
+from camgen_posts.readback.vplus.text import PIECE
 from hypothesis import given
 from hypothesis import strategies as st
 from vplus_ways import BY_HAND, LINES, PARTS, TEXTS, check, stretches, the_long_way
 
-from camgen.ir import MoveJ, MoveL, Output
-from camgen.pose import Pose
+from camgen.model.pose import Pose
+from camgen.model.program import MoveJ, MoveL, Output
 
 
 @pytest.mark.parametrize(("text", "options"), TEXTS)
@@ -98,7 +98,7 @@ def test_the_short_ways_are_open_and_the_long_way_shuts_them() -> None:
         return one(robot, statement)  # type: ignore[arg-type]
 
     text = BY_HAND.replace("MOVES wf:TRANS(7,8,9.5", "moves wf:trans(7,8,9.5")
-    with patch(PARTS + "vplus_robot.Robot.stretch", stretch), patch(PARTS + "vplus_robot.Robot.plain", plain):
+    with patch(PARTS + "vplus.robot.Robot.stretch", stretch), patch(PARTS + "vplus.robot.Robot.plain", plain):
         read({"a": text}, {})
         assert {"stretch", "plain"} == set(calls)
         calls.clear()

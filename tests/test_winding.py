@@ -9,14 +9,14 @@ import pytest
 from drawn import circle, rectangle
 
 import camgen
-from camgen.ir import Instruction, Joints, MoveC, MoveJ, MoveL
 from camgen.lower import lower
-from camgen.paths import Tour
-from camgen.planners import plan
-from camgen.plugins import find_post
-from camgen.pose import Pose
-from camgen.settings import Job, Operation, Process, Tool
-from camgen.shapes import Contour, Part
+from camgen.model.job import Job, Operation, Process, Tool
+from camgen.model.part import Contour, Part
+from camgen.model.path import Tour
+from camgen.model.pose import Pose
+from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL
+from camgen.plan import plan
+from camgen.post.plugins import find_post
 
 
 def program(*contours: Contour, post: str = "rapid", **operation: Any) -> tuple[Instruction, ...]:

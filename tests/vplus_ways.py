@@ -10,13 +10,13 @@ from contextlib import ExitStack, contextmanager
 from unittest.mock import patch
 
 from camgen_posts.readback.vplus import read
-from camgen_posts.readback.vplus_plain import PIECE
+from camgen_posts.readback.vplus.text import PIECE
 from camgen_posts.vplus import VPlus
 
-from camgen.ir import Instruction, Joints, MoveJ, MoveL, Output, Program, Wait
-from camgen.plugins import make_post
-from camgen.pose import TOOL_DOWN, Pose, frozen, rotation_about
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
+from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Reading
+from camgen.post.plugins import make_post
 
 PARTS = "camgen_posts.readback."
 LINES = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
@@ -27,11 +27,11 @@ CELL = VPlus.cell()
 def the_long_way() -> Iterator[None]:
     with ExitStack() as stack:
         for name, value in (
-            ("vplus_text.PIECE", LINES),
-            ("vplus_text._REMEMBERED", 0),
-            ("vplus_robot._KEPT", 0),
-            ("vplus_robot.Robot.plain", lambda *_: False),
-            ("vplus_robot.pace", lambda _: None),
+            ("vplus.text.PIECE", LINES),
+            ("vplus.text._REMEMBERED", 0),
+            ("vplus.robot._KEPT", 0),
+            ("vplus.robot.Robot.plain", lambda *_: False),
+            ("vplus.robot.pace", lambda _: None),
         ):
             stack.enter_context(patch(PARTS + name, value))
         yield

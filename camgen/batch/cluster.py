@@ -14,10 +14,10 @@ from typing import Any
 from msgspec.structs import replace
 
 from camgen.batch.perform import carried_names, perform
-from camgen.batch.values import Outcome, Task, fault
-from camgen.content import readable
-from camgen.errors import CamgenError, JobError
-from camgen.robots.urdf_name import split_name
+from camgen.batch.state import Outcome, Task, fault
+from camgen.model.errors import CamgenError, JobError
+from camgen.model.files import readable
+from camgen.model.job_tables import split_name
 
 #: Seconds until a cluster that does not answer is given up.
 _PATIENCE = 10

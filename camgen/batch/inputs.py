@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from msgspec import Struct
 
 from camgen.batch.state import NAME
-from camgen.errors import JobError
+from camgen.model.errors import JobError
 
 #: What lies beside drawings and is none.
 _NO_INPUTS = (".toml", NAME)

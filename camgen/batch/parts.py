@@ -9,15 +9,14 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from camgen import __version__
 from camgen.batch.inputs import Input, identity
-from camgen.batch.state import Record, unchanged
-from camgen.batch.values import Outcome, Task
-from camgen.cli_job import beside, load
-from camgen.content import readable
-from camgen.errors import CamgenError, JobError
-from camgen.plugins import POSTS, find_post
-from camgen.sources import digest_of
+from camgen.batch.state import Outcome, Record, Task, unchanged
+from camgen.build import digest_of
+from camgen.model.errors import CamgenError, JobError
+from camgen.model.files import readable
+from camgen.model.job_tables import beside, load
+from camgen.model.version import __version__
+from camgen.post.plugins import POSTS, find_post
 
 
 class Order(Struct, frozen=True):

@@ -14,12 +14,11 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen import __version__
-from camgen.batch.values import Outcome, Sums, Task, fault
-from camgen.cli_build import no_collector, program_files, told_as
-from camgen.errors import CamgenError
-from camgen.job import Result, build
-from camgen.settings import Job
+from camgen.batch.state import Outcome, Sums, Task, fault
+from camgen.build import Result, build, no_collector, program_files
+from camgen.model.errors import CamgenError, told_as
+from camgen.model.job import Job
+from camgen.model.version import __version__
 
 
 class _Lengths(Struct):

@@ -22,7 +22,7 @@ from time import monotonic
 
 from msgspec import Struct
 
-from camgen.batch.values import Outcome, Task, fault
+from camgen.batch.state import Outcome, Task, fault
 
 
 class _Worker(Struct, eq=False):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.pose import FloatArray
-from camgen.solid import BoolArray, IntArray
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import FloatArray
 
 #: Added to cosines between edges: parallel edges have no cross product, and must not seem to part what meets.
 _PARALLEL = 1e-9

@@ -15,8 +15,8 @@ from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, every
 from camgen.collision.tree import Tree, asked, grown
-from camgen.pose import FloatArray, frozen
-from camgen.solid import BoolArray, IntArray, Solid
+from camgen.model.part import BoolArray, IntArray, Solid
+from camgen.model.pose import FloatArray, frozen
 
 #: Boxes that are put to the tree at once.
 _BOXES = 512

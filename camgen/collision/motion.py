@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.clearance import least
-from camgen.collision.hits import finite, hits, place
+from camgen.collision.hits import finite, hits, least, place
 from camgen.collision.scene import Scene
-from camgen.pose import FloatArray
+from camgen.model.pose import FloatArray
 
 #: The longest stretches are 2 ** _HALVINGS steps.
 _HALVINGS = 5

@@ -13,11 +13,11 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.mesh import Mesh
-from camgen.errors import JobError
-from camgen.pose import IDENTITY, FloatArray, Pose, frozen
+from camgen.model.errors import JobError
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen
+from camgen.model.text import short
 from camgen.robots.models import Box, Link, Robot
-from camgen.solid import BoolArray, IntArray
-from camgen.text import short
 
 #: The name of the part among the bodies.
 PART = "part"

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from msgspec import Struct
 
-from camgen.pose import FloatArray
-from camgen.solid import BoolArray, IntArray
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import FloatArray
 
 #: Children of a node.
 _FAN = 8

@@ -1,1 +1,1 @@
-"""Lines and arcs in the plane: intersections, distances, offsets. Vectorised over whole drawings."""
+"""Lines and arcs in the plane and in space, many at once: the geometry that every stage shares."""

@@ -12,11 +12,10 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.clearance import Obstacles
-from camgen.geometry.intersect import cuts, near_pairs
+from camgen.geometry.intersect import Obstacles, cuts, near_pairs
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, points_at, split, tangents_at
 from camgen.geometry.stitch import stitch
-from camgen.pose import FloatArray
+from camgen.model.pose import FloatArray
 
 #: A kept piece must have room beyond its middle: a hundredth of its length, within these bounds (mm). A slot exactly as
 #: wide as the tool has none, so it counts as too narrow instead of leaving two paths on top of each other.

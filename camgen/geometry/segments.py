@@ -8,8 +8,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.pose import FloatArray
-from camgen.shapes import Contour
+from camgen.model.part import Contour
+from camgen.model.pose import FloatArray
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]

@@ -10,7 +10,7 @@ import shapely
 from msgspec import Struct
 
 from camgen.geometry.segments import BoolArray, IntArray, Segments, points_at
-from camgen.pose import FloatArray
+from camgen.model.pose import FloatArray
 
 #: Ends nearer than this (mm) meet: ten times what the cuts of nearly tangent curves can be off.
 _MEET = 2e-4

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.localize.model import Model
-from camgen.localize.nearest import Cloud
-from camgen.pose import FloatArray
-from camgen.solid import IntArray
+from camgen.localize.model import Cloud, Model
+from camgen.model.part import IntArray
+from camgen.model.pose import FloatArray
 
 #: Cells along the longest side of the model, and how far the field goes beyond it, as part of that side.
 _CELLS, _BEYOND = 40, 0.25

@@ -9,10 +9,9 @@ from msgspec import Struct
 
 from camgen.localize.coarse import Poses, turned
 from camgen.localize.fine import Fit, cost, on, refined
-from camgen.localize.model import Model
-from camgen.localize.nearest import Cloud
+from camgen.localize.model import Cloud, Model
 from camgen.localize.starts import corners
-from camgen.pose import FloatArray, Pose, angle_between, frozen
+from camgen.model.pose import FloatArray, Pose, angle_between, frozen
 
 #: Poses that put a corner of the model's box farther apart than this part of its size are different ones.
 _APART = 0.01

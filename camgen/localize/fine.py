@@ -6,10 +6,9 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.localize.coarse import turned
-from camgen.localize.model import Model
-from camgen.localize.nearest import Cloud, Touch, candidates, touched
-from camgen.pose import FloatArray
-from camgen.solid import IntArray
+from camgen.localize.model import Cloud, Model, Touch, candidates, touched
+from camgen.model.part import IntArray
+from camgen.model.pose import FloatArray
 
 #: Tukey's biweight: points beyond this many standard deviations count nothing; 95 % efficient for normal noise.
 TUKEY = 4.685

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.tree import Tree, grown
-from camgen.pose import FloatArray
-from camgen.solid import IntArray
+from camgen.collision.tree import Tree, asked, grown
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import FloatArray
 
 #: Steps of the R2 sequence (Roberts, The unreasonable effectiveness of quasirandom sequences, 2018).
 _R2 = (0.7548776662466927, 0.5698402909980532)
@@ -67,3 +68,170 @@ def spread(corners: FloatArray, count: int) -> tuple[FloatArray, IntArray]:
     u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
     a, b, c = (corners[of, k] for k in range(3))
     return a + (b - a) * u[:, None] + (c - a) * v[:, None], of
+
+
+# Exact closest points on triangles, for many points at once.
+
+#: FLANN's single k-d tree: exact, and the same every time (its default is a random forest).
+_EXACT_TREE: dict[str, bool | int | float | str] = {"algorithm": 4, "leaf_max_size": 10}
+#: Cells of the grids along the diagonal of the model, each a half of the one before. They end where a grid would not
+#: halve the number of questions.
+_CELLS = (128, 64, 32, 16)
+
+
+class Cloud:
+    """Points (N, 3) that can be asked which of them is nearest. Single precision: to choose, not to measure."""
+
+    def __init__(self, points: FloatArray) -> None:
+        # FLANN keeps no copy: the array lives as long as the tree.
+        self._points = np.ascontiguousarray(points, dtype=np.float32)
+        self._tree = cv2.flann.Index(self._points, _EXACT_TREE)
+
+    def nearest(self, points: FloatArray, count: int = 1) -> tuple[IntArray, FloatArray]:
+        """Indices and distances (mm) of the ``count`` nearest to each of ``points`` (n, 3): (n, count) each."""
+        if not len(points):
+            return np.zeros((0, count), dtype=np.int64), np.zeros((0, count))
+        found, square = self._tree.knnSearch(
+            np.ascontiguousarray(points, dtype=np.float32), count, params={"checks": -1}
+        )
+        return np.asarray(found, dtype=np.int64), np.sqrt(np.asarray(square, dtype=np.float64))
+
+
+class Pairs(Struct, frozen=True, eq=False):
+    """Which triangles may be the closest to which points: (K,) each, sorted by point."""
+
+    point: IntArray
+    triangle: IntArray
+
+
+class Touch(Struct, frozen=True, eq=False):
+    """Closest points: ``point`` (K,) index, ``at`` (K, 3) on the model, ``triangle`` (K,), ``distance`` (K,) mm."""
+
+    point: IntArray
+    at: FloatArray
+    triangle: IntArray
+    distance: FloatArray
+
+
+def candidates(model: Model, samples: Cloud, points: FloatArray, reach: float, slack: float) -> Pairs:
+    """The triangles that may be closest to ``points`` (N, 3) which are within ``reach`` of the model, also after they
+    have moved by ``slack`` (mm). Points farther away are in no pair.
+
+    The tree is asked for the large cells of a grid that hold points; smaller cells choose from what it found.
+    """
+    gap = np.linalg.norm(np.maximum(np.maximum(model.low - points, points - model.high), 0), axis=1)
+    near = np.flatnonzero(gap <= reach + slack)
+    low, limits = model.low - reach - slack, (reach + slack, 2 * slack)
+    places, wholes, sizes = [points[near]], [], [0.0]
+    for count in _CELLS:
+        size = model.size / count
+        middles, of = _cells(places[-1], low, size)
+        if 2 * len(middles) > len(of):
+            break
+        places.append(middles)
+        wholes.append(of)
+        sizes.append(size)
+    pairs = _boxed(model, samples, places[-1], limits, sizes[-1])
+    for some, of, size in zip(places[-2::-1], wholes[::-1], sizes[-2::-1], strict=True):
+        pairs = _pruned(model, some, *_joined(of, pairs), limits, size)
+    return Pairs(near[pairs.point], pairs.triangle)
+
+
+def _cells(points: FloatArray, low: FloatArray, cell: float) -> tuple[FloatArray, IntArray]:
+    """Middles (M, 3) of the cells that hold points, and the cell of each point."""
+    cells = np.floor((points - low) / cell).astype(np.int64)
+    _, first, of = np.unique(
+        (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True, return_inverse=True
+    )
+    return low + cell * (cells[first] + 0.5), of.reshape(-1)
+
+
+def _boxed(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float, float], cell: float) -> Pairs:
+    """The pairs of cells, as ``_pruned`` leaves them, from the tree."""
+    radius = cell * np.sqrt(0.75)
+    # A sample is at most as close as the surface: its distance bounds that of the closest triangle from above.
+    bound = samples.nearest(middles)[1][:, 0] * (1 + 1e-5) + limits[1] + 2 * radius
+    bound = np.minimum(bound, limits[0] + limits[1] + 3 * radius) ** 2
+
+    def meets(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
+        off = np.abs(middles[which] - (low + high) / 2) - (high - low) / 2
+        np.maximum(off, 0, out=off)
+        return np.asarray(np.einsum("ij,ij->i", off, off) <= bound[which])
+
+    which, triangle, _ = asked(model.tree, len(middles), meets)
+    order = np.argsort(which, kind="stable")
+    return _pruned(model, middles, which[order], triangle[order], limits, cell)
+
+
+def _joined(of: IntArray, pairs: Pairs) -> tuple[IntArray, IntArray]:
+    """Each place with all triangles of the cell that it is in, ``of`` (N,): places and triangles (K,), by place."""
+    count = np.bincount(pairs.point, minlength=int(of.max(initial=-1)) + 1)
+    begin = np.cumsum(count) - count
+    place = np.repeat(np.arange(len(of)), count[of])
+    ends = np.cumsum(count[of])
+    within = np.arange(len(place)) - np.repeat(ends - count[of], count[of])
+    return place, pairs.triangle[begin[of[place]] + within]
+
+
+def _pruned(
+    model: Model, places: FloatArray, place: IntArray, triangle: IntArray, limits: tuple[float, float], cell: float
+) -> Pairs:
+    """The pairs, sorted by place, of cells (mm, 0 for points) that reach within the first limit (mm) of the model,
+    without triangles that nowhere in the cell come within the second of the closest.
+    """
+    if not len(place):
+        return Pairs(place, triangle)
+    radius = cell * np.sqrt(0.75)
+    off = places[place] - closest(model.tree.corners[triangle], places[place])
+    away = np.sqrt(_dot(off, off))
+    begins = np.flatnonzero(np.diff(place, prepend=-1))
+    least = np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(place)))
+    kept = (away <= least + limits[1] + 2 * radius) & (least <= limits[0] + radius)
+    return Pairs(place[kept], triangle[kept])
+
+
+def touched(model: Model, pairs: Pairs, points: FloatArray) -> Touch:
+    """The closest of the candidates for each point that has any."""
+    at = closest(model.tree.corners[pairs.triangle], points[pairs.point])
+    away = np.linalg.norm(points[pairs.point] - at, axis=1)
+    begins = np.flatnonzero(np.diff(pairs.point, prepend=-1))
+    least = np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(away))) if len(away) else away
+    best = np.flatnonzero(away == least)
+    first = best[np.flatnonzero(np.diff(pairs.point[best], prepend=-1))]
+    return Touch(pairs.point[first], at[first], pairs.triangle[first], away[first])
+
+
+def closest(corners: FloatArray, points: FloatArray) -> FloatArray:
+    """The closest point (n, 3) to ``points`` (n, 3) on each of the triangles (n, 3, 3), by the regions of Ericson,
+    Real-Time Collision Detection, section 5.1.5.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    ab, ac, ap = b - a, c - a, points - a
+    d1, d2 = _dot(ab, ap), _dot(ac, ap)
+    d3, d4 = d1 - _dot(ab, ab), d2 - _dot(ab, ac)
+    d5, d6 = d1 - _dot(ac, ab), d2 - _dot(ac, ac)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    whole = va + vb + vc
+    whole[whole == 0] = 1.0
+    v, w = vb / whole, vc / whole
+    # From the inner region outward: what is set later wins.
+    side = (va <= 0) & (d4 - d3 >= 0) & (d5 - d6 >= 0)
+    along = _part(d4 - d3, (d4 - d3) + (d5 - d6))
+    v, w = np.where(side, 1 - along, v), np.where(side, along, w)
+    side = (vb <= 0) & (d2 >= 0) & (d6 <= 0)
+    v, w = np.where(side, 0.0, v), np.where(side, _part(d2, d2 - d6), w)
+    side = (vc <= 0) & (d1 >= 0) & (d3 <= 0)
+    v, w = np.where(side, _part(d1, d1 - d3), v), np.where(side, 0.0, w)
+    for corner, vw in (((d6 >= 0) & (d5 <= d6), (0.0, 1.0)), ((d3 >= 0) & (d4 <= d3), (1.0, 0.0))):
+        v, w = np.where(corner, vw[0], v), np.where(corner, vw[1], w)
+    corner = (d1 <= 0) & (d2 <= 0)
+    v, w = np.where(corner, 0.0, v), np.where(corner, 0.0, w)
+    return np.asarray(a + ab * v[:, None] + ac * w[:, None])
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("ij,ij->i", a, b))
+
+
+def _part(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.divide(a, b, out=np.zeros_like(a), where=b != 0))

@@ -3,17 +3,155 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.errors import InputError, one_line
 from camgen.localize.model import spread
-from camgen.localize.records import AGAIN, has_faces, pcd, ply
-from camgen.note import Note
-from camgen.pose import FloatArray
-from camgen.solids.mesh_load import load
+from camgen.model.errors import InputError, one_line
+from camgen.model.part import Note
+from camgen.model.pose import FloatArray
+from camgen.read.solid.mesh_file import load
+
+# Points of PLY and PCD files: a head that says what a record holds, then records as text or as bytes.
+
+_PLY = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
+    "double": "f8", "float64": "f8",
+}  # fmt: skip
+_PCD = {"F": "f", "I": "i", "U": "u"}
+_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+#: A file cannot say more than this of one number of itself.
+_MOST = 10**9
+AGAIN = "export it again from the scanner's program"
+
+
+class _Head(Struct, frozen=True):
+    """columns: name and numpy type of each number of a record. way: "ascii", "records" or "columns" (compressed)."""
+
+    columns: tuple[tuple[str, str], ...]
+    count: int
+    way: str
+    body: int
+
+
+def has_faces(data: bytes) -> bool:
+    """Whether a PLY file says that it has faces."""
+    head = [line.split() for line in data[: max(data.find(b"end_header"), 0)].splitlines()]
+    return any(words[:2] == [b"element", b"face"] and words[2:] != [b"0"] for words in head)
+
+
+def ply(name: str, data: bytes) -> FloatArray:
+    """The vertices (N, 3) of a PLY file, in its unit. ``InputError`` if it is damaged."""
+    return _points(name, "PLY", data, _ply_head)
+
+
+def pcd(name: str, data: bytes) -> FloatArray:
+    """The points (N, 3) of a PCD file, in its unit. ``InputError`` if it is damaged."""
+    return _points(name, "PCD", data, _pcd_head)
+
+
+def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) -> FloatArray:
+    try:
+        head = parse(data)
+        names = [column for column, _ in head.columns]
+        places = [names.index(axis) for axis in "xyz"]
+        if not 0 <= head.count < _MOST:
+            raise ValueError("the number of points cannot be")
+        body = data[head.body :]
+        found = {"ascii": _written, "records": _recorded, "columns": _columns}[head.way](head, body, places)
+    except (ValueError, LookupError, OverflowError) as error:
+        raise InputError(name, f"is damaged or no {kind} point cloud: {error}", "", AGAIN) from error
+    return found
+
+
+def _ply_head(data: bytes) -> _Head:
+    """The vertices must come first, as they do in what scanners write."""
+    end = data.find(b"end_header")
+    if not data.startswith(b"ply") or end < 0:
+        raise ValueError("its head has no beginning or no end")
+    body = data.index(b"\n", end) + 1
+    lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()]
+    order = next(_ORDER[words[1]] for words in lines if words[:1] == ["format"])
+    elements = [i for i, words in enumerate(lines) if words[:1] == ["element"]]
+    if not elements or lines[elements[0]][1] != "vertex":
+        raise ValueError("its first element is not vertex")
+    last = elements[1] if len(elements) > 1 else len(lines)
+    columns = [words for words in lines[elements[0] : last] if words[:1] == ["property"]]
+    typed = tuple((words[2], order + _PLY[words[1]]) for words in columns)
+    return _Head(typed, int(lines[elements[0]][2]), "records" if order else "ascii", body)
+
+
+def _pcd_head(data: bytes) -> _Head:
+    at = data.find(b"\nDATA") + 1
+    if not at:
+        raise ValueError("its head has no DATA")
+    body = data.index(b"\n", at) + 1
+    lines = [line.split() for line in data[:body].decode("ascii", "replace").splitlines()]
+    said = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
+    sizes = zip(said["FIELDS"], said["TYPE"], said["SIZE"], said.get("COUNT", ["1"] * len(said["SIZE"])), strict=True)
+    columns = [(n, f"<{_PCD[t]}{int(s)}") for n, t, s, count in sizes for _ in range(int(count))]
+    way = {"ascii": "ascii", "binary": "records", "binary_compressed": "columns"}[said["DATA"][0]]
+    return _Head(tuple(columns), int(said["POINTS"][0]), way, body)
+
+
+def _written(head: _Head, body: bytes, places: list[int]) -> FloatArray:
+    lines = [line.split() for line in body.splitlines() if line.strip()][: head.count]
+    if len(lines) < head.count:
+        raise ValueError(f"{len(lines)} of {head.count} points are there")
+    return np.array([[float(words[k]) for k in places] for words in lines], dtype=np.float64).reshape(-1, 3)
+
+
+def _recorded(head: _Head, body: bytes, places: list[int]) -> FloatArray:
+    record = np.dtype([(f"{i}", kind) for i, (_, kind) in enumerate(head.columns)])
+    there = len(body) // record.itemsize
+    if there < head.count:
+        raise ValueError(f"{there} of {head.count} points are there")
+    rows = np.frombuffer(body, record, head.count)
+    return np.column_stack([rows[f"{k}"].astype(np.float64) for k in places])
+
+
+def _columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
+    """All x, then all y, ..., packed together."""
+    packed, size = (int(v) for v in np.frombuffer(body, "<u4", 2))
+    begins = np.cumsum([0, *(np.dtype(kind).itemsize * head.count for _, kind in head.columns)]).tolist()
+    if size != begins[-1] or len(body) < 8 + packed:
+        raise ValueError("its packed part has another size than its head says")
+    plain = _unpacked(body[8 : 8 + packed], size)
+    return np.column_stack(
+        [np.frombuffer(plain, head.columns[k][1], head.count, begins[k]).astype(np.float64) for k in places]
+    )
+
+
+def _unpacked(packed: bytes, size: int) -> bytes:
+    """What LZF packed: runs of bytes as they are, and copies of what came before (liblzf, lzf_d.c, is the format)."""
+    plain, i = bytearray(), 0
+    while i < len(packed):
+        control = packed[i]
+        i += 1
+        if control < 32:
+            plain += packed[i : i + control + 1]
+            i += control + 1
+            continue
+        length = control >> 5
+        if length == 7:
+            length += packed[i]
+            i += 1
+        back = len(plain) - ((control & 31) << 8) - packed[i] - 1
+        i += 1
+        if back < 0 or len(plain) > size:
+            raise ValueError("its packed part is damaged")
+        while length + 2 > len(plain) - back:  # a copy that runs into itself repeats
+            length -= len(plain) - back
+            plain += plain[back:]
+        plain += plain[back : back + length + 2]
+    if len(plain) != size:
+        raise ValueError("its packed part is damaged")
+    return bytes(plain)
+
 
 _TEXTS = (".xyz", ".txt", ".csv", ".asc", ".pts")
 _MESHES = (".stl", ".obj", ".off")

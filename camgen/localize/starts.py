@@ -6,8 +6,8 @@ import numpy as np
 
 from camgen.localize.coarse import Field, Poses, fit, rotations, slid, thinned
 from camgen.localize.model import Model
-from camgen.pose import FloatArray, Pose
-from camgen.solid import BoolArray
+from camgen.model.part import BoolArray
+from camgen.model.pose import FloatArray, Pose
 
 #: Orientations to begin with: about 25 deg from one to the next.
 _ORIENTATIONS = 600

@@ -1,1 +1,1 @@
-"""Robots: models as data, kinematics both ways, postures, and the joints along a whole path."""
+"""Robots: models as data or from a URDF, kinematics both ways, postures."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.pose import FloatArray, Pose, Vec3, frozen
+from camgen.model.pose import FloatArray, Pose, Vec3, frozen
 
 
 class Joint(Struct, frozen=True, eq=False):

@@ -11,13 +11,13 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.errors import JobError
-from camgen.instructions import Posture
-from camgen.pose import FloatArray
-from camgen.robots.arms import Scara, Spherical
+from camgen.model.errors import JobError
+from camgen.model.pose import FloatArray
+from camgen.model.program import Posture
+from camgen.robots.kinematics.arms import Scara, Spherical
+from camgen.robots.kinematics.joint_limits import theta_of
+from camgen.robots.kinematics.spherical import branch
 from camgen.robots.models import Robot
-from camgen.robots.spherical import branch
-from camgen.robots.values import theta_of
 
 #: Fig for "keep the present figure".
 ANY_FIGURE = -1

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.pose import FloatArray
+from camgen.model.pose import FloatArray
 from camgen.vision.image import Pixels
 
 ComplexArray = NDArray[np.complex128]

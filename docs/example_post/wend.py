@@ -17,12 +17,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
-from camgen.errors import JobError
-from camgen.ir import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.passes import circle
-from camgen.pose import Pose, fixed_xyz, translation
-from camgen.post import Cell, Post, Reading, Tolerance
-from camgen.text import fixed, short
+from camgen.model.cell import Cell
+from camgen.model.errors import JobError
+from camgen.model.pose import Pose, fixed_xyz, translation
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.text import fixed, short
+from camgen.post import Post, Reading, Tolerance
+from camgen.post.passes import circle
 
 
 @dataclass

@@ -4,8 +4,8 @@ import math
 import re
 from collections.abc import Mapping
 
-from camgen.ir import Instruction, Joints, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.pose import Pose, pose_from_values
+from camgen.model.pose import Pose, pose_from_values
+from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.post import Fault, Reading
 
 _NUMBER = r"(-?\d+(?:\.\d+)?)"

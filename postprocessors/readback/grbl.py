@@ -10,14 +10,14 @@ from collections.abc import Mapping
 
 from msgspec.structs import replace
 
-from camgen.gcode.arcs import Limits
-from camgen.ir import Instruction, Output
+from camgen.model.program import Instruction, Output
 from camgen.post import Reading
+from camgen.read.gcode.arcs import Limits
 
 from .gcode import lines, number, signals
-from .gcode_lexis import Rules, by_group
-from .gcode_machine import run
-from .gcode_state import Expect
+from .gcode.lexis import Rules, by_group
+from .gcode.machine import run
+from .gcode.state import Expect
 
 _GROUPS = {
     "motion": "G0 G1 G2 G3 G80",

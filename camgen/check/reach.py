@@ -1,0 +1,251 @@
+"""Can the robot do the program: every motion looked at row by row, joint limits kept, and its joints written into it.
+
+Motions to joint values are anchors: what is between two of them is followed as one stretch, in one posture, from the
+very values of the first. What is between two rows is not looked at: they are so close that no joint may turn by
+more than 30 deg from one to the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.geometry.arcs import arc_middles
+from camgen.model.errors import JobError, NoSafeProgram
+from camgen.model.pose import FloatArray
+from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, Program
+from camgen.model.text import short
+from camgen.plan.edges.ways import Index, Way, counts, divided, rows
+from camgen.robots.kinematics.continuity import Stuck, Ties, follow
+from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.kinematics.reasons import why
+from camgen.robots.models import Robot
+from camgen.robots.posture import postures
+
+# The motions of a program as rows of poses, and joint motions between rows as rows of joints: what is to be looked at.
+
+#: Rows along a motion are at most so far apart: mm of the TCP or of the flange; rad of the tool; of an arc; of a joint.
+STEP, _TURN, _SWEEP, _JOINT = 10.0, math.radians(10.0), math.radians(40.0), math.radians(2.0)
+
+
+class Rows(Struct, frozen=True, eq=False):
+    """R rows on the way of M motions. way: the TCP in the work frame; row 0 is where the first motion ends. motion:
+    (R,) the motion that each row belongs to. at: (M,) the row in which each motion ends. free: (R,) rows to which the
+    joints are interpolated from the row before.
+    """
+
+    way: Way
+    motion: Index
+    at: Index
+    free: NDArray[np.bool_]
+
+
+def sampled(program: Program, way: Way) -> Rows:
+    """The rows of ``program``. way: of the TCP, a row for each motion."""
+    free = program.columns.moves_are(MoveJ)
+    way, own = _through_middles(way, program)
+    parts = np.where(
+        free[own[1:]], 1, np.maximum(counts(way, STEP, _TURN), np.ceil(_sweep(way) / _SWEEP).astype(np.int64))
+    )
+    motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])
+    at = np.flatnonzero(np.append(motion[1:] != motion[:-1], True))
+    return Rows(divided(way, parts), motion, at, free[motion])
+
+
+def ends(program: Program, robot: Robot, anchors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Positions (M, 3) and rotations (M, 3, 3) of the TCP in the work frame where motions end."""
+    columns = program.columns
+    posed, position = columns.posed, columns.ends.copy()
+    rotation = np.empty((len(posed), 3, 3))
+    targets = [columns.moves[k].target.rotation for k in np.flatnonzero(posed).tolist()]
+    seen = {id(one): one for one in targets}
+    place = {key: k for k, key in enumerate(seen)}
+    if targets:
+        rotation[posed] = np.stack(list(seen.values()))[[place[id(one)] for one in targets]]
+    turned, origin = flange(robot, anchors)
+    tool, base = program.flange_from_tool, program.base_from_work
+    rotation[~posed] = base.rotation.T @ turned @ tool.rotation
+    position[~posed] = (origin + turned @ np.asarray(tool.origin) - np.asarray(base.origin)) @ base.rotation
+    return position, rotation
+
+
+def _through_middles(way: Way, program: Program) -> tuple[Way, Index]:
+    """The way with a row in the middle of each arc along which the tool turns, where it stands as at the via point:
+    half a turn has no shorter way. And the motion that each row belongs to.
+    """
+    turning = np.append(False, ~np.isnan(way.via[1:, 0]) & (way.rotation[1:] != way.rotation[:-1]).any(axis=(1, 2)))
+    parts = np.where(turning[1:], 2, 1)
+    own = np.concatenate([[0], np.repeat(np.arange(1, len(way)), parts)])
+    if not turning.any():
+        return way, own
+    finer = divided(way, parts)
+    rotation = finer.rotation.copy()
+    vias = [program.columns.moves[k].via.rotation for k in np.flatnonzero(turning).tolist()]
+    rotation[rows(parts)[turning] - 1] = np.stack(vias)
+    return Way(finer.position, finer.via, rotation), own
+
+
+def _sweep(way: Way) -> FloatArray:
+    """(N - 1,) rad of each segment, 0 for a straight one."""
+    chord = way.position[1:] - way.position[:-1]
+    height = np.linalg.norm(way.via[1:] - way.position[:-1] - chord / 2, axis=1)
+    return np.asarray(np.nan_to_num(4 * np.arctan2(2 * height, np.linalg.norm(chord, axis=1))))
+
+
+def interpolated(robot: Robot, joints: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, Index]:
+    """The joint values (R, J) with more rows on the way to those in ``free`` (R,), all joints together: no joint turns
+    by more than 2 deg from row to row, and the flange moves by about 10 mm at most. And where the old rows are (R,).
+    """
+    turning = np.array([not joint.sliding for joint in robot.joints])
+    angle = (np.abs(np.diff(joints, axis=0)) * turning).max(axis=1, initial=0.0)
+    parts = np.where(free[1:], np.maximum(np.ceil(angle / _JOINT - 1e-9), 1), 1).astype(np.int64)
+    if not free[1:].any():
+        return joints, rows(parts)
+    dense = _between(joints, parts)
+    own = np.repeat(free[1:], parts)
+    looked = np.append(own, False) | np.append(False, own)
+    place = np.zeros((len(dense), 3))
+    place[looked] = flange(robot, dense[looked])[1]
+    moved = np.linalg.norm(np.diff(place, axis=0), axis=1) * own
+    longest = np.maximum.reduceat(moved, rows(parts)[:-1])
+    parts = parts * np.maximum(np.ceil(longest / STEP), 1).astype(np.int64)
+    return _between(joints, parts), rows(parts)
+
+
+def _between(joints: FloatArray, parts: Index) -> FloatArray:
+    """The values with each step cut into equal parts."""
+    segment = np.repeat(np.arange(len(parts)), parts)
+    share = (np.arange(1, len(segment) + 1) - (np.cumsum(parts) - parts)[segment]) / parts[segment]
+    found = np.concatenate([joints[:1], joints[segment] + share[:, None] * np.diff(joints, axis=0)[segment]])
+    found[rows(parts)] = joints
+    return found
+
+
+class Reach(Struct, frozen=True, eq=False):
+    """What was found. joints: (S, J), values on the way from the first motion's end to the last one's, rad or mm; along
+    joint-interpolated motions no joint turns by more than 2 deg from row to row and the flange moves by about 10 mm at
+    most, along others the TCP does. owner: (S,), the instruction that each row belongs to. program: the one that was
+    looked at, with joints and posture at every motion to a pose.
+    """
+
+    robot: str
+    joints: FloatArray
+    owner: NDArray[np.int64]
+    program: Program
+
+    @property
+    def samples(self) -> int:
+        """The number of rows."""
+        return len(self.joints)
+
+
+def reached(program: Program, robot: Robot, file: str) -> Reach:
+    """The joints with which ``robot`` runs ``program``, in one posture from each motion to joint values to the next.
+
+    file: for messages. Raises JobError for a program that is not for this kind of arm, NoSafeProgram with the motion
+    and the reason for what it cannot do.
+    """
+    columns = program.columns
+    anchors = _anchors(program, robot, file)
+    found = sampled(program, _way(program, robot, anchors))
+    joints = _followed(program, robot, file, found, anchors)
+    dense, at = interpolated(robot, joints, found.free)
+    motion = np.repeat(found.motion, np.diff(at, prepend=-1))
+    return Reach(robot.name, dense, columns.at[motion], _filled(program, robot, joints[found.at]))
+
+
+def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
+    """The joint values (A, J) to which motions go, in order, the first of them home."""
+    columns = program.columns
+    posed = columns.posed
+    if posed[0]:
+        raise JobError("job", "the post is for a machine, not for an arm", "cell.robot", "leave it out")
+    places = np.flatnonzero(~posed)
+    targets = [columns.moves[k].target.values for k in places.tolist()]
+    for place, values in zip(places.tolist(), targets, strict=True):
+        if len(values) != len(robot.home):
+            what = f"{robot.name} has {len(robot.home)} joints, {_name(place)} has {len(values)}"
+            raise JobError("job", what, "cell.robot", "give cell.home for this robot, or another post")
+    anchors = np.array(targets)
+    beyond = places[~within(robot, anchors)]
+    if 0 in beyond:
+        raise JobError("job", f"is beyond the limits of {robot.name}", "cell.home", "give joint values within them")
+    for place in beyond[:1].tolist():
+        index = int(columns.at[place])
+        what = f"{robot.name} cannot run {_path(program.body, index)}: joint values beyond its limits"
+        raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
+    return anchors
+
+
+def _name(motion: int) -> str:
+    return f"motion {motion + 1}" if motion else "home"
+
+
+def _way(program: Program, robot: Robot, anchors: FloatArray) -> Way:
+    """The way of the TCP, a row for each motion."""
+    position, rotation = ends(program, robot, anchors)
+    middles = program.columns.vias.copy()
+    arc = np.flatnonzero(program.columns.moves_are(MoveC))
+    middles[arc] = arc_middles(position[arc - 1], middles[arc], position[arc])
+    return Way(position, middles, rotation)
+
+
+def _followed(program: Program, robot: Robot, file: str, found: Rows, anchors: FloatArray) -> FloatArray:
+    """The joint values (R, J) of all rows, one stretch between anchors after the other."""
+    rotations, origins = _flanges(program, found)
+    joints = np.empty((len(origins), len(robot.home)))
+    fixed = found.at[~program.columns.posed]
+    joints[fixed] = anchors
+    for number, first in enumerate(fixed.tolist()):
+        last = int(fixed[number + 1]) if number + 1 < len(fixed) else len(joints)
+        here = slice(first + 1, last)
+        if first + 1 == last:
+            continue
+        free = found.free[here]
+        end = anchors[number + 1] if number + 1 < len(fixed) else None
+        ties = Ties(joined=not free[0], end=end, free=free)
+        choice = follow(robot, rotations[here], origins[here], anchors[number], ties=ties)
+        if isinstance(choice, Stuck):
+            reason = why(robot, rotations[here], origins[here], choice)
+            raise _refusal(program, robot, file, found, first + 1 + reason.row, reason.text)
+        joints[here] = choice.joints
+    return joints
+
+
+def _refusal(program: Program, robot: Robot, file: str, found: Rows, row: int, text: str) -> NoSafeProgram:
+    index = int(program.columns.at[found.motion[row]])
+    place = " ".join(short(v, 1) for v in found.way.position[row].tolist())
+    what = f"{robot.name} cannot run {_path(program.body, index)} at {place} mm: {text}"
+    return NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
+
+
+def _flanges(program: Program, found: Rows) -> tuple[FloatArray, FloatArray]:
+    """base_from_flange of the rows: rotations (R, 3, 3) and origins (R, 3)."""
+    base, tool = program.base_from_work, program.flange_from_tool.inverse()
+    rotations = base.rotation @ found.way.rotation
+    origins = found.way.position @ base.rotation.T + np.asarray(base.origin)
+    return rotations @ tool.rotation, origins + rotations @ np.asarray(tool.origin)
+
+
+def _filled(program: Program, robot: Robot, joints: FloatArray) -> Program:
+    """The program with joints and posture at every motion to a pose. joints: (M, J) where motions end."""
+    columns = program.columns
+    posed = columns.posed
+    named = postures(robot, joints, ~columns.moves_are(MoveJ))
+    body = list(program.body)
+    values = [tuple(row) for row in joints.tolist()]
+    for motion, index in zip(np.flatnonzero(posed).tolist(), columns.at[posed].tolist(), strict=True):
+        body[index] = replace(body[index], joints=Joints(values[motion]), posture=named[motion])
+    return program.with_body(tuple(body))
+
+
+def _path(body: Sequence[Instruction], index: int) -> str:
+    """The path that an instruction belongs to, as the comment before it says."""
+    said = [item.text for item in body[: index + 1] if isinstance(item, Comment)]
+    return " ".join(said[-1].split()[:2]) if said else "the way to the first path"

@@ -1,0 +1,174 @@
+"""What a program amounts to in numbers, and the report of a build as plain data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.arcs import arc_lengths
+from camgen.model.part import Note, Part
+from camgen.model.path import ToolPath, Tour, segment_lengths
+from camgen.model.pose import FloatArray, Vec3, frozen
+from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.plan.fill.cover import Coverage
+
+#: The value of each of ``checks`` as long as the cell has no robot model.
+NOT_CHECKED = "not checked"
+
+
+class Motions(Struct, frozen=True):
+    """What a program does, summed up.
+
+    counts: instructions by kind. straight, arc, joint: mm of the TCP; a joint motion is counted as the straight line
+    between its ends, 0 where one end is given in joints. seconds: those lengths at their speeds, and the waits; what
+    the controller spends on acceleration and signals is not in it. speeds: least and greatest, mm/s. extents: least
+    and greatest corner of all targets and via points, None without Cartesian targets. outputs: by name, the values
+    set, in order of first use. force: the greatest, N.
+    """
+
+    counts: dict[str, int]
+    straight: float
+    arc: float
+    joint: float
+    seconds: float
+    speeds: tuple[float, float]
+    extents: tuple[Vec3, Vec3] | None
+    outputs: dict[str, tuple[float, ...]]
+    force: float
+
+
+class Cycle(Struct, frozen=True, eq=False):
+    """The time of a program, s. total: of all of it. travel: of what is on no path: ways between paths, from and to
+    home, plunges, and waits there. paths: (P,) on each path of the tour, all its passes, with its waits. links: (P,) of
+    the travel that leads to each path; the rest of ``travel`` is the way back to home.
+    """
+
+    total: float
+    travel: float
+    paths: FloatArray
+    links: FloatArray
+
+
+def sum_up(columns: Columns) -> Motions:
+    """The sums of a body of instructions."""
+    end, via, speed = columns.ends, columns.vias, columns.speed
+    start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
+    arc, line, joint = (columns.moves_are(kind) for kind in (MoveC, MoveL, MoveJ))
+    length = np.nan_to_num(np.linalg.norm(end - start, axis=1))
+    length[arc] = arc_lengths(start[arc], via[arc], end[arc])
+    seconds = math.fsum((length / speed).tolist())
+    waits = math.fsum(item.seconds for item in columns.of(Wait))
+    points = np.concatenate([end, via])
+    points = points[~np.isnan(points).any(axis=1)]
+    outputs: dict[str, dict[float, None]] = {}
+    for item in columns.of(Output):
+        outputs.setdefault(item.signal, {})[item.value] = None
+    return Motions(
+        counts={kind.__name__: int(columns.are(kind).sum()) for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force)},
+        straight=math.fsum(length[line].tolist()),
+        arc=math.fsum(length[arc].tolist()),
+        joint=math.fsum(length[joint].tolist()),
+        seconds=seconds + waits,
+        speeds=(float(speed.min()), float(speed.max())) if len(speed) else (0.0, 0.0),
+        extents=(_corner(points.min(axis=0)), _corner(points.max(axis=0))) if len(points) else None,
+        outputs={name: tuple(values) for name, values in outputs.items()},
+        force=max((item.newtons for item in columns.of(Force)), default=0.0),
+    )
+
+
+def _corner(values: FloatArray) -> Vec3:
+    x, y, z = values.tolist()
+    return (x, y, z)
+
+
+def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
+    """Length (mm) and duration (s, at the feeds alone) of every path, all its passes, each (N,)."""
+    if not paths:
+        return frozen([]), frozen([])
+    counts = [len(path.position) for path in paths]
+    first = np.cumsum([0, *counts[:-1]])
+    inner = segment_lengths(np.concatenate([p.position for p in paths]), np.concatenate([p.via for p in paths]))
+    steps = np.concatenate([[0.0], inner])
+    steps[first] = 0.0  # from one path to the next
+    passes = np.array([len(path.depths) for path in paths])
+    durations = steps / np.concatenate([path.feed for path in paths])
+    return frozen(np.add.reduceat(steps, first) * passes), frozen(np.add.reduceat(durations, first) * passes)
+
+
+def report(
+    part: Part,
+    tour: Tour,
+    notes: Sequence[Note],
+    time: Cycle,
+    verified: float,
+    files: Sequence[str],
+    checked: Mapping[str, str] = MappingProxyType({}),
+    coverage: Coverage | None = None,
+) -> dict[str, object]:
+    """The report of a build (contract, section 5): mm, s, N; lengths to 1e-3 mm, the deviation to 1e-6 mm.
+
+    time: of the program. verified: the largest deviation of the read-back, mm. files: names.
+    checked: what of reach, collision and limits was checked, and the result. coverage: of a fill.
+    """
+    contours = part.contours
+    lengths, durations = path_sums(tour.paths)
+    times = (column.tolist() for column in (lengths, durations, time.paths, time.links))
+    rows = zip(tour.paths, *times, strict=True)
+    return {
+        "input": {
+            "source": clean(part.source),
+            "units": part.units,
+            "contours": len(contours),
+            "closed": sum(c.closed for c in contours),
+            "open": sum(not c.closed for c in contours),
+            "layers": sorted({clean(c.layer) for c in contours}),
+            **({} if part.solid is None else {"edges": len(part.solid.edges)}),
+        },
+        "paths": [_path(*row) for row in rows],
+        "skipped": [{"what": clean(n.what), "why": clean(n.why)} for n in notes if n.kind == "skipped"],
+        "tour": {
+            "method": tour.method,
+            "work_mm": round(math.fsum(lengths.tolist()), 3),
+            "travel_mm": round(tour.travel, 3),
+            "bound_mm": None if tour.bound is None else round(tour.bound, 3),
+        },
+        **({} if coverage is None else {"coverage": _coverage(coverage)}),
+        "time_s": round(time.total, 1),
+        "travel_s": round(time.travel, 1),
+        "checks": dict.fromkeys(("reach", "collision", "limits"), NOT_CHECKED) | dict(checked),
+        "verify": {"status": "equal", "max_deviation_mm": round(verified, 6)},
+        "files": [clean(name) for name in files],
+        "notes": [{"kind": n.kind, "what": clean(n.what), "why": clean(n.why)} for n in notes],
+    }
+
+
+def _coverage(found: Coverage) -> dict[str, float]:
+    """mm2 to 1e-3, shares of the copper to 1e-3 %."""
+    areas = {"covered": found.covered, "ink_outside": found.outside, "ink_beside_thin": found.thin}
+    told = {"copper_mm2": round(found.copper, 3)}
+    for name, area in areas.items():
+        told |= {f"{name}_percent": round(found.percent(area), 3), f"{name}_mm2": round(area, 3)}
+    return told
+
+
+def _path(path: ToolPath, length: float, seconds: float, time: float, travel: float) -> dict[str, object]:
+    """feed: mm/s of the tool centre, its mean; force: the greatest, N; travel_s: of the way to the path."""
+    return {
+        "id": path.id,
+        "layer": clean(path.layer),
+        "closed": path.closed,
+        "length_mm": round(length, 3),
+        "feed": round(length / seconds if seconds > 0 else float(path.feed[0]), 3),
+        "force": round(float(path.force.max()), 3),
+        "time_s": round(time, 2),
+        "travel_s": round(travel, 2),
+    }
+
+
+def clean(text: str) -> str:
+    """``text`` that UTF-8 can hold: names of files and layers may hold bytes that are no text."""
+    return text.encode("utf-8", "replace").decode("utf-8")

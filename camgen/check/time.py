@@ -1,0 +1,463 @@
+"""The time of a program, in all and by path, and the part of it that is travel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from operator import attrgetter
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.check.report import Cycle
+from camgen.geometry.arcs import arc_lengths
+from camgen.model.cell import Pace
+from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, taken
+
+if TYPE_CHECKING:
+    from camgen.check.reach import Reach
+    from camgen.robots.models import Robot
+
+
+# How fast the corner between two motions is passed, by the ways in which controllers round it.
+
+#: Half a turn (rad) below which two motions go on in one direction.
+_NONE = 1e-6
+
+
+class Corners(Struct, frozen=True, eq=False):
+    """K corners. half: (K,) half of the turn of the direction of travel, 0 to pi / 2. room: (K,) mm, half of the
+    shorter motion beside it. blend: (K,) mm. fast: (K,) mm/s, the greater of the two feeds.
+    """
+
+    half: FloatArray
+    room: FloatArray
+    blend: FloatArray
+    fast: FloatArray
+
+
+def passed(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+    """Squared speed (K,) in each corner, infinite where nothing limits it, and how far (K,) before and behind the
+    corner it holds, mm.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square, reach = _WAYS[pace.corner](corners, pace)
+    straight = corners.half < _NONE
+    if pace.corner == "overlap":
+        return square, reach
+    return np.where(straight, np.inf, square), np.where(straight, 0.0, reach)
+
+
+def _zone(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+    """A parabola from d before the corner to d behind it, run with one acceleration: 2 v sin(h) in the time 2 d / v."""
+    reach = np.minimum(corners.blend, corners.room)
+    return pace.acceleration * reach / np.sin(corners.half), reach
+
+
+def _overlap(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+    """The next motion speeds up while the one before slows down, v^2 / 2a before the corner, whatever its angle."""
+    square = np.minimum(2 * pace.acceleration * corners.room, corners.fast**2)
+    return square, square / (2 * pace.acceleration)
+
+
+def _arc(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+    """An arc that stays within ``pace.deviation`` and within its room: v^2 = a r, e = r (1 / cos(h) - 1)."""
+    cosine = np.cos(corners.half)
+    within = pace.deviation * cosine / (1 - cosine)
+    radius = np.minimum(within, corners.room / np.tan(corners.half))
+    return pace.across * pace.acceleration * radius, np.zeros(len(radius))
+
+
+def _junction(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+    """As for such an arc, but the machine stays on the lines, so that no room is needed."""
+    cosine = np.cos(corners.half)
+    return pace.acceleration * pace.deviation * cosine / (1 - cosine), np.zeros(len(cosine))
+
+
+_WAYS: dict[str, Callable[[Corners, Pace], tuple[FloatArray, FloatArray]]] = {
+    "zone": _zone,
+    "overlap": _overlap,
+    "arc": _arc,
+    "junction": _junction,
+}
+
+
+# Speeds along a line of pieces by one acceleration, and the time that they take.
+
+
+def squares(length: FloatArray, allowed: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """The greatest squared speeds (N + 1,) at the nodes of N pieces that acceleration and braking can hold.
+
+    length: (N,) mm. allowed: (N + 1,) the most at each node, mm2/s2. acceleration: (N,) mm/s2. Along s the square
+    changes by 2 a s at most, so that every node limits all others: v_k^2 = min over j of allowed_j + |W_k - W_j| with W
+    the sum of 2 a s. That is the pass forward and the pass back of a look-ahead planner over all pieces at once, by
+    running minima instead of a loop.
+    """
+    climb = np.append(0.0, np.cumsum(2.0 * acceleration * length))
+    forward = climb + np.minimum.accumulate(allowed - climb)
+    back = np.minimum.accumulate((allowed + climb)[::-1])[::-1] - climb
+    return np.asarray(np.clip(np.minimum(forward, back), 0.0, allowed))
+
+
+def durations(length: FloatArray, most: FloatArray, square: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Seconds (N,) of pieces between nodes of squared speed ``square`` (N + 1,), no faster than ``most`` (N,) mm/s.
+
+    Each is a trapezoid: up to the peak, along it, down. peak^2 = (v0^2 + v1^2) / 2 + a s where there is no room for
+    the way along.
+    """
+    before, after = square[:-1], square[1:]
+    peak2 = np.minimum(most * most, (before + after) / 2 + acceleration * length)
+    peak2 = np.maximum(peak2, np.maximum(before, after))
+    peak = np.sqrt(peak2)
+    along = np.maximum(length - (2 * peak2 - before - after) / (2 * acceleration), 0.0)
+    ramps = (2 * peak - np.sqrt(before) - np.sqrt(after)) / acceleration
+    return np.asarray(ramps + along / np.where(peak > 0, peak, 1.0))
+
+
+def from_rest(way: FloatArray, speed: FloatArray | float, acceleration: FloatArray | float) -> FloatArray:
+    """Seconds from rest to rest over ``way`` >= 0, in units that go together: a trapezoid, or a triangle if short."""
+    speed, acceleration = np.asarray(speed), np.asarray(acceleration)
+    short = way * acceleration < speed * speed
+    return np.where(short, 2 * np.sqrt(way / acceleration), way / speed + speed / acceleration)
+
+
+# The motions of a program as curves: lengths, directions at both ends, radii, and how far the tool turns.
+
+#: Sine of the sweep below which three points are one line, as in ``report.arc_lengths``.
+_FLAT = 1e-9
+
+
+class Shape(Struct, frozen=True, eq=False):
+    """M motions. end: (M, 3) mm, work frame, NaN where it is not known. length: (M,) mm of the TCP, 0 where not known.
+    first, last: (M, 3) unit vectors of travel at both ends. radius: (M,) mm, infinite but for arcs. turn: (M,) rad of
+    the tool on the way.
+    """
+
+    end: FloatArray
+    length: FloatArray
+    first: FloatArray
+    last: FloatArray
+    radius: FloatArray
+    turn: FloatArray
+
+
+def shaped(program: Program, arm: Robot | None) -> Shape:
+    """The motions of ``program``. arm: tells where joint values put the tool; without one that is not known."""
+    columns = program.columns
+    end, turn = _placed(program, arm)
+    start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
+    chord = end - start
+    length = np.linalg.norm(chord, axis=1)
+    first = last = chord
+    radius = np.full(len(end), np.inf)
+    arc = np.flatnonzero(columns.moves_are(MoveC) & ~np.isnan(length))
+    if len(arc):
+        via, a, b = columns.vias[arc], start[arc], end[arc]
+        straight = length[arc]
+        length[arc] = arc_lengths(a, via, b)
+        first, last = chord.copy(), chord.copy()
+        first[arc], last[arc] = _tangent(a, via, b), -_tangent(b, via, a)
+        radius[arc] = _radius(a, via, b, straight)
+    return Shape(end, np.nan_to_num(length), _unit(first), _unit(last), radius, turn)
+
+
+def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
+    """Where the motions end (M, 3) and the angles (M,) by which the tool turns."""
+    columns = program.columns
+    if arm is not None:
+        from camgen.check.reach import ends  # noqa: PLC0415 (kinematics, only for what needs them)
+
+        fixed = taken(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
+        anchors = np.array([move.target.values for move in fixed]).reshape(len(fixed), len(arm.home))
+        end, rotation = ends(program, arm, anchors)
+        return end, np.append(0.0, _angles(rotation[:-1], rotation[1:]))
+    turn = np.zeros(len(columns.moves))
+    posed = columns.posed
+    rotations = list(map(attrgetter("target.rotation"), taken(columns.moves, posed)))
+    same = np.fromiter(map(id, rotations), np.int64, len(rotations))
+    where = np.flatnonzero(posed)
+    # A turn that starts at joint values is not known.
+    other = np.flatnonzero((same[1:] != same[:-1]) & (np.diff(where) == 1))
+    if len(other):
+        pairs = [np.stack([rotations[k + late] for k in other.tolist()]) for late in (0, 1)]
+        turn[where[other + 1]] = _angles(*pairs)
+    return columns.ends, turn
+
+
+def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The angle (N,) of each rotation that takes a (N, 3, 3) to b, as ``pose.angle_between``."""
+    step = np.einsum("nji,njk->nik", a, b)
+    sine = np.hypot(
+        np.hypot(step[:, 2, 1] - step[:, 1, 2], step[:, 0, 2] - step[:, 2, 0]), step[:, 1, 0] - step[:, 0, 1]
+    )
+    return np.asarray(np.arctan2(sine, np.trace(step, axis1=1, axis2=2) - 1.0))
+
+
+def _tangent(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """The direction (N, 3) in which the circle through three points leaves its start.
+
+    Inversion about the start makes a line of the circle; the tangent is parallel to that line.
+    """
+    to_via, to_end = via - start, end - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(
+            to_via / np.einsum("ij,ij->i", to_via, to_via)[:, None]
+            - to_end / np.einsum("ij,ij->i", to_end, to_end)[:, None]
+        )
+
+
+def _radius(start: FloatArray, via: FloatArray, end: FloatArray, chord: FloatArray) -> FloatArray:
+    """Infinite for three points on one line, (N,). The angle at via sees the chord: chord = 2 R sin(angle)."""
+    a, b = start - via, end - via
+    sizes = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    sine = np.linalg.norm(np.cross(a, b), axis=1) / np.where(sizes > 0, sizes, 1.0)
+    with np.errstate(divide="ignore"):
+        return np.where(sine > _FLAT, chord / (2 * sine), np.inf)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Unit vectors; those of no length, or not known, are 0."""
+    size = np.nan_to_num(np.linalg.norm(vectors, axis=1))
+    return np.asarray(
+        np.where(size > 0, 1.0, 0.0)[:, None] * np.nan_to_num(vectors) / np.where(size > 0, size, 1.0)[:, None]
+    )
+
+
+# The seconds of every motion: lines and arcs by acceleration and look-ahead, joint motions by the slowest joint.
+
+#: A motion shorter than this only turns the tool, mm.
+_STILL = 1e-6
+
+
+class _Arm(Struct, frozen=True, eq=False):
+    """R rows on the way of the robot, but for the first. motion: (R,) that each belongs to. step: (R, J) what the
+    joints turn to get there, as a share of what they turn in a second at full speed. way: (R,) mm of the TCP.
+    """
+
+    motion: NDArray[np.int64]
+    step: FloatArray
+    way: FloatArray
+
+
+class _Pieces(Struct, frozen=True, eq=False):
+    """P pieces of the lines and arcs, one after the other. motion: (P,). length: (P,) mm. most: (P,) mm/s. gain: (P,)
+    mm/s2 along it.
+    """
+
+    motion: NDArray[np.int64]
+    length: FloatArray
+    most: FloatArray
+    gain: FloatArray
+
+
+def timed(program: Program, pace: Pace, found: Reach | None, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
+    """Seconds (M,) of the motions of ``program``, and where they end, (M, 3) mm, NaN where it is not known.
+
+    found, arm: the robot and its joints along the program; without them a joint motion is the straight line between
+    its ends, and takes no time where one end is not known.
+    """
+    columns = program.columns
+    shape = shaped(program, arm)
+    rows = None if found is None or arm is None else _rows(program, found, arm)
+    swing = columns.moves_are(MoveJ) & (rows is not None)
+    still = ~swing & (shape.length < _STILL)
+    seconds = np.zeros(len(swing))
+    seconds[still] = from_rest(shape.turn[still], pace.turning, pace.turning / pace.ramp)
+    if rows is not None:
+        rest = swing | still
+        seconds[rest] = np.maximum(seconds, _joints(rows, len(swing), pace))[rest]
+        way = _sums(rows.motion, rows.way, len(swing))[swing]
+        seconds[swing] = np.maximum(seconds[swing], from_rest(way, columns.speed[swing], pace.acceleration))
+    going = ~swing & ~still
+    if going.any():
+        pieces = _pieces(program, shape, pace, going, rows)
+        seconds += _run(pieces, *_corners(program, shape, pace, going), pace.last, len(swing))
+    return seconds, shape.end
+
+
+def _rows(program: Program, found: Reach, arm: Robot) -> _Arm:
+    from camgen.robots.kinematics.forward import flange  # noqa: PLC0415 (kinematics, only for what needs them)
+
+    owner = np.searchsorted(program.columns.at, found.owner)[1:]
+    turned, origin = flange(arm, found.joints)
+    place = origin + turned @ np.asarray(program.flange_from_tool.origin)
+    step = np.abs(np.diff(found.joints, axis=0)) / arm.speeds
+    return _Arm(owner, step, np.linalg.norm(np.diff(place, axis=0), axis=1))
+
+
+def _joints(rows: _Arm, count: int, pace: Pace) -> FloatArray:
+    """Seconds (M,) of the slowest joint from rest to rest."""
+    ways = np.stack([_sums(rows.motion, step, count) for step in rows.step.T])
+    return np.asarray(from_rest(ways, 1.0, 1.0 / pace.ramp).max(axis=0))
+
+
+def _pieces(program: Program, shape: Shape, pace: Pace, going: Mask, rows: _Arm | None) -> _Pieces:
+    """The motions that are ``going`` with what limits their speed, row by row where the joints are known.
+
+    That is their feed, what the tool can turn meanwhile, and on arcs the acceleration across: v^2 = a r.
+    """
+    motion = np.flatnonzero(going)
+    length, turn = shape.length[motion], shape.turn[motion]
+    radius = shape.radius[motion]
+    most = np.minimum(program.columns.speed[motion], np.sqrt(pace.across * pace.acceleration * radius))
+    gain = pace.acceleration * np.where(np.isinf(radius), 1.0, pace.along)
+    turning = turn > 0
+    most[turning] = np.minimum(most[turning], length[turning] * pace.turning / turn[turning])
+    if rows is None:
+        return _Pieces(motion, length, most, gain)
+    counts = np.bincount(rows.motion, minlength=len(going))
+    row = going[rows.motion]
+    owner, slowest = rows.motion[row], rows.step[row].max(axis=1)
+    place = np.searchsorted(motion, owner)
+    piece = length[place] / counts[owner]
+    with np.errstate(divide="ignore"):
+        return _Pieces(owner, piece, np.minimum(most[place], piece / slowest), gain[place])
+
+
+def _corners(program: Program, shape: Shape, pace: Pace, going: Mask) -> tuple[FloatArray, FloatArray]:
+    """Squared speed allowed at the end of each motion that is ``going``, and how far around it that holds, (G,) each.
+
+    The machine stands before and after all that is no line or arc, and where something is switched. A blend of 0 is a
+    stop where the controller knows blends.
+    """
+    columns = program.columns
+    index = np.flatnonzero(going)
+    square, reach = np.zeros(len(index)), np.zeros(len(index))
+    done = np.cumsum(~columns.are(Comment))[columns.at]
+    follows = (np.diff(index) == 1) & (np.diff(done[index]) == 1)
+    if pace.corner in ("zone", "overlap"):
+        follows &= columns.blend[index[:-1]] > 0
+    one, two = index[:-1][follows], index[1:][follows]
+    # Half of the angle between unit vectors, exact for small and for large ones.
+    apart = np.linalg.norm(shape.first[two] - shape.last[one], axis=1)
+    along = np.linalg.norm(shape.first[two] + shape.last[one], axis=1)
+    corners = Corners(
+        half=np.arctan2(apart, along),
+        room=np.minimum(shape.length[one], shape.length[two]) / 2,
+        blend=columns.blend[one],
+        fast=np.maximum(columns.speed[one], columns.speed[two]),
+    )
+    here = np.flatnonzero(follows)
+    found, around = passed(corners, pace)
+    square[here], reach[here] = found, np.where(found < corners.fast**2, around, 0.0)
+    return square, reach
+
+
+def _run(pieces: _Pieces, square: FloatArray, reach: FloatArray, last: float, count: int) -> FloatArray:
+    """Seconds (M,) of the motions that the pieces belong to."""
+    nodes = np.append(0.0, np.cumsum(pieces.length))
+    ends = nodes[1:][np.append(pieces.motion[1:] != pieces.motion[:-1], True)]
+    wide = np.flatnonzero(reach > 0)
+    begin, end = ends[wide] - reach[wide], ends[wide] + reach[wide]
+    edges = np.unique(np.concatenate([nodes, begin, end]))
+    length, middle = np.diff(edges), (edges[1:] + edges[:-1]) / 2
+    piece = np.searchsorted(nodes, middle) - 1
+    most, gain = pieces.most[piece], pieces.gain[piece]
+    gain[(square == 0)[np.searchsorted(ends, middle)]] *= last
+    if len(wide):
+        zone = np.searchsorted(begin, middle) - 1
+        inside = (zone >= 0) & (middle < end[zone])
+        most[inside] = np.minimum(most[inside], np.sqrt(square[wide][zone[inside]]))
+    allowed = np.append(0.0, np.minimum(most, np.append(most[1:], 0.0)) ** 2)
+    at = np.searchsorted(edges, ends)
+    np.minimum.at(allowed, at, square)
+    found = durations(length, most, squares(length, allowed, gain), gain)
+    return _sums(pieces.motion[piece], found, count)
+
+
+def _sums(motion: NDArray[np.int64], values: FloatArray, count: int) -> FloatArray:
+    """The sums (M,) of values by the motion that they belong to."""
+    return np.asarray(np.bincount(motion, values, count), dtype=np.float64)
+
+
+# Which motions of a program work on which path: those between the first and the last point of the path.
+
+#: Nearer than this two points are one, mm.
+_SAME = 1e-5
+#: From so many points on a path is compared as an array; below, that takes longer than a loop.
+_MANY = 64
+
+
+def worked(tour: Tour, ends: FloatArray) -> NDArray[np.int64]:
+    """(M,) the index in ``tour.paths`` of the path that each motion works on, -1 for the way between paths.
+
+    ends: (M, 3), where the motions end, in order. They go through the points of the paths in the order of the tour,
+    pass by pass, and may have points in between. A pass that is not found so is left as -1.
+    """
+    path = np.full(len(ends), -1)
+    rows = ends.tolist()
+    here = 0
+    for index, points in _passes(tour.paths):
+        first = _next(rows, here, points[0].tolist())
+        last = first + len(points) - 1
+        if len(points) < _MANY or last >= len(ends) or not _same(ends[first + 1 : last + 1], points[1:]):
+            first, last = _with_more(rows, first, points.tolist())
+        if last < len(ends):
+            path[first + 1 : last + 1] = index
+            here = last
+    return path
+
+
+def _with_more(rows: list[list[float]], first: int, points: list[list[float]]) -> tuple[int, int]:
+    """The first and last of the motions through ``points``, with others in between; the last is their number if there
+    are none.
+    """
+    last, begun = first, False
+    for point in points[1:]:
+        if last == len(rows):
+            break
+        found = _next(rows, last, point)
+        if found > last:
+            # The way there may have touched the start before, as a link from a neighbour does.
+            while not begun and found < len(rows) and (again := _next(rows, first + 1, points[0], found)) < found:
+                first = again
+            begun = True
+        last = found
+    return first, last
+
+
+def _passes(paths: tuple[ToolPath, ...]) -> Iterator[tuple[int, FloatArray]]:
+    """The points of every pass; passes of an open path that may run backwards go to and fro, as ``lower`` has them."""
+    for index, path in enumerate(paths):
+        to_and_fro = len(path.depths) > 1 and path.reversible and not _same(path.position[0], path.position[-1])
+        for number, depth in enumerate(path.depths):
+            rows = path.position - (0.0, 0.0, depth) if depth else path.position
+            yield index, rows[::-1] if to_and_fro and number % 2 else rows
+
+
+def _next(rows: list[list[float]], begin: int, point: list[float], end: int | None = None) -> int:
+    """The first of ``rows`` from ``begin`` to ``end`` that is ``point``, their number if none is."""
+    x, y, z = point
+    for k in range(begin, len(rows) if end is None else end):
+        row = rows[k]
+        if abs(row[0] - x) < _SAME and abs(row[1] - y) < _SAME and abs(row[2] - z) < _SAME:
+            return k
+    return len(rows)
+
+
+def _same(a: FloatArray, b: FloatArray) -> bool:
+    return bool((np.abs(a - b) < _SAME).all())
+
+
+def cycle(program: Program, tour: Tour, pace: Pace, found: Reach | None = None, arm: Robot | None = None) -> Cycle:
+    """The time of ``program``, which runs the paths of ``tour``. found, arm: see ``timed``."""
+    columns = program.columns
+    seconds, ends = timed(program, pace, found, arm)
+    path = worked(tour, ends)
+    # A wait belongs to what comes after it: the one after the signal is switched on to the path, as the pauses in it.
+    waits = np.searchsorted(columns.at, np.flatnonzero(columns.are(Wait)))
+    every = np.concatenate([seconds, column(columns.of(Wait), "seconds")])
+    owner = np.append(path, np.append(path, -1)[waits])
+    count = len(tour.paths)
+    # Travel leads to the next path that is worked on.
+    at = np.flatnonzero(path >= 0)
+    order = np.searchsorted(at, np.concatenate([np.arange(len(path)), waits]))
+    next_path = np.append(path[at], count)[order]
+    travels = owner < 0
+    paths = np.bincount(owner[~travels], every[~travels], count)
+    links = np.bincount(next_path[travels], every[travels], count + 1)[:count]
+    return Cycle(math.fsum(every.tolist()), math.fsum(every[travels].tolist()), frozen(paths), frozen(links))

@@ -1,0 +1,213 @@
+"""The command line: arguments, error lines and exit codes. What a command does is in its own module, imported late."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from typing import NoReturn
+
+from camgen.cli.say import Voice, voice
+from camgen.model.errors import CamgenError, JobError
+from camgen.model.version import __version__
+
+_INTERRUPTED = 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit code: 0 done, 1 fault in camgen, 2 usage or input, 3 no safe program, 4 the
+    text read back differs from the plan, 130 interrupted.
+    """
+    # Nothing here is linear algebra that threads would help; starting them costs 50 ms of every run.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    words = list(sys.argv[1:] if argv is None else argv)
+    says = voice(quiet=False, verbose=0)
+    try:
+        arguments = _parse(words)
+        says = voice(arguments.quiet, arguments.verbose)
+        command: Callable[[argparse.Namespace, Voice], int] = _command(arguments.command)
+        return command(arguments, says)
+    except SystemExit as leave:  # argparse after --help and --version
+        return leave.code if isinstance(leave.code, int) else 0
+    except CamgenError as error:
+        says.error(f"error: {error}")
+        _trace(says)
+        return error.exit_code
+    except BrokenPipeError:  # who reads the help has read enough
+        return 0
+    except KeyboardInterrupt:
+        says.error("interrupted")
+        return _INTERRUPTED
+    except Exception as error:  # the last resort: whatever it is, the user gets one line and exit code 1
+        says.error(f"fault: {type(error).__name__}: {error}; run it again with -vv and report what that prints")
+        _trace(says)
+        return 1
+
+
+def _trace(says: Voice) -> None:
+    if says.verbose > 1:
+        importlib.import_module("traceback").print_exc()
+
+
+def _command(name: str) -> Callable[[argparse.Namespace, Voice], int]:
+    command: Callable[[argparse.Namespace, Voice], int] = importlib.import_module(f"camgen.cli.{name}").run
+    return command
+
+
+class _Parser(argparse.ArgumentParser):
+    """Wrong usage is an error like any other: one line, exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        raise JobError(self.prog.removeprefix("camgen ") or "camgen", message, remedy=f"see {self.prog} --help")
+
+
+def _parse(words: list[str]) -> argparse.Namespace:
+    parser, commands = parsers()
+    first = next((word for word in words if not word.startswith("-")), None)
+    if first is None and not {"-h", "--help", "--version"} & set(words):
+        raise JobError("command line", "no command is given", remedy=f"give one of {', '.join(commands)}")
+    if first is not None and first not in commands:
+        raise JobError("command line", f"no command {first!r}", remedy=f"nearest is {_nearest(first, commands)}")
+    arguments, unknown = parser.parse_known_args(words)
+    if unknown:
+        options = commands[arguments.command]._option_string_actions  # argparse has no public list
+        near = f"nearest is {_nearest(unknown[0], options)}" if unknown[0].startswith("-") else ""
+        raise JobError(arguments.command, f"unknown argument {unknown[0]!r}", remedy=near)
+    return arguments
+
+
+def _nearest(word: str, names: Iterable[str]) -> str:
+    near: list[str] = importlib.import_module("difflib").get_close_matches(word, list(names), 1, 0)
+    return near[0]
+
+
+def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
+    """The parser of the command line, and those of its commands by name."""
+    about = "Checked robot and machine programs from drawings and photos."
+    parser = _Parser("camgen", description=about, allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"camgen {__version__}")
+    group = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands: dict[str, _Parser] = {}
+
+    def command(name: str, text: str, about: Callable[[_Parser], None]) -> None:
+        sub = group.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".", allow_abbrev=False)
+        about(sub)
+        loud = sub.add_mutually_exclusive_group()
+        loud.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
+        loud.add_argument("-v", "--verbose", action="count", default=0, help="say more; -vv: with tracebacks")
+        commands[name] = sub
+
+    command("build", "make a checked program from a drawing, a photo, a 3-D part or old G-code", _build)
+    command("batch", "build many parts, each by itself, several at once", _batch)
+    command("inspect", "show what is in a file", _inspect)
+    command("init", "write a commented job file beside an input", _init)
+    command("verify", "read a program back and say what it does", _verify)
+    command("calibrate", "measure the lens of a camera from photos of a board", _calibrate)
+    command("markers", "draw a sheet of markers that shows a photo where the work plane is", _markers)
+    command("localize", "find a CAD part in a point cloud and write its work frame", _localize)
+    command("robots", "list the robots that camgen knows, or say what a URDF describes", _robots)
+    command("posts", "list the posts that are installed", lambda _: None)
+    command("schema", "print the JSON schema of job files, for editors", _schema)
+    command("completion", "print a script that lets a shell complete camgen's commands", _completion)
+    return parser, commands
+
+
+def _build(sub: _Parser) -> None:
+    sub.add_argument(
+        "inputs",
+        metavar="INPUT",
+        nargs="+",
+        help="what to build from; several drawings make one program; -: stdin",
+    )
+    _post(sub)
+    _job(sub)
+    sub.add_argument("-o", "--output", metavar="FILE|DIR", help="where the program goes (default: this folder)")
+    sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
+    sub.add_argument("--plan", metavar="FILE.json", help="write the planned motion as data")
+    sub.add_argument("--report", metavar="FILE.json", help="write the summary as data")
+    sub.add_argument("--preview", metavar="FILE", help="part, paths, travel: a page (.html) or a drawing (.svg, .png)")
+    sub.add_argument("--strict", action="store_true", help="anything left out is an error")
+
+
+def _batch(sub: _Parser) -> None:
+    sub.add_argument("inputs", metavar="GLOB", nargs="+", help="inputs, as names or patterns, e.g. 'parts/**/*.dxf'")
+    _post(sub)
+    _job(sub)
+    sub.add_argument("-o", "--output", metavar="DIR", help="where the programs go (default: this folder)")
+    sub.add_argument("--jobs", metavar="N", type=int, help="so many parts at once (default: one for each processor)")
+    sub.add_argument("--timeout", metavar="S", type=float, help="stop a part after so long; 0: never (default: 600)")
+    sub.add_argument("--dask", metavar="ADDRESS", help="build on a Dask cluster, e.g. tcp://host:8786")
+    sub.add_argument("--report", metavar="FILE.json", help="write the table as data")
+    sub.add_argument("--strict", action="store_true", help="a part of which anything is left out fails")
+
+
+def _inspect(sub: _Parser) -> None:
+    sub.add_argument("input", metavar="INPUT", help="drawing, picture, 3-D part or G-code")
+    _job(sub)
+
+
+def _robots(sub: _Parser) -> None:
+    sub.add_argument("robot", metavar="ROBOT", nargs="?", help="one of them, or FILE.urdf, FILE.urdf#LINK")
+
+
+def _schema(sub: _Parser) -> None:
+    sub.add_argument("--post", metavar="NAME", help="with the options of this post (default: any option)")
+
+
+def _completion(sub: _Parser) -> None:
+    sub.add_argument("shell", metavar="SHELL", choices=("bash", "zsh", "fish"), help="bash, zsh or fish")
+
+
+def _init(sub: _Parser) -> None:
+    sub.add_argument("input", metavar="INPUT", help="the job file gets its name with .toml")
+
+
+def _verify(sub: _Parser) -> None:
+    sub.add_argument("programs", metavar="PROGRAM", nargs="+", help="program, all its files in order")
+    _post(sub)
+    _job(sub)
+    sub.add_argument("--plan", metavar="PLAN.json", help="compare with this plan, as build --plan wrote it")
+
+
+def _calibrate(sub: _Parser) -> None:
+    sub.add_argument("photos", metavar="PHOTO", nargs="+", help="photos of the board, eight or more from all sides")
+    sub.add_argument("--board", metavar="COLSxROWS", required=True, help="inner corners of a chessboard, e.g. 9x6")
+    sub.add_argument("--square", metavar="MM", type=float, required=True, help="width of a square, mm")
+    sub.add_argument("-o", "--output", metavar="FILE.yaml", required=True, help="camera_info file to write")
+    sub.add_argument(
+        "--marker", metavar="MM", type=float, help="ChArUco board: width of a marker; then --board is in squares"
+    )
+    sub.add_argument("--dictionary", metavar="NAME", help="ChArUco board: its markers, e.g. 5X5_100 (default: 4X4_50)")
+    sub.add_argument("--preview", metavar="FILE.svg", help="draw the residuals")
+
+
+def _markers(sub: _Parser) -> None:
+    sub.add_argument("-o", "--output", metavar="FILE", required=True, help="the drawing, .pdf or .svg")
+    sub.add_argument("--size", metavar="SIZE", default="A4", help="A4, A3, A2 or letter (default: A4)")
+    sub.add_argument("--marker", metavar="MM", type=float, default=20.0, help="width of a marker (default: 20)")
+
+
+def _localize(sub: _Parser) -> None:
+    sub.add_argument("model", metavar="MODEL", help="the part: mesh or STEP")
+    sub.add_argument("scan", metavar="SCAN", help="the point cloud: PLY, PCD, XYZ, TXT, CSV, STL, OBJ")
+    sub.add_argument("-o", "--output", metavar="FILE.toml", required=True, help="job file to write")
+    sub.add_argument("--units", metavar="UNIT", default="mm", help="what one unit of the scan is (default: mm)")
+    sub.add_argument("--start", metavar="X,Y,Z,RX,RY,RZ", help="about where the part stands, mm and deg")
+
+
+def _post(sub: _Parser) -> None:
+    sub.add_argument("--post", metavar="NAME", required=True, help="controller; camgen posts lists them; or a .py file")
+
+
+def _job(sub: _Parser) -> None:
+    sub.add_argument("--job", metavar="FILE.toml", help="job file (default: the input's name with .toml, if it exists)")
+    sub.add_argument(
+        "--set",
+        metavar="TABLE.KEY=VALUE",
+        action="append",
+        default=[],
+        dest="sets",
+        help="one setting; wins; repeatable",
+    )

@@ -1,0 +1,290 @@
+"""``camgen build``: reads, plans, proves, and only then writes everything at once."""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import sys
+import tempfile
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+
+import msgspec
+from msgspec import Struct, field
+
+from camgen.build import Result, build, no_collector, program_files
+from camgen.check.report import clean, path_sums
+from camgen.cli.motion_file import encode
+from camgen.cli.say import Voice, counted, duration, grouped, length, listed, size
+from camgen.model.errors import JobError, told_as
+from camgen.model.files import check_targets, write_all
+from camgen.model.job_tables import beside, load
+from camgen.model.part import Note, NoteKind
+from camgen.model.path import Tour
+from camgen.model.pose import Pose
+from camgen.model.text import short
+from camgen.read import meant
+from camgen.read.gcode.interpreter import Recorded
+
+# The summary of a build: one line each for what was read, left out, planned, proved and written.
+
+Row = tuple[str, str, str]
+
+#: Notes in the order in which they are told, with their tone.
+_TONES: dict[NoteKind, str] = {
+    "joined": "plain",
+    "repaired": "plain",
+    "assumed": "look",
+    "warning": "look",
+    "skipped": "look",
+}
+#: So many notes of a kind are told; -v tells all.
+_NOTES = 8
+
+
+def rows(
+    result: Result, job: Path | None, inputs: Sequence[Path], programs: Sequence[tuple[Path, bytes]], verbose: int
+) -> list[Row]:
+    """Label, text and tone of every line."""
+    return [
+        ("input", _input(result), "plain"),
+        *_job(job, inputs),
+        *_notes(result.notes, verbose),
+        *_planned(result),
+        *_coverage(result),
+        ("cell", _cell(result), "look"),
+        ("time", f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel", "plain"),
+        *(_program(path, data, result.post.newline) for path, data in programs),
+        ("verified", _verified(result), "good"),
+    ]
+
+
+def _cell(result: Result) -> str:
+    if result.reach is None:
+        return f"{result.cell.name}; reach, collision and limits not checked: no robot model"
+    samples = grouped(result.reach.samples)
+    found = f"{result.reach.robot} reaches all of it within its limits, {_posture(result)}"
+    return f"{found} ({samples} poses); no collision, {_clearance(result)}"
+
+
+def _clearance(result: Result) -> str:
+    """What is left between robot, holder, fixtures and part."""
+    if result.clear is None:
+        return "clearance not known"
+    beside = "all but the tool at the part" if result.part.solid is not None else "all"
+    least = result.clear.clearance
+    return f"{beside} {short(least, 2)} mm apart or more"
+
+
+def _posture(result: Result) -> str:
+    """Whether the text states the posture in which the arm was looked at."""
+    moves = [move for move in result.program.columns.moves if isinstance(move.target, Pose)]
+    words = result.post.carried() & {"confdata", "figure", "switches"}
+    said = sum(any(getattr(move.posture, word, None) not in (None, ()) for word in words) for move in moves)
+    if said == len(moves):
+        return "in the posture that the text states"
+    if said:
+        return f"in a posture that the text states at {grouped(said)} of {counted(len(moves), 'pose')}"
+    return "in a posture that the text does not state"
+
+
+def _input(result: Result) -> str:
+    if isinstance(result.part, Recorded):
+        done = counted(len(result.part.run.body), "instruction")
+        return f"{result.part.source}: {result.part.units}, G-code that gives {done}"
+    if result.part.solid is not None:
+        edges = result.part.solid.edges
+        convex = sum(edge.convex for edge in edges)
+        return f"{result.part.source}: {result.part.units}, {counted(len(edges), 'edge')}, {grouped(convex)} convex"
+    contours = result.part.contours
+    closed = sum(c.closed for c in contours)
+    layers = sorted({c.layer for c in contours})
+    shapes = f"{counted(len(contours), 'contour')} ({grouped(closed)} closed, {grouped(len(contours) - closed)} open)"
+    noun = "layer" if len(layers) == 1 else "layers"
+    return f"{result.part.source}: {result.part.units}, {shapes}, {noun} {listed(layers)}"
+
+
+def _job(job: Path | None, inputs: Sequence[Path]) -> list[Row]:
+    """Which job file was used; a second input's own one is not, which the user may not expect."""
+    found: list[Row] = [("job", f"{job}", "plain")] if job else []
+    others = [path for path in (one.with_suffix(".toml") for one in inputs[1:]) if path.is_file() and path != job]
+    return found + [("warning", f"{path} is not used: one job goes for all inputs", "look") for path in others]
+
+
+def _notes(notes: Sequence[Note], verbose: int) -> list[Row]:
+    told: list[Row] = []
+    for kind, tone in _TONES.items():
+        own = [note for note in notes if note.kind == kind]
+        shown = own if verbose else own[:_NOTES]
+        told += [(kind, note.what + (f" ({note.why})" if note.why else ""), tone) for note in shown]
+        if len(own) > len(shown):
+            told.append((kind, f"and {grouped(len(own) - len(shown))} more (-v shows all, --report lists them)", tone))
+    return told
+
+
+#: ``tour.method`` and what was done instead.
+_UNSEARCHED = ("best", "nearest neighbour")
+
+
+def _planned(result: Result) -> list[Row]:
+    work = math.fsum(path_sums(result.tour.paths)[0].tolist())
+    tour, chosen = result.tour, result.job.tour.method
+    # So many paths are searched only when they are told to be: plain Python is too slow for them.
+    hint = "; tour.seconds = 1 searches for a shorter one" if (chosen, tour.method) == _UNSEARCHED else ""
+    return [
+        ("plan", f"{counted(len(tour.paths), 'path')}, work {length(work)}", "plain"),
+        ("tour", f"{tour.method}: work {length(work)}, travel {length(tour.travel)}{_above(tour)}{hint}", "plain"),
+    ]
+
+
+def _coverage(result: Result) -> list[Row]:
+    if result.coverage is None:
+        return []
+    found, enough = result.coverage, result.coverage.enough
+    return [("coverage", f"{found}" + ("" if enough else "; use a finer tool"), "plain" if enough else "look")]
+
+
+def _above(tour: Tour) -> str:
+    """How far the travel is above what no tour can be below, where that says something: below twice that."""
+    if not tour.bound or tour.travel >= 2 * tour.bound:
+        return ""
+    return f", at most {100 * (tour.travel / tour.bound - 1):.1f} % above the best possible"
+
+
+def _program(path: Path, data: bytes, newline: str) -> Row:
+    lines = data.count(newline.encode())
+    return ("program", f"{path}, {counted(lines, 'line')}, {size(len(data))}", "plain")
+
+
+def _verified(result: Result) -> str:
+    compared = counted(result.deviation.instructions, "instruction")
+    return f"read back, {compared} equal, largest deviation {result.deviation.max_mm:.6f} mm"
+
+
+class _Stages(Struct):
+    """Tells the terminal the stage that runs and remembers how long each took."""
+
+    says: Voice
+    names: list[str] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+
+    def __call__(self, name: str) -> None:
+        if name == "planning":
+            gc.collect()  # what was read is a heap of cycles, and a large one
+        self.says.stage(name)
+        if self.names and name.startswith(f"{self.names[-1]} "):
+            return  # how far the same stage is
+        self.names.append(name)
+        self.times.append(perf_counter())
+
+    def spent(self) -> list[tuple[str, float]]:
+        """Each stage with its seconds, the last one up to now."""
+        ends = [*self.times[1:], perf_counter()]
+        return [(name, end - begin) for name, begin, end in zip(self.names, self.times, ends, strict=True)]
+
+
+def run(arguments: Namespace, says: Voice) -> int:
+    """Builds, writes, sums up."""
+    stages = _Stages(says)
+    with no_collector(), _inputs(arguments) as inputs:
+        job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
+        read = [*inputs, *([job_file] if job_file else [])]
+        folder, program = _place(arguments.output)
+        extra = [Path(p) for p in (arguments.plan, arguments.report, arguments.preview) if p]
+        check_targets([*([program] if program else []), *extra], read)
+        _check_preview(arguments.preview)
+        job = load(job_file, arguments.sets)
+        name = program.stem if program else ""
+        with told_as("job", str(job_file or "job")):
+            result = build(inputs, post=arguments.post, job=job, name=name, strict=arguments.strict, watch=stages)
+        stages("writing")
+        programs = program_files(result, folder, program)
+        check_targets([*(path for path, _ in programs), *extra], read)
+        write_all([*programs, *_extras(arguments, result, [path.name for path, _ in programs])])
+    says.rows(rows(result, job_file, inputs, programs, says.verbose))
+    if says.verbose:
+        says.rows([("timing", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent()), "plain")])
+    return 0
+
+
+def _place(output: str | None) -> tuple[Path, Path | None]:
+    """The folder for the program, and its file where ``-o`` names one."""
+    if output is None:
+        return Path(), None
+    if os.path.isdir(output):  # unlike Path.is_dir it takes a name of any length
+        return Path(output), None
+    if output.endswith(("/", os.sep)):
+        raise JobError(output, "no such folder", remedy="make it first")
+    return Path(output).parent, Path(output)
+
+
+def _check_preview(name: str | None) -> None:
+    if name and Path(name).suffix.lower() not in _PREVIEWS:
+        what = "a preview is a page (HTML) or a drawing (SVG, PNG)"
+        raise JobError(name, what, remedy="give a name that ends in .html, .svg or .png")
+
+
+def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Iterator[tuple[Path, bytes]]:
+    """Plan, report and preview, where asked for."""
+    if arguments.plan:
+        options = result.job.post
+        data = encode(result.program, result.post.name, options, result.job.tolerance.chord)
+        yield Path(arguments.plan), data
+    if arguments.report:
+        report = result.report | {"files": [clean(name) for name in files]}
+        yield Path(arguments.report), msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+    if arguments.preview:
+        target = Path(arguments.preview)
+        yield target, _PREVIEWS[target.suffix.lower()](result)
+
+
+def _page(result: Result) -> bytes:
+    from camgen.preview.page import page  # noqa: PLC0415 (only where a page is asked for)
+    from camgen.preview.view import view  # noqa: PLC0415
+
+    return page(view(result)).encode("utf-8")
+
+
+def _picture(result: Result) -> bytes:
+    from camgen.preview.png import png  # noqa: PLC0415 (only where a picture is asked for)
+    from camgen.preview.view import view  # noqa: PLC0415
+
+    return png(view(result))
+
+
+def _drawing(result: Result) -> bytes:
+    from camgen.preview import drawing_stages, photo_stages, svg  # noqa: PLC0415 (only where a picture is asked for)
+
+    part, title = result.part, f"{result.part.source}, {result.post.name}"
+    if part.raster is not None and meant(result.job):
+        return drawing_stages.svg(part, part.raster, result.tour, result.notes, result.job, title).encode("utf-8")
+    if part.raster is not None:
+        return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
+    return svg.svg(part, result.tour, result.notes, title).encode("utf-8")
+
+
+#: What draws a preview, by the ending of its name.
+_PREVIEWS = {".html": _page, ".svg": _drawing, ".png": _picture}
+
+
+@contextmanager
+def _inputs(arguments: Namespace) -> Iterator[list[Path]]:
+    """The inputs as files; standard input becomes one for as long as this lasts."""
+    names: list[str] = arguments.inputs
+    if "-" not in names:
+        if arguments.format:
+            raise JobError("--format", "is for standard input", remedy="leave it out, or give - as the input")
+        yield [Path(name) for name in names]
+        return
+    kind = (arguments.format or "").lstrip(".")
+    if not kind.isalnum():
+        raise JobError("-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf")
+    with tempfile.TemporaryDirectory(prefix="camgen-") as folder:
+        file = Path(folder) / f"stdin.{kind}"
+        file.write_bytes(sys.stdin.buffer.read())
+        with told_as(str(file), "-"):
+            yield [file if name == "-" else Path(name) for name in names]

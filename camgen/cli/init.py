@@ -1,0 +1,137 @@
+"""``camgen init``: a job file with every setting, and the reference of the same settings for the documents."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import textwrap
+from argparse import Namespace
+from pathlib import Path
+
+from camgen.cli.say import Voice
+from camgen.model.errors import JobError
+from camgen.model.files import check_targets, readable, write_all
+from camgen.model.job import Job
+from camgen.model.job_tables import settings, tables
+from camgen.post import Post
+from camgen.post.plugins import find_post, installed
+from camgen.read import kind_of, read
+
+
+def run(arguments: Namespace, says: Voice) -> int:
+    """Writes the job file beside the input, never over one that exists."""
+    source = Path(arguments.input)
+    readable(source)
+    target = source.with_suffix(".toml")
+    if target.exists():
+        raise JobError(str(target), "exists", remedy="rename it, or delete it to get a new one")
+    check_targets([target], [source])
+    says.stage("reading")
+    units = read(source, Job()).units if kind_of(source) in ("dxf", "svg") else ""
+    write_all([(target, template(source.name, units).encode())])
+    found = f"; {source.name}: {units}" if units else ""
+    says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
+    return 0
+
+
+def template(source: str, units: str) -> str:
+    """A job file that says what camgen does without it."""
+    lines = [
+        f"# camgen job for {_comment(source)}",
+        "# Lengths mm, angles deg, speeds mm/s, forces N, times s. Every line holds its default: delete what you keep.",
+    ]
+    for table, about in tables().items():
+        lines += ["", f"[{table}]  # {about}"]
+        for setting in settings():
+            if setting.table == table:
+                found = f" This file: {_comment(units)}." if units and setting.key == "units" else ""
+                meaning = setting.about if setting.about.endswith(".") else f"{setting.about}."
+                lines += textwrap.wrap(meaning + found, 116, initial_indent="# ", subsequent_indent="# ")
+                lines += _assignment(setting.key, setting.default, setting.allowed)
+    return "\n".join([*lines, *_post_lines()]) + "\n"
+
+
+def _assignment(key: str, default: object, allowed: str) -> list[str]:
+    if default is None:
+        return [f"# {key} =  # {allowed}; not set"]
+    choices = [f"# {allowed}"] if allowed.startswith("one of") else []
+    return [*choices, f"{key} = {toml(default)}"]
+
+
+def _post_lines() -> list[str]:
+    """The options of all posts as comments, since they depend on the post that is chosen."""
+    lines: list[str] = []
+    common = {f.name for f in dataclasses.fields(Post)}
+    kinds = [find_post(post.name) for post in installed() if not post.broken]
+    if kinds:
+        shared = [f for f in dataclasses.fields(kinds[0]) if f.name in common]
+        lines += ["# every post:", *(_option(f) for f in shared)]
+    for kind in kinds:
+        own = [f for f in dataclasses.fields(kind) if f.init and f.name not in common]
+        lines += [f"# {kind.name}:", *(_option(f) for f in own)]
+    return lines
+
+
+def _option(option: dataclasses.Field[object]) -> str:
+    default = option.default
+    if option.default_factory is not dataclasses.MISSING:
+        default = option.default_factory()
+    about = option.metadata.get("help", "")
+    return f"# {option.name} = {toml(default)}" + (f"  # {about}" if about else "")
+
+
+def toml(value: object) -> str:
+    """``value`` as TOML: texts, numbers, lists and inline tables."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{toml(str(k))} = {toml(v)}" for k, v in value.items()) + " }" if value else "{}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(toml(item) for item in value) + "]"
+    # Of the control characters JSON leaves DEL as it is, TOML does not.
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _comment(text: str) -> str:
+    """``text`` without what would end a comment."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def reference() -> str:
+    """The tables of a job file as Markdown. ``python -m camgen.cli.init > docs/job.md`` renews the page."""
+    lines = [_INTRODUCTION]
+    for table, about in tables().items():
+        lines += [f"\n## `[{table}]`\n", about[0].upper() + about[1:]]
+        if table == "post":
+            lines.append(_POST)
+            continue
+        lines += ["\n| key | default | allowed | meaning |", "|---|---|---|---|"]
+        for s in settings():
+            if s.table == table:
+                default = "not set" if s.default is None else f"`{toml(s.default)}`"
+                lines.append(f"| `{s.key}` | {default} | {_cell(s.allowed)} | {_cell(s.about)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+_INTRODUCTION = """\
+# The job file
+
+A job file is TOML: tables of keys. All keys have a default, so a file holds only what differs. `camgen init part.dxf`
+writes `part.toml` with everything in it. `camgen build part.dxf` uses `part.toml` beside the drawing when it is there,
+and says so; `--job FILE` names another one. `--set table.key=value` sets one key and wins over the file. The value is
+read as TOML; what is not TOML is taken as text, so `--set operation.kind=trace` needs no quotes.
+
+Lengths are mm, angles deg, speeds mm/s, forces N, times s. A table or key that camgen does not know is an error that
+names the nearest known one.
+
+This page is generated from the settings; a test keeps it current."""
+
+_POST = """
+Which options there are depends on the post. `camgen init` writes them all into the job file, as comments. An option
+that the chosen post does not have is an error."""
+
+
+if __name__ == "__main__":
+    print(reference(), end="")

@@ -1,0 +1,131 @@
+"""``camgen localize``: where a CAD part stands in a point cloud, as a job file with its work frame."""
+
+from __future__ import annotations
+
+import math
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from camgen.cli.say import Voice, counted, grouped, out
+from camgen.localize import Location, localize
+from camgen.localize.scans import read as read_scan
+from camgen.model.errors import JobError
+from camgen.model.files import check_targets, write_all
+from camgen.model.part import IntArray, Note
+from camgen.model.pose import FloatArray, Pose, fixed_xyz, pose_from_values
+from camgen.model.text import fixed, harmless, short
+from camgen.model.version import __version__
+from camgen.read.solid import mesh, step
+from camgen.read.units import MM
+
+_MM_DIGITS, _DEG_DIGITS = 4, 5
+#: Poses that fit as well are listed up to this number.
+_LISTED = 6
+
+
+def run(arguments: Namespace, says: Voice) -> int:
+    """Writes the frame, prints it, and says how well it is held and what else it could be."""
+    model, scan, target = Path(arguments.model), Path(arguments.scan), Path(arguments.output)
+    mm, start = _unit(arguments.units), _start(arguments.start)
+    check_targets([target], [model, scan])
+    says.stage(f"reading {model.name}")
+    vertices, faces, notes = _part(model)
+    says.stage(f"reading {scan.name}")
+    seen = read_scan(scan, mm)
+    found = localize(scan.name, (vertices, faces), seen.points, start, says.stage)
+    says.clear()
+    names = (model.name, scan.name)
+    write_all([(target, job(names, found).encode())])
+    if not says.quiet:
+        out(_line(found.base_from_work) + "\n")
+    x, y, z = np.ptp(vertices, axis=0).tolist()
+    size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm, {counted(len(faces), 'triangle')}"
+    says.rows([("model", f"{names[0]}: {size}", "plain")])
+    says.rows([("scan", f"{names[1]}: {counted(len(seen.points), 'point')}, 1 unit = {mm:g} mm", "plain")])
+    says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in (*notes, *seen.notes)])
+    says.rows([*_told(found), ("written", str(target), "good")])
+    return 0
+
+
+def _unit(name: str) -> float:
+    unit = name.strip().lower()
+    if unit not in MM:
+        raise JobError("--units", f"unknown unit {harmless(name)!r}", remedy="give mm, cm, m, inch, ...")
+    return MM[unit]
+
+
+def _start(text: str | None) -> Pose | None:
+    if text is None:
+        return None
+    try:
+        values = [float(word) for word in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 6 or not all(map(math.isfinite, values)):
+        raise JobError("--start", f"{text!r} is no pose", remedy="give x,y,z,rx,ry,rz in mm and deg")
+    return pose_from_values(values)
+
+
+def _part(path: Path) -> tuple[FloatArray, IntArray, list[Note]]:
+    """The triangles of the model, mm, and what was mended. What is said of its edges does not matter here."""
+    if path.suffix.lower() in step.SUFFIXES:
+        solid = step.read(path)
+        return solid.vertices, solid.faces, [note for note in solid.notes if note.kind == "assumed"]
+    surface, notes = mesh.surface(path)
+    return surface.vertices, surface.faces, [note for note in notes if note.kind == "repaired"]
+
+
+def job(names: tuple[str, str], found: Location) -> str:
+    """The job file: the work frame, and as comments what it rests on. ``names``: of the model and of the scan."""
+    told = [f"{label}: {text}" for label, text, _ in _told(found)]
+    lines = [f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}", *told]
+    return "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(found.base_from_work)}\n"
+
+
+def _line(pose: Pose) -> str:
+    return f"base_from_work = {_values(pose)}"
+
+
+def _values(pose: Pose) -> str:
+    angles = [math.degrees(angle) for angle in fixed_xyz(pose.rotation)]
+    texts = [fixed(v, _MM_DIGITS) for v in pose.origin] + [fixed(v, _DEG_DIGITS) for v in angles]
+    return f"[{', '.join(texts)}]"
+
+
+def _told(found: Location) -> Sequence[tuple[str, str, str]]:
+    """What the summary says of a location, and the comments of the job file."""
+    near = _percent(found.seen.near)
+    rows = [
+        (
+            "overlap",
+            f"{_percent(found.overlap)} of the scan lie within {short(found.within, 3)} mm of the model",
+            "plain",
+        ),
+        (
+            "seen",
+            f"{_percent(found.seen.all)} of the model's surface, {near} of the side that faces the scanner",
+            "plain",
+        ),
+        ("residual", f"{found.rms:.4f} mm rms of the {grouped(found.used)} points that count", "plain"),
+    ]
+    if found.free:
+        rows.append(("ambiguous", f"{found.free} changes nothing: the scan does not hold that", "look"))
+    elif found.rivals:
+        rows.append(("ambiguous", f"other poses that fit as well: {len(found.rivals)}", "look"))
+        rows += [("", f"turned by {r.turn:.1f} deg: {_line(r.base_from_work)}", "look") for r in found.rivals[:_LISTED]]
+        if len(found.rivals) > _LISTED:
+            rows.append(("", f"and {len(found.rivals) - _LISTED} more", "look"))
+    elif found.next_best is not None:
+        other = found.next_best
+        away = f"turned by {other.turn:.1f} deg, moved by {short(other.shift, 1)} mm"
+        rows.append(("next best", f"a pose {away} fits worse", "plain"))
+    if found.weak:
+        rows.append(("weak", f"few points hold {found.weak}: scan the part from more sides", "look"))
+    return rows
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"

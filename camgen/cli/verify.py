@@ -1,0 +1,115 @@
+"""``camgen verify``: reads a program back, says what it does, lists its faults, and compares it with a plan."""
+
+from __future__ import annotations
+
+import itertools
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from camgen.check.report import Motions, sum_up
+from camgen.cli.motion_file import load as load_plan
+from camgen.cli.say import Voice, counted, duration, grouped, length, out, table
+from camgen.model.errors import InputError
+from camgen.model.job_tables import beside, load
+from camgen.model.program import Columns
+from camgen.model.text import short
+from camgen.post import Fault, Remark
+from camgen.post.plugins import find_post, find_readback, make_post
+from camgen.post.verify import compare
+
+_NAMES = {
+    "MoveJ": "joint motion",
+    "MoveL": "straight motion",
+    "MoveC": "arc",
+    "Output": "output",
+    "Wait": "wait",
+    "Force": "force change",
+}
+
+
+def run(arguments: Namespace, says: Voice) -> int:
+    """Prints the sums and the faults of a program; InputError when it has faults, VerifyError when it deviates.
+
+    A remark is a fault only where the program is compared with a plan: our own leave nothing open.
+    """
+    paths = [Path(name) for name in arguments.programs]
+    plan = load_plan(Path(arguments.plan)) if arguments.plan else None
+    job = load(beside(arguments.job, None if plan else paths[0]), arguments.sets)
+    options = (plan.options if plan else {}) | job.post
+    post = make_post(find_post(arguments.post), options)
+    says.stage("reading")
+    files = _texts(paths)
+    reading = find_readback(arguments.post)(files, options)
+    says.clear()
+    rows = _rows(sum_up(Columns(reading.body)), sum(text.count("\n") for text in files.values()))
+    told = _faults(reading.faults, files)
+    serious = [fault for fault in reading.faults if plan or not isinstance(fault, Remark)]
+    if serious:
+        out(table(rows) + told)
+        first = serious[0]
+        what = f"{counted(len(serious), 'fault')}, first: {first.what}"
+        raise InputError(str(paths[0]), what, _place(first.line, files), "mend the program")
+    if not reading.body:
+        raise InputError(str(paths[0]), f"holds no instruction of {post.name}", remedy="name its own post with --post")
+    if plan:
+        says.stage("comparing")
+        prepared = post.prepare(plan.program, plan.chord)
+        found = compare(prepared, reading, post.tolerance(), post.carried(), str(paths[0]))
+        says.clear()
+        rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
+        rows.append(("deviation", f"{found.max_mm:.6f} mm"))
+    out(table(rows) + told)
+    return 0
+
+
+def _texts(paths: Sequence[Path]) -> Mapping[str, str]:
+    """The texts by file name, in order, with LF line ends."""
+    texts: dict[str, str] = {}
+    for path in paths:
+        try:
+            data = path.read_bytes()
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise InputError(str(path), f"cannot be read: {reason}") from error
+        if not data.strip() or b"\0" in data:
+            raise InputError(str(path), "is empty" if not data.strip() else "is not a text", remedy="give a program")
+        if path.name in texts:
+            raise InputError(str(path), "another file has this name", remedy="the files of a program differ in name")
+        # Comments of other programs may hold any byte; nothing else in a program does, so each byte is a character.
+        texts[path.name] = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
+    return texts
+
+
+def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
+    kinds = [counted(n, _NAMES[kind]) for kind, n in motions.counts.items() if n]
+    rows = [("program", f"{counted(lines, 'line')}: {', '.join(kinds) or 'no instruction'}")]
+    rows.append(("straight", length(motions.straight)))
+    rows.append(("arcs", length(motions.arc)))
+    rows.append(("joint", f"{length(motions.joint)} between the ends"))
+    rows.append(("time", f"about {duration(motions.seconds)}"))
+    rows.append(("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s"))
+    if motions.extents:
+        pairs = zip("xyz", *motions.extents, strict=True)
+        rows.append(("extents", ", ".join(f"{axis} {short(a, 3)} to {short(b, 3)}" for axis, a, b in pairs) + " mm"))
+    for name, values in motions.outputs.items():
+        rows.append(("output", f"{name}: {', '.join(short(v, 3) for v in values)}"))
+    if motions.force:
+        rows.append(("force", f"up to {short(motions.force, 3)} N"))
+    return rows
+
+
+def _faults(faults: Sequence[Fault], files: Mapping[str, str]) -> str:
+    kinds = ("remark: " if isinstance(fault, Remark) else "" for fault in faults)
+    return "".join(
+        f"{_place(fault.line, files)}: {kind}{fault.what}\n" for fault, kind in zip(faults, kinds, strict=True)
+    )
+
+
+def _place(line: int, files: Mapping[str, str]) -> str:
+    """File and line of a line counted through all files."""
+    counts = [len(text.splitlines()) for text in files.values()]
+    for name, count, before in zip(files, counts, itertools.accumulate(counts, initial=0), strict=False):
+        if line <= before + count:
+            return f"{name} line {grouped(line - before)}"
+    return f"line {line}"

@@ -1,0 +1,176 @@
+"""What a robot can run into: its own links, its tool and holder, fixtures, the table and the part, as one scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.collision.hits import hits
+from camgen.collision.mesh import meshed
+from camgen.collision.scene import Scene, narrowed, scene
+from camgen.model.cell import Cell
+from camgen.model.errors import JobError
+from camgen.model.job import Job
+from camgen.model.part import Note, Solid
+from camgen.model.pose import IDENTITY, FloatArray, Pose, translation
+from camgen.read.solid import mesh
+from camgen.robots.models import Box, Link, Robot
+
+#: mm between the lowest point of a part and a table that is assumed, its size beyond the part, and how thick it is.
+_GAP, _BEYOND, _THICK = 0.5, 200.0, 20.0
+#: mm beside what its geometry asks for that a tool may enter the part: rounding, and a tip that is not a box.
+_TOUCH = 0.1
+
+
+#: Two opposite corners of a box, the lower ones first.
+Corners = tuple[FloatArray, FloatArray]
+
+
+class Surroundings(Struct, frozen=True, eq=False):
+    """scene: all of it. work: of it the tool against the part, which are meant to meet. apart: all else.
+
+    level: mm, base frame, above which an end of tool and holder is free of part and fixtures: half the holder's width
+    and ``cell.safety`` above their top (RFA paper, section II.A). low, high: corners of the part's box, base frame.
+
+    bodies: tool and holder, their boxes at the flange. standing: table and fixtures, their boxes in the base frame.
+    meshes: fixtures that are meshes with their names, work frame.
+    """
+
+    scene: Scene
+    apart: Scene
+    work: Scene
+    level: float
+    room: float
+    low: FloatArray
+    high: FloatArray
+    notes: tuple[Note, ...]
+    bodies: tuple[Link, ...]
+    standing: tuple[Link, ...]
+    meshes: tuple[tuple[str, Solid], ...]
+
+
+def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None) -> Surroundings:
+    """The scene of ``cell`` with ``robot``, the tool, holder and fixtures of ``job`` and the part ``solid``.
+
+    Without fixtures a 3-D part is taken to stand on a table. JobError for boxes that are none.
+    """
+    fixtures, notes = _fixtures(job, solid)
+    standing = tuple(Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures)
+    shapes = mesh_fixtures(job)
+    meshes = tuple((name, meshed(shape), cell.base_from_work) for name, shape in shapes)
+    holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
+    bodies = [Link("tool", (_shaft(job, cell, holder),))]
+    if holder:
+        bodies.append(Link("holder", tuple(box_between(Pose(IDENTITY, (0.0, 0.0, 0.0)), *box) for box in holder)))
+    tool = tuple(bodies)
+    part = meshed(solid) if solid is not None else ()
+    contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
+    contact = min(contact, job.tool.diameter / 2 * 0.99)
+    overlaps = _overlaps(robot, tool)
+    made = scene(robot, tool, standing, part, cell.base_from_work, contact, overlaps, meshes)
+    work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part")]
+    rest = [k for k in range(len(made.pairs)) if k not in work]
+    notes += tuple(Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home") for a, b in overlaps)
+    points = solid.vertices if solid is not None else np.zeros((1, 3))
+    low, high = _extent(cell.base_from_work, points)
+    tops = [high[2], *(_top(box) for link in standing if link.name != "table" for box in link.boxes)]
+    tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in shapes]
+    room = _width(job, holder) / 2 + job.cell.safety
+    scenes = made, narrowed(made, rest), narrowed(made, work)
+    return Surroundings(*scenes, max(tops) + room, room, low, high, notes, tool, standing, tuple(shapes))
+
+
+def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
+    """Pairs of a link of the wrist and a body of the tool whose boxes meet at the robot's own home, where nothing does:
+    the boxes of a wrist reach beyond its flange.
+    """
+    wrist = {robot.links[k].name for pair in robot.touching if len(robot.joints) in pair for k in pair}
+    found: list[tuple[str, str]] = []
+    while True:
+        bare = scene(robot, tool, allowed=tuple(found))
+        pair = int(hits(bare, robot.home[None])[0])
+        if pair < 0 or not wrist & set(bare.pairs[pair]):
+            return tuple(found)
+        found.append(bare.pairs[pair])
+
+
+def _fixtures(
+    job: Job, solid: Solid | None
+) -> tuple[list[tuple[str, tuple[FloatArray, FloatArray]]], tuple[Note, ...]]:
+    """Names and corners, work frame."""
+    listed = enumerate(job.cell.fixtures or (), 1)
+    given = [(f"fixture {k}", corners_of("cell.fixtures", box)) for k, box in listed if not isinstance(box, str)]
+    if job.cell.fixtures is not None or solid is None:
+        return given, ()
+    low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
+    top = float(low[2]) - _GAP
+    table = np.array([*(low[:2] - _BEYOND), top - _THICK]), np.array([*(high[:2] + _BEYOND), top])
+    note = Note("assumed", "the part stands on a table", "say what it stands on: cell.fixtures, [] for nothing")
+    return [("table", table)], (note,)
+
+
+def mesh_fixtures(job: Job) -> list[tuple[str, Solid]]:
+    """Fixtures that are meshes, with their names, work frame."""
+    named = [(f"fixture {k}", Path(one)) for k, one in enumerate(job.cell.fixtures or (), 1) if isinstance(one, str)]
+    return [(name, mesh.read(path, tolerance=job.tolerance.chord)) for name, path in named]
+
+
+def corners_of(key: str, values: Sequence[float]) -> Corners:
+    """The corners of a box that a job gives, the lower one first. JobError, with the ``key``, for what is none."""
+    if len(values) != 6:
+        raise JobError("job", f"a box has {len(values)} values", key, "give two corners: [x, y, z, x, y, z]")
+    ends = np.reshape(values, (2, 3)).astype(np.float64)
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    if not np.isfinite(ends).all() or (high - low).min() <= 0:
+        raise JobError("job", "a box has no size", key, "give two corners that differ in x, y and z")
+    return low, high
+
+
+def box_between(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
+    """The box of two corners that are told in ``frame``."""
+    x, y, z = ((low + high) / 2).tolist()
+    a, b, c = ((high - low) / 2).tolist()
+    return Box(frame @ translation(x, y, z), (a, b, c))
+
+
+def _shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
+    """The tool itself, as wide as its diameter, from its tip back to the holder, or to the flange without one."""
+    flange_from_tool = cell.flange_from_tool
+    tip, back = np.asarray(flange_from_tool.origin), -flange_from_tool.rotation[:, 2]
+    lengths = [s for box in holder if (s := _until(tip, back, *box)) is not None]
+    if not lengths and back[2] < 0:
+        lengths = [float(tip[2] / -back[2])]
+    length = min(lengths, default=0.0)
+    if length <= 0:
+        what = "the way from the tip along the tool meets neither holder nor flange"
+        raise JobError("job", what, "tool.holder", "give the holder's boxes at the flange")
+    half = job.tool.diameter / 2
+    return Box(flange_from_tool @ translation(0.0, 0.0, -length / 2), (half, half, length / 2))
+
+
+def _until(start: FloatArray, along: FloatArray, low: FloatArray, high: FloatArray) -> float | None:
+    """Where the ray enters the box, None if it does not."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = (np.stack([low, high]) - start) / along
+    enter, leave = float(np.nanmax(ends.min(axis=0))), float(np.nanmin(ends.max(axis=0)))
+    return enter if 0 < enter <= leave else None
+
+
+def _width(job: Job, holder: Sequence[Corners]) -> float:
+    """The greatest width across the flange's axis of what is at the flange."""
+    wide = [float(math.hypot(*(high - low)[:2])) for low, high in holder]
+    return max([job.tool.diameter, *wide])
+
+
+def _extent(frame: Pose, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    placed = points @ frame.rotation.T + np.asarray(frame.origin)
+    return placed.min(axis=0), placed.max(axis=0)
+
+
+def _top(box: Box) -> float:
+    rotation, half = box.link_from_box.rotation, np.asarray(box.half)
+    return float(box.link_from_box.origin[2] + np.abs(rotation[2]) @ half)

@@ -1,0 +1,252 @@
+"""What ``lower`` computes by column over the rows of all paths at once: tangents, blends and tool orientations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.model.path import ToolPath, segment_lengths
+from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
+
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Middle = Callable[[Indices], FloatArray]
+
+#: Zones that every controller has, mm, as in ``passes.corner_blend``; 0 is an exact stop.
+ZONES = (5.0, 1.0, 0.3)
+#: An orientation that jumps by more at a corner is turned there while the tool stands still, rad.
+_JUMP = math.radians(0.5)
+#: Arcs along which the tool would turn further are halved: half a turn has no sense of its own, rad.
+_WIDE = math.radians(120.0)
+
+
+class Rows(Struct, frozen=True, eq=False):
+    """The columns of ``ToolPath``, one path after the other. first, last: row indices of each path."""
+
+    position: FloatArray
+    via: FloatArray
+    axis: FloatArray
+    press: FloatArray
+    force: FloatArray
+    feed: FloatArray
+    first: Indices
+    last: Indices
+
+    @property
+    def arc(self) -> Mask:
+        """(N,): the segment that ends in the row is an arc."""
+        return ~np.isnan(self.via[:, 0])
+
+
+class Orientations(Struct, frozen=True, eq=False):
+    """Rotations work_from_tool by row, equal neighbours as one object.
+
+    begins, ends: at the start and the end of the segment that ends in the row, at a path's first row both at its
+    start. vias: half-way along an arc. turns: (N,), the tool turns where it stands before the segment.
+    """
+
+    begins: list[FloatArray]
+    ends: list[FloatArray]
+    vias: list[FloatArray]
+    turns: Mask
+
+
+def gather(paths: Sequence[ToolPath], depths: Sequence[float]) -> Rows:
+    """The rows of all ``paths``, each ``depths`` mm below where it was planned."""
+    counts = np.array([len(path.position) for path in paths])
+    last = np.cumsum(counts) - 1
+    position = np.concatenate([path.position for path in paths])
+    via = np.concatenate([path.via for path in paths])
+    sink = np.repeat(np.asarray(depths, dtype=np.float64), counts)
+    position[:, 2] -= sink
+    via[:, 2] -= sink
+    return Rows(
+        position=position,
+        via=via,
+        axis=np.concatenate([path.axis for path in paths]),
+        press=np.concatenate([path.press for path in paths]),
+        force=np.concatenate([path.force for path in paths]),
+        feed=np.concatenate([path.feed for path in paths]),
+        first=last - counts + 1,
+        last=last,
+    )
+
+
+def blends(rows: Rows, chord: float) -> FloatArray:
+    """Blend radius (N,) at the end of each segment: ``passes.corner_blend`` of the corner, and no more than half of
+    the shorter neighbour; 0 at the ends of a path, along the tool, and where force begins or ends.
+
+    The least zone stays beside shorter neighbours, where the corner allows it: controllers cut a zone to half of the
+    neighbours by themselves, while a stop at every point of a fine polyline would leave its mark on the part.
+    """
+    start, end = _tangents(rows)
+    length = segment_lengths(rows.position, rows.via)
+    # A line drawn 10 mm long counts as that, whatever is left of it in the last binary digit.
+    half = np.full(len(length), 1e-9)
+    half[1:] += np.minimum(length[:-1], length[1:]) / 2
+    reach = 2 * chord / np.maximum(np.sin(_angles(end[:-1], start[1:]) / 2), 1e-9)
+    room = np.minimum(reach, np.maximum(half, ZONES[-1]))
+    blend = np.zeros(len(rows.position))
+    blend[:-1] = np.select([room >= zone for zone in ZONES], ZONES, 0.0)
+    pressing = rows.force > 0
+    blend[:-1][pressing[:-1] != pressing[1:]] = 0.0
+    # Nothing is rounded on the way into the part: where a peck begins, the material is a quarter of a millimetre below.
+    step = np.diff(rows.position, axis=0, prepend=rows.position[:1])
+    plunge = np.abs(_dots(step, rows.axis)) > (1 - 1e-9) * np.sqrt(_dots(step, step))
+    blend[:-1][plunge[:-1] | plunge[1:]] = 0.0
+    blend[rows.first] = blend[rows.last] = 0.0
+    return blend
+
+
+def fixed(rows: Rows) -> Orientations:
+    """Tool z along the axis, tool x along the work x (along its y where the axis is parallel to x)."""
+    axis = rows.axis
+    if (axis == axis[0]).all():
+        one = TOOL_DOWN if axis[0].tolist() == [0.0, 0.0, -1.0] else frozen(_frames(axis[:1], _sideways(axis[:1]))[0])
+        same = [one] * len(axis)
+        return Orientations(same, same, same, np.zeros(len(axis), dtype=bool))
+    x = _sideways(axis)
+    return _orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: _sideways(axis[arc]))
+
+
+def follow(rows: Rows) -> Orientations:
+    """Tool z along the axis, tool x along the press direction. Every row needs one (``unfollowed``)."""
+    end = rows.press[:, 1].copy()
+    end[rows.first] = rows.press[rows.first, 0]
+    start, chord = _tangents(rows)[0], _unit(rows.position - np.roll(rows.position, 1, axis=0))
+    return _orientations(rows, rows.press[:, 0], end, lambda arc: _carried(rows.press[arc, 0], start[arc], chord[arc]))
+
+
+def unfollowed(rows: Rows) -> Indices:
+    """Rows whose press direction cannot be tool x: none given, or along the axis."""
+    sides = np.cross(rows.press, rows.axis[:, None, :])
+    return np.flatnonzero((np.einsum("nij,nij->ni", sides, sides) < 1e-6).any(axis=1))
+
+
+def halved(rows: Rows) -> Rows:
+    """``rows`` with every arc along which the press direction turns by more than 120 deg as two arcs."""
+    wide = rows.arc & (_angles(rows.press[:, 0], rows.press[:, 1]) > _WIDE)
+    if not wide.any():
+        return rows
+    start, end = (tangent[wide] for tangent in _tangents(rows))
+    before, via, after = np.roll(rows.position, 1, axis=0)[wide], rows.via[wide], rows.position[wide]
+    chord = _unit(after - before)
+    middle = _carried(rows.press[wide, 0], start, chord)
+    counts = 1 + wide.astype(np.intp)
+    index = np.repeat(np.arange(len(wide)), counts)
+    second = np.flatnonzero(np.diff(index, prepend=-1) == 0)
+    axis = _unit(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
+    out = replace(
+        rows,
+        **{name: getattr(rows, name)[index] for name in ("position", "via", "axis", "press", "force", "feed")},
+        first=rows.first + np.cumsum(counts - 1)[rows.first],
+        last=rows.last + np.cumsum(counts - 1)[rows.last],
+    )
+    out.position[second - 1] = via
+    out.axis[second - 1] = axis
+    out.via[second - 1] = _arc_middle(before, via, start, chord)
+    out.via[second] = _arc_middle(via, after, chord, end)
+    out.press[second - 1, 1] = out.press[second, 0] = middle
+    return out
+
+
+def _tangents(rows: Rows) -> tuple[FloatArray, FloatArray]:
+    """Unit tangents (N, 3) at the start and the end of the segment that ends in each row, exact for arcs.
+
+    Half-way along an arc its tangent is parallel to its chord. The chord of half the arc makes equal angles with the
+    tangents at its two ends, so each end tangent is the arc's chord mirrored about the chord of that half.
+    """
+    before = np.roll(rows.position, 1, axis=0)
+    chord = _unit(rows.position - before)
+    start, end = chord.copy(), chord.copy()
+    arc = rows.arc
+    if arc.any():
+        along, via = chord[arc], rows.via[arc]
+        for out, half in ((start, via - before[arc]), (end, rows.position[arc] - via)):
+            mirror = _unit(half)
+            out[arc] = 2 * _dots(mirror, along)[:, None] * mirror - along
+    return start, end
+
+
+def _arc_middle(start: FloatArray, end: FloatArray, begins: FloatArray, ends: FloatArray) -> FloatArray:
+    """The points (N, 3) half-way along arcs with unit tangents ``begins`` and ``ends``."""
+    chord = end - start
+    cosine = _dots(_unit(chord), begins)
+    sagitta = np.sqrt(_dots(chord, chord)) / 2 * np.sqrt((1 - cosine) / (1 + cosine))
+    return (start + end) / 2 + sagitta[:, None] * _unit(begins - ends)
+
+
+def _carried(press: FloatArray, start: FloatArray, chord: FloatArray) -> FloatArray:
+    """Press directions (N, 3) at the start of arcs, turned with the arc to its middle, where the tangent is chord."""
+    axis = _unit(np.cross(start, chord))
+    parts = ((start, chord), (np.cross(axis, start), np.cross(axis, chord)), (axis, axis))
+    carried = np.zeros_like(press)
+    for here, there in parts:
+        carried += _dots(press, here)[:, None] * there
+    return carried
+
+
+def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle) -> Orientations:
+    """Orientations with tool x along ``begin``, ``end`` (N, 3) and ``middle`` (of the arcs)."""
+    before = np.roll(rows.axis, 1, axis=0)
+    before[rows.first] = rows.axis[rows.first]
+    starts, stops = _frames(before, begin), _frames(rows.axis, end)
+    starts[rows.first] = stops[rows.first]
+    turn = np.einsum("nji,njk->nik", np.roll(stops, 1, axis=0), starts)
+    skew = turn - np.transpose(turn, (0, 2, 1))
+    sine = np.sqrt(np.einsum("nij,nij->n", skew, skew) / 2)
+    turns = np.arctan2(sine, np.einsum("nii->n", turn) - 1) > _JUMP
+    turns[rows.first] = False
+    ends = _shared(stops)
+    vias = list(ends)
+    arc = np.flatnonzero(rows.arc)
+    if len(arc):
+        half_way = _shared(_frames(_unit(before[arc] + rows.axis[arc]), middle(arc)))
+        for row, rotation in zip(arc.tolist(), half_way, strict=True):
+            vias[row] = rotation
+    return Orientations(_shared(starts), ends, vias, turns)
+
+
+def _frames(z: FloatArray, towards: FloatArray) -> FloatArray:
+    """``pose.rotation_from_axes`` by row: (N, 3, 3)."""
+    z = _unit(z)
+    x = _unit(towards - z * _dots(z, towards)[:, None])
+    return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def _sideways(axis: FloatArray) -> FloatArray:
+    """The work x (N, 3), the work y where the axis is parallel to x."""
+    parallel = np.abs(axis[:, :1]) > 1 - 1e-9
+    sideways: FloatArray = np.where(parallel, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
+    return sideways
+
+
+def _shared(matrices: FloatArray) -> list[FloatArray]:
+    """``matrices`` (N, 3, 3) as read-only arrays, equal neighbours as one object."""
+    new = np.ones(len(matrices), dtype=bool)
+    new[1:] = (matrices[1:] != matrices[:-1]).any(axis=(1, 2))
+    distinct = list(frozen(matrices[new]))
+    return [distinct[i] for i in (np.cumsum(new) - 1).tolist()]
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """``vectors`` (N, 3) at length 1; zero stays zero."""
+    length = np.sqrt(_dots(vectors, vectors))
+    return vectors / np.where(length > 0, length, 1.0)[:, None]
+
+
+def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Scalar products (N,) by row."""
+    dots: FloatArray = np.einsum("ni,ni->n", a, b)
+    return dots
+
+
+def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angles (N,) between vectors (N, 3), rad; exact for small ones too."""
+    cross = np.cross(a, b)
+    return np.arctan2(np.sqrt(_dots(cross, cross)), _dots(a, b))

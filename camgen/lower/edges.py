@@ -1,0 +1,126 @@
+"""From a route over the edges of a part to a program: link, approach, process on, along the edge, process off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from camgen.lower import dwell, signal
+from camgen.model.cell import Cell
+from camgen.model.job import Job, Process
+from camgen.model.pose import FloatArray, Pose, Vec3, frozen
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
+from camgen.order.edges.links import Along, Piece, Turn
+from camgen.order.edges.route import Route
+from camgen.plan.edges.motion import Reached, feed_of
+from camgen.plan.edges.ways import Way, between
+
+
+def lower_edges(
+    route: Route, lengths: Sequence[float], cell: Cell, job: Job, name: str, header: tuple[str, ...]
+) -> Program:
+    """The program that runs the legs of ``route`` from and back to home. lengths: mm of each leg's edge on the part."""
+    process = job.process
+    assert isinstance(cell.home, Joints)
+    body: list[Instruction] = [MoveJ(cell.home, process.travel)]
+    if process.spindle > 0:
+        body += [Output("spindle", process.spindle), *dwell(process)]
+    for leg, length in zip(route.legs, lengths, strict=True):
+        body.append(Comment(f"edge {leg.motion.id}"))
+        body += _linked(leg.link, process)
+        if isinstance(leg.link[-1], Turn):
+            body += _stated(leg.motion.way, process)
+        body += _work(leg.motion, feed_of(leg.motion, length, process), process)
+    body.append(Comment("back to home"))
+    body += _linked(route.back[:-1], process)
+    if process.spindle > 0:
+        body.append(Output("spindle", 0.0))
+    body.append(MoveJ(cell.home, process.travel))
+    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header)
+
+
+def _linked(link: Sequence[Piece], process: Process) -> Iterator[Instruction]:
+    turned = False
+    for piece in link:
+        if isinstance(piece, Turn):
+            yield MoveJ(joints_of(piece.joints), process.travel)
+        elif piece.kind == "approach":
+            yield from _approach(piece, process)
+        else:
+            yield from _stated(piece.way, process) if turned else ()
+            yield from _along(piece.way, process.travel)
+        turned = isinstance(piece, Turn)
+
+
+def _stated(way: Way, process: Process) -> Iterator[Instruction]:
+    """After a motion to joints an arc has no start that the text knows: a motion to where the tool is states it."""
+    if not math.isnan(way.via[1, 0]):
+        yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel)
+
+
+def joints_of(values: FloatArray) -> Joints:
+    """Joint values (J,) as a target."""
+    return Joints(tuple(values.tolist()))
+
+
+def _approach(piece: Along, process: Process) -> Iterator[Instruction]:
+    """At the speed of travel but for the last ``process.approach`` mm, which are run at the feed."""
+    way = piece.way
+    last = float(way.length[-1])
+    slow = min(process.approach, last)
+    if slow <= 0 or not np.isnan(way.via[-1, 0]):
+        yield from _along(way, process.travel)
+        return
+    if slow < last:
+        yield from _along(_cut(way, 1 - slow / last), process.travel)
+    yield MoveL(_pose(way.rotation[-1], way.position[-1]), process.feed)
+
+
+def _cut(way: Way, share: float) -> Way:
+    """``way`` with its last segment, a straight one, only up to ``share`` of it."""
+    position, rotation = way.position.copy(), way.rotation.copy()
+    position[-1] = way.position[-2] + share * (way.position[-1] - way.position[-2])
+    rotation[-1] = between(way.rotation[-2:-1], way.rotation[-1:], np.array([0]), np.array([share]))[0]
+    return Way(frozen(position), way.via, frozen(rotation))
+
+
+def _along(way: Way, speed: float) -> Iterator[Instruction]:
+    for row in range(1, len(way)):
+        yield _segment(way, row, speed, 0.0)
+
+
+def _work(motion: Reached, feed: float, process: Process) -> Iterator[Instruction]:
+    """The processing motion between force on, process on and process off, force off."""
+    name, force = signal(process), process.force
+    if force > 0:
+        yield Force(force, _vector(motion.way.rotation[0, :, 2]))
+    if name:
+        yield Output(name, 1.0)
+        yield from dwell(process)
+    for row in range(1, len(motion.way)):
+        yield _segment(motion.way, row, feed, force)
+    if name:
+        yield Output(name, 0.0)
+    if force > 0:
+        yield Force(0.0)
+
+
+def _segment(way: Way, row: int, speed: float, force: float) -> MoveL | MoveC:
+    """One motion; it presses along the tool."""
+    target = _pose(way.rotation[row], way.position[row])
+    press = _vector(way.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)
+    if math.isnan(way.via[row, 0]):
+        return MoveL(target, speed, 0.0, force, press)
+    rotation = between(way.rotation[row - 1 : row], way.rotation[row : row + 1], np.array([0]), np.array([0.5]))[0]
+    return MoveC(_pose(rotation, way.via[row]), target, speed, 0.0, force, press)
+
+
+def _pose(rotation: FloatArray, origin: FloatArray) -> Pose:
+    return Pose(frozen(rotation), _vector(origin))
+
+
+def _vector(values: FloatArray) -> Vec3:
+    x, y, z = values.tolist()
+    return (x, y, z)

@@ -1,0 +1,86 @@
+"""What can go wrong, as a tree of exceptions that keep their data.
+
+    CamgenError            one line for the user, an exit code for scripts
+    |- InputError     (2)  a file that cannot be used as it is
+    |- JobError       (2)  a setting or an option that makes no sense
+    |- Refused        (3)  an instruction that the chosen controller cannot do
+    |- NoSafeProgram  (3)  nothing reachable, a collision, or --strict and something left out
+    `- VerifyError    (4)  the text read back does not say what was planned
+
+Whoever raises one names the place and the remedy; the command line prints ``str(error)`` on one line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class CamgenError(Exception):
+    """Base of all errors that are addressed to the user. ``exit_code`` is what the process returns."""
+
+    exit_code = 1
+
+    def __init__(self, file: str, what: str, where: str = "", remedy: str = "") -> None:
+        super().__init__(file, what, where, remedy)
+        self.file = file
+        self.what = what
+        self.where = where
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        place = f" ({self.where})" if self.where else ""
+        remedy = f"; {self.remedy}" if self.remedy else ""
+        return one_line(f"{self.file}: {self.what}{place}{remedy}")
+
+
+class InputError(CamgenError):
+    """The input cannot be used: unreadable, empty of curves, out of the plane."""
+
+    exit_code = 2
+
+
+class JobError(CamgenError):
+    """A job file, ``--set`` or option that cannot be meant."""
+
+    exit_code = 2
+
+
+class NoSafeProgram(CamgenError):
+    """Nothing that could be handed to a machine remains."""
+
+    exit_code = 3
+
+
+class Refused(NoSafeProgram):
+    """The controller has no such instruction. ``index`` is its place in the program's body."""
+
+    def __init__(self, post: str, index: int, what: str, remedy: str = "") -> None:
+        super().__init__(post, what, f"instruction {index}" if index >= 0 else "", remedy)
+        self.index = index
+
+
+class VerifyError(CamgenError):
+    """The text does not say what was planned. ``line`` is 1-based in the text, 0 if unknown."""
+
+    exit_code = 4
+
+    def __init__(self, file: str, what: str, line: int = 0, remedy: str = "") -> None:
+        super().__init__(file, what, f"line {line}" if line else "", remedy)
+        self.line = line
+
+
+def one_line(text: str) -> str:
+    """``text`` without control characters: what a drawing or a path name holds must not break a message in two."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+@contextmanager
+def told_as(inner: str, outer: str) -> Iterator[None]:
+    """Errors about ``inner`` are told as errors about ``outer``, the name that the user knows."""
+    try:
+        yield
+    except (InputError, JobError) as error:
+        if error.file == inner:
+            raise type(error)(outer, error.what, error.where, error.remedy) from error
+        raise

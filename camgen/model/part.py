@@ -1,0 +1,133 @@
+"""What the user should know about what was read or planned."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.model.pose import FloatArray
+
+#: ``skipped`` is what --strict turns into an error: something of the input that the program will not do.
+NoteKind = Literal["assumed", "repaired", "joined", "skipped", "warning"]
+
+
+class Note(Struct, frozen=True):
+    """One thing the user should know. ``what`` names and counts it, ``why`` gives the reason and the remedy.
+
+    ids: of the contours and edges that it is about, all of them.
+    """
+
+    kind: NoteKind
+    what: str
+    why: str = ""
+    ids: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.what}" + (f" ({self.why})" if self.why else "")
+
+
+# What a 3-D part is to camgen: triangles for collision, and the sharp edges that a tool can follow.
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+EdgeKind = Literal["line", "arc", "circle", "curve"]
+
+#: Faces that meet at less than this (rad) are one smooth surface.
+FEATURE_ANGLE = float(np.radians(30.0))
+
+
+class Edge(Struct, frozen=True, eq=False):
+    """A chain of spans between two faces of a part, each a straight line or an arc of at most half a circle.
+
+    id: "e1" and on. points: (N, 3) in order, the ends of the spans; a closed edge repeats its first point at the end.
+    via: (N - 1, 3), the middle of each span; on the chord where the span is straight. normals: (N, 2, 3) outward unit
+    normals of the two faces at ``points``, first of the face on the left of the way, seen from outside; via_normals:
+    (N - 1, 2, 3) the same at ``via``. angle: between the two normals (RFA paper, section III.A), 0 where the faces are
+    tangent. radius: of an arc or a circle, else 0. length: arcs exact.
+
+    A line has more than two points only where the normals turn along it. A curve is what is neither: spans within the
+    reader's tolerance.
+    """
+
+    id: str
+    kind: EdgeKind
+    points: FloatArray
+    via: FloatArray
+    normals: FloatArray
+    via_normals: FloatArray
+    angle: float
+    convex: bool
+    closed: bool
+    radius: float
+    length: float
+
+
+class Solid(Struct, frozen=True, eq=False):
+    """A 3-D part. ``source`` is the file's name without folder, ``units`` says what one unit of the file was.
+
+    vertices: (V, 3). faces: (F, 3) indices, counter-clockwise seen from outside. normals: (F, 3) unit, outward.
+    edges: sharp ones, in the order of their ids. borders: (N, 3) each, where the surface ends; none if it is closed.
+    """
+
+    name: str
+    source: str
+    units: str
+    vertices: FloatArray
+    faces: IntArray
+    normals: FloatArray
+    edges: tuple[Edge, ...]
+    borders: tuple[FloatArray, ...]
+    notes: tuple[Note, ...]
+
+
+# What a reader returns: contours or a solid, and notes on what was skipped, mended or assumed on the way.
+
+
+class Contour(Struct, frozen=True, eq=False):
+    """A chain of lines and arcs in the plane, work frame, mm.
+
+    points: (N, 2), no point repeated at the end of a closed chain. bulges: (N,); ``bulges[i]`` shapes the segment
+    that leaves point i, the last one counts only where ``closed``. |bulge| <= 1. id: the place in ``Part.contours``
+    as users see it, e.g. ``c12``.
+    """
+
+    points: FloatArray
+    bulges: FloatArray
+    closed: bool
+    layer: str
+    id: str = ""
+
+
+class Raster(Struct, frozen=True, eq=False):
+    """A picture of a part, and what was seen in it. Pixel (0, 0) is the centre of the first one, v runs down.
+
+    photo: as it was taken, (H, W) or (H, W, 3) blue, green, red. framed: (N, 2) px, the view's border in the photo.
+    view: the work plane to scale, (h, w) or (h, w, 3). work_from_view: (2, 3), mm of a pixel centre of it. mask: (h, w)
+    of the view, 255 where the part is. borders: of the part, closed, (N, 2) px of the view, finer than the mask.
+    """
+
+    photo: NDArray[np.uint8]
+    framed: FloatArray
+    view: NDArray[np.uint8]
+    work_from_view: FloatArray
+    mask: NDArray[np.uint8]
+    borders: tuple[FloatArray, ...]
+
+
+class Part(Struct, frozen=True, eq=False):
+    """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was.
+
+    raster: the picture that it was read from, None where there is none. solid: the 3-D part, None for a flat one.
+    """
+
+    name: str
+    source: str
+    units: str
+    contours: tuple[Contour, ...]
+    notes: tuple[Note, ...]
+    raster: Raster | None = None
+    solid: Solid | None = None

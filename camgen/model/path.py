@@ -1,0 +1,142 @@
+"""Tool paths and their order: what planners make, what the tour arranges and ``lower`` turns into a program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.model.pose import FloatArray, frozen
+
+
+class ToolPath(Struct, frozen=True, eq=False):
+    """The waypoints of the PIST paper (eq. 1, 12) as columns, work frame, mm, mm/s, N.
+
+    Row 0 is the start; row i > 0 is segment i, which ends at ``position[i]``. What speaks of segments (via, press,
+    force, feed) repeats segment 1 in row 0, so that columns have one length; via[0] is NaN.
+
+    position: (N, 3) of the tool centre. axis: (N, 3) unit, tool z, towards the part. via: (N, 3), the point half-way
+    along an arc segment (at most half a circle), NaN for a straight one. press: (N, 2, 3) unit vectors from the tool
+    towards the surface at the start and at the end of the segment, zero where there is no surface (traced lines).
+    force: (N,) N along press, zero where contact is not expected. feed: (N,) of the tool centre.
+    closed: the last position is the first again. reversible: may be run backwards. parent: index of the path that
+    encloses this one in the same plan, -1 if none. depths: mm below ``position`` of each pass, in order.
+    """
+
+    id: str
+    layer: str
+    position: FloatArray
+    via: FloatArray
+    axis: FloatArray
+    press: FloatArray
+    force: FloatArray
+    feed: FloatArray
+    closed: bool
+    reversible: bool = True
+    parent: int = -1
+    depths: tuple[float, ...] = (0.0,)
+
+    def reversed(self) -> ToolPath:
+        """The same path run backwards."""
+        return replace(
+            self,
+            position=frozen(self.position[::-1]),
+            via=_no_via(_backwards(self.via)),
+            axis=frozen(self.axis[::-1]),
+            press=frozen(_backwards(self.press)[:, ::-1]),
+            force=_backwards(self.force),
+            feed=_backwards(self.feed),
+        )
+
+    def rows(self, low: int, high: int) -> ToolPath:
+        """The stretch from vertex ``low`` to vertex ``high`` - 1, as an open path."""
+        chosen = slice(low, high)
+        speaking = np.arange(low, high)
+        speaking[0] = min(low + 1, high - 1)
+        via = self.via[chosen].copy()
+        via[0] = np.nan
+        return replace(
+            self,
+            position=self.position[chosen],
+            via=frozen(via),
+            axis=self.axis[chosen],
+            press=frozen(self.press[speaking]),
+            force=frozen(self.force[speaking]),
+            feed=frozen(self.feed[speaking]),
+            closed=False,
+        )
+
+    @property
+    def length(self) -> float:
+        """Path length of one pass, mm, arcs exact."""
+        return float(segment_lengths(self.position, self.via).sum())
+
+
+class Tour(Struct, frozen=True, eq=False):
+    """The paths in the order and direction in which they are run, each rotated to its start.
+
+    travel: mm between the end of each path and the start of the next, from and back to the home position if given.
+    bound: mm, no order, directions and starts of these paths travel less; None where it is not known.
+    down: indices of the paths that are reached from the one before without a lift. stopped: the search for it was ended
+    before it was done.
+    """
+
+    paths: tuple[ToolPath, ...]
+    travel: float
+    method: str
+    bound: float | None = None
+    down: frozenset[int] = frozenset()
+    stopped: bool = False
+
+
+def joined(paths: Sequence[ToolPath]) -> ToolPath:
+    """Paths that begin where the one before ends, as one open path with the name of the first."""
+    first = paths[0]
+
+    def column(name: str) -> FloatArray:
+        parts = [getattr(path, name)[1 if k else 0 :] for k, path in enumerate(paths)]
+        return frozen(np.concatenate(parts))
+
+    return replace(
+        first,
+        position=column("position"),
+        via=column("via"),
+        axis=column("axis"),
+        press=column("press"),
+        force=column("force"),
+        feed=column("feed"),
+        closed=False,
+        reversible=False,
+    )
+
+
+def _backwards(column: FloatArray) -> FloatArray:
+    """A per-segment column of the reversed path: segment i becomes segment N - i, row 0 repeats segment 1."""
+    if len(column) < 2:
+        return column
+    turned = np.concatenate([column[-1:], column[:0:-1]])
+    return frozen(turned)
+
+
+def _no_via(via: FloatArray) -> FloatArray:
+    """``via`` with its row 0 cleared, since no segment ends at the start."""
+    cleared = via.copy()
+    cleared[0] = np.nan
+    return frozen(cleared)
+
+
+def segment_lengths(position: FloatArray, via: FloatArray) -> FloatArray:
+    """Lengths (N - 1,) of the segments of a path, arcs exact: chord c and half-chord to via h give the sweep."""
+    chord = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    half = np.linalg.norm(via[1:] - position[:-1], axis=1)
+    arc = ~np.isnan(half)
+    if not arc.any():
+        return np.asarray(chord, dtype=np.float64)
+    # half = 2 R sin(sweep / 4), chord = 2 R sin(sweep / 2) => cos(sweep / 4) = chord / (2 half)
+    quarter = np.arccos(np.clip(chord[arc] / np.maximum(2 * half[arc], 1e-300), -1.0, 1.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length = np.where(quarter > 1e-7, 2 * half[arc] * quarter / np.sin(quarter), chord[arc])
+    chord[arc] = length
+    return np.asarray(chord, dtype=np.float64)

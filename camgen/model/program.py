@@ -1,0 +1,388 @@
+"""The instructions of a program, frozen values that a body of a hundred thousand can hold.
+
+A signal is a name, an arc is two poses: how a controller spells them is its post's. A posture is a joint solution; what
+controllers call it follows from the geometry of the arm (``robots.posture``), which posts do not know.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from itertools import chain, compress
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.model.errors import Refused
+from camgen.model.pose import FloatArray, Pose
+
+
+class Joints(Struct, frozen=True, gc=False):
+    """Controller joint values: rad for revolute, mm for sliding joints, axis 1 first."""
+
+    values: tuple[float, ...]
+
+
+class Posture(Struct, frozen=True, gc=False, omit_defaults=True):
+    """What controllers call the posture in which the arm stands at the target; what is not known for sure is left out.
+
+    confdata: ABB's cf1, cf4, cf6, cfx. figure: DENSO's Fig. switches: the words of V+, for all motions of a program or
+    for none, since they stay in force.
+    """
+
+    confdata: tuple[int, int, int, int] | None = None
+    figure: int | None = None
+    switches: tuple[str, ...] = ()
+
+
+class MoveJ(Struct, frozen=True, eq=False, gc=False):
+    """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s. joints and
+    posture: of the arm at a target that is a pose, where a robot is known.
+    """
+
+    target: Pose | Joints
+    speed: float
+    blend: float = 0.0
+    joints: Joints | None = None
+    posture: Posture | None = None
+
+
+class MoveL(Struct, frozen=True, eq=False, gc=False):
+    """Straight line of the TCP. target: work_from_tcp. blend: radius in mm within which the corner may be rounded, 0
+    = exact stop. force: N to press with during this motion, while a ``Force`` is on. press: its direction at the
+    target, unit vector in the work frame from the tool towards the surface.
+    """
+
+    target: Pose
+    speed: float
+    blend: float = 0.0
+    force: float = 0.0
+    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    joints: Joints | None = None
+    posture: Posture | None = None
+
+
+class MoveC(Struct, frozen=True, eq=False, gc=False):
+    """Arc of the TCP from where it is through ``via`` (half-way) to ``target``, at most half a circle."""
+
+    via: Pose
+    target: Pose
+    speed: float
+    blend: float = 0.0
+    force: float = 0.0
+    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    joints: Joints | None = None
+    posture: Posture | None = None
+
+
+class Output(Struct, frozen=True, gc=False):
+    """Sets a named signal. value: 0 off, 1 on; for ``spindle`` its speed in rpm."""
+
+    signal: str
+    value: float
+
+
+class Wait(Struct, frozen=True, gc=False):
+    """Stands still for so many seconds."""
+
+    seconds: float
+
+
+class Force(Struct, frozen=True, gc=False):
+    """Force control on, pressing with ``newtons`` along ``press`` (unit, work frame) from the next motion on; 0 N: off,
+    and the next motion leaves the surface.
+    """
+
+    newtons: float
+    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class Comment(Struct, frozen=True, gc=False):
+    """A remark for whoever reads the program; posts clean it."""
+
+    text: str
+
+
+Motion = MoveJ | MoveL | MoveC
+Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | Comment
+
+
+# Instructions by column: a program may hold half a million of them, and a loop over them in Python takes seconds.
+
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+_NUMBER: dict[type, int] = {MoveJ: 0, MoveL: 1, MoveC: 2, Output: 3, Wait: 4, Force: 5, Comment: 6}
+
+
+class Columns:
+    """The columns of a body of N instructions, M of them motions, each worked out when it is first asked for."""
+
+    def __init__(self, body: Sequence[Instruction]) -> None:
+        self.body = body
+        #: (N,) what each instruction is.
+        self._kind = np.fromiter(map(_NUMBER.__getitem__, map(type, body)), np.int8, len(body))
+
+    def are(self, *kinds: type) -> Mask:
+        """(N,): which instructions are of one of the types ``kinds``."""
+        return _any_of(self._kind, kinds)
+
+    def of(self, *kinds: type) -> list[Any]:
+        """The instructions of the types ``kinds``."""
+        return taken(self.body, self.are(*kinds))
+
+    @cached_property
+    def at(self) -> Indices:
+        """(M,): where the motions stand in the body."""
+        return np.flatnonzero(self.are(MoveJ, MoveL, MoveC))
+
+    @cached_property
+    def moves(self) -> list[Any]:
+        """The motions."""
+        return self.of(MoveJ, MoveL, MoveC)
+
+    def moves_are(self, *kinds: type) -> Mask:
+        """(M,): which motions are of one of the types ``kinds``."""
+        return _any_of(self._kind[self.at], kinds)
+
+    def before(self, indices: Indices) -> Indices:
+        """The numbers of the motions before the instructions at ``indices``, -1 where there is none."""
+        return np.asarray(np.searchsorted(self.at, indices) - 1)
+
+    def pose(self, motion: int) -> Pose | None:
+        """The pose to which a motion goes; none for one to joint values, and for motion -1."""
+        target = self.moves[motion].target if motion >= 0 else None
+        return target if isinstance(target, Pose) else None
+
+    @cached_property
+    def posed(self) -> Mask:
+        """(M,): which motions have a pose as their target, not joint values."""
+        mask = ~self.moves_are(MoveJ)
+        rapid = np.flatnonzero(~mask)
+        mask[rapid] = [type(self.moves[k].target) is Pose for k in rapid.tolist()]
+        return mask
+
+    def turned_as(self, rotation: FloatArray) -> Mask:
+        """(M,): which motions go to a pose whose rotation is this very object, as programs share them."""
+        mask = self.posed.copy()
+        found = map(id, map(attrgetter("target.rotation"), taken(self.moves, mask)))
+        mask[mask] = [one == id(rotation) for one in found]
+        return mask
+
+    @cached_property
+    def ends(self) -> FloatArray:
+        """(M, 3): where motions end, NaN for those to joint values."""
+        return self._spread(self.posed, "target.origin")
+
+    @cached_property
+    def vias(self) -> FloatArray:
+        """(M, 3): the via points of arcs, NaN for other motions."""
+        return self._spread(self.moves_are(MoveC), "via.origin")
+
+    @cached_property
+    def speed(self) -> FloatArray:
+        """(M,): mm/s."""
+        return column(self.moves, "speed")
+
+    @cached_property
+    def blend(self) -> FloatArray:
+        """(M,): mm."""
+        return column(self.moves, "blend")
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """(M,): N, 0 for motions of the joints."""
+        pressing = ~self.moves_are(MoveJ)
+        force = np.zeros(len(self.moves))
+        force[pressing] = column(taken(self.moves, pressing), "force")
+        return force
+
+    def _spread(self, where: Mask, name: str) -> FloatArray:
+        places = np.full((len(where), 3), np.nan)
+        places[where] = numbers(taken(self.moves, where), name, 3)
+        return places
+
+
+def spliced(body: Sequence[Instruction], changed: Mapping[int, Sequence[Instruction]]) -> tuple[Instruction, ...]:
+    """The body with others in the place of the instructions whose indices are the keys of ``changed``."""
+    pieces: list[Instruction] = []
+    done = 0
+    for index in sorted(changed):
+        pieces += body[done:index]
+        pieces += changed[index]
+        done = index + 1
+    pieces += body[done:]
+    return tuple(pieces)
+
+
+def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
+    mask = np.zeros(len(numbered), np.bool_)
+    for kind in kinds:
+        mask |= numbered == _NUMBER[kind]
+    return mask
+
+
+def taken(items: Sequence[Any], keep: Mask) -> list[Any]:
+    """The items to keep."""
+    count = int(np.count_nonzero(keep))
+    if count == len(items):
+        return list(items)
+    if 4 * count < len(items):
+        return list(map(items.__getitem__, np.flatnonzero(keep).tolist()))
+    return list(compress(items, keep.tolist()))
+
+
+def numbers(items: Sequence[Any], name: str, width: int = 1) -> FloatArray:
+    """An attribute of the items, a number or a tuple of ``width`` numbers, as (N, width)."""
+    values = map(attrgetter(name), items)
+    flat = chain.from_iterable(values) if width > 1 else values
+    return np.fromiter(flat, np.float64, len(items) * width).reshape(-1, width)
+
+
+def column(items: Sequence[Any], name: str) -> FloatArray:
+    """An attribute of the items, a number each, as (N,)."""
+    return numbers(items, name)[:, 0]
+
+
+def shared(items: Sequence[Any], name: str) -> list[Any]:
+    """The different objects that are an attribute of the items: most of them share rotations and directions."""
+    values = list(map(attrgetter(name), items))
+    return list(dict(zip(map(id, values), values, strict=True)).values())
+
+
+# The rules that every program keeps, looked at by column: a body may hold a hundred thousand motions.
+
+_BLENDS = "a motion before an output, a wait or a force change must not blend"
+
+
+def check(columns: Columns) -> None:
+    """Raises Refused for the first instruction of a body that breaks a rule of ``Program``."""
+    at, speed, blend = columns.at, columns.speed, columns.blend
+    waits = np.flatnonzero(columns.are(Wait))
+    broken = [
+        *_first(at[:1][~columns.moves_are(MoveJ)[:1]], "the first motion must be joint-interpolated"),
+        *_not_finite(columns),
+        *_first(at[~(speed > 0) | (blend < 0)], "a speed must be positive and a blend not negative"),
+        *_first(waits[column(columns.of(Wait), "seconds") < 0], "a wait must not be negative"),
+        *_blending(columns),
+        *_pressing(columns),
+    ]
+    if broken:
+        index, what = min(broken, key=lambda one: one[0])
+        raise Refused("program", index, what)
+
+
+def check_frame(frame: Pose) -> None:
+    """Raises Refused for a frame with a number that is not finite."""
+    if not (np.isfinite(frame.rotation).all() and all(map(math.isfinite, frame.origin))):
+        raise Refused("program", -1, "a number is not finite")
+
+
+def _first(indices: Indices, what: str) -> Iterator[tuple[int, str]]:
+    for index in indices[:1].tolist():
+        yield index, what
+
+
+def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Instructions with a number that is not finite, the first of each kind."""
+    moves, posed, arcs = columns.moves, columns.posed, columns.moves_are(MoveC)
+    for where, values in (
+        (None, columns.speed),
+        (None, columns.blend),
+        (None, columns.force),
+        (posed, columns.ends),
+        (arcs, columns.vias),
+    ):
+        good = np.isfinite(values).reshape(len(moves), -1).all(axis=1)
+        yield from _first(columns.at[~good if where is None else ~good & where], "a number is not finite")
+    straight, jointed = taken(moves, posed), taken(moves, ~posed)
+    known = [move for move in moves if move.joints is not None] if any(map(attrgetter("joints"), moves)) else []
+    for items, name in (
+        (straight, "target.rotation"),
+        (taken(moves, arcs), "via.rotation"),
+        (taken(moves, ~columns.moves_are(MoveJ)), "press"),
+        (jointed, "target.values"),
+        (known, "joints.values"),
+        (columns.of(Output), "value"),
+        (columns.of(Wait), "seconds"),
+        (columns.of(Force), "newtons"),
+        (columns.of(Force), "press"),
+    ):
+        if not all(map(_sound, shared(items, name))):
+            bad = next(item for item in items if not _sound(attrgetter(name)(item)))
+            yield next(k for k, item in enumerate(columns.body) if item is bad), "a number is not finite"
+
+
+def _sound(value: float | Sequence[float] | FloatArray) -> bool:
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, tuple):
+        return all(map(math.isfinite, value))
+    return bool(np.isfinite(value).all())
+
+
+def _blending(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Motions that blend although no motion follows."""
+    at, blends = columns.at, columns.blend > 0
+    spoken = np.flatnonzero(~columns.are(Comment))
+    size = len(columns.body)
+    moving = np.zeros(size + 1, np.bool_)
+    moving[at] = True
+    following = np.append(spoken[1:], size)[np.searchsorted(spoken, at)]
+    last = following == size
+    yield from _first(at[blends & ~moving[following] & ~last], _BLENDS)
+    yield from _first(at[blends & last], "the last motion must not blend")
+
+
+def _pressing(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Motions that press while force control is off, and force control that is left on."""
+    switches: list[Any] = columns.of(Force)
+    newtons = np.append(0.0, column(switches, "newtons"))
+    on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0
+    yield from _first(columns.at[(columns.force > 0) & ~on], "a motion presses while force control is off")
+    if newtons[-1] > 0:
+        yield len(columns.body) - 1, "force control must be off at the end"
+
+
+# The typed program between planning and posts: few instructions, checked once, with a text form (``ir_text``).
+
+
+class Program(Struct, frozen=True, eq=False, dict=True):
+    """A whole program in one work frame.
+
+    base_from_work and flange_from_tool: the frames that the poses are in. header: remarks for its top, in order.
+    Construction raises Refused unless the first motion is joint-interpolated, every number is finite, every speed
+    positive, and no motion before an output, a wait, a force change or the end blends.
+    """
+
+    name: str
+    base_from_work: Pose
+    flange_from_tool: Pose
+    body: tuple[Instruction, ...]
+    header: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for frame in (self.base_from_work, self.flange_from_tool):
+            check_frame(frame)
+        check(self.columns)
+
+    @cached_property
+    def columns(self) -> Columns:
+        """The body by column."""
+        return Columns(self.body)
+
+    def with_body(self, body: tuple[Instruction, ...]) -> Program:
+        """The same program with another body."""
+        return replace(self, body=body)
+
+
+def motions(body: tuple[Instruction, ...]) -> Iterator[tuple[int, Motion]]:
+    """The motions of a body with their index in it."""
+    for index, item in enumerate(body):
+        if isinstance(item, (MoveL, MoveC, MoveJ)):
+            yield index, item

@@ -1,0 +1,182 @@
+"""The text form of a program: one instruction a line, words and numbers, ``camgen-ir 1`` first."""
+
+from __future__ import annotations
+
+from camgen.model.pose import Pose, quaternion, rotation_from_quaternion
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    Motion,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Program,
+    Wait,
+)
+from camgen.model.text import harmless, short
+
+#: Digits of the text form: 1e-6 mm, and quaternions to 1e-9.
+_DIGITS, _ANGLE_DIGITS = 6, 9
+
+
+def dump(program: Program) -> str:
+    """The program as text, exact to 1e-6 mm. ``parse`` is its inverse."""
+    lines = ["camgen-ir 1", f"name {harmless(program.name)}"]
+    lines.append("work " + _pose_text(program.base_from_work))
+    lines.append("tool " + _pose_text(program.flange_from_tool))
+    lines += [f"# {harmless(line, 200)}" for line in program.header]
+    lines.append("body")
+    rotations: dict[bytes, str] = {}
+    lines += [_line(item, rotations) for item in program.body]
+    return "\n".join(lines) + "\n"
+
+
+def _line(item: Instruction, rotations: dict[bytes, str]) -> str:
+    match item:
+        case MoveJ():
+            if isinstance(item.target, Joints):
+                return "movej joints " + _numbers(item.target.values, _ANGLE_DIGITS) + _tail(item)
+            return "movej " + _pose_text(item.target, rotations) + _tail(item)
+        case MoveL():
+            return "movel " + _pose_text(item.target, rotations) + _tail(item)
+        case MoveC():
+            via = _pose_text(item.via, rotations)
+            return f"movec {via} to {_pose_text(item.target, rotations)}" + _tail(item)
+        case Output():
+            return f"output {harmless(item.signal)} {short(item.value, _DIGITS)}"
+        case Wait():
+            return f"wait {short(item.seconds, _DIGITS)}"
+        case Force():
+            return f"force {short(item.newtons, _DIGITS)} press {_numbers(item.press, _ANGLE_DIGITS)}"
+        case Comment():
+            return f"# {harmless(item.text, 200)}"
+
+
+def _numbers(values: tuple[float, ...], digits: int) -> str:
+    return " ".join(short(v, digits) for v in values)
+
+
+def _pose_text(pose: Pose, rotations: dict[bytes, str] | None = None) -> str:
+    cache = {} if rotations is None else rotations
+    key = pose.rotation.tobytes()
+    if key not in cache:
+        cache[key] = _numbers(quaternion(pose.rotation), _ANGLE_DIGITS)
+    return f"{_numbers(pose.origin, _DIGITS)} q {cache[key]}"
+
+
+def _tail(item: Motion) -> str:
+    text = f" speed {short(item.speed, _DIGITS)}"
+    if item.blend:
+        text += f" blend {short(item.blend, _DIGITS)}"
+    if not isinstance(item, MoveJ) and (item.force or any(item.press)):
+        text += f" force {short(item.force, _DIGITS)} press {_numbers(item.press, _ANGLE_DIGITS)}"
+    if item.joints is not None:
+        text += " at " + _numbers(item.joints.values, _ANGLE_DIGITS)
+    return text if item.posture is None else text + _posture_text(item.posture)
+
+
+def _posture_text(posture: Posture) -> str:
+    text = "" if posture.confdata is None else " confdata " + " ".join(map(str, posture.confdata))
+    text += "" if posture.figure is None else f" figure {posture.figure}"
+    return text + (" switches " + " ".join(map(harmless, posture.switches)) if posture.switches else "")
+
+
+def parse(text: str) -> Program:
+    """The program that ``dump`` wrote. ValueError names the line that cannot be read."""
+    lines = text.splitlines()
+    if not lines or lines[0] != "camgen-ir 1":
+        raise ValueError("line 1: not a camgen-ir 1 text")
+    name, work, tool = "", Pose(*_NEUTRAL), Pose(*_NEUTRAL)
+    header: list[str] = []
+    body: list[Instruction] = []
+    in_body = False
+    for number, line in enumerate(lines[1:], start=2):
+        word, _, rest = line.partition(" ")
+        try:
+            if word == "name":
+                name = rest
+            elif word == "work":
+                work = _parse_pose(rest.split())
+            elif word == "tool":
+                tool = _parse_pose(rest.split())
+            elif word == "body":
+                in_body = True
+            elif word == "#" and not in_body:
+                header.append(rest)
+            elif word:
+                body.append(_parse_instruction(word, rest))
+        except (ValueError, IndexError, KeyError, ZeroDivisionError) as error:
+            raise ValueError(f"line {number}: {line!r}: {error}") from error
+    return Program(name, work, tool, tuple(body), tuple(header))
+
+
+_NEUTRAL = (rotation_from_quaternion((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
+_TAIL_WORDS = ("speed", "blend", "force", "press", "at", "confdata", "figure", "switches")
+
+
+def _parse_pose(words: list[str]) -> Pose:
+    x, y, z = (float(w) for w in words[:3])
+    if words[3] != "q" or len(words) != 8:
+        raise ValueError("a pose is x y z q w x y z")
+    return Pose(rotation_from_quaternion([float(w) for w in words[4:8]]), (x, y, z))
+
+
+def _split(words: list[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """The words before the tail, and the tail by its words."""
+    tail: dict[str, list[str]] = {}
+    head: list[str] = []
+    current: list[str] | None = None
+    for word in words:
+        if word in _TAIL_WORDS:
+            current = tail.setdefault(word, [])
+        elif current is None:
+            head.append(word)
+        else:
+            current.append(word)
+    return head, tail
+
+
+def _parse_instruction(word: str, rest: str) -> Instruction:
+    if word == "#":
+        return Comment(rest)
+    if word == "output":
+        signal, value = rest.rsplit(" ", 1)
+        return Output(signal, float(value))
+    if word == "wait":
+        return Wait(float(rest))
+    head, tail = _split(rest.split())
+    if word == "force":
+        x, y, z = map(float, tail["press"])
+        return Force(float(head[0]), (x, y, z))
+    speed = float(tail["speed"][0])
+    blend = float(tail.get("blend", ["0"])[0])
+    joints = Joints(tuple(map(float, tail["at"]))) if "at" in tail else None
+    posture = _posture(tail)
+    if word == "movej":
+        target = Joints(tuple(float(w) for w in head[1:])) if head[0] == "joints" else _parse_pose(head)
+        return MoveJ(target, speed, blend, joints, posture)
+    force = float(tail.get("force", ["0"])[0])
+    x, y, z = map(float, tail.get("press", ["0"] * 3))
+    manner = (speed, blend, force, (x, y, z), joints, posture)
+    if word == "movel":
+        return MoveL(_parse_pose(head), *manner)
+    if word == "movec":
+        middle = head.index("to")
+        return MoveC(_parse_pose(head[:middle]), _parse_pose(head[middle + 1 :]), *manner)
+    raise ValueError(f"unknown instruction {word!r}")
+
+
+def _posture(tail: dict[str, list[str]]) -> Posture | None:
+    """What the tail says of the posture, if it does."""
+    if not tail.keys() & {"confdata", "figure", "switches"}:
+        return None
+    confdata = None
+    if "confdata" in tail:
+        cf1, cf4, cf6, cfx = map(int, tail["confdata"])
+        confdata = (cf1, cf4, cf6, cfx)
+    figure = int(tail["figure"][0]) if "figure" in tail else None
+    return Posture(confdata, figure, tuple(tail.get("switches", ())))

@@ -1,0 +1,155 @@
+"""A way out of each end of a processing motion, up above the safety level; an approach is the same backwards.
+
+RFA paper, section II.A: back along the tool where only the last link is below the level, over the wrist's place where
+the link before it is too. Where such a way collides or breaks a limit, others are tried before the end is given up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.pose import FloatArray, frozen
+from camgen.plan.edges.motion import JUMP, MARGIN, Setup, dense_parts, flange_poses
+from camgen.plan.edges.ways import Way, divided, rows
+from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.forward import flange, frames
+
+#: rad: the wrist is kept from standing straight, where it is singular.
+_BENT = math.radians(10.0)
+#: Least rise, mm per mm, of a way that is to reach the level.
+_STEEP = 0.15
+#: mm: the least way out.
+_LEAST = 1.0
+#: Directions round the vertical that are tried, all 45 deg up.
+_AROUND = 8
+
+
+class Room(Struct, frozen=True, eq=False):
+    """Where it is free, base frame. level: z, mm, above which tool and holder are free. low, high: (3,) corners of the
+    part's box. beside: mm from that box within which the holder may meet it. hits: what each of some motions (D, J)
+    collides with, empty: nothing.
+    """
+
+    level: float
+    low: FloatArray
+    high: FloatArray
+    beside: float
+    hits: Callable[[Sequence[FloatArray]], list[str]]
+
+
+class Retraction(Struct, frozen=True, eq=False):
+    """way: rows from the end of a motion to free space. joints: (N, J) there. dense: (D, J) as it goes. name: of the
+    direction.
+    """
+
+    way: Way
+    joints: FloatArray
+    dense: FloatArray
+    name: str
+
+
+def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]) -> list[Retraction | str]:
+    """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free; or why there
+    is none.
+    """
+    ways = [_followed(setup, room, end, joints) for end, joints in ends]
+    found: list[Retraction | str] = ["" for _ in ends]
+    left = list(range(len(ends)))
+    while left:
+        tried = [(k, way) for k in left if (way := next(ways[k], None)) is not None]
+        hit = room.hits([way.dense for _, way in tried if not isinstance(way, str)]) if tried else []
+        said = iter(hit)
+        left = []
+        for k, way in tried:
+            reason = way if isinstance(way, str) else next(said)
+            if isinstance(way, Retraction) and not reason:
+                found[k] = way
+                continue
+            name = f"{way.name} " if isinstance(way, Retraction) else ""
+            found[k] = found[k] or f"{name}{reason}"
+            left.append(k)
+    return [one or "the tool points up" for one in found]
+
+
+def _followed(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[Retraction | str]:
+    """What is tried, in this order, with the joints; or why the arm cannot do it."""
+    for name, way in _ways(setup, room, end, joints):
+        parts = dense_parts(way)
+        dense = divided(way, parts)
+        found = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), joints, MARGIN, JUMP)
+        if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
+            yield Retraction(way, frozen(found.joints[rows(parts)]), frozen(found.joints), name)
+        else:
+            yield f"{name} the arm cannot follow"
+
+
+def _ways(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[tuple[str, Way]]:
+    """What is tried, in this order."""
+    base_from_work = setup.base_from_work
+    start = base_from_work.rotation @ end.position[0] + np.asarray(base_from_work.origin)
+    back = -(base_from_work.rotation @ end.rotation[0])[:, 2]
+    up = np.array([0.0, 0.0, 1.0])
+    straight = _straight(setup, room, start, back, end)
+    low_wrist = frames(setup.robot, joints[None])[1][0, 5, 2] < room.level if len(joints) == 6 else False
+    over = _over_wrist(setup, room, end, joints) if low_wrist else None
+    if straight is not None:
+        yield "along the tool", straight
+    if over is not None:
+        yield "over the wrist", over
+    beside = start + back * _out_of(room, start, back)
+    yield "back and up", _chain(setup, end, [start, beside, beside + up * max(room.level - beside[2], _LEAST)])
+    turns = np.arange(_AROUND) * (math.tau / _AROUND) + math.atan2(back[1], back[0])
+    order = sorted(range(_AROUND), key=lambda k: (min(k, _AROUND - k), k))
+    slopes = [np.array([math.cos(turns[k]), math.sin(turns[k]), 1.0]) / math.sqrt(2) for k in order]
+    for name, along in [("up", up), *(("up aside", slope) for slope in slopes)]:
+        way = _straight(setup, room, start, along, end)
+        if way is not None:
+            yield name, way
+
+
+def _straight(setup: Setup, room: Room, start: FloatArray, along: FloatArray, end: Way) -> Way | None:
+    """In one direction up to the level (equation 1)."""
+    if along[2] < _STEEP:
+        return None
+    return _chain(setup, end, [start, start + along * max((room.level - start[2]) / along[2], _LEAST)])
+
+
+def _over_wrist(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Way | None:
+    """First the TCP goes to where the wrist is, turned as the link before it points, then back along it to the level
+    (the paper's second case).
+    """
+    wrist = frames(setup.robot, joints[None])[1][0, 5]
+    stretched = joints.copy()
+    stretched[4] = math.copysign(_BENT, joints[4])
+    turned = flange(setup.robot, stretched[None])[0][0] @ setup.flange_from_tool.rotation
+    back = -turned[:, 2]
+    if back[2] < _STEEP:
+        return None
+    top = wrist + back * max((room.level - wrist[2]) / back[2], _LEAST)
+    work_from_base = setup.base_from_work.inverse()
+    position = [end.position[0], *(np.stack([wrist, top]) @ work_from_base.rotation.T + work_from_base.origin)]
+    rotation = work_from_base.rotation @ turned
+    return Way(frozen(position), frozen(np.full((3, 3), np.nan)), frozen([end.rotation[0], rotation, rotation]))
+
+
+def _chain(setup: Setup, end: Way, points: list[FloatArray]) -> Way:
+    """Straight from point to point (base frame), turned as ``end``."""
+    work_from_base = setup.base_from_work.inverse()
+    position = np.stack(points) @ work_from_base.rotation.T + np.asarray(work_from_base.origin)
+    position[0] = end.position[0]
+    count = len(points)
+    rotation = np.broadcast_to(end.rotation[0], (count, 3, 3))
+    return Way(frozen(position), frozen(np.full((count, 3), np.nan)), frozen(rotation))
+
+
+def _out_of(room: Room, start: FloatArray, along: FloatArray) -> float:
+    """How far it is along a direction until the point is ``beside`` mm out of the part's box."""
+    low, high = room.low - room.beside, room.high + room.beside
+    ends = np.where(along > 0, high, low)
+    with np.errstate(divide="ignore"):
+        ways = np.where(np.abs(along) > 1e-9, (ends - start) / along, math.inf)
+    return max(float(ways.min()), _LEAST)

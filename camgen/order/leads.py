@@ -1,0 +1,149 @@
+"""Run-in, run-out and overlap of followed contours: a pass over the tour, when it is known where each path starts.
+
+A closed path is entered on a quarter of a circle from the free side and left on another, an open one along its own
+tangent. A lead is used only where the tool keeps its distance from everything drawn; otherwise a shorter one is tried,
+then another place of a closed path, then none, with a note.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.intersect import Obstacles
+from camgen.geometry.segments import from_contours
+from camgen.model.job import Job
+from camgen.model.part import Note, Part
+from camgen.model.path import ToolPath, joined, segment_lengths
+from camgen.model.pose import FloatArray, frozen
+from camgen.order.starts import starting_at
+
+#: What is tried of the length asked for, the longest first.
+_SCALES = (1.0, 0.5, 0.25)
+#: Points of a lead that are measured, and by how much (mm) each may be nearer than the tool's radius.
+_SAMPLES, _SLACK = 65, 0.005
+#: Other places of a closed path at which a lead is tried: the middles of its longest segments.
+_PLACES = 16
+
+
+class _Lead(Struct, frozen=True, eq=False):
+    """A run-in or run-out. path: of one segment. samples: (M, 2) points along it."""
+
+    path: ToolPath
+    samples: FloatArray
+
+
+def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[ToolPath], list[Note]]:
+    """The paths with the leads and the overlap of ``job``, and notes on those that have shorter ones or none."""
+    operation = job.operation
+    if not (operation.lead_in or operation.lead_out or operation.overlap):
+        return list(paths), []
+    drawn = from_contours(part.contours)
+    obstacles = Obstacles(drawn, np.zeros(len(drawn), dtype=np.int64))
+    result: list[ToolPath] = []
+    short: list[str] = []
+    without: list[str] = []
+    for path in paths:
+        # Only what runs beside a contour has a free side to lead in from.
+        followed = bool(path.press[:, :, :2].any())
+        led, scale = _with_leads(path, job, obstacles) if followed else (path, 1.0)
+        result.append(led)
+        if scale < 1.0:
+            (short if scale else without).append(path.id)
+    notes = [
+        Note("warning", f"{len(ids)} paths {how}: {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}", why)
+        for ids, how, why in (
+            (short, "with a shorter lead", "the part or a neighbour is too near"),
+            (without, "without a lead", "there is no place where it would keep clear of the part"),
+        )
+        if ids
+    ]
+    return result, notes
+
+
+def _with_leads(path: ToolPath, job: Job, obstacles: Obstacles) -> tuple[ToolPath, float]:
+    """The path with the longest leads that fit, and what part of the wanted length that is."""
+    operation, feed = job.operation, job.process.feed
+    ends = ((operation.lead_in, -1), (operation.lead_out, 1))
+    for scale in _SCALES:
+        for start in _starts(path):
+            run = _overlapped(start, operation.overlap)
+            leads = [_lead(run, length * scale, way, path.closed, feed) for length, way in ends]
+            if all(lead is None or _is_clear(lead, obstacles, job.tool.diameter / 2) for lead in leads):
+                before, after = ([] if lead is None else [lead.path] for lead in leads)
+                pieces = [*before, run, *after]
+                return (joined(pieces) if len(pieces) > 1 else run), scale
+    return _overlapped(path, operation.overlap), 0.0
+
+
+def _starts(path: ToolPath) -> list[ToolPath]:
+    """The path as it starts now, and a closed one started in the middle of each of its longer segments."""
+    if not path.closed:
+        return [path]
+    longest = np.argsort(-segment_lengths(path.position, path.via), kind="stable")[:_PLACES]
+    return [path, *(starting_at(path, int(k) + 1, 0.5) for k in longest)]
+
+
+def _overlapped(path: ToolPath, overlap: float) -> ToolPath:
+    """A closed path that runs on for ``overlap`` mm beyond its start, at most once round."""
+    if overlap == 0.0 or not path.closed:
+        return path
+    ends = np.cumsum(segment_lengths(path.position, path.via))
+    if overlap >= ends[-1]:
+        return joined([path, path])
+    k = int(np.searchsorted(ends, overlap, side="right"))
+    done = ends[k - 1] if k else 0.0
+    cut = starting_at(path, k + 1, float((overlap - done) / (ends[k] - done)))
+    # Started there, the path ends with what we want: the stretch from the old start.
+    old = int(np.argmin(np.abs(cut.position - path.position[0]).sum(axis=1)))
+    return joined([path, cut.rows(old, len(cut.position))])
+
+
+def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _Lead | None:
+    """The run-in (way -1) or run-out (+1): a quarter of a circle to a ring, along its tangent to an open path.
+
+    It never runs faster than ``feed``: a path may, but only where the tool rolls about an outer corner.
+    """
+    if length == 0.0:
+        return None
+    row, end, at = (1, 0, path.position[0]) if way < 0 else (-1, 1, path.position[-1])
+    press, axis = path.press[row, end], path.axis[row]
+    away = way * _travel_sign(path) * np.cross(press, axis)
+    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    if ring:
+        size = length / (np.pi / 2)
+        angle = t * np.pi / 2
+        points = at + size * ((np.cos(angle) - 1) * press + np.sin(angle) * away)
+        turned = away
+    else:
+        points = at + t * length * away
+        turned = press
+    rows = points[[0, -1]][::way]
+    middle = points[_SAMPLES // 2] if ring else np.full(3, np.nan)
+    presses = np.array([press, turned])[::way]
+    lead = replace(
+        path,
+        position=frozen(rows),
+        via=frozen([np.full(3, np.nan), middle]),
+        axis=frozen([axis, axis]),
+        press=frozen([presses, presses]),
+        force=frozen([0.0, 0.0]),
+        feed=frozen(np.full(2, min(path.feed[row], feed))),
+        closed=False,
+    )
+    return _Lead(lead, points[:, :2])
+
+
+def _travel_sign(path: ToolPath) -> float:
+    """+1 where press x axis points along the travel, else -1; the same all along a path beside a contour."""
+    ahead = (path.position[1] if np.isnan(path.via[1, 0]) else path.via[1]) - path.position[0]
+    return float(np.sign(np.cross(path.press[1, 0], path.axis[0]) @ ahead))
+
+
+def _is_clear(lead: _Lead, obstacles: Obstacles, radius: float) -> bool:
+    """Whether the tool keeps its radius from everything drawn all along the lead."""
+    gap = obstacles.nearest(lead.samples, np.zeros(len(lead.samples), dtype=np.int64), radius)
+    return bool((gap >= radius - _SLACK).all())

@@ -1,0 +1,245 @@
+"""Tool paths as items of the search for a short tour: samples of closed ones before it, exact starts after it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.nearest import nearest_items
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+from camgen.order.solver.bound import Dense, at_least
+from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
+from camgen.order.solver.plane import Items, Start, Tell, discs_of, shortened
+from camgen.order.starts import SEAM, IntArray, Starts, ends_of
+
+__all__ = ["Choices", "Sampled", "lower_bound", "sampled", "searched"]
+
+#: Samples of a closed path: at least, at most, and so many on a stretch as long as an item's usual room.
+_LEAST, _MOST, _DENSE = 8, 256, 3
+#: Near discs that are listed; of these come the near items that are tried.
+_NEAR = 10
+#: Looks at an item in a second of the compiled search: fixed, so that a budget in seconds is one in looks.
+RATE = 400_000
+#: Without ``tour.seconds``: looks at each item, and the least in all, 0.05 s to 0.3 s in plain Python. For more than
+#: ``_MANY`` items so few looks gain little and there is no search, for more than ``_CROWD`` no bound either.
+_LOOKS, _FEW, _MANY, _CROWD = 1.5, 400, 1_250, 20_000
+#: Trees of the bound: at least and at most; with ``tour.seconds`` as many as take about a fourth of that time, at
+#: so many seconds for each tree and item.
+_TREES, _TREE = (12, 80), 4e-6
+#: Distances that the bound may measure, without and with ``tour.seconds``; then as many for each item at least.
+_CLOSE, _CLOSE_EACH = (100_000, 6_000_000), 2_000
+#: Each round moves every start to its best place between its neighbours; so finely, narrowed down so often.
+_ROUNDS, _FINER, _NARROWER = 2, 4, 4
+
+
+class Choices(Struct, frozen=True):
+    """order: indices of the paths as they are run. row, fraction: by path, where it begins. whole: the search for it
+    came to its end.
+    """
+
+    order: list[int]
+    row: list[int]
+    fraction: list[float]
+    whole: bool = True
+
+
+class Sampled(Struct, frozen=True, eq=False):
+    """Paths as items. along: (starts + 1,) mm, the lengths of all starts' segments summed up; whole: by path, mm.
+    step: by path, mm along it from one sample to the next.
+    """
+
+    items: Items
+    where: Starts
+    along: FloatArray
+    whole: FloatArray
+    step: FloatArray
+
+
+def looks(seconds: float, count: int) -> int:
+    """The budget of the search, looks at an item. seconds: of the compiled search; 0: few looks, none at a crowd."""
+    if seconds:
+        return round(seconds * RATE)
+    return max(round(_LOOKS * count), _FEW) if count <= _MANY else 0
+
+
+def sampled(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], rank: Sequence[int]) -> Sampled:
+    """The paths as items: ends of open ones, samples of closed ones, evenly along them.
+
+    parent: by path, the one that comes later, or -1. rank: by path, lower ranks come first.
+    """
+    count = len(paths)
+    along = np.concatenate([[0.0], np.cumsum(where.shape.length)])
+    whole = along[where.first[1:]] - along[where.first[:-1]]
+    rows = np.array([len(path.position) for path in paths])
+    loop = np.array([path.closed for path in paths]) & (rows > 1) & (whole > 0)
+    lone = (rows == 1) | (np.array([path.closed for path in paths]) & ~loop)
+    begins, ends = ends_of(paths)
+    corners = np.concatenate([begins, ends])
+    room = float(np.sqrt(max(np.prod(np.ptp(corners, axis=0)), float(np.ptp(corners)) ** 2 / 100) / count))
+    samples = np.clip(np.ceil(whole * _DENSE / max(room, 1e-300)), _LEAST, _MOST).astype(np.int64)
+    samples = np.where(loop, samples, np.where(lone, 1, 2))
+    first = np.concatenate([[0], np.cumsum(samples)])
+    owner = np.repeat(np.arange(count), samples)
+    step = np.arange(len(owner)) - first[owner]
+    points = np.where((step == 0)[:, None], begins[owner], ends[owner])
+    step_mm = whole / samples
+    both = np.array([path.reversible for path in paths])
+    kind = np.where(loop | lone, CLOSED, np.where(both, BOTH_WAYS, ONE_WAY))
+    # Between two samples may lie a corner that is no start: so much farther are they apart.
+    skipped = np.where(where.span > 0, (1 - where.span) / np.maximum(where.span, 1e-300), 0.0) * where.shape.length
+    wide = np.maximum.reduceat(skipped, where.first[:-1])
+    apart = np.where(loop, step_mm + 2 * wide, 1.0)
+    items = Items(first, points, kind, apart, np.array(parent, dtype=np.int64), np.array(rank, dtype=np.int64))
+    found = Sampled(items, where, along, whole, step_mm)
+    inside = loop[owner]
+    points[inside] = _at(found, owner[inside], (step * step_mm[owner])[inside])
+    return found
+
+
+def bounded(seconds: float, count: int) -> bool:
+    """Whether ``lower_bound`` is worth its time: for a crowd only where seconds were asked for."""
+    return seconds > 0 or count <= _CROWD
+
+
+def lower_bound(known: Sampled, home: tuple[float, float] | None, travel: float, seconds: float) -> float:
+    """What no tour of the paths is below, mm. travel: of a tour that is known. seconds: as for the search; without
+    them few trees are looked at.
+    """
+    count = len(known.whole)
+    rounds = min(max(10_000 // count, 2), 5)
+    if seconds:
+        rounds = min(max(round(seconds / 4 / (_TREE * count)), _TREES[0]), _TREES[1])
+    place = None if home is None else np.array(home)
+    most = max(_CLOSE[1], _CLOSE_EACH * count) if seconds else _CLOSE[0]
+    return at_least(known.items, place, travel, rounds, _dense(known, most))
+
+
+def _dense(known: Sampled, most: int) -> Dense | None:
+    """Points of the items, those of closed ones so close that ``most`` distances measure their near pairs; None where
+    these would be too few to tell anything.
+    """
+    items = known.items
+    count = np.diff(items.first)
+    loop = (items.kind == CLOSED) & (count > 1)
+    each = min(int(math.sqrt(most / (_NEAR * len(count)))), _MOST)
+    if each < _LEAST:
+        return None
+    samples = np.where(loop, each, count)
+    first = np.concatenate([[0], np.cumsum(samples)])
+    owner = np.repeat(np.arange(len(count)), samples)
+    place = np.arange(len(owner)) - first[owner]
+    inside = loop[owner]
+    points = np.empty((len(owner), 2))
+    points[~inside] = items.points[~np.repeat(loop, count)]
+    length = known.whole / samples
+    points[inside] = _at(known, owner[inside], (place * length[owner])[inside])
+    # ``items.step`` counts corners that are no starts as well.
+    wide = items.step - known.step + length
+    return Dense(first, points, np.where(loop, wide / 2, 0.0))
+
+
+def searched(
+    known: Sampled, first: Choices, home: tuple[float, float] | None, budget: int, seed: int, tell: Tell | None
+) -> Choices:
+    """A tour that is shorter than ``first``, if one is found: the search, then every start moved to its best point.
+
+    tell: who watches, and may stop the search.
+    """
+    items = known.items
+    count = len(items.kind)
+    near = nearest_items(discs_of(items), count, _NEAR)
+    place = None if home is None else np.array(home)
+    begun = Start(np.array(first.order), _entered(known, first))
+    found = shortened(items, begun, place, near, budget, seed, tell)
+    closed = items.kind == CLOSED
+    length = np.zeros(count)
+    number = found.enter - items.first[:-1]
+    length[closed] = (number * known.step)[closed]
+    length = _polished(known, found, place, length)
+    row, fraction = _placed(known, length)
+    turned = ~closed & (number > 0)
+    row = np.where(closed, row, np.where(turned, known.where.row[known.where.first[1:] - 1], 0))
+    return Choices(found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist(), found.whole)
+
+
+def _entered(known: Sampled, first: Choices) -> IntArray:
+    """The points where the items are entered in a tour whose closed paths may begin between samples."""
+    items, where = known.items, known.where
+    row, fraction = np.array(first.row), np.array(first.fraction)
+    samples = np.diff(items.first)
+    segment = where.first[:-1] + np.maximum(row - 1, 0)
+    segment = np.minimum(segment, where.first[1:] - 1)
+    fraction = np.clip((fraction - where.low[segment]) / where.span[segment], 0.0, 1.0)
+    length = known.along[segment] - known.along[where.first[:-1]] + fraction * where.shape.length[segment]
+    number = np.round(length / np.maximum(known.step, 1e-300)).astype(np.int64) % samples
+    return items.first[:-1] + np.where(items.kind == CLOSED, number, row > 0)
+
+
+def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The start (segment) of each closed path that holds the point ``length`` mm along it, and how far along that."""
+    where = known.where
+    total = known.along[where.first[path]] + length % np.maximum(known.whole[path], 1e-300)
+    number = np.searchsorted(known.along, total, side="right") - 1
+    number = np.clip(number, where.first[path], where.first[path + 1] - 1)
+    return number, np.clip(total - known.along[number], 0.0, where.shape.length[number])
+
+
+def _at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
+    """Points x, y (K, 2) of closed paths, ``length`` mm along each."""
+    number, rest = _segment(known, path, length)
+    shape = known.where.shape.pick(number)
+    return shape.point(rest / np.maximum(shape.length, 1e-300))[:, :2]
+
+
+def _placed(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Row and fraction of the point ``length`` mm along each path; no piece shorter than SEAM is cut off a segment."""
+    path = np.arange(len(known.items.kind))
+    number, rest = _segment(known, path, length)
+    whole = known.where.shape.length[number]
+    part = np.divide(rest, whole, out=np.zeros_like(rest), where=whole > 0)
+    part = np.where(np.minimum(rest, whole - rest) < SEAM, np.round(part), part)
+    return known.where.row[number], known.where.low[number] + part * known.where.span[number]
+
+
+def _polished(known: Sampled, found: Start, home: FloatArray | None, length: FloatArray) -> FloatArray:
+    """Where along it each closed path begins, mm: every other one in turn moved to its best place."""
+    items, order = known.items, found.order
+    count = len(order)
+    if count == 0:
+        return length
+    enter = items.points[found.enter]
+    leave = items.points[items.first[:-1] + items.first[1:] - 1 - found.enter]
+    closed = (items.kind == CLOSED) & (np.diff(items.first) > 1)
+    leave = np.where((items.kind == CLOSED)[:, None], enter, leave)
+    for _ in range(_ROUNDS):
+        for odd in (0, 1):
+            at = np.arange(odd, count, 2)
+            at = at[closed[order[at]]]
+            # Nothing before the first or after the last where there is no home: the other neighbour counts alone.
+            before = leave[order[at - 1]]
+            after = enter[order[(at + 1) % count]]
+            for edge, side, other in ((0, before, after), (count - 1, after, before)):
+                side[at == edge] = other[at == edge] if home is None else home
+            own = order[at]
+            length[own] = _best(known, own, length[own], before, after)
+            enter[own] = leave[own] = _at(known, own, length[own])
+    return length
+
+
+def _best(known: Sampled, path: IntArray, length: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+    """The places along the closed paths, near ``length``, with the shortest way from ``before`` to ``after``."""
+    reach = known.step[path]
+    shift = np.linspace(-1.0, 1.0, 2 * _FINER + 1)
+    # The place itself comes first, so that it stays where nothing is shorter.
+    shift = shift[np.argsort(np.abs(shift), kind="stable")]
+    for _ in range(_NARROWER):
+        places = length[:, None] + shift * reach[:, None]
+        points = _at(known, np.repeat(path, len(shift)), places.reshape(-1)).reshape(len(path), len(shift), 2)
+        cost = np.linalg.norm(points - before[:, None], axis=2) + np.linalg.norm(points - after[:, None], axis=2)
+        length = places[np.arange(len(path)), cost.argmin(axis=1)]
+        reach = reach / _FINER
+    return length % np.maximum(known.whole[path], 1e-300)

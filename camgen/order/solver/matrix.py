@@ -1,0 +1,299 @@
+"""The shortest order of a few hundred items whose costs are a table: edges of a 3-D part, links of any kind.
+
+Item i is run from its end 0 to its end 1, or backwards. Costs may differ by direction and may be infinite. Up to
+``EXACT`` items the result is the best there is (Held and Karp's dynamic program over sets); above it is found by moving
+and reversing stretches, and by starting again from small shuffles of the best order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camgen.model.pose import FloatArray
+
+# Numbers that only look random: the same seed gives the same ones on every machine and with every library.
+
+_MASK = 0xFFFFFFFF
+
+
+class Dice:
+    """A stream of whole numbers. seed: 0 or more; equal seeds give equal streams."""
+
+    def __init__(self, seed: int) -> None:
+        self.state = (seed * 0x9E3779B1 + 0x7F4A7C15) & _MASK
+
+    def below(self, bound: int) -> int:
+        """The next number, 0 to ``bound`` - 1."""
+        self.state = (self.state + 0x9E3779B9) & _MASK
+        word = self.state
+        word = ((word ^ (word >> 16)) * 0x85EBCA6B) & _MASK
+        word = ((word ^ (word >> 13)) * 0xC2B2AE35) & _MASK
+        return (word ^ (word >> 16)) % bound
+
+
+IntArray = NDArray[np.int64]
+#: The items in the order in which they are run, and of each of these, whether it is run backwards.
+Order = tuple[list[int], list[bool]]
+#: position from and to (inclusive), the states that stand there afterwards, what it gains.
+_Move = tuple[int, int, IntArray, float]
+
+#: So many items are ordered exactly: 2^n sets.
+EXACT = 10
+#: Longest stretch that is moved elsewhere; longer ones are only reversed.
+_STRETCH = 3
+#: Work spent on shuffles, in entries of the table looked at, and the bounds on their number.
+_WORK, _LEAST, _MOST = 2_000_000, 20, 300
+#: Entries of the tables of one batch of shuffles, and the most shuffles in it.
+_BATCH, _WIDEST = 20_000, 64
+#: Share of the costs below which a gain is rounding.
+_EPS = 1e-12
+
+
+def shortest(between: FloatArray, first: FloatArray, last: FloatArray, seed: int = 0, effort: float = 1.0) -> Order:
+    """The order and the directions of n items that cost least, from home through all items and back.
+
+    between[i, a, j, b]: (n, 2, n, 2), from end a of item i, where it is left, to end b of item j, where it is entered;
+    inf where there is no way; the entries of an item to itself are not read. first[i, a]: (n, 2), from home to end a;
+    last[i, a]: (n, 2), from end a to home; zeros where nothing comes before or after, and inf to fix the first or last
+    item. What an item itself costs when run backwards may be put on the ends that it is entered at. If no order is
+    finite, one with the fewest infinite steps that was met is given: ``total`` is then inf. Equal seeds, equal orders.
+    effort: how many shuffles are tried, as a share of the usual number. ValueError for tables of other shapes, NaN or
+    -inf.
+    """
+    count = _checked(between, first, last)
+    if count == 0:
+        return [], []
+    steps = _steps(between, first, last)
+    if count <= EXACT:
+        return _items(_exact(steps))
+    start, flipped = nearest(between, first)
+    home = 2 * count
+    states = np.array([home, *(2 * i + back for i, back in zip(start, flipped, strict=True)), home])
+    return _items(_iterated(states, steps, seed, effort)[1:-1])
+
+
+def nearest(between: FloatArray, first: FloatArray) -> Order:
+    """Always the cheapest next end ("Following a continuous path", section 3.1), the lowest item of equal ones."""
+    count = _checked(between, first, first)
+    left = np.ones(count, dtype=bool)
+    order: list[int] = []
+    flipped: list[bool] = []
+    costs = first
+    for _ in range(count):
+        options = np.where(left[:, None], np.minimum(costs, np.finfo(float).max), np.inf)
+        item, end = divmod(int(np.argmin(options)), 2)
+        left[item] = False
+        order.append(item)
+        flipped.append(end == 1)
+        costs = between[item, 1 - end]
+    return order, flipped
+
+
+def total(
+    between: FloatArray, first: FloatArray, last: FloatArray, order: Sequence[int], flipped: Sequence[bool]
+) -> float:
+    """What the order costs, from home and back to it."""
+    if not order:
+        return 0.0
+    enter = [int(back) for back in flipped]
+    legs = [float(first[order[0], enter[0]]), float(last[order[-1], 1 - enter[-1]])]
+    legs += [float(between[order[k - 1], 1 - enter[k - 1], order[k], enter[k]]) for k in range(1, len(order))]
+    return math.fsum(legs)
+
+
+def _checked(between: FloatArray, first: FloatArray, last: FloatArray) -> int:
+    count = len(first)
+    if first.shape != (count, 2) or last.shape != (count, 2) or between.shape != (count, 2, count, 2):
+        raise ValueError(f"tables of shapes {between.shape}, {first.shape}, {last.shape} do not belong together")
+    own = np.arange(count)
+    read = between.copy()
+    read[own, :, own, :] = 0.0
+    for table in (read, first, last):
+        if np.isnan(table).any() or np.isneginf(table).any():
+            raise ValueError("a cost is a number or inf")
+    return count
+
+
+def _steps(between: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
+    """Costs (2n + 1, 2n + 1) from state to state; state 2 i + o is item i entered at its end o, state 2n is home.
+
+    Infinite costs become large ones, more than any finite order: sums and differences then stay numbers.
+    """
+    count = len(first)
+    home = 2 * count
+    steps = np.zeros((home + 1, home + 1))
+    steps[:home, :home] = between[:, ::-1].reshape(home, home)  # item i entered at end o is left at end 1 - o
+    steps[home, :home] = first.reshape(home)
+    steps[:home, home] = last[:, ::-1].reshape(home)
+    own = np.arange(home).reshape(-1, 2)
+    steps[own[:, :, None], own[:, None, :]] = 0.0
+    finite = np.isfinite(steps)
+    steps[~finite] = (2 * float(np.abs(steps[finite]).max()) + 1) * (count + 2)
+    return steps
+
+
+def _items(states: IntArray) -> Order:
+    return (states >> 1).tolist(), (states & 1).astype(bool).tolist()
+
+
+def _exact(steps: FloatArray) -> IntArray:
+    """The best order by dynamic programming over the sets of items that have been run."""
+    home = len(steps) - 1
+    count = home // 2
+    item = np.arange(home) >> 1
+    cost = np.full((1 << count, home), np.inf)
+    before = np.full((1 << count, home), -1)
+    cost[1 << item, np.arange(home)] = steps[home, :home]
+    inner = steps[:home, :home]
+    for done in range(1, 1 << count):
+        ready = np.flatnonzero(np.isfinite(cost[done]))
+        goals = np.flatnonzero((done >> item) & 1 == 0)
+        if not len(goals):
+            continue
+        options = cost[done, ready, None] + inner[np.ix_(ready, goals)]
+        best = options.argmin(axis=0)
+        after = done | (1 << item[goals])
+        # Every (set, state) is entered from one set only: the set without the state's item.
+        cost[after, goals] = options[best, np.arange(len(goals))]
+        before[after, goals] = ready[best]
+    done = (1 << count) - 1
+    state = int(np.argmin(cost[done] + steps[:home, home]))
+    states = []
+    while state >= 0:
+        states.append(state)
+        done, state = done & ~(1 << (state >> 1)), int(before[done, state])
+    return np.array(states[::-1])
+
+
+def _iterated(states: IntArray, steps: FloatArray, seed: int, effort: float) -> IntArray:
+    """Local search, then again and again from the best order with two neighbouring stretches exchanged and one item
+    turned round; so many at once that the work is done in large arrays.
+    """
+    count = len(states) - 2
+    dice = Dice(seed)
+    best: IntArray = _improved(states[None], steps)[0]
+    least = _cost(best, steps)
+    trials = math.ceil(effort * min(max(_WORK // count**2, _LEAST), _MOST))
+    while trials > 0:
+        batch = min(trials, max(_BATCH // count**2, 1), _WIDEST)
+        trials -= batch
+        shuffled = np.stack([_shuffled(best, dice) for _ in range(batch)])
+        for trial in _improved(shuffled, steps):
+            cost = _cost(trial, steps)
+            if cost < least - _EPS * abs(least):
+                best, least = trial, cost
+    return best
+
+
+def _shuffled(states: IntArray, dice: Dice) -> IntArray:
+    count = len(states) - 2
+    reach = max(1, min(count // 2, 30))
+    a, b = 1 + dice.below(reach), 1 + dice.below(reach)
+    low = 1 + dice.below(count - a - b + 1)
+    trial = states.copy()
+    trial[low : low + a + b] = np.roll(states[low : low + a + b], -a)
+    trial[1 + dice.below(count)] ^= 1
+    return trial
+
+
+def _cost(states: IntArray, steps: FloatArray) -> float:
+    return math.fsum(steps[states[:-1], states[1:]].tolist())
+
+
+def _improved(states: IntArray, steps: FloatArray) -> IntArray:
+    """The orders (B, n + 2), each after all moves that shorten it: the best ones first, many at a time where they do
+    not overlap.
+    """
+    states = states.copy()
+    eps = _EPS * float(np.abs(steps).max())
+    active = np.arange(len(states))
+    while len(active):
+        moves: list[list[_Move]] = [[] for _ in active]
+        _reversals(states[active], steps, eps, moves)
+        _transfers(states[active], steps, eps, moves)
+        for k, found in zip(active.tolist(), moves, strict=True):
+            _apply(states[k], found)
+        active = active[[bool(found) for found in moves]]
+    return states
+
+
+def _apply(states: IntArray, moves: list[_Move]) -> None:
+    """Carry out the moves of one order, but for those that meet a better one."""
+    moves.sort(key=lambda m: (m[3], m[0]))
+    taken = np.zeros(len(states), dtype=bool)
+    for low, high, inside, _ in moves:
+        # A move speaks of the steps into and out of its range; those of another one must be left as they were.
+        if not taken[low - 1 : high + 2].any():
+            taken[low - 1 : high + 2] = True
+            states[low : high + 1] = inside
+
+
+def _flip(states: IntArray) -> IntArray:
+    """The items of ``states`` in the other direction; home, the last state, never stands inside a range."""
+    return states ^ 1
+
+
+def _sums(states: IntArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Costs from position 1 up to each position 1..n, as it stands, and the same stretch run backwards; (B, n) each."""
+    inner = states[:, 1:-1]
+    there, back = np.zeros(inner.shape), np.zeros(inner.shape)
+    np.cumsum(steps[inner[:, :-1], inner[:, 1:]], axis=1, out=there[:, 1:])
+    np.cumsum(steps[_flip(inner[:, 1:]), _flip(inner[:, :-1])], axis=1, out=back[:, 1:])
+    return there, back
+
+
+def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]]) -> None:
+    """Of each order, for each first position the best stretch to reverse (2-opt, with the costs of the other
+    direction).
+    """
+    inner, before, after = states[:, 1:-1], states[:, :-2], states[:, 2:]
+    there, back = _sums(states, steps)
+    turn = back - there
+    gain = steps[before[:, :, None], _flip(inner)[:, None, :]] + steps[_flip(inner)[:, :, None], after[:, None, :]]
+    gain -= steps[before, inner][:, :, None] + steps[inner, after][:, None, :]
+    gain += turn[:, None, :] - turn[:, :, None]
+    gain[:, np.tri(inner.shape[1], k=-1, dtype=bool)] = 0.0
+    ends = gain.argmin(axis=2)
+    least = np.take_along_axis(gain, ends[:, :, None], axis=2)[:, :, 0]
+    for k, i in np.argwhere(least < -eps).tolist():
+        j = int(ends[k, i])
+        moves[k].append((i + 1, j + 1, _flip(inner[k, i : j + 1][::-1]), float(least[k, i])))
+
+
+def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]]) -> None:
+    """Of each order, for each short stretch its best other place, in either direction (Or-opt)."""
+    count = states.shape[1] - 2
+    there, back = _sums(states, steps)
+    gap = steps[states[:, :-1], states[:, 1:]]
+    place = np.arange(count + 1)
+    for size in range(1, min(_STRETCH, count - 1) + 1):
+        low = np.arange(1, count - size + 2)
+        high = low + size - 1
+        saved = gap[:, low - 1] + gap[:, high] - steps[states[:, low - 1], states[:, high + 1]]
+        turned = (back[:, high - 1] - back[:, low - 1]) - (there[:, high - 1] - there[:, low - 1])
+        own = (place[None, :] >= low[:, None] - 1) & (place[None, :] <= high[:, None])
+        for back_to_front in (False, True):
+            head, tail = states[:, low, None], states[:, high, None]
+            if back_to_front:
+                head, tail = _flip(tail), _flip(head)
+            cost = steps[states[:, None, :-1], head] + steps[tail, states[:, None, 1:]] - gap[:, None, :]
+            cost += (turned * back_to_front - saved)[:, :, None]
+            cost[:, own] = 0.0
+            best = cost.argmin(axis=2)
+            least = np.take_along_axis(cost, best[:, :, None], axis=2)[:, :, 0]
+            for k, i in np.argwhere(least < -eps).tolist():
+                moves[k].append(_moved(states[k], i + 1, size, int(best[k, i]), back_to_front, float(least[k, i])))
+
+
+def _moved(states: IntArray, low: int, size: int, place: int, back_to_front: bool, gain: float) -> _Move:
+    """The stretch of ``size`` from position ``low`` put behind position ``place``."""
+    stretch = states[low : low + size]
+    if back_to_front:
+        stretch = _flip(stretch[::-1])
+    if place < low:
+        return place + 1, low + size - 1, np.concatenate([stretch, states[place + 1 : low]]), gain
+    return low, place, np.concatenate([states[low + size : place + 1], stretch]), gain

@@ -1,0 +1,302 @@
+"""Lines and arcs of tool paths as columns, and the start of a closed path moved to any of their points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+
+IntArray = NDArray[np.int64]
+
+#: A start nearer than this to a vertex is moved to it, mm: no controller prints a shorter piece.
+SNAP = 1e-6
+#: Sagitta below which an arc is a straight line, mm. Keeps the radius finite.
+_FLAT = 1e-9
+#: The columns of a path in the order of its fields, and those that speak of vertices, not of segments.
+_COLUMNS = ("position", "via", "axis", "press", "force", "feed")
+_AT_VERTICES = ("position", "axis")
+
+
+class Segments(Struct, frozen=True, eq=False):
+    """K segments. An arc is written from its middle ``via``: towards it from the centre, along the travel there.
+
+    start, end, via: (K, 3) mm. curved: (K,) bool. towards, along: (K, 3) unit. radius: (K,) mm, sweep: (K,) rad,
+    positive from ``towards`` to ``along``; both 0 for a line. length: (K,) mm.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    via: FloatArray
+    curved: NDArray[np.bool_]
+    towards: FloatArray
+    along: FloatArray
+    radius: FloatArray
+    sweep: FloatArray
+    length: FloatArray
+
+    def point(self, fraction: FloatArray) -> FloatArray:
+        """(K, 3): the points at ``fraction`` (K,) 0..1 of each segment's length."""
+        points = self.start + fraction[:, None] * (self.end - self.start)
+        c = self.curved
+        angle = (fraction[c] - 0.5) * self.sweep[c]
+        # From the middle, not from the centre: a flat arc's centre is far away and would cost digits.
+        rise = -2 * self.radius[c] * np.sin(angle / 2) ** 2
+        run = self.radius[c] * np.sin(angle)
+        points[c] = self.via[c] + rise[:, None] * self.towards[c] + run[:, None] * self.along[c]
+        return points
+
+    def pick(self, index: IntArray) -> Segments:
+        """The segments at ``index``, in that order."""
+        return Segments(*(getattr(self, name)[index] for name in Segments.__struct_fields__))
+
+
+def segments(start: FloatArray, via: FloatArray, end: FloatArray) -> Segments:
+    """Segments from ``start`` to ``end``, arcs through ``via`` half-way along them (NaN: a line), each (K, 3) mm."""
+    curved = ~np.isnan(via[:, 0])
+    chord = end - start
+    length = np.linalg.norm(chord, axis=1)
+    along = chord / np.maximum(length, 1e-300)[:, None]
+    towards = np.zeros_like(chord)
+    radius, sweep = np.zeros_like(length), np.zeros_like(length)
+    if curved.any():
+        rise = via[curved] - (start[curved] + end[curved]) / 2
+        sagitta = np.maximum(np.linalg.norm(rise, axis=1), _FLAT)
+        half = length[curved] / 2
+        towards[curved] = rise / sagitta[:, None]
+        radius[curved] = (half**2 + sagitta**2) / (2 * sagitta)
+        sweep[curved] = 4 * np.arctan2(sagitta, half)
+        length[curved] = radius[curved] * sweep[curved]
+    return Segments(start, end, via, curved, towards, along, radius, sweep, length)
+
+
+def starting_at(path: ToolPath, segment: int, fraction: float) -> ToolPath:
+    """The closed ``path`` begun at ``fraction`` 0..1 of segment ``segment`` (1..N-1, which ends at row ``segment``).
+
+    The segment is split there, unless a vertex is nearer than 1e-6 mm; both pieces keep its feed and force, and press
+    turns with the arc. Raises ValueError for an open path, a segment that it has not, or a fraction outside 0..1.
+    """
+    if not path.closed:
+        raise ValueError("the start of an open path cannot be moved")
+    if not 1 <= segment < len(path.position):
+        raise ValueError(f"the path has segments 1 to {len(path.position) - 1}, not {segment}")
+    if not 0 <= fraction <= 1:
+        raise ValueError(f"a fraction is 0 to 1, not {fraction}")
+    return starting_each([path], [segment], [fraction])[0]
+
+
+def starting_each(paths: Sequence[ToolPath], segment: Sequence[int], fraction: Sequence[float]) -> list[ToolPath]:
+    """``starting_at`` for many paths at once: the same, a hundred times faster per path."""
+    if not paths:
+        return []
+    columns = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _COLUMNS}
+    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
+    base = np.cumsum(rows) - rows
+    number, part, cut = _snapped(columns, base, rows, np.array(segment), np.array(fraction, dtype=np.float64))
+
+    counts = rows + (part > 0)  # a split segment is two
+    ends = np.cumsum(counts)
+    firsts, lasts = ends - counts, ends - 1
+    owner = np.repeat(np.arange(len(paths)), counts)
+    step = np.maximum(np.arange(len(owner)) - firsts[owner], 1)  # row 0 repeats segment 1
+    source = base[owner] + (number[owner] + step - 2) % (rows[owner] - 1) + 1
+    moved = {name: column[source] for name, column in columns.items()}
+
+    before = base + number - 1
+    for name in _AT_VERTICES:
+        moved[name][firsts] = columns[name][before]
+    _split(moved, columns, before, (firsts, lasts), cut, part)
+    moved["via"][firsts] = np.nan
+    return _cut(paths, moved, ends)
+
+
+def reversed_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
+    """``ToolPath.reversed`` for many paths at once."""
+    if not paths:
+        return []
+    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
+    ends = np.cumsum(rows)
+    firsts = ends - rows
+    owner = np.repeat(np.arange(len(paths)), rows)
+    step = np.arange(len(owner)) - firsts[owner]
+    vertex = ends[owner] - 1 - step
+    segment = ends[owner] - np.maximum(step, 1)
+    moved = {
+        name: np.concatenate([getattr(path, name) for path in paths])[vertex if name in _AT_VERTICES else segment]
+        for name in _COLUMNS
+    }
+    moved["press"] = moved["press"][:, ::-1]
+    moved["via"][firsts] = np.nan
+    return _cut(paths, moved, ends)
+
+
+def _snapped(
+    columns: dict[str, FloatArray], base: IntArray, rows: IntArray, segment: IntArray, fraction: FloatArray
+) -> tuple[IntArray, FloatArray, Segments]:
+    """The segment at or in which each path begins, the fraction (0: at its first vertex), and these segments."""
+
+    def at(number: IntArray) -> Segments:
+        row = base + number
+        return segments(columns["position"][row - 1], columns["via"][row], columns["position"][row])
+
+    chosen = at(segment)
+    late = (1 - fraction) * chosen.length < SNAP
+    segment = np.where(late, segment % (rows - 1) + 1, segment)
+    fraction = np.where(late | (fraction * chosen.length < SNAP), 0.0, fraction)
+    return segment, fraction, at(segment) if late.any() else chosen
+
+
+def _split(
+    moved: dict[str, FloatArray],
+    columns: dict[str, FloatArray],
+    before: IntArray,
+    ends: tuple[IntArray, IntArray],
+    cut: Segments,
+    fraction: FloatArray,
+) -> None:
+    """Writes the two pieces of every split segment into the rows that begin and end its path."""
+    inside = np.flatnonzero(fraction > 0)
+    cut, part, old = cut.pick(inside), fraction[inside], before[inside]
+    first, last = ends[0][inside], ends[1][inside]
+    moved["position"][first] = moved["position"][last] = cut.point(part)
+    axis = columns["axis"]
+    moved["axis"][first] = moved["axis"][last] = _between(axis[old], axis[old + 1], part)
+
+    c = cut.curved
+    moved["via"][first[c] + 1] = cut.point((1 + part) / 2)[c]
+    moved["via"][last[c]] = cut.point(part / 2)[c]
+
+    press = columns["press"][old + 1]
+    turned = _between(press[:, 0], press[:, 1], part)
+    axle = np.cross(cut.towards[c], cut.along[c])
+    turned[c] = _rotated(press[c, 0], axle, part[c] * cut.sweep[c])
+    moved["press"][first, 0] = moved["press"][first + 1, 0] = moved["press"][last, 1] = turned
+
+
+def _rotated(vector: FloatArray, axle: FloatArray, angle: FloatArray) -> FloatArray:
+    """Vectors (K, 3) turned by ``angle`` (K,) rad about the unit vectors ``axle`` (K, 3) (Rodrigues)."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    inline = np.sum(axle * vector, axis=1, keepdims=True)
+    turned: FloatArray = c * vector + s * np.cross(axle, vector) + (1 - c) * inline * axle
+    return turned
+
+
+def _between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
+    """Unit vectors (K, 3) that turn evenly from ``a`` to ``b``; where both are equal or zero, ``a`` itself."""
+    angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
+    result = a.copy()
+    turns = angle > 1e-12
+    angle, part = angle[turns, None], fraction[turns, None]
+    weights = np.sin((1 - part) * angle), np.sin(part * angle)
+    result[turns] = (weights[0] * a[turns] + weights[1] * b[turns]) / np.sin(angle)
+    return result
+
+
+def ends_of(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
+    """Where the paths begin and where they end, x y (K, 2) each, mm."""
+    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
+    after = np.cumsum(rows)
+    position = np.concatenate([path.position for path in paths])[:, :2]
+    return position[after - rows], position[after - 1]
+
+
+def _cut(paths: Sequence[ToolPath], columns: dict[str, FloatArray], ends: IntArray) -> list[ToolPath]:
+    """``paths`` with the columns that were made for all of them; views, for copies and ``replace`` would cost most."""
+    for column in columns.values():
+        column.flags.writeable = False
+    position, via, axis, press, force, feed = (columns[name] for name in _COLUMNS)
+    return [
+        ToolPath(
+            path.id, path.layer, position[a:b], via[a:b], axis[a:b], press[a:b], force[a:b], feed[a:b],
+            path.closed, path.reversible, path.parent, path.depths,
+        )
+        for path, (a, b) in zip(paths, pairwise([0, *ends.tolist()]), strict=True)
+    ]  # fmt: skip
+
+
+# Where paths may begin: all of a closed one, or what of it is off its corners, and the ends of an open one.
+
+#: No piece shorter than this is cut off a segment, mm. It would gain no travel, and the ends of a short arc, rounded
+#: to what a controller's text carries, lie on any circle.
+SEAM = 0.1
+#: A turn of the travel that makes a vertex a corner, rad, and how far from one a smooth place is at least, mm; a third
+#: of the segment where that is shorter.
+_CORNER, _AWAY = math.radians(10), 1.0
+
+
+class Starts(Struct, frozen=True, eq=False):
+    """Where paths may begin: S starts in the order of paths and of rows.
+
+    path: (S,) index of the path. row: (S,) the segment that ends at this row, for an open path its first or last row.
+    shape: the S segments, of no length for the ends of open paths. first: (paths + 1,) of each path's starts.
+    low, span: (S,) where on the segment of its row ``shape`` begins, and how much of it that is, fractions.
+    """
+
+    path: IntArray
+    row: IntArray
+    shape: Segments
+    first: IntArray
+    low: FloatArray
+    span: FloatArray
+
+    def other_end(self, number: int) -> int:
+        """The start at the other end of the open path of start ``number``, itself if that is its only one."""
+        path = self.path[number]
+        return int(self.first[path] + self.first[path + 1]) - 1 - number
+
+    def leftmost(self, allowed: Sequence[bool]) -> tuple[int, float, float]:
+        """The leftmost start of the allowed paths, the first of equal ones: its number (-1 if none) and point x, y."""
+        shape = self.shape
+        x = np.minimum(shape.start[:, 0], shape.end[:, 0])
+        y = np.where(shape.end[:, 0] < shape.start[:, 0], shape.end[:, 1], shape.start[:, 1])
+        over = shape.curved & (-shape.towards[:, 0] >= np.cos(shape.sweep / 2))
+        centre = shape.via[over] - shape.radius[over, None] * shape.towards[over]
+        x[over], y[over] = centre[:, 0] - shape.radius[over], centre[:, 1]
+        open_to = np.array(allowed)[self.path]
+        number = int(np.argmin(np.where(open_to, x, np.inf)))
+        return number if open_to[number] else -1, float(x[number]), float(y[number])
+
+
+def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
+    """All starts of ``paths``. seam: "smooth" leaves out what is near a corner of a closed path."""
+    rows = np.array([len(path.position) for path in paths], dtype=np.int64)
+    loop = np.array([path.closed for path in paths]) & (rows > 1)
+    both = np.array([path.reversible for path in paths]) & (rows > 1)
+    count = np.where(loop, rows - 1, 1 + both)
+    first = np.concatenate([[0], np.cumsum(count)])
+    owner = np.repeat(np.arange(len(paths)), count)
+    step = np.arange(len(owner)) - first[owner]
+    row = np.where(loop[owner], step + 1, step * (rows[owner] - 1))
+    position = np.concatenate([path.position for path in paths])
+    via = np.concatenate([path.via for path in paths])
+    at = (np.cumsum(rows) - rows)[owner] + row
+    closed = loop[owner]
+    shape = segments(position[at - closed], np.where(closed[:, None], via[at], np.nan), position[at])
+    low, span = np.zeros(len(owner)), np.ones(len(owner))
+    if seam == "smooth":
+        low, span = _off_corners(shape, closed, first)
+        middle = np.where(shape.curved[:, None], shape.point(low + span / 2), np.nan)
+        shape = segments(shape.point(low), middle, shape.point(low + span))
+    return Starts(owner, row, shape, first, low, span)
+
+
+def _off_corners(shape: Segments, closed: NDArray[np.bool_], first: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Where the part of each segment begins that is off the corners, and how long it is, fractions (S,) of it."""
+    half = (shape.sweep / 2)[:, None]
+    ahead = np.cos(half) * shape.along + np.sin(half) * shape.towards
+    behind = np.cos(half) * shape.along - np.sin(half) * shape.towards
+    before = np.arange(-1, len(closed) - 1)
+    before[first[:-1]] = first[1:] - 1
+    corner = closed & ((behind[before] * ahead).sum(axis=1) < np.cos(_CORNER))
+    after = np.zeros(len(closed), dtype=bool)
+    after[before[corner]] = True
+    # What is too short to be cut in three may begin anywhere.
+    part = np.minimum(_AWAY / np.maximum(shape.length, 1e-300), 1 / 3) * (shape.length > 3 * SEAM)
+    low = np.where(corner, part, 0.0)
+    return low, 1.0 - low - np.where(after, part, 0.0)

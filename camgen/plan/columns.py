@@ -1,0 +1,93 @@
+"""From a table of plane segments to tool paths: all chains of a drawing at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.segments import Segments, points_at, tangents_at
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+
+
+class Label(Struct, frozen=True):
+    """What a path is called and how it may be run."""
+
+    id: str
+    layer: str
+    closed: bool
+    reversible: bool
+    parent: int
+
+
+def tool_paths(
+    segments: Segments,
+    labels: Sequence[Label],
+    press: FloatArray,
+    force: FloatArray,
+    feed: FloatArray,
+    depths: tuple[float, ...],
+) -> tuple[ToolPath, ...]:
+    """A path per owner of ``segments``, in order; the tool straight down, z = 0 at the top face.
+
+    press: (N, 2, 3) unit at start and end of each segment, force (N,) N, feed (N,) mm/s.
+    """
+    count = len(labels)
+    sizes = np.bincount(segments.owner, minlength=count)
+    first = np.cumsum(sizes) - sizes
+    # A chain of n segments has n + 1 rows: its start, then the end of every segment.
+    begin = first + np.arange(count)
+    row_of = np.arange(len(segments)) + segments.owner + 1
+    total = len(segments) + count
+    source = np.zeros(total, dtype=np.int64)
+    source[row_of] = np.arange(len(segments))
+    source[begin] = first
+    position = np.zeros((total, 3))
+    position[row_of, :2] = segments.end
+    position[begin, :2] = segments.start[first]
+    via = np.full((total, 3), np.nan)
+    arc = np.flatnonzero(segments.is_arc)
+    via[row_of[arc], :2] = points_at(segments.take(arc), np.full(len(arc), 0.5))
+    via[row_of[arc], 2] = 0.0
+    axis = np.zeros((total, 3))
+    axis[:, 2] = -1.0
+    pressing, forces, feeds = press[source], force[source], feed[source]
+    for column in (position, via, axis, pressing, forces, feeds):
+        column.flags.writeable = False
+    paths = []
+    for low, size, label in zip(begin.tolist(), sizes.tolist(), labels, strict=True):
+        rows = slice(low, low + size + 1)
+        paths.append(
+            ToolPath(
+                id=label.id,
+                layer=label.layer,
+                position=position[rows],
+                via=via[rows],
+                axis=axis[rows],
+                press=pressing[rows],
+                force=forces[rows],
+                feed=feeds[rows],
+                closed=label.closed,
+                reversible=label.reversible,
+                parent=label.parent,
+                depths=depths,
+            )
+        )
+    return tuple(paths)
+
+
+def sideways(segments: Segments, side: int) -> FloatArray:
+    """(N, 2, 3) unit vectors square to the travel at start and end; side +1: to the left, -1: to the right, 0: none."""
+    press = np.zeros((len(segments), 2, 3))
+    for k, fraction in enumerate((0.0, 1.0)):
+        direction = tangents_at(segments, np.full(len(segments), fraction))
+        press[:, k, 0] = -side * direction[:, 1]
+        press[:, k, 1] = side * direction[:, 0]
+    return press
+
+
+def pass_depths(depth: float, passes: int) -> tuple[float, ...]:
+    """Depths below the top face of equal passes down to ``depth``."""
+    return tuple(depth * (k + 1) / passes for k in range(passes))

@@ -1,0 +1,121 @@
+"""What comes of an edge: the joints that process it, or the reason why none do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.model.job import Process
+from camgen.model.pose import FloatArray, Pose, frozen
+from camgen.plan.edges.ways import Index, Way, counts
+from camgen.robots.models import Robot
+
+
+def _all_clear(joints: FloatArray) -> NDArray[np.bool_]:
+    return np.ones(len(joints), dtype=bool)
+
+
+class Setup(Struct, frozen=True, eq=False):
+    """A robot, its work and its tool. clear: which joint values (N, J) collide with nothing (N,). hit: what joint
+    values (J,) that are not clear collide with, as a phrase: "link 5 with the part".
+    """
+
+    robot: Robot
+    base_from_work: Pose
+    flange_from_tool: Pose
+    clear: Callable[[FloatArray], NDArray[np.bool_]] = _all_clear
+    hit: Callable[[FloatArray], str] = lambda _: "something"
+
+
+class Freedom(Struct, frozen=True):
+    """What of a tool's orientation is free where the nominal one does not do. tilt: rad, how far its axis may lean from
+    the nominal one to any side. roll: it is symmetric, so any turn about its axis is as good. Where the roll changes
+    along an arc the axis may lean by up to 2 deg between two rows.
+    """
+
+    tilt: float = 0.0
+    roll: bool = False
+
+    def __bool__(self) -> bool:
+        return self.tilt > 0 or self.roll
+
+
+class Unreached(Struct, frozen=True):
+    """An edge that cannot be processed. kind: the shape itself; as in ``robots.reasons``; or a collision. text: the
+    reason with its amount and the place along the edge.
+    """
+
+    id: str
+    kind: Literal["shape", "reach", "lean", "limit", "singular", "jump", "collision"]
+    text: str
+
+
+class Reached(Struct, frozen=True, eq=False):
+    """A processing motion. way: the rows of the program, few. joints: (N, J) at these, their posture. dense: (D, J) as
+    the motion goes, for collision tests; at: (N,) the rows' places in it. tilt: (D,) rad between tool z and the nominal
+    one, roll: (D,) rad about it. backwards: the edge is run from its end to its start. trimmed: mm that are left out
+    before its first row and after its last.
+    """
+
+    id: str
+    backwards: bool
+    way: Way
+    joints: FloatArray
+    dense: FloatArray
+    at: NDArray[np.int64]
+    tilt: FloatArray
+    roll: FloatArray
+    trimmed: tuple[float, float] = (0.0, 0.0)
+
+    def reversed(self) -> Reached:
+        """The same motion the other way."""
+        return replace(
+            self,
+            backwards=not self.backwards,
+            way=self.way.reversed(),
+            joints=frozen(self.joints[::-1]),
+            dense=frozen(self.dense[::-1]),
+            at=len(self.dense) - 1 - self.at[::-1],
+            tilt=frozen(self.tilt[::-1]),
+            roll=frozen(self.roll[::-1]),
+            trimmed=self.trimmed[::-1],
+        )
+
+    @property
+    def freed(self) -> tuple[float, float] | None:
+        """The most tilt and roll, deg; None where the nominal orientation does."""
+        most = (math.degrees(np.abs(self.tilt).max()), math.degrees(np.abs(self.roll).max()))
+        return most if max(most) > 1e-6 else None
+
+
+def feed_of(motion: Reached, length: float, process: Process) -> float:
+    """The feed of the TCP, so that the point on the edge, ``length`` mm long, runs at ``process.feed``."""
+    factor = float(motion.way.length.sum()) / length if length > 0 else 1.0
+    return process.feed * min(factor, process.max_feed_factor)
+
+
+# From the poses of a way to those of the flange, and how finely a motion is looked at.
+
+#: mm, rad: a motion is looked at so often, and no joint turns by more than JUMP rad from one look to the next.
+_STEP, _TURN, JUMP = 5.0, math.radians(5), math.radians(15)
+#: rad: what a motion keeps from singularities.
+MARGIN = math.radians(2)
+
+
+def dense_parts(way: Way) -> Index:
+    """Into how many parts the segments of ``way`` are cut to be looked at."""
+    return counts(way, _STEP, _TURN)
+
+
+def flange_poses(setup: Setup, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """base_from_flange, rotations (..., 3, 3) and origins (..., 3), for the TCP in the work frame."""
+    tool_from_flange = setup.flange_from_tool.inverse()
+    turned = setup.base_from_work.rotation @ rotation
+    base = position @ setup.base_from_work.rotation.T + np.asarray(setup.base_from_work.origin)
+    return turned @ tool_from_flange.rotation, base + turned @ np.asarray(tool_from_flange.origin)

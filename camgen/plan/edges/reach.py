@@ -1,0 +1,228 @@
+"""Can the robot process an edge, and how: the nominal pose first, the tool's freedom only where that fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.geometry.arcs import cross
+from camgen.model.part import BoolArray, Edge
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import short
+from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, Unreached, dense_parts, flange_poses
+from camgen.plan.edges.search import Grid, grid, searched
+from camgen.plan.edges.ways import Way, cut, divided, rows
+from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.reasons import why
+
+# TCP poses along an edge (RFA paper, section III.A): offset, tool z against it, y along the edge, x downwards.
+
+#: mean: along the mean of the two outward normals (paper, fig. 7 a). burr: square to the burr (fig. 7 b), which stands
+#: in the plane of the face machined last, so that the offset is this face's normal.
+Offset = Literal["mean", "burr"]
+
+#: Arcs of more than this are cut in two: half a turn of the tool has no sense of its own (rad).
+_WIDE = np.radians(120.0)
+#: Below this the sum of two unit normals has no direction.
+_OPPOSED = 1e-3
+#: An arc whose height is below this part of its chord is straight.
+_FLAT = 1e-9
+#: An offset that leaves less than this part of an arc has closed it.
+_CLOSED = 1e-3
+
+
+def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreached:
+    """The TCP poses along ``edge``, ``offset`` mm away from it, in its own direction; Unreached if it has none.
+
+    work_from_tool is right-handed: z against the offset, y along the edge or against it, so that x = y cross z points
+    downwards on the whole. Where x is level all along, y points upwards at the start; where that is level too, x goes
+    with the work's x, or else its y. The travel's direction does not change it: ``Way.reversed``.
+
+    With ``burr`` the face that looks up more was machined last; of two alike the flat one, then the first of the edge.
+    """
+    away, middle = _directions(edge, direction)
+    if not (np.isfinite(away).all() and np.isfinite(middle).all()):
+        return Unreached(edge.id, "shape", "its two faces are back to back: there is no direction between them")
+    position, via = edge.points + offset * away, edge.via + offset * middle
+    before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
+    if ((before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)).any():
+        return Unreached(edge.id, "shape", f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius")
+    begins, ends, arc = _tangents(edge)
+    tangent = _at_rows(edge, begins, ends)
+    wide = arc & ((begins * ends).sum(axis=1) < np.cos(_WIDE))
+    at = np.flatnonzero(wide)
+    away, tangent = (
+        np.insert(rows, at + 1, middles[at], axis=0) for rows, middles in ((away, middle), (tangent, _chords(edge)))
+    )
+    rotation = _frames(away, tangent, edge.closed)
+    if not np.isfinite(rotation).all():
+        return Unreached(edge.id, "shape", "it turns back on itself")
+    ways = np.full_like(position, np.nan)
+    ways[1:][arc] = via[arc]
+    whole = Way(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
+    return replace(divided(whole, 1 + wide), rotation=frozen(rotation))
+
+
+def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
+    """Unit offset directions at the rows (N, 3) and in the middles (N - 1, 3); NaN where there is none."""
+    if direction == "burr":
+        face = _machined_last(edge)
+        return edge.normals[:, face], edge.via_normals[:, face]
+    return _mean(edge.normals), _mean(edge.via_normals)
+
+
+def _mean(normals: FloatArray) -> FloatArray:
+    total = normals.sum(axis=1)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(np.divide(total, length, out=np.full_like(total, np.nan), where=length > _OPPOSED))
+
+
+def _machined_last(edge: Edge) -> int:
+    """A part does not say which of two faces was machined last: the upper one is taken, then the flat one."""
+    mean = np.concatenate([edge.normals[:-1], edge.via_normals]).mean(axis=0)
+    rank = [(round(float(m[2]), 6), round(float(np.linalg.norm(m)), 6)) for m in mean]
+    return int(rank[1] > rank[0])
+
+
+def _chords(edge: Edge) -> FloatArray:
+    chord = np.diff(edge.points, axis=0)
+    return np.asarray(chord / np.linalg.norm(chord, axis=1, keepdims=True))
+
+
+def _tangents(edge: Edge) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Unit tangents (N - 1, 3) at the start and end of each span, and which spans are arcs.
+
+    Half an arc's chord makes equal angles with the tangents at its ends: each is the whole chord mirrored about it.
+    """
+    chord = _chords(edge)
+    begins, ends = chord.copy(), chord.copy()
+    start, stop = edge.points[:-1], edge.points[1:]
+    height = np.linalg.norm(edge.via - (start + stop) / 2, axis=1)
+    arc = height > _FLAT * np.linalg.norm(stop - start, axis=1)
+    for out, half in ((begins, edge.via - start), (ends, stop - edge.via)):
+        mirror = half[arc] / np.linalg.norm(half[arc], axis=1, keepdims=True)
+        out[arc] = 2 * (mirror * chord[arc]).sum(axis=1)[:, None] * mirror - chord[arc]
+    return begins, ends, np.asarray(arc)
+
+
+def _at_rows(edge: Edge, begins: FloatArray, ends: FloatArray) -> FloatArray:
+    """(N, 3) along the edge at its points: between the spans that meet there."""
+    before = np.concatenate([ends[-1:] if edge.closed else begins[:1], ends])
+    after = np.concatenate([begins, begins[:1] if edge.closed else ends[-1:]])
+    return np.asarray(before + after)
+
+
+def _frames(away: FloatArray, tangent: FloatArray, closed: bool) -> FloatArray:
+    """(N, 3, 3): z against ``away``, y along ``tangent`` or, all of them, against it; NaN where they are parallel."""
+    z = -away
+    y = tangent - z * (z * tangent).sum(axis=1)[:, None]
+    length = np.linalg.norm(y, axis=1, keepdims=True)
+    y = np.divide(y, length, out=np.full_like(y, np.nan), where=length > _OPPOSED)
+    x = cross(y, z)
+    once = x[:-1] if closed else x
+    scores = np.array([-once[:, 2].mean(), y[0, 2], x[0, 0], x[0, 1]])
+    clear = scores[np.abs(scores) > 1e-6]
+    sign = -1.0 if len(clear) and clear[0] < 0 else 1.0
+    return np.stack([sign * x, sign * y, z], axis=2)
+
+
+_grid = cache(grid)
+_NONE = Freedom()
+#: Of the tilt, what rows on arcs may have.
+_ON_ARCS = 0.9
+#: Of the trim, what is tried.
+_SHARES = (0.25, 0.5, 1.0)
+
+
+def reach(
+    edges: Iterable[Edge],
+    setup: Setup,
+    offset: float,
+    direction: Offset = "mean",
+    freedom: Freedom = _NONE,
+    trim: float = 0.0,
+) -> tuple[Reached | Unreached, ...]:
+    """How each of ``edges`` is processed ``offset`` mm away from it (``poses.poses``), or why it cannot be. trim: mm at
+    either end that may be left out where the whole cannot be reached; closed edges have no ends.
+
+    Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
+    least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
+    """
+    return tuple(_reached(edge, setup, offset, direction, freedom, trim) for edge in edges)
+
+
+def _reached(
+    edge: Edge, setup: Setup, offset: float, direction: Offset, freedom: Freedom, trim: float
+) -> Reached | Unreached:
+    way = poses(edge, offset, direction)
+    if isinstance(way, Unreached):
+        return way
+    whole = _along(setup, edge.id, way, freedom)
+    if isinstance(whole, Reached) or edge.closed:
+        return whole
+    length = float(way.length.sum())
+    for low, high in _trims(trim, length):
+        part = _along(setup, edge.id, cut(way, low, length - high), freedom)
+        if isinstance(part, Reached):
+            return replace(part, trimmed=(low, high))
+    return whole
+
+
+def _trims(trim: float, length: float) -> list[tuple[float, float]]:
+    """What is left out at the ends, least first; at least half of the edge stays."""
+    steps = [trim * share for share in _SHARES]
+    found = [pair for step in steps for pair in ((0.0, step), (step, 0.0), (step, step))]
+    return [pair for pair in found if 0 < sum(pair) <= length / 2]
+
+
+def _along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unreached:
+    plain = _nominal(setup, name, way)
+    if isinstance(plain, Reached):
+        return plain
+    collision = ""
+    for choice in _grids(plain, freedom, way):
+        found = searched(setup, name, way, choice, freedom.tilt)
+        if isinstance(found, Reached):
+            return found
+        collision = found
+    return Unreached(name, plain.kind, plain.text + _in_vain(freedom, collision)) if freedom else plain
+
+
+def _grids(plain: Unreached, freedom: Freedom, way: Way) -> list[Grid]:
+    """What is tried, in this order: another branch where the first collides, a roll, which costs nothing, all."""
+    steps = [Freedom()] if plain.kind == "collision" else []
+    steps += [Freedom(roll=True)] if freedom.roll else []
+    # Along an arc the axis leans more between two rows than at them: the grid leaves room for it.
+    share = _ON_ARCS if np.isfinite(way.via).any() else 1.0
+    steps += [Freedom(share * freedom.tilt, freedom.roll)] if freedom.tilt > 0 else []
+    return [_grid(step) for step in steps]
+
+
+def _in_vain(freedom: Freedom, collision: str) -> str:
+    parts = [f"{short(np.degrees(freedom.tilt), 2)} deg of tilt"] if freedom.tilt > 0 else []
+    parts += ["any roll"] if freedom.roll else []
+    return f"; with {' and '.join(parts)}: " + (f"collision, {collision}" if collision else "no way either")
+
+
+def _nominal(setup: Setup, name: str, way: Way) -> Reached | Unreached:
+    parts = dense_parts(way)
+    dense = divided(way, parts)
+    goal = flange_poses(setup, dense.position, dense.rotation)
+    found = follow(setup.robot, *goal, margin=MARGIN, jump=JUMP)
+    if not isinstance(found, Choice):
+        reason = why(setup.robot, *goal, found, MARGIN, JUMP)
+        return Unreached(name, reason.kind, f"{reason.text}, {_place(dense, reason.row)}")
+    hit = np.flatnonzero(~setup.clear(found.joints))
+    if len(hit):
+        text = f"collision, {setup.hit(found.joints[hit[0]])}, {_place(dense, int(hit[0]))}"
+        return Unreached(name, "collision", text)
+    at, none = rows(parts), frozen(np.zeros(len(dense)))
+    return Reached(name, False, way, frozen(found.joints[at]), frozen(found.joints), at, none, none)
+
+
+def _place(dense: Way, row: int) -> str:
+    return f"{short(float(dense.length[:row].sum()), 1)} mm along it"

@@ -1,0 +1,235 @@
+"""Tilts and rolls searched together along an edge, and what comes out proved densely."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.model.part import BoolArray
+from camgen.model.pose import FloatArray, frozen
+from camgen.plan.edges.chains import Chain, States, cheapest, steps
+from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, dense_parts, flange_poses
+from camgen.plan.edges.ways import Index, Way, counts, divided, rotations, rows
+from camgen.robots.kinematics import iterative as damped
+from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import turns, within_turned, wrapped
+from camgen.robots.kinematics.singular import from_singular
+from camgen.robots.models import Robot
+
+# The orientations that a tool may have instead of the nominal one: a small grid of tilts and rolls.
+
+#: Tilts to each side, in steps of the most; rolls in a turn.
+_STEPS, _ROLLS = 2, 12
+#: Seconds of joint motion that a rad of tilt and of roll are weighed with: a roll does nothing to the process.
+_TILT, _ROLL = 10.0, 0.2
+
+
+class Grid(Struct, frozen=True, eq=False):
+    """C orientations, the nominal one first. nominal_from_tool: (C, 3, 3). cost: (C,) s, what each is worth avoiding.
+    moves: (M, C) the index of the one from which move m leads to each, -1 if none; move 0 stays.
+    """
+
+    nominal_from_tool: FloatArray
+    cost: FloatArray
+    moves: Index
+
+
+def grid(freedom: Freedom) -> Grid:
+    """Tilts across the edge (about y) and along it (about x) within the cone, each with all rolls (about z)."""
+    steps = range(-_STEPS, _STEPS + 1) if freedom.tilt > 0 else range(1)
+    rolls = range(_ROLLS if freedom.roll else 1)
+    cells = [(a, b, r) for a, b, r in product(steps, steps, rolls) if a * a + b * b <= _STEPS**2]
+    cells.sort(key=lambda cell: (cell[0] ** 2 + cell[1] ** 2, min(cell[2], len(rolls) - cell[2]), cell))
+    index = {cell: k for k, cell in enumerate(cells)}
+    around = [(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+    moves = [[index.get((a - u, b - v, (r - w) % len(rolls)), -1) for a, b, r in cells] for u, v, w in around]
+    across, along, roll = np.array(cells, dtype=np.float64).T
+    tilts = np.column_stack([along, across, 0 * roll]) * (freedom.tilt / _STEPS)
+    turn = np.remainder(roll * (math.tau / len(rolls)) + math.pi, math.tau) - math.pi
+    spin = rotations(np.column_stack([0 * turn, 0 * turn, turn]))
+    cost = _TILT * np.linalg.norm(tilts, axis=1) + _ROLL * np.abs(turn)
+    # A grid without tilts or rolls has moves that lead nowhere, or to where they come from.
+    useful = [0, *(m for m in range(1, 7) if any(k >= 0 and k != c for c, k in enumerate(moves[m])))]
+    return Grid(rotations(tilts) @ spin, cost, np.array(moves, dtype=np.int64)[useful])
+
+
+def lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rad (N,) between the z axes of two orientations (N, 3, 3), and of the turn about z (swing and twist)."""
+    turn = np.swapaxes(nominal, 1, 2) @ actual
+    tilt = np.arctan2(np.hypot(turn[:, 0, 2], turn[:, 1, 2]), turn[:, 2, 2])
+    return tilt, np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+
+
+# Joints for a table of poses, D looks by C orientations, branches in the same columns throughout.
+
+
+def solutions(robot: Robot, rotations: FloatArray, origins: FloatArray, moves: Index) -> FloatArray:
+    """Joint values (D, C, B, J) for base_from_flange (D, C, 3, 3), (D, C, 3), nan: none. moves: ``freedom.Grid``'s.
+
+    Without a closed form those of the first pose are followed: from orientation to neighbouring orientation, then all
+    from look to look.
+    """
+    looks, choices = origins.shape[:2]
+    if robot.arm:
+        found = inverse(robot, rotations.reshape(-1, 3, 3), origins.reshape(-1, 3), robot.home)
+        return found.reshape(looks, choices, found.shape[1], -1)
+    first = inverse(robot, rotations[0, :1], origins[0, :1])[0]
+    first = first[np.isfinite(first[:, 0])]
+    found = np.full((looks, choices, len(first), len(robot.joints)), np.nan)
+    found[0, 0] = first
+    known = np.arange(choices) == 0
+    for _ in range(choices):
+        sources = np.where((moves >= 0) & known[moves], moves, -1).max(axis=0)
+        new = np.flatnonzero(~known & (sources >= 0))
+        if not len(new):
+            break
+        found[0, new] = _followed(robot, rotations[0, new], origins[0, new], found[0, sources[new]])
+        known[new] = True
+    for row in range(1, looks):
+        found[row] = _followed(robot, rotations[row], origins[row], found[row - 1])
+    return found
+
+
+def _followed(robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray) -> FloatArray:
+    """Joints (C, B, J) for C poses from those of ``near`` (C, B, J)."""
+    branches = near.shape[1]
+    goal = np.repeat(rotations, branches, axis=0), np.repeat(origins, branches, axis=0)
+    return wrapped(robot, damped.refine(robot, *goal, near.reshape(-1, near.shape[2]))).reshape(near.shape)
+
+
+#: The orientation may change over so many mm and rad: the rows of the search.
+_STRETCH, _TURN = 50.0, math.radians(30)
+#: mm, rad: what the search looks at in between; what it finds is proved by ``moving.dense_parts``.
+_STEP, _STEP_TURN = 10.0, math.radians(10)
+#: rad: the most a joint may turn from one row of the search to the next, and from one look to the next.
+_KNOT_JUMP, _STEP_JUMP = math.radians(120), 2 * JUMP
+#: rad: a tilt so much above another is the same; and what the axis may lean between rows where only the roll is free.
+_EVEN, _CUT = 1e-6, math.radians(2)
+#: So many chains are proved before an edge is given up.
+_TRIES = 40
+
+
+class Knots(Struct, frozen=True, eq=False):
+    """A way cut into the rows of the search, ``parts`` of each segment of the ``whole``."""
+
+    whole: Way
+    way: Way
+    parts: Index
+
+
+def searched(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reached | str:
+    """The motion along ``way`` that costs least, its orientations free within ``grid``; or what the last one collided
+    with, empty where no motion is possible at all. most: rad that the axis may lean, between rows too.
+    """
+    parts = counts(way, _STRETCH, _TURN)
+    knots = Knots(way, divided(way, parts), parts)
+    states = _states(setup, knots.way, grid)
+    ways = steps(setup.robot, states, _KNOT_JUMP)
+    checked: set[int] = set()
+    collision = ""
+    for _ in range(_TRIES):
+        chain = cheapest(setup.robot, states, ways, setup.robot.home)
+        if chain is None:
+            break
+        proved = _proved(setup, edge, knots, grid, chain, most)
+        if isinstance(proved, Reached):
+            return proved
+        stretch, collision = proved[0], proved[1] or collision
+        new = {stretch, stretch + 1} - checked if proved[1] else set()
+        for row in sorted(new):
+            _check(setup, states, row)
+        checked |= new
+        if not new:
+            move, orientation = int(chain.moves[stretch]), int(chain.orientation[stretch + 1])
+            states.open[stretch, move, orientation, chain.branch] = False
+    return collision
+
+
+def _states(setup: Setup, knots: Way, grid: Grid) -> States:
+    """What the rows of ``knots`` can choose from, and which orientations can stay from row to row."""
+    robot, table = setup.robot, turns(setup.robot)
+    parts = counts(knots, _STEP, _STEP_TURN)
+    at, looks = rows(parts), divided(knots, parts)
+    orientations = looks.rotation[:, None] @ grid.nominal_from_tool
+    found = solutions(robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves)
+    safe = _safe(robot, found)
+    columns = np.flatnonzero(safe.any(axis=(0, 1)))
+    found, safe = found[:, :, columns], safe[:, :, columns]
+    usable = within_turned(robot, found[at], table) & safe[at][..., None]
+    most = np.abs(table[usable.any(axis=(0, 1, 2))]).max(axis=0, initial=0)
+    few = (np.abs(table) <= most).all(axis=1)
+    table, usable = table[few], usable[..., few]
+    opened = np.ones((len(parts), len(grid.moves), *usable.shape[1:]), dtype=bool)
+    opened[:, 0] = _staying(robot, found, safe, parts, table)
+    return States(found[at], table, usable, opened, grid.moves, grid.cost)
+
+
+def _safe(robot: Robot, found: FloatArray) -> BoolArray:
+    """Which of (D, C, B, J) are there and far enough from singularities (D, C, B)."""
+    there: BoolArray = np.asarray(np.isfinite(found).all(axis=-1))
+    away = from_singular(robot, np.where(there[..., None], found, 0.0)).min(axis=-1, initial=math.inf)
+    return np.asarray(there & (away >= MARGIN))
+
+
+def _staying(robot: Robot, found: FloatArray, safe: BoolArray, parts: Index, table: Index) -> BoolArray:
+    """(K - 1, C, B, T): the orientation and branch can be kept through a stretch that arrives with these turns."""
+    moved = np.nan_to_num(np.diff(found, axis=0), nan=math.inf)
+    turning: BoolArray = np.array([not joint.sliding for joint in robot.joints])
+    whole = np.where(turning & np.isfinite(moved), np.rint(np.where(np.isfinite(moved), moved, 0.0) / math.tau), 0.0)
+    steady = (np.abs(moved - math.tau * whole) <= _STEP_JUMP)[..., turning].all(axis=-1)
+    # Whole turns from each look to the last one of its stretch.
+    left = np.concatenate([np.cumsum(whole[::-1], axis=0)[::-1], np.zeros((1, *whole.shape[1:]))])
+    ends = np.repeat(rows(parts)[1:], parts)
+    unwound = found[:-1] + math.tau * (left[:-1] - left[ends])
+    good = within_turned(robot, unwound, table) & np.asarray(steady & safe[:-1])[..., None]
+    return np.asarray(np.logical_and.reduceat(good, rows(parts)[:-1], axis=0))
+
+
+def _check(setup: Setup, states: States, row: int) -> None:
+    """Leaves of the states of a row those that are clear."""
+    own = states.usable[row].any(axis=-1)
+    clear = np.zeros(own.shape, dtype=bool)
+    clear[own] = setup.clear(states.joints[row][own])
+    states.usable[row] &= clear[..., None]
+
+
+def _proved(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain, most: float) -> Reached | tuple[int, str]:
+    """The motion of ``chain`` as the robot makes it, or the first stretch where it fails, and what it collides with."""
+    actual = replace(knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation]))
+    parts = dense_parts(actual)
+    dense, at = divided(actual, parts), rows(parts)
+    joints = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), chain.joints[0], MARGIN, JUMP)
+    if not isinstance(joints, Choice):
+        return _stretch(at, joints.row), ""
+    hit = np.flatnonzero(~setup.clear(joints.joints))
+    if len(hit):
+        return _stretch(at, int(hit[0])), setup.hit(joints.joints[hit[0]])
+    kept, few = _few(knots, chain)
+    tilt, roll = lean(divided(knots.way, parts).rotation, dense.rotation)
+    # On an arc the axis cuts the corner between two rows that lean, or roll, differently.
+    steep = np.flatnonzero(tilt > max(most, _CUT) + _EVEN)
+    if len(steep):
+        return _stretch(at, int(steep[0])), ""
+    way = replace(few, rotation=frozen(actual.rotation[kept]))
+    posture = frozen(joints.joints[at[kept]])
+    return Reached(edge, False, way, posture, frozen(joints.joints), at[kept], frozen(tilt), frozen(roll))
+
+
+def _stretch(at: Index, row: int) -> int:
+    return int(np.clip(np.searchsorted(at, row) - 1, 0, len(at) - 2))
+
+
+def _few(knots: Knots, chain: Chain) -> tuple[Index, Way]:
+    """The rows that the program needs: all in segments where the orientation changes, else the segments' ends."""
+    at = rows(knots.parts)
+    changes = np.add.reduceat(chain.moves != 0, at[:-1]) > 0
+    own = [
+        np.arange(low + 1, high + 1) if change else [high]
+        for low, high, change in zip(at[:-1], at[1:], changes, strict=True)
+    ]
+    return np.concatenate([[0], *own]), divided(knots.whole, np.where(changes, knots.parts, 1))

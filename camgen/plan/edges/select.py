@@ -1,0 +1,73 @@
+"""Which edges of a part are processed: words like ``convex``, ``all``, ``e3``, ``e5-e9``, ``not bottom``."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from camgen.model.errors import JobError
+from camgen.model.part import Edge, Solid
+
+#: mm above the lowest point: single precision and rounding in the file.
+_LEVEL = 1e-3
+_ID = re.compile(r"e([1-9][0-9]*)")
+
+
+def select(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
+    """The ids of the edges that ``words`` pick, in the order of the part.
+
+    all, convex (where burrs are), bottom (on the part's lowest plane), an id, or a range of ids. A word adds its edges;
+    ``not`` before it takes them away again, whatever the order. If no word adds any, convex is meant. JobError for what
+    is none of these.
+    """
+    known = {edge.id: edge for edge in solid.edges}
+    added: set[str] = set()
+    taken: set[str] = set()
+    adds, negated = False, False
+    for word in " ".join(words).replace(",", " ").split():
+        if word == "not" and not negated:
+            negated = True
+            continue
+        (taken if negated else added).update(_meant(solid, known, word))
+        adds, negated = adds or not negated, False
+    if negated:
+        raise JobError("input.select", 'nothing follows "not"', remedy='write what to leave out, like "not bottom"')
+    if not adds:
+        added = {edge.id for edge in solid.edges if edge.convex}
+    return tuple(name for name in known if name in added - taken)
+
+
+def _meant(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
+    if word == "all":
+        return set(known)
+    if word == "convex":
+        return {name for name, edge in known.items() if edge.convex}
+    if word == "bottom":
+        return _bottom(solid)
+    first, dash, last = word.partition("-")
+    ends = [_number(known, solid, end, word) for end in ((first, last) if dash else (first,))]
+    if ends[0] > ends[-1]:
+        raise JobError("input.select", f'the range "{word}" runs backwards', remedy=f'write "{last}-{first}"')
+    return {f"e{number}" for number in range(ends[0], ends[-1] + 1)}
+
+
+def _number(known: dict[str, Edge], solid: Solid, name: str, word: str) -> int:
+    if name in known:
+        return int(name[1:])
+    if _ID.fullmatch(name) and known:
+        remedy = f"its edges are e1 to e{len(known)}"
+        raise JobError("input.select", f"{solid.source} has no edge {name}", remedy=remedy)
+    near = difflib.get_close_matches(word.casefold(), ["all", "convex", "bottom", "not", *known], 1, 0)[0]
+    what = f'"{word}" is neither an id nor one of all, convex, bottom, not'
+    raise JobError("input.select", what, remedy=f'nearest is "{near}"')
+
+
+def _bottom(solid: Solid) -> set[str]:
+    """Edges that lie on the lowest plane of the part."""
+    if not solid.edges:
+        return set()
+    level = float(solid.vertices[:, 2].min()) + _LEVEL
+    return {e.id for e in solid.edges if max(np.max(e.points[:, 2]), np.max(e.via[:, 2])) <= level}

@@ -1,0 +1,145 @@
+"""Poses along an edge as a table: lines and arcs with an orientation at each end, and what lies between."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.model.pose import FloatArray, frozen
+
+Index = NDArray[np.int64]
+
+#: An arc whose height is below this part of its chord is straight.
+_FLAT = 1e-9
+
+
+class Way(Struct, frozen=True, eq=False):
+    """Poses of the tool in order, work frame, mm. Row i > 0 ends the segment from row i - 1.
+
+    position: (N, 3) of the TCP. via: (N, 3), half-way along an arc of at most half a circle, NaN for a straight segment
+    and in row 0. rotation: (N, 3, 3) work_from_tool; within a segment it turns from row to row by the shortest turn in
+    proportion to the way, as controllers do.
+    """
+
+    position: FloatArray
+    via: FloatArray
+    rotation: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def reversed(self) -> Way:
+        """The same poses the other way round."""
+        return Way(frozen(self.position[::-1]), backwards(self.via), frozen(self.rotation[::-1]))
+
+    @property
+    def length(self) -> FloatArray:
+        """(N - 1,) mm of each segment."""
+        chord, height = _shape(self)
+        sweep = 4 * np.arctan2(2 * height, chord)
+        radius = np.divide(chord, 2 * np.sin(sweep / 2), out=np.zeros_like(chord), where=sweep > 1e-7)
+        return np.where(sweep > 1e-7, sweep * radius, chord)
+
+    @property
+    def turn(self) -> FloatArray:
+        """(N - 1,) rad by which the tool turns in each segment."""
+        return np.asarray(np.linalg.norm(rotation_vectors(self.rotation[:-1], self.rotation[1:]), axis=1))
+
+
+def backwards(via: FloatArray) -> FloatArray:
+    """``Way.via`` of the reversed way."""
+    return frozen(np.concatenate([np.full((1, 3), np.nan), via[:0:-1]]))
+
+
+def counts(way: Way, length: float, turn: float) -> Index:
+    """(N - 1,) into how many equal parts of at most ``length`` mm and ``turn`` rad each segment is to be cut."""
+    most = np.maximum(way.length / length, way.turn / turn)
+    return np.asarray(np.maximum(np.ceil(most - 1e-9), 1), dtype=np.int64)
+
+
+def divided(way: Way, parts: Index) -> Way:
+    """The same motion with segment i cut into ``parts[i - 1]`` equal ones; old row i is new row ``rows(parts)[i]``."""
+    segment = np.repeat(np.arange(len(parts)), parts)
+    share = 1.0 / parts[segment]
+    after = np.arange(1, len(segment) + 1) - (np.cumsum(parts) - parts)[segment]
+    chord, height = _shape(way)
+    kept = rows(parts)
+    position = np.concatenate([way.position[:1], _at(way, chord, height, segment, after * share)])
+    position[kept] = way.position
+    via = np.concatenate([np.full((1, 3), np.nan), _at(way, chord, height, segment, (after - 0.5) * share)])
+    via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
+    whole = parts[segment] == 1
+    via[1:][whole] = way.via[1:][segment[whole]]
+    rotation = np.concatenate([way.rotation[:1], between(way.rotation[:-1], way.rotation[1:], segment, after * share)])
+    rotation[kept] = way.rotation
+    return Way(frozen(position), frozen(via), frozen(rotation))
+
+
+def cut(way: Way, low: float, high: float) -> Way:
+    """The same motion from ``low`` to ``high`` mm along it, where it has a length in between."""
+    ends = np.concatenate([[0.0], np.cumsum(way.length)])
+    before, after = np.clip(ends[:-1], low, high), np.clip(ends[1:], low, high)
+    segment = np.flatnonzero(after - before > 0)
+    span = np.maximum(way.length[segment], 1e-300)
+    start, stop = (before[segment] - ends[segment]) / span, (after[segment] - ends[segment]) / span
+    chord, height = _shape(way)
+    own, first = np.concatenate([segment[:1], segment]), np.concatenate([start[:1], stop])
+    via = np.concatenate([np.full((1, 3), np.nan), _at(way, chord, height, segment, (start + stop) / 2)])
+    via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
+    rotation = between(way.rotation[:-1], way.rotation[1:], own, first)
+    return Way(frozen(_at(way, chord, height, own, first)), frozen(via), frozen(rotation))
+
+
+def rows(parts: Index) -> Index:
+    """(N,) where the rows of a way are after ``divided``."""
+    return np.concatenate([[0], np.cumsum(parts)])
+
+
+def between(a: FloatArray, b: FloatArray, segment: Index, fraction: FloatArray) -> FloatArray:
+    """(M, 3, 3) the rotations at ``fraction`` (M,) of the shortest turns from ``a[segment]`` to ``b[segment]``."""
+    return np.asarray(a[segment] @ rotations(rotation_vectors(a, b)[segment] * fraction[:, None]))
+
+
+def rotation_vectors(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(N, 3) axis times angle of the turns from ``a`` to ``b`` (N, 3, 3), less than half a turn each."""
+    r = np.swapaxes(a, -1, -2) @ b
+    sine = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
+    length = np.linalg.norm(sine, axis=1)
+    angle = np.arctan2(length, np.trace(r, axis1=1, axis2=2) - 1.0)
+    return np.asarray(sine * np.where(length > 1e-14, angle / np.maximum(length, 1e-300), 0.5)[:, None])
+
+
+def rotations(vectors: FloatArray) -> FloatArray:
+    """(N, 3, 3) of axis times angle (N, 3) (Rodrigues)."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    x, y, z = vectors.T
+    cross = np.zeros((len(vectors), 3, 3))
+    cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0] = x, y, z
+    cross[:, 1, 2], cross[:, 2, 0], cross[:, 0, 1] = -x, -y, -z
+    half = np.sinc(angle / (2 * np.pi))
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross))
+
+
+def _shape(way: Way) -> tuple[FloatArray, FloatArray]:
+    """Length of the chord and height above it of each segment (N - 1,)."""
+    before, after = way.position[:-1], way.position[1:]
+    chord = np.linalg.norm(after - before, axis=1)
+    height = np.nan_to_num(np.linalg.norm(way.via[1:] - (before + after) / 2, axis=1))
+    return chord, np.where(height > _FLAT * chord, height, 0.0)
+
+
+def _at(way: Way, chord: FloatArray, height: FloatArray, segment: Index, fraction: FloatArray) -> FloatArray:
+    """(M, 3) the points at ``fraction`` (M,) of the ``segment`` (M,): an arc about its chord's middle."""
+    before, after = way.position[:-1], way.position[1:]
+    points = before[segment] + fraction[:, None] * (after - before)[segment]
+    arc = height[segment] > 0
+    own = segment[arc]
+    c, h = chord[own], height[own]
+    across = (way.via[1:] - (before + after) / 2)[own] / h[:, None]
+    along = (after - before)[own] / np.maximum(c, 1e-300)[:, None]
+    radius = (c**2 / 4 + h**2) / (2 * h)
+    angle = (fraction[arc] - 0.5) * 4 * np.arctan2(2 * h, c)
+    middle = way.via[1:][own] - radius[:, None] * across
+    points[arc] = middle + radius[:, None] * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along)
+    return np.asarray(points)

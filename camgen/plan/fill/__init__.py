@@ -1,0 +1,346 @@
+"""Filling regions with a round tool, a marker say: passes along the border, one inside the other, until all is covered.
+
+"Continuous path following", section 4: a region wide enough is covered by contour-following passes, peeled off one
+after the other; what is thinner than the tool gets a stroke along its skeleton. The choice is made place by place:
+passes go where there is room beyond the first of them, a centre line runs where there is none and ends at the pass that
+it meets. What the passes leave between them is found on the painted picture and gets strokes of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.geometry.rings import ComplexArray, latest, rings, unit
+from camgen.geometry.segments import BoolArray, IntArray
+from camgen.model.errors import InputError
+from camgen.model.job import Job
+from camgen.model.part import Note, Part
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+from camgen.model.text import short
+from camgen.plan.columns import pass_depths
+from camgen.plan.fill.cover import Coverage, lines_of, measured, painted
+from camgen.plan.fill.ground import Distances, Ground, Pixels, ground
+from camgen.plan.fill.lines import Line, centre_lines, centred
+from camgen.plan.image_space.border import CLOSE, foot, near
+from camgen.plan.image_space.field import beyond, sampled
+from camgen.vision.skeleton import graph, skeleton, strokes
+
+# Passes along the border, one inside the other, each the line at one distance from the border.
+
+#: Room beyond a pass that makes it one, px.
+ROOM = 0.75
+#: Passes that no border shows are made of one pixel in so many.
+_EVERY = 3
+_DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+
+
+def passes(field: Ground, radius: float, spacing: float) -> list[ComplexArray]:
+    """Closed lines (N,) px at ``radius``, ``radius + spacing``, ... px from the border, no first point again."""
+    level = radius
+    found: list[ComplexArray] = []
+    deepest = float(field.depth.max()) if field.depth.size else 0.0
+    window = (0, 0, field.mask.shape[1], field.mask.shape[0])
+    while level + ROOM <= deepest:
+        u, v, width, height = window
+        depth = field.depth[v : v + height, u : u + width]
+        core = beyond(depth, level + ROOM)
+        wide = cv2.bitwise_and(cv2.dilate(core, _DISC), beyond(depth, level))
+        chains, _ = cv2.findContours(wide, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        first = level == radius
+        corner = np.array([u, v], dtype=np.float64)
+        pixels = [chain[:: 1 if first else _EVERY, 0] + corner for chain in chains if len(chain) > 2]
+        found += _exact(field, pixels, level, 3 if first else 1)
+        box = cv2.boundingRect(core)
+        window = (max(u + box[0] - 1, 0), max(v + box[1] - 1, 0), box[2] + 2, box[3] + 2)
+        level += spacing
+    return found
+
+
+def core(field: Ground, radius: float) -> Pixels:
+    """255 where there is room beyond the first pass: what passes take care of."""
+    return beyond(field.depth, radius + ROOM)
+
+
+def _exact(field: Ground, chains: Sequence[FloatArray], level: float, rounds: int) -> list[ComplexArray]:
+    """Chains of pixels (N, 2) moved to exactly ``level`` px from the border.
+
+    Beside a corner a point has two sides to keep away from: in further ``rounds`` its neighbours' feet are tried too.
+    """
+    if not chains:
+        return []
+    table = rings([len(c) for c in chains])
+    flat = np.concatenate(chains)
+    pixels = flat[:, 0] + 1j * flat[:, 1]
+    depth, inwards = _slope(field, pixels)
+    points = pixels - inwards * (depth - level)
+    row = near(field.edge, points - inwards * level)
+    row = np.where(row >= 0, row, row[np.maximum(latest(table, row >= 0), 0)])
+    for again in range(rounds):
+        on, row = foot(field.edge, points, np.maximum(row, 0), CLOSE)
+        for by in (-3, 3) if again else ():
+            other, there = foot(field.edge, points, row[table.shifted(by)], CLOSE)
+            nearer = np.abs(points - other) < np.abs(points - on)
+            on, row = np.where(nearer, other, on), np.where(nearer, there, row)
+        away = points - on
+        # A foot much farther than the depth says is that of another border.
+        good = np.abs(np.abs(away) - level) < 1.0
+        points = np.where(good, on + level * unit(away), points)
+    return np.split(points, table.first[1:])
+
+
+def _slope(field: Ground, pixels: ComplexArray) -> tuple[FloatArray, ComplexArray]:
+    """Depth at ``pixels`` and its gradient, unit."""
+    width = field.depth.shape[1]
+    at = pixels.imag.astype(np.int64) * width + pixels.real.astype(np.int64)
+    flat = field.depth.ravel()
+    right, down = (
+        np.sum([flat[at + by + k] - flat[at - by + k] for k in (-side, 0, side)], axis=0, dtype=np.float64)
+        for by, side in ((1, width), (width, 1))
+    )
+    return flat[at].astype(np.float64), unit(np.asarray(right + 1j * down))
+
+
+# What passes and centre lines left bare: strokes where the tool has room, one touch where it pays.
+
+#: The tool has room where it is no nearer to the border than this share of its radius.
+_ROOM = 0.9
+#: A touch needs a piece so many times as large as a line does and so many pixels, which is more than the corner of a
+#: square leaves wherever the pixels lie, and must cover this many times what it inks outside.
+_TOUCH, _GRAIN, _PAYS = 1.6, 4, 2.0
+#: Where a touch is tried, from the place with most room towards the middle of the piece.
+_WAY = (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+class _Bare(Struct, frozen=True, eq=False):
+    """Pieces without ink: labels (H, W), facts (N, 5) as OpenCV gives them, room (N,): depth of the deepest pixel."""
+
+    labels: NDArray[np.int32]
+    facts: IntArray
+    room: Distances
+
+
+def uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> list[Line]:
+    """Lines and dots for what of ``field`` is without ``ink``. least: pixels of a piece that is worth one."""
+    pixels = np.asarray(cv2.bitwise_and(field.mask, cv2.bitwise_not(ink)), dtype=np.uint8)
+    count, labels, facts, _ = cv2.connectedComponentsWithStats(pixels)
+    room = np.zeros(count, dtype=np.float32)
+    here = np.flatnonzero(pixels)
+    piece: NDArray[np.int32] = np.asarray(labels, dtype=np.int32)
+    np.maximum.at(room, piece.ravel()[here], field.depth.ravel()[here])
+    bare = _Bare(piece, np.asarray(facts, dtype=np.int64), room)
+    worth = bare.facts[:, cv2.CC_STAT_AREA] >= least
+    worth[0] = False
+    lines = _lines(field, bare, worth & (room >= _ROOM * radius), radius)
+    left = worth & (bare.facts[:, cv2.CC_STAT_AREA] >= _TOUCH * least + _GRAIN)
+    if lines:
+        drawn = np.concatenate([line.points for line in lines])
+        left[bare.labels[np.rint(drawn.imag).astype(np.int64), np.rint(drawn.real).astype(np.int64)]] = False
+    touches = [_touch(field, ink, bare, k, radius) for k in np.flatnonzero(left).tolist()]
+    return lines + [touch for touch in touches if touch is not None]
+
+
+def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[Line]:
+    """The centre lines of the pieces ``wide`` (N,), where the tool has room."""
+    own = wide[bare.labels].astype(np.uint8) * np.uint8(255)
+    if not cv2.countNonZero(own):
+        return []
+    width = np.asarray(cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float32)
+    found = strokes(graph(skeleton(own), None, width))
+    result = []
+    for stroke, points in zip(found, centred(found, field, radius)[1] if found else [], strict=True):
+        room = sampled(field.depth, points) >= _ROOM * radius
+        closed = stroke.closed and bool(room.all()) and len(points) > 2
+        result += [Line(part, closed, radius) for part in _runs(points, room)]
+    return result
+
+
+def _touch(field: Ground, ink: Pixels, bare: _Bare, piece: int, radius: float) -> Line | None:
+    """One touch, between a piece and where the tool has most room near it, if it covers more than it spoils."""
+    left, top, wide, high, _ = bare.facts[piece].tolist()
+    reach = int(np.ceil(radius))
+    u, v = max(left - 2 * reach, 0), max(top - 2 * reach, 0)
+    window = (slice(v, top + high + 2 * reach), slice(u, left + wide + 2 * reach))
+    own = bare.labels[window] == piece
+    rows, columns = np.nonzero(own)
+    middle = complex(columns.mean(), rows.mean())
+    y, x = np.ogrid[: own.shape[0], : own.shape[1]]
+    near = (y - middle.imag) ** 2 + (x - middle.real) ** 2 <= radius**2
+    deepest = np.unravel_index(int(np.argmax(np.where(near, field.depth[window], 0.0))), own.shape)
+    room = complex(deepest[1], deepest[0])
+    # A pixel of copper that gets ink counts for it, one beside counts against.
+    value = np.where(field.mask[window] != 0, 1, -1) * (ink[window] == 0)
+    best, most = room, -1
+    for place in (room + share * (middle - room) for share in _WAY):
+        fresh = value[(y - place.imag) ** 2 + (x - place.real) ** 2 <= radius**2]
+        gained, spoiled = int((fresh > 0).sum()), int((fresh < 0).sum())
+        if gained >= _PAYS * spoiled and 2 * gained >= len(rows) and gained - spoiled > most:
+            best, most = place, gained - spoiled
+    return Line(np.array([best + complex(u, v)]), False, radius) if most > 0 else None
+
+
+def _runs(points: ComplexArray, where: BoolArray) -> list[ComplexArray]:
+    """The stretches of a line where it holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
+    return [points[a:b] for a, b in edges.reshape(-1, 2).tolist()]
+
+
+#: Strokes are thinned out within this, px of the grid, where the job does not say.
+_SIMPLIFY = 0.2
+#: What is left bare is worth a stroke from this share of the tool's disc on.
+_WORTH = 0.05
+
+
+class Kind(Struct, frozen=True, eq=False):
+    """Strokes of one kind. mark: what their ids begin with. lines: (N,) px each, the first again where closed."""
+
+    mark: str
+    lines: list[ComplexArray]
+    closed: list[bool]
+    thin: list[bool]
+
+
+def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], Coverage]:
+    """Strokes that cover what the closed contours of ``part`` enclose, even-odd, notes, and what they cover.
+
+    Of a picture the borders in it count. Raises InputError where nothing is closed, JobError for a tool that is too
+    small for the picture or the drawing.
+    """
+    if not any(c.closed for c in part.contours):
+        raise InputError(part.source, "no closed contour to fill", remedy="trace it, or close its outlines")
+    field = ground(part, job.tool.diameter / 2)
+    kinds = _strokes(field, job.tool.diameter / 2 / field.mm_per_px, job)
+    region = _regions(field)
+    paths = _paths(field, kinds, _layers(part, field, region), region, job)
+    coverage = covered_by(field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.diameter / 2)
+    return paths, (*_open(part), *_rules(kinds, region, job)), coverage
+
+
+def _strokes(field: Ground, radius: float, job: Job) -> list[Kind]:
+    simplify = job.tolerance.simplify
+    near = max(job.tolerance.chord / field.mm_per_px, _SIMPLIFY) if simplify is None else simplify / field.mm_per_px
+    wide = passes(field, radius, 2 * radius * job.operation.stepover)
+    round_ = Kind("f", [_thinned(points, True, near) for points in wide], [True] * len(wide), [False] * len(wide))
+    middle = _kind("m", centre_lines(field, radius, core(field, radius)), near, radius)
+    ink = painted(*lines_of(round_.lines + middle.lines), radius, field.mask.shape[:2])
+    rest = uncovered(field, ink, radius, _WORTH * np.pi * radius**2)
+    return [round_, middle, _kind("r", rest, near, 0.0)]
+
+
+def _kind(mark: str, lines: Sequence[Line], near: float, radius: float) -> Kind:
+    """radius: a place less than twice as wide is thinner than the tool."""
+    points = [_thinned(line.points, line.closed, near) for line in lines]
+    return Kind(mark, points, [line.closed for line in lines], [line.wide < radius for line in lines])
+
+
+def _thinned(points: ComplexArray, closed: bool, near: float) -> ComplexArray:
+    """The points that a line needs to stay within ``near`` px (Douglas and Peucker 1973); closed: the first again."""
+    if len(points) > 2 and near > 0:
+        flat = np.column_stack([points.real, points.imag]).astype(np.float32)[:, None]
+        points = cv2.approxPolyDP(flat, near, closed)[:, 0].astype(np.float64) @ np.array([1, 1j])
+    return np.append(points, points[:1]) if closed else points
+
+
+def _regions(field: Ground) -> IntArray:
+    """(H, W) which connected piece of the ground each pixel is of, 1 and on; 0 outside."""
+    return np.asarray(cv2.connectedComponents(field.mask)[1])
+
+
+def _region_of(points: ComplexArray, region: IntArray) -> IntArray:
+    """(N,) the region at or beside each point px: a stroke may run on the edge of what it covers."""
+    height, width = region.shape
+    u, v = np.rint(points.real).astype(np.int64), np.rint(points.imag).astype(np.int64)
+    around = [
+        region[np.clip(v + down, 0, height - 1), np.clip(u + right, 0, width - 1)]
+        for down in (-1, 0, 1)
+        for right in (-1, 0, 1)
+    ]
+    middle = around[4]
+    return np.asarray(np.where(middle > 0, middle, np.max(around, axis=0)))
+
+
+def _layers(part: Part, field: Ground, region: IntArray) -> dict[int, str]:
+    """The layer of each region: that of the longest border around it."""
+    layers = [part.contours[k].layer for k in field.contour.tolist()]
+    if len(set(layers)) == 1:
+        return dict.fromkeys(range(int(region.max()) + 1), layers[0])
+    table = field.edge.table
+    found: dict[int, str] = {}
+    for k in np.argsort(table.count, kind="stable").tolist():
+        rows = slice(int(table.first[k]), int(table.first[k] + table.count[k]))
+        inside = _region_of(field.edge.points[rows], region)
+        found[int(np.bincount(inside).argmax())] = layers[k]
+    return found
+
+
+def _paths(
+    field: Ground, kinds: Sequence[Kind], layers: dict[int, str], region: IntArray, job: Job
+) -> tuple[ToolPath, ...]:
+    lines = [line for kind in kinds for line in kind.lines]
+    if not lines:
+        return ()
+    counts = np.array([len(line) for line in lines])
+    low = np.cumsum(counts) - counts
+    flat = np.concatenate(lines)
+    where = _region_of(flat[low], region).tolist()
+    position = np.column_stack([field.placed(flat), np.zeros(len(flat))])
+    via = np.full_like(position, np.nan)
+    axis = np.tile([0.0, 0.0, -1.0], (len(flat), 1))
+    press = np.zeros((len(flat), 2, 3))
+    if job.process.force:
+        press[:, :, 2] = -1.0
+    force, feed = np.full(len(flat), job.process.force), np.full(len(flat), job.process.feed)
+    for column in (position, via, axis, press, force, feed):
+        column.flags.writeable = False
+    names = [(f"{kind.mark}{k}", closed) for kind in kinds for k, closed in enumerate(kind.closed, 1)]
+    rows = [slice(a, a + n) for a, n in zip(low.tolist(), counts.tolist(), strict=True)]
+    return tuple(
+        ToolPath(
+            id=name,
+            layer=layers.get(at, layers[min(layers)]),
+            position=position[own],
+            via=via[own],
+            axis=axis[own],
+            press=press[own],
+            force=force[own],
+            feed=feed[own],
+            closed=closed,
+            depths=pass_depths(job.operation.depth, job.operation.passes),
+        )
+        for (name, closed), at, own in zip(names, where, rows, strict=True)
+    )
+
+
+def covered_by(field: Ground, paths: Sequence[ToolPath], thin: Sequence[bool], radius: float) -> Coverage:
+    """What the paths cover of the ground, mm2, from where the tool will be. thin: whose ink beside is counted apart."""
+    edge = field.placed(field.edge.points) @ np.array([1, 1j])
+    lines = [path.position[:, :2] @ np.array([1, 1j]) for path in paths]
+    wide = [line for line, apart in zip(lines, thin, strict=True) if not apart]
+    narrow = [line for line, apart in zip(lines, thin, strict=True) if apart]
+    return measured(field.edge.table, edge, wide, narrow, radius)
+
+
+def _open(part: Part) -> tuple[Note, ...]:
+    ids = tuple(c.id for c in part.contours if not c.closed)
+    why = "only what is closed has an inside; join gaps with input.join, or trace them"
+    return (Note("skipped", f"{len(ids)} open contours not filled", why, ids),) if ids else ()
+
+
+def _rules(kinds: Sequence[Kind], region: IntArray, job: Job) -> tuple[Note, ...]:
+    """Which rule was used where."""
+    round_, middle, rest = kinds
+    starts = (np.array([line[0] for line in kind.lines], dtype=complex) for kind in (round_, middle))
+    by, along = (set(_region_of(at, region).tolist()) for at in starts)
+    apart = short(job.tool.diameter * job.operation.stepover, 3)
+    shares = ((by - along, f"by passes {apart} mm apart"), (along - by, "by centre lines"), (by & along, "by both"))
+    what = f"{len(by | along)} regions to fill: {', '.join(f'{len(own)} {how}' for own, how in shares if own)}"
+    why = (
+        f"{len(round_.lines)} passes, {len(middle.lines)} centre lines ({sum(middle.thin)} of places thinner than the "
+        f"tool), {len(rest.lines)} strokes for what they left"
+    )
+    return (Note("assumed", what, why),)

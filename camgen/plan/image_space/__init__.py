@@ -1,0 +1,304 @@
+"""The planner of the PIST paper: from the mask of a part in a to-scale view to tool paths, all of it in image space.
+
+MacMillan, Irani, Ahmadi: Planar image-space trajectory planning algorithm for contour following in robotic machining.
+Sections in square brackets and equations are that paper's. The pieces: ``image_space_way`` the path of the tool centre
+beside the part; ``image_space_resample`` waypoints; ``image_space_process`` contact, feed and force;
+``image_space_notes`` names, and what is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.rings import ComplexArray, Rings, latest, lengths, perimeters, rings, unit
+from camgen.geometry.segments import BoolArray, IntArray, backwards, make
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Job
+from camgen.model.part import Note
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+from camgen.plan.columns import Label, pass_depths, tool_paths
+from camgen.plan.image_space.border import Border, between_pixels, border
+from camgen.plan.image_space.field import Field, Pixels, chains, field, sampled
+from camgen.plan.image_space.tool_path import (
+    Way,
+    averaged,
+    contact_points,
+    feeds,
+    given,
+    iso_way,
+    moving,
+    nearest,
+    needed,
+    observed,
+    pixel_way,
+    reached,
+    resampled,
+    touching,
+)
+from camgen.vision.plane import scale_of
+
+# What the paths of an image are called, and notes on what they leave out.
+
+#: What an image has instead of layers.
+_LAYER = "image"
+#: A length (px) that is not reached is told from here on: the resolution at two ends.
+_TOLD = 4.0
+
+
+def beside_which(edge: Border, table: Rings, points: ComplexArray, touched: IntArray) -> IntArray:
+    """(L,) the border of the part that each path touches most often. touched: (N,) row of ``edge`` or -1.
+
+    A path that touches nothing, only just fitting in, is beside the border that is nearest to its first point.
+    """
+    borders = len(edge.table.count)
+    row = np.flatnonzero(touched >= 0)
+    key = table.loop[row] * borders + edge.table.loop[touched[row]]
+    often = np.bincount(key, minlength=len(table.count) * borders).reshape(-1, borders)
+    main: IntArray = np.argmax(often, axis=1)
+    for k in np.flatnonzero(~often.any(axis=1)).tolist():
+        main[k] = edge.table.loop[np.argmin(np.abs(edge.points - points[table.first[k]]))]
+    return main
+
+
+def labels(main: IntArray, parent: IntArray, sound: BoolArray) -> list[Label | None]:
+    """The paths by the border that each runs beside: ``c1``, or ``c1.1``, ``c1.2`` where that border has several; None
+    for those that are not ``sound``, and what they enclose is inside what they are inside of.
+    """
+    several = np.bincount(main[sound], minlength=1) > 1
+    place = np.where(sound, np.cumsum(sound) - 1, -1).tolist()
+    seen = [0] * len(several)
+    result: list[Label | None] = []
+    for k, (on, good) in enumerate(zip(main.tolist(), sound.tolist(), strict=True)):
+        if not good:
+            result.append(None)
+            continue
+        seen[on] += 1
+        name = f"c{on + 1}.{seen[on]}" if several[on] else f"c{on + 1}"
+        around = int(parent[k])
+        while around >= 0 and place[around] < 0:
+            around = int(parent[around])
+        result.append(Label(name, _LAYER, True, False, place[around] if around >= 0 else -1))
+    return result
+
+
+def left_out(
+    edge: Border, reached: BoolArray, main: IntArray, sound: BoolArray, job: Job, mm_per_px: float
+) -> list[Note]:
+    """Notes on borders that have no path, and on the length that no tool of this size can touch.
+
+    reached: (N,) of ``edge``, whether the tool may stand where it would touch that point. main: ``beside_which``.
+    sound: (L,) false for paths that did not keep their distance.
+    """
+    tool = f"a {job.tool.diameter:g} mm tool" + (
+        f" with corner radius {job.operation.corner_radius:g}" if job.operation.corner_radius else ""
+    )
+    count = len(edge.table.count)
+    followed = np.isin(np.arange(count), main[sound])
+    failed = np.isin(np.arange(count), main[~sound])
+    # A border beside which no path runs for longest may still be touched by the one around a near neighbour.
+    touched = np.bincount(edge.table.loop, reached, count) > 0
+    why = "the path did not keep its distance; use waypoints that are closer together, or report it"
+    notes = [
+        not_followed(np.flatnonzero(which), how, reason)
+        for which, how, reason in (
+            (~followed & ~failed & ~touched, "too narrow", f"{tool} does not fit"),
+            (failed, "check failed", why),
+        )
+        if which.any()
+    ]
+    length = lengths(edge.table, edge.points) * mm_per_px
+    whole = float(length.sum())
+    missing = np.where(touched & ~failed, np.bincount(edge.table.loop, np.where(reached, 0.0, length), count), 0.0)
+    total = float(missing.sum())
+    if total > max(1e-3 * whole, _TOLD * mm_per_px):
+        worst = int(np.argmax(missing)) + 1
+        what = f"{total:.4g} mm of {whole:.6g} mm of contour not touched, most of it on c{worst}"
+        notes.append(Note("warning", what, f"inner corners and narrow places that {tool} does not reach"))
+    return notes
+
+
+def not_followed(borders: IntArray, how: str, why: str) -> Note:
+    """One note on borders that have no path, the first of them by name."""
+    ids = [f"c{k + 1}" for k in borders.tolist()]
+    names = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
+    noun = "contour" if len(borders) == 1 else "contours"
+    return Note("skipped", f"{len(ids)} {noun} not followed, {how}: {names} on layer {_LAYER}", why, tuple(ids))
+
+
+#: Below this many pixels the tool's radius is not resolved.
+_LEAST = 1.5
+#: Gap (px) between contact point and part from which contact is lost: to the exact border, and to pixel centres.
+_GAP, _PIXEL_GAP = 1.0, 2.0
+#: Change of the force angle (rad/mm) below which a path counts as straight: that of a radius of 29 mm.
+_STRAIGHT = np.radians(2.0)
+
+
+class _Waypoints(Struct, frozen=True, eq=False):
+    """Closed curves of eq. (12), pixels of the field. press: unit vectors of theta_f. feed: as a multiple of the
+    nominal one, and force: on or off, both of the segment that ends in the row.
+    """
+
+    table: Rings
+    points: ComplexArray
+    press: ComplexArray
+    feed: FloatArray
+    force: BoolArray
+
+
+def image_space(
+    mask_pixels: Pixels,
+    work_from_view: FloatArray,
+    job: Job,
+    *,
+    exact: bool = True,
+    spacing: float | None = None,
+    borders: Sequence[FloatArray] | None = None,
+) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
+    """Paths around the part in ``mask_pixels`` ((H, W) uint8, not 0: part) and in its holes, and what is left out.
+
+    work_from_view: (2, 3) similarity, mm of a pixel centre (u, v); v may run against y. exact: the path is an iso-line
+    between pixels, normals from the nearest point of the border; else integer pixels and the gradient of the distance
+    image, as in the paper. spacing: mm between waypoints before the redundant ones go; by default the chord that leaves
+    a curve of half the tool's radius by ``tolerance.chord``, a pixel at least. borders: of the part in view pixels,
+    closed (N, 2) without the first point again, where they are known better than the mask tells.
+
+    Positions are in the work frame at z = 0, ``depths`` below it. The removal of redundant waypoints moves the path by
+    at most ``tolerance.chord``. Raises JobError for settings that an image has no answer to, InputError for a mask or a
+    transform that cannot be used.
+    """
+    mm_per_px = scale_of(work_from_view)
+    distance, radius = job.tool.diameter / 2 / mm_per_px, job.operation.corner_radius / mm_per_px
+    _insist(mask_pixels, job, distance)
+    if not mask_pixels.any():
+        return (), (Note("skipped", "no part in the mask", "choose another mask"),)
+    picture = field(mask_pixels, distance + radius)
+    curves = between_pixels(chains(picture.part)) if borders is None else given(borders, picture)
+    edge = border(*curves, picture.far.shape)
+    way = iso_way(picture, edge, distance, radius) if exact else pixel_way(picture, distance, radius)
+    chord = float(np.sqrt(2 * job.tool.diameter * job.tolerance.chord))
+    step = max((chord if spacing is None else spacing) / mm_per_px, 1.0)
+    points, touched = _waypoints(way, edge, None if exact else picture, distance, step, job.process.max_feed_factor)
+    main = beside_which(edge, points.table, points.points, touched)
+    gouge = sampled(picture.far, points.points) < distance - (_GAP if exact else _PIXEL_GAP)
+    sound = np.bincount(points.table.loop, gouge, len(main)) == 0
+    notes = left_out(edge, reached(way, picture, edge, distance, radius), main, sound, job, mm_per_px)
+    chain = _chain(points, _STRAIGHT * mm_per_px, job.tolerance.chord / mm_per_px)
+    return _paths(chain, labels(main, way.parent, sound), _moved(work_from_view, picture.corner), job), tuple(notes)
+
+
+def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
+    """What an image can be asked for."""
+    if mask_pixels.ndim != 2 or mask_pixels.dtype != np.uint8:
+        raise InputError("mask", f"has shape {mask_pixels.shape} of {mask_pixels.dtype}", remedy="give (H, W) uint8")
+    if job.operation.side != "auto":
+        what = f'"{job.operation.side}" is not known to the image-space planner'
+        raise JobError("job", what, "operation.side", "set operation.side to auto")
+    if distance < _LEAST:
+        what = f"{job.tool.diameter:g} mm is {2 * distance:.2g} px of the view"
+        raise JobError("job", what, "tool.diameter", "use a larger tool or a finer view")
+    rim = (mask_pixels[0], mask_pixels[-1], mask_pixels[:, 0], mask_pixels[:, -1])
+    if any(line.any() for line in rim):
+        raise InputError("mask", "the part touches the border of the view", remedy="show the whole part")
+
+
+def _waypoints(
+    way: Way, edge: Border, picture: Field | None, distance: float, step: float, fastest: float
+) -> tuple[_Waypoints, IntArray]:
+    """Waypoints ``step`` px apart with feed and force, and the row (N,) of ``edge`` that each touches, -1 for none.
+
+    picture: where the gap between contact point and part is looked up in the distance image, as the paper does.
+    """
+    count = np.maximum(np.rint(perimeters(way.table, way.points) / step).astype(np.int64), 8)
+    table, (points, press) = resampled(way.table, count, way.points, way.press)
+    size = np.abs(press)
+    # Opposite directions may cancel out in the filter; the one before holds.
+    press = unit(press)[latest(table, size > 1e-6)]
+    contacts = contact_points(points, press, distance)
+    gap, row = _gaps(edge, contacts, picture)
+    # In a sharp inner corner contact leaps from one side to the other, perhaps between two waypoints.
+    back = table.shifted(-1)
+    half_way = contact_points((points + points[back]) / 2, unit(press + press[back]), distance)
+    tolerance = _GAP if picture is None else _PIXEL_GAP
+    touches = touching(table, gap, tolerance)
+    contact = touches & touches[back] & (_gaps(edge, half_way, picture)[0] <= tolerance)
+    along, run = observed(table, points, contacts)
+    # Where contact ends the filter has turned the angles already.
+    sure = contact & contact[back] & contact[table.shifted(1)]
+    ratio = averaged(table, along, run, sure, round(distance / 2 / step))
+    force = contact & moving(table, along, run)
+    return _Waypoints(table, points, press, feeds(ratio, sure, fastest), force), np.where(touches, row, -1)
+
+
+def _gaps(edge: Border, contacts: ComplexArray, picture: Field | None) -> tuple[FloatArray, IntArray]:
+    """The gap (N,) px between contact points and part, and the row of ``edge`` there, -1 where none is near."""
+    gap, row = nearest(edge, contacts)
+    return (gap if picture is None else sampled(picture.far, contacts)), row
+
+
+class _Chain(Struct, frozen=True, eq=False):
+    """Straight segments of all curves: begin, end (N,) px, press (N, 2) at both, feed, force, and the curve of each."""
+
+    begin: ComplexArray
+    end: ComplexArray
+    press: ComplexArray
+    feed: FloatArray
+    force: BoolArray
+    loop: IntArray
+
+
+def _chain(points: _Waypoints, rate: float, bound: float) -> _Chain:
+    """The segments between the waypoints that are needed [3.4.2], each as fast as those that it stands for."""
+    count = points.table.count
+    closed = rings(count + 1)
+    place = np.arange(len(closed)) - closed.first[closed.loop]
+    row = points.table.first[closed.loop] + place % count[closed.loop]
+    here, press, force = points.points[row], points.press[row], points.force[row]
+    keep = needed(np.append(closed.first, len(closed)), here, press, force, rate, bound)
+    step = np.append(0.0, np.abs(np.diff(here)))
+    run, time = np.cumsum(step), np.cumsum(step / points.feed[row])
+    vertex = np.flatnonzero(keep)
+    low, high = vertex[:-1], vertex[1:]
+    same = (closed.loop[low] == closed.loop[high]) & (run[high] > run[low])
+    low, high = low[same], high[same]
+    feed = (run[high] - run[low]) / (time[high] - time[low])
+    pressing = np.column_stack([press[low], press[high]])
+    return _Chain(here[low], here[high], pressing, feed, force[high], closed.loop[low])
+
+
+def _moved(work_from_view: FloatArray, corner: complex) -> FloatArray:
+    """work_from_field (2, 3): ``corner`` is the view pixel of the field's first one."""
+    matrix = np.array(work_from_view, dtype=np.float64)
+    matrix[:, 2] += matrix[:, :2] @ np.array([corner.real, corner.imag])
+    return matrix
+
+
+def _paths(chain: _Chain, names: list[Label | None], work_from_field: FloatArray, job: Job) -> tuple[ToolPath, ...]:
+    """The curves that have a label as tool paths in the work frame (eq. 14 to 16), in the direction of the job.
+
+    A direction goes through the same matrix as a position, without the shift. So it needs no angle, and a view whose v
+    runs against y, in which angles count the other way round, needs no case of its own.
+    """
+    matrix = work_from_field[:, :2]
+
+    def turned(vectors: ComplexArray) -> FloatArray:
+        return np.stack([vectors.real, vectors.imag], axis=-1) @ matrix.T
+
+    place = np.cumsum([name is not None for name in names]) - 1
+    used = np.array([name is not None for name in names])[chain.loop]
+    begin, end = turned(chain.begin[used]), turned(chain.end[used])
+    shift = work_from_field[:, 2]
+    segments = make(begin + shift, end + shift, np.zeros(len(begin)), place[chain.loop[used]])
+    press = np.zeros((len(begin), 2, 3))
+    towards = turned(chain.press[used])
+    press[:, :, :2] = towards / np.linalg.norm(towards, axis=2, keepdims=True)
+    feed, force = job.process.feed * chain.feed[used], np.where(chain.force[used], job.process.force, 0.0)
+    # The part is on the left as the view is shown: in the work frame too, where v runs against y. Climb has it right.
+    if (np.linalg.det(matrix) < 0) != (job.operation.direction == "conventional"):
+        segments, back = backwards(segments)
+        press, feed, force = press[back][:, ::-1], feed[back], force[back]
+    depths = pass_depths(job.operation.depth, job.operation.passes)
+    return tool_paths(segments, [name for name in names if name is not None], press, force, feed, depths)

@@ -1,0 +1,247 @@
+"""The path of the tool centre in pixels, with the direction towards the part (PIST, sections 3.2.2 to 3.2.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.rings import ComplexArray, Rings, evenly, held, rings, unit
+from camgen.geometry.segments import BoolArray, IntArray
+from camgen.model.pose import FloatArray
+from camgen.plan.image_space.border import CLOSE, Border, border, foot, iso_line, near
+from camgen.plan.image_space.field import Distances, Field, beyond, chains, gradient, inside, sampled, within
+
+#: A border of fewer pixels is no path: a spot of about two pixels, in which it is not sure that the tool centre fits.
+_FEWEST = 8
+#: Half the side (px) of the square over which the gradient is taken: at most, as the normal; and only to find a border.
+_NORMAL, _SEARCH = 5, 2
+#: The border lies about so far (px) outside the centres of the outermost pixels.
+_HALF = 0.5
+#: Inner corners cannot be rounder than so many pixels in an iso-line; a smaller radius is made so.
+_ROUND = 2.0
+#: What a place may be off (px) for the tool to be said to reach it.
+_SLACK = 1.0
+
+
+class Way(Struct, frozen=True, eq=False):
+    """Closed curves about a pixel from point to point, pixels of the field, the part on the left as seen on the screen.
+
+    press: (N,) unit vectors of the force angle theta_f. parent: (L,) the curve around each, -1 for none. back: distance
+    of the pixels to where a tool larger by the corner radius would fit; None without a corner radius.
+    """
+
+    table: Rings
+    points: ComplexArray
+    press: ComplexArray
+    parent: IntArray
+    back: Distances | None
+
+
+def pixel_way(picture: Field, distance: float, radius: float) -> Way:
+    """The integer pixels of the border of the offset mask, as in the paper [3.2.4]: theta_f = theta_g - 180 from the
+    gradient of the distance image at each pixel [3.2.3].
+    """
+    mask = within(picture.far, distance + radius)
+    back = inside(mask) if radius else None
+    found = chains(mask if back is None else beyond(back, radius), _FEWEST)
+    half = int(np.clip(distance / 3, 1, _NORMAL))
+    press = -unit(gradient(picture.far, found.pixels, half))
+    return Way(found.table, found.pixels, press, found.parent, back)
+
+
+def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> Way:
+    """The iso-line of the distance to the part's border ``edge``, and its gradient there.
+
+    The border of the offset mask gives which lines there are and about where; each of its pixels is then brought to the
+    exact distance. With a corner radius the same is done a second time, inwards from the first line; the gradient is
+    then that of the distance to this line, the same where the tool touches, and turning steadily around the corner
+    where it does not.
+    """
+    radius = max(radius, _ROUND) if radius else 0.0
+    mask = within(picture.far, distance + radius + _HALF)
+    found = chains(mask, 1 if radius else _FEWEST)
+    points, away = _brought(picture.far, edge, found.table, found.pixels, distance + radius)
+    if not radius:
+        table, (points, away) = evenly(found.table, points, away)
+        return Way(table, points, -unit(away), found.parent, None)
+    back = inside(mask)
+    line = border(found.table, points, mask.shape)
+    found = chains(beyond(back, radius + _HALF), _FEWEST)
+    points, away = _brought(back, line, found.table, found.pixels, -radius)
+    table, (points, away) = evenly(found.table, points, away)
+    return Way(table, points, -unit(away), found.parent, back)
+
+
+def reached(way: Way, picture: Field, edge: Border, distance: float, radius: float) -> BoolArray:
+    """(N,) of ``edge``: whether the tool may stand where it would touch that point of the part."""
+    centre = edge.points + distance * edge.away
+    if way.back is None:
+        return sampled(picture.far, centre) >= distance - _SLACK
+    return sampled(way.back, centre) <= max(radius, _ROUND) + _HALF + _SLACK
+
+
+def given(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings, ComplexArray]:
+    """Borders in view pixels as curves of the field with the part on the left, a point every pixel or so."""
+    table = rings([len(one) for one in borders])
+    points = np.concatenate([one[:, 0] + 1j * one[:, 1] for one in borders]) - picture.corner
+    table, (points,) = evenly(table, points)
+    right = unit(1j * (points[table.shifted(1)] - points[table.shifted(-1)]))
+    outside = sampled(picture.far, points + 2 * right) - sampled(picture.far, points - 2 * right)
+    turned = np.bincount(table.loop, outside, len(table.count)) < 0
+    row = np.arange(len(table))
+    first, count = table.first[table.loop], table.count[table.loop]
+    return table, points[np.where(turned[table.loop], 2 * first + count - 1 - row, row)]
+
+
+def _brought(
+    far: Distances, line: Border, table: Rings, pixels: ComplexArray, level: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Pixels at about ``level`` px from ``line``, brought there. far: the distance image of what ``line`` is around."""
+    gap = sampled(far, pixels)
+    about = pixels - gap * unit(gradient(far, pixels, _SEARCH))
+    return iso_line(line, table, pixels, about, gap, level)
+
+
+# Contact points, feed and force along the waypoints (PIST, sections 3.3 and 4.2.1).
+
+#: Part of the path's speed at which the contact point stands still: a sharp outer corner. Below the first it begins,
+#: above the second it is over.
+_STANDS, _MOVES = 0.1, 0.35
+#: The tool centre is never slowed below this part of the feed, however tight the inner curve.
+_SLOWEST = 0.02
+
+
+def contact_points(points: ComplexArray, press: ComplexArray, distance: float) -> ComplexArray:
+    """Where the tool should touch: each centre moved by the offset distance (px) along the force direction (eq. 10)."""
+    return points + distance * press
+
+
+def observed(table: Rings, points: ComplexArray, contacts: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """(N,) px by which the contact point runs along, and the tool centre, on the segment that ends in each row.
+
+    Their quotient is the observed feed for a tool centre of speed 1. The distance of contact points in eq. (11) is in
+    pixels and takes the path's own points to be one apart; on a border of pixels they are 1 or sqrt(2) apart, hence the
+    division. Only what runs along the path counts, so that the sideways noise of the angles does not make the contact
+    seem faster.
+    """
+    step = points - points[table.shifted(-1)]
+    way = contacts - contacts[table.shifted(-1)]
+    return np.asarray((way * unit(step).conj()).real), np.abs(step)
+
+
+def averaged(table: Rings, along: FloatArray, step: FloatArray, contact: BoolArray, half: int) -> FloatArray:
+    """(N,) observed feed for a tool centre of speed 1, over the segment of each row and ``half`` more on both sides.
+
+    It is the change of an angle, in which the noise of the angle is many times as large: over a tool's radius it is no
+    longer seen. Segments without contact are no part of it; 1 where there is no other.
+    """
+    row = table.along(np.arange(len(table))[:, None], np.arange(-half, half + 1))
+    ran = np.where(contact, along, 0.0)[row].sum(axis=1)
+    whole = np.where(contact, step, 0.0)[row].sum(axis=1)
+    return np.where(whole > 0, np.maximum(ran, 0.0) / np.where(whole > 0, whole, 1.0), 1.0)
+
+
+def feeds(ratio: FloatArray, contact: BoolArray, fastest: float) -> FloatArray:
+    """(N,) feed of the tool centre as a multiple of the nominal feed: 1 / ratio (eq. 11), at most ``fastest`` (twice in
+    the paper). Without contact there is nothing to hold constant: 1.
+    """
+    return np.where(contact, np.clip(1 / np.maximum(ratio, 1e-9), _SLOWEST, fastest), 1.0)
+
+
+def touching(table: Rings, gap: FloatArray, tolerance: float) -> BoolArray:
+    """(N,) where contact is expected [4.2.1]: lost where the contact point is more than ``tolerance`` px from the part,
+    back at half of that.
+    """
+    return held(table, gap <= tolerance / 2, gap > tolerance, True)
+
+
+def moving(table: Rings, along: FloatArray, step: FloatArray) -> BoolArray:
+    """(N,) false at sharp outer corners, where the observed feed is near zero [4.2.1]."""
+    return held(table, along >= _MOVES * step, along < _STANDS * step, True)
+
+
+def nearest(edge: Border, contacts: ComplexArray) -> tuple[FloatArray, IntArray]:
+    """The distance (N,) px from each contact point to the border of the part, and the row there; inf and -1 where none
+    is near. It is the distance to the foreground mask of [4.2.1], to a fraction of a pixel.
+    """
+    start = near(edge, contacts)
+    on, row = foot(edge, contacts, np.maximum(start, 0), CLOSE)
+    return np.where(start >= 0, np.abs(contacts - on), np.inf), np.where(start >= 0, row, -1)
+
+
+# From a point at every pixel to few waypoints (PIST, section 3.4).
+
+#: Zero crossings of the low-pass on each side of its middle.
+_LOBES = 4
+#: Bound (rad) on the angle by which the removal of waypoints may turn the force direction in between.
+_TURN = np.radians(1.0)
+
+
+def resampled(table: Rings, count: IntArray, *columns: ComplexArray) -> tuple[Rings, list[ComplexArray]]:
+    """Closed curves of N points as curves of ``count`` (L,) points, low-pass filtered [3.4.1].
+
+    The factor num / den is count / N of each curve, so that whole periods remain whole. Of up-sampling by num, the
+    low-pass at f_c = f_n / max(num, den) (eq. 13) and down-sampling by den only the points that are left are worked
+    out: each is the sum of the points around it, weighted by a sinc of the cut-off in a Hann window, with wrap-around.
+    In cycles per point of the input f_c is half of min(1, count / N). Directions are filtered as unit vectors.
+    """
+    result = rings(count)
+    loop = result.loop
+    factor = (table.count / count)[loop]
+    exact = (np.arange(len(result)) - result.first[loop]) * factor
+    middle = np.floor(exact).astype(np.int64)
+    cutoff = 1.0 / np.maximum(factor, 1.0)
+    reach = int(np.ceil(_LOBES * float(np.max(factor, initial=1.0))))
+    tap = np.arange(1 - reach, reach + 1)
+    # In zero crossings from the point.
+    place = (tap - (exact - middle)[:, None]) * cutoff[:, None]
+    weight = np.sinc(place) * np.where(np.abs(place) < _LOBES, 0.5 + 0.5 * np.cos(np.pi * place / _LOBES), 0.0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    source = table.first[loop][:, None] + (middle[:, None] + tap) % table.count[loop][:, None]
+    return result, [np.einsum("nt,nt->n", column[source], weight) for column in columns]
+
+
+def needed(
+    first: IntArray, points: ComplexArray, press: ComplexArray, force: BoolArray, rate: float, bound: float
+) -> BoolArray:
+    """Which waypoints (N,) remain when the redundant ones are removed [3.4.2].
+
+    first: (L + 1,) rows at which the curves begin, and N; each curve's last row is its end. The force angle's backward
+    difference per px of path decides: waypoints where it is below ``rate`` on both sides go. Those where force begins
+    or ends stay; force (N,) is of the segment that ends in a row. Then the waypoint farthest off comes back, in every
+    gap, until none is farther than ``bound`` px from the straight line that is left, and no press direction turned by
+    more than 1 deg.
+    """
+    turn = np.abs(np.angle(press[1:] * press[:-1].conj()))
+    slow = np.append(turn < rate * np.abs(np.diff(points)), True)
+    keep = ~slow
+    keep[1:] |= ~slow[:-1]
+    keep[:-1] |= force[1:] != force[:-1]
+    keep[first[:-1]] = keep[first[1:] - 1] = True
+    while True:
+        off = _deviation(np.flatnonzero(keep), points, press, bound)
+        begin = np.flatnonzero(keep)
+        worst = np.maximum.reduceat(off, begin)
+        over = worst > 1.0
+        if not over.any():
+            return keep
+        gap = np.cumsum(keep) - 1
+        hit = np.flatnonzero((off == worst[gap]) & over[gap])
+        keep[hit] = True
+
+
+def _deviation(begin: IntArray, points: ComplexArray, press: ComplexArray, bound: float) -> FloatArray:
+    """(N,) how far each waypoint is from the line between the kept ones around it, and its press from that between
+    theirs, as a part of what is allowed.
+    """
+    gap = np.repeat(np.arange(len(begin)), np.diff(np.append(begin, len(points))))
+    low = begin[gap]
+    high = np.append(begin[1:], len(points) - 1)[gap]
+    way, here = points[high] - points[low], points - points[low]
+    size = np.maximum(way.real**2 + way.imag**2, 1e-18)
+    part = np.clip((here * way.conj()).real / size, 0.0, 1.0)
+    between = (1 - part) * press[low] + part * press[high]
+    angle = np.abs(np.angle(press * between.conj()))
+    return np.asarray(np.maximum(np.abs(here - part * way) / bound, angle / _TURN))

@@ -1,0 +1,205 @@
+"""[page]: a drawing centred on its paper, as large as it goes or at a given scale (continuous-path.md, section 3.2)."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.segments import bounds, from_contours
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Job, Page
+from camgen.model.part import Contour, Note, Part, Raster
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import short
+from camgen.plan.simplify import simplified
+from camgen.read import read
+from camgen.read.units import MM
+from camgen.vision.plane import scale_of
+
+#: Width and height upright, mm: ISO 216 and ANSI.
+SIZES = {
+    "a0": (841.0, 1189.0), "a1": (594.0, 841.0), "a2": (420.0, 594.0), "a3": (297.0, 420.0), "a4": (210.0, 297.0),
+    "a5": (148.0, 210.0), "a6": (105.0, 148.0), "letter": (215.9, 279.4), "legal": (215.9, 355.6),
+    "tabloid": (279.4, 431.8),
+}  # fmt: skip
+#: A drawing may leave the page by so much, mm: rounding.
+_ROUNDING = 1e-6
+
+
+def on_page(part: Part, job: Job) -> Part:
+    """``part`` scaled and centred on ``[page]``, the work frame at the page's lower left corner; as it is without one.
+
+    JobError for a page that is none or a table without effect, InputError for a drawing that leaves the page.
+    """
+    page = job.page
+    if not page.size:
+        if page != Page():
+            raise JobError("job", "[page] has no effect without a size", "page.size", 'set page.size, for example "A4"')
+        return part
+    if part.solid is not None:
+        raise JobError("job", "a page is for drawings, and this is a 3-D part", "page.size", "leave [page] out")
+    if not part.contours:
+        return part
+    box = bounds(from_contours(part.contours))
+    low, high = box[:, :2].min(axis=0), box[:, 2:].max(axis=0)
+    size = page_size(page)
+    drawn = high - low
+    room = np.array(size) - 2 * page.margin
+    if room.min() <= 0:
+        what = f"{page.margin:g} mm on each side leaves nothing of {_told(size)}"
+        raise JobError("job", what, "page.margin", "lower page.margin")
+    ratio = _ratio(part, page, drawn, room)
+    if (drawn * ratio > room + _ROUNDING).any():
+        raise _leaves(part, page, size, drawn * ratio)
+    shift = np.array(size) / 2 - ratio * (low + high) / 2
+    unit = ratio * _unit(part)
+    pixels = part.raster is not None
+    told = f"1 {'px' if pixels else 'unit'} = {short(unit, 5)} mm, drawing {_told(drawn * ratio)}"
+    note = Note("assumed", f"centred on a page of {_told(size)}: {told}", f"the drawing's own size times {ratio:.6g}")
+    return replace(
+        part,
+        contours=_moved(part.contours, ratio, shift),
+        raster=None if part.raster is None else _moved_raster(part.raster, ratio, shift),
+        units=f"{short(unit, 5)} mm/px" if pixels else part.units,
+        notes=(*part.notes, note),
+    )
+
+
+def page_size(page: Page) -> tuple[float, float]:
+    """Width and height of the page, mm. JobError if it is not known or not a size."""
+    if isinstance(page.size, str):
+        name, _, turned = page.size.strip().lower().partition(" ")
+        turned = turned.strip()
+        if name not in SIZES or turned not in ("", "portrait", "landscape"):
+            remedy = f'use one of {", ".join(SIZES)}, with "landscape" behind it for the long side down, or [w, h]'
+            raise JobError("job", f'unknown page "{page.size[:40]}"', "page.size", remedy)
+        width, height = SIZES[name]
+        return (height, width) if turned == "landscape" else (width, height)
+    if len(page.size) != 2 or min(page.size) <= 0:
+        raise JobError("job", f"{page.size} is no width and height", "page.size", "give [width, height] in mm")
+    return page.size[0], page.size[1]
+
+
+def _ratio(part: Part, page: Page, drawn: FloatArray, room: FloatArray) -> float:
+    """The factor on the part: the smaller of the two ratios to fit, or what the job says."""
+    if page.scale == "true":
+        return 1.0
+    if page.scale != "fit":
+        return float(page.scale) / _unit(part)
+    # A drawing without height, a single line, is limited by its width alone.
+    ratios = [r / d for r, d in zip(room.tolist(), drawn.tolist(), strict=True) if d > 0]
+    if not ratios:
+        raise InputError(part.source, "the drawing has no size that could fit the page")
+    return float(min(ratios))
+
+
+def _unit(part: Part) -> float:
+    """The mm of one unit or pixel of the input, in the part as it is."""
+    if part.raster is not None:
+        return scale_of(part.raster.work_from_view)
+    units = set(part.units.split(" + "))
+    if len(units) == 1:
+        name = units.pop()
+        number = re.match(r"[\d.]+(?:e-?\d+)?(?= mm/)", name)
+        if name in MM or number:
+            return float(number[0]) if number else MM[name]
+    remedy = 'set page.scale to "fit" or "true"'
+    raise JobError("job", f"a scale per unit does not go with units {part.units}", "page.scale", remedy)
+
+
+def _leaves(part: Part, page: Page, size: tuple[float, float], drawn: FloatArray) -> InputError:
+    what = f"the drawing is {_told(drawn)}, the page {_told(size)} with a margin of {short(page.margin, 3)} mm"
+    return InputError(part.source, f"leaves the page: {what}", "page.scale", 'set page.scale to "fit" or a larger page')
+
+
+def _told(size: Sequence[float] | FloatArray) -> str:
+    return " x ".join(short(float(v), 2) for v in size) + " mm"
+
+
+def _moved(contours: Sequence[Contour], ratio: float, shift: FloatArray) -> tuple[Contour, ...]:
+    """All contours times ``ratio`` plus ``shift``: shapes stay, hence bulges too."""
+    points = np.concatenate([c.points for c in contours])
+    points = points * ratio + shift
+    points.flags.writeable = False
+    ends = np.cumsum([0, *(len(c.points) for c in contours)]).tolist()
+    return tuple(replace(c, points=points[a:b]) for c, (a, b) in zip(contours, pairwise(ends), strict=True))
+
+
+def _moved_raster(raster: Raster, ratio: float, shift: FloatArray) -> Raster:
+    matrix = raster.work_from_view * ratio
+    matrix[:, 2] += shift
+    if not math.isfinite(float(matrix.sum())):
+        raise InputError("picture", "has no finite scale on this page")
+    return replace(raster, work_from_view=frozen(matrix))
+
+
+# What would be drawn of a picture, for ``camgen inspect``: strokes, scale and size on the page.
+
+
+class Facts(Struct, frozen=True):
+    """What a picture is as a drawing; its ``str`` is a page to print. Lengths mm. lines, arcs: of all strokes.
+
+    use: what is done with them, "" where they are drawn.
+    """
+
+    size: tuple[int, int]
+    scale: str
+    strokes: int
+    lines: int
+    arcs: int
+    length: float
+    shortest: float
+    drawn: tuple[float, float]
+    use: str
+    notes: tuple[Note, ...]
+
+    def __str__(self) -> str:
+        width, height = (short(v, 2) for v in self.drawn)
+        what = "borders of the ink" if self.use else "strokes"
+        lines = [
+            f"picture of {self.size[0]} x {self.size[1]} px, taken as a drawing",
+            f"scale: {self.scale}, drawing {width} x {height} mm",
+            f"{what}: {self.strokes}, all closed, of {self.lines} lines and {self.arcs} arcs; "
+            f"{short(self.length, 1)} mm in all, the shortest {short(self.shortest, 2)} mm",
+            *([self.use] if self.use else []),
+            *map(str, self.notes),
+        ]
+        return "\n".join(lines)
+
+
+def inspect(path: Path, job: Job) -> Facts:
+    """What ``job`` makes of the picture ``path``, which it takes for a drawing. Errors as of a build."""
+    raw = read(path, job)
+    assert raw.raster is not None
+    part = simplified(on_page(raw, job), job)
+    segments = from_contours(part.contours)
+    box = bounds(segments)
+    lengths = np.bincount(segments.owner, segments.length, minlength=len(part.contours))
+    arcs = sum(int((c.bulges != 0).sum()) for c in part.contours)
+    extent = (box[:, 2:].max(axis=0) - box[:, :2].min(axis=0)).tolist() if len(box) else [0.0, 0.0]
+    height, width = raw.raster.photo.shape[:2]
+    return Facts(
+        size=(width, height),
+        scale=part.units,
+        strokes=len(part.contours),
+        lines=len(segments.length) - arcs,
+        arcs=arcs,
+        length=float(lengths.sum()),
+        shortest=float(lengths.min(initial=np.inf)) if len(lengths) else 0.0,
+        drawn=(extent[0], extent[1]),
+        use=_use(job),
+        notes=part.notes,
+    )
+
+
+def _use(job: Job) -> str:
+    if job.operation.kind == "fill":
+        return f"filled with a pen of {short(job.tool.diameter, 3)} mm (tool.diameter)"
+    return "drilled at marks and rings; build says which" if job.operation.kind == "drill" else ""

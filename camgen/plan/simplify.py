@@ -1,0 +1,70 @@
+"""Fewer points for the same drawing: lines thinned out, arcs found in the borders of pictures, short pieces dropped.
+
+continuous-path.md, section 3.3, steps 2 and 3. A contour of lines and arcs leaves what was read by at most
+``tolerance.simplify``, in both directions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.geometry.segments import from_contours
+from camgen.geometry.thinning import Chains, thinned
+from camgen.model.job import Job
+from camgen.model.part import Contour, Note, Part
+from camgen.model.pose import frozen
+from camgen.model.text import short
+from camgen.plan.border_arcs import with_arcs
+from camgen.read import meant
+from camgen.vision.plane import scale_of
+
+#: The border of pixels lies up to half a pixel beside the line that it shows, and a little more where it turns.
+_PIXELS = 1.0
+
+
+def simplified(part: Part, job: Job) -> Part:
+    """``part`` with ``tolerance.simplify`` and ``input.min_length`` applied, and a note on each."""
+    artwork = part.raster is not None and meant(job)
+    tolerance = job.tolerance.simplify
+    if tolerance is None:
+        tolerance = _PIXELS * scale_of(part.raster.work_from_view) if part.raster is not None and artwork else 0.0
+    contours, notes = part.contours, list(part.notes)
+    if job.input.min_length and contours:
+        contours = _long_enough(contours, job.input.min_length, notes)
+    if tolerance and contours:
+        before = sum(len(c.points) for c in contours)
+        # A fill is planned on the pixels; its contours are only shown.
+        arcs_wanted = artwork and job.tolerance.arc_fit > 0 and job.operation.kind != "fill"
+        contours = _thin(contours, tolerance, arcs_wanted)
+        count, arcs = sum(len(c.points) for c in contours), sum(int((c.bulges != 0).sum()) for c in contours)
+        what = f"{before} points thinned out to {count}" + (f", {arcs} arcs found" if arcs_wanted else "")
+        notes.append(Note("assumed", what, f"within tolerance.simplify = {short(tolerance, 4)} mm"))
+    return replace(part, contours=contours, notes=tuple(notes))
+
+
+def _long_enough(contours: Sequence[Contour], least: float, notes: list[Note]) -> tuple[Contour, ...]:
+    segments = from_contours(contours)
+    lengths = np.bincount(segments.owner, segments.length, minlength=len(contours))
+    kept = tuple(c for c, length in zip(contours, lengths.tolist(), strict=True) if length >= least)
+    if len(kept) < len(contours):
+        what = f"{len(contours) - len(kept)} contours shorter than {short(least, 3)} mm"
+        notes.append(Note("skipped", what, "input.min_length"))
+    return kept
+
+
+def _thin(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple[Contour, ...]:
+    chains = Chains.of(contours)
+    kept = thinned(chains, tolerance)
+    ends = np.searchsorted(kept, chains.first)
+    result = []
+    for k, contour in enumerate(contours):
+        low, high = int(chains.first[k]), int(chains.first[k + 1])
+        mine = kept[ends[k] : ends[k + 1]] - low
+        points, bulges = chains.points[low:high], chains.bulges[low:high]
+        found = with_arcs(points, mine, contour.closed, tolerance) if arcs else (points[mine], bulges[mine])
+        rows = slice(0, -1) if contour.closed else slice(None)
+        result.append(replace(contour, points=frozen(found[0][rows]), bulges=frozen(found[1][rows])))
+    return tuple(result)

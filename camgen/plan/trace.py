@@ -1,0 +1,57 @@
+"""Tool paths on the drawn lines."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.geometry.nesting import nest
+from camgen.geometry.segments import from_contours
+from camgen.model.job import Job
+from camgen.model.part import Note, Part
+from camgen.model.path import ToolPath
+from camgen.plan.columns import Label, pass_depths, sideways, tool_paths
+from camgen.plan.merge import merged
+
+
+def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
+    """The tool centre on every contour, open or closed. A force presses along the tool axis, down on the part."""
+    contours = part.contours
+    segments = from_contours(contours)
+    parent = _parents(part)
+    labels = [Label(c.id, c.layer, c.closed, True, parent[k]) for k, c in enumerate(contours)]
+    press = sideways(segments, 0)
+    if job.process.force:
+        press[:, :, 2] = -1.0
+    force = np.full(len(segments), job.process.force)
+    feed = np.full(len(segments), job.process.feed)
+    depths = pass_depths(job.operation.depth, job.operation.passes)
+    return tool_paths(segments, labels, press, force, feed, depths)
+
+
+def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
+    """The part with its networks of lines as few trails, unless the order or the direction of its contours counts.
+
+    A tool that turns with the contour is not led round a sharp corner; ``tour.method = "as-drawn"`` keeps what was
+    drawn; where what is inside is done first, a loop with another one around it or in it is cut out by itself.
+    """
+    if job.tool.orient == "follow" or job.tour.method == "as-drawn":
+        return part, ()
+    contours, notes = merged(part.contours, [False] * len(part.contours), job.input.join)
+    if notes and job.operation.inside_first:
+        parents = _parents(part)
+        around = set(parents)
+        fixed = [parent >= 0 or k in around for k, parent in enumerate(parents)]
+        contours, notes = merged(part.contours, fixed, job.input.join)
+    return (replace(part, contours=contours) if notes else part), notes
+
+
+def _parents(part: Part) -> list[int]:
+    """For each contour the closed contour around it, -1 if none: what is inside is done first."""
+    closed = [k for k, c in enumerate(part.contours) if c.closed]
+    parent = [-1] * len(part.contours)
+    if closed:
+        nesting = nest(from_contours([part.contours[k] for k in closed]), len(closed))
+        for k, enclosing in zip(closed, nesting.parent.tolist(), strict=True):
+            parent[k] = closed[enclosing] if enclosing >= 0 else -1
+    return parent

@@ -1,0 +1,281 @@
+"""The contract of a post-processor and of its read-back, and how both are found.
+
+A post prints a ``Program`` for one controller. It overrides a handful of methods, one per instruction, each returning
+the lines of that instruction; the base class does dispatch, legality, comments, signal names and splitting. What a
+controller lacks is turned into what it has by a named pass (``passes``), or refused with its index and the reason.
+Nothing is dropped, nothing clamped.
+
+A read-back is the other half: a function from text to instructions, written from the manual and never from the post.
+Both are found through entry points (``camgen.posts``, ``camgen.readbacks``) or as a path to a Python file.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.cell import Cell, Pace
+from camgen.model.errors import Refused
+from camgen.model.pose import Pose
+from camgen.model.program import (
+    Columns,
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    Mask,
+    Motion,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+    spliced,
+)
+from camgen.model.text import harmless
+from camgen.post.passes import PASSES, is_arc
+
+
+class OutputFile(Struct, frozen=True):
+    """One file of a program: its name without folder, its text with LF line ends (written with the post's own)."""
+
+    name: str
+    text: str
+
+
+class Tolerance(Struct, frozen=True):
+    """How exactly the text carries a program: half the last printed digit, with the rounding of angles on top.
+
+    mm: per coordinate. angle: rad of an orientation. joint: rad (or mm) per joint. speed: mm/s. force: N. seconds: s.
+    """
+
+    mm: float
+    angle: float
+    joint: float
+    speed: float
+    force: float
+    seconds: float
+
+
+class Fault(Struct, frozen=True):
+    """Something in a program text that cannot be right, or that the reader does not know. line: 1-based."""
+
+    line: int
+    what: str
+
+
+class Remark(Fault, frozen=True):
+    """What a controller takes although the text leaves it open: harmless in a foreign program, a fault in our own."""
+
+
+class Reading(Struct, frozen=True, eq=False):
+    """What a program text says.
+
+    body: its instructions (comments left out), poses in the work frame. lines: for each, its 1-based line in the file
+    ``files[k]`` it came from, counted through all files in order. work and tool: the frames that the text defines,
+    None where it relies on the controller's. faults: in order of line.
+    """
+
+    body: tuple[Instruction, ...]
+    lines: tuple[int, ...]
+    faults: tuple[Fault, ...]
+    work: Pose | None = None
+    tool: Pose | None = None
+
+
+#: A read-back: the files by name in the order written, the post's options as given in ``[post]`` -> what they say.
+Readback = Callable[[Mapping[str, str], Mapping[str, object]], Reading]
+
+
+@dataclass
+class Post(ABC):
+    """Base of all posts. Subclasses are dataclasses whose public fields are the options of ``[post]``.
+
+    A post object renders one program: options come in through the constructor, state may live in private fields.
+
+    *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, press, refuses, accepts, assemble,
+    cell, tolerance, pace, carried; prepare only around a call of the base's. *Don't*: render, line, note.
+    """
+
+    #: What ``--post`` says, the file name's ending, the line end, and one line for ``camgen posts``.
+    name: ClassVar[str]
+    suffix: ClassVar[str]
+    about: ClassVar[str]
+    newline: ClassVar[str] = "\n"
+    #: Names of the passes that may replace what ``refuses`` turns down, in the order in which they are tried.
+    passes: ClassVar[tuple[str, ...]] = ("chords",)
+    #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J; "blend":
+    #: its radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons;
+    #: "confdata", "figure", "switches": so much of ``ir.Posture``.
+    carries: ClassVar[frozenset[str]] = frozenset(
+        {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}
+    )
+
+    program: str = field(default="", kw_only=True, metadata={"help": "program name; the input's name when empty"})
+    decimals: int = field(default=3, kw_only=True, metadata={"help": "digits after the point of a coordinate in mm"})
+    max_lines: int = field(default=0, kw_only=True, metadata={"help": "lines per file before it is split; 0: never"})
+
+    # -- must override -------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def begin(self, program: Program) -> Sequence[str]:
+        """The lines before the first instruction: header, declarations, frames."""
+
+    @abstractmethod
+    def end(self, program: Program) -> Sequence[str]:
+        """The lines after the last instruction."""
+
+    @abstractmethod
+    def movej(self, motion: MoveJ) -> Sequence[str]:
+        """The lines of a joint-interpolated motion."""
+
+    @abstractmethod
+    def movel(self, motion: MoveL) -> Sequence[str]:
+        """The lines of a straight motion."""
+
+    @abstractmethod
+    def output(self, item: Output) -> Sequence[str]:
+        """The lines that set a signal."""
+
+    @abstractmethod
+    def wait(self, item: Wait) -> Sequence[str]:
+        """The lines that wait."""
+
+    @abstractmethod
+    def comment(self, text: str) -> str:
+        """``text``, already harmless, as a comment line."""
+
+    # -- may override --------------------------------------------------------------------------------------------
+
+    def movec(self, motion: MoveC) -> Sequence[str]:  # noqa: ARG002 (for those who override)
+        """The lines of an arc. A post that does not override this must refuse MoveC and name the pass ``chords``."""
+        raise Refused(self.name, -1, "the post prints no arcs", "let it refuse MoveC and name the pass chords")
+
+    def press(self, item: Force) -> Sequence[str]:  # noqa: ARG002 (for those who override)
+        """The lines that turn force control on or off. A post without force must refuse it."""
+        raise Refused(self.name, -1, "the post prints no force control", "set process.force = 0")
+
+    def accepts(self, columns: Columns) -> Mask:
+        """(N,): the instructions that ``refuses`` accepts for sure, found by column, which spares it a look at each.
+
+        An arc is only accepted with three points that are apart and not on one line.
+        """
+        return columns.are(Comment)
+
+    def refuses(self, item: Instruction, start: Pose | None) -> str:  # noqa: ARG002 (for those who override)
+        """Why the controller cannot do ``item`` from the pose ``start``; empty when it can. Ends with the remedy."""
+        return ""
+
+    def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
+        """Files from the printed body, one part unless it was longer than ``max_lines``."""
+        if len(parts) > 1:
+            raise Refused(self.name, -1, f"the program is longer than {self.max_lines} lines", "raise post.max_lines")
+        lines = [*self.begin(program), *parts[0], *self.end(program)]
+        return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
+
+    @classmethod
+    def cell(cls) -> Cell:
+        """The built-in cell."""
+        raise Refused(cls.name, -1, "the post has no built-in cell", "give it a method cell")
+
+    def tolerance(self) -> Tolerance:
+        """How exactly the read-back must agree."""
+        return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 0.01, 0.01, 0.001)
+
+    def pace(self) -> Pace:
+        """What the time of a program is worked out with: an assumption, an average machine of its kind."""
+        return Pace()
+
+    def carried(self) -> frozenset[str]:
+        """What the text carries with these options: ``carries``, and "work" and "tool" if it states these frames."""
+        return self.carries
+
+    # -- don't override ------------------------------------------------------------------------------------------
+
+    def file_name(self, program: Program) -> str:
+        """The name of the (main) file."""
+        return program.name + self.suffix
+
+    def prepare(self, program: Program, chord: float) -> Program:
+        """The program in instructions this controller has. chord: mm that a replacement may deviate.
+
+        Raises Refused with the index and reason of the first instruction that it lacks.
+        """
+        body, columns = program.body, program.columns
+        doubtful = np.flatnonzero(~self.accepts(columns))
+        changed: dict[int, list[Instruction]] = {}
+        for index, before in zip(doubtful.tolist(), columns.before(doubtful).tolist(), strict=True):
+            item, start = body[index], columns.pose(before)
+            if isinstance(item, MoveC) and start is not None and not is_arc(start, item):
+                what = "the three points of the arc are on one line"
+                raise Refused(self.name, index, what, "give the arc a via point beside its chord, or plan a line")
+            reason = self.refuses(item, start)
+            if reason:
+                replaced = self._replace(item, start, chord) or reason
+                if isinstance(replaced, str):
+                    raise Refused(self.name, index, replaced)
+                changed[index] = replaced
+        return program.with_body(spliced(body, changed)) if changed else program
+
+    def _replace(self, item: Instruction, start: Pose | None, chord: float) -> list[Instruction] | str:
+        """``item`` as instructions that are accepted, by the first pass that achieves it; else why the last pass does
+        not, empty where none is made for it.
+        """
+        reason = ""
+        if not isinstance(item, MoveC) or start is None:
+            return reason
+        for name in self.passes:
+            pieces = PASSES[name](start, item, chord)
+            here: Pose | None = start
+            for piece in pieces:
+                reason = self.refuses(piece, here)
+                if reason:
+                    break
+                here = piece.target if isinstance(piece.target, Pose) else None
+            else:
+                return list(pieces)
+        return reason
+
+    def render(self, program: Program) -> tuple[OutputFile, ...]:
+        """The program as files. Every instruction must be one that the controller has (``prepare``)."""
+        parts: list[list[str]] = [[]]
+        of = self._printers()
+        for item in program.body:
+            lines = of[type(item)](item)
+            if self.max_lines and len(parts[-1]) + len(lines) > self.max_lines and parts[-1]:
+                parts.append([])
+            parts[-1] += lines
+        return self.assemble(program, parts)
+
+    def line(self, item: Instruction) -> Sequence[str]:
+        """The lines of one instruction."""
+        return self._printers()[type(item)](item)
+
+    def _printers(self) -> dict[type, Callable[[Any], Sequence[str]]]:
+        return {
+            MoveL: self.movel,
+            MoveC: self.movec,
+            MoveJ: self.movej,
+            Output: self.output,
+            Wait: self.wait,
+            Force: self.press,
+            Comment: lambda item: (self.note(item.text),),
+        }
+
+    def note(self, text: str) -> str:
+        """Any text as a comment line that can neither end nor start anything."""
+        return self.comment(harmless(text))
+
+
+def pose_of(motion: Motion) -> Pose:
+    """The Cartesian target of a motion that has one."""
+    if isinstance(motion.target, Joints):
+        raise ValueError("a motion to joints has no pose")
+    return motion.target

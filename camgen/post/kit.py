@@ -1,0 +1,339 @@
+"""The conformance kit: what every post and its read-back must show, for those who write one (docs/writing-a-post.md).
+
+    @pytest.mark.parametrize("case", cases(), ids=str)
+    def test_conformance(case):
+        check_case(MyPost, my_read, case, lacks={"force", "tilt"})
+
+Each case is a small program. It is prepared, rendered twice, looked over as text, read back and compared. A post may
+refuse an instruction only if the test declares that its controller lacks the feature, and then by index and reason.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+
+import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
+
+from camgen.model.cell import Cell
+from camgen.model.errors import CamgenError, Refused
+from camgen.model.pose import (
+    IDENTITY,
+    TOOL_DOWN,
+    FloatArray,
+    Pose,
+    Vec3,
+    frozen,
+    rotation_about,
+    rotation_about_axis,
+    rotation_from_fixed_xyz,
+)
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program_text import dump
+from camgen.post import OutputFile, Post, Readback
+from camgen.post.plugins import make_post
+from camgen.post.verify import compare
+
+# The programs of the conformance kit: every instruction, poles of angles, small and large numbers, hostile words.
+
+Body = tuple[Instruction, ...]
+
+
+class Case(Struct, frozen=True):
+    """A program that starts at the home position of the post's cell. name: what it is about. body: after home, joint
+    values for as many axes as that has. work: its work frame, that of the cell if none. title, header: of the program.
+    options: of the post, added to those of the test. clean: its comments are harmless
+    words, so that numbers in the text can be judged.
+    """
+
+    name: str
+    body: Body
+    title: str = "kit"
+    header: tuple[str, ...] = ("a case of the conformance kit",)
+    options: Mapping[str, object] = field(default_factory=dict)
+    clean: bool = True
+    work: Pose | None = None
+
+    def __str__(self) -> str:
+        return self.name
+
+    def program(self, cell: Cell) -> Program:
+        """The program in the frames of ``cell``."""
+        axes = len(cell.home.values) if isinstance(cell.home, Joints) else None
+        body = [
+            replace(item, target=Joints(item.target.values[:axes]))
+            if isinstance(item, MoveJ) and isinstance(item.target, Joints)
+            else item
+            for item in self.body
+        ]
+        work = self.work or cell.base_from_work
+        return Program(self.title, work, cell.flange_from_tool, (MoveJ(cell.home, 100.0), *body), self.header)
+
+
+def _at(x: float, y: float, z: float = 0.0, rotation: FloatArray = TOOL_DOWN) -> Pose:
+    return Pose(rotation, (x, y, z))
+
+
+def _line(x: float, y: float, z: float = 0.0, speed: float = 20.0, blend: float = 0.0) -> MoveL:
+    return MoveL(_at(x, y, z), speed, blend)
+
+
+_ABOVE = MoveJ(_at(10.0, 10.0, 20.0), 100.0)
+_PI = math.pi
+
+
+def _arc(centre: Vec3, radius: float, begin: float, sweep: float, tilt: FloatArray = IDENTITY) -> Body:
+    """To the start of an arc of ``sweep`` rad and along it, in the x y plane turned by ``tilt`` about its centre."""
+    x, y, z = (
+        tuple((np.asarray(centre) + tilt @ (radius * math.cos(a), radius * math.sin(a), 0.0)).tolist())
+        for a in (begin, begin + sweep / 2, begin + sweep)
+    )
+    return (MoveL(Pose(TOOL_DOWN, x), 20.0), MoveC(Pose(TOOL_DOWN, y), Pose(TOOL_DOWN, z), 15.0))
+
+
+def _oriented(name: str, rotations: list[FloatArray]) -> Case:
+    body = tuple(MoveL(_at(10.0 + 5 * i, 10.0, 5.0, r), 20.0) for i, r in enumerate(rotations))
+    return Case(name, (_ABOVE, *body))
+
+
+def _orientations() -> Iterator[Case]:
+    """Tool down and turned; every place where an angle triple or a quaternion has a pole; close to them."""
+    turns = [TOOL_DOWN @ rotation_about(2, math.radians(a)) for a in (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)]
+    yield _oriented("tool turned", [frozen(r) for r in turns])
+    quarter = (0.0, _PI / 2, _PI, -_PI / 2)
+    cubes = [rotation_from_fixed_xyz(rx, ry, rz) for rx in quarter for ry in (0.0, _PI / 2, -_PI / 2) for rz in quarter]
+    yield _oriented("axes along axes", cubes)
+    poles = [TOOL_DOWN, IDENTITY, rotation_about(1, _PI / 2), rotation_about(1, -_PI / 2)]
+    near = [frozen(p @ rotation_about(k, e)) for p in poles for k in (0, 1, 2) for e in (1e-3, -1e-5, 1e-7, -1e-10)]
+    yield _oriented("close to a pole", near)
+    axes = [np.array(v) / np.linalg.norm(v) for v in ((1, 2, 3), (-1, 2, 0.5), (3, -1, -2), (0, 1, 1))]
+    yield _oriented("half turns", [rotation_about_axis(axis, _PI) for axis in axes])
+    yield _oriented("any turns", [rotation_about_axis(a, angle) for a in axes for angle in (0.3, 1.7, -2.9)])
+
+
+def _numbers() -> Iterator[Case]:
+    tiny = (1e-7, -1e-7, 4e-4, -4e-4, 5e-4, -5e-4, 1e-5, -0.0, 0.0012345)
+    yield Case("small numbers", (_ABOVE, *(_line(v, -v, 1.0 + i) for i, v in enumerate(tiny))))
+    yield Case("numbers about a digit", (_ABOVE, *(_line(10.0 + 0.1 * i + 0.0005, 2.0 / 3, 1.0 / 7) for i in range(9))))
+    yield Case("metres", (_ABOVE, _line(1999.9995, -1999.9995, 1234.56789), _line(1.0, 1.0)))
+    yield Case("large numbers", (_ABOVE, _line(9999.9995, -9999.9995), _line(99999.125, -99999.125)))
+    speeds = (0.1, 0.75, 3.0, 12.345, 20.0, 33.3333, 150.0, 250.0, 1000.0, 3000.0)
+    yield Case("speeds", (_ABOVE, *(_line(10.0 * i, 0.0, 5.0, v) for i, v in enumerate(speeds))))
+    yield Case("waits", (_ABOVE, *map(Wait, (0.5, 0.123, 10.0, 3600.0, 0.001, 0.0))))
+
+
+def _arcs() -> Iterator[Case]:
+    half, quarter = _PI, _PI / 2
+    yield Case("quarter arcs", (_ABOVE, *(i for k in range(4) for i in _arc((20.0, 20.0, 0.0), 10.0, k, quarter))))
+    yield Case("half circles", (_ABOVE, *_arc((0.0, 0.0, 0.0), 25.0, 0.3, half), *_arc((0, 0, 0), 25.0, 0.3, -half)))
+    chain = [*_arc((0.0, 0.0, 0.0), 8.0, 0.0, -2.0), _arc((0.0, 0.0, 0.0), 8.0, -2.0, -1.0)[1]]
+    yield Case("arc after arc", (_ABOVE, *chain))
+    yield Case("small arcs", (_ABOVE, *(i for r in (1.0, 0.2, 0.05) for i in _arc((5.0, 5.0, 0.0), r, 1.0, -quarter))))
+    yield Case("flat arcs", (_ABOVE, *(i for r in (1e3, 1e4, 1e5) for i in _arc((0.0, r, 0.0), r, -quarter, 50.0 / r))))
+    planes = [rotation_about(0, _PI / 2), rotation_about(1, _PI / 2), rotation_about_axis(np.array([0.6, 0.8, 0.0]), 1)]
+    yield Case("arcs in space", (_ABOVE, *(i for p in planes for i in _arc((0.0, 0.0, 30.0), 9.0, 0.2, 2.5, p))))
+
+
+def _forces() -> Iterator[Case]:
+    on = (_line(10.0, 0.0), Force(12.5, (0.0, 1.0, 0.0)))
+    along = tuple(MoveL(_at(20.0 + 10 * i, 0.0), 20.0, 0.0, n, (0.0, 1.0, 0.0)) for i, n in enumerate((12.5, 8.25)))
+    yield Case("force", (_ABOVE, *on, *along, Force(0.0), _line(30.0, 0.0, 20.0)))
+    s = math.sqrt(0.5)
+    arc = MoveC(_at(10 * s, 10 * s), _at(0.0, 10.0), 20.0, 0.0, 12.0, (0.0, -1.0, 0.0))
+    round_corner = (_line(10.0, 0.0), Force(12.0, (-1.0, 0.0, 0.0)), arc, Force(0.0), _line(0.0, 10.0, 20.0))
+    yield Case("force along an arc", (_ABOVE, *round_corner))
+    yield Case("force twice", (_ABOVE, *on, *along, Force(0.0), _line(10.0, 10.0, 20.0), *on, *along, Force(0.0)))
+
+
+#: Comments that try to end, to start an instruction, or to reach the controller's parser in another way.
+HOSTILE = (
+    ") M3 S9999 (", "* / ; G0 Z-50", "\nG0 Z-50", "\r\nMoveL p1,v100,fine,tool0;", "! ~ ? \x18 \x00", "'Stop", "%",
+    "#1=5", "ENDPROC ENDMODULE", "End Sub", ".END", '" & Run evil', "(MSG, hello)", "Größe ☃ \u2028 next", "", " ",
+    "x" * 500,
+)  # fmt: skip
+
+
+def _words() -> Iterator[Case]:
+    remarks = tuple(Comment(text) for text in HOSTILE)
+    moves = tuple(_line(10.0 * i, 5.0) for i in range(3))
+    yield Case("hostile comments", (_ABOVE, *remarks, *moves, *remarks), clean=False)
+    yield Case("hostile header", (_ABOVE, *moves), header=HOSTILE, clean=False)
+    yield Case("comments alone", (Comment("one"), _ABOVE, Comment("two"), Comment("three")))
+    for title in (
+        "a_name_of_seventy_letters_that_no_controller_takes_as_it_stands_xxxxxxx",
+        "9 holes - left",
+        "End",
+        "ü",
+    ):
+        yield Case(f"named {title[:14]}", (_ABOVE, *moves), title=title)
+
+
+def cases() -> list[Case]:
+    """All cases, in order."""
+    on, off = Output("process", 1.0), Output("process", 0.0)
+    joints = tuple(MoveJ(Joints(tuple(0.1 * k * s for k in range(1, 7))), 80.0) for s in (1, -1, 3))
+    blends = tuple(_line(10.0 + 20 * i, 20.0 * (i % 2), 0.0, 20.0, b) for i, b in enumerate((5.0, 1.0, 0.3, 0.0)))
+    corners = tuple(MoveJ(_at(50.0 * i, 0.0, 20.0), 90.0, b) for i, b in enumerate((5.0, 0.0)))
+    many = tuple(_line(float(i), float(i % 7), 0.0, 20.0, 0.0 if i % 10 == 9 else 1.0) for i in range(200))
+    return [
+        Case("nothing", ()),
+        Case("joint moves", joints),
+        Case("moves to poses", (_ABOVE, *corners)),
+        Case("straight moves", (_ABOVE, _line(10.0, 10.0), _line(40.0, 10.0), _line(40.0, 30.125, -1.5))),
+        Case("blends", (_ABOVE, *blends)),
+        Case("blending arcs", (_ABOVE, *(_blending_arcs()))),
+        Case("process", (_ABOVE, on, _line(40.0, 10.0), off, _line(0.0, 0.0), on, Wait(0.25), off)),
+        Case("signals", (_ABOVE, Output("glue", 1.0), _line(40.0, 10.0), Output("glue", 0.0))),
+        Case("spindle", (Output("spindle", 12000.0), Wait(1.5), _ABOVE, _line(10.0, 10.0), Output("spindle", 0.0))),
+        Case("frames", (_ABOVE, _line(40.0, 10.0)), work=Pose(rotation_about(2, 0.5), (450.125, -120.5, 35.0625))),
+        Case("many lines", (_ABOVE, *many)),
+        Case("several files", (_ABOVE, *many, on, Wait(0.5), off), options={"max_lines": 50}),
+        *_numbers(),
+        *_arcs(),
+        *_orientations(),
+        *_forces(),
+        *_words(),
+    ]
+
+
+def _blending_arcs() -> Iterator[Instruction]:
+    first, last = _arc((0.0, 0.0, 0.0), 30.0, 0.0, 1.0), _arc((0.0, 0.0, 0.0), 30.0, 1.0, 1.0)
+    yield first[0]
+    for item, blend in ((first[1], 1.0), (last[1], 0.0)):
+        if isinstance(item, MoveC):
+            yield MoveC(item.via, item.target, item.speed, blend)
+
+
+#: What a replacement of an arc may deviate in these cases, mm.
+CHORD = 0.01
+
+
+def _tilted(pose: Pose) -> bool:
+    return math.hypot(*pose.rotation[:2, 2]) > 1e-12 or pose.rotation[2, 2] > 0
+
+
+def _poses(item: Instruction) -> list[Pose]:
+    if not isinstance(item, (MoveJ, MoveL, MoveC)) or isinstance(item.target, Joints):
+        return []
+    return [item.target, item.via] if isinstance(item, MoveC) else [item.target]
+
+
+#: What a controller may lack, each with the instructions that use it. Anything else may not be refused.
+FEATURES: Mapping[str, Callable[[Instruction], bool]] = {
+    "arcs": lambda item: isinstance(item, MoveC),
+    "force": lambda item: isinstance(item, Force) or (isinstance(item, (MoveL, MoveC)) and item.force > 0),
+    "joints": lambda item: isinstance(item, MoveJ) and isinstance(item.target, Joints),
+    "turn": lambda item: any(not np.array_equal(pose.rotation, TOOL_DOWN) for pose in _poses(item)),
+    "tilt": lambda item: any(_tilted(pose) for pose in _poses(item)),
+    "process": lambda item: isinstance(item, Output) and item.signal == "process",
+    "spindle": lambda item: isinstance(item, Output) and item.signal == "spindle",
+    "signals": lambda item: isinstance(item, Output) and item.signal not in ("process", "spindle"),
+    "short waits": lambda item: isinstance(item, Wait) and item.seconds < 0.002,
+    "fine blends": lambda item: isinstance(item, (MoveJ, MoveL, MoveC)) and 0 < item.blend < 1,
+    "slow": lambda item: isinstance(item, (MoveJ, MoveL, MoveC)) and item.speed < 1,
+    "fast": lambda item: isinstance(item, (MoveJ, MoveL, MoveC)) and item.speed > 200,
+    "large": lambda item: any(max(map(abs, pose.origin)) > 2e3 for pose in _poses(item)),
+}
+#: What a controller may lack as a whole, refused with index -1: names it cannot take, programs longer than one file.
+WHOLE = ("names", "split")
+
+
+def check_case(
+    post: type[Post],
+    readback: Readback,
+    case: Case,
+    options: Mapping[str, object] | None = None,
+    lacks: Collection[str] = (),
+) -> None:
+    """AssertionError with all findings of one case. lacks: keys of ``FEATURES`` or ``WHOLE``."""
+    found = list(_findings(post, readback, case, dict(options or {}), lacks))
+    if found:
+        raise AssertionError("\n".join(found))
+
+
+def conformance(
+    post: type[Post],
+    readback: Readback,
+    options: Mapping[str, object] | None = None,
+    lacks: Collection[str] = (),
+) -> list[str]:
+    """The findings of all cases, one line each; none for a post that conforms."""
+    return [line for case in cases() for line in _findings(post, readback, case, dict(options or {}), lacks)]
+
+
+def _findings(
+    post: type[Post], readback: Readback, case: Case, options: Mapping[str, object], lacks: Collection[str]
+) -> Iterator[str]:
+    unknown = set(lacks) - set(FEATURES) - set(WHOLE)
+    if unknown:
+        raise ValueError(f"no such feature: {sorted(unknown)}; there are {[*FEATURES, *WHOLE]}")
+    options = {**options, **case.options}
+    program = case.program(post.cell())
+    before = dump(program)
+    try:
+        maker, other = make_post(post, options), make_post(post, options)
+        prepared = maker.prepare(program, CHORD)
+        files = maker.render(prepared)
+        again = other.render(other.prepare(program, CHORD))
+    except Refused as refusal:
+        yield from (f"{case}: {line}" for line in _unfounded(refusal, program, lacks))
+        return
+    except CamgenError as error:
+        yield f"{case}: {type(error).__name__}: {error}"
+        return
+    if dump(program) != before:
+        yield f"{case}: rendering changes the program"
+    if files != again:
+        yield f"{case}: the same program gives two texts"
+    yield from (f"{case}: {line}" for file in files for line in _illegal(file, post, case.clean))
+    if len({file.name for file in files}) < len(files) or not files:
+        yield f"{case}: no file, or two with one name"
+        return
+    try:
+        reading = readback({file.name: file.text for file in files}, options)
+        compare(prepared, reading, maker.tolerance(), maker.carried(), files[0].name)
+    except CamgenError as error:
+        yield f"{case}: {error}"
+
+
+def _unfounded(refusal: Refused, program: Program, lacks: Collection[str]) -> Iterator[str]:
+    """What is wrong with a refusal."""
+    if not refusal.what.strip():
+        yield "refused without a reason"
+    if refusal.index < 0:
+        if not set(WHOLE) & set(lacks):
+            yield f"refused as a whole, though it lacks neither {WHOLE[0]} nor {WHOLE[1]}: {refusal}"
+    elif refusal.index >= len(program.body):
+        yield f"refused instruction {refusal.index}, which is not there: {refusal}"
+    elif not any(FEATURES[name](program.body[refusal.index]) for name in set(lacks) & set(FEATURES)):
+        kind = type(program.body[refusal.index]).__name__
+        yield f"refused a {kind} that uses nothing the controller is said to lack: {refusal}"
+
+
+#: Numbers that no controller takes, or that none should be given: not a number, an exponent of Python's, minus zero.
+_BAD_NUMBERS = {
+    "a number that is none": re.compile(r"(?i)(?:\b|(?<=[=,( ][a-z]))(?:nan|inf)\b"),
+    "an exponent": re.compile(r"\d[eE][+-]\d|\d\.\d*[eE]\d"),
+    "a minus zero": re.compile(r"-0+(?:\.0*)?(?![\d.])"),
+}
+
+
+def _illegal(file: OutputFile, post: type[Post], clean: bool) -> Iterator[str]:
+    """What no text may hold."""
+    if not file.name or file.name != file.name.strip() or re.search(r"[/\\\x00-\x1f]", file.name):
+        yield f"{file.name!r} is no file name"
+    if not file.name.endswith(post.suffix):
+        yield f"{file.name} does not end with {post.suffix}"
+    if not file.text.isascii():
+        yield f"{file.name} is not ASCII"
+    if re.search(r"[^\n\t -~]", file.text):
+        yield f"{file.name} has a control character; lines end with \\n, the post's own newline is put in later"
+    if not file.text.endswith("\n"):
+        yield f"{file.name} does not end with a newline"
+    for what, pattern in _BAD_NUMBERS.items():
+        for found in list(pattern.finditer(file.text))[: int(clean)]:
+            line = file.text.count("\n", 0, found.start()) + 1
+            yield f"{file.name} has {what} in line {line}: {file.text.splitlines()[line - 1]}"

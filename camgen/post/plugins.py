@@ -1,0 +1,129 @@
+"""Finding posts and read-backs: entry points for built-in and foreign ones alike, or the path of a Python file."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import importlib.util
+import sys
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import get_type_hints
+
+import msgspec
+from msgspec import Struct
+
+from camgen.model.errors import JobError
+from camgen.post import Post, Readback
+
+POSTS, READBACKS = "camgen.posts", "camgen.readbacks"
+
+
+class Installed(Struct, frozen=True):
+    """One post as ``camgen posts`` lists it. broken: why it cannot be loaded, empty when it can."""
+
+    name: str
+    origin: str
+    about: str
+    suffix: str
+    broken: str
+
+
+def find_post(name: str) -> type[Post]:
+    """The post class called ``name``, or defined in the file ``name`` (a path that ends in .py). JobError if none."""
+    if name.endswith(".py"):
+        return _only(name)
+    post = _load(_entry(POSTS, name, "post"))
+    if not (isinstance(post, type) and issubclass(post, Post)):
+        raise JobError(f"post {name}", "is not a camgen.post.Post", remedy="mend or remove its package")
+    return post
+
+
+def find_readback(name: str) -> Readback:
+    """The read-back that belongs to the post ``name``; for a file it is its function ``read``. JobError if none."""
+    if name.endswith(".py"):
+        read = getattr(_module(name), "read", None)
+        if not callable(read):
+            raise JobError(name, "has no function read(files, options)", remedy="a post is posted with its read-back")
+        return read  # type: ignore[no-any-return]
+    return _load(_entry(READBACKS, name, "read-back"))  # type: ignore[return-value]
+
+
+def installed() -> list[Installed]:
+    """All posts by name; a broken one is listed with its reason."""
+    found = []
+    readbacks = {entry.name for entry in entry_points(group=READBACKS)}
+    for entry in sorted(entry_points(group=POSTS), key=lambda e: e.name):
+        origin = f"{entry.dist.name} {entry.dist.version}" if entry.dist else "unknown"
+        try:
+            post = find_post(entry.name)
+        except JobError as error:
+            found.append(Installed(entry.name, origin, "", "", str(error)))
+            continue
+        missing = "" if entry.name in readbacks else "has no read-back (entry point camgen.readbacks)"
+        found.append(Installed(entry.name, origin, post.about, post.suffix, missing))
+    return found
+
+
+def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
+    """The post with the options of ``[post]``; JobError for one that it does not have or of another type."""
+    known = {f.name: f for f in dataclasses.fields(post) if f.init}
+    hints = get_type_hints(post)
+    for key, value in options.items():
+        where = f"[post] {key}"
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1, 0)
+            raise JobError(where, f"{post.name} has no such option", remedy=f"nearest is {near[0]}" if near else "")
+        try:
+            msgspec.convert(value, hints[key])
+        except msgspec.ValidationError as error:
+            raise JobError(where, str(error)) from error
+    return post(**options)  # type: ignore[arg-type]  # checked above, against the post's own annotations
+
+
+def _entry(group: str, name: str, kind: str) -> EntryPoint:
+    entries = {entry.name: entry for entry in entry_points(group=group)}
+    if name not in entries:
+        near = difflib.get_close_matches(name, entries, 1, 0)
+        remedy = f"nearest is {near[0]}; camgen posts lists them" if near else "camgen posts lists them"
+        raise JobError(f"{kind} {name}", "is not installed", remedy=remedy)
+    return entries[name]
+
+
+def _load(entry: EntryPoint) -> object:
+    # A foreign package may fail in any way at all while it is imported; whatever it is, the user is told its reason.
+    try:
+        return entry.load()
+    except Exception as error:
+        what = f"cannot be loaded: {type(error).__name__}: {error}"
+        raise JobError(f"plug-in {entry.name}", what, entry.value, "mend or remove its package") from error
+
+
+def _module(path: str) -> object:
+    file = Path(path)
+    if not file.is_file():
+        raise JobError(path, "no such file")
+    spec = importlib.util.spec_from_file_location(f"camgen_post_{file.stem}", file)
+    if spec is None or spec.loader is None:
+        raise JobError(path, "is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # where dataclasses and type hints look their names up
+    try:
+        spec.loader.exec_module(module)
+    # As with entry points: a foreign file may fail in any way, and the user is told its reason.
+    except Exception as error:
+        raise JobError(path, f"cannot be loaded: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _only(path: str) -> type[Post]:
+    module = _module(path)
+    found = [
+        value
+        for value in vars(module).values()
+        if isinstance(value, type) and issubclass(value, Post) and value.__module__ == getattr(module, "__name__", "")
+    ]
+    if len(found) != 1:
+        raise JobError(path, f"defines {len(found)} posts", remedy="a post file defines exactly one")
+    return found[0]

@@ -1,0 +1,334 @@
+"""Does the text say what was planned? ``compare`` holds a read-back against the program that was posted.
+
+What is compared, and how exactly:
+
+* Kinds of instructions, one to one and in order, comments left out. The names of outputs; their values to 0.001.
+* Positions: each coordinate within ``tolerance.mm``, half the last printed digit.
+* Arcs as geometry: the point half-way along the arc that was read, wherever its ``via`` lies on it, against the one
+  half-way along the planned arc, within ``ARC_SLACK * tolerance.mm``. Why 6: let d be half the last digit. A text with
+  ``via`` rounds three points by up to sqrt(3) d = 1.73 d each. An error of ``via`` across the arc moves the middle by
+  as much; errors of the ends shift it along the arc by their mean, and turn it about ``via`` by as much again at most,
+  since up to half a circle an arc is no higher than half its chord: sqrt(1.73^2 + 3.46^2) d = 3.9 d. A text with a
+  centre, in a plane, rounds ends and centre by up to sqrt(2) d = 1.41 d each; the ends move the middle by 1.41 d
+  across and along the arc, the centre by sqrt(2) times its own error at half a circle: 4.9 d together. Where a radius
+  is only a few d, the second order adds up to 1 d. Rounding 200,000 arcs at random gives 2.2 d and 3.1 d.
+* Orientations within ``tolerance.angle``, from the skew part of the difference: the trace alone cannot tell 1e-8 rad
+  from 0. The orientation at ``via`` is left out: controllers interpolate from the start to the end.
+* Postures: ABB's confdata, DENSO's figure or the switches of V+ are equal, or neutral where the plan has none.
+* Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``carries`` them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from operator import attrgetter, eq, ne
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.arcs import arc_middles
+from camgen.model.errors import VerifyError
+from camgen.model.pose import FloatArray, Pose, quaternion
+from camgen.model.program import (
+    Columns,
+    Comment,
+    Force,
+    Indices,
+    Instruction,
+    Joints,
+    Mask,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+    numbers,
+    taken,
+)
+from camgen.model.text import short
+from camgen.post import Reading, Tolerance
+
+#: What the point half-way along an arc may move per ``tolerance.mm``: see above.
+ARC_SLACK = 6.0
+#: What is left to the rounding of binary numbers, in every unit; and the tolerance of an output's value.
+_SLACK, _VALUE = 1e-9, 1e-3
+#: What texts say of a posture that is not known for sure.
+_NEUTRAL: dict[str, object] = {"confdata": (0, 0, 0, 0), "figure": -1, "switches": ()}
+_END, _MIDDLE, _TURN = "target", "middle of the arc", "orientation"
+_PLACES = (_END, _MIDDLE)
+_REMEDY = "do not run the program: its post or its read-back is wrong"
+
+
+class Deviation(Struct, frozen=True):
+    """How far the text is from the plan.
+
+    max_mm: greatest distance of a target or of the middle of an arc. max_angle: greatest angle of an orientation, rad,
+    0 where the text carries none. instructions: how many were compared.
+    """
+
+    max_mm: float
+    max_angle: float
+    instructions: int
+
+
+class _Column(Struct, frozen=True, eq=False):
+    """One property of M instructions, by row: their places among those compared, both values, the error (M,) and its
+    limit, one or (M,), in the property's unit. An error that is not a number is beyond every limit.
+    """
+
+    what: str
+    places: Indices
+    planned: Any
+    read: Any
+    error: FloatArray
+    limit: float | FloatArray
+
+
+class _Both(Struct, frozen=True, eq=False):
+    """The bodies, planned and read, as far as they can be held against each other by number: their first ``common``
+    instructions, comments left out, M of them motions. indices: where the planned ones stand in their body.
+    """
+
+    plan: Columns
+    read: Columns
+    indices: Indices
+    common: int
+    moves: int
+
+    def places(self, *kinds: type) -> Indices:
+        """The places, among what is compared, of the instructions of the types ``kinds``."""
+        return np.flatnonzero(self.plan.are(*kinds)[self.indices[: self.common]])
+
+    def moving(self, what: str, name: str, where: Mask, limit: float) -> _Column:
+        """A column of the motions ``where`` (M,): the error is that of the worst number."""
+        a, b = (getattr(side, name)[: self.moves][where] for side in (self.plan, self.read))
+        places = self.places(MoveJ, MoveL, MoveC)[where]
+        return _Column(what, places, a, b, _worst(a - b), limit)
+
+    def others(self, kind: type, what: str, name: str, limit: float, width: int = 1) -> _Column:
+        """An attribute of the instructions of one type, a number or a tuple of ``width``."""
+        places = self.places(kind)
+        a, b = (numbers(side.of(kind)[: len(places)], name, width) for side in (self.plan, self.read))
+        return _Column(what, places, a, b, _worst(a - b), limit)
+
+
+def _worst(error: FloatArray) -> FloatArray:
+    """(N,): the largest number of each row."""
+    size = np.abs(error)
+    return np.asarray(size.max(axis=1) if size.ndim == 2 else size)
+
+
+def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str) -> Deviation:
+    """The deviation of what was read from ``planned``, the program as prepared for the post.
+
+    carries: what the text holds (``Post.carried``). file: for messages. Raises VerifyError for the first fault of the
+    reading or the first instruction that differs, with its index in the planned body, its line, and both values.
+    """
+    for fault in reading.faults[:1]:
+        raise VerifyError(file, fault.what, fault.line, _REMEDY)
+    _compare_frames(planned, reading, tolerance, carries, file)
+    both, read_at = _paired(planned, reading)
+    moving = both.plan.posed[: both.moves]
+    places = _places(both, moving, tolerance)
+    differences: list[tuple[int, str, str, str]] = []
+    distance = angle = 0.0
+    # One after the other: the columns of a long program together are as large as the program.
+    for column in chain(places, _manners(both, moving, tolerance, carries), _others(both, tolerance, carries)):
+        differences += _first_beyond(column)
+        if column.what in _PLACES:
+            distance = max(distance, float(np.linalg.norm(column.planned - column.read, axis=1).max(initial=0.0)))
+        elif column.what == _TURN:
+            angle = float(column.error.max(initial=0.0))
+    if both.common < max(len(both.indices), len(read_at)):
+        was, says = _say(planned.body, both.indices, both.common), _say(reading.body, read_at, both.common)
+        differences.append((both.common, "instruction", was, says))
+    if differences:
+        place, what, was, says = min(differences, key=lambda difference: difference[0])
+        index = int(both.indices[place]) if place < len(both.indices) else len(planned.body)
+        line = reading.lines[read_at[place]] if place < len(read_at) else 0
+        raise VerifyError(file, f"instruction {index}: {what} reads {says}, planned is {was}", line, _REMEDY)
+    return Deviation(distance, angle, len(both.indices))
+
+
+def _paired(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
+    """Both bodies as far as their instructions are of the same kinds, and where those read stand in their body."""
+    if len(reading.body) != len(reading.lines):
+        raise ValueError(f"{len(reading.body)} instructions with {len(reading.lines)} lines")
+    plan, read = planned.columns, Columns(reading.body)
+    at, read_at = (np.flatnonzero(~side.are(Comment)) for side in (plan, read))
+    size = min(len(at), len(read_at))
+    same = np.ones(size, np.bool_)
+    for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force):
+        same &= plan.are(kind)[at[:size]] == read.are(kind)[read_at[:size]]
+    common = _first_false(same)
+    for kind, name in ((Output, _signal), (MoveJ, _joints)):
+        places = np.flatnonzero(plan.are(kind)[at[:common]])
+        a, b = (map(name, side.of(kind)[: len(places)]) for side in (plan, read))
+        alike = np.fromiter(map(eq, a, b), np.bool_, len(places))
+        common = int(np.append(places, common)[_first_false(alike)])
+    moves = int(plan.are(MoveJ, MoveL, MoveC)[at[:common]].sum())
+    return _Both(plan, read, at, common, moves), read_at
+
+
+def _first_false(mask: Mask) -> int:
+    return int(np.append(mask, False).argmin())
+
+
+_signal = attrgetter("signal")
+
+
+def _joints(motion: MoveJ) -> int:
+    """The number of joints of a motion to joint values, -1 for one to a pose."""
+    return len(motion.target.values) if isinstance(motion.target, Joints) else -1
+
+
+# Messages.
+
+
+def _say(body: Sequence[Instruction], at: Indices, place: int) -> str:
+    """An instruction in a few words."""
+    if place >= len(at):
+        return "nothing"
+    item = body[at[place]]
+    match item:
+        case MoveJ(target=Joints(values)):
+            return f"MoveJ to {len(values)} joint values"
+        case MoveJ(target=Pose() as target) | MoveL(target=target) | MoveC(target=target):
+            return f"{type(item).__name__} to {_text(target.origin)}"
+        case Output(signal, value):
+            return f"output {signal} {short(value, 3)}"
+        case Wait(seconds):
+            return f"wait {short(seconds, 3)} s"
+        case Force(newtons):
+            return f"force {short(newtons, 3)} N"
+    return type(item).__name__
+
+
+def _text(value: object) -> str:
+    """A number, some numbers, some words, or a rotation as its quaternion."""
+    if isinstance(value, tuple) and all(isinstance(word, str) for word in value):
+        return " ".join(value) or "nothing"
+    array = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    if array.ndim == 2:
+        return "q " + " ".join(short(v, 9) for v in quaternion(array))
+    return " ".join(short(v, 6) for v in array.tolist())
+
+
+def _first_beyond(column: _Column) -> Iterator[tuple[int, str, str, str]]:
+    """Place, property, planned and read value of the first instruction that is beyond the limit, if any is."""
+    for row in np.flatnonzero(~(column.error <= column.limit + _SLACK))[:1].tolist():
+        yield int(column.places[row]), column.what, _text(column.planned[row]), _text(column.read[row])
+
+
+def _compare_frames(
+    planned: Program, reading: Reading, tolerance: Tolerance, carries: frozenset[str], file: str
+) -> None:
+    """The frames that the text states, and that it states those it should."""
+    both = (("work", planned.base_from_work, reading.work), ("tool", planned.flange_from_tool, reading.tool))
+    for name, was, says in both:
+        if says is None:
+            if name in carries:
+                raise VerifyError(file, f"the {name} frame is not in the text", 0, _REMEDY)
+            continue
+        off = np.abs(np.subtract(was.origin, says.origin)).max()
+        turn = _turns([was.rotation], [says.rotation])[0]
+        if not (off <= tolerance.mm + _SLACK and turn <= tolerance.angle + _SLACK):
+            reads, plan = (f"{_text(pose.origin)} {_text(pose.rotation)}" for pose in (says, was))
+            raise VerifyError(file, f"the {name} frame reads {reads}, planned is {plan}", 0, _REMEDY)
+
+
+# Columns.
+
+
+def _places(both: _Both, posed: Mask, tolerance: Tolerance) -> Iterator[_Column]:
+    """Where motions end and what arcs pass half-way."""
+    yield both.moving(_END, "ends", posed, tolerance.mm)
+    arc = both.plan.moves_are(MoveC)[: both.moves]
+    a, b = (_middles(side, arc) for side in (both.plan, both.read))
+    places = both.places(MoveJ, MoveL, MoveC)[arc]
+    yield _Column(_MIDDLE, places, a, b, np.linalg.norm(a - b, axis=1), ARC_SLACK * tolerance.mm)
+
+
+def _middles(side: Columns, arc: Mask) -> FloatArray:
+    """The points half-way along the arcs among the first motions."""
+    ends = side.ends[: len(arc)]
+    return arc_middles(np.roll(ends, 1, axis=0)[arc], side.vias[: len(arc)][arc], ends[arc])
+
+
+def _turns(a: list[FloatArray], b: list[FloatArray]) -> FloatArray:
+    """``pose.angle_between`` by row (M,), rad. Each pair of arrays is looked at once: programs share rotations."""
+    seen: dict[tuple[int, int], int] = {}
+    index = [seen.setdefault(pair, len(seen)) for pair in zip(map(id, a), map(id, b), strict=True)]
+    if not index:
+        return np.zeros(0)
+    first = np.unique(index, return_index=True)[1].tolist()
+    p, q = (np.concatenate([side[i] for i in first]).reshape(-1, 3, 3) for side in (a, b))
+    turn = np.einsum("nji,njk->nik", p, q)
+    skew = turn - np.transpose(turn, (0, 2, 1))
+    # The entries of the skew part are 2 sin(angle) times the axis, each twice; the trace is 1 + 2 cos(angle).
+    sine = np.sqrt(np.einsum("nij,nij->n", skew, skew) / 2)
+    angles: FloatArray = np.arctan2(sine, np.einsum("nii->n", turn) - 1)[index]
+    return angles
+
+
+def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+    """How motions are made: orientation, joints, speed, blend, force."""
+    places = both.places(MoveJ, MoveL, MoveC)
+    p, q = (side.moves[: both.moves] for side in (both.plan, both.read))
+    if "orientation" in carries:
+        a, b = (list(map(attrgetter("target.rotation"), taken(side, posed))) for side in (p, q))
+        yield _Column(_TURN, places[posed], a, b, _turns(a, b), tolerance.angle)
+    a, b = ([item.target.values for item in taken(side, ~posed)] for side in (p, q))
+    error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
+    yield _Column("joint values", places[~posed], a, b, error, tolerance.joint)
+    rapid = both.plan.moves_are(MoveJ)[: both.moves]
+    if "joint-speed" in carries:
+        yield both.moving("speed", "speed", rapid, tolerance.speed)
+    if "speed" in carries:
+        yield both.moving("speed", "speed", ~rapid, tolerance.speed)
+    every = np.ones(both.moves, np.bool_)
+    if "blend" in carries:
+        yield both.moving("blend", "blend", every, tolerance.mm)
+    for name in (name for name in _NEUTRAL if name in carries):
+        yield _postures(places[posed], taken(p, posed), taken(q, posed), name)
+    if "stop" in carries:
+        stop = both.moving("blend", "blend", every, 0.0)
+        yield replace(stop, error=((stop.planned > 0) != (stop.read > 0)) * 1.0)
+    newtons = both.moving("force", "force", ~rapid, tolerance.force)
+    yield newtons
+    if "force-direction" in carries and np.any(newtons.planned):
+        was, says = (numbers(taken(side, ~rapid), "press", 3) for side in (p, q))
+        yield _along(newtons, was, says, tolerance)
+
+
+def _postures(places: Indices, planned: list[Any], read: list[Any], name: str) -> _Column:
+    """What a text says of the posture at the target: the same as the plan, or that it is open."""
+    a, b = ([_said(motion, name) for motion in side] for side in (planned, read))
+    return _Column(name, places, a, b, np.fromiter(map(ne, a, b), np.float64, len(a)), 0.0)
+
+
+def _said(motion: MoveJ | MoveL | MoveC, name: str) -> object:
+    said = getattr(motion.posture, name, None)
+    return _NEUTRAL[name] if said is None else said
+
+
+def _along(newtons: _Column, a: FloatArray, b: FloatArray, tolerance: Tolerance) -> _Column:
+    """Forces by component, from their size and direction: each component may be off by both tolerances."""
+    planned, read = (np.reshape(size, (-1, 1)) for size in (newtons.planned, newtons.read))
+    limit = tolerance.force + tolerance.angle * planned[:, 0]
+    return _Column("force along x y z", newtons.places, planned * a, read * b, _worst(planned * a - read * b), limit)
+
+
+def _others(both: _Both, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
+    """Outputs, waits and force control."""
+    yield both.others(Output, "output", "value", _VALUE)
+    yield both.others(Wait, "wait", "seconds", tolerance.seconds)
+    newtons = both.others(Force, "force", "newtons", tolerance.force)
+    yield newtons
+    if "force-direction" in carries and np.any(newtons.planned):
+        press = both.others(Force, "press", "press", 0.0, 3)
+        yield _along(newtons, np.asarray(press.planned), np.asarray(press.read), tolerance)

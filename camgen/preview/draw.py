@@ -1,0 +1,150 @@
+"""Chains of lines and arcs as SVG path data, and the shapes that lie on them. Page coordinates: mm, y down."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.part import Contour
+from camgen.model.path import ToolPath, segment_lengths
+from camgen.model.pose import FloatArray
+
+#: From the first path to the last: blue, violet, orange; mid lightness, legible on white and on black.
+_RAMP = ((31, 111, 235), (163, 59, 196), (235, 94, 40))
+
+
+def by_order(k: int, count: int) -> str:
+    """The colour of path k of so many."""
+    place = k / max(count - 1, 1) * (len(_RAMP) - 1)
+    low = min(int(place), len(_RAMP) - 2)
+    rgb = (round(a + (b - a) * (place - low)) for a, b in zip(_RAMP[low], _RAMP[low + 1], strict=True))
+    return "#" + "".join(f"{v:02x}" for v in rgb)
+
+
+class Page(Struct, frozen=True, eq=False):
+    """From the work frame (mm, y up) to the page: scale, then the page position of the work origin."""
+
+    scale: float
+    x: float
+    y: float
+
+    def place(self, points: FloatArray) -> FloatArray:
+        """Page coordinates (N, 2) of ``points`` (N, 2 or more)."""
+        return np.asarray(points[:, :2] * (self.scale, -self.scale) + (self.x, self.y), dtype=np.float64)
+
+
+class Chains(Struct, frozen=True, eq=False):
+    """Many chains in one table. points (N, 2); bulge (N,): of the segment that ends at the point; first: (M,) rows
+    where a chain begins.
+    """
+
+    points: FloatArray
+    bulge: FloatArray
+    first: FloatArray
+
+
+def of_contours(contours: Sequence[Contour]) -> Chains:
+    """The contours, closed ones with their first point again at the end."""
+    rows, bulges = [], []
+    for contour in contours:
+        back = contour.points[:1] if contour.closed else contour.points[:0]
+        rows.append(np.concatenate([contour.points, back]))
+        bulges.append(np.concatenate([[0.0], contour.bulges[: len(rows[-1]) - 1]]))
+    return _chains(rows, bulges)
+
+
+def of_paths(paths: Sequence[ToolPath]) -> Chains:
+    """The tool paths; an arc's bulge is its height over half its chord, and its via point is the top."""
+    if not paths:
+        return _chains([], [])
+    points = np.concatenate([path.position for path in paths])[:, :2]
+    via = np.concatenate([path.via for path in paths])[:, :2]
+    before = np.concatenate([points[:1], points[:-1]])
+    chord = points - before
+    length = np.hypot(chord[:, 0], chord[:, 1])
+    # Left of the chord is positive height; an arc that turns left has its top on the right.
+    height = chord[:, 0] * (via - before)[:, 1] - chord[:, 1] * (via - before)[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bulge = np.where(length > 0, -2 * height / length**2, 0.0)
+    counts = [len(path.position) for path in paths]
+    return Chains(points, np.nan_to_num(bulge), np.cumsum([0, *counts[:-1]]))
+
+
+def _chains(rows: Sequence[FloatArray], bulges: Sequence[FloatArray]) -> Chains:
+    if not rows:
+        return Chains(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=int))
+    return Chains(np.concatenate(rows), np.concatenate(bulges), np.cumsum([0, *(len(r) for r in rows[:-1])]))
+
+
+def path_data(chains: Chains, page: Page) -> list[str]:
+    """The ``d`` of every chain, arcs as arcs."""
+    if not len(chains.first):
+        return []
+    at = page.place(chains.points)
+    before = np.concatenate([at[:1], at[:-1]])
+    chord = np.hypot(*(at - before).T)
+    size = np.abs(chains.bulge)
+    # Flatter than a hundredth of a page mm is a line.
+    curved = size * chord > 0.02
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.where(curved, chord * (1 + size**2) / (4 * size), 0.0)
+    # The page's y points down: counter-clockwise in the drawing is sweep flag 0.
+    words = [
+        f"A{r:.2f} {r:.2f} 0 0 {flag} {x:.2f} {y:.2f}" if arc else f"L{x:.2f} {y:.2f}"
+        for (x, y), arc, r, flag in zip(
+            at.tolist(), curved.tolist(), radius.tolist(), (chains.bulge < 0).astype(int).tolist(), strict=True
+        )
+    ]
+    begins = [int(k) for k in chains.first.tolist()]
+    for k in begins:
+        words[k] = f"M{at[k, 0]:.2f} {at[k, 1]:.2f}"
+    return ["".join(words[a:b]) for a, b in zip(begins, [*begins[1:], len(words)], strict=True)]
+
+
+def bounds(chains: Sequence[Chains]) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest corner, work frame, arcs exact."""
+    every = np.concatenate([np.zeros((0, 2)), *(one.points for one in chains), *(_bulged(one) for one in chains)])
+    if not len(every):
+        return np.zeros(2), np.ones(2)
+    return every.min(axis=0), every.max(axis=0)
+
+
+def _bulged(chains: Chains) -> FloatArray:
+    """The points (N, 2) of the arcs that lie farthest in x and y, where an arc goes so far."""
+    inner = chains.bulge != 0
+    inner[chains.first.astype(int)] = False
+    rows = np.flatnonzero(inner)
+    start, end, bulge = chains.points[rows - 1], chains.points[rows], chains.bulge[rows]
+    half = (end - start) / 2
+    # From the middle of the chord to the centre: to the left for a positive bulge, R - h = half (1 - b^2) / (2 b).
+    centre = start + half + np.column_stack([-half[:, 1], half[:, 0]]) * ((1 - bulge**2) / (2 * bulge))[:, None]
+    radius = np.hypot(*(start - centre).T)
+    sweep = 4 * np.arctan(bulge)
+    first = np.arctan2(start[:, 1] - centre[:, 1], start[:, 0] - centre[:, 0]) + np.minimum(sweep, 0)
+    found = []
+    for x, y, angle in ((1, 0, 0.0), (0, 1, np.pi / 2), (-1, 0, np.pi), (0, -1, -np.pi / 2)):
+        reached = (angle - first) % (2 * np.pi) <= np.abs(sweep)
+        found.append((centre + radius[:, None] * np.array([x, y]))[reached])
+    return np.concatenate(found)
+
+
+def arrows(path: ToolPath, page: Page, every: float) -> list[tuple[float, float, float]]:
+    """Page x, y and direction (deg, clockwise) of arrows, one for about ``every`` page mm, one at least."""
+    lengths = segment_lengths(path.position, path.via) * page.scale
+    ends = np.cumsum(lengths)
+    if not len(ends) or ends[-1] <= 0:
+        return []
+    count = 1 + int(ends[-1] / every)
+    rows = sorted({int(np.searchsorted(ends, (i + 0.5) / count * ends[-1])) for i in range(count)})
+    at = page.place(path.position)
+    via = page.place(path.via)
+    found = []
+    for row in rows:
+        start, end = at[row], at[row + 1]
+        # On an arc the top is the middle, and there the tangent is parallel to the chord.
+        middle = via[row + 1] if not np.isnan(via[row + 1, 0]) else (start + end) / 2
+        dx, dy = (end - start).tolist()
+        found.append((float(middle[0]), float(middle[1]), float(np.degrees(np.arctan2(dy, dx)))))
+    return found

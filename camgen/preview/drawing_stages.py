@@ -1,0 +1,134 @@
+"""The way from a picture to a drawing as one SVG file: the stages side by side (continuous-path.md, figures 4-7, 9-11).
+
+Picture, ink, borders, then lines and arcs, or the lines of the pen in its width and what they cover, and the order on
+the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from camgen.model.job import Job
+from camgen.model.part import Note, Part, Raster
+from camgen.model.path import Tour
+from camgen.model.pose import FloatArray
+from camgen.model.text import short
+from camgen.plan.fill.cover import coverage_map
+from camgen.plan.page import page_size
+from camgen.preview.draw import Page, by_order, of_contours, of_paths, path_data
+from camgen.preview.panels import WIDE, Crop, Panel, cropped, faint, image, line, on_panel, sheet, shown
+
+#: Radius of the points, and width of the drawn lines, page mm. Colours from the first stroke to the last.
+_DOT, _STROKE, _BINS = 0.55, 0.45, 32
+#: px of the map of what is covered, along its longer side.
+_MAP = 1000
+
+
+def svg(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Job, title: str) -> str:
+    """The picture as SVG text, sized in mm. ``job`` says how wide the pen is and how large the page."""
+    crop = cropped(raster)
+    height, width = raster.photo.shape[:2]
+    points = sum(len(border) for border in raster.borders)
+    high = WIDE * height / width
+    fill = job.operation.kind == "fill"
+    drawn = _filled(part, raster, tour, job, crop) if fill else [_simplified(part, raster, crop)]
+    panels = [
+        Panel(f"picture, {width} x {height} px", high, [image(raster.photo, WIDE, high)]),
+        Panel("ink", crop.high, [shown(crop, np.bitwise_not(raster.mask), smooth=False)]),
+        Panel(f"borders of the ink, {points} points", crop.high, [faint(raster, crop), _borders(raster, crop)]),
+        *drawn,
+        _ordered(raster, tour, job),
+    ]
+    return sheet(panels, notes, title)
+
+
+def _borders(raster: Raster, crop: Crop) -> str:
+    page = on_panel(raster, crop)
+    matrix = raster.work_from_view
+    data = "".join(line(page.place(b @ matrix[:, :2].T + matrix[:, 2])) + "Z" for b in raster.borders)
+    return f'<path class="part" d="{data}"/>'
+
+
+def _simplified(part: Part, raster: Raster, crop: Crop) -> Panel:
+    """Lines and arcs with their points, which are the starts of segments."""
+    page = on_panel(raster, crop)
+    rows = [np.zeros((0, 2)), *(c.points for c in part.contours)]
+    dots = page.place(np.concatenate(rows))
+    arcs = sum(int((c.bulges != 0).sum()) for c in part.contours)
+    # A point is a line without length and round ends: one element for all of them.
+    data = "".join(f"M{x:.2f} {y:.2f}h0" for x, y in dots.tolist())
+    return Panel(
+        f"lines and {arcs} arcs, {len(dots)} points",
+        crop.high,
+        [
+            faint(raster, crop),
+            f'<path class="part" d="{"".join(path_data(of_contours(part.contours), page))}"/>',
+            f'<path class="dot" stroke-width="{2 * _DOT}" d="{data}"/>',
+        ],
+    )
+
+
+def _filled(part: Part, raster: Raster, tour: Tour, job: Job, crop: Crop) -> list[Panel]:
+    """What the pen draws, and what of that is where it should be."""
+    found = coverage_map(part, tour.paths, job.tool.diameter, _MAP)
+    height, width = found.pixels.shape[:2]
+    ends = found.work_from_map @ np.array([[-0.5, width - 0.5], [-0.5, height - 0.5], [1.0, 1.0]])
+    (left, right), (top, bottom) = on_panel(raster, crop).place(ends.T).T.tolist()
+    picture = image(found.pixels, right - left, bottom - top, smooth=False)
+    content = [f'<g transform="translate({left:.2f} {top:.2f})">{picture}</g>']
+    told = "green: covered, red: bare, yellow: ink outside"
+    return [_covered(raster, tour, job, crop), Panel(told, crop.high, content)]
+
+
+def _covered(raster: Raster, tour: Tour, job: Job, crop: Crop) -> Panel:
+    """What the pen inks, in its width, over the ink that was asked for."""
+    width = job.tool.diameter * crop.scale
+    data = "".join(path_data(of_paths(tour.paths), on_panel(raster, crop)))
+    return Panel(
+        f"lines of a pen of {short(job.tool.diameter, 3)} mm",
+        crop.high,
+        [
+            faint(raster, crop),
+            f'<path class="ink" stroke-width="{width:.2f}" d="{data}"/>',
+            f'<path class="dot" stroke-width="0.2" d="{data}"/>',
+        ],
+    )
+
+
+def _ordered(raster: Raster, tour: Tour, job: Job) -> Panel:
+    """The page with the strokes in colour from first to last, and the way between them with the pen up."""
+    if job.page.size:
+        width, height = page_size(job.page)
+        corner = (0.0, 0.0)
+    else:
+        # Without a page the picture is one.
+        rows, columns = raster.mask.shape
+        ends = raster.work_from_view @ np.array([[-0.5, columns - 0.5], [rows - 0.5, -0.5], [1.0, 1.0]])
+        (x0, x1), (y0, y1) = ends.tolist()
+        width, height, corner = x1 - x0, y1 - y0, (x0, y0)
+    scale = WIDE / width
+    page = Page(scale, -corner[0] * scale, (corner[1] + height) * scale)
+    content = [f'<rect class="sheet" width="{WIDE}" height="{height * scale:.2f}"/>', *_strokes(tour, page)]
+    count = f"{len(tour.paths)} {'holes, travel' if job.operation.kind == 'drill' else 'strokes, pen up'}"
+    told = f"{short(width, 1)} x {short(height, 1)} mm: {count} {short(tour.travel, 1)} mm, by order"
+    return Panel(told, height * scale, content)
+
+
+def _strokes(tour: Tour, page: Page) -> Iterator[str]:
+    data = path_data(of_paths(tour.paths), page)
+    edges = np.unique(np.linspace(0, len(data), _BINS + 1).astype(int)).tolist()
+    for a, b in pairwise(edges):
+        yield f'<path stroke="{by_order(a, len(data))}" stroke-width="{_STROKE}" d="{"".join(data[a:b])}"/>'
+    # A hole is a point.
+    points = [k for k, path in enumerate(tour.paths) if not np.ptp(path.position[:, :2], axis=0).any()]
+    for k in points:
+        x, y = page.place(tour.paths[k].position[:1])[0].tolist()
+        colour = by_order(k, len(data))
+        yield f'<path stroke="{colour}" stroke-width="{4 * _STROKE}" d="M{x:.2f} {y:.2f}h0"/>'
+    gaps = zip(tour.paths[:-1], tour.paths[1:], strict=True)
+    ups: list[FloatArray] = [page.place(np.stack([a.position[-1], b.position[0]])) for a, b in gaps]
+    if ups:
+        yield f'<path class="up" d="{"".join(map(line, ups))}"/>'

@@ -1,0 +1,135 @@
+"""The page: one file that needs no other and no network. What it shows goes in as data, never as markup or script."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from functools import cache
+from html import escape
+from importlib import resources
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from camgen.model.errors import one_line
+from camgen.model.part import Solid
+from camgen.model.pose import FloatArray, Pose
+from camgen.preview.view import View
+from camgen.robots.models import Link
+
+#: The scripts in the order in which they run, all but the first in one scope.
+_LIBRARY = "three.min.js"
+_SCRIPTS = ("data.js", "lines.js", "scene.js", "arm.js", "camera.js", "list.js", "pick.js", "player.js", "viewer.js")
+
+
+def page(view: View) -> str:
+    """The preview as HTML text. Same view, same text."""
+    library, style = _asset(_LIBRARY), _asset("viewer.css")
+    script = '(() => {\n"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"
+    filled = {
+        "title": escape(one_line(view.title)),
+        "policy": "default-src 'none'; img-src data: blob:; "
+        f"script-src {_hash(library)} {_hash(script)}; style-src {_hash(style)}",
+        "style": style,
+        "data": _data(view),
+        "library": library,
+        "script": script,
+    }
+    pieces = _asset("index.html").split("@@")
+    return "".join(filled[piece] if k % 2 else piece for k, piece in enumerate(pieces))
+
+
+@cache
+def _asset(name: str) -> str:
+    return (resources.files("camgen.preview") / "web" / name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    """What a content security policy calls this very text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _data(view: View) -> str:
+    """The view as JSON that can stand inside a script element: nothing in it can end the element."""
+    text = msgspec.json.encode(_plain(view)).decode()
+    for mark in "<>&\u2028\u2029":
+        text = text.replace(mark, f"\\u{ord(mark):04x}")
+    return text
+
+
+def _plain(view: View) -> dict[str, object]:
+    """The view as plain data. Points are told from ``origin``, so that 32 bits are enough for them."""
+    way, chains = view.track, view.chains
+    shown = [way.position, chains.points, *([view.solid.vertices] if view.solid else [])]
+    every = np.concatenate(shown)
+    origin = np.round((every.min(axis=0) + every.max(axis=0)) / 2)
+    motions = way.events
+    return {
+        "title": one_line(view.title),
+        "facts": view.facts,
+        "origin": origin.tolist(),
+        "lines": {
+            "points": _packed(chains.points - origin),
+            "counts": chains.counts.tolist(),
+            "rows": view.lines,
+        },
+        "solid": view.solid and _mesh(view.solid, origin),
+        "paths": view.rows,
+        "skipped": [[note.what, note.why] for note in view.skipped],
+        "track": {
+            "position": _packed(way.position - origin),
+            "axis": _packed(way.axis),
+            "time": _packed(way.time),
+            "event": _packed(way.event, np.uint32),
+            "instruction": _packed(motions.instruction, np.uint32),
+            "kind": _packed(motions.kind, np.uint8),
+            "path": _packed(motions.path, np.int32),
+            "feed": _packed(motions.feed),
+            "force": _packed(motions.force),
+        },
+        "tool": {
+            "diameter": view.diameter,
+            "flange_from_tool": _pose(view.flange_from_tool),
+            "bodies": _links(view.bodies),
+        },
+        "standing": _links(view.standing),
+        "meshes": [[name, _mesh(shape, origin)] for name, shape in view.meshes],
+        "arm": _arm(view),
+    }
+
+
+def _arm(view: View) -> dict[str, object] | None:
+    if view.arm is None:
+        return None
+    robot = view.arm.robot
+    return {
+        "name": robot.name,
+        "work_from_base": _pose(view.base_from_work.inverse()),
+        "flange": _pose(robot.flange),
+        "coupling": robot.coupling.tolist(),
+        "joints": [[j.name, j.sliding, _pose(j.previous_from_joint), j.axis] for j in robot.joints],
+        "links": _links(robot.links),
+        "values": _packed(view.arm.joints),
+        "time": _packed(view.arm.time),
+    }
+
+
+def _links(links: Sequence[Link]) -> list[object]:
+    """Name, then pose and half edges of each box."""
+    return [[link.name, [[_pose(box.link_from_box), box.half] for box in link.boxes]] for link in links]
+
+
+def _mesh(solid: Solid, origin: FloatArray) -> dict[str, str]:
+    return {"vertices": _packed(solid.vertices - origin), "faces": _packed(solid.faces, np.uint32)}
+
+
+def _pose(pose: Pose) -> list[float]:
+    """Twelve numbers: the rotation by rows, then the origin."""
+    return [*pose.rotation.ravel().tolist(), *pose.origin]
+
+
+def _packed(values: NDArray[np.generic], kind: type[np.generic] = np.float32) -> str:
+    """Little-endian numbers as base64."""
+    return base64.b64encode(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()).decode()

@@ -1,0 +1,123 @@
+"""The view as a PNG picture for a report: flat parts from above, to scale; 3-D parts oblique; without the robot."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.model.errors import one_line
+from camgen.model.pose import FloatArray
+from camgen.preview.view import View
+
+Pixels = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+#: Pixels: width and height of the picture, border, height of the title.
+_WIDE, _HIGH, _BORDER, _TITLE = 1600, 1200, 60, 90
+#: Corners are drawn to a sixteenth of a pixel.
+_SHIFT = 4
+_COLOURS: dict[str, Colour] = {"done": (86, 70, 58), "skipped": (46, 16, 200), "unused": (191, 178, 169)}
+_SHEET, _INK, _TRAVEL = (236, 229, 223), (48, 36, 27), (170, 150, 138)
+#: From the first path to the last, as on the page; blue, green, red.
+_RAMP = np.array([[220.0, 98.0, 31.0], [190.0, 50.0, 150.0], [30.0, 88.0, 226.0]])
+
+
+class _Sheet(Struct, frozen=True, eq=False):
+    """From the work frame to the picture: axes (2, 3), right and down, then pixels per mm and a shift in pixels."""
+
+    axes: FloatArray
+    scale: float
+    shift: FloatArray
+
+    def place(self, points: FloatArray) -> NDArray[np.int32]:
+        """Pixels (N, 1, 2) as OpenCV draws them, times 2 ** _SHIFT."""
+        at = points @ self.axes.T * self.scale + self.shift
+        pixels: NDArray[np.int32] = np.round(at * 2**_SHIFT).astype(np.int32)
+        return pixels[:, None]
+
+
+def png(view: View) -> bytes:
+    """The picture as the bytes of a PNG file."""
+    image = np.full((_HIGH, _WIDE, 3), 255, np.uint8)
+    sheet = _fitted(view)
+    _part(image, view, sheet)
+    _way(image, view, sheet)
+    _words(image, view, sheet)
+    return bytes(cv2.imencode(".png", image)[1])
+
+
+def _fitted(view: View) -> _Sheet:
+    turn, tilt = (-math.pi / 2, math.pi / 2) if view.solid is None else (-1.05, 0.6)
+    right = (-math.sin(turn), math.cos(turn), 0.0)
+    up = (-math.sin(tilt) * math.cos(turn), -math.sin(tilt) * math.sin(turn), math.cos(tilt))
+    axes = np.array([right, np.negative(up)])
+    work = view.track.events.path[view.track.event] >= 0
+    flat = np.concatenate([view.chains.points, view.track.position[work]]) @ axes.T
+    if not len(flat):
+        flat = view.track.position @ axes.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    room = np.array([_WIDE - 2 * _BORDER, _HIGH - 2 * _BORDER - _TITLE], float)
+    scale = float((room / np.maximum(high - low, 1e-6)).min())
+    middle = np.array([_WIDE / 2, (_HIGH + _TITLE) / 2])
+    return _Sheet(axes, scale, middle - (low + high) / 2 * scale)
+
+
+def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
+    """Contours and edges by state, over the sheet inside closed contours."""
+    ends = np.cumsum(view.chains.counts)[:-1]
+    chains = list(zip(view.lines, np.split(sheet.place(view.chains.points), ends), strict=True)) if view.lines else []
+    if view.solid is None:
+        closed = [points for line, points in chains if line.closed and line.state != "unused"]
+        if closed:
+            cv2.fillPoly(image, closed, _SHEET, cv2.LINE_AA, _SHIFT)
+    for state, colour in _COLOURS.items():
+        own = [points for line, points in chains if line.state == state]
+        cv2.polylines(image, own, False, colour, 2, cv2.LINE_AA, _SHIFT)
+
+
+def _way(image: Pixels, view: View, sheet: _Sheet) -> None:
+    """Travel, then the paths from the first to the last, in one stroke for every run of stations of a path."""
+    way = view.track
+    path = way.events.path[way.event]
+    at = sheet.place(way.position)
+    cuts = np.flatnonzero(np.diff(path)) + 1
+    strokes = [(int(path[a]), at[max(a - 1, 0) : b]) for a, b in zip([0, *cuts], [*cuts, len(path)], strict=True)]
+    travel = [points for owner, points in strokes if owner < 0]
+    cv2.polylines(image, travel, False, _TRAVEL, 1, cv2.LINE_AA, _SHIFT)
+    last = max(len(view.rows) - 1, 1)
+    for owner, points in strokes:
+        if owner >= 0:
+            blue, green, red = (float(np.interp(2 * owner / last, (0, 1, 2), _RAMP[:, k])) for k in range(3))
+            cv2.polylines(image, [points], False, (blue, green, red), 3, cv2.LINE_AA, _SHIFT)
+            cv2.circle(image, points[0, 0].tolist(), 5 << _SHIFT, _INK, 2, cv2.LINE_AA, _SHIFT)
+
+
+def _words(image: Pixels, view: View, sheet: _Sheet) -> None:
+    """Title, numbers and the scale bar."""
+
+    def write(text: str, x: int, y: int, size: float) -> None:
+        face = cv2.FONT_HERSHEY_SIMPLEX
+        cv2.putText(image, text, (x, y), face, size, _INK, 2 if size > 0.8 else 1, cv2.LINE_AA)
+
+    cv2.rectangle(image, (0, 0), (_WIDE, _TITLE + 14), (255, 255, 255), -1)
+    facts = dict(view.facts)
+    write(_plain(view.title), _BORDER, 55, 1.0)
+    names = ("Paths", "Work", "Travel", "Time", "Robot")
+    write(", ".join(f"{name.lower()} {_plain(facts[name])}" for name in names), _BORDER, 92, 0.6)
+    if view.skipped:
+        write(f"left out: {len(view.skipped)}, in red where it was drawn", _BORDER, _HIGH - 22, 0.6)
+    if view.solid is None:
+        power = 10.0 ** math.floor(math.log10(300 / sheet.scale))
+        bar = max(m * power for m in (1, 2, 5) if m * power <= 300 / sheet.scale * (1 + 1e-12))
+        right = _WIDE - _BORDER
+        cv2.line(image, (right - round(bar * sheet.scale), _HIGH - 22), (right, _HIGH - 22), _INK, 3)
+        write(f"{bar:g} mm", right - 90, _HIGH - 32, 0.6)
+
+
+def _plain(text: str) -> str:
+    """``text`` in the letters that OpenCV can write."""
+    return one_line(text).encode("ascii", "replace").decode()

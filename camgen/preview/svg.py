@@ -1,0 +1,186 @@
+"""A flat picture of a build as one SVG file: part, tool paths in their order, travel, starts, what was left out."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from xml.sax.saxutils import escape
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.errors import one_line
+from camgen.model.part import Contour, Note, Part
+from camgen.model.path import ToolPath, Tour
+from camgen.preview.draw import Page, arrows, bounds, by_order, of_contours, of_paths, path_data
+
+#: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
+_WIDE, _HIGH, _MARGIN, _TITLE = 277.0, 200.0, 10.0, 16.0
+#: The page is at least so wide, for the legend.
+_LEAST = 170.0
+#: From so many paths on there are no numbers, no arrows, and no hover texts.
+_NUMBERS, _ARROWS = 200, 1500
+#: Colours at most, from so many paths on.
+_BINS = 32
+
+_STYLE = """\
+.bg{fill:#fff}.part{stroke:#9aa0a6;stroke-width:.35}.unused{stroke:#d0103a;stroke-width:.35;stroke-dasharray:1.6 .8}
+.travel{stroke:#5f6368;stroke-width:.18;stroke-dasharray:1.2 1}.path{stroke-width:.45}
+text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.4px;fill:#202124}.big{font-size:4.6px;font-weight:600}
+.n{fill:#fff;text-anchor:middle;font-weight:600}.bar{stroke:#202124;stroke-width:.4}.warn{fill:#d0103a}
+path,line{fill:none;stroke-linecap:round;stroke-linejoin:round}.arrow{stroke:none}
+@media (prefers-color-scheme:dark){.bg{fill:#17181b}text{fill:#e8eaed}.n{fill:#fff}.part{stroke:#80868b}
+.travel{stroke:#9aa0a6}.bar{stroke:#e8eaed}.unused{stroke:#ff6b81}.warn{fill:#ff6b81}}"""
+
+
+class _Sheet(Struct, frozen=True):
+    """The page and its size, page mm. bottom: where the legend begins."""
+
+    page: Page
+    width: float
+    bottom: float
+
+
+def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
+    """The picture as SVG text, sized in mm, legible on light and dark. It is drawn to scale, with a scale bar."""
+    # A contour that gives several paths gives them its id with a number: c7.1, c7.2.
+    followed = {path.id.partition(".")[0] for path in tour.paths}
+    used = [c for c in part.contours if c.id in followed]
+    unused = [c for c in part.contours if c.id not in followed]
+    sheet = _sheet(part, tour)
+    left_out = _left_out(sheet, [note for note in notes if note.kind == "skipped"])
+    height = sheet.bottom + 14 + 5 * len(left_out)
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{sheet.width:.2f}mm" height="{height:.2f}mm" '
+            f'viewBox="0 0 {sheet.width:.2f} {height:.2f}">',
+            f"<title>{_text(title)}</title>",
+            f"<style>{_STYLE}</style>",
+            '<rect class="bg" width="100%" height="100%"/>',
+            f'<text class="big" x="{_MARGIN}" y="9">{_text(title)}</text>',
+            f'<text x="{_MARGIN}" y="14">{_facts(part, tour)}</text>',
+            *_contours(used, sheet.page, "part"),
+            *_contours(unused, sheet.page, "unused"),
+            *_travel(tour, sheet.page),
+            *_paths(tour, sheet.page),
+            *_legend(sheet, tour, bool(unused)),
+            *left_out,
+            "</svg>\n",
+        ]
+    )
+
+
+def _sheet(part: Part, tour: Tour) -> _Sheet:
+    low, high = bounds([of_contours(part.contours), of_paths(tour.paths)])
+    wide, high_mm = (max(float(v), 1e-6) for v in high - low)
+    scale = min(_WIDE / wide, _HIGH / high_mm)
+    width = max(wide * scale, _LEAST) + 2 * _MARGIN
+    left = (width - wide * scale) / 2
+    top = _TITLE + 6
+    page = Page(scale, left - float(low[0]) * scale, top + float(high[1]) * scale)
+    return _Sheet(page, width, top + high_mm * scale + 8)
+
+
+def _facts(part: Part, tour: Tour) -> str:
+    count = len(tour.paths)
+    noun = "path" if count == 1 else "paths"
+    return _text(f"drawing in {part.units}, {count} {noun}, {tour.method}, travel {tour.travel:.1f} mm")
+
+
+def _contours(contours: Sequence[Contour], page: Page, kind: str) -> Iterator[str]:
+    if contours:
+        yield f'<path class="{kind}" d="{"".join(path_data(of_contours(contours), page))}"/>'
+
+
+def _travel(tour: Tour, page: Page) -> Iterator[str]:
+    if len(tour.paths) > 1:
+        ends = page.place(np.array([path.position[-1] for path in tour.paths[:-1]]))
+        starts = page.place(np.array([path.position[0] for path in tour.paths[1:]]))
+        rows = np.column_stack([ends, starts]).tolist()
+        yield '<path class="travel" d="' + "".join(f"M{a:.2f} {b:.2f}L{c:.2f} {d:.2f}" for a, b, c, d in rows) + '"/>'
+
+
+def _paths(tour: Tour, page: Page) -> Iterator[str]:
+    """The tool paths, one element each while they are few, else one for each colour."""
+    paths = tour.paths
+    data = path_data(of_paths(paths), page)
+    if len(paths) <= _ARROWS:
+        for k, (path, line) in enumerate(zip(paths, data, strict=True)):
+            hint = _text(f"{k + 1}: {path.id}, layer {path.layer}, {path.length:.1f} mm")
+            colour = by_order(k, len(paths))
+            yield f'<path class="path" stroke="{colour}" d="{line}"><title>{hint}</title></path>'
+            yield from _arrows(path, page, colour)
+        yield from _starts(paths, page)
+        return
+    edges = [round(k * len(paths) / _BINS) for k in range(_BINS + 1)]
+    for a, b in pairwise(edges):
+        yield f'<path class="path" stroke="{by_order(a, len(paths))}" d="{"".join(data[a:b])}"/>'
+
+
+def _arrows(path: ToolPath, page: Page, colour: str) -> Iterator[str]:
+    size = min(1.0, path.length * page.scale / 12)
+    if size < 0.3:
+        return
+    for x, y, turn in arrows(path, page, 90.0):
+        place = f"translate({x:.2f} {y:.2f}) rotate({turn:.1f}) scale({size:.2f})"
+        yield f'<path class="arrow" style="fill:{colour}" transform="{place}" d="M1.5 0L-1 -1.1L-.4 0L-1 1.1Z"/>'
+
+
+def _starts(paths: Sequence[ToolPath], page: Page) -> Iterator[str]:
+    """A dot at every start, with the number of the path in it while they are few."""
+    numbered = len(paths) <= _NUMBERS
+    largest = 2.0 if len(paths) <= 60 else 1.5
+    places = page.place(np.array([path.position[0] for path in paths]).reshape(-1, 3))
+    for k, (x, y) in enumerate(places.tolist()):
+        radius = min(largest, max(1.0, paths[k].length * page.scale / 14)) if numbered else 0.6
+        yield f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}" fill="{by_order(k, len(paths))}"/>'
+        if numbered:
+            size = radius * (1.25 if k < 99 else 0.95)
+            yield f'<text class="n" style="font-size:{size:.2f}px" x="{x:.2f}" y="{y + 0.36 * size:.2f}">{k + 1}</text>'
+
+
+def _legend(sheet: _Sheet, tour: Tour, unused: bool) -> Iterator[str]:
+    y = sheet.bottom + 5
+    x = _MARGIN
+    for kind, label in (("part", "part"), ("travel", "travel"), ("unused", "no path of its own")):
+        if kind != "unused" or unused:
+            yield f'<line class="{kind}" x1="{x}" y1="{y - 1.2}" x2="{x + 9}" y2="{y - 1.2}"/>'
+            yield f'<text x="{x + 11}" y="{y}">{label}</text>'
+            x += 16 + 1.9 * len(label)
+    if tour.paths:
+        for k in range(12):
+            yield f'<rect x="{x + k:.2f}" y="{y - 2}" width="1.05" height="1.6" fill="{by_order(k, 12)}"/>'
+        label = "tool centre, first to last; dot: start"
+        yield f'<text x="{x + 14}" y="{y}">{label}</text>'
+    bar = _nice(45 / sheet.page.scale)
+    right = sheet.width - _MARGIN
+    yield f'<path class="bar" d="M{right - bar * sheet.page.scale:.2f} {y - 2.4:.2f}v1.6H{right:.2f}v-1.6"/>'
+    yield f'<text x="{right:.2f}" y="{y + 3.6:.2f}" text-anchor="end">{bar:g} mm</text>'
+
+
+def _nice(limit: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above ``limit``."""
+    power = 10.0 ** math.floor(math.log10(limit))
+    return float(max(m * power for m in (1, 2, 5) if m * power <= limit * (1 + 1e-12)))
+
+
+def _left_out(sheet: _Sheet, skipped: Sequence[Note]) -> list[str]:
+    """What was left out, in lines that fit the page."""
+    texts = [f"left out: {note.what}" + (f" ({note.why})" if note.why else "") for note in skipped]
+    if len(texts) > 6:
+        texts = [*texts[:5], f"left out: and {len(texts) - 5} more"]
+    # A letter is about 1.9 page mm wide.
+    width = int((sheet.width - 2 * _MARGIN) / 1.9)
+    lines = [line for text in texts for line in textwrap.wrap(one_line(text), width, subsequent_indent="    ")]
+    y = sheet.bottom + 12
+    return [
+        f'<text class="warn" xml:space="preserve" x="{_MARGIN}" y="{y + 5 * k:.2f}">{_text(line)}</text>'
+        for k, line in enumerate(lines)
+    ]
+
+
+def _text(text: str) -> str:
+    """Text of any origin as XML: no control characters, no markup."""
+    return escape(one_line(text))

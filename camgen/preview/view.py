@@ -1,0 +1,291 @@
+"""What a preview shows, as one value: ``view`` makes it of a build's result. Work frame, mm, s, N, rad."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.build import Result
+from camgen.check.report import clean, path_sums
+from camgen.model.part import Note, Solid
+from camgen.model.pose import IDENTITY, FloatArray, Pose
+from camgen.model.text import short
+from camgen.preview.curves import Chains, of_contours, of_spans
+from camgen.preview.track import Arm, Track, track
+from camgen.robots.models import Box, Link
+
+# What stands around a part and what the robot holds, as the test for collisions has it.
+
+_HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
+
+
+class Around(Struct, frozen=True, eq=False):
+    """bodies: tool and holder, their boxes at the flange. standing: table and fixtures, their boxes in the work frame.
+    meshes: fixtures that are meshes, work frame.
+    """
+
+    bodies: tuple[Link, ...]
+    standing: tuple[Link, ...]
+    meshes: tuple[tuple[str, Solid], ...]
+
+
+def around(result: Result) -> Around:
+    """As it was tested; without a robot nothing is, and it is what the job says. JobError for boxes that are none."""
+    where = result.where
+    if where is None:
+        return _untested(result)
+    work_from_base = result.program.base_from_work.inverse()
+    standing = [
+        Link(link.name, tuple(Box(work_from_base @ box.link_from_box, box.half) for box in link.boxes))
+        for link in where.standing
+    ]
+    return Around(where.bodies, tuple(standing), where.meshes)
+
+
+def _untested(result: Result) -> Around:
+    job = result.job
+    if not job.cell.fixtures and not job.tool.holder:
+        return Around((), (), ())
+    from camgen.collision.cell import box_between, corners_of, mesh_fixtures  # noqa: PLC0415 (loads fcl)
+
+    holder = tuple(box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ())
+    named = [(f"fixture {k}", box) for k, box in enumerate(job.cell.fixtures or (), 1) if not isinstance(box, str)]
+    standing = [Link(name, (box_between(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named]
+    return Around((Link("holder", holder),), tuple(standing), tuple(mesh_fixtures(job)))
+
+
+# Edges of which only a part is run: cut where the work begins and ends.
+
+
+def cut(points: FloatArray, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """A chain (N, 3) in three: before, within and after the places nearest to two points (3,), in either order.
+
+    Before or after has no points where the work goes to the end.
+    """
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    at = np.append(0.0, np.cumsum(steps))
+    low, high = sorted((_nearest(points, at, first), _nearest(points, at, last)))
+    ends = [np.array([np.interp(s, at, column) for column in points.T]) for s in (low, high)]
+    inner = points[(at > low) & (at < high)]
+    before = np.vstack([points[at < low], ends[0]]) if low > 0 else points[:0]
+    after = np.vstack([ends[1], points[at > high]]) if high < at[-1] else points[:0]
+    return before, np.vstack([ends[0], inner, ends[1]]), after
+
+
+def _nearest(points: FloatArray, at: FloatArray, place: FloatArray) -> float:
+    """How far along the chain, mm, it comes nearest to ``place``."""
+    steps = np.diff(points, axis=0)
+    square = np.einsum("ij,ij->i", steps, steps)
+    share = np.einsum("ij,ij->i", place - points[:-1], steps) / np.where(square > 0, square, 1.0)
+    share = np.clip(share, 0.0, 1.0)
+    gap = np.linalg.norm(points[:-1] + share[:, None] * steps - place, axis=1)
+    k = int(np.argmin(gap))
+    return float(at[k] + share[k] * (at[k + 1] - at[k]))
+
+
+#: Arcs are drawn to this part of the size of what is shown.
+_FINE = 2e-5
+
+
+class Line(Struct, frozen=True):
+    """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
+    was skipped.
+    """
+
+    id: str
+    layer: str
+    closed: bool
+    length: float
+    state: str
+    why: str
+
+
+class Row(Struct, frozen=True):
+    """A tool path as the list has it: mm, mm/s, N, s. feed: the mean of what is asked for. seconds: of the cycle."""
+
+    id: str
+    layer: str
+    length: float
+    feed: float
+    force: float
+    seconds: float
+    passes: int
+
+
+class View(Struct, frozen=True, eq=False):
+    """title: of the page. facts: label and text of the numbers to show. lines: what ``chains`` draws, in its order.
+
+    solid: triangles, None for a flat part. arm: the robot, None where none is known. base_from_work,
+    flange_from_tool: of the program. diameter: of the tool, mm. bodies: tool and holder, boxes at the flange. standing:
+    table and fixtures, boxes in the work frame. meshes: fixtures that are meshes. skipped: what was left out.
+    """
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    lines: tuple[Line, ...]
+    chains: Chains
+    solid: Solid | None
+    rows: tuple[Row, ...]
+    track: Track
+    arm: Arm | None
+    base_from_work: Pose
+    flange_from_tool: Pose
+    diameter: float
+    bodies: tuple[Link, ...]
+    standing: tuple[Link, ...]
+    meshes: tuple[tuple[str, Solid], ...]
+    skipped: tuple[Note, ...]
+
+
+def view(result: Result) -> View:
+    """What the preview of ``result`` shows."""
+    part, program = result.part, result.program
+    skipped = tuple(note for note in result.notes if note.kind == "skipped")
+    sag = _sag(result)
+    way, arm = track(result, sag)
+    lines, chains = _lines(result, sag)
+    beside = around(result)
+    return View(
+        title=clean(f"{part.source}, {result.post.name}"),
+        facts=_facts(result, float(way.time[-1])),
+        lines=lines,
+        chains=chains,
+        solid=part.solid,
+        rows=_rows(result),
+        track=way,
+        arm=arm,
+        base_from_work=program.base_from_work,
+        flange_from_tool=program.flange_from_tool,
+        diameter=result.job.tool.diameter,
+        bodies=beside.bodies,
+        standing=beside.standing,
+        meshes=beside.meshes,
+        skipped=tuple(Note(note.kind, clean(note.what), clean(note.why)) for note in skipped),
+    )
+
+
+def reasons(skipped: Sequence[Note]) -> dict[str, str]:
+    """Why, by the id of the contours and edges that the notes are about; of several notes the first."""
+    return {ident: clean(note.why or note.what) for note in reversed(skipped) for ident in note.ids}
+
+
+def _sag(result: Result) -> float:
+    """How far a drawn arc may be from the true one, mm."""
+    ends = [result.program.columns.ends, *(path.position for path in result.tour.paths)]
+    points = np.concatenate(ends)
+    points = points[~np.isnan(points[:, 0])]
+    return max(float(np.linalg.norm(np.ptp(points, axis=0))) * _FINE, 1e-4) if len(points) else 1e-3
+
+
+def _lines(result: Result, sag: float) -> tuple[tuple[Line, ...], Chains]:
+    """The contours and edges of the part, and how they are drawn."""
+    contours = tuple(c for c in result.part.contours if len(c.points) > 1)
+    edges = result.part.solid.edges if result.part.solid else ()
+    flat, sharp = of_contours(contours, sag), of_spans([(edge.points, edge.via) for edge in edges], sag)
+    chains = Chains(np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts]))
+    names = [(c.id, c.layer, c.closed) for c in contours]
+    names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
+    why = reasons([note for note in result.notes if note.kind == "skipped"])
+    # A contour with several paths gives them its id and a number; a network of contours is run as few paths.
+    done = {path.id.partition(".")[0] for path in result.tour.paths}
+    done |= {ident for note in result.notes if note.kind == "joined" for ident in note.ids} - why.keys()
+    lines = [
+        Line(
+            id=clean(ident),
+            layer=clean(layer),
+            closed=closed,
+            length=length,
+            state="done" if ident in done else "skipped" if ident in why else "unused",
+            why=why.get(ident, ""),
+        )
+        for (ident, layer, closed), length in zip(names, _lengths(chains), strict=True)
+    ]
+    return _trimmed(result, lines, chains) if edges else (tuple(lines), chains)
+
+
+def _trimmed(result: Result, lines: Sequence[Line], chains: Chains) -> tuple[tuple[Line, ...], Chains]:
+    """Edges that are run without their ends, with these as lines of their own."""
+    work = {path.id: path.position for path in result.tour.paths}
+    pieces: list[tuple[Line, FloatArray]] = []
+    for line, points in zip(lines, np.split(chains.points, np.cumsum(chains.counts)[:-1]), strict=True):
+        if line.state != "done" or not line.why:
+            pieces.append((line, points))
+            continue
+        before, inner, after = cut(points, work[line.id][0], work[line.id][-1])
+        rest = replace(line, state="skipped", closed=False)
+        found = [(rest, before), (replace(line, why="", closed=False), inner), (rest, after)]
+        pieces += [(one, part) for one, part in found if len(part)]
+    made = Chains(np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces]))
+    lengths = _lengths(made)
+    return tuple(replace(one, length=long) for (one, _), long in zip(pieces, lengths, strict=True)), made
+
+
+def _lengths(chains: Chains) -> list[float]:
+    """Of each chain as it is drawn, mm."""
+    if not len(chains.counts):
+        return []
+    steps = np.linalg.norm(np.diff(chains.points, axis=0, prepend=chains.points[:1]), axis=1)
+    first = np.cumsum(chains.counts) - chains.counts
+    steps[first] = 0.0
+    sums: FloatArray = np.add.reduceat(steps, first)
+    return list(map(float, sums.tolist()))
+
+
+def _rows(result: Result) -> tuple[Row, ...]:
+    paths = result.tour.paths
+    lengths, seconds = path_sums(paths)
+    return tuple(
+        Row(
+            id=clean(path.id),
+            layer=clean(path.layer),
+            length=length,
+            feed=length / time if time > 0 else float(path.feed[0]),
+            force=float(path.force.max()),
+            seconds=spent,
+            passes=len(path.depths),
+        )
+        for path, length, time, spent in zip(
+            paths, lengths.tolist(), seconds.tolist(), result.cycle.paths.tolist(), strict=True
+        )
+    )
+
+
+def _facts(result: Result, seconds: float) -> tuple[tuple[str, str], ...]:
+    part, tour = result.part, result.tour
+    work = math.fsum(path_sums(tour.paths)[0].tolist())
+    feeds, force = result.motions.speeds, result.motions.force
+    found = [
+        ("Part", clean(part.source)),
+        ("Units", f"drawn in {clean(part.units)}, shown in mm"),
+        ("Controller", result.post.name),
+        ("Program", clean(result.program.name)),
+        ("Robot", result.reach.robot if result.reach else "not checked: no robot model"),
+        ("Paths", str(len(tour.paths))),
+        ("Work", f"{short(work, 1)} mm"),
+        ("Travel", f"{short(tour.travel, 1)} mm ({tour.method})"),
+        ("Speed", f"{short(feeds[0], 1)} to {short(feeds[1], 1)} mm/s"),
+        ("Force", f"up to {short(force, 2)} N" if force else "none"),
+        ("Time", f"{short(seconds, 1)} s, {short(result.cycle.travel, 1)} s of it travel"),
+        (
+            "Time counts",
+            f"feeds, acceleration, corners, waits{' and joint speeds' if result.reach else ''}; an estimate",
+        ),
+        ("Verified", f"text read back, within {result.deviation.max_mm:.6f} mm"),
+    ]
+    if result.clear and result.where:
+        solid = ["the part"] if part.solid else []
+        names = ["robot", *(body.name for body in (*result.where.bodies, *result.where.standing)), *solid]
+        names += [name for name, _ in result.where.meshes]
+        found.append(
+            ("Collision", f"none, {short(result.clear.clearance, 2)} mm or more apart; tested: {', '.join(names)}")
+        )
+    extents = result.motions.extents
+    if extents:
+        low, high = extents
+        size = " x ".join(short(b - a, 1) for a, b in zip(low, high, strict=True))
+        found.insert(9, ("Extents", f"{size} mm"))
+    return tuple(found)

@@ -1,0 +1,85 @@
+"""Drawings in black and white, to be traced, filled or drilled: the borders of the ink, point by point
+(continuous-path.md, 3).
+
+``camgen.simplify`` makes lines and arcs of them once the size on the page is known.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Image, Job
+from camgen.model.part import Contour, Note, Part, Raster
+from camgen.model.pose import frozen
+from camgen.model.text import short
+from camgen.vision.image import Picture, load
+from camgen.vision.ink import borders, ink_of
+from camgen.vision.to_scale import View, already_to_scale
+
+
+def read(path: Path, job: Job) -> Part:
+    """The ink in the picture ``path``: closed contours of one point per pixel of border, lines between them.
+
+    InputError if the picture has no ink or no scale, JobError for settings that a drawing has no use for.
+    """
+    _nothing_unused(job)
+    picture = load(path)
+    view = _view(picture, job)
+    threshold = job.image.threshold
+    ink = ink_of(picture.pixels, threshold, job.image.invert)
+    if ink is None:
+        what = "has no ink: it is of one grey value" + ("" if threshold is None else f" beside {short(threshold, 1)}")
+        raise InputError(path.name, what, remedy="draw dark on light, or set [image] threshold")
+    found = borders(ink)
+    # Pixel (0, 0) of what was found is the paper around the picture.
+    matrix = np.column_stack([view.work_from_view[:, :2], view.work_from_view @ (-1.0, -1.0, 1.0)])
+    contours = []
+    for k, border in enumerate(found, 1):
+        points = frozen(border @ matrix[:, :2].T + matrix[:, 2])
+        contours.append(Contour(points, frozen(np.zeros(len(points))), True, "0", f"c{k}"))
+    height, width = picture.pixels.shape[:2]
+    mask = ink.pixels.view(np.uint8) * np.uint8(255)
+    grey = np.clip(ink.grey, 0, 255).astype(np.uint8)
+    for array in (mask, grey):
+        array.flags.writeable = False
+    raster = Raster(
+        photo=picture.pixels,
+        framed=frozen([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]]),
+        view=grey,
+        work_from_view=frozen(matrix),
+        mask=mask,
+        borders=tuple(frozen(border) for border in found),
+    )
+    notes = (
+        *picture.notes,
+        *view.notes,
+        Note("assumed", f"ink told from paper by {ink.why}", "image.invert swaps them"),
+    )
+    return Part(path.stem, path.name, f"{short(view.mm_per_px, 5)} mm/px", tuple(contours), notes, raster)
+
+
+def _view(picture: Picture, job: Job) -> View:
+    """To scale; on a page whose scale is not the picture's own a pixel counts as 1 mm until it is laid there."""
+    image = job.image
+    given = image.mm_per_px is not None or image.width_mm is not None
+    if job.page.size and job.page.scale != "true":
+        if given:
+            what = f"page.scale = {job.page.scale} gives the scale"
+            raise JobError(
+                "[image]", f"mm_per_px and width_mm have no effect: {what}", remedy='use page.scale = "true"'
+            )
+        return View(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
+    return already_to_scale(picture, image.mm_per_px, image.width_mm)
+
+
+def _nothing_unused(job: Job) -> None:
+    """JobError for a setting of photos: the user believes that it does something."""
+    default = Image()
+    for key in ("region", "tones", "background", "color", "min_area"):
+        if getattr(job.image, key) != getattr(default, key):
+            remedy = "leave it out; input.min_length drops what is small"
+            what = "has no effect on a drawing that is traced, filled or drilled"
+            raise JobError(f"[image] {key}", what, remedy=remedy)

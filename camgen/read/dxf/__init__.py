@@ -1,0 +1,314 @@
+"""DXF drawings, ASCII and binary, R12 to R2018: the curves of model space as contours.
+
+``docs/inputs/dxf.md`` tells what is used, how ends are joined and what each note means.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import struct
+from collections import Counter
+from io import BytesIO, TextIOWrapper
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.errors import InputError, one_line
+from camgen.model.files import readable
+from camgen.model.job import Input, Job
+from camgen.model.part import Contour, Note, Part
+from camgen.model.text import harmless, short
+from camgen.read import join, units
+from camgen.read.dxf.entities import REPAIRED, Drawn, walk
+from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
+from camgen.read.dxf.layers import NOT_ASKED, layers_of
+from camgen.read.pieces import tally
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
+
+# The bytes of a DXF file as an ezdxf document: strictly first, then tolerantly, with a note on what was wrong.
+
+_BINARY = b"AutoCAD Binary DXF\r\n\x1a\x00"
+_END = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*EOF\b")
+_TAIL = 256
+_SECTION = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*SECTION\b")
+_QUIET = logging.NullHandler()
+_SAVE_AGAIN = "open it in the CAD program and save it again as DXF"
+
+#: ezdxf parses whatever it is given: besides its own errors (which are not all ValueErrors) a damaged file makes it
+#: stumble over missing values in each of these ways.
+_STUMBLES = (
+    ValueError, TypeError, LookupError, StopIteration, AttributeError, ArithmeticError, AssertionError, RecursionError,
+    struct.error, EOFError,
+)  # fmt: skip
+
+
+def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
+    """The document and notes on damage. ``InputError`` if the bytes are no DXF or damaged beyond repair."""
+    # Heavy, and not needed unless a DXF is read.
+    from ezdxf import recover  # noqa: PLC0415
+    from ezdxf.document import Drawing  # noqa: PLC0415
+    from ezdxf.filemanagement import read  # noqa: PLC0415
+    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
+    from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415
+
+    _insist_on_dxf(name, data)
+    # Without a handler of its own ezdxf's warnings would end up on stderr.
+    logging.getLogger("ezdxf").addHandler(_QUIET)
+    notes: list[Note] = []
+    binary = data.startswith(_BINARY)
+    # At the end of most files; what a program has written behind it is rare and costs a look at everything.
+    if not (b"\x00EOF\x00" in data if binary else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)):
+        notes.append(Note("skipped", "the file ends before its end mark", "what would follow is lost"))
+        data = data if binary else _ended(data)
+    try:
+        document = Drawing.load(binary_tags_loader(data)) if binary else read(_text(data))
+        # Damaged OBJECTS cost a document its model space, which shows only when it is asked for.
+        document.modelspace()
+        return document, tuple(notes)
+    except (DXFError, *_STUMBLES) as error:
+        cause = _plain(error)
+        if binary:
+            # The tolerant reader of ezdxf takes text only.
+            raise InputError(name, f"damaged beyond repair: {cause}", "binary DXF", _SAVE_AGAIN) from error
+    try:
+        document, auditor = recover.read(BytesIO(data))
+        document.modelspace()
+    except (DXFError, *_STUMBLES) as error:
+        raise InputError(name, f"damaged beyond repair: {_plain(error)}", "", _SAVE_AGAIN) from error
+    count = len(auditor.fixes) + len(auditor.errors)
+    what = f"the file is damaged and was read tolerantly, {count} faults mended" if count else "the file is damaged"
+    notes.append(Note("repaired", f"{what}: {cause}", f"compare the contours, or {_SAVE_AGAIN}"))
+    return document, tuple(notes)
+
+
+def _insist_on_dxf(name: str, data: bytes) -> None:
+    if not data.strip():
+        raise InputError(name, "the file is empty")
+    if re.match(rb"AC1\d{3}|AC\d\.\d", data):
+        raise InputError(name, "is a DWG drawing", "", "save it as DXF")
+    if not data.startswith(_BINARY) and not _SECTION.search(data):
+        raise InputError(name, "is not a DXF file", "no section in it")
+
+
+def _ended(data: bytes) -> bytes:
+    """A text that is cut short up to its last whole entity, with the marks that close it."""
+    lines = data.splitlines()
+    starts = [i for i in range(0, len(lines), 2) if lines[i].strip() == b"0"]
+    return b"\n".join([*lines[: starts[-1] if starts else 0], b"0", b"ENDSEC", b"0", b"EOF", b""])
+
+
+def _text(data: bytes) -> TextIOWrapper:
+    """The text in the encoding its header names."""
+    from ezdxf.filemanagement import dxf_stream_info  # noqa: PLC0415
+
+    info = dxf_stream_info(TextIOWrapper(BytesIO(data), "utf-8", errors="ignore"))
+    return TextIOWrapper(BytesIO(data), info.encoding, errors="surrogateescape")
+
+
+def _plain(error: Exception) -> str:
+    # An entity without a handle is named by where it lies in memory.
+    text = re.sub(r"\(#\d{9,}\)", "", one_line(str(error))).strip().rstrip(".")
+    if isinstance(error, KeyError):
+        text = f"no entry {text}"
+    return text[:120] if text else type(error).__name__
+
+
+_DEFAULTS = Job()
+#: So many curves out of the plane are named one by one, the rest is counted.
+_NAMED = 5
+#: Layers that every document has, whether the file names them or not.
+_ALWAYS = {"0", "defpoints"}
+
+
+class LayerFacts(Struct, frozen=True):
+    """A layer: name, state ("used", or why not) and how many entities of each kind it has, blocks expanded."""
+
+    name: str
+    state: str
+    counts: tuple[tuple[str, int], ...]
+
+
+class Facts(Struct, frozen=True):
+    """What is in a DXF file; its ``str`` is a page to print.
+
+    closed and open: contours after joining; size: mm; notes as of ``read``.
+    """
+
+    version: str
+    units: str
+    layers: tuple[LayerFacts, ...]
+    counts: tuple[tuple[str, int], ...]
+    closed: int
+    open: int
+    size: tuple[float, float]
+    notes: tuple[Note, ...]
+
+    def __str__(self) -> str:
+        width, height = (short(v, 3) for v in self.size)
+        lines = [
+            f"DXF {self.version}, units {self.units}, used part {width} x {height} mm",
+            f"entities: {_listed(self.counts)}",
+            f"contours: {self.closed} closed, {self.open} open",
+            *(f"layer {layer.name}: {layer.state}; {_listed(layer.counts)}" for layer in self.layers),
+            *map(str, self.notes),
+        ]
+        return "\n".join(lines)
+
+
+class _Read(Struct, frozen=True):
+    version: str
+    units: str
+    drawn: Drawn
+    contours: tuple[Contour, ...]
+    size: tuple[float, float]
+    about_file: tuple[Note, ...]
+    left: tuple[Note, ...]
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        return self.about_file + self.left
+
+
+def read(path: Path, job: Job) -> Part:
+    """The drawing at ``path``, read with ``[input]``; ellipses and splines within ``tolerance.chord``.
+
+    ``InputError`` if it cannot be read or holds nothing to machine, ``JobError`` for unknown units or layers.
+    """
+    return read_bytes(path.name, readable(path), job.input, job.tolerance.chord)
+
+
+def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
+    """``read`` for the bytes of a file called ``name``."""
+    found = _read(name, data, settings, chord)
+    if not found.contours:
+        damage = [n.what for n in found.about_file if n.kind in {"repaired", "skipped", "warning"}]
+        left = "; ".join([*damage, *(f"{n.what}: {n.why}" for n in found.left)])
+        raise InputError(name, "nothing to machine", left or "the drawing is empty", "draw curves on a visible layer")
+    return Part(Path(name).stem, name, found.units, found.contours, found.notes)
+
+
+def inspect(path: Path, job: Job = _DEFAULTS) -> Facts:
+    """What is in the file at ``path``. ``InputError`` if it cannot be read, ``JobError`` as for ``read``."""
+    found = _read(path.name, readable(path), job.input, job.tolerance.chord)
+    drawn = found.drawn
+    kinds: Counter[str] = Counter()
+    by_layer: dict[str, Counter[str]] = {name: Counter() for name in drawn.layers.names}
+    for (kind, layer), count in drawn.met.items():
+        kinds[kind] += count
+        by_layer.setdefault(layer.casefold(), Counter())[kind] += count
+    layers = tuple(
+        LayerFacts(harmless(drawn.layers.names[key]), drawn.layers.why_not(drawn.layers.names[key]) or "used", counts)
+        for key, counts in ((key, tuple(sorted(by_layer[key].items()))) for key in sorted(by_layer))
+        if counts or key not in _ALWAYS
+    )
+    closed = sum(c.closed for c in found.contours)
+    return Facts(
+        version=found.version,
+        units=found.units,
+        layers=layers,
+        counts=tuple(sorted(kinds.items())),
+        closed=closed,
+        open=len(found.contours) - closed,
+        size=found.size,
+        notes=found.notes,
+    )
+
+
+def _read(name: str, data: bytes, settings: Input, chord: float) -> _Read:
+    document, notes = load(name, data)
+    version = f"{document.dxfversion} ({document.acad_release})"
+    unit, scale, unit_notes = units.resolve(name, settings.units, *_stated(document, data))
+    layers = layers_of(document, settings.layers)
+    # Damaged files hold infinities; what comes of them is found and told by name.
+    with np.errstate(invalid="ignore", over="ignore"):
+        drawn = walk(name, document, scale, layers)
+        layers.check(name)
+        # The document is the largest thing in memory and no longer needed.
+        del document
+        flat = flatten(drawn, chord)
+        contours, join_notes = join.contours(flat.soup, settings.join)
+    size = _size(contours)
+    doubts = units.doubts(*size, unit) if contours and settings.units.strip().lower() == "auto" else ()
+    left = (*_left(drawn), *_not_flat(drawn, flat), *_taken(drawn, flat), *join_notes)
+    return _Read(version, unit, drawn, contours, size, (*notes, *unit_notes, *doubts), left)
+
+
+def _stated(document: Drawing, data: bytes) -> tuple[int, int | None]:
+    """$INSUNITS (0: none) and $MEASUREMENT of the header, None if there is none.
+
+    ezdxf fills a header that is missing with defaults (metres), hence the look at the bytes.
+    """
+    insunits, measurement = (
+        int(document.header.get(key, 0)) if key.encode() in data else None for key in ("$INSUNITS", "$MEASUREMENT")
+    )
+    return insunits or 0, measurement
+
+
+def _size(contours: tuple[Contour, ...]) -> tuple[float, float]:
+    """Width and height over the points of all contours, mm."""
+    if not contours:
+        return 0.0, 0.0
+    points = np.concatenate([c.points for c in contours])
+    width, height = np.ptp(points, axis=0).tolist()
+    return width, height
+
+
+def _listed(counts: tuple[tuple[str, int], ...]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in counts) or "none"
+
+
+def _counted(counts: Counter[tuple[str, str]]) -> str:
+    return tally([kind for kind, _ in counts.elements()], [layer for _, layer in counts])
+
+
+def _left(drawn: Drawn) -> list[Note]:
+    """One note per reason for which entities were not used."""
+    notes = []
+    for why, counts in drawn.left.items():
+        if why == NOT_ASKED:
+            notes.append(Note("assumed", f"not used: {_counted(counts)}", why))
+        elif why in REPAIRED:
+            notes.append(Note("repaired", f"dropped: {_counted(counts)}", why))
+        else:
+            notes.append(Note("skipped", _counted(counts), why))
+    return notes
+
+
+def _not_flat(drawn: Drawn, flat: Flat) -> list[Note]:
+    """Notes on curves that leave the plane, by name, and on those whose numbers make no curve."""
+    notes = []
+    if flat.damaged:
+        what = tally([drawn.kind[i] for i in flat.damaged], [drawn.layer[i] for i in flat.damaged])
+        notes.append(Note("skipped", what, "damaged numbers"))
+    if flat.tilted:
+        named = [
+            f"{drawn.kind[i]} #{harmless(drawn.handle[i])} on layer {harmless(drawn.layer[i])} leaves the plane by "
+            f"{short(height, 3)} mm"
+            for i, height in sorted(flat.tilted.items())[:_NAMED]
+        ]
+        more = len(flat.tilted) - len(named)
+        what = "; ".join(named) + (f"; and {more} more" if more else "")
+        notes.append(Note("skipped", what, "curves must be flat and parallel to the XY plane; nothing is projected"))
+    return notes
+
+
+def _taken(drawn: Drawn, flat: Flat) -> list[Note]:
+    """Notes on what was taken for something simpler: heights, thickness, widths."""
+    notes = []
+    heights = flat.heights[np.isfinite(flat.heights)]
+    low, high = float(heights.min(initial=0.0)), float(heights.max(initial=0.0))
+    if max(-low, high) > FLAT_MM:
+        low, high = float(heights.min()), float(heights.max())
+        at = short(low, 3) if high - low <= FLAT_MM else f"{short(low, 3)} to {short(high, 3)}"
+        notes.append(Note("assumed", f"curves drawn at z = {at} mm", "taken as lying in the work plane"))
+    if drawn.flattened:
+        notes.append(Note("assumed", f"with thickness: {_counted(drawn.flattened)}", "the curve itself is used"))
+    if drawn.widths:
+        notes.append(Note("assumed", f"with width: {_counted(drawn.widths)}", "the centre line is used"))
+    return notes

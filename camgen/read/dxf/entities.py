@@ -1,0 +1,346 @@
+"""The walk through a drawing: which entities are drawn where, as plain numbers in columns.
+
+Blocks are expanded here and not by ezdxf: every entity keeps its own numbers and gets the index of the matrix that
+takes them into the work plane (block references, arrays and extrusion vectors multiplied out, mm). The arithmetic is
+then done once for all entities in ``dxf_flat``.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from msgspec import Struct, field
+
+from camgen.model.errors import InputError
+from camgen.model.pose import FloatArray
+from camgen.read.dxf.layers import FROZEN, Layers
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
+
+# Where a block reference puts its block: object coordinates, scales, arrays; and when it cannot be used.
+
+#: An array with more cells is a mistake or an attack.
+MOST_CELLS = 3_000_000
+
+
+def ocs_matrix(extrusion: tuple[float, float, float]) -> FloatArray:
+    """4 x 4 from the object to the world coordinate system, by the arbitrary axis algorithm of the DXF reference."""
+    z = np.array(extrusion)
+    size = float(np.linalg.norm(z))
+    if not 0 < size < math.inf:
+        return np.eye(4)
+    z /= size
+    x = np.cross((0.0, 1.0, 0.0) if abs(z[0]) < 1 / 64 and abs(z[1]) < 1 / 64 else (0.0, 0.0, 1.0), z)
+    x /= np.linalg.norm(x)
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = x, np.cross(z, x), z
+    return matrix
+
+
+def unusable(entity: Any, block: Any, a: dict[str, Any], around: tuple[str, ...]) -> str:
+    """Why the reference ``entity`` to ``block`` cannot be used, "" if it can. around: blocks it stands in."""
+    if block is None:
+        return "its block is missing"
+    if block.block_record.is_xref:
+        return "an external reference, not in this file"
+    if str(a.get("name")).casefold() in around:
+        return "its block contains itself"
+    if not (a.get("xscale", 1.0) and a.get("yscale", 1.0)):
+        return "scaled to nothing"
+    if entity.has_extension_dict and _clipped(entity):
+        return "clipped (XCLIP), which cannot be honoured; explode it"
+    return ""
+
+
+def _clipped(entity: Any) -> bool:
+    from ezdxf.xclip import XClip  # noqa: PLC0415 - rare
+
+    clip = XClip(entity)
+    return bool(clip.has_clipping_path and clip.is_clipping_enabled)
+
+
+def cells(name: str, a: dict[str, Any], base: tuple[float, float, float]) -> Iterable[FloatArray]:
+    """World from block (4 x 4) for each cell of the array of a reference with attributes ``a``.
+
+    base: base point of the block. The array is turned with the reference but not scaled.
+    """
+    ocs = ocs_matrix(a["extrusion"].xyz) if "extrusion" in a else np.eye(4)
+    turn = math.radians(a.get("rotation", 0.0))
+    rotation = np.eye(4)
+    rotation[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+    # Some writers leave 0 for z in a flat drawing; heights are judged later and must not be hidden by it.
+    scale = np.diag([a.get("xscale", 1.0), a.get("yscale", 1.0), a.get("zscale", 1.0) or 1.0, 1.0])
+    scale[:3, 3] = scale[:3, :3] @ -np.array(base)
+    columns, rows = max(1, a.get("column_count", 1)), max(1, a.get("row_count", 1))
+    if columns * rows > MOST_CELLS:
+        raise InputError(name, f"a block array of {columns} x {rows}", "INSERT", "explode or thin it")
+    dx, dy = a.get("column_spacing", 0.0), a.get("row_spacing", 0.0)
+    at = a["insert"].xyz if "insert" in a else (0.0, 0.0, 0.0)
+    for row in range(rows if dy else 1):
+        for column in range(columns if dx else 1):
+            step = rotation[:3, :3] @ (column * dx, row * dy, 0.0)
+            place = np.eye(4)
+            place[:3, 3] = step + at
+            yield ocs @ place @ rotation @ scale
+
+
+#: Nested block arrays multiply: beyond this many entities a drawing is a mistake or an attack.
+MOST_ENTITIES = 3_000_000
+
+_NO_CURVE = "not a kind of curve that is machined"
+_DAMAGED = "damaged numbers"
+_NO_RADIUS = "radius not positive"
+#: Reasons for which nothing is lost that could have been machined.
+REPAIRED: Final = frozenset({_NO_RADIUS})
+
+_UP = (0.0, 0.0, 1.0)
+Attributes = dict[str, Any]
+
+
+class Smooth(Struct, frozen=True):
+    """An ellipse (center, two half axes as control rows; start and end parameter) or a spline, in its own frame."""
+
+    control: FloatArray
+    knots: FloatArray
+    degree: int
+    weights: FloatArray | None
+
+
+class Drawn(Struct, eq=False):
+    """Columns, filled by the walk. Owner numbers count the pieces in drawing order and index ``matrix`` etc.
+
+    lines: x, y, z of start and end. arcs: center x, y, z, radius, start and sweep in degrees. outlines: rows x, y, z,
+    bulge. matrices: 4 x 4, from the numbers of an entity to mm in the work frame. left: why -> (kind, layer) -> count.
+    """
+
+    matrices: list[FloatArray]
+    layers: Layers
+    matrix: list[int] = field(default_factory=list)
+    layer: list[str] = field(default_factory=list)
+    kind: list[str] = field(default_factory=list)
+    closed: list[bool] = field(default_factory=list)
+    handle: list[str] = field(default_factory=list)
+    lines: array[float] = field(default_factory=lambda: array("d"))
+    line_owner: list[int] = field(default_factory=list)
+    arcs: array[float] = field(default_factory=lambda: array("d"))
+    arc_owner: list[int] = field(default_factory=list)
+    outlines: list[FloatArray] = field(default_factory=list)
+    outline_owner: list[int] = field(default_factory=list)
+    smooth: list[Smooth] = field(default_factory=list)
+    smooth_owner: list[int] = field(default_factory=list)
+    left: dict[str, Counter[tuple[str, str]]] = field(default_factory=dict)
+    flattened: Counter[tuple[str, str]] = field(default_factory=Counter)
+    widths: Counter[tuple[str, str]] = field(default_factory=Counter)
+    met: Counter[tuple[str, str]] = field(default_factory=Counter)
+
+    def leave(self, why: str, kind: str, layer: str) -> None:
+        """Count an entity that is not used."""
+        self.left.setdefault(why, Counter())[kind, layer] += 1
+
+    def own(self, place: _Place, kind: str, layer: str, closed: bool, attributes: Attributes, ocs: bool) -> int:
+        """A new piece; returns its owner number."""
+        self.matrix.append(place.in_ocs(self, attributes.get("extrusion")) if ocs else place.index)
+        self.layer.append(layer)
+        self.kind.append(kind)
+        self.closed.append(closed)
+        self.handle.append(attributes.get("handle") or "?")
+        if attributes.get("thickness"):
+            self.flattened[kind, layer] += 1
+        return len(self.matrix) - 1
+
+
+class _Place(Struct, eq=False):
+    """Where a block is put: its matrix, the layer that its layer 0 stands for, and the blocks around it."""
+
+    index: int
+    layer: str
+    blocks: tuple[str, ...] = ()
+    by_extrusion: dict[tuple[float, float, float], int] = field(default_factory=dict)
+
+    def in_ocs(self, drawn: Drawn, extrusion: Any) -> int:
+        """Index of the matrix for numbers in the object coordinate system of ``extrusion``."""
+        if extrusion is None:
+            return self.index
+        key = extrusion.xyz
+        if key == _UP:
+            return self.index
+        if key not in self.by_extrusion:
+            drawn.matrices.append(drawn.matrices[self.index] @ ocs_matrix(key))
+            self.by_extrusion[key] = len(drawn.matrices) - 1
+        return self.by_extrusion[key]
+
+
+def walk(name: str, document: Drawing, scale: float, layers: Layers) -> Drawn:
+    """All entities of model space with blocks expanded. scale: mm per drawing unit. ``InputError`` if too many."""
+    drawn = Drawn([np.diag([scale, scale, scale, 1.0])], layers)
+    _entities(name, drawn, document.modelspace(), _Place(0, ""))
+    for layout in document.layouts:
+        if layout.is_any_paperspace:
+            for entity in layout:
+                if entity.dxftype() != "VIEWPORT":
+                    drawn.leave("in paper space", entity.dxftype(), entity.dxfattribs().get("layer", "0"))
+    return drawn
+
+
+def _entities(name: str, drawn: Drawn, entities: Iterable[Any], place: _Place) -> None:
+    for entity in entities:
+        kind = entity.dxftype()
+        attributes = entity.dxfattribs()
+        layer = attributes.get("layer", "0")
+        if place.layer and layer == "0":
+            layer = place.layer
+        drawn.met[kind, layer] += 1
+        if len(drawn.matrix) > MOST_ENTITIES:
+            raise InputError(name, f"blocks expand to more than {MOST_ENTITIES} curves", "", "explode or thin them")
+        why = drawn.layers.why_not(layer)
+        if attributes.get("invisible"):
+            drawn.leave("invisible", kind, layer)
+        elif kind == "INSERT":
+            # An off layer hides only what lies on it, a frozen one the whole reference.
+            if why == FROZEN:
+                drawn.leave(why, kind, layer)
+            else:
+                _insert(name, drawn, entity, attributes, layer, place)
+        elif kind not in _KINDS:
+            drawn.leave(why or _NO_CURVE, kind, layer)
+        elif why:
+            drawn.leave(why, kind, layer)
+        else:
+            why = _KINDS[kind](drawn, entity, attributes, layer, place)
+            if why:
+                drawn.leave(why, kind, layer)
+
+
+def _line(drawn: Drawn, _: Any, a: Attributes, layer: str, place: _Place) -> str:
+    start, end = a.get("start"), a.get("end")
+    if start is None or end is None:
+        return _DAMAGED
+    drawn.line_owner.append(drawn.own(place, "LINE", layer, False, a, ocs=False))
+    drawn.lines.extend(start.xyz)
+    drawn.lines.extend(end.xyz)
+    return ""
+
+
+def _arc(drawn: Drawn, _: Any, a: Attributes, layer: str, place: _Place) -> str:
+    return _round(drawn, "ARC", a, layer, place, (a.get("start_angle", 0.0), a.get("end_angle", 360.0)))
+
+
+def _circle(drawn: Drawn, _: Any, a: Attributes, layer: str, place: _Place) -> str:
+    return _round(drawn, "CIRCLE", a, layer, place, (0.0, 360.0))
+
+
+def _round(drawn: Drawn, kind: str, a: Attributes, layer: str, place: _Place, angles: tuple[float, float]) -> str:
+    center, radius = a.get("center"), a.get("radius", 1.0)
+    if center is None or not all(map(math.isfinite, (radius, *angles))):
+        return _DAMAGED
+    if radius <= 0:
+        return _NO_RADIUS
+    drawn.arc_owner.append(drawn.own(place, kind, layer, kind == "CIRCLE", a, ocs=True))
+    drawn.arcs.extend(center.xyz)
+    drawn.arcs.extend((radius, angles[0], sweep(*angles, 360.0)))
+    return ""
+
+
+def sweep(start: float, end: float, turn: float) -> float:
+    """Counter-clockwise from ``start`` to ``end``: a full turn if they differ by whole turns, 0 only if equal."""
+    if start == end:
+        return 0.0
+    return (end - start) % turn or turn
+
+
+def _lwpolyline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+    rows = entity.lwpoints.values
+    if not len(rows):
+        return _DAMAGED
+    flags = a.get("flags", 0)
+    owner = drawn.own(place, "LWPOLYLINE", layer, bool(flags & 1), a, ocs=True)
+    outline = np.empty((len(rows), 4))
+    outline[:, :2], outline[:, 2], outline[:, 3] = rows[:, :2], a.get("elevation", 0.0), rows[:, 4]
+    drawn.outlines.append(outline)
+    drawn.outline_owner.append(owner)
+    if a.get("const_width") or rows[:, 2:4].any():
+        drawn.widths["LWPOLYLINE", layer] += 1
+    return ""
+
+
+def _polyline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+    flags = a.get("flags", 0)
+    if flags & 0x50:
+        return "a mesh"
+    # Vertices of a spline's frame (16) are there to edit it; what is drawn are the others.
+    rows = [v.dxfattribs() for v in entity.vertices]
+    rows = [v for v in rows if not v.get("flags", 0) & 16 and v.get("location") is not None]
+    if not rows:
+        return _DAMAGED
+    outline = np.array([(*v["location"].xyz, v.get("bulge", 0.0)) for v in rows], dtype=np.float64)
+    flat = not flags & 8
+    if flat:
+        elevation = a.get("elevation")
+        outline[:, 2] = elevation.z if elevation is not None else outline[0, 2]
+    else:
+        outline[:, 3] = 0.0
+    kind = "POLYLINE" if flat else "3-D POLYLINE"
+    drawn.outline_owner.append(drawn.own(place, kind, layer, bool(flags & 1), a, ocs=flat))
+    drawn.outlines.append(outline)
+    if flat and (a.get("default_start_width") or a.get("default_end_width")):
+        drawn.widths[kind, layer] += 1
+    return ""
+
+
+def _ellipse(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+    major, ratio = entity.dxf.major_axis, entity.dxf.ratio
+    start, end = a.get("start_param", 0.0), a.get("end_param", math.tau)
+    if not all(map(math.isfinite, (*major.xyz, ratio, start, end))) or not major or not ratio:
+        return _DAMAGED
+    axes = np.array([entity.dxf.center.xyz, major.xyz, entity.minor_axis.xyz])
+    params = np.array([start, start + sweep(start, end, math.tau)])
+    drawn.smooth_owner.append(drawn.own(place, "ELLIPSE", layer, False, a, ocs=False))
+    drawn.smooth.append(Smooth(axes, params, 0, None))
+    return ""
+
+
+def _spline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+    # ezdxf raises ValueError for counts that do not fit and for too few points, ZeroDivisionError for equal ones.
+    try:
+        tool = entity.construction_tool()
+    except (ValueError, ArithmeticError, IndexError):
+        return "no spline can be made of its points and knots"
+    control = np.array([p.xyz for p in tool.control_points])
+    weights = np.array(tool.weights()) if tool.is_rational else None
+    drawn.smooth_owner.append(drawn.own(place, "SPLINE", layer, False, a, ocs=False))
+    drawn.smooth.append(Smooth(control, np.array(tool.knots()), tool.degree, weights))
+    return ""
+
+
+_KINDS: dict[str, Callable[[Drawn, Any, Attributes, str, _Place], str]] = {
+    "LINE": _line,
+    "ARC": _arc,
+    "CIRCLE": _circle,
+    "LWPOLYLINE": _lwpolyline,
+    "POLYLINE": _polyline,
+    "ELLIPSE": _ellipse,
+    "SPLINE": _spline,
+}
+
+
+def _insert(name: str, drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> None:
+    """The block's entities, once per cell of the array."""
+    for attrib in entity.attribs:
+        drawn.leave(_NO_CURVE, "ATTRIB", attrib.dxfattribs().get("layer", "0"))
+    block = entity.block()
+    why = unusable(entity, block, a, place.blocks)
+    if why:
+        drawn.leave(why, "INSERT", layer)
+        return
+    base = block.block.dxf.base_point.xyz
+    blocks = (*place.blocks, str(a.get("name")).casefold())
+    for matrix in cells(name, a, base):
+        drawn.matrices.append(drawn.matrices[place.index] @ matrix)
+        _entities(name, drawn, block, _Place(len(drawn.matrices) - 1, layer, blocks))

@@ -1,0 +1,65 @@
+"""Which layers of a drawing are used: their state in the file and the globs of the job."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
+
+from camgen.model.errors import JobError
+from camgen.model.text import harmless
+
+if TYPE_CHECKING:
+    from ezdxf.document import Drawing
+
+
+OFF, FROZEN, NOT_ASKED = "the layer is off", "the layer is frozen", "left out by input.layers"
+
+
+class Layers(Struct):
+    """States by folded name (CAD ignores case), and the verdicts reached so far. ``met`` grows while reading."""
+
+    names: dict[str, str]
+    states: dict[str, str]
+    globs: tuple[str, ...]
+    verdicts: dict[str, str] = field(default_factory=dict)
+
+    def why_not(self, layer: str) -> str:
+        """Why curves on ``layer`` are not used, "" if they are."""
+        verdict = self.verdicts.get(layer)
+        if verdict is None:
+            folded = layer.casefold()
+            self.names.setdefault(folded, layer)
+            verdict = self.states.get(folded, "")
+            if not verdict and not self._asked(folded):
+                verdict = NOT_ASKED
+            self.verdicts[layer] = verdict
+        return verdict
+
+    def _asked(self, folded: str) -> bool:
+        wanted = [g for g in self.globs if not g.startswith("!")] or ["*"]
+        unwanted = [g[1:] for g in self.globs if g.startswith("!")]
+        return any(fnmatchcase(folded, g) for g in wanted) and not any(fnmatchcase(folded, g) for g in unwanted)
+
+    def check(self, file: str) -> None:
+        """``JobError`` for a glob that fits no layer: a slip of the pen would machine too much or too little."""
+        for glob in self.globs:
+            pattern = glob.removeprefix("!")
+            if pattern != "*" and not any(fnmatchcase(name, pattern) for name in self.names):
+                there = ", ".join(harmless(n) for n in sorted(self.names.values())[:20])
+                raise JobError(file, f"no layer fits {harmless(glob)!r}", "input.layers", f"there are {there}")
+
+
+def layers_of(document: Drawing, globs: Iterable[str]) -> Layers:
+    """The layer table of the document with the globs of the job."""
+    names, states = {}, {}
+    for layer in document.layers:
+        name = str(layer.dxf.name)
+        names[name.casefold()] = name
+        if layer.is_frozen():
+            states[name.casefold()] = FROZEN
+        elif layer.is_off():
+            states[name.casefold()] = OFF
+    return Layers(names, states, tuple(g.strip().casefold() for g in globs))

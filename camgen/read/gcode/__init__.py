@@ -1,0 +1,107 @@
+"""Old G-code as an input: its motions, outputs and waits, to be replayed by another machine (docs/inputs/gcode.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.model.errors import InputError
+from camgen.model.job import Job
+from camgen.model.part import Note
+from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.model.text import short
+from camgen.read.gcode.arcs import LINUXCNC
+from camgen.read.gcode.interpreter import Recorded, Run, interpret
+
+SUFFIXES = (".nc", ".ngc", ".gcode", ".tap")
+
+
+class Facts(Struct, frozen=True):
+    """What is in a program; its ``str`` is a page to print. low, high: the corners of its motions at feed, mm."""
+
+    lines: int
+    units: str
+    counts: dict[str, int]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    feeds: tuple[float, float]
+    signals: tuple[str, ...]
+    notes: tuple[Note, ...]
+    stopped: str
+
+    def __str__(self) -> str:
+        counts = ", ".join(f"{n} {name}" for name, n in self.counts.items())
+        spans = zip("xyz", self.low, self.high, strict=False)
+        rows = [
+            f"G-code of {self.lines} lines, units {self.units}",
+            f"does: {counts}",
+            *(
+                ["work: " + ", ".join(f"{a} {short(b, 3)} to {short(c, 3)}" for a, b, c in spans) + " mm"]
+                if self.low
+                else []
+            ),
+            *([f"feeds: {short(self.feeds[0], 3)} to {short(self.feeds[1], 3)} mm/s"] if self.low else []),
+            *([f"outputs: {', '.join(self.signals)}"] if self.signals else []),
+            *map(str, self.notes),
+            *([f"cannot be replayed: {self.stopped}"] if self.stopped else []),
+        ]
+        return "\n".join(rows)
+
+
+def read(path: Path, job: Job) -> Recorded:
+    """The program in ``path``. InputError for a line that is not replayed, and for a program without a motion."""
+    run = interpret(_lines(path), replace(LINUXCNC, helix=job.tolerance.chord))
+    if run.stopped:
+        line, what = run.stopped
+        raise InputError(path.name, what, f"line {line}", "mend the line, or build from the drawing")
+    if not any(isinstance(item, (MoveL, MoveC)) for item in run.body):
+        raise InputError(
+            path.name, "holds no motion at feed (G1, G2, G3 or a cycle)", remedy="give a program that cuts"
+        )
+    return Recorded(name=path.stem, source=path.name, units=run.units, contours=(), notes=_notes(run), run=run)
+
+
+def inspect(path: Path, job: Job) -> Facts:
+    """What is in the program in ``path``, also where it cannot be replayed to its end. InputError if it is no text."""
+    lines = _lines(path)
+    run = interpret(lines, replace(LINUXCNC, helix=job.tolerance.chord))
+    columns = Columns(run.body)
+    working = ~columns.moves_are(MoveJ)
+    points = np.concatenate([columns.ends[working], columns.vias[working]]) if working.any() else np.zeros((0, 3))
+    points = points[~np.isnan(points).any(axis=1)]
+    speeds = columns.speed[working]
+    names: dict[type[Instruction], str] = {
+        MoveJ: "rapid motions", MoveL: "lines", MoveC: "arcs", Output: "outputs", Wait: "waits"
+    }  # fmt: skip
+    return Facts(
+        lines=len(lines) - (lines[-1] == ""),
+        units=run.units,
+        counts={name: int(columns.are(kind).sum()) for kind, name in names.items()},
+        low=tuple(points.min(axis=0).tolist()) if len(points) else (),
+        high=tuple(points.max(axis=0).tolist()) if len(points) else (),
+        feeds=(float(speeds.min()), float(speeds.max())) if len(speeds) else (0.0, 0.0),
+        signals=tuple(dict.fromkeys(item.signal for item in columns.of(Output))),
+        notes=_notes(run),
+        stopped=f"line {run.stopped[0]}: {run.stopped[1]}" if run.stopped else "",
+    )
+
+
+def _notes(run: Run) -> tuple[Note, ...]:
+    notes = tuple(replace(note, what=f"line {line}: {note.what}") for line, note in run.remarks)
+    if run.ended or run.stopped:
+        return notes
+    return (*notes, Note("assumed", "the program ends with its file", "neither M2 nor M30 stands in it"))
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(path.name, f"cannot be read: {error.strerror}") from error
+    if not data.strip() or b"\0" in data:
+        raise InputError(path.name, "is empty" if not data.strip() else "is not a text", remedy="give a G-code program")
+    # Comments may hold any byte; nothing else in a program does, so each byte is a character.
+    return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")

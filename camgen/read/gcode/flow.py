@@ -1,0 +1,203 @@
+"""O-words: which line opens what, and where it ends. Found once, before anything runs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from msgspec import Struct, field
+
+from camgen.read.gcode.words import Parameters, Wrong, bare, value_at
+
+_START = re.compile(r"[ \t]*/?[ \t]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO]")
+_OWORD = re.compile(
+    r"o(?:<([^<>]*)>|([0-9]+))"
+    r"(sub|endsub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break|continue)?(.*)"
+)
+#: What closes, or goes on with, what.
+_CLOSES = {"endsub": "sub", "endif": "if", "endwhile": "while", "endrepeat": "repeat"}
+
+
+class Block(Struct):
+    """One O-word. word: what it does. rest: the text after it. places: lines (from 0) of the parts of its structure,
+    first to last: sub and endsub; if, elseif, else, endif; while and endwhile; do and while; repeat and endrepeat.
+    """
+
+    label: str
+    word: str
+    rest: str
+    places: list[int] = field(default_factory=list)
+
+
+class Blocks(Struct):
+    """at: the O-words by line, from 0. subs: the line of each sub by its label."""
+
+    at: dict[int, Block]
+    subs: dict[str, int]
+
+
+def blocks(lines: Sequence[str]) -> Blocks:
+    """The O-words of a program. Raises Wrong with ``line`` (1-based) in its arguments."""
+    found = Blocks({}, {})
+    opened: list[Block] = []
+    for number, raw in enumerate(lines):
+        if ("o" in raw or "O" in raw) and _START.match(raw):
+            try:
+                _enter(found, opened, number, raw)
+            except Wrong as wrong:
+                raise Wrong(str(wrong), number + 1) from wrong
+    if opened:
+        block = opened[-1]
+        raise Wrong(f"o{block.label} {block.word} has no end", block.places[0] + 1)
+    return found
+
+
+def _enter(found: Blocks, opened: list[Block], number: int, raw: str) -> None:
+    text = bare(raw)
+    match = _OWORD.fullmatch(text)
+    if not match:
+        raise Wrong(f"cannot read the O-word {text[:16]!r}")
+    name, digits, word, rest = match.groups()
+    block = Block(f"<{name}>" if name is not None else str(int(digits)), word or "", rest)
+    found.at[number] = block
+    top = opened[-1] if opened else None
+    if word == "while" and top and top.word == "do" and top.label == block.label:
+        block.places = top.places
+        block.word = "until"
+        block.places.append(number)
+        opened.pop()
+    elif word in ("sub", "if", "while", "do", "repeat"):
+        block.places = [number]
+        opened.append(block)
+        if word == "sub":
+            if block.label in found.subs:
+                raise Wrong(f"o{block.label} sub is there twice")
+            found.subs[block.label] = number
+    elif word in ("elseif", "else") or word in _CLOSES:
+        _go_on(opened, block, number, _CLOSES.get(word, "if"))
+    elif word in ("break", "continue"):
+        loop = [b for b in opened if b.label == block.label and b.word in ("while", "do", "repeat")]
+        if not loop:
+            raise Wrong(f"o{block.label} {word} stands in no such loop")
+        block.places = loop[-1].places
+
+
+def _go_on(opened: list[Block], block: Block, number: int, opener: str) -> None:
+    top = opened[-1] if opened else None
+    if top is None or top.word != opener or top.label not in (block.label, ""):
+        inside = f"; o{top.label} {top.word} is open" if top else ""
+        raise Wrong(f"o{block.label} {block.word} has no {opener} before it{inside}")
+    block.places = top.places
+    block.places.append(number)
+    if block.word in _CLOSES:
+        opened.pop()
+
+
+# Where a program goes next: subroutines, branches and loops. Bounded, so that no program keeps it for ever.
+
+#: Subroutines in subroutines, as LinuxCNC allows.
+_LEVELS = 10
+_MOST_ARGUMENTS = 30
+
+
+class _Call(Struct):
+    """A subroutine that runs: where it was called from, and what belonged to the caller."""
+
+    back: int
+    own: dict[int, float]
+    named: dict[str, float]
+    counts: dict[int, int]
+
+
+class Flow(Struct):
+    """calls: the subroutines that run. counts: rounds left of the repeats that run, by their line."""
+
+    blocks: Blocks
+    known: Parameters
+    calls: list[_Call] = field(default_factory=list)
+    counts: dict[int, int] = field(default_factory=dict)
+
+    def after(self, at: int, block: Block) -> int:
+        """The line (from 0) that runs after the O-word of line ``at``."""
+        match block.word:
+            case "call":
+                return self._call(at, block)
+            case "endsub" | "return":
+                return self._return(block)
+            case "if":
+                return self._branch(block)
+            case "sub" | "elseif" | "else":
+                return block.places[-1] + 1  # a definition, or a branch after one that has run
+            case "repeat" | "endrepeat":
+                return self._repeat(at, block)
+            case "while" | "endwhile" | "until" | "break" | "continue":
+                return self._loop(at, block)
+        return at + 1  # do, endif, or a program number
+
+    def _loop(self, at: int, block: Block) -> int:
+        first, last = block.places[0], block.places[-1]
+        match block.word:
+            case "while":
+                return at + 1 if self._holds(block) else last + 1
+            case "until":
+                return first + 1 if self._holds(block) else last + 1
+            case "break":
+                self.counts.pop(first, None)
+                return last + 1
+            case "continue":
+                return first if self.blocks.at[first].word == "while" else last
+        return first  # endwhile
+
+    def _holds(self, block: Block) -> bool:
+        return bool(self._values(block, 1)[0])
+
+    def _values(self, block: Block, count: int) -> list[float]:
+        """The bracketed expressions after the word."""
+        at, text = 0, block.rest
+        values: list[float] = []
+        while text[at : at + 1] == "[" and len(values) < count:
+            value, at = value_at(text, at, self.known)
+            values.append(value)
+        if at < len(text):
+            raise Wrong(f"cannot read {text[at : at + 12]!r} after o{block.label} {block.word}")
+        if count == 1 and not values:
+            raise Wrong(f"o{block.label} {block.word} without its condition or number")
+        return values
+
+    def _branch(self, block: Block) -> int:
+        """After the first branch of an if whose condition holds."""
+        for place in block.places:
+            one = self.blocks.at[place]
+            if one.word in ("else", "endif") or self._holds(one):
+                return place + 1
+        return block.places[-1] + 1
+
+    def _repeat(self, at: int, block: Block) -> int:
+        first = block.places[0]
+        left = int(self._values(block, 1)[0]) if block.word == "repeat" else self.counts.get(first, 1) - 1
+        if left > 0:
+            self.counts[first] = left
+            return first + 1
+        self.counts.pop(first, None)
+        return block.places[-1] + 1 if block.word == "repeat" else at + 1
+
+    def _call(self, at: int, block: Block) -> int:
+        if block.label not in self.blocks.subs:
+            raise Wrong(f"o{block.label} call: the subroutine is not in this file")
+        if len(self.calls) >= _LEVELS:
+            raise Wrong(f"o{block.label} call: more than {_LEVELS} subroutines in each other")
+        values = self._values(block, _MOST_ARGUMENTS)
+        self.calls.append(_Call(at + 1, self.known.own, self.known.named, self.counts))
+        self.known.own = dict(enumerate(values, 1))
+        self.known.named, self.counts = {}, {}
+        return self.blocks.subs[block.label] + 1
+
+    def _return(self, block: Block) -> int:
+        values = self._values(block, 2)
+        if not self.calls:
+            raise Wrong(f"o{block.label} {block.word} outside a subroutine that was called")
+        call = self.calls.pop()
+        self.known.own, self.known.named, self.counts = call.own, call.named, call.counts
+        self.known.shared["_value"] = values[0] if values else 0.0
+        self.known.shared["_value_returned"] = float(bool(values))
+        return call.back

@@ -1,0 +1,348 @@
+"""How the interpreter stops."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+
+class Wrong(Exception):
+    """A line that cannot be right, or cannot be read; its text names the word and the reason."""
+
+
+class Unread(Wrong):
+    """A line that may be right, but that the reader does not know."""
+
+
+# Numbers, parameters and expressions of LinuxCNC, as its manual's overview defines them. Angles in degrees.
+
+_OPERATOR = re.compile(r"\*\*|[*/+-]|mod|eq|ne|gt|ge|lt|le|and|or|xor")
+_FUNCTION = re.compile(r"abs|acos|asin|atan|cos|exists|exp|fix|fup|ln|round|sin|sqrt|tan")
+_NAME = re.compile(r"#<([^<>]*)>")
+#: Numbers that differ by less are equal to EQ and NE, as in LinuxCNC.
+_EQUAL = 1e-4
+#: Deeper nesting is not meant.
+_DEEP = 60
+#: #1 to #30 belong to a subroutine, up to #5000 to the program, beyond to the machine.
+LOCALS, GLOBALS = 30, 5000
+_MOST_GLOBALS = 100_000
+
+
+@dataclass(slots=True)
+class Parameters:
+    """Values by number and by name. machine: tells those that the state of the machine decides, by number or name."""
+
+    machine: Callable[[str], float | None]
+    numbered: dict[int, float] = field(default_factory=dict)
+    shared: dict[str, float] = field(default_factory=dict)
+    own: dict[int, float] = field(default_factory=dict)
+    named: dict[str, float] = field(default_factory=dict)
+
+    def get(self, key: int | str) -> float:
+        """The value; Wrong for one that only a machine has, or that no line has set."""
+        if isinstance(key, str):
+            value = (self.shared if key.startswith("_") else self.named).get(key)
+            value = self.machine(key) if value is None else value
+            if value is None:
+                raise Wrong(f"#<{key}> is used before it is set")
+            return value
+        if key < 1:
+            raise Wrong(f"#{key} is no parameter")
+        if key <= LOCALS:
+            return self.own.get(key, 0.0)
+        if key <= GLOBALS:
+            return self.numbered.get(key, 0.0)
+        value = self.machine(str(key))
+        if value is None:
+            raise Wrong(f"#{key} is a value of the machine, which is not known here")
+        return value
+
+    def put(self, key: int | str, value: float) -> None:
+        """Sets a value; Wrong for one of the machine's."""
+        if isinstance(key, str):
+            if self.machine(key) is not None:
+                raise Wrong(f"#<{key}> cannot be set")
+            (self.shared if key.startswith("_") else self.named)[key] = value
+        elif key < 1 or key > GLOBALS:
+            raise Wrong(f"#{key} is a value of the machine and is not set here")
+        else:
+            (self.own if key <= LOCALS else self.numbered)[key] = value
+
+    def has(self, key: int | str) -> bool:
+        """Whether a parameter is set."""
+        if isinstance(key, str):
+            known = key in (self.shared if key.startswith("_") else self.named)
+            return known or self.machine(key) is not None
+        return 1 <= key <= GLOBALS
+
+
+def key_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[int | str, int]:
+    """The parameter whose # stands at ``at``, and where its name ends."""
+    named = _NAME.match(text, at)
+    if named:
+        return named[1], named.end()
+    value, end = value_at(text, at + 1, known, depth + 1)
+    if abs(value - round(value)) > _EQUAL:
+        raise Wrong(f"#{value:g} is no parameter: its number must be whole")
+    return round(value), end
+
+
+def value_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[float, int]:
+    """The value that stands at ``at`` of ``text`` (small letters, no blanks), and where it ends. Raises Wrong."""
+    if depth > _DEEP:
+        raise Wrong("an expression that is nested too deeply")
+    number = _NUMBER.match(text, at)
+    if number:
+        return float(number[0]), number.end()
+    sign = text[at : at + 1]
+    if sign == "[":
+        return _bracket(text, at + 1, known, depth + 1)
+    if sign == "#":
+        key, end = key_at(text, at, known, depth)
+        return known.get(key), end
+    if sign in ("-", "+") and sign:
+        value, end = value_at(text, at + 1, known, depth + 1)
+        return (-value if sign == "-" else value), end
+    function = _FUNCTION.match(text, at)
+    if function:
+        return _function(function[0], text, function.end(), known, depth + 1)
+    raise Wrong(f"cannot read {text[at : at + 12]!r}: a number or an expression is expected")
+
+
+def _bracket(text: str, at: int, known: Parameters, depth: int) -> tuple[float, int]:
+    """The expression after its opening bracket, by precedence, equals from left to right."""
+    value, at = value_at(text, at, known, depth)
+    values, waiting = [value], [""]
+    while True:
+        operator = "]" if text[at : at + 1] == "]" else ""
+        if not operator:
+            found = _OPERATOR.match(text, at)
+            if not found:
+                raise Wrong(f"cannot read {text[at : at + 12]!r} in an expression")
+            operator = found[0]
+        while waiting[-1] and _BINDS[waiting[-1]] >= _BINDS.get(operator, 0):
+            right, left = values.pop(), values.pop()
+            values.append(_apply(waiting.pop(), left, right))
+        if operator == "]":
+            return values[0], at + 1
+        value, at = value_at(text, at + len(operator), known, depth)
+        values.append(value)
+        waiting.append(operator)
+
+
+_BINDS = {
+    "**": 6, "*": 5, "/": 5, "mod": 5, "+": 4, "-": 4,
+    "eq": 3, "ne": 3, "gt": 3, "ge": 3, "lt": 3, "le": 3, "and": 2, "or": 2, "xor": 2,
+}  # fmt: skip
+
+
+def _power(a: float, b: float) -> float:
+    if a < 0 and b != int(b):
+        raise Wrong("a negative number to a power that is not whole")
+    return float(a**b)
+
+
+def _modulo(a: float, b: float) -> float:
+    rest = math.fmod(a, b)
+    return rest + abs(b) if rest < 0 else rest
+
+
+_BINARY: dict[str, Callable[[float, float], float]] = {
+    "**": _power,
+    "*": lambda a, b: a * b,
+    "/": lambda a, b: a / b,
+    "mod": _modulo,
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "eq": lambda a, b: float(abs(a - b) < _EQUAL),
+    "ne": lambda a, b: float(abs(a - b) >= _EQUAL),
+    "gt": lambda a, b: float(a > b),
+    "ge": lambda a, b: float(a >= b),
+    "lt": lambda a, b: float(a < b),
+    "le": lambda a, b: float(a <= b),
+    "and": lambda a, b: float(bool(a) and bool(b)),
+    "or": lambda a, b: float(bool(a) or bool(b)),
+    "xor": lambda a, b: float(bool(a) != bool(b)),
+}
+_UNARY: dict[str, Callable[[float], float]] = {
+    "abs": abs,
+    "acos": lambda v: math.degrees(math.acos(v)),
+    "asin": lambda v: math.degrees(math.asin(v)),
+    "cos": lambda v: math.cos(math.radians(v)),
+    "exp": math.exp,
+    "fix": lambda v: float(math.floor(v)),
+    "fup": lambda v: float(math.ceil(v)),
+    "ln": math.log,
+    "round": lambda v: math.copysign(math.floor(abs(v) + 0.5), v),
+    "sin": lambda v: math.sin(math.radians(v)),
+    "sqrt": math.sqrt,
+    "tan": lambda v: math.tan(math.radians(v)),
+}
+
+
+def _apply(operator: str, a: float, b: float) -> float:
+    try:
+        value = _BINARY[operator](a, b)
+    except (ValueError, ZeroDivisionError, OverflowError) as error:
+        raise Wrong(f"{a:g} {operator.upper()} {b:g} has no value") from error
+    return _finite(value, operator)
+
+
+def _finite(value: float, what: str) -> float:
+    if not math.isfinite(value):
+        raise Wrong(f"{what.upper()} gives no finite number")
+    return value
+
+
+def _function(name: str, text: str, at: int, known: Parameters, depth: int) -> tuple[float, int]:
+    if text[at : at + 1] != "[":
+        raise Wrong(f"{name.upper()} without its bracket")
+    if name == "exists":
+        key, end = key_at(text, at + 1, known, depth) if text[at + 1 : at + 2] == "#" else ("", at)
+        if text[end : end + 1] != "]":
+            raise Wrong("EXISTS asks for a parameter, EXISTS[#<name>]")
+        return float(known.has(key)), end + 1
+    value, at = _bracket(text, at + 1, known, depth)
+    if name == "atan":
+        if text[at : at + 2] != "/[":
+            raise Wrong("ATAN has two arguments, ATAN[y]/[x]")
+        other, at = _bracket(text, at + 2, known, depth)
+        return math.degrees(math.atan2(value, other)), at
+    try:
+        return _finite(float(_UNARY[name](value)), name), at
+    except (ValueError, OverflowError) as error:
+        raise Wrong(f"{name.upper()}[{value:g}] has no value") from error
+
+
+# A line of G-code as codes by modal group and words by letter.
+
+#: Codes by modal group, as the LinuxCNC manual lists them: two of one group in a line contradict each other.
+_GROUPS = {
+    "cycle off": "G80",
+    "motion": "G0 G1 G2 G3 G73 G81 G82 G83 G85 G86 G89",
+    "plane": "G17 G18 G19",
+    "distance": "G90 G91",
+    "arc distance": "G90.1 G91.1",
+    "feed mode": "G93 G94 G95",
+    "units": "G20 G21",
+    "cutter compensation": "G40",
+    "length offset": "G43 G49",
+    "return level": "G98 G99",
+    "work offset": "G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3",
+    "path": "G61 G61.1 G64",
+    "spindle mode": "G97",
+    "offsets": "G10 G92 G92.1 G92.2",
+    "dwell": "G4",
+    "lathe radius": "G8",
+    "stop": "M0 M1 M2 M30 M60",
+    "outputs": "M62 M63 M64 M65 M67 M68",
+    "tool change": "M6",
+    "spindle": "M3 M4 M5",
+    "override": "M48 M49",
+}
+_GROUP = {code: group for group, codes in _GROUPS.items() for code in codes.split()}
+#: M7 and M8 may stand in one line.
+_GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
+
+#: Codes that exist but are not replayed, by why.
+_UNREAD = {
+    "goes to a position that the machine stores": "G28 G28.1 G30 G30.1",
+    "goes to machine coordinates, which are not known here": "G53",
+    "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 G42 G42.1",
+    "a tool length that the program sets itself": "G43.1 G43.2",
+    "a cycle that taps, stops or turns the spindle back": "G74 G84 G87 G88",
+    "a thread": "G33 G33.1 G76",
+    "a probe": "G38.2 G38.3 G38.4 G38.5",
+    "a spline": "G5 G5.1 G5.2 G5.3",
+    "lathe diameters": "G7",
+    "constant surface speed": "G96",
+    "a shift of the origin": "G52",
+    "brings an earlier shift back": "G92.3",
+    "waits for an input": "M66",
+    "turns the spindle to an angle": "M19",
+    "a subprogram of other controllers": "M97 M98 M99",
+    "sets the number of the tool": "M61",
+    "keeps or restores the modes": "M70 M71 M72 M73",
+}
+_WHY = {code: why for why, codes in _UNREAD.items() for code in codes.split()}
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
+_COMMENT = re.compile(r"\([^()]*\)|;.*")
+_NUMBERED = re.compile(r"n[0-9]+(?:\.[0-9]*)?")
+_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^")
+#: Numbers beyond this are no machine's. mm, mm/min, rpm.
+_HUGE = 1e7
+
+Line = tuple[dict[str, str], dict[str, float]]
+
+
+def bare(raw: str) -> str:
+    """The line without comments, blanks, block delete and number, in small letters. Raises Wrong.
+
+    Comments that LinuxCNC acts on only print or log; a line of Python is turned down.
+    """
+    if ";" in raw or "(" in raw or ")" in raw:
+        if raw.lstrip().lower().startswith(";py,"):
+            raise Wrong("a line of Python")
+        if re.search(r"\(\s*(?:probeopen|abort)\b", raw, re.IGNORECASE):
+            raise Wrong("an active comment that stops or probes")
+        raw = _COMMENT.sub("", raw)
+        if "(" in raw or ")" in raw:
+            raise Wrong("a comment that is not closed, or closed twice")
+    text = "".join(raw.split()).lower()
+    text = text.removeprefix("/")
+    if text.startswith("n"):
+        numbered = _NUMBERED.match(text)
+        if not numbered:
+            raise Wrong("N without a number")
+        text = text[numbered.end() :]
+    return text
+
+
+def words_of(text: str, known: Parameters) -> Line:
+    """Codes by group and words by letter of a bare line; parameters are set once all of it is read. Raises Wrong."""
+    codes: dict[str, str] = {}
+    words: dict[str, float] = {}
+    setting: list[tuple[int | str, float]] = []
+    at = 0
+    while at < len(text):
+        letter = text[at]
+        if letter == "#":
+            key, at = key_at(text, at, known)
+            if text[at : at + 1] != "=":
+                raise Wrong(f"cannot read {text[at : at + 12]!r}: a parameter that stands alone is set with =")
+            value, at = value_at(text, at + 1, known)
+            setting.append((key, value))
+            continue
+        if letter not in _LETTERS:
+            raise Wrong(f"cannot read {text[at : at + 12]!r}")
+        number = _NUMBER.match(text, at + 1)
+        value, at = (float(number[0]), number.end()) if number else value_at(text, at + 1, known)
+        if not -_HUGE < value < _HUGE:
+            raise Wrong(f"word {letter.upper()}{value:g} is out of range")
+        if letter in "gm":
+            _code(codes, letter.upper(), value)
+        elif letter.upper() in words:
+            raise Wrong(f"word {letter.upper()} twice in one line")
+        else:
+            words[letter.upper()] = value
+    for key, value in setting:
+        known.put(key, value)
+    return codes, words
+
+
+def _code(codes: dict[str, str], letter: str, number: float) -> None:
+    code = _named(letter, number)
+    group = _GROUP.get(code)
+    if group is None:
+        raise Unread(f"{code} is not read: {_WHY.get(code, 'not a code that is known')}")
+    if group in codes:
+        raise Wrong(f"{codes[group]} and {code} are of one group ({group})")
+    codes[group] = code
+
+
+@lru_cache(maxsize=1024)
+def _named(letter: str, number: float) -> str:
+    return f"{letter}{round(number, 3):g}"

@@ -1,0 +1,299 @@
+"""Pictures of a flat part: the part's contours in the work plane, from a photo, a scan or a rendering (docs/pist.md).
+
+Photo, work plane, to-scale view, mask, outlines to a part of a pixel, lines and arcs: each step is a module of
+``camgen.vision``. The way follows the PIST paper, sections 2 and 3.1.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Camera as CameraTable
+from camgen.model.job import Job
+from camgen.model.part import Note, Part, Raster
+from camgen.model.pose import FloatArray, pose_from_values
+from camgen.model.text import short
+from camgen.vision.boards.find import find
+from camgen.vision.boards.sheet import RULER, Board, Sheet, sheet
+from camgen.vision.camera.camera import Camera, read_camera
+from camgen.vision.image import Picture, load
+from camgen.vision.lines_arcs.contours import Fit, primitives
+from camgen.vision.mask.part_mask import Mask, part_mask
+from camgen.vision.outline import outlines
+from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
+from camgen.vision.to_scale import Region, View, already_to_scale, cut_out, framed, rectify
+
+#: A ChArUco board by its squares.
+_BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
+#: Pictures of more values are looked at coarsely first: so many times coarser, and then around the part with so much of
+#: the bench on each side, coarse pixels at least and as a share of the part.
+_LARGE, _COARSER, _ROOM, _SHARE = 2_000_000, 4, 24, 0.12
+
+
+class Facts(Struct, frozen=True):
+    """What is in a picture; its ``str`` is a page to print. part: why none is found, where none is."""
+
+    size: tuple[int, int]
+    colour: bool
+    scale: str
+    part: str
+    notes: tuple[Note, ...]
+
+    def __str__(self) -> str:
+        width, height = self.size
+        lines = [
+            f"picture of {width} x {height} px, {'colour' if self.colour else 'grey'}",
+            f"scale: {self.scale}",
+            f"part: {self.part}",
+            *map(str, self.notes),
+        ]
+        return "\n".join(lines)
+
+
+class _Seen(Struct, frozen=True):
+    """The way from the picture to the mask."""
+
+    picture: Picture
+    camera: Camera | None
+    plane: Plane | None
+    view: View
+    mask: Mask
+
+
+def read(path: Path, job: Job) -> Part:
+    """The part in the picture ``path``. InputError if it shows none, JobError for settings that contradict another."""
+    seen = _seen(path, job)
+    found, notes = outlines(seen.mask.grey, seen.mask.pixels)
+    drawn, fits, more = primitives(found, seen.view.work_from_view)
+    raster = Raster(
+        photo=seen.picture.pixels,
+        framed=_frame(seen),
+        view=seen.view.pixels,
+        work_from_view=seen.view.work_from_view,
+        mask=seen.mask.pixels,
+        borders=tuple(outline.points for outline in found),
+    )
+    return Part(path.stem, path.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_fitted(fits)), raster)
+
+
+def _fitted(fits: Sequence[Fit]) -> tuple[Note, ...]:
+    """How well the lines and arcs follow what was measured."""
+    if not fits:
+        return ()
+    lines, arcs = sum(fit.lines for fit in fits), sum(fit.arcs for fit in fits)
+    rms, most = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
+    what = f"{lines} lines and {arcs} arcs found in the outlines"
+    return (Note("assumed", what, f"they leave the measured edge by {most:.3f} mm at most, {rms:.3f} mm rms"),)
+
+
+def inspect(path: Path, job: Job) -> Facts:
+    """What is in the picture ``path``, as far as its scale is known."""
+    picture = load(path)
+    height, width = picture.pixels.shape[:2]
+    colour = picture.pixels.ndim == 3
+    try:
+        part = read(path, job)
+    except (InputError, JobError) as error:
+        known = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
+        return Facts((width, height), colour, known, str(error), picture.notes)
+    holes = f"{len(part.contours)} contours, {sum(len(c.points) for c in part.contours)} lines and arcs"
+    low = np.min([c.points.min(axis=0) for c in part.contours], axis=0)
+    high = np.max([c.points.max(axis=0) for c in part.contours], axis=0)
+    size = " x ".join(short(v, 2) for v in (high - low).tolist())
+    return Facts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
+
+
+def _seen(path: Path, job: Job) -> _Seen:
+    # A lens belongs to the sensor's pixels. Points were read off the picture as a viewer shows it, turned.
+    sensor = bool(job.camera.file) and job.camera.points_px is None
+    _nothing_unused(job)
+    picture = _light(load(path, sensor=sensor), job)
+    camera = read_camera(Path(job.camera.file)) if job.camera.file else None
+    way = _Way(camera, _plane(picture, camera, job.camera), job)
+    empty = None
+    if job.image.background:
+        empty = _light(load(Path(job.image.background), sensor=sensor), job)
+        if empty.pixels.shape[:2] != picture.pixels.shape[:2]:
+            remedy = "take both with the same camera from the same place"
+            raise InputError(empty.name, "differs in size from the photo of the part", "[image] background", remedy)
+    region, coarse = _region(job), False
+    if region is None and picture.pixels.size > _LARGE:
+        region = _around(way, picture, empty)
+        coarse = region is not None
+    view, mask = _masked(way, picture, empty, region, 1)
+    if region is not None and job.image.region is None:
+        view = replace(view, notes=(*view.notes, _looked_at(region, coarse)))
+    return _Seen(picture, camera, way.plane, view, mask)
+
+
+def _nothing_unused(job: Job) -> None:
+    """JobError for a setting that the others leave without effect: the user believes that it has one."""
+    image, camera = job.image, job.camera
+    measured = camera.points_px is not None or bool(camera.markers)
+    plane = measured or camera.plane_from is not None
+    paper = bool(camera.markers) and not _BOARD.fullmatch(camera.markers)
+    for where, unused, why in (
+        ("[image] mm_per_px", plane and image.mm_per_px is not None, "the work plane gives the scale"),
+        ("[image] width_mm", plane and image.width_mm is not None, "the work plane gives the scale"),
+        ("[camera] height", bool(camera.height) and not measured, "it is for points and markers"),
+        (
+            "[camera] printed_length",
+            camera.printed_length != RULER and not paper,
+            "no sheet is used",
+        ),
+        (
+            "[image] background",
+            bool(image.background) and image.mask not in ("auto", "background"),
+            f'mask = "{image.mask}" does not look at it',
+        ),
+    ):
+        if unused:
+            raise JobError(where, f"has no effect: {why}", remedy="leave one of the two out")
+
+
+def _looked_at(region: Region, coarse: bool) -> Note:
+    """What was taken for the surroundings of the part: whatever lies outside is not in the program."""
+    shown = ", ".join(short(v, 2) for v in region)
+    why = f"a look {_COARSER} times coarser found the part there" if coarse else "the free area of the marker sheet"
+    return Note("assumed", f"looked at closely: [{shown}] mm only", f"{why}; set image.region for another")
+
+
+def _light(picture: Picture, job: Job) -> Picture:
+    """The picture with values that are light: blur of lens and sensor acts on light, and so does the level of an edge.
+
+    IEC 61966-2-1 has the curve.
+    """
+    if job.image.tones == "linear":
+        return picture
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    coded = np.arange(256) / 255
+    light = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+    pixels = cv2.LUT(picture.pixels, (light * 255).round().astype(np.uint8))
+    return replace(picture, pixels=np.asarray(pixels, dtype=np.uint8))
+
+
+class _Way(Struct, frozen=True):
+    """How a picture becomes a view."""
+
+    camera: Camera | None
+    plane: Plane | None
+    job: Job
+
+
+def _masked(
+    way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
+) -> tuple[View, Mask]:
+    view = _view(way, picture, region, coarser)
+    background = None if empty is None else _view(way, empty, region, coarser)
+    return view, part_mask(view, way.job.image, background, picture.name)
+
+
+def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None:
+    """The part with some bench around it, mm, from a coarse look: what is far from it need not be looked at closely."""
+    try:
+        view, mask = _masked(way, picture, empty, None, _COARSER)
+    except InputError:
+        return None  # the close look finds it, or says why not
+    columns, rows = np.flatnonzero(mask.pixels.any(axis=0)), np.flatnonzero(mask.pixels.any(axis=1))
+    height, width = mask.pixels.shape
+    room = max(_ROOM, round(_SHARE * max(np.ptp(columns), np.ptp(rows))))
+    left, right = max(columns[0] - room, 0), min(columns[-1] + room, width - 1)
+    top, bottom = max(rows[0] - room, 0), min(rows[-1] + room, height - 1)
+    corners = view.work_from_view @ np.array([[left, right], [bottom, top], [1.0, 1.0]])
+    x0, y0, x1, y1 = corners.T.ravel().tolist()
+    return x0, y0, x1, y1
+
+
+def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane | None:
+    """The work plane, by the one way that is given; none for a picture that is to scale."""
+    ways = {
+        "points_px": table.points_px is not None or table.points_mm is not None,
+        "plane_from": table.plane_from is not None,
+        "markers": bool(table.markers),
+    }
+    given = [name for name, is_given in ways.items() if is_given]
+    if len(given) > 1:
+        raise JobError("[camera]", f"{' and '.join(given)} are both given", remedy="give one of them")
+    if ways["points_px"]:
+        if table.points_px is None or table.points_mm is None:
+            raise JobError("[camera]", "points_px and points_mm belong together", remedy="give both, in one order")
+        return plane_from_points(camera, table.points_px, table.points_mm, height=table.height)
+    if table.plane_from is not None:
+        if camera is None:
+            raise JobError("[camera] plane_from", "a pose needs the camera", remedy="give [camera] file")
+        if len(table.plane_from) != 6:
+            raise JobError("[camera] plane_from", f"has {len(table.plane_from)} values", remedy="give 6")
+        return plane_from_pose(camera, pose_from_values(table.plane_from))
+    if table.markers:
+        return find(picture, camera, _target(table), height=table.height)
+    return None
+
+
+def _view(way: _Way, picture: Picture, region: Region | None, coarser: int) -> View:
+    if way.plane is not None:
+        return rectify(picture, way.camera, way.plane, region, coarser)
+    if way.camera is not None:
+        remedy = "give [camera] points_px and points_mm, plane_from, or markers"
+        raise JobError("[camera]", "a lens without a work plane", remedy=remedy)
+    table = way.job.image
+    return cut_out(already_to_scale(picture, table.mm_per_px, table.width_mm), region, coarser)
+
+
+def _region(job: Job) -> Region | None:
+    """What is looked at: what the job says; on a marker sheet its free area, since markers look like parts."""
+    values = job.image.region
+    if values is None:
+        target = _target(job.camera) if job.camera.markers else None
+        if isinstance(target, Board):
+            remedy = "give [image] region = [x from, y from, x to, y to], mm from the board's lower left corner"
+            raise JobError("[camera] markers", "a board on the bench looks like a part", remedy=remedy)
+        return None if target is None else (0.0, 0.0, *target.free)
+    if len(values) != 4:
+        raise JobError("[image] region", f"has {len(values)} values", remedy="give [x from, y from, x to, y to], mm")
+    x0, y0, x1, y1 = values
+    return x0, y0, x1, y1
+
+
+def _target(table: CameraTable) -> Sheet | Board:
+    """The sheet or the board that lies on the bench."""
+    squares = _BOARD.fullmatch(table.markers)
+    if squares is None:
+        return sheet(table.markers, table.marker, table.printed_length)
+    return Board(int(squares[1]), int(squares[2]), table.square, table.marker)
+
+
+def _frame(seen: _Seen) -> FloatArray:
+    """The border of the view in the photo, (N, 2) px."""
+    height, width = seen.picture.pixels.shape[:2]
+    if seen.plane is None:
+        return np.array([[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]])
+    return framed(seen.view, seen.camera, seen.plane, (width, height))
+
+
+def _scale(view: View) -> str:
+    return f"{short(view.mm_per_px, 5)} mm/px"
+
+
+def _notes(seen: _Seen) -> tuple[Note, ...]:
+    plane = seen.plane
+    measured: tuple[Note, ...] = ()
+    if plane is not None and len(plane.residuals_mm):
+        what = f"work plane from {len(plane.residuals_mm)} points, rms {short(plane.rms_mm, 4)} mm"
+        measured = (Note("assumed", f"{what}, largest {short(plane.max_mm, 4)} mm"),)
+    mask = Note("assumed", f"part by {seen.mask.method}", seen.mask.why)
+    return (
+        *seen.picture.notes,
+        *(plane.notes if plane is not None else ()),
+        *measured,
+        *seen.view.notes,
+        mask,
+        *seen.mask.notes,
+    )

@@ -1,0 +1,363 @@
+"""From a soup of drawn pieces to contours: ends that meet are joined, what is drawn twice is kept once.
+
+Two ends meet first where they coincide, then, nearest first, where they are closer than the tolerance; each end meets
+at most one other, so that a row of close points cannot collapse into one. Ends on one layer meet before ends on
+different layers. Where three or more ends coincide the chain goes straight on. The order of the pieces decides only
+where a contour starts, which way it runs, and ties.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.model.part import Contour, Note
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import short
+from camgen.read.pieces import (
+    OFF_GRID,
+    BoolArray,
+    IntArray,
+    Soup,
+    credible,
+    first_of_its_kind,
+    next_row,
+    ramp,
+    same_distance,
+    tally,
+    tidy,
+)
+
+# Chains of drawn pieces: which pieces follow each other, and how their ends are made to meet.
+
+
+class Joints(Struct, frozen=True):
+    """Gaps that were closed, the largest in mm, and contours made of several layers."""
+
+    count: int
+    largest: float
+    mixed: int
+
+
+def chained(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list[bool]]:
+    """Chains of the ends at which each piece is entered, and whether they close; in order of their first pieces."""
+    count = len(closed)
+    seen = [False] * count
+
+    def follow(end: int) -> list[int]:
+        chain = []
+        while end >= 0 and not seen[end >> 1]:
+            seen[end >> 1] = True
+            chain.append(end)
+            end = partner[end ^ 1]
+        return chain
+
+    found: list[tuple[int, list[int], bool]] = []
+    for end in range(2 * count):
+        if partner[end] < 0 and not seen[end >> 1] and not closed[end >> 1]:
+            chain = follow(end)
+            first = min(chain, key=lambda e: e >> 1)
+            if first & 1:
+                chain = [e ^ 1 for e in reversed(chain)]
+            found.append((first >> 1, chain, False))
+    rest = (piece for piece in range(count) if not seen[piece])
+    found += [(piece, [2 * piece] if closed[piece] else follow(2 * piece), True) for piece in rest]
+    found.sort(key=lambda item: item[0])
+    return [chain for _, chain, _ in found], [loop for _, _, loop in found]
+
+
+def assembled(soup: Soup, chains: list[list[int]], closed: list[bool], same: float) -> tuple[Soup, Joints]:
+    """The chains as pieces; where ends do not coincide a line gives way, two arcs get a short line between them."""
+    sizes = np.array([len(c) for c in chains], dtype=np.intp)
+    entered = np.array([e for c in chains for e in c], dtype=np.intp)
+    piece, backwards = entered >> 1, (entered & 1).astype(np.bool_)
+    counts = np.diff(soup.first)[piece]
+    step = np.repeat(np.where(backwards, -1, 1), counts)
+    base = np.where(backwards, soup.first[1:][piece] - 1, soup.first[:-1][piece])
+    rows = np.repeat(base, counts) + step * ramp(counts)
+    points = soup.points[rows]
+    bulges = np.where(step < 0, -soup.bulges[rows - 1], soup.bulges[rows])
+    whole = soup.closed[piece]
+    last = np.cumsum(counts) - 1
+    bulges[last[~whole]] = 0.0
+    start = last - counts + 1
+    loop = np.array(closed, dtype=np.bool_)
+    ends = np.cumsum(sizes)
+    follower = np.arange(1, len(piece) + 1)
+    follower[ends - 1] = ends - sizes
+    meets = ~whole
+    meets[ends - 1] &= loop
+    keep, gaps = _meet(points, bulges, last[meets], start[follower[meets]], same)
+    chain_of_row = np.repeat(np.repeat(np.arange(len(chains)), sizes), counts)
+    heads = piece[ends - sizes]
+    layers = soup.layer[piece]
+    strange = np.repeat(np.arange(len(chains)), sizes)[layers != np.repeat(soup.layer[heads], sizes)]
+    length = np.bincount(chain_of_row[keep], minlength=len(chains))
+    made = replace(
+        soup,
+        points=points[keep],
+        bulges=bulges[keep] + 0.0,  # no minus zero
+        first=np.concatenate([[0], np.cumsum(length)]),
+        closed=loop,
+        layer=soup.layer[heads],
+        kind=soup.kind[heads],
+    )
+    wide = gaps[gaps > same]
+    return made, Joints(len(wide), float(wide.max(initial=0.0)), len(np.unique(strange)))
+
+
+def _meet(
+    points: FloatArray, bulges: FloatArray, a: IntArray, b: IntArray, same: float
+) -> tuple[BoolArray, FloatArray]:
+    """Let row ``a``, the end of a piece, meet row ``b``, the start of the next; which rows remain, and the gaps.
+
+    Two lines meet half-way; a line moves to the end of an arc; between two arcs both points stay.
+    """
+    gaps = np.hypot(*(points[a] - points[b]).T)
+    arc_before, arc_after = bulges[a - 1] != 0, bulges[b] != 0
+    goal = np.where(arc_before[:, None], points[a], points[b])
+    goal = np.where((arc_before == arc_after)[:, None], (points[a] + points[b]) / 2, goal)
+    bridged = arc_before & arc_after & (gaps > same)
+    exact = gaps <= same
+    goal[exact] = points[b][exact]
+    points[b[~bridged]] = goal[~bridged]
+    keep = np.ones(len(points), dtype=np.bool_)
+    keep[a[~bridged]] = False
+    return keep, gaps
+
+
+#: A chain is not closed on itself across more than this part of its own length.
+_OWN_GAP = 0.25
+#: Up to so many ends at one point are paired by the least turn of all pairs; beyond, by opposite directions.
+_CROWD = 32
+
+_DAMAGED = Note("skipped", "damaged", "coordinates that are not finite or not credible")
+_NO_LENGTH = Note("repaired", "dropped", "without length")
+_TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
+
+
+def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+    """The contours of the drawn pieces in drawing order, and notes on what was dropped, mended and joined.
+
+    tolerance: mm, ends closer than this meet. A contour has the layer of its first piece.
+    """
+    notes: list[Note] = []
+    soup = _dropped(soup, credible(soup), _DAMAGED, notes)
+    soup = tidy(soup)
+    soup = _dropped(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
+    soup = _dropped(soup, first_of_its_kind(soup), _TWICE, notes)
+    soup, joints = _joined(soup, tolerance)
+    notes += _joint_notes(joints, tolerance)
+    soup = tidy(soup)
+    soup = soup.take(np.diff(soup.first) > 1)
+    # What was drawn as pieces and as a whole is the same only now.
+    soup = _dropped(soup, first_of_its_kind(soup), _TWICE, notes)
+    count = int((~soup.closed).sum())
+    if count:
+        limit = f"input.join = {short(tolerance, 6)} mm"
+        notes.append(Note("warning", f"open contours: {count}", f"their ends meet no free end within {limit}"))
+    points, bulges = frozen(soup.points), frozen(soup.bulges)
+    spans = pairwise(soup.first.tolist())
+    rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), strict=True)
+    made = tuple(
+        Contour(points[a:b], bulges[a:b], closed, soup.layers[layer], f"c{i}")
+        for i, ((a, b), closed, layer) in enumerate(rows, start=1)
+    )
+    return made, tuple(notes)
+
+
+def _dropped(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
+    """The pieces to keep; the note ``told`` counts the others."""
+    if keep.all():
+        return soup
+    lost = np.flatnonzero(~keep)
+    what = tally([soup.kinds[k] for k in soup.kind[lost]], [soup.layers[k] for k in soup.layer[lost]])
+    notes.append(replace(told, what=f"{told.what}: {what}"))
+    return soup.take(keep)
+
+
+def _joint_notes(joints: Joints, tolerance: float) -> list[Note]:
+    notes = []
+    limit = f"input.join = {short(tolerance, 6)} mm"
+    if joints.count:
+        gap = f"largest {joints.largest:.3g} mm"
+        notes.append(Note("joined", f"gaps closed: {joints.count}, {gap}", f"ends closer than {limit} meet"))
+    if joints.mixed:
+        what = f"contours over more than one layer: {joints.mixed}"
+        notes.append(Note("joined", what, "each counts to the layer of its first piece"))
+    return notes
+
+
+class _Ends(Struct, frozen=True, eq=False):
+    """Ends 2 i (start) and 2 i + 1 (end) of each open piece i; outward directions point into the piece."""
+
+    points: FloatArray
+    directions: FloatArray
+    layer: IntArray
+    length: FloatArray
+
+
+def _joined(soup: Soup, tolerance: float) -> tuple[Soup, Joints]:
+    """The soup with its open pieces chained; in order of the first piece of each chain."""
+    same = same_distance(soup)
+    tolerance = max(tolerance, 4 * same)
+    partner = np.full(2 * len(soup), -1, dtype=np.intp)
+    ends = _ends(soup)
+    free = np.repeat(~soup.closed, 2)
+    groups = [ends.layer] + ([np.zeros_like(ends.layer)] if len(np.unique(soup.layer)) > 1 else [])
+    for group in groups:
+        _pair_coincident(partner, free, ends, group, same)
+        _pair_near(partner, free, ends, group, (same, tolerance))
+    chains, closed = chained(partner.tolist(), soup.closed.tolist())
+    return assembled(soup, chains, closed, same)
+
+
+def _ends(soup: Soup) -> _Ends:
+    """Places, directions and lengths of the ends of all pieces (of no use for closed ones)."""
+    following = next_row(soup)
+    chord = soup.points[following] - soup.points
+    size = np.hypot(chord[:, 0], chord[:, 1])
+    b = np.abs(soup.bulges)
+    lengths = size * np.where(b > 0, (1 + b * b) * np.arctan(b) / np.where(b > 0, b, 1.0), 1.0)
+    start, end = soup.first[:-1], soup.first[1:] - 1
+    lengths[end[~soup.closed]] = 0.0
+    directions = np.empty((len(soup), 2, 2))
+    for side, rows, sign in ((0, start, 1.0), (1, np.maximum(end - 1, 0), -1.0)):
+        half = 2 * np.arctan(soup.bulges[rows])
+        cos, sin = np.cos(half), -sign * np.sin(half)
+        c = sign * chord[rows] / np.maximum(size[rows], 1e-300)[:, None]
+        directions[:, side] = np.column_stack([c[:, 0] * cos - c[:, 1] * sin, c[:, 0] * sin + c[:, 1] * cos])
+    return _Ends(
+        points=np.stack([soup.points[start], soup.points[end]], axis=1).reshape(-1, 2),
+        directions=directions.reshape(-1, 2),
+        layer=np.repeat(soup.layer, 2),
+        length=np.add.reduceat(lengths, start) if len(soup) else np.zeros(0),
+    )
+
+
+def _pair_coincident(partner: IntArray, free: BoolArray, ends: _Ends, layer: IntArray, same: float) -> None:
+    """Pair the free ends that lie in one place on one layer, straightest first."""
+    loose = np.flatnonzero(free & (partner < 0))
+    cells = np.floor(ends.points[loose] / same + OFF_GRID).astype(np.int64)
+    order = np.lexsort([cells[:, 1], cells[:, 0], layer[loose]])
+    loose, cells = loose[order], cells[order]
+    new = np.any(np.diff(cells, axis=0) != 0, axis=1) | (np.diff(layer[loose]) != 0)
+    starts = np.concatenate([[0], np.flatnonzero(new) + 1, [len(loose)]])
+    counts = np.diff(starts)
+    two = starts[:-1][counts == 2]
+    _marry(partner, loose[two], loose[two + 1])
+    for i in np.flatnonzero(counts > 2):
+        for a, b in _straightest(loose[starts[i] : starts[i + 1]], ends.directions):
+            partner[a], partner[b] = b, a
+
+
+def _marry(partner: IntArray, a: IntArray, b: IntArray) -> None:
+    partner[a], partner[b] = b, a
+
+
+def _straightest(ends: IntArray, directions: FloatArray) -> list[tuple[int, int]]:
+    """Pairs of the ends in one place, the smallest turn first."""
+    d = directions[ends]
+    if len(ends) > _CROWD:
+        around = ends[np.argsort(np.arctan2(d[:, 1], d[:, 0]), kind="stable")]
+        half = len(ends) // 2
+        return list(zip(around[:half].tolist(), around[half : 2 * half].tolist(), strict=True))
+    i, j = np.triu_indices(len(ends), 1)
+    # Rounded, so that equal turns tie and do not hang on the last bit.
+    order = np.argsort(np.round(np.einsum("kd,kd->k", d[i], d[j]), 9), kind="stable")
+    return _greedy(ends[i][order].tolist(), ends[j][order].tolist())
+
+
+def _greedy(a: list[int], b: list[int]) -> list[tuple[int, int]]:
+    """The pairs in order, leaving out those of which one is taken."""
+    taken: set[int] = set()
+    pairs = []
+    for i, j in zip(a, b, strict=True):
+        if i not in taken and j not in taken:
+            taken |= {i, j}
+            pairs.append((i, j))
+    return pairs
+
+
+def _pair_near(partner: IntArray, free: BoolArray, ends: _Ends, layer: IntArray, reach: tuple[float, float]) -> None:
+    """Pair free ends on one layer up to the second ``reach`` apart, nearest first.
+
+    The radius grows step by step. After each step no two free ends are that close, hence the next step
+    meets few pairs however dense the drawing is.
+    """
+    radius, limit = reach
+    loose = np.flatnonzero(free & (partner < 0))
+    loose = loose[_has_neighbours(ends.points[loose], layer[loose], limit)]
+    while radius < limit and len(loose):
+        radius = min(4 * radius, limit)
+        a, b, gap = _close_pairs(ends.points[loose], layer[loose], radius)
+        a, b = loose[a], loose[b]
+        other, length = _chain_ends(partner, ends.length, np.unique(a))
+        fair = (other[a] != b) | (gap <= _OWN_GAP * length[a])
+        a, b, gap = a[fair], b[fair], gap[fair]
+        lower = np.minimum(ends.points[a], ends.points[b])
+        order = np.lexsort([lower[:, 1], lower[:, 0], np.round(gap / reach[0])])
+        for i, j in _greedy(a[order].tolist(), b[order].tolist()):
+            partner[i], partner[j] = j, i
+        loose = loose[partner[loose] < 0]
+
+
+def _has_neighbours(points: FloatArray, group: IntArray, radius: float) -> BoolArray:
+    """Which points (N,) have another in their own or a bordering cell of the grid: a quick way to drop the rest."""
+    cells = np.floor(points / radius).astype(np.int64)
+    ranked = np.sort(_cell_key(cells, group))
+    around = np.zeros(len(points), dtype=np.intp)
+    for step in ((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
+        wanted = _cell_key(cells + np.array(step), group)
+        around += np.searchsorted(ranked, wanted, side="right") - np.searchsorted(ranked, wanted)
+    return np.asarray(around > 1)
+
+
+def _close_pairs(points: FloatArray, group: IntArray, radius: float) -> tuple[IntArray, IntArray, FloatArray]:
+    """Pairs of points of one group at most ``radius`` apart, and their distances: a hash grid, each pair once."""
+    cells = np.floor(points / radius).astype(np.int64)
+    keys = _cell_key(cells, group)
+    order = np.argsort(keys, kind="stable")
+    ranked = keys[order]
+    found_a, found_b = [], []
+    for step in ((0, 0), (1, 0), (-1, 1), (0, 1), (1, 1)):
+        wanted = _cell_key(cells + np.array(step), group)
+        low, high = np.searchsorted(ranked, wanted), np.searchsorted(ranked, wanted, side="right")
+        a = np.repeat(np.arange(len(points)), high - low)
+        b = order[np.repeat(low, high - low) + ramp(high - low)]
+        once = a < b if step == (0, 0) else np.ones(len(a), dtype=np.bool_)
+        found_a.append(a[once])
+        found_b.append(b[once])
+    a, b = np.concatenate(found_a), np.concatenate(found_b)
+    gap = np.hypot(*(points[a] - points[b]).T)
+    good = (gap <= radius) & (group[a] == group[b]) & (a != b)
+    return a[good], b[good], gap[good]
+
+
+def _cell_key(cells: NDArray[np.int64], group: IntArray) -> NDArray[np.int64]:
+    """A number per cell and group; two cells may share one, which the distance sorts out."""
+    return np.asarray(cells[:, 0] * 0x1F123BB5159A55E5 ^ cells[:, 1] * 0x5851F42D4C957F2D ^ group * 0x2545F4914F6CDD1D)
+
+
+def _chain_ends(partner: IntArray, length: FloatArray, loose: IntArray) -> tuple[IntArray, FloatArray]:
+    """For each loose end the other end of its chain and the length of the chain, in arrays over all ends."""
+    other = np.full(len(partner), -1, dtype=np.intp)
+    total = np.zeros(len(partner))
+    links, lengths = partner.tolist(), length.tolist()
+    for end in loose.tolist():
+        if other[end] >= 0:
+            continue
+        at, run = end, 0.0
+        while True:
+            run += lengths[at >> 1]
+            far = at ^ 1
+            at = links[far]
+            if at < 0:
+                break
+        other[end], other[far] = far, end
+        total[end] = total[far] = run
+    return other, total

@@ -1,0 +1,211 @@
+"""Drawn pieces, flat in a few arrays, and what is cleaned before they are joined: repeats, wide arcs, duplicates."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.model.pose import FloatArray
+from camgen.model.text import harmless
+
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+#: Points closer than this (mm) are one, unless the coordinates are so large that doubles are coarser.
+SAME = 1e-6
+#: Coordinates beyond this (mm) are damage: a million kilometres.
+FARTHEST = 1e12
+#: A bulge beyond this is damage too: an arc that lacks less than a millionth of a degree to a full circle.
+_WIDEST = 1e9
+#: Keeps values with few decimals, the usual ones, away from the border between two cells of SAME.
+OFF_GRID = 0.381966
+
+
+class Soup(Struct, frozen=True, eq=False):
+    """Drawn pieces, flat: piece i owns rows first[i] to first[i + 1] of points (V, 2, mm) and bulges (V,).
+
+    The bulge of the last row of an open piece means nothing. layer and kind (P,) index the names in layers and kinds.
+    """
+
+    points: FloatArray
+    bulges: FloatArray
+    first: IntArray
+    closed: BoolArray
+    layer: IntArray
+    kind: IntArray
+    layers: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.closed)
+
+    def take(self, index: IntArray | BoolArray) -> Soup:
+        """The pieces of ``index`` in its order."""
+        index = np.flatnonzero(index) if index.dtype == np.bool_ else index
+        counts = np.diff(self.first)[index]
+        rows = np.repeat(self.first[index], counts) + ramp(counts)
+        return replace(
+            self,
+            points=self.points[rows],
+            bulges=self.bulges[rows],
+            first=np.concatenate([[0], np.cumsum(counts)]),
+            closed=self.closed[index],
+            layer=self.layer[index],
+            kind=self.kind[index],
+        )
+
+
+def tally(kinds: Sequence[str], layers: Sequence[str]) -> str:
+    """``3 TEXT, 1 HATCH on layers A, B``: what a note counts; names from the file made harmless."""
+    counts = ", ".join(f"{n} {kind}" for kind, n in sorted(Counter(kinds).items()))
+    names = sorted({harmless(layer) for layer in layers})
+    shown = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    return f"{counts} on layer{'s' if len(names) > 1 else ''} {shown}"
+
+
+def ramp(counts: IntArray) -> IntArray:
+    """0..n-1 for each n of ``counts``, end to end."""
+    return np.asarray(np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts))
+
+
+def next_row(soup: Soup) -> IntArray:
+    """Row of the point that follows each row; the last row of a piece is followed by its first."""
+    following = np.arange(1, len(soup.points) + 1)
+    following[soup.first[1:] - 1] = soup.first[:-1]
+    return following
+
+
+def same_distance(soup: Soup) -> float:
+    """Below this distance (mm) two points of the soup are one."""
+    reach = float(np.abs(soup.points).max(initial=0.0))
+    return max(SAME, 16 * float(np.spacing(reach)))
+
+
+def credible(soup: Soup) -> BoolArray:
+    """Which pieces (P,) have only credible numbers."""
+    with np.errstate(invalid="ignore"):
+        good = (np.abs(soup.points) <= FARTHEST).all(axis=1) & (np.abs(soup.bulges) <= _WIDEST)
+    return np.asarray(np.logical_and.reduceat(good, soup.first[:-1])) if len(soup) else np.zeros(0, dtype=np.bool_)
+
+
+def tidy(soup: Soup) -> Soup:
+    """Without points that repeat their predecessor, arcs above a half circle halved, full circles in one form."""
+    soup = _without_repeats(soup)
+    soup = _halved(soup)
+    full = soup.closed & (np.diff(soup.first) == 2)
+    rows = soup.first[:-1][full]
+    circle = np.abs(soup.bulges[rows]) == 1
+    circle &= soup.bulges[rows] == soup.bulges[rows + 1]
+    rows = rows[circle]
+    if not len(rows):
+        return soup
+    points, bulges = soup.points.copy(), soup.bulges.copy()
+    center = (points[rows] + points[rows + 1]) / 2
+    radius = np.column_stack([np.hypot(*(points[rows] - points[rows + 1]).T) / 2, np.zeros(len(rows))])
+    points[rows], points[rows + 1] = center + radius, center - radius
+    bulges[rows] = bulges[rows + 1] = 1.0
+    return replace(soup, points=points, bulges=bulges)
+
+
+def _without_repeats(soup: Soup) -> Soup:
+    """Drop every point that lies on the next one; a piece without any length keeps one point."""
+    following = next_row(soup)
+    near = np.abs(soup.points[following] - soup.points).max(axis=1, initial=0.0) <= same_distance(soup)
+    counts = np.diff(soup.first)
+    last = soup.first[1:] - 1
+    near[last] &= soup.closed & (counts > 1)
+    if not near.any():
+        return soup
+    # The row kept is the later one: it holds the bulge of the segment that remains.
+    piece = np.repeat(np.arange(len(soup)), counts)
+    near[last[np.bincount(piece[~near], minlength=len(soup)) == 0]] = False
+    keep = ~near
+    counts = np.bincount(piece[keep], minlength=len(soup))
+    return replace(
+        soup,
+        points=soup.points[keep],
+        bulges=soup.bulges[keep],
+        first=np.concatenate([[0], np.cumsum(counts)]),
+    )
+
+
+def _halved(soup: Soup) -> Soup:
+    """Arcs of more than a half circle in two: tan of half the angle, with a point on the arc."""
+    following = next_row(soup)
+    used = np.ones(len(soup.points), dtype=np.bool_)
+    used[(soup.first[1:] - 1)[~soup.closed]] = False
+    wide = np.flatnonzero(used & (np.abs(soup.bulges) > 1))
+    if not len(wide):
+        return soup
+    b = soup.bulges[wide]
+    chord = soup.points[following[wide]] - soup.points[wide]
+    # The middle of the arc lies bulge * chord / 2 to the right of the middle of the chord.
+    middle = soup.points[wide] + chord / 2 + np.column_stack([chord[:, 1], -chord[:, 0]]) * (b / 2)[:, None]
+    half = np.tan(np.arctan(b) / 2)
+    bulges = soup.bulges.copy()
+    bulges[wide] = half
+    piece = np.searchsorted(soup.first, wide, side="right") - 1
+    counts = np.diff(soup.first) + np.bincount(piece, minlength=len(soup))
+    return replace(
+        soup,
+        points=np.insert(soup.points, wide + 1, middle, axis=0),
+        bulges=np.insert(bulges, wide + 1, half),
+        first=np.concatenate([[0], np.cumsum(counts)]),
+    )
+
+
+def first_of_its_kind(soup: Soup) -> BoolArray:
+    """Which pieces (P,) are not drawn before in the same place, in either direction, from any start if closed."""
+    keep = np.ones(len(soup), dtype=np.bool_)
+    counts = np.diff(soup.first)
+    sorts = counts * 2 + soup.closed
+    cell = same_distance(soup)
+    order = np.argsort(sorts, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(sorts[order])) + 1):
+        if len(members) < 2:
+            continue
+        rows = soup.first[members][:, None] + np.arange(counts[members[0]])
+        points = np.floor(soup.points[rows] / cell + OFF_GRID).astype(np.int64)
+        bulges = np.floor(soup.bulges[rows] / SAME + OFF_GRID).astype(np.int64)
+        # Minus a bulge is one cell off, as OFF_GRID is not one half: round the negative one for itself.
+        back = np.floor(-soup.bulges[rows] / SAME + OFF_GRID).astype(np.int64)
+        keys = _keys(points, bulges, back, bool(soup.closed[members[0]]))
+        # A set of rows as bytes: sorting them, as np.unique does, takes ten times as long.
+        seen: set[bytes] = set()
+        for member, key in zip(members.tolist(), keys, strict=True):
+            row = key.tobytes()
+            keep[member] = row not in seen
+            seen.add(row)
+    return keep
+
+
+def _keys(
+    points: NDArray[np.int64], bulges: NDArray[np.int64], back: NDArray[np.int64], closed: bool
+) -> NDArray[np.int64]:
+    """One row per piece that does not depend on its direction nor, if closed, on its start."""
+    if closed:
+        forward = _from_least(points, bulges)
+        backward = _from_least(points[:, ::-1], np.roll(back[:, ::-1], -1, axis=1))
+    else:
+        count = len(points)
+        forward = np.concatenate([points.reshape(count, -1), bulges[:, :-1]], axis=1)
+        backward = np.concatenate([points[:, ::-1].reshape(count, -1), back[:, -2::-1]], axis=1)
+    differ = forward != backward
+    at = np.argmax(differ, axis=1)[:, None]
+    less = np.take_along_axis(forward, at, axis=1) <= np.take_along_axis(backward, at, axis=1)
+    return np.where(less, forward, backward)
+
+
+def _from_least(points: NDArray[np.int64], bulges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows that begin with the leftmost, then lowest point of each closed piece."""
+    count, size, _ = points.shape
+    x = points[:, :, 0]
+    y = np.where(x == x.min(axis=1, keepdims=True), points[:, :, 1], np.iinfo(np.int64).max)
+    turn = (np.argmin(y, axis=1)[:, None] + np.arange(size)) % size
+    rolled = np.take_along_axis(points, turn[:, :, None], axis=1).reshape(count, -1)
+    return np.concatenate([rolled, np.take_along_axis(bulges, turn, axis=1)], axis=1)

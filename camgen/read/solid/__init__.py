@@ -1,0 +1,72 @@
+"""3-D parts, meshes and STEP (docs/inputs/solid.md)."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.errors import JobError
+from camgen.model.job import Job
+from camgen.model.part import Edge, Note, Part, Solid
+from camgen.model.text import harmless, short
+from camgen.read.solid import mesh, step
+from camgen.read.units import MM
+
+
+class Facts(Struct, frozen=True):
+    """What is in a 3-D part; its ``str`` is a page to print. size: mm."""
+
+    units: str
+    size: tuple[float, float, float]
+    faces: int
+    edges: tuple[Edge, ...]
+    notes: tuple[Note, ...]
+
+    def __str__(self) -> str:
+        convex = sum(edge.convex for edge in self.edges)
+        size = " x ".join(short(v, 3) for v in self.size)
+        lines = [
+            f"3-D part of {size} mm, units {self.units}, {self.faces} triangles",
+            f"edges: {len(self.edges)}, {convex} convex, {len(self.edges) - convex} concave",
+            *(_told(edge) for edge in self.edges),
+            *map(str, self.notes),
+        ]
+        return "\n".join(lines)
+
+
+def _told(edge: Edge) -> str:
+    """One edge: id, kind, length, angle between the faces' normals, convexity, and where it starts."""
+    radius = f" of radius {short(edge.radius, 3)} mm" if edge.radius else ""
+    sort = "convex" if edge.convex else "concave"
+    start = " ".join(short(v, 2) for v in edge.points[0].tolist())
+    size = f"{short(edge.length, 3)} mm, {math.degrees(edge.angle):.1f} deg"
+    return f"{edge.id}: {edge.kind}{radius}, {size}, {sort}, from {start}"
+
+
+def inspect(path: Path, job: Job) -> Facts:
+    """What is in the 3-D part at ``path``. InputError if there is none."""
+    found = solid(path, job)
+    low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
+    x, y, z = np.subtract(high, low).tolist()
+    return Facts(harmless(found.units), (x, y, z), len(found.faces), found.edges, found.notes)
+
+
+def read(path: Path, job: Job) -> Part:
+    """The 3-D part at ``path``. InputError if there is none."""
+    found = solid(path, job)
+    return Part(found.name, found.source, found.units, (), found.notes, solid=found)
+
+
+def solid(path: Path, job: Job) -> Solid:
+    """The 3-D part at ``path``, its units taken from ``input.units`` where the file has none."""
+    wanted = job.input.units.strip().lower()
+    if path.suffix.lower() in step.SUFFIXES:
+        if wanted != "auto":
+            raise JobError("[input] units", "a STEP file states its own", remedy='set input.units to "auto"')
+        return step.read(path, job.tolerance.chord)
+    if wanted != "auto" and wanted not in MM:
+        raise JobError("[input] units", f"unknown unit {harmless(wanted)!r}", remedy="give mm, cm, m, inch, ...")
+    return mesh.read(path, None if wanted == "auto" else MM[wanted], job.tolerance.chord)

@@ -1,0 +1,195 @@
+"""The CAD kernel (OCCT by the package OCP, extra ``step``): shapes in, numbers out. The only module that knows it.
+
+OCP 8 renamed and dropped some of what OCP 7 has; only what both have is used, or asked for here. All is in mm: OCCT
+converts when it reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.arcs import cross
+from camgen.model.errors import InputError
+from camgen.model.part import IntArray
+from camgen.model.pose import FloatArray
+
+#: What a shape that is sound on paper only makes the kernel raise.
+STUMBLES = (RuntimeError, ValueError, TypeError)
+_SAVE_AGAIN = "export it again from the CAD program"
+#: A step along an edge, as a part of its parameters, away from a place where the surface has no normal.
+_ASIDE = 1e-4
+
+
+class Meeting(Struct, frozen=True, eq=False):
+    """An edge of the shape and the faces that have it: (edge as it runs in the face, face) each."""
+
+    edge: Any
+    uses: list[tuple[Any, Any]]
+
+
+def part(name: str) -> Any:
+    """The module ``OCP.name``. ``ImportError`` if the extra is not installed."""
+    return import_module(f"OCP.{name}")
+
+
+def load(path: Path) -> Any:
+    """The shape in a STEP file, all roots as one. ``InputError`` if there is none."""
+    try:
+        control = part("STEPControl")
+    except ImportError as error:
+        raise InputError(path.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'") from error
+    message = part("Message")
+    # OCCT prints what it finds odd; the command line alone prints.
+    message.Message.DefaultMessenger_s().RemovePrinters(message.Message_PrinterOStream.get_type_descriptor_s())
+    reader = control.STEPControl_Reader()
+    failure = part("Standard").Standard_Failure
+    try:
+        if reader.ReadFile(str(path)).name != "IFSelect_RetDone":
+            raise InputError(path.name, "is no STEP file, or damaged", "", _SAVE_AGAIN)
+        _insist_on_sound(path.name, reader.StepModel())
+        shape = reader.OneShape() if reader.TransferRoots() else None
+    except (failure, *STUMBLES) as error:
+        raise InputError(path.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN) from error
+    if shape is None or shape.IsNull():
+        raise InputError(path.name, "holds no shape", "", _SAVE_AGAIN)
+    return shape
+
+
+def _insist_on_sound(name: str, model: Any) -> None:
+    """``InputError`` if an entity could not be read: OCCT would leave out what needs it, or end the process."""
+    count = int(model.NbEntities())
+    bad = [k for k in range(1, count + 1) if model.IsErrorEntity(k)]
+    if bad:
+        raise InputError(name, f"is damaged: {len(bad)} of {count} entities cannot be read", "", _SAVE_AGAIN)
+    if model.GlobalCheck(True).HasFailed():
+        raise InputError(name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN)
+
+
+def inside(shape: Any, kind: str) -> Iterator[Any]:
+    """All sub-shapes of ``kind`` ("Face", "Edge") that ``shape`` uses, as it uses them."""
+    explorer = part("TopExp").TopExp_Explorer(shape, getattr(part("TopAbs"), f"TopAbs_{kind.upper()}"))
+    topods = part("TopoDS").TopoDS
+    cast = getattr(topods, f"{kind}_s", None) or getattr(topods, kind)
+    while explorer.More():
+        yield cast(explorer.Current())
+        explorer.Next()
+
+
+def meetings(shape: Any) -> list[Meeting]:
+    """Every edge of the faces of ``shape`` once, in the order of the file."""
+    found: dict[int, list[Meeting]] = {}
+    for face in inside(shape, "Face"):
+        for edge in inside(face, "Edge"):
+            same = found.setdefault(hash(edge), [])
+            meeting = next((m for m in same if m.edge.IsSame(edge)), None)
+            if meeting is None:
+                meeting = Meeting(edge, [])
+                same.append(meeting)
+            meeting.uses.append((edge, face))
+    return [m for same in found.values() for m in same]
+
+
+def forward(shape: Any) -> bool:
+    """Whether an edge runs with its parameter, or a face points the way of its surface."""
+    return bool(shape.Orientation().name == "TopAbs_FORWARD")
+
+
+def degenerate(edge: Any) -> bool:
+    """Whether an edge is but a point."""
+    tool = part("BRep").BRep_Tool
+    return bool(tool.Degenerated_s(edge))
+
+
+class Curve:
+    """An edge as a curve: ``kind`` as OCCT names it ("Line", "Circle", ...), parameters from ``low`` to ``high``."""
+
+    def __init__(self, edge: Any) -> None:
+        self._curve = part("BRepAdaptor").BRepAdaptor_Curve(edge)
+        self._gp = part("gp")
+        self.kind = str(self._curve.GetType().name).removeprefix("GeomAbs_")
+        self.low, self.high = float(self._curve.FirstParameter()), float(self._curve.LastParameter())
+
+    def points(self, at: FloatArray) -> FloatArray:
+        """(N, 3) at the parameters ``at`` (N,)."""
+        return np.array([self._curve.Value(t).Coord() for t in at.tolist()]).reshape(-1, 3)
+
+    def tangent(self, at: float) -> FloatArray:
+        """(3,) the way of growing parameters."""
+        point, vector = self._gp.gp_Pnt(), self._gp.gp_Vec()
+        self._curve.D1(at, point, vector)
+        return np.array(vector.Coord())
+
+    def circle(self) -> tuple[FloatArray, FloatArray, float]:
+        """Centre, axis and radius of a circle; parameters are angles about the axis."""
+        circle = self._curve.Circle()
+        axis = circle.Axis()
+        return np.array(circle.Location().Coord()), np.array(axis.Direction().Coord()), float(circle.Radius())
+
+
+class Beside:
+    """A face along one of its edges."""
+
+    def __init__(self, edge: Any, face: Any) -> None:
+        adaptor = part("BRepAdaptor")
+        self._trace = adaptor.BRepAdaptor_Curve2d(edge, face)
+        self._surface = adaptor.BRepAdaptor_Surface(face, False)
+        self._sign = 1.0 if forward(face) else -1.0
+        self._gp = part("gp")
+        self._middle = (self._trace.FirstParameter() + self._trace.LastParameter()) / 2
+
+    def normals(self, at: FloatArray) -> FloatArray:
+        """(N, 3) outward unit normals at the edge's parameters ``at`` (N,), zero where there is none."""
+        result = self._normals(at)
+        for aside in (_ASIDE, 100 * _ASIDE):
+            lost = np.flatnonzero(~result.any(axis=1))
+            if not len(lost):
+                break
+            result[lost] = self._normals(at[lost] + aside * (self._middle - at[lost]))
+        return result
+
+    def _normals(self, at: FloatArray) -> FloatArray:
+        slopes = np.array([self._slopes(t) for t in at.tolist()]).reshape(-1, 2, 3)
+        normal = cross(slopes[:, 0], slopes[:, 1])
+        size = np.linalg.norm(normal, axis=1)
+        sound = size > 1e-9 * np.linalg.norm(slopes, axis=2).prod(axis=1)
+        return np.asarray(np.where(sound, self._sign / np.where(sound, size, 1.0), 0.0)[:, None] * normal)
+
+    def _slopes(self, t: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        place = self._trace.Value(t)
+        point, u, v = self._gp.gp_Pnt(), self._gp.gp_Vec(), self._gp.gp_Vec()
+        self._surface.D1(place.X(), place.Y(), point, u, v)
+        return u.Coord(), v.Coord()
+
+
+def triangles(shape: Any, deflection: float, angle: float) -> tuple[FloatArray, IntArray]:
+    """The faces of ``shape`` as triangles, wound outward: no farther than ``deflection`` (mm) from them."""
+    part("BRepMesh").BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)
+    tool, location = part("BRep").BRep_Tool, part("TopLoc").TopLoc_Location
+    vertices, faces = [], []
+    count = 0
+    for face in inside(shape, "Face"):
+        place = location()
+        mesh = tool.Triangulation_s(face, place)
+        if mesh is None:
+            continue
+        move = place.Transformation()
+        vertices += [mesh.Node(k).Transformed(move).Coord() for k in range(1, mesh.NbNodes() + 1)]
+        corners = np.array([mesh.Triangle(k).Get() for k in range(1, mesh.NbTriangles() + 1)], dtype=np.int64)
+        corners = corners.reshape(-1, 3) - 1 + count
+        faces.append(corners if forward(face) else corners[:, ::-1])
+        count = len(vertices)
+    both = np.concatenate(faces) if faces else np.zeros((0, 3), dtype=np.int64)
+    return np.array(vertices, dtype=np.float64).reshape(-1, 3), both
+
+
+def size(shape: Any) -> float:
+    """The diagonal of a box around ``shape``, mm."""
+    box = part("Bnd").Bnd_Box()
+    part("BRepBndLib").BRepBndLib.Add_s(shape, box)
+    return 0.0 if box.IsVoid() else float(np.sqrt(box.SquareExtent()))

@@ -1,0 +1,196 @@
+"""Meshes (STL, OBJ, PLY, OFF, 3MF, GLB) as solids: cleaned triangles, and sharp edges as lines, arcs and circles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.errors import InputError
+from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
+from camgen.model.pose import FloatArray, frozen
+from camgen.read.solid import topology as welding
+from camgen.read.solid.edges import edges_of, ordered
+from camgen.read.solid.mesh_file import Soup, load
+from camgen.read.solid.sharp import Segments, chained, dangling, face_normals, segments
+from camgen.read.solid.topology import Pairs, components, ends, paired
+
+# Faces wound so that their normals point out of the part, whatever the file says.
+
+
+def wrongly_wound(vertices: FloatArray, faces: IntArray, pairs: Pairs) -> tuple[BoolArray, int, int]:
+    """(F,) the faces to turn round, how many of them disagree with their body, and how many bodies are inside out.
+
+    Faces that hang together are wound like the most of them. A closed body is turned if its volume is negative, unless
+    it lies within the box of another one: then it may be a void, and is turned if that one is.
+    """
+    body = components(len(faces), pairs.first // 3, pairs.second // 3)
+    turn = _minority(faces, pairs, body)
+    odd = int(np.count_nonzero(turn))
+    corners = vertices[faces] - vertices[faces].mean(axis=(0, 1))
+    volume = np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6 * np.where(turn, -1, 1)
+    label, of = np.unique(body, return_inverse=True)
+    total = np.asarray(np.bincount(of, volume, len(label)), dtype=np.float64)
+    closed = np.ones(len(label), dtype=bool)
+    closed[of[np.concatenate([pairs.open, pairs.crowded]) // 3]] = False
+    inverted = _inverted(corners, of, total, closed)
+    return turn ^ inverted[of], odd, int(np.count_nonzero(inverted))
+
+
+def _minority(faces: IntArray, pairs: Pairs, body: IntArray) -> BoolArray:
+    """(F,) faces that are wound against the most of their body.
+
+    Every face is two nodes, as it is and turned; what agrees across an edge is linked. A body whose two halves
+    come out as one cannot be told inside from outside: it is left as it is.
+    """
+    count = len(faces)
+    turn = np.zeros(count, dtype=bool)
+    if not pairs.turned.any():
+        return turn
+    f, g = pairs.first // 3, pairs.second // 3
+    swap = np.where(pairs.turned, count, 0)
+    label = components(2 * count, np.concatenate([f, f + count]), np.concatenate([g + swap, g + count - swap]))
+    turn = label[:count] > label[count:]
+    most = np.bincount(body, turn, count) * 2 > np.bincount(body, minlength=count)
+    return np.asarray((turn ^ most[body]) & (label[:count] != label[count:]))
+
+
+def _inverted(corners: FloatArray, of: IntArray, volume: FloatArray, closed: BoolArray) -> BoolArray:
+    """(bodies,) which closed ones are inside out: those of negative volume in no other one, and what is in them."""
+    count = len(volume)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, of, corners.min(axis=1))
+    np.maximum.at(high, of, corners.max(axis=1))
+    inverted = np.zeros(count, dtype=bool)
+    for k in np.flatnonzero(closed & (volume < 0)).tolist():
+        if not (closed & (low < low[k]).all(axis=1) & (high > high[k]).all(axis=1)).any():
+            inverted |= closed & (low >= low[k]).all(axis=1) & (high <= high[k]).all(axis=1)
+    return inverted
+
+
+#: An arc is not told from lines more coarsely than by this part of the size of the mesh.
+_FINE = 1e-4
+_SET_UNITS = "set input.units if that is not meant"
+
+
+class Surface(Struct, frozen=True, eq=False):
+    """A clean mesh: vertices (V, 3) mm, faces (F, 3) wound outward with normals (F, 3), and how they meet."""
+
+    vertices: FloatArray
+    faces: IntArray
+    normals: FloatArray
+    pairs: Pairs
+    units: str
+
+    def sides(self, feature_angle: float) -> Segments:
+        """The sides of triangles where two faces meet at more than ``feature_angle`` (rad)."""
+        return segments(self.vertices, self.faces, self.normals, self.pairs, feature_angle)
+
+
+def read(path: Path, mm: float | None = None, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE) -> Solid:
+    """The solid in the mesh file ``path``. ``InputError`` if there is none.
+
+    mm: length of one unit of the file, None for its own, which is 1 mm for formats without one. tolerance: mm, what
+    vertices may be off the arcs recognised. feature_angle: rad, sharp edges are those above it.
+    """
+    mesh, notes = surface(path, mm)
+    borders = _borders(mesh.vertices, mesh.faces, mesh.pairs, notes)
+    sides = mesh.sides(feature_angle)
+    limit = min(tolerance, _FINE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
+    edges = ordered(edges_of(chained(sides, mesh.vertices), mesh.vertices, limit))
+    if edges:
+        convex = int(np.count_nonzero(sides.convex))
+        what = f"{convex} convex and {len(sides) - convex} concave sides of triangles are {len(edges)} edges"
+        notes.append(Note("joined", what, f"arcs where vertices lie on one within {limit:.3g} mm"))
+    return Solid(
+        path.stem, path.name, mesh.units, mesh.vertices, mesh.faces, mesh.normals, edges, borders, tuple(notes)
+    )
+
+
+def surface(path: Path, mm: float | None = None) -> tuple[Surface, list[Note]]:
+    """The mesh in ``path``, cleaned, and what was done to it. ``mm`` as in ``read``."""
+    soup = load(path)
+    notes = list(soup.notes)
+    if mm is None and not soup.unit:
+        notes.append(Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}"))
+    vertices, faces = _clean(path.name, soup, soup.mm if mm is None else mm, notes)
+    pairs = paired(faces)
+    useless = dangling(vertices, faces, pairs)
+    if useless.any():
+        _count(notes, int(np.count_nonzero(useless)), "faces without width that close nothing were left out")
+        faces = faces[~useless]
+        pairs = paired(faces)
+    faces, pairs = _outward(vertices, faces, pairs, notes)
+    normals, flat = face_normals(vertices, faces, pairs)
+    _count(notes, flat, "faces without width lie in the face beside them")
+    units = (soup.unit or "mm") if mm is None else f"{mm:g} mm"
+    faces = np.array(faces)
+    faces.flags.writeable = False
+    return Surface(frozen(vertices), faces, frozen(normals), pairs, units), notes
+
+
+def _clean(name: str, soup: Soup, mm: float, notes: list[Note]) -> tuple[FloatArray, IntArray]:
+    """Vertices in mm, and faces that have three of them and are there once."""
+    vertices, faces = welding.merged(soup.vertices * mm, soup.faces)
+    proper = welding.without_degenerate(faces)
+    single = welding.without_duplicates(proper)
+    joined, welds = welding.welded(vertices, single)
+    if welds:
+        notes.append(Note("repaired", f"{welds} vertices of rims that nearly meet were welded"))
+    whole = welding.without_duplicates(welding.without_degenerate(joined))
+    _count(notes, len(faces) - len(proper) + len(single) - len(whole), "faces that have no area were left out")
+    _count(notes, len(proper) - len(single), "faces that are there twice were left out")
+    if not len(whole):
+        raise InputError(name, "has no face with an area")
+    return welding.used(vertices, whole)
+
+
+def _count(notes: list[Note], count: int, what: str) -> None:
+    if count:
+        notes.append(Note("repaired", f"{count} {what}"))
+
+
+def _outward(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]) -> tuple[IntArray, Pairs]:
+    """Faces wound with their normals outward, as far as that can be told."""
+    wrong, odd, bodies = wrongly_wound(vertices, faces, pairs)
+    _count(notes, odd, "faces were wound against the others of their body and turned")
+    _count(notes, bodies, "bodies were inside out and turned")
+    if wrong.any():
+        faces = np.where(wrong[:, None], faces[:, ::-1], faces)
+        pairs = paired(faces)
+    if pairs.turned.any():
+        what = f"{int(pairs.turned.sum())} sides between faces that cannot be wound alike are no edges"
+        notes.append(Note("skipped", what, "inside and outside cannot be told apart there"))
+    if len(pairs.crowded):
+        start, end = ends(faces, pairs.crowded)
+        count = len(np.unique(np.sort(np.column_stack([start, end]), axis=1), axis=0))
+        notes.append(Note("skipped", f"{count} sides where more than two faces meet are no edges"))
+    return faces, pairs
+
+
+def _borders(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]) -> tuple[FloatArray, ...]:
+    """Lines along which the surface ends."""
+    if not len(pairs.open):
+        return ()
+    start, end = ends(faces, pairs.open)
+    chains = _border_chains(start.tolist(), end.tolist())
+    length = float(np.linalg.norm(vertices[end] - vertices[start], axis=1).sum())
+    what = f"the mesh is not closed: {len(pairs.open)} sides, {length:.6g} mm, belong to one face only"
+    notes.append(Note("warning", what, "they are borders, not edges"))
+    return tuple(frozen(vertices[chain]) for chain in chains)
+
+
+def _border_chains(start: list[int], end: list[int]) -> list[list[int]]:
+    """Vertices of each border in order; it ends where it comes back or another one goes on."""
+    leaving: dict[int, list[int]] = {}
+    for a, b in zip(start, end, strict=True):
+        leaving.setdefault(a, []).append(b)
+    chains = []
+    for a in start:
+        while leaving[a]:
+            chain = [a, leaving[a].pop()]
+            while chain[-1] != a and leaving.get(chain[-1]):
+                chain.append(leaving[chain[-1]].pop())
+            chains.append(chain)
+    return chains

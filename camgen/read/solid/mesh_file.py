@@ -1,0 +1,126 @@
+"""The bytes of a mesh file as vertices and triangles, as they are in the file. trimesh reads them."""
+
+from __future__ import annotations
+
+import logging
+import struct
+import zlib
+from io import BytesIO
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.errors import InputError, one_line
+from camgen.model.files import readable
+from camgen.model.part import IntArray, Note
+from camgen.model.pose import FloatArray
+
+SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb")
+
+#: mm per unit, by the names of the formats that have one: 3MF states its own, glTF 2.0 (section 3.4) is in metres.
+_MM = {
+    "microns": 1e-3, "micron": 1e-3, "millimeters": 1.0, "millimeter": 1.0, "mm": 1.0, "centimeters": 10.0,
+    "centimeter": 10.0, "cm": 10.0, "inches": 25.4, "inch": 25.4, "in": 25.4, "feet": 304.8, "foot": 304.8,
+    "meters": 1000.0, "meter": 1000.0, "m": 1000.0,
+}  # fmt: skip
+
+#: trimesh parses whatever it is given: a damaged file makes it stumble in each of these ways. ImportError: it wants
+#: a package for this format, or the one that guesses the encoding of what is no text at all.
+_STUMBLES = (
+    ValueError, TypeError, LookupError, NameError, AttributeError, ArithmeticError, AssertionError, OSError, EOFError,
+    ImportError, NotImplementedError, RuntimeError, SyntaxError, BadZipFile, struct.error, zlib.error,
+)  # fmt: skip
+_GUESSER = "charset_normalizer"
+#: Coordinates beyond this are damage.
+_FARTHEST = 1e9
+_QUIET = logging.NullHandler()
+_SAVE_AGAIN = "export it again from the CAD program"
+
+
+class Soup(Struct, frozen=True, eq=False):
+    """vertices (V, 3) in units of the file, faces (F, 3). unit: its name, "" if the format has none, mm: its size."""
+
+    vertices: FloatArray
+    faces: IntArray
+    unit: str
+    mm: float
+    notes: tuple[Note, ...]
+
+
+def load(path: Path) -> Soup:
+    """The triangles in ``path``. ``InputError`` if it is no mesh, has no faces, or holds numbers that are none."""
+    name, kind = path.name, path.suffix.lower()
+    if kind not in SUFFIXES:
+        raise InputError(name, "is not a kind of mesh that camgen reads", "", f"give one of {', '.join(SUFFIXES)}")
+    data, notes = _content(path), tuple[Note, ...]()
+    if kind == ".stl":
+        data, notes = _stl(name, data)
+    vertices, faces, unit = _parsed(name, data, kind)
+    if not len(faces):
+        raise InputError(name, "has no faces", "" if not len(vertices) else f"{len(vertices)} points only", _SAVE_AGAIN)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(name, "a face names a vertex that is not there", "", _SAVE_AGAIN)
+    wrong = np.flatnonzero(~(np.abs(vertices[faces]) < _FARTHEST).all(axis=(1, 2)))
+    if len(wrong):
+        what = f"{len(wrong)} faces have coordinates that are not numbers, or beyond all measure"
+        raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", _SAVE_AGAIN)
+    return Soup(vertices, faces, unit, _MM.get(unit, 1.0), notes)
+
+
+def _content(path: Path) -> bytes:
+    data = readable(path)
+    if not data.strip():
+        raise InputError(path.name, "the file is empty")
+    return data
+
+
+def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
+    """A binary STL cut to what its count says; text as it is. trimesh takes a wrong length for text."""
+    if _is_text(data):
+        return data, ()
+    if len(data) < 84 or b"\x00" not in data:
+        raise InputError(name, "is no STL mesh", "", _SAVE_AGAIN)
+    size = 84 + 50 * int(struct.unpack_from("<I", data, 80)[0])
+    if len(data) < size:
+        what = f"the file ends before its last face, {(len(data) - 84) // 50} of {(size - 84) // 50} are there"
+        raise InputError(name, what, "", _SAVE_AGAIN)
+    if len(data) == size:
+        return data, ()
+    return data[:size], (Note("repaired", f"{len(data) - size} bytes after the last face were left out"),)
+
+
+def _is_text(data: bytes) -> bool:
+    """Whether an STL is text: it begins so, and holds no byte that text does not."""
+    return data.lstrip()[:5].lower() == b"solid" and b"\x00" not in data[:2048]
+
+
+def _parsed(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, str]:
+    import trimesh  # noqa: PLC0415 (heavy, and needed by what reads a mesh only)
+
+    # Without a handler of its own trimesh's warnings would end up on stderr.
+    logging.getLogger("trimesh").addHandler(_QUIET)
+    try:
+        with np.errstate(all="ignore"):
+            scene = trimesh.load_scene(BytesIO(data), file_type=kind[1:], process=False)
+            for shape in scene.geometry.values():
+                # Materials are of no use here, and trimesh needs one more package to copy them.
+                if isinstance(shape, trimesh.Trimesh):
+                    shape.visual = trimesh.visual.ColorVisuals()
+            mesh = scene.to_mesh()
+        vertices = np.asarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
+        unit = "m" if kind == ".glb" else str(mesh.units or "").lower()
+    except _STUMBLES as error:
+        package = error.name or ("lxml" if kind == ".3mf" else "") if isinstance(error, ImportError) else ""
+        if package and package != _GUESSER:
+            missing = f"reading this {kind[1:].upper()} needs the package {package}"
+            raise InputError(name, missing, "", f"install {package}, or {_SAVE_AGAIN}") from error
+        raise InputError(name, f"is damaged or no {kind[1:].upper()} mesh: {_plain(error)}", "", _SAVE_AGAIN) from error
+    return vertices, faces, unit
+
+
+def _plain(error: Exception) -> str:
+    text = one_line(str(error)).strip().rstrip(".")
+    return text[:120] if text else type(error).__name__

@@ -1,0 +1,364 @@
+"""STEP files (AP203, AP214, AP242) as solids: exact edges, and triangles for collision. Needs the extra ``step``."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.geometry.arcs import Circle, cross, fitted, span_lengths, through
+from camgen.model.errors import InputError, one_line
+from camgen.model.files import readable
+from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
+from camgen.model.pose import FloatArray, frozen
+from camgen.read.solid import kernel
+from camgen.read.solid import topology as welding
+from camgen.read.solid.edges import ordered
+from camgen.read.solid.kernel import Beside, Curve
+from camgen.read.solid.sharp import face_normals
+from camgen.read.solid.topology import paired
+
+# Edges that go on smoothly as the same line or circle become one: CAD programs halve circles and cut lines.
+
+#: Ends are one place if they agree to this (mm).
+_MEET = 1e-4
+#: Tangents and normals agree to this (cosine).
+_ALIKE = float(np.cos(np.radians(1.0)))
+
+
+def backwards(edge: Edge) -> Edge:
+    """The same edge run the other way: what was on the left is on the right."""
+    return replace(
+        edge, points=frozen(edge.points[::-1]), via=frozen(edge.via[::-1]),
+        normals=frozen(edge.normals[::-1, ::-1]), via_normals=frozen(edge.via_normals[::-1, ::-1]),
+    )  # fmt: skip
+
+
+def directed(edge: Edge) -> Edge:
+    """The edge from the end with the smaller x, then y, then z; a closed one sets out towards the smaller."""
+    a, b = (edge.via[0], edge.via[-1]) if edge.closed else (edge.points[0], edge.points[-1])
+    return edge if np.round(a, 6).tolist() <= np.round(b, 6).tolist() else backwards(edge)
+
+
+def joined(edges: list[Edge]) -> list[Edge]:
+    """The edges with those that go on as one made one."""
+    chains: dict[int, Edge] = dict(enumerate(edges))
+    at: dict[tuple[int, ...], list[int]] = defaultdict(list)
+    for k, edge in chains.items():
+        if not edge.closed:
+            for point in (edge.points[0], edge.points[-1]):
+                at[_place(point)].append(k)
+    owner = {k: k for k in chains}
+    for place, (first, *rest) in at.items():
+        if len(rest) != 1:
+            continue
+        a, b = _owner(owner, first), _owner(owner, rest[0])
+        one = _one(chains[a], chains[b], place)
+        if one is not None:
+            chains.pop(b, None)
+            chains[a], owner[b] = one, a
+    return list(chains.values())
+
+
+def _owner(owner: dict[int, int], k: int) -> int:
+    while owner[k] != k:
+        k = owner[k]
+    return k
+
+
+def _place(point: FloatArray) -> tuple[int, ...]:
+    return tuple(np.round(point / _MEET).astype(np.int64).tolist())
+
+
+def _one(a: Edge, b: Edge, place: tuple[int, ...]) -> Edge | None:
+    """``a`` and ``b`` as one edge over the place where they meet, None if they are two. They may be one: a circle."""
+    if a.kind not in ("line", "arc") or a.kind != b.kind or a.convex != b.convex:
+        return None
+    if a is b:
+        return replace(a, kind="circle", closed=True) if a.kind == "arc" and _smooth(a, a) else None
+    a = a if _place(a.points[-1]) == place else backwards(a)
+    b = b if _place(b.points[0]) == place else backwards(b)
+    if abs(a.radius - b.radius) > _MEET or not _smooth(a, b):
+        return None
+    if a.kind == "arc" and _apart(a, b) > 2 * _MEET:
+        return None
+    columns = {n: frozen(np.concatenate([getattr(a, n), getattr(b, n)])) for n in ("via", "via_normals")}
+    columns |= {n: frozen(np.concatenate([getattr(a, n), getattr(b, n)[1:]])) for n in ("points", "normals")}
+    share = a.length / (a.length + b.length)
+    angle = share * a.angle + (1 - share) * b.angle
+    return replace(a, **columns, angle=angle, length=a.length + b.length)
+
+
+def _smooth(a: Edge, b: Edge) -> bool:
+    """Whether b goes on where a ends with the same tangent and the same two normals."""
+    if (np.einsum("si,si->s", a.normals[-1], b.normals[0]) < _ALIKE).any():
+        return False
+    return (
+        float(_tangent(a.points[-1], a.via[-1], a.points[-2]) @ _tangent(b.points[0], b.via[0], b.points[1])) < -_ALIKE
+    )
+
+
+def _tangent(p: FloatArray, via: FloatArray, q: FloatArray) -> FloatArray:
+    """(3,) unit, the way in which the span from ``p`` over ``via`` to ``q`` leaves p."""
+    circle = through(p, via, q)
+    way = q - p if circle is None else cross(circle.axis, circle.first)
+    return np.asarray(way / np.linalg.norm(way))
+
+
+def _apart(a: Edge, b: Edge) -> float:
+    """How far the centres of two arcs are apart, mm."""
+    first, second = through(a.points[0], a.via[0], a.points[1]), through(b.points[0], b.via[0], b.points[1])
+    if first is None or second is None:
+        return np.inf
+    return float(np.linalg.norm(first.center - second.center))
+
+
+# Edges of exact CAD as spans: lines and circles as they are, all else as arcs through three of its points.
+
+#: Samples that tell a line or a circle that is written as a spline.
+_SAMPLES = 33
+#: How near a spline must be to a line or a circle to be one, as a part of the tolerance.
+_EXACT = 0.1
+#: Samples within each half of a span that is compared with its arc.
+_WITHIN = 4
+#: Divisions at most: a cusp ends in an interval far below any tolerance.
+_DEPTH = 20
+#: Normals of a line that stay within this (cosine) are those of one flat face.
+_FLAT = float(np.cos(np.radians(2.0)))
+
+
+def edge(curve: Curve, left: Beside, right: Beside, convex: bool, tolerance: float) -> Edge:
+    """The edge along ``curve``, without id; ``left`` and ``right`` of growing parameters, seen from outside."""
+    at = np.linspace(curve.low, curve.high, _SAMPLES)
+    points = curve.points(at)
+    kind, circle = _known(curve, points, tolerance)
+    if kind == "line":
+        ends = _line_parameters(at, left, right)
+        places = curve.points(ends)
+        middles, via = (ends[1:] + ends[:-1]) / 2, (places[1:] + places[:-1]) / 2
+    elif circle is not None:
+        ends, middles, places, via = _round(circle, at, points)
+    else:
+        ends = np.array(_divided(curve, curve.low, curve.high, tolerance, _DEPTH))
+        places, middles = curve.points(ends), (ends[1:] + ends[:-1]) / 2
+        via = _arc_middles(places, curve.points(middles))
+    normals, via_normals = (np.stack([left.normals(t), right.normals(t)], axis=1) for t in (ends, middles))
+    closed = bool(np.linalg.norm(places[0] - places[-1]) < 1e-6)
+    if closed:
+        places[-1] = places[0]
+    return Edge(
+        "", "circle" if closed and kind == "arc" else kind, frozen(places), frozen(via), frozen(normals),
+        frozen(via_normals), _mean_angle(via_normals), convex, closed, circle.radius if circle else 0.0,
+        float(span_lengths(places, via).sum()),
+    )  # fmt: skip
+
+
+def _known(curve: Curve, points: FloatArray, tolerance: float) -> tuple[EdgeKind, Circle | None]:
+    """Whether the curve is a line or an arc, by its kind or, within a part of ``tolerance``, by its points."""
+    if curve.kind == "Line":
+        return "line", None
+    if curve.kind == "Circle":
+        center, axis, radius = curve.circle()
+        first = points[0] - center
+        return "arc", Circle(center, axis, first / np.linalg.norm(first), radius)
+    limit = _EXACT * tolerance
+    chord = points[-1] - points[0]
+    length = float(np.linalg.norm(chord))
+    if length > 0:
+        along = (points - points[0]) @ (chord / length)
+        aside = np.linalg.norm(points - points[0] - along[:, None] * (chord / length), axis=1)
+        if aside.max() <= limit and (np.diff(along) > 0).all():
+            return "line", None
+    circle = fitted(points[:-1] if length <= limit else points)
+    if circle is None or circle.distances(points).max(initial=0.0) > limit:
+        return "curve", None
+    return ("arc", circle) if (np.diff(circle.angles(points[:-1])) > 0).all() else ("curve", None)
+
+
+def _line_parameters(at: FloatArray, left: Beside, right: Beside) -> FloatArray:
+    """Where a line is divided: at its ends, and on the way if the normals turn."""
+    at = at[:: (_SAMPLES - 1) // 4]
+    normals = np.stack([left.normals(at), right.normals(at)])
+    steady = (np.einsum("ski,sli->skl", normals, normals) > _FLAT).all()
+    return at[[0, -1]] if steady else at
+
+
+def _round(circle: Circle, at: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Parameters of the ends and the middles of spans of at most half circles, and their places."""
+    angles = circle.angles(points)
+    angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
+    count = max(1, int(np.ceil(angles[-1] / np.pi - 1e-6)))
+    wanted = np.linspace(0.0, angles[-1], 2 * count + 1)
+    parameters, places = np.interp(wanted, angles, at), circle.at(wanted)
+    places[0], places[-1] = points[0], points[-1]
+    return parameters[::2], parameters[1::2], places[::2], places[1::2]
+
+
+def _divided(curve: Curve, low: float, high: float, tolerance: float, depth: int) -> list[float]:
+    """Parameters from ``low`` to ``high`` between which the curve keeps to the arc through ends and middle."""
+    points = curve.points(np.linspace(low, high, 2 * _WITHIN + 1))
+    if depth == 0 or _fits(points, tolerance):
+        return [low, high]
+    middle = (low + high) / 2
+    return [
+        *_divided(curve, low, middle, tolerance, depth - 1)[:-1],
+        *_divided(curve, middle, high, tolerance, depth - 1),
+    ]
+
+
+def _fits(points: FloatArray, tolerance: float) -> bool:
+    circle = through(points[0], points[_WITHIN], points[-1])
+    if circle is None:
+        chord = points[-1] - points[0]
+        length = float(np.linalg.norm(chord))
+        return length > 0 and bool(
+            (np.linalg.norm(cross(points - points[0], chord), axis=1) <= tolerance * length).all()
+        )
+    angles = circle.angles(points)
+    even = bool((np.diff(angles) > 0).all() and angles[-1] < np.pi / 2)
+    return even and bool(np.abs(circle.distances(points)).max() <= tolerance)
+
+
+def _arc_middles(places: FloatArray, middles: FloatArray) -> FloatArray:
+    """The middles of the arcs from one of ``places`` (N, 3) to the next through ``middles`` (N - 1, 3)."""
+    via = (places[1:] + places[:-1]) / 2
+    for k, middle in enumerate(middles):
+        circle = through(places[k], middle, places[k + 1])
+        if circle is not None:
+            via[k] = circle.at(circle.angles(places[k + 1][None]) / 2)[0]
+    return via
+
+
+def _mean_angle(normals: FloatArray) -> float:
+    """The angle between the two normals (N, 2, 3), rad, on the average."""
+    a, b = normals[:, 0], normals[:, 1]
+    return float(np.arctan2(np.linalg.norm(cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)).mean())
+
+
+SUFFIXES = (".step", ".stp")
+
+#: Triangles leave the part by at most this part of its size, within these bounds (mm), and turn by this (rad).
+_DEFLECTION, _FINEST, _COARSEST, _ANGLE = 2e-4, 0.005, 0.2, 0.35
+_CONTEXT = re.compile(rb"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)")
+_INSTANCE = re.compile(rb"#(\d+)\s*=\s*\((?=[^;]*\bLENGTH_UNIT\b)([^;]*);")
+_CONVERTED = re.compile(rb"CONVERSION_BASED_UNIT\s*\(\s*'([^']*)'")
+_SI = re.compile(rb"SI_UNIT\s*\(\s*(\$|\.\w+\.)\s*,\s*\.METRE\.")
+_PREFIX = {b"$": "m", b".MILLI.": "mm", b".CENTI.": "cm", b".DECI.": "dm", b".MICRO.": "um", b".KILO.": "km"}
+
+
+def read(path: Path, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE) -> Solid:
+    """The solid in the STEP file ``path``. ``InputError`` if there is none, or the extra is not installed.
+
+    tolerance: mm, what arcs and lines may leave the ellipses and splines they stand for. feature_angle: rad, sharp
+    edges are those above it.
+    """
+    units, notes = _units(path)
+    shape = kernel.load(path)
+    failure = kernel.part("Standard").Standard_Failure
+    try:
+        edges, borders = _edges(shape, tolerance, feature_angle, notes)
+        deflection = float(np.clip(_DEFLECTION * kernel.size(shape), _FINEST, _COARSEST))
+        vertices, faces = welding.merged(*kernel.triangles(shape, deflection, _ANGLE))
+    except (failure, *kernel.STUMBLES) as error:
+        again = "export it again from the CAD program"
+        raise InputError(path.name, "the CAD kernel stumbles over its faces", "", again) from error
+    faces, _ = welding.welded(vertices, welding.without_degenerate(faces))
+    faces = welding.without_duplicates(welding.without_degenerate(faces))
+    if not len(faces):
+        raise InputError(path.name, "has no faces", "curves or points only", "export the part as a solid")
+    vertices, faces = welding.used(vertices, faces)
+    normals, _ = face_normals(vertices, faces, paired(faces))
+    faces.flags.writeable = False
+    return Solid(path.stem, path.name, units, frozen(vertices), faces, frozen(normals), edges, borders, tuple(notes))
+
+
+def _units(path: Path) -> tuple[str, list[Note]]:
+    """The units of length that the shapes of the file are in. The kernel converts them; this is for the user."""
+    data = readable(path)
+    if not data[:4096].lstrip().startswith(b"ISO-10303-21"):
+        raise InputError(path.name, "is no STEP file", "it does not begin with ISO-10303-21")
+    lengths = dict(_INSTANCE.findall(data))
+    used = {ref.strip(b" \t\r\n#") for refs in _CONTEXT.findall(data) for ref in refs.split(b",")}
+    names = sorted({_unit(lengths[ref]) for ref in used if ref in lengths})
+    if not names:
+        return "mm", [Note("assumed", "1 unit of the file = 1 mm", "the file states no unit of length")]
+    return ", ".join(names), []
+
+
+def _unit(text: bytes) -> str:
+    converted, si = _CONVERTED.search(text), _SI.search(text)
+    if converted:
+        return one_line(converted[1].decode("ascii", "replace")).lower().replace("metre", "m")
+    return _PREFIX.get(si[1], "unknown") if si else "unknown"
+
+
+def _edges(
+    shape: Any, tolerance: float, feature_angle: float, notes: list[Note]
+) -> tuple[tuple[Edge, ...], tuple[FloatArray, ...]]:
+    """Sharp edges with ids, and where faces end."""
+    found: list[Edge] = []
+    borders: list[FloatArray] = []
+    left_out: Counter[str] = Counter()
+    for meeting in kernel.meetings(shape):
+        what = _kind(meeting)
+        if what == "border":
+            curve = kernel.Curve(meeting.edge)
+            borders.append(frozen(curve.points(np.linspace(curve.low, curve.high, 2 if curve.kind == "Line" else 33))))
+        elif what:
+            left_out[what] += 1
+        else:
+            sharp = _sharp(meeting, tolerance, feature_angle)
+            left_out["smooth"] += sharp is None
+            found += [sharp] if sharp is not None else []
+    edges = ordered(directed(e) for e in joined(found))
+    _say(notes, left_out, found, len(edges), feature_angle)
+    if borders:
+        notes.append(Note("warning", f"{len(borders)} edges have a face on one side only", "borders, not edges"))
+    return edges, tuple(borders)
+
+
+def _kind(meeting: kernel.Meeting) -> str:
+    """Why an edge is none between two faces, "" if it is."""
+    if kernel.degenerate(meeting.edge):
+        return "degenerate"
+    if len(meeting.uses) == 2 and meeting.uses[0][1].IsSame(meeting.uses[1][1]):
+        return "seam"
+    if len(meeting.uses) == 1:
+        return "border"
+    if len(meeting.uses) > 2:
+        return "crowded"
+    return "" if kernel.forward(meeting.uses[0][0]) != kernel.forward(meeting.uses[1][0]) else "turned"
+
+
+def _sharp(meeting: kernel.Meeting, tolerance: float, feature_angle: float) -> Edge | None:
+    """The edge if its faces meet at more than ``feature_angle`` in the middle of it.
+
+    A face lies on the left of its edges as they run in it, seen from outside. Convex: see ``sharp.segments``.
+    """
+    (edge_a, face_a), (edge_b, face_b) = meeting.uses
+    left, right = kernel.Beside(edge_a, face_a), kernel.Beside(edge_b, face_b)
+    if not kernel.forward(edge_a):
+        left, right = right, left
+    curve = kernel.Curve(meeting.edge)
+    middle = np.array([(curve.low + curve.high) / 2])
+    a, b = left.normals(middle)[0], right.normals(middle)[0]
+    turn = cross(a, b)
+    if float(np.arctan2(np.linalg.norm(turn), a @ b)) <= feature_angle:
+        return None
+    return edge(curve, left, right, bool(turn @ curve.tangent(float(middle[0])) > 0), tolerance)
+
+
+def _say(notes: list[Note], left_out: Counter[str], found: list[Edge], whole: int, feature_angle: float) -> None:
+    """What became of the edges of the file, in numbers."""
+    convex = sum(e.convex for e in found)
+    below = f"{left_out['smooth']} below {np.degrees(feature_angle):.3g} deg"
+    others = f"{left_out['seam']} seams and {left_out['degenerate']} points"
+    what = f"{convex} convex and {len(found) - convex} concave edges of the file are {whole}"
+    notes.append(Note("joined", what, f"where one goes on as the same line or circle; {below}, {others} left out"))
+    for kind, why in (("crowded", "more than two faces meet"), ("turned", "inside and outside disagree")):
+        if left_out[kind]:
+            notes.append(Note("skipped", f"{left_out[kind]} edges were left out", f"{why} there"))

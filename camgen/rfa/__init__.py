@@ -1,1 +1,0 @@
-"""Motions between processing motions: retraction, free motion, approach (RFA paper, section II), and which to take."""

@@ -1,0 +1,34 @@
+"""From flange poses to joints: every branch."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camgen.model.pose import FloatArray
+from camgen.robots.kinematics import iterative as damped
+from camgen.robots.kinematics import planar as flat
+from camgen.robots.kinematics import spherical
+from camgen.robots.kinematics.arms import Gantry, Scara
+from camgen.robots.kinematics.joint_limits import joints_of, theta_of, wrapped
+from camgen.robots.models import Robot
+
+
+def inverse(robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray | None = None) -> FloatArray:
+    """The controller's joint values (N, B, J) that bring the flange to base_from_flange (N, 3, 3), (N, 3), mm.
+
+    B: 8 for spherical wrists (``spherical.BRANCHES`` says in which order), 2 for SCARA, 1 for slides,
+    ``damped.SEEDS`` for others, found first. nan: no solution, by reach alone; ``values.within`` knows the limits. A
+    turning joint is given within half a turn of the middle of its limits; ``values.copies`` adds the rest. Where a pose
+    leaves a joint free (axis 5 straight, wrist above axis 1) it is taken from ``near``, (J,) to (N, B, J); without it
+    the angle of axis 4 is 0, and that of axis 1 is 0 facing the wrist and half a turn with the back to it.
+    """
+    rotations, origins = np.asarray(rotations, dtype=np.float64), np.asarray(origins, dtype=np.float64)
+    arm = robot.arm
+    if isinstance(arm, Gantry):
+        return flat.gantry_values(arm, rotations, origins)
+    if arm is None:
+        return wrapped(robot, damped.solve(robot, rotations, origins))
+    if isinstance(arm, Scara):
+        return joints_of(robot, arm, flat.scara_angles(arm, rotations, origins))
+    kept = np.full(len(robot.joints), np.nan) if near is None else near
+    return joints_of(robot, arm, spherical.angles(arm, rotations, origins, theta_of(robot, arm, kept)))

@@ -1,0 +1,92 @@
+"""Joint values: the controller's and those of the closed form, limits, and the copies a turn away."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camgen.model.pose import FloatArray
+from camgen.robots.kinematics.arms import Scara, Spherical
+from camgen.robots.models import Robot
+
+#: rad or mm: a joint so far beyond its limit stands on it.
+_ON_LIMIT = 1e-9
+
+
+def theta_of(robot: Robot, arm: Spherical | Scara, joints: FloatArray) -> FloatArray:
+    """The angles of the closed form (..., J) for joint values (..., J)."""
+    return np.asarray(joints @ robot.coupling.T * arm.signs + arm.offsets)
+
+
+def joints_of(robot: Robot, arm: Spherical | Scara, theta: FloatArray) -> FloatArray:
+    """The joint values (..., J), wrapped, for angles of the closed form (..., J)."""
+    return wrapped(robot, ((theta - arm.offsets) * arm.signs) @ np.linalg.inv(robot.coupling).T)
+
+
+def wrapped(robot: Robot, joints: FloatArray) -> FloatArray:
+    """``joints`` (..., J) with every turning joint within half a turn of the middle of its limits: those of the serial
+    chain where a rod sets them.
+    """
+    rod = np.isfinite(robot.serial_limits[:, 0])
+    middle = np.where(rod[:, None], robot.serial_limits, robot.limits).mean(axis=1)
+    serial = joints @ robot.coupling.T
+    whole = np.rint((serial - middle) / math.tau) * math.tau
+    serial = np.where([joint.sliding for joint in robot.joints], serial, serial - whole)
+    return np.asarray(serial @ np.linalg.inv(robot.coupling).T)
+
+
+def within(robot: Robot, joints: FloatArray) -> NDArray[np.bool_]:
+    """Which joint values (..., J) keep all limits, the rod's too; nan does not."""
+    return np.asarray(excess(robot, joints).max(axis=-1) <= _ON_LIMIT)
+
+
+def excess(robot: Robot, joints: FloatArray) -> FloatArray:
+    """Rad or mm by which each joint is beyond its limits or the rod's (..., J), 0 or less: within; nan: infinite."""
+    serial = joints @ robot.coupling.T
+    beyond = np.maximum.reduce(
+        [
+            robot.limits[:, 0] - joints,
+            joints - robot.limits[:, 1],
+            robot.serial_limits[:, 0] - serial,
+            serial - robot.serial_limits[:, 1],
+        ]
+    )
+    return np.where(np.isnan(beyond), math.inf, beyond)
+
+
+def turns(robot: Robot) -> NDArray[np.int64]:
+    """Whole turns (T, J) by which a solution of ``inverse`` can be moved with hope of staying within the limits, from
+    the most negative to the most positive, joint 1 slowest; joints at a rod stay.
+    """
+    plain = (robot.coupling == np.eye(len(robot.joints))).all(axis=0) & np.isinf(robot.serial_limits[:, 0])
+    ranges = []
+    for joint, (low, high), alone in zip(robot.joints, robot.limits.tolist(), plain.tolist(), strict=True):
+        most = int(((high - low) / 2 + math.pi + _ON_LIMIT) // math.tau) if alone and not joint.sliding else 0
+        ranges.append(range(-most, most + 1))
+    return np.array(list(itertools.product(*ranges)), dtype=np.int64)
+
+
+def within_turned(robot: Robot, solutions: FloatArray, table: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of ``solutions`` (..., J), moved by each row of ``table`` (T, J), keep the limits (..., T)."""
+    turning = table.any(axis=0)
+    stays = excess(robot, solutions)[..., ~turning].max(axis=-1, initial=-math.inf) <= _ON_LIMIT
+    good = np.repeat(stays[..., None], len(table), axis=-1)
+    for k in np.flatnonzero(turning):
+        low, high = robot.limits[k] + [-_ON_LIMIT, _ON_LIMIT]
+        # Rows of the table share their turns of one joint: each number of turns is tested once.
+        numbers, own = np.unique(table[:, k], return_inverse=True)
+        moved = solutions[..., k, None] + math.tau * numbers
+        good &= ((low <= moved) & (moved <= high))[..., own]
+    return good
+
+
+def copies(robot: Robot, solutions: FloatArray) -> FloatArray:
+    """All joint values within the limits that put the flange where ``solutions`` (..., J) do: (..., T, J), nan for a
+    copy beyond a limit. T as in ``turns``.
+    """
+    table = turns(robot)
+    every = np.asarray(solutions)[..., None, :] + math.tau * table
+    return np.where(within_turned(robot, solutions, table)[..., None], every, np.nan)

@@ -1,0 +1,43 @@
+"""How far configurations are from where an arm loses a direction of motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camgen.model.pose import FloatArray
+from camgen.robots.kinematics import spherical
+from camgen.robots.kinematics.arms import Gantry, Scara
+from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.kinematics.joint_limits import theta_of
+from camgen.robots.models import Robot
+
+_SPHERICAL = ("wrist above axis 1", "elbow straight", "wrist straight")
+
+
+def singularities(robot: Robot) -> tuple[str, ...]:
+    """The names of the columns of ``from_singular``."""
+    if isinstance(robot.arm, Gantry):
+        return ()
+    if isinstance(robot.arm, Scara):
+        return ("elbow straight",)
+    return _SPHERICAL if robot.arm else ("arm stretched or axes in line",)
+
+
+def from_singular(robot: Robot, joints: FloatArray) -> FloatArray:
+    """How far configurations (..., J) are from each kind of singularity, rad (..., K); nan stays nan.
+
+    For an arm without a closed form it is the least singular value of its Jacobian, lengths divided by the mean lever.
+    """
+    if isinstance(robot.arm, Gantry):
+        return np.empty((*joints.shape[:-1], 0))
+    if isinstance(robot.arm, Scara):
+        return np.asarray(np.arcsin(np.abs(np.sin(theta_of(robot, robot.arm, joints)[..., 1:2]))))
+    if robot.arm:
+        return spherical.singularities(robot.arm, theta_of(robot, robot.arm, joints))
+    flat = joints.reshape(-1, joints.shape[-1])
+    good = np.isfinite(flat).all(axis=1)
+    least = np.full(len(flat), np.nan)
+    moved, _, _ = jacobian(robot, flat[good])
+    moved[:, :3] /= robot.lever
+    least[good] = np.linalg.svd(moved, compute_uv=False)[:, -1]
+    return least.reshape(*joints.shape[:-1], 1)

@@ -1,0 +1,140 @@
+"""An arm from a URDF file: ``cell.robot = "arm.urdf"``."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.model.errors import InputError
+from camgen.model.pose import FloatArray, frozen
+from camgen.robots.kinematics.arms import recognise
+from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.kinematics.joint_limits import turns
+from camgen.robots.models import Box, Link, Robot, Trust
+from camgen.robots.urdf.boxes import boxes_of, touching
+from camgen.robots.urdf.chain import Chain, chain_of, limits_of
+from camgen.robots.urdf.xml import Description, read_description
+
+#: mm by which boxes are grown, as those of the built-in robots.
+_PAD = 5.0
+#: Whole turns of all joints together that are looked at: seven joints of +-360 deg have 3 to the power of 7.
+_TURNS = 2187
+#: Beyond this an arm has no use for joints.
+_MOST = 12
+#: rad: joints are bent by so much for a home where the arm is not stretched. Least singular value that is enough there.
+_BEND, _CLEAR = math.radians(30), 0.05
+
+
+def read_urdf(file: str, tip: str = "") -> Robot:
+    """The arm that the URDF ``file`` describes, from its base to the link ``tip``, "": to its flange.
+
+    InputError with the link or joint that is wrong, or that camgen cannot move.
+    """
+    described = read_description(Path(file))
+    chain = chain_of(described, tip)
+    if len(chain.joints) > _MOST:
+        raise InputError(file, f"has {len(chain.joints)} joints between {chain.base} and {chain.tip}, {_MOST} at most")
+    links, notes = _links(described, chain)
+    arm = _bare(described, chain, links, notes)
+    if len(turns(arm)) > _TURNS:
+        remedy = "narrow the limits of some: half of what is stated is enough for most paths"
+        raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
+    arm = replace(arm, home=_home(arm))
+    return _spared(replace(arm, touching=touching(arm)))
+
+
+def _spared(robot: Robot) -> Robot:
+    """With a note on links that are no neighbours, and yet not tested against each other."""
+    pairs = [(robot.links[i].name, robot.links[j].name) for i, j in robot.touching if j > i + 1]
+    said = [f"{a} and {b} overlap in every posture: they are not tested against each other" for a, b in pairs]
+    return replace(robot, notes=(*robot.notes, *said))
+
+
+def _links(described: Description, chain: Chain) -> tuple[tuple[Link, ...], list[str]]:
+    """What moves together, with its boxes, and notes on what has none."""
+    links, notes = [], []
+    names = [chain.base, *(joint.child for joint in chain.raw)]
+    for name, body in zip(names, chain.bodies, strict=True):
+        boxes: list[Box] = []
+        for part, body_from_part in body.items():
+            own, said = boxes_of(part, described.links[part], Path(described.file).parent)
+            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in own]
+            notes += said
+        links.append(Link(name, tuple(boxes)))
+    return tuple(links), notes
+
+
+def _bare(described: Description, chain: Chain, links: tuple[Link, ...], notes: list[str]) -> Robot:
+    """The robot, its home at the middle of the limits and no links taken for touching."""
+    limits = frozen([limits_of(joint) for joint in chain.raw])
+    count = len(chain.joints)
+    said = [*chain.notes, *notes]
+    if described.rounded:
+        said.append(f"{described.rounded} angles were taken as the multiples of 90 deg that they are rounded from")
+    return Robot(
+        name=described.name,
+        maker="",
+        controller="",
+        convention=f"The joints of the URDF, from link {chain.base} to link {chain.tip}.",
+        joints=chain.joints,
+        limits=limits,
+        speeds=frozen([joint.limit.velocity for joint in chain.raw]),
+        flange=chain.flange,
+        coupling=frozen(np.eye(count)),
+        serial_limits=frozen(np.tile([-math.inf, math.inf], (count, 1))),
+        links=links,
+        touching=(),
+        pad=_PAD,
+        home=frozen(limits.mean(axis=1)),
+        trust=Trust("uncertain", "uncertain", "uncertain", "uncertain"),
+        notes=tuple(said),
+        sources=(Path(described.file).name,),
+        arm=recognise(chain.joints, chain.flange),
+    )
+
+
+def _home(robot: Robot) -> FloatArray:
+    """Where the arm is not stretched: joints at 0, or amid limits that 0 is not within, if that will do; else with the
+    fewest joints bent by 30 deg.
+    """
+    low, high = robot.limits.T
+    turning = np.array([not joint.sliding for joint in robot.joints])
+    rest = np.where((low < 0) & (high > 0) & turning, 0.0, (low + high) / 2)
+    best, clear = rest, -1.0
+    for bent in range(min(int(turning.sum()), 2) + 1):
+        every = np.array([_bent(rest, joints) for joints in _signed(np.flatnonzero(turning).tolist(), bent)])
+        every = every[((low <= every) & (every <= high)).all(axis=1)]
+        clears = _clearness(robot, every, turning).round(9)  # of two bends that do as well, the first
+        if clears.max(initial=-1.0) > clear:
+            best, clear = every[clears.argmax()], float(clears.max())
+        if clear >= _CLEAR:
+            break
+    return frozen(best)
+
+
+def _signed(joints: list[int], count: int) -> Iterator[tuple[tuple[int, int], ...]]:
+    """Each choice of ``count`` joints, each with a sign."""
+    for chosen in itertools.combinations(joints, count):
+        for signs in itertools.product((1, -1), repeat=count):
+            yield tuple(zip(chosen, signs, strict=True))
+
+
+def _bent(rest: FloatArray, joints: tuple[tuple[int, int], ...]) -> FloatArray:
+    values = rest.copy()
+    for joint, sign in joints:
+        values[joint] += sign * _BEND
+    return values
+
+
+def _clearness(robot: Robot, joints: FloatArray, turning: NDArray[np.bool_]) -> FloatArray:
+    """The least singular values (N,) of the Jacobian; a slide counts as a joint at the arm's mean lever."""
+    moved, _, _ = jacobian(robot, joints)
+    moved[:, :3] /= robot.lever
+    moved[:, :, ~turning] *= robot.lever
+    return np.asarray(np.linalg.svd(moved, compute_uv=False)[:, -1])

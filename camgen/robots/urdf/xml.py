@@ -1,0 +1,349 @@
+"""What a URDF file says: links, joints and shapes, in mm and rad, each checked by itself.
+
+Source: the ROS wiki's pages urdf/XML/joint and urdf/XML/link. Materials, inertia, transmissions, dynamics, calibration
+and safety controllers do not say where an arm can go, and are not looked at.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import stat
+from pathlib import Path
+from typing import NoReturn
+from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser, fromstring
+
+from msgspec import Struct
+
+from camgen.model.errors import InputError, one_line
+from camgen.model.pose import Pose, Vec3, rotation_from_fixed_xyz
+
+# Numbers, places and names in the elements of a URDF, in mm and rad.
+
+#: Lengths in m and angles in rad beyond this are damage.
+_FARTHEST = 1e4
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
+#: rad: an angle no farther from a multiple of 90 deg than this, and than one of its last digit, is that multiple.
+_ROUNDED = 1e-3
+_EXACT = 1e-9
+#: Letters of a name.
+_LONGEST = 500
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Wrong(Exception):
+    """An element that cannot be meant; whoever knows the file's name makes an InputError of it."""
+
+    def __init__(self, what: str, where: str = "", remedy: str = "") -> None:
+        super().__init__(what, where, remedy)
+        self.what, self.where, self.remedy = what, where, remedy
+
+
+def name_of(element: Element, key: str, where: str = "") -> str:
+    """The attribute ``key``, which has to be there."""
+    value = element.get(key, "").strip()
+    if not value:
+        raise Wrong(f"{element.tag} has no {key}", where, f'give it {key}="..."')
+    if len(value) > _LONGEST:
+        raise Wrong(f"{element.tag} {value[:20]}... has a {key} of {len(value)} letters", where, "shorten it")
+    if not value.isprintable():
+        raise Wrong(f"{element.tag} has a {key} that cannot be printed", where, "rename it")
+    return value
+
+
+def number(text: str, where: str) -> float:
+    """A finite number of a size that lengths in m and angles in rad have."""
+    text = text.strip()
+    if not _NUMBER.fullmatch(text):
+        raise Wrong(f'"{text[:40]}" is not a number', where)
+    value = float(text)
+    if not abs(value) < _FARTHEST:
+        raise Wrong(f"{text[:40]} is beyond all measure", where, "lengths are m, angles rad")
+    return value
+
+
+def optional(element: Element, key: str, where: str) -> float | None:
+    """The number ``key`` of an element, None where it is not stated."""
+    text = element.get(key)
+    return None if text is None else number(text, f"{where}, {key}")
+
+
+def three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
+    """Three numbers ``key`` of an element, ``default`` where they are not stated."""
+    text = None if element is None else element.get(key)
+    if text is None:
+        return default
+    words = text.split()
+    if len(words) != 3:
+        raise Wrong(f"three numbers are needed, not {len(words)}", f"{where}, {key}")
+    x, y, z = (number(word, f"{where}, {key}") for word in words)
+    return (x, y, z)
+
+
+def place(element: Element, where: str) -> Pose:
+    """Where the ``origin`` in an element is, mm; the parent's frame where it has none."""
+    origin = element.find("origin")
+    x, y, z = three(origin, "xyz", ZERO, where)
+    three(origin, "rpy", ZERO, where)
+    roll, pitch, yaw = (_angle(word) for word in _angles(origin))
+    return Pose(rotation_from_fixed_xyz(roll, pitch, yaw), (1000 * x, 1000 * y, 1000 * z))
+
+
+def rounded_angles(element: Element) -> int:
+    """How many angles of its ``origin`` were taken as the multiples of 90 deg that they are rounded from."""
+    words = _angles(element.find("origin"))
+    return sum(abs(_angle(word) - float(word)) > _EXACT for word in words)
+
+
+def _angles(origin: Element | None) -> list[str]:
+    return ("0 0 0" if origin is None else origin.get("rpy", "0 0 0")).split()
+
+
+def _angle(text: str) -> float:
+    """The angle that ``text`` stands for: 1.5708 and 1.57 are 90 deg, 1.58 and 0.001 are what they are. With 0.0002 deg
+    between axes that are meant to be square no arm would be one that has a closed form.
+    """
+    value = float(text)
+    quarters = round(value / (math.pi / 2))
+    if not quarters:
+        return value
+    digits, _, power = text.lower().partition("e")
+    last = 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
+    whole = quarters * math.pi / 2
+    return whole if abs(value - whole) <= min(last, _ROUNDED) else value
+
+
+def direction(element: Element, where: str) -> Vec3:
+    """The ``axis`` in an element, of length 1; x where it has none."""
+    stated = three(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{where}, axis")
+    length = math.hypot(*stated)
+    if length < 1e-6:
+        raise Wrong("the axis has no direction", where, "give axis xyz, of length 1")
+    x, y, z = (value / length for value in stated)
+    return (x, y, z)
+
+
+#: Bytes: beyond this it is no description of a robot.
+_LARGEST = 8_000_000
+TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+_SHAPES = ("box", "cylinder", "sphere", "mesh")
+
+
+class Limit(Struct, frozen=True):
+    """As stated: lower and upper in rad or mm, velocity in rad/s or mm/s; None: not stated."""
+
+    lower: float | None = None
+    upper: float | None = None
+    velocity: float | None = None
+
+
+class RawJoint(Struct, frozen=True, eq=False):
+    """A joint as described. parent_from_child: at 0. axis: of length 1. follows: the joint that it mimics, or ""."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    parent_from_child: Pose
+    axis: Vec3
+    limit: Limit
+    follows: str
+
+    @property
+    def sliding(self) -> bool:
+        """Whether it moves along its axis."""
+        return self.type == "prismatic"
+
+
+class Shape(Struct, frozen=True, eq=False):
+    """A solid of a link. kind: box, cylinder, sphere or mesh. size: edge lengths of the cuboid around it, mm; of a mesh
+    the scale that takes its numbers to m. mesh: the name of its file.
+    """
+
+    kind: str
+    link_from_shape: Pose
+    size: Vec3
+    mesh: str = ""
+
+
+class Description(Struct, frozen=True, eq=False):
+    """A whole file. links: their shapes by name, those for collisions, or those to be seen where there are no others.
+    rounded: how many angles were taken as the multiples of 90 deg that they are rounded from.
+    """
+
+    file: str
+    name: str
+    links: dict[str, tuple[Shape, ...]]
+    joints: tuple[RawJoint, ...]
+    rounded: int
+
+
+def read_description(path: Path) -> Description:
+    """The links and joints in the file ``path``. InputError with the element that is wrong."""
+    root = _parsed(str(path), _content(path))
+    try:
+        return _described(path, root)
+    except Wrong as wrong:
+        raise InputError(str(path), wrong.what, wrong.where, wrong.remedy) from None
+
+
+def _described(path: Path, root: Element) -> Description:
+    links: dict[str, tuple[Shape, ...]] = {}
+    for element in root.findall("link"):
+        name = name_of(element, "name")
+        if name in links:
+            raise Wrong(f"there are two links {name}", remedy="rename one")
+        bodies = element.findall("collision") or element.findall("visual")
+        links[name] = tuple(_shape(body, f"link {name}") for body in bodies)
+    joints: dict[str, RawJoint] = {}
+    for element in root.findall("joint"):
+        joint = _joint(element)
+        if joint.name in joints:
+            raise Wrong(f"there are two joints {joint.name}", remedy="rename one")
+        for end in (joint.parent, joint.child):
+            if end not in links:
+                raise Wrong(f"there is no link {end}", f"joint {joint.name}")
+        joints[joint.name] = joint
+    rounded = sum(rounded_angles(element) for element in root.findall("joint"))
+    name = one_line(root.get("name", "").strip()[:60]) or path.stem
+    return Description(str(path), name, links, tuple(joints.values()), rounded)
+
+
+def _joint(element: Element) -> RawJoint:
+    name = name_of(element, "name")
+    where = f"joint {name}"
+    kind = name_of(element, "type", where)
+    if kind not in TYPES:
+        raise Wrong(f'"{kind[:40]}" is not a type of joint', where, f"known are {', '.join(TYPES)}")
+    mimic = element.find("mimic")
+    return RawJoint(
+        name=name,
+        type=kind,
+        parent=_end(element, "parent", where),
+        child=_end(element, "child", where),
+        parent_from_child=place(element, where),
+        axis=(1.0, 0.0, 0.0) if kind == "fixed" else direction(element, where),
+        limit=_limit(element, 1000.0 if kind == "prismatic" else 1.0, where),
+        follows="" if mimic is None else name_of(mimic, "joint", where),
+    )
+
+
+def _end(element: Element, tag: str, where: str) -> str:
+    end = element.find(tag)
+    if end is None:
+        raise Wrong(f"it has no {tag}", where, f'give it <{tag} link="..."/>')
+    return name_of(end, "link", where)
+
+
+def _limit(element: Element, unit: float, where: str) -> Limit:
+    found = element.find("limit")
+    if found is None:
+        return Limit()
+    values = [optional(found, key, f"{where}, limit") for key in ("lower", "upper", "velocity")]
+    return Limit(*(None if value is None else value * unit for value in values))
+
+
+def _shape(element: Element, where: str) -> Shape:
+    geometry = element.find("geometry")
+    kinds = [] if geometry is None else [child for child in geometry if child.tag in _SHAPES]
+    if len(kinds) != 1:
+        raise Wrong(f"{element.tag} needs one shape, {', '.join(_SHAPES)}", where)
+    own = kinds[0]
+    link_from_shape = place(element, f"{where}, {element.tag}")
+    if own.tag == "mesh":
+        scale = three(own, "scale", (1.0, 1.0, 1.0), f"{where}, mesh")
+        return Shape("mesh", link_from_shape, scale, name_of(own, "filename", where))
+    if own.tag == "box":
+        x, y, z = three(own, "size", ZERO, f"{where}, box")
+    else:
+        x = y = 2 * (optional(own, "radius", f"{where}, {own.tag}") or 0.0)
+        z = x if own.tag == "sphere" else optional(own, "length", f"{where}, {own.tag}") or 0.0
+    if min(x, y, z) <= 0:
+        raise Wrong(f"a {own.tag} has no size", where, "give lengths above 0, m")
+    return Shape(own.tag, link_from_shape, (1000 * x, 1000 * y, 1000 * z))
+
+
+class _DeclaredError(Exception):
+    """The file has a DOCTYPE."""
+
+
+class _Builder(TreeBuilder):
+    """Ends at a DOCTYPE, the place where entities are declared: none is ever expanded, and no other file opened."""
+
+    def doctype(self, _name: str, _public: str | None, _system: str | None) -> NoReturn:
+        raise _DeclaredError
+
+
+def _content(path: Path) -> bytes:
+    file = str(path)
+    try:
+        state = path.stat()
+        if not stat.S_ISREG(state.st_mode):
+            raise InputError(file, "is not a file", "cell.robot", "name the URDF file of the arm")
+        if state.st_size > _LARGEST:
+            raise InputError(file, f"is larger than {_LARGEST // 1_000_000} MB: no description of a robot")
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise InputError(file, "no such file", "cell.robot", "a job file names it from its own folder") from error
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise InputError(file, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _parsed(file: str, data: bytes) -> Element:
+    xacro = InputError(file, "is xacro, from which a URDF is made", remedy="expand it: xacro arm.xacro > arm.urdf")
+    if file.lower().endswith(".xacro"):
+        raise xacro
+    try:
+        root: Element = fromstring(data, XMLParser(target=_Builder()))
+    except _DeclaredError:
+        raise InputError(file, "declares a DOCTYPE, which a URDF does not need", remedy="remove it") from None
+    except ParseError as error:
+        what, _, where = str(error).partition(": ")
+        raise InputError(file, f"is not XML: {what}", where) from error
+    except (LookupError, ValueError) as error:  # an encoding that Python does not have, or that is none of text
+        raise InputError(file, f"is not XML: {error}", remedy="save it as UTF-8") from error
+    if any("xacro}" in str(element.tag) for element in root.iter()):
+        raise xacro
+    if root.tag != "robot":
+        raise InputError(file, f"describes no robot: its root is {str(root.tag)[:40]}")
+    return root
+
+
+# The files that an arm in a URDF is made of: the URDF and its meshes.
+
+#: Folders above the URDF in which a mesh is looked for.
+_FAR_UP = 6
+
+
+def urdf_files(file: str) -> tuple[Path, ...]:
+    """The URDF and the meshes that it names and that are there. InputError for a URDF that cannot be read."""
+    described = read_description(Path(file))
+    names = dict.fromkeys(shape.mesh for shapes in described.links.values() for shape in shapes if shape.mesh)
+    found = [mesh_path(name, Path(file).parent) for name in names]
+    return (Path(file), *(path for path in found if path))
+
+
+def mesh_path(name: str, folder: Path) -> Path | None:
+    """The file of a mesh, None if there is none. folder: of the URDF. A path is taken from there. Of
+    ``package://arm/meshes/base.stl``, whose package can lie anywhere, as much of the end as there is: beside the URDF,
+    or, with the folder it is in, above it.
+    """
+    scheme, mark, rest = name.partition("://")
+    if not mark or scheme == "file":
+        found = _file(folder / (rest if mark else name))
+        if found or mark:
+            return found
+    parts = [part for part in Path(rest if mark else name).parts if part not in ("..", "/")]
+    homes = [folder, *folder.resolve().parents][: _FAR_UP + 1]
+    for count in range(len(parts), 0, -1):
+        for home in homes if count > 1 else homes[:1]:
+            if found := _file(home.joinpath(*parts[-count:])):
+                return found
+    return None
+
+
+def _file(path: Path) -> Path | None:
+    try:
+        return path if path.is_file() else None
+    except (OSError, ValueError):  # a name that no file can have
+        return None

@@ -1,0 +1,1 @@
+"""Boards and sheets whose corners are known in mm: drawn, and found in photos."""

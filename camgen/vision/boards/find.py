@@ -1,0 +1,230 @@
+"""Finding a marker sheet or a ChArUco board in a photo: the work plane without measuring a single point.
+
+Markers are found by OpenCV in a reduced picture. Their corners are then measured in the full one: the four sides of a
+marker's black border are located along many short profiles across them, a line is fitted to each side (after the lens
+distortion is taken out) and neighbours are intersected. OpenCV's own refinement of outer corners is drawn inwards by
+blur, 0.14 to 0.5 px in renders with a blur of 0.7 px, its ``CONTOUR`` method errs by 0.5 px; this by 0.025 px.
+The inner corners of a chessboard are saddle points, where OpenCV's refinement has no such bias.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.model.errors import InputError, JobError
+from camgen.model.part import Note
+from camgen.model.pose import FloatArray
+from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
+from camgen.vision.camera.camera import Camera, distorted, undistorted
+from camgen.vision.image import Picture, Pixels
+from camgen.vision.plane import Plane, fitted, mapped, plane_from_points, same_pixels, suspect
+
+#: Markers are sought in a picture of at most so many pixels.
+_SOUGHT = 2_500_000
+#: A marker is left out if a corner is so far from where the others put it, px, and chance would do so so rarely.
+_WRONG_PX, _WRONG_CHANCE = 0.5, 1e-3
+#: At most this part of the markers is left out; more of them contradict the sheet itself.
+_LEFT_OUT = 0.25
+
+#: Where along a side the profiles lie (corners are rounded by blur), and the samples of a profile, out of the black.
+_ALONG = np.linspace(0.12, 0.88, 33)
+_ACROSS = np.linspace(-1, 1, 33)
+#: A marker is so many modules wide, its black border is one.
+_MODULES = 6
+#: Half the length of a profile: as a part of a module, least, and most in px, for each round.
+_HALF_PART, _HALF_LEAST = 0.45, 1.5
+_HALF_MOST = (8.0, 5.0, 4.0)
+
+
+class _Found(NamedTuple):
+    """Corners in the photo (N, 2) px, in the work frame (N, 2) mm, the number of the mark each belongs to (N,)."""
+
+    px: FloatArray
+    mm: FloatArray
+    owners: NDArray[np.int64]
+    names: list[str]
+    kind: str
+    notes: tuple[Note, ...]
+
+
+def find(picture: Picture, camera: Camera | None, target: Sheet | Board, *, height: float = 0.0) -> Plane:
+    """The work plane of a sheet or board that lies in the photo; its work frame is that of Sheet or Board.
+
+    height: how far the part's top face lies above the paper, mm; needs the camera. InputError if fewer than two
+    markers (on a board: four corners) are found; JobError if they contradict each other.
+    """
+    if camera is not None:
+        same_pixels(picture, camera)
+    found = _sheet(picture, camera, target) if isinstance(target, Sheet) else _board(picture, target)
+    kept, dropped = _agreeing(found, camera)
+    plane = plane_from_points(
+        camera,
+        found.px[kept],
+        found.mm[kept],
+        height=height,
+        names=[name for name, keep in zip(found.names, kept, strict=True) if keep],
+        source=f"{picture.name}: {target.label}",
+    )
+    notes = found.notes
+    if dropped:
+        why = "they are not where the others put them: covered, bent, or from another sheet?"
+        notes = (*notes, Note("warning", f"{found.kind} {_listed(dropped)} left out", why))
+    return replace(plane, notes=(*notes, *plane.notes))
+
+
+def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
+    grey = _grey(picture.pixels)
+    seen = _detected(grey, len(sheet.ids))
+    times = Counter(number for number, _ in seen)
+    strange = sorted(set(times) - set(sheet.ids))
+    double = sorted(number for number, count in times.items() if count > 1)
+    usable = sorted((pair for pair in seen if times[pair[0]] == 1 and pair[0] in sheet.ids), key=lambda pair: pair[0])
+    notes = []
+    if strange:
+        notes.append(Note("warning", f"marker {_listed(strange)} ignored", "not on this sheet"))
+    if double:
+        notes.append(Note("warning", f"marker {_listed(double)} ignored", "in the photo more than once"))
+    if len(usable) < 2:
+        extra = "".join(f"; {note.what}: {note.why}" for note in notes)
+        what = f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}"
+        raise InputError(
+            picture.name, what, remedy="two are needed, four or more are better: see that they are in view"
+        )
+    if len(usable) < 4:
+        what = f"only {len(usable)} of {len(sheet.ids)} markers found"
+        notes.append(Note("warning", what, "the plane is less exact than with four or more around the part"))
+    marks = [number for number, _ in usable]
+    corners = _measured(grey, np.array([place for _, place in usable]), camera)
+    names = [f"marker {number} corner {i}" for number in marks for i in (1, 2, 3, 4)]
+    owners = np.repeat(marks, 4)
+    rows = [sheet.ids.index(number) for number in marks]
+    return _Found(corners.reshape(-1, 2), sheet.corners[rows].reshape(-1, 2), owners, names, "marker", tuple(notes))
+
+
+def _board(picture: Picture, board: Board) -> _Found:
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    name = f"DICT_{board.dictionary}"
+    if not hasattr(cv2.aruco, name):
+        raise JobError(board.label, f"no dictionary {board.dictionary!r}", remedy="give e.g. 4X4_50 or 5X5_100")
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    drawn = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker, dictionary)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(_grey(picture.pixels))
+    if ids is None or len(ids) < 4:
+        count = 0 if ids is None else len(ids)
+        what = f"shows {count} corners of the {board.label}"
+        raise InputError(picture.name, what, remedy="four are needed; check its squares, its dictionary and the light")
+    owners = np.asarray(ids).ravel().astype(np.int64)
+    places = np.asarray(drawn.getChessboardCorners(), dtype=np.float64)[owners, :2]
+    mm = np.column_stack([places[:, 0], board.rows * board.square - places[:, 1]])
+    names = [f"corner {number}" for number in owners.tolist()]
+    return _Found(np.asarray(corners, dtype=np.float64).reshape(-1, 2), mm, owners, names, "corner", ())
+
+
+def _agreeing(found: _Found, camera: Camera | None) -> tuple[NDArray[np.bool_], list[int]]:
+    """Which points are kept, and the numbers of the marks that are left out because a corner is clearly wrong."""
+    ideal = found.px if camera is None else undistorted(camera, found.px)
+    # A mark where the lens model shows nothing says nothing.
+    kept = ~np.isin(found.owners, found.owners[~np.isfinite(ideal).all(axis=1)])
+    dropped: list[int] = []
+    most = int(_LEFT_OUT * len(set(found.owners.tolist())))
+    while len(dropped) < most and np.count_nonzero(kept) > 5:
+        px, mm = ideal[kept], found.mm[kept]
+        residuals = np.linalg.norm(mapped(fitted(mm, px), mm) - px, axis=1)
+        odd = suspect(mm, px, residuals)
+        if odd.error < _WRONG_PX or odd.chance > _WRONG_CHANCE:
+            break
+        owner = int(found.owners[kept][odd.index])
+        dropped.append(owner)
+        kept &= found.owners != owner
+    return kept, sorted(dropped)
+
+
+# -- in the picture
+
+
+def _grey(pixels: Pixels) -> Pixels:
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    return pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
+
+
+def _detected(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
+    """(number, corners (4, 2)) of the markers in the picture; reduced first, in full if that shows less than half."""
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
+    detector = cv2.aruco.ArucoDetector(dictionary, cv2.aruco.DetectorParameters())
+
+    def seen(picture: Pixels, step: FloatArray) -> list[tuple[int, FloatArray]]:
+        places, ids, _ = detector.detectMarkers(picture)
+        if not places:
+            return []
+        full = [(np.asarray(place, dtype=np.float64)[0] + 0.5) * step - 0.5 for place in places]
+        return list(zip(map(int, np.asarray(ids).ravel()), full, strict=True))
+
+    found: list[tuple[int, FloatArray]] = []
+    height, width = grey.shape
+    reduction = int(np.ceil(np.sqrt(grey.size / _SOUGHT)))
+    if reduction > 1:
+        size = (width // reduction, height // reduction)
+        small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+        found = seen(small, np.array([width / size[0], height / size[1]]))
+    if 2 * len(found) < expected:
+        found = max(found, seen(grey, np.ones(2)), key=len)
+    return found
+
+
+def _measured(grey: Pixels, corners: FloatArray, camera: Camera | None) -> FloatArray:
+    """The corners (M, 4, 2) of black squares on white, clockwise in the photo, where lines along their sides meet."""
+    for most in _HALF_MOST:
+        edge = _edges(grey, corners, most)
+        flat = edge.reshape(-1, 2)
+        ideal = (flat if camera is None else undistorted(camera, flat)).reshape(edge.shape)
+        met = _intersections(ideal).reshape(-1, 2)
+        corners = (met if camera is None else distorted(camera, met)).reshape(corners.shape)
+    return corners
+
+
+def _edges(grey: Pixels, corners: FloatArray, most: float) -> FloatArray:
+    """Points (M, 4, P, 2) on each side, px: the centre of the rise of grey along profiles across it."""
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    side = np.roll(corners, -1, axis=1) - corners
+    length = np.linalg.norm(side, axis=2)
+    outwards = np.stack([side[..., 1], -side[..., 0]], axis=2) / length[..., None]
+    half = np.clip(_HALF_PART * length / _MODULES, _HALF_LEAST, most)
+    across = half[..., None, None] * outwards[:, :, None, :]
+    middles = corners[:, :, None, :] + _ALONG[:, None] * side[:, :, None, :]
+    places = (middles[:, :, :, None, :] + _ACROSS[:, None] * across[:, :, :, None, :]).reshape(-1, len(_ACROSS), 2)
+    grid = places.astype(np.float32)
+    light = cv2.remap(grey, grid[..., 0], grid[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    rise = np.diff(np.asarray(light, dtype=np.float64), axis=1)
+    total = rise.sum(axis=1)
+    centre = (_ACROSS[:-1] + _ACROSS[1:]) / 2
+    # No rise at all: a side that is covered. Its middle is as good as any, the marker will not agree with the others.
+    at = np.where(total > 0, rise @ centre / np.where(total > 0, total, 1), 0).clip(-1, 1)
+    edge: FloatArray = middles + at.reshape(middles.shape[:3])[..., None] * across
+    return edge
+
+
+def _intersections(edge: FloatArray) -> FloatArray:
+    """Corners (M, 4, 2): where the lines through the points (M, 4, P, 2) of each side and of the one before it meet."""
+    middle = edge.mean(axis=2)
+    spread = edge - middle[:, :, None, :]
+    normal = np.linalg.eigh(np.einsum("mspi,mspj->msij", spread, spread))[1][..., 0]  # least spread first
+    before = np.roll(normal, 1, axis=1)
+    walls = np.stack([before, normal], axis=2)
+    offsets = np.stack([(before * np.roll(middle, 1, axis=1)).sum(axis=2), (normal * middle).sum(axis=2)], axis=2)
+    met: FloatArray = np.linalg.solve(walls, offsets[..., None])[..., 0]
+    return met
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers))

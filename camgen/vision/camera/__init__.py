@@ -1,0 +1,1 @@
+"""A camera: its lens, its files, and its calibration."""

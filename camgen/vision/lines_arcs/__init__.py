@@ -1,0 +1,1 @@
+"""From sub-pixel outlines to lines and arcs: runs, fits, joints, and one polish of the whole chain."""

@@ -1,0 +1,299 @@
+"""Outlines to contours of lines and arcs in mm: what a drawing of the part would have held.
+
+The points of an outline are noisy, and rounded where the part has a corner. A line or an arc through many of them is
+far better known than each of them, and a corner is where two of those cross.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.segments import flatten, from_contours
+from camgen.model.part import Contour, Note
+from camgen.model.pose import FloatArray, frozen
+from camgen.vision.lines_arcs.fit import BoolArray, Curves
+from camgen.vision.lines_arcs.joints import Joints, cleared, joints, normals, oriented, small_corners, tangents
+from camgen.vision.lines_arcs.polish import (
+    Chain,
+    along,
+    astray,
+    astray_beyond,
+    beyond,
+    errors,
+    fillets_of,
+    polished,
+    repaired,
+)
+from camgen.vision.lines_arcs.runs import Runs, blocks, fitted, merged, relaxed, rougher, trimmed, within
+from camgen.vision.loops import ComplexArray, IntArray, Loops, loops_of
+from camgen.vision.outline import Outline
+from camgen.vision.plane import scale_of
+
+# Outlines divided into runs for lines and arcs: the order of the steps.
+
+_ROUNDS, _RELAXED, _CORNERS = 3, 2, 3
+#: Fewer points than this are no feature.
+_LEAST = 3
+#: The shift by the blur is not believed beyond this, px: the arc is as small as the blur.
+_MOST_SHIFT = 0.3
+
+
+class Divided(Struct, frozen=True, eq=False):
+    """points (N,) px, put right for the blur; the runs with their curves and the joints behind them; counts (N,): which
+    points no corner has rounded.
+    """
+
+    points: ComplexArray
+    runs: Runs
+    curves: Curves
+    joints: Joints
+    counts: BoolArray
+
+
+def divided(loops: Loops, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray) -> Divided:
+    """Lines and arcs of closed loops of points where the grey value is half-way; sigma, blur (L,) px."""
+    weight, told = np.ones(len(halfway)), sigma
+    runs = merged(blocks(loops), loops, halfway, weight, sigma)
+    for _ in range(_ROUNDS):
+        sigma = rougher(runs, loops, halfway, fitted(runs, loops, halfway, weight, sigma)[1], told)
+        for _ in range(_RELAXED):
+            _, curves, _ = fitted(runs, loops, halfway, weight, sigma)
+            runs = relaxed(runs, loops, halfway, curves, sigma)
+            _, curves, _ = fitted(runs, loops, halfway, weight, sigma)
+            weight = trimmed(runs, loops, halfway, curves, sigma, blur)
+        for _ in range(_CORNERS):
+            runs, curves = _without_corners(runs, loops, halfway, weight, sigma, blur)
+            found = joints(curves, runs, loops, halfway, sigma, blur)
+            weight = cleared(found, curves, runs, loops, halfway) * trimmed(runs, loops, halfway, curves, sigma, blur)
+        runs = merged(runs, loops, halfway, weight, sigma)
+    curves = _curves(runs, loops, halfway, weight, sigma)
+    points = _put_right(runs, loops, halfway, curves, blur)
+    curves = _curves(runs, loops, points, weight, sigma)
+    found = joints(curves, runs, loops, points, sigma, blur)
+    return Divided(points, runs, curves, found, cleared(found, curves, runs, loops, points))
+
+
+def _curves(runs: Runs, loops: Loops, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Curves:
+    return oriented(fitted(runs, loops, points, weight, sigma)[1], runs, loops, points)
+
+
+def _without_corners(
+    runs: Runs, loops: Loops, points: ComplexArray, weight: FloatArray, sigma: FloatArray, blur: FloatArray
+) -> tuple[Runs, Curves]:
+    """The runs without those that are the picture's rounding of a corner, or next to nothing."""
+    curves = _curves(runs, loops, points, weight, sigma)
+    small = small_corners(curves, runs, loops, points, blur) | ((runs.count < _LEAST) & runs.several())
+    if not small.any():
+        return runs, curves
+    runs = _given_away(runs, loops, small, curves)
+    return runs, _curves(runs, loops, points, weight, sigma)
+
+
+def _given_away(runs: Runs, loops: Loops, small: BoolArray, curves: Curves) -> Runs:
+    """``small`` runs given to their neighbours, half each: of neighbours the one that bends most."""
+    after, before = runs.following(), runs.before()
+    rank = np.empty(len(runs), dtype=np.int64)
+    rank[np.argsort(np.abs(curves.curvature), kind="stable")] = np.arange(len(runs))
+    rank = np.where(small, rank, -1)
+    gone = np.flatnonzero(small & (rank > rank[before]) & (rank > rank[after]))
+    first, count = runs.first.copy(), runs.count.copy()
+    half = runs.count[gone] // 2
+    rest = runs.count[gone] - half
+    # A run between two that go gets a share of both.
+    np.add.at(count, before[gone], half)
+    np.add.at(count, after[gone], rest)
+    np.add.at(first, after[gone], -rest)
+    keep = np.ones(len(runs), dtype=np.bool_)
+    keep[gone] = False
+    return within(Runs(first[keep], count[keep], runs.loop[keep]), loops)
+
+
+def _put_right(runs: Runs, loops: Loops, points: ComplexArray, curves: Curves, blur: FloatArray) -> ComplexArray:
+    """The points of arcs moved away from their centre by what the blur has moved them towards it, s^2 / (2 r)."""
+    rows, _ = runs.rows(loops)
+    which = np.repeat(np.arange(len(runs)), runs.count)
+    shift = (curves.curvature * blur[runs.loop] ** 2 / 2).clip(-_MOST_SHIFT, _MOST_SHIFT)
+    moved = points.copy()
+    moved[rows] += shift[which] * normals(curves.take(which), points[rows])
+    return moved
+
+
+#: What the picture hides beside noise, px: the pattern of its pixels, and distortion that the camera model leaves.
+_HIDDEN = 0.02
+#: Arcs are flattened to this (px) to see whether a contour crosses itself.
+_CHORD = 0.02
+#: What is left of an outline that crosses itself, of its area, when its small loops are cut off.
+_MOST_LOST = 0.98
+
+
+class Fit(Struct, frozen=True):
+    """How well a contour follows its outline: rms_mm and max_mm of the points away from rounded corners, and how many
+    lines and arcs it has. doubtful: stretches that no line or arc follows, kept as lines from point to point.
+    cut: px2 of small loops that were cut off a polygon.
+    """
+
+    rms_mm: float
+    max_mm: float
+    lines: int
+    arcs: int
+    doubtful: int
+    cut: float = 0.0
+
+
+def primitives(
+    outlines: Sequence[Outline], work_from_view: FloatArray, layer: str = "0"
+) -> tuple[tuple[Contour, ...], tuple[Fit, ...], tuple[Note, ...]]:
+    """The ``outlines`` (view pixels) as contours in the work frame (mm), and how well each fits.
+
+    work_from_view: (2, 3), mm of a pixel centre; a similarity, v may run against y. Outer contours run
+    counter-clockwise, holes clockwise; arcs are half a circle at most. A contour that would cross itself is kept as the
+    polygon of its points, and left out if that crosses itself too; notes say so. Raises InputError if the view is not
+    to scale.
+    """
+    matrix = np.asarray(work_from_view, dtype=np.float64)
+    scale_of(matrix)
+    if not outlines:
+        return (), (), ()
+    loops = loops_of(np.array([len(o.halfway) for o in outlines]))
+    halfway = np.concatenate([o.halfway for o in outlines]) @ np.array([1, 1j])
+    sigma = np.array([np.hypot(o.sigma, _HIDDEN) for o in outlines])
+    parts = divided(loops, halfway, sigma, np.array([o.blur for o in outlines]))
+    rows, begin = parts.runs.rows(loops)
+    ends = np.searchsorted(parts.runs.loop, np.arange(len(outlines) + 1))
+    contours: list[Contour] = []
+    fits: list[Fit] = []
+    notes: list[Note] = []
+    for k, outline in enumerate(outlines):
+        mine = np.arange(ends[k], ends[k + 1])
+        stop = begin[mine[-1]] + parts.runs.count[mine[-1]]
+        found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline, matrix)
+        if found is None:
+            found = _polygon(outline, matrix)
+            notes.append(_kept(k, None if found is None else found[1].cut))
+        elif found[1].doubtful:
+            what = f"{found[1].doubtful} stretches of outline {k + 1} kept as lines from point to point"
+            notes.append(Note("warning", what, "no line or arc follows them"))
+        if found is not None:
+            contours.append(Contour(*found[0], True, layer, f"c{len(contours) + 1}"))
+            fits.append(found[1])
+    return tuple(contours), tuple(fits), tuple(notes)
+
+
+def _kept(k: int, cut: float | None) -> Note:
+    """cut: px2 of small loops that were cut off, None where the outline is left out."""
+    if cut is None:
+        return Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
+    what = f"outline {k + 1} kept as a polygon of its points"
+    if cut:
+        what += f", {cut:.1f} px2 of it cut off where it crosses itself"
+    return Note("warning", what, "no lines and arcs follow it soundly")
+
+
+_Found = tuple[tuple[FloatArray, FloatArray], Fit]
+
+
+def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, matrix: FloatArray) -> _Found | None:
+    """Points and bulges in mm of the runs ``mine`` of one outline, whose points are ``rows``; None if it fails."""
+    points, counts = parts.points[rows], parts.counts[rows]
+    sigma = float(np.hypot(outline.sigma, _HIDDEN))
+    if len(mine) == 1:
+        return _circle(parts, mine, points, sigma, matrix)
+    chain, piece = _chain(parts, mine, points, counts)
+    if len(chain.corners) == 2 and chain.straight.all():
+        return None
+    fillets = fillets_of(chain, points, piece, outline.blur, sigma)
+    counts = counts & beyond(chain, fillets, points, piece)
+    bad = astray(chain, fillets, points, piece, counts, sigma)
+    fillets = replace(fillets, reach=np.where(bad | np.roll(bad, 1), 0.0, fillets.reach))
+    shape = _in_work(*_halved(*repaired(chain, fillets, bad, points, piece)), matrix)
+    if bad.all() or not _simple(shape, matrix):
+        return None
+    error = errors(chain, points, piece)[counts & ~bad[piece]]
+    return shape, _fit(error, shape[1], int(bad.sum()), matrix)
+
+
+def _fit(error: FloatArray, bulges: FloatArray, doubtful: int, matrix: FloatArray) -> Fit:
+    """error: distances of points, px."""
+    size = scale_of(matrix) * np.abs(error)
+    arcs = int((bulges != 0).sum())
+    rms, most = (float(np.sqrt((size**2).mean())), float(size.max())) if len(size) else (0.0, 0.0)
+    return Fit(rms, most, len(bulges) - arcs, arcs, doubtful)
+
+
+def _circle(parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, matrix: FloatArray) -> _Found | None:
+    """A whole circle as two arcs; None where the points are not on one, or not all around."""
+    curve = parts.curves.take(mine)
+    bend = float(curve.curvature[0])
+    if bend == 0:
+        return None
+    centre = complex(curve.origin[0] - (curve.form[0, 1] + 1j * curve.form[0, 2]) / bend)
+    error = curve.distances(points[None])[0]
+    around = abs(float(np.ptp(np.unwrap(np.angle(points - centre)))))
+    if around < np.pi or np.sqrt((error**2).mean()) > astray_beyond(sigma):
+        return None
+    corners = np.array([centre + 1 / abs(bend), centre - 1 / abs(bend)])
+    shape = _in_work(corners, np.full(2, np.sign(bend)), matrix)
+    return shape, _fit(error, shape[1], 0, matrix)
+
+
+def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArray) -> tuple[Chain, IntArray]:
+    """Lines and arcs through the points of several runs, and which of them each point belongs to."""
+    piece = np.repeat(np.arange(len(mine)), parts.runs.count[mine])
+    curves = parts.curves.take(mine)
+    corners, smooth = np.roll(parts.joints.vertex[mine], 1), np.roll(parts.joints.smooth[mine], 1)
+    after = np.roll(corners, -1)
+    turn = np.angle(tangents(curves, after) * tangents(curves, corners).conj())
+    way = np.bincount(piece, np.append(np.abs(np.diff(points)), 0.0))
+    # The directions at both ends tell the sweep but for whole turns.
+    turn += 2 * np.pi * np.round((curves.curvature * way - turn) / (2 * np.pi))
+    straight = curves.curvature == 0
+    bulges = np.where(straight, 0.0, np.tan(turn.clip(-6.25, 6.25) / 4))
+    return polished(Chain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)), piece
+
+
+def _halved(corners: ComplexArray, bulges: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """Arcs of more than half a circle as two."""
+    none = np.zeros(len(corners), dtype=np.bool_)
+    middle = along(Chain(corners, bulges, none, none), 0.5)
+    large = np.flatnonzero(np.abs(bulges) > 1)
+    half = np.tan(np.arctan(bulges) / 2)
+    corners = np.insert(corners, large + 1, middle[large])
+    shaped = np.insert(np.where(np.abs(bulges) > 1, half, bulges), large + 1, half[large])
+    return corners, shaped
+
+
+def _in_work(corners: ComplexArray, bulges: FloatArray, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Points (N, 2) mm and bulges, the part on the left."""
+    points = np.column_stack([corners.real, corners.imag]) @ matrix[:, :2].T + matrix[:, 2]
+    if np.linalg.det(matrix[:, :2]) < 0:
+        return frozen(points), frozen(0.0 - bulges)
+    # Not mirrored, so the part is on the right: the other way round, which turns the bulges too.
+    return frozen(points[::-1]), frozen(0.0 - np.roll(bulges[::-1], -1))
+
+
+def _simple(shape: tuple[FloatArray, FloatArray], matrix: FloatArray) -> bool:
+    segments = from_contours([Contour(*shape, True, "")])
+    points, _ = flatten(segments, _CHORD * scale_of(matrix))
+    return len(points) > 2 and bool(shapely.is_valid(shapely.Polygon(points)))
+
+
+def _polygon(outline: Outline, matrix: FloatArray) -> _Found | None:
+    """The points as they are. Where the outline crosses itself, in a slit of a pixel, the small loop is cut off."""
+    drawn, cut = shapely.Polygon(outline.points), 0.0
+    if not shapely.is_valid(drawn):
+        pieces = [p for p in shapely.get_parts(shapely.make_valid(drawn)) if p.geom_type == "Polygon"]
+        whole = sum(piece.area for piece in pieces)
+        drawn = max(pieces, key=lambda piece: float(piece.area), default=drawn)
+        if not pieces or drawn.area < _MOST_LOST * whole:
+            return None
+        cut = whole - float(shapely.Polygon(drawn.exterior).area)
+        cut = abs(cut) + sum(float(shapely.Polygon(inner).area) for inner in drawn.interiors)
+    ring = shapely.get_coordinates(shapely.normalize(drawn).exterior)[:-1]
+    # A normalised ring runs clockwise in u and v, which in the work frame is counter-clockwise.
+    corners = (ring[::-1] if outline.hole else ring) @ np.array([1, 1j])
+    return _in_work(corners, np.zeros(len(corners)), matrix), Fit(0.0, 0.0, len(corners), 0, 1, cut)

@@ -1,0 +1,329 @@
+"""Which pixels of a to-scale view show the part (PIST, section 3.2), and the grey value of its boundary.
+
+The bench is what touches the border of the picture. What is slow in the picture (light, tones) is learned in cells of
+some pixels, ``mask_cells``; ``mask_level`` has the grey value of the boundary and what is assumed of the camera's
+tones; ``mask_colour`` and ``mask_background`` make one channel of a coloured picture, or of two.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Literal
+
+import cv2
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Image
+from camgen.model.part import Note
+from camgen.model.text import short
+from camgen.vision.mask.cells import Bools, Bytes, Cells, Floats, bench_of, cells_of, depth
+from camgen.vision.mask.channel import (
+    MIXED,
+    Channel,
+    Colour,
+    Found,
+    as_it_is,
+    differing,
+    found_by_background,
+    found_by_colour,
+    otsu,
+    quiet,
+    same,
+    settled,
+    split_at,
+)
+from camgen.vision.mask.clean import cleaned
+from camgen.vision.mask.level import beyond, spread_out
+from camgen.vision.to_scale import View
+
+# The methods by name, and how ``auto`` chooses among them.
+
+Method = Literal["auto", "otsu", "threshold", "color", "background", "adaptive"]
+
+#: A part is clear if its contrast is so many times the spread of the bench.
+_CLEAR = 6.0
+#: The light is even if the bench varies by less than this over the picture.
+_EVEN = 0.15
+#: Colour shows more than grey if so much of what it finds is missing there.
+_MORE = 0.05
+#: So many cells are enough to choose.
+_ENOUGH = 30_000
+#: A picture has colour if its channels differ by so much somewhere.
+_COLOURED = 8.0
+#: A given threshold that is off the middle by so much of the contrast is worth a note: a quarter of the blur.
+_OFF_MIDDLE = 0.1
+#: What differs from the bench the other way is worth a note from so much of the part on.
+_OTHER_SIDE = 0.05
+
+
+class Asked(Struct, frozen=True, eq=False):
+    """The settings. name: of the file, for errors."""
+
+    method: Method
+    threshold: float | None
+    color: Colour | None
+    invert: bool
+    name: str
+
+
+class Choice(Struct, frozen=True, eq=False):
+    """What was found and how. level: a given one, instead of halfway."""
+
+    method: Method
+    why: str
+    found: Found
+    level: float | None = None
+    notes: tuple[Note, ...] = ()
+
+
+def chosen(pixels: Bytes, empty: Bytes | None, cells: Cells, asked: Asked) -> Choice:
+    """The part by the method asked for. InputError where it shows none."""
+    if asked.method == "background" and empty is not None:
+        choice = _background(pixels, empty, cells, asked)
+    else:
+        choice = _METHODS[asked.method](pixels, cells, asked)
+    if choice is not None:
+        return choice
+    what = "shows no part: nothing in it stands out from the bench along its border"
+    if asked.method != "auto":
+        what = f'shows no part that [image] mask = "{asked.method}" tells from the bench'
+    remedy = "put the part on a bench of another colour, in even light, or choose another [image] mask"
+    raise InputError(asked.name, what, remedy=remedy)
+
+
+def _grey(pixels: Bytes, cells: Cells) -> Channel:
+    if pixels.ndim == 2:
+        return Channel(lambda: pixels, cells.values)
+    grey = cv2.cvtColor(cells.values, cv2.COLOR_BGR2GRAY)
+    return Channel(lambda: np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8), np.asarray(grey, np.float32))
+
+
+def _otsu(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+    channel = _grey(pixels, cells)
+    level = otsu(channel.cells, cells)
+    found = settled(channel, split_at(channel.cells, cells, level, asked.invert), cells)
+    return Choice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", found) if found else None
+
+
+def _threshold(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+    channel = _grey(pixels, cells)
+    level = asked.threshold if asked.threshold is not None else otsu(channel.cells, cells)
+    found = as_it_is(channel, split_at(channel.cells, cells, level, asked.invert), cells)
+    if found is None:
+        return None
+    notes: tuple[Note, ...] = ()
+    middle, contrast = found.levels.middle, abs(found.levels.contrast)
+    if abs(level - middle) > _OFF_MIDDLE * contrast:
+        what = f"the threshold {short(level, 1)} is not halfway between part and bench ({short(middle, 1)})"
+        notes = (Note("warning", what, "the outline lies beside the edge, by a part of its blur"),)
+    return Choice("threshold", f"the threshold {short(level, 1)} is given", found, level, notes)
+
+
+def _adaptive(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+    channel = _grey(pixels, cells)
+    bench = bench_of(channel.cells, cells.valid)
+    found = settled(channel, differing(channel.cells, cells, bench, asked.invert), cells, bench)
+    if found is None:
+        return None
+    return Choice("adaptive", "the threshold follows the light on the bench", found, notes=_other_side(found, cells))
+
+
+def _other_side(found: Found, cells: Cells) -> tuple[Note, ...]:
+    """A note on what differs from the bench the other way, if that is more than glare or dirt."""
+    dark = found.levels.contrast < 0
+    off = (found.channel.cells - found.bench.values) * (1 if dark else -1)
+    other = (off > abs(found.levels.contrast) / 2) & cells.valid
+    part = np.count_nonzero(depth(other) > MIXED) / np.count_nonzero(found.part)
+    if part < _OTHER_SIDE:
+        return ()
+    what = f"what is {'lighter' if dark else 'darker'} than the bench is not taken for the part"
+    why = f"it is {100 * part:.0f} % as large; set [image] invert to take it instead, or give background for both"
+    return (Note("warning", what, why),)
+
+
+def _color(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+    if pixels.ndim == 2:
+        raise InputError(asked.name, "is grey", remedy='[image] mask = "color" needs a picture in colour')
+    found = found_by_colour(pixels, cells, asked.color)
+    why = "the bench's colour is measured along the border" if asked.color is None else "a colour is given"
+    return Choice("color", why, found) if found else None
+
+
+def _background(pixels: Bytes, empty: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+    found = found_by_background(pixels, cells, empty, asked.name)
+    return Choice("background", "a photo of the empty bench is given", found) if found else None
+
+
+def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+    """Grey, if it shows the part clearly and all of it, else colour: grey is nearer to what a lens and a blur do."""
+    grey = _adaptive(pixels, cells, asked)
+    if _coloured(cells):
+        reason = _for_colour(pixels, cells, asked, grey)
+        colour = _color(pixels, cells, asked) if reason else None
+        if colour is not None:
+            return _because(colour, reason)
+    if grey is None:
+        return None
+    if grey.found.clear < _CLEAR:
+        note = Note("warning", "part and bench hardly differ", "look at the mask, or give [image] background")
+        return Choice(grey.method, f"{grey.why}; {_apart(grey.found)}", grey.found, notes=(*grey.notes, note))
+    return _by_light(cells, asked, grey)
+
+
+def _for_colour(pixels: Bytes, cells: Cells, asked: Asked, grey: Choice | None) -> str:
+    """Why colour is better than grey; empty if it is not. Judged by a part of the cells, evenly spread."""
+    step = max(1, math.isqrt(cells.valid.size // _ENOUGH))
+    few = Cells(
+        np.ascontiguousarray(cells.values[::step, ::step]), cells.valid[::step, ::step].copy(), cells.size * step
+    )
+    colour = _color(pixels, few, asked)
+    if colour is None or colour.found.clear < _CLEAR:
+        return ""
+    if grey is None or grey.found.clear < _CLEAR:
+        return "part and bench differ in colour more clearly than in grey"
+    more = _more(colour.found.part, grey.found.part[::step, ::step].copy())
+    return "colour shows more of the part than grey does" if more else ""
+
+
+def _by_light(cells: Cells, asked: Asked, grey: Choice) -> Choice:
+    """Otsu's threshold if the light is even and it finds the same; the simpler way is the one to be told."""
+    bench = grey.found.bench.values[cells.valid]
+    low, middle, high = np.percentile(bench, [1, 50, 99]).tolist()
+    varies = (high - low) / max(middle, 1.0)
+    if varies > _EVEN:
+        return _because(grey, f"the light varies by {100 * varies:.0f} % over the picture")
+    channel = grey.found.channel
+    plain = split_at(channel.cells, cells, otsu(channel.cells, cells), asked.invert)
+    if not same(plain, grey.found.part):
+        return _because(grey, "one threshold for the whole picture finds something else than the bench's rim says")
+    return _because(Choice("otsu", "", grey.found, notes=grey.notes), "the light is even")
+
+
+def _because(choice: Choice, reason: str) -> Choice:
+    return Choice(choice.method, f"{reason}; {_apart(choice.found)}", choice.found, notes=choice.notes)
+
+
+def _apart(found: Found) -> str:
+    levels = found.levels
+    side = "darker" if levels.contrast < 0 else "lighter"
+    what = "grey levels " + side if found.channel.black == 0 else "levels of colour apart"
+    return f"the part is {abs(levels.contrast):.0f} {what}, the bench varies by {_variation(found)}"
+
+
+def _variation(found: Found) -> str:
+    return short(max(found.levels.without, found.bench.sigma), 1)
+
+
+def _coloured(cells: Cells) -> bool:
+    if cells.values.ndim == 2:
+        return False
+    blue, green, red = (cells.values[::2, ::2, k] for k in range(3))
+    return bool((np.abs(red - green) + np.abs(blue - green))[cells.valid[::2, ::2]].max(initial=0) > _COLOURED)
+
+
+def _more(colour: Bools, grey: Bools) -> bool:
+    """Does the one have a good deal that the other has not, boundaries aside?"""
+    around = cv2.dilate(grey.view(np.uint8), np.ones((5, 5), np.uint8)).view(np.bool_)
+    return bool(np.count_nonzero(colour & ~around) > _MORE * np.count_nonzero(colour))
+
+
+_METHODS: dict[Method, Callable[[Bytes, Cells, Asked], Choice | None]] = {
+    "auto": _auto,
+    "otsu": _otsu,
+    "threshold": _threshold,
+    "color": _color,
+    "adaptive": _adaptive,
+}
+
+
+_DEFAULTS = Image()
+
+
+class Mask(Struct, frozen=True, eq=False):
+    """The part in a view. pixels: (H, W) uint8, 255 part and 0 bench, read-only.
+
+    method: the one used. why: a sentence. grey: (H, W) uint8 or float32, in which the boundary is where ``level`` is, a
+    number or (H, W) float32; the part is below it if ``dark``, else above. Beside dropped specks and filled holes, and
+    where the photo shows nothing, ``pixels`` is exactly that side.
+    """
+
+    pixels: Bytes
+    method: Method
+    why: str
+    grey: Bytes | Floats
+    level: float | Floats
+    dark: bool
+    notes: tuple[Note, ...] = ()
+
+
+def part_mask(view: View, settings: Image = _DEFAULTS, background: View | None = None, name: str = "picture") -> Mask:
+    """The mask of the part, or parts, in ``view``. ``name`` is the file's, for errors.
+
+    background: the same view of the empty bench. A setting of one method chooses it where ``mask`` is auto. threshold:
+    grey value. color: of the bench or of the part, [red, green, blue]. invert: the part is on the other side of the
+    threshold, or of the bench's grey, than where it was found. min_area: mm2; smaller pieces and holes are noise.
+    JobError: settings that do not fit together. InputError: no part, or one that touches the border of what the photo
+    shows.
+    """
+    _checked(view, background)
+    asked = Asked(_method(settings, background), settings.threshold, _colour(settings), settings.invert, name)
+    cells = cells_of(view.pixels, view.valid)
+    if not cells.valid.any():
+        raise InputError(name, "shows nothing of the work plane", remedy="check the work plane and the region")
+    choice = chosen(view.pixels, None if background is None else background.pixels, cells, asked)
+    channel, levels = choice.found.channel, choice.found.levels
+    grey, notes = quiet(channel.pixels(), choice.found, cells)
+    level: float | Floats = levels.middle if choice.level is None else float(choice.level)
+    if choice.level is None and not levels.even:
+        level = spread_out(levels.tiles, levels.tile * cells.size, grey.shape)
+    dark = levels.contrast < 0
+    pixels = beyond(grey, level, dark)
+    if view.valid is not None:
+        pixels[~view.valid] = 0
+    notes += cleaned(pixels, view, settings.min_area, name)
+    # Views, since the grey picture may be the caller's own.
+    pixels, grey = pixels.view(), grey.view()
+    for array in (pixels, grey, level):
+        if isinstance(array, np.ndarray):
+            array.flags.writeable = False
+    return Mask(pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes)
+
+
+def _method(settings: Image, background: View | None) -> Method:
+    """The method meant: one that needs a setting must have it, and a setting alone is enough."""
+    given: dict[Method, bool] = {
+        "background": background is not None,
+        "threshold": settings.threshold is not None,
+        "color": settings.color is not None,
+    }
+    method = settings.mask
+    if method in ("background", "threshold") and not given[method]:
+        raise JobError("[image] mask", f'"{method}" needs [image] {method}', remedy="give it, or choose another")
+    if method == "auto":
+        return next((one for one, is_given in given.items() if is_given), method)
+    return method
+
+
+def _colour(settings: Image) -> Colour | None:
+    if settings.color is None:
+        return None
+    if not (len(settings.color) == 3 and all(0 <= c <= 255 for c in settings.color)):
+        what = f"{settings.color} is no colour"
+        raise JobError("[image] color", what, remedy="give [red, green, blue], each 0 to 255")
+    red, green, blue = settings.color
+    return red, green, blue
+
+
+def _checked(view: View, background: View | None) -> None:
+    if background is not None and background.pixels.shape != view.pixels.shape:
+        shapes = " and ".join(_told(one) for one in (background, view))
+        remedy = "take both with the same camera and settings, and treat both alike"
+        raise JobError("[image] background", f"its picture and the photo differ: {shapes}", remedy=remedy)
+
+
+def _told(view: View) -> str:
+    height, width = view.pixels.shape[:2]
+    return f"{width} x {height} px in {'grey' if view.pixels.ndim == 2 else 'colour'}"

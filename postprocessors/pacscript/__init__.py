@@ -1,0 +1,304 @@
+"""DENSO PacScript for RC8, RC8A and RC9 controllers. What it emits and what is uncertain: docs/posts/pacscript.md."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import ClassVar
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.model.cell import Cell
+from camgen.model.errors import Refused
+from camgen.model.pose import IDENTITY, Pose, Vec3, angle_between, fixed_xyz, translation
+from camgen.model.program import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.text import fixed, harmless, short
+from camgen.post import OutputFile, Tolerance
+from camgen.post.passes import circle, without_force
+
+from .options import PacScriptOptions, derived
+
+#: Digits of an angle (deg), of a speed in m/s and in percent, of a force (N).
+_ANGLE, _METRES, _PERCENT, _NEWTON, _INDENT = 4, 7, 4, 3, "    "
+#: Longest line in bytes; longest delay in ms (a signed 32-bit integer); largest force in N; and the least change of a
+#: component that is written, N.
+_LINE, _DELAY, _FORCE, _STEP = 1024, 2**31 - 1, 5000.0, 0.01
+#: Least chord of an arc (mm) and largest turn of the tool along it (rad): beyond, the controller's arc is open.
+_CHORD, _TURN = 0.2, math.radians(179.0)
+
+
+@dataclass
+class PacScript(PacScriptOptions):
+    """Posts for PacScript. Poses are in the work frame, mm and degrees with R = Rz Ry Rx, and the figure where it is
+    known, else -1 (undefined).
+    """
+
+    name: ClassVar[str] = "pacscript"
+    suffix: ClassVar[str] = ".pcs"
+    about: ClassVar[str] = "DENSO RC8, RC8A and RC9 (PacScript)"
+    newline: ClassVar[str] = "\r\n"
+    passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
+    carries: ClassVar[frozenset[str]] = frozenset(
+        {"orientation", "speed", "joint-speed", "stop", "force-direction", "figure"}
+    )
+
+    #: The force that the controller presses with (N, work frame), None while force control is off.
+    _pressing: Vec3 | None = field(default=None, init=False, repr=False)
+    _angles: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
+
+    # -- what is refused -----------------------------------------------------------------------------------------
+
+    def refuses(self, item: Instruction, start: Pose | None) -> str:
+        """The first reason against ``item``, with its remedy."""
+        match item:
+            case Output():
+                return self._output_reason(item)
+            case Wait():
+                return "" if item.seconds * 1000 <= _DELAY else "the wait is longer than a Delay holds; shorten it"
+            case Force():
+                return self._force_reason(item.newtons, item.press)
+            case Comment():
+                return ""
+        reason = self._speed_reason(item.speed)
+        if self.pass_mark == "mm" and item.blend != int(item.blend):
+            reason = reason or f'a blend of {item.blend:g} mm is no whole number; set post.pass_mark to "P"'
+        if isinstance(item, MoveJ):
+            return reason or _joints_reason(item)
+        if item.force > 0:
+            reason = reason or self._force_reason(item.force, item.press)
+        return reason or (self._arc_reason(item, start) if isinstance(item, MoveC) else "")
+
+    def _output_reason(self, item: Output) -> str:
+        if item.signal not in self.signals:
+            return f"the signal {item.signal} has no IO number; add it to post.signals"
+        if item.signal == "spindle":
+            remedy = 'set the speed at its drive and post.spindle to "on-off"'
+            return "" if self.spindle == "on-off" else f"an IO does not carry a spindle speed; {remedy}"
+        return "" if item.value in (0, 1) else f"an IO is on or off, not {item.value:g}; use 0 or 1"
+
+    def _percent(self, mm_s: float) -> float:
+        return 100 * self._scaled(mm_s) / self.rated
+
+    def _scaled(self, mm_s: float) -> float:
+        """The internal speed that gives ``mm_s`` under the external speed, as both are multiplied."""
+        return mm_s * 100 / (self.ext_speed or 100)
+
+    def _speed_reason(self, mm_s: float) -> str:
+        if self.rated and not 0.1 <= self._percent(mm_s) <= 100:
+            numbers = f"{mm_s:g} mm/s is {self._percent(mm_s):.4g} % of the rated {self.rated:g} mm/s"
+            return f"{numbers}, the controller takes 0.1 to 100 %; change the speed or mend post.rated"
+        if mm_s < 0.05:
+            return f"{mm_s:g} mm/s is too slow to be written to 0.1 %; raise the speed"
+        return ""
+
+    def _force_reason(self, newtons: float, press: Vec3) -> str:
+        if newtons <= 0:
+            return ""
+        if self.force == "refuse":
+            remedy = 'check post.force_on and set post.force to "template", or to "ignore"'
+            return f"the arguments of force control are not public; {remedy}"
+        if newtons > _FORCE:
+            return f"{newtons:g} N is more than the {_FORCE:g} N of a force table; lower the force"
+        return (
+            "" if abs(math.hypot(*press) - 1) < 1e-3 else "the force has no direction; follow one side of the contour"
+        )
+
+    def _arc_reason(self, arc: MoveC, start: Pose | None) -> str:
+        if start is None:
+            return "an arc starts where the text gives no pose; move to a pose first"
+        _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
+        if sweep > math.pi + 1e-6:
+            return "an arc of more than 180 deg; halve it"
+        if angle_between(start.rotation, arc.target.rotation) > _TURN:
+            return "the tool turns by 180 deg along an arc and its sense is open; halve it"
+        sagitta = radius * (1 - math.cos(sweep / 2))
+        if 2 * radius * math.sin(sweep / 2) < _CHORD or sagitta < 10 * 10**-self.decimals:
+            return "the arc is too small or too flat for its digits; use lines"
+        if arc.force > 0 and self.force == "template":
+            return "the direction of the force would not turn along an arc; use lines"
+        return ""
+
+    def carried(self) -> frozenset[str]:
+        """Tool and work frame are stated where the text defines them."""
+        return self.carries | {option for option in ("tool", "work") if self.define and getattr(self, option)}
+
+    def prepare(self, program: Program, chord: float) -> Program:
+        """As the base does; then states what the text will say where an option gives something up."""
+        for option, frame in (("tool", program.flange_from_tool), ("work", program.base_from_work)):
+            if not getattr(self, option) and not np.allclose([*frame.origin, *(frame.rotation - IDENTITY).flat], 0):
+                what = f"{option} 0 is the controller's own, but the program has a frame of its own"
+                raise Refused(self.name, -1, what, f"give post.{option} from 1 on")
+        prepared = super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+        body = tuple(chain.from_iterable(self._stated(item) for item in prepared.body))
+        same = len(body) == len(prepared.body) and all(map(lambda a, b: a is b, body, prepared.body))
+        return prepared if same else prepared.with_body(body)
+
+    def _stated(self, item: Instruction) -> list[Instruction]:
+        if isinstance(item, Output) and item.signal == "spindle" and item.value not in (0, 1):
+            return [Comment(f"spindle at {item.value:g} rpm: set at its drive"), replace(item, value=1.0)]
+        return [item]
+
+    # -- what is written -----------------------------------------------------------------------------------------
+
+    def begin(self, program: Program) -> Sequence[str]:
+        """Title, remarks and the settings."""
+        first = next((item for item in program.body if isinstance(item, MoveJ)), None)
+        joints = first is not None and isinstance(first.target, Joints)
+        posture = "fixed by the first joint move" if joints else "that of the arm at the start"
+        if any(_figure(item) is not None for item in program.columns.moves):
+            posture += ", then by Fig; -1: as it is"
+        lines = [f'\'!TITLE "{harmless(program.name)}"', *(self.note(line) for line in program.header)]
+        lines.append(f"' work {self.work} in the base: {self._pose(program.base_from_work)} mm, deg")
+        lines.append(f"' tool {self.tool} at the flange: {self._pose(program.flange_from_tool)} mm, deg")
+        lines.append(f"' these two are {'written below' if self.define else 'expected in the controller'}")
+        lines.append(f"' posture: {posture}")
+        if self.force == "ignore":
+            lines.append("' pressing is left out")
+        rated = f", 100 % is {self.rated:g} mm/s" if self.rated else ""
+        pendant = f"{self.ext_speed:g} %" if self.ext_speed else "the pendant's, 100 % for the planned speeds"
+        lines += [f"' external speed: {pendant}{rated}", "Sub Main"]
+        return [*lines, *(_INDENT + line for line in self._settings(program))]
+
+    def _settings(self, program: Program) -> list[str]:
+        """What TakeArm may have reset. Speed changes the acceleration too, so Accel comes after it."""
+        accel = short(self.accel, _PERCENT)
+        lines = ["TakeArm Keep = 0", *([f"ExtSpeed {short(self.ext_speed, _PERCENT)}"] if self.ext_speed else [])]
+        lines += [f"Speed {short(self.internal_speed, _PERCENT)}", f"Accel {accel}, {accel}"]
+        if self.define:
+            lines.append(f"Tool {self.tool}, P({self._pose(program.flange_from_tool)})")
+            lines.append(f"Work {self.work}, P({self._pose(program.base_from_work)})")
+        return [*lines, f"ChangeTool {self.tool}", f"ChangeWork {self.work}"]
+
+    def end(self, program: Program) -> Sequence[str]:  # noqa: ARG002
+        """Gives the arm back."""
+        return (f"{_INDENT}GiveArm", "End Sub")
+
+    def movej(self, motion: MoveJ) -> Sequence[str]:
+        """Move P to joints or to a pose."""
+        if isinstance(motion.target, Joints):
+            place = f"J({', '.join(fixed(math.degrees(v), _ANGLE) for v in motion.target.values)})"
+        else:
+            place = self._target(motion.target, motion)
+        return (f"Move P, {self._mark(motion)} {place}{self._tail(motion)}",)
+
+    def movel(self, motion: MoveL) -> Sequence[str]:
+        """Move L, after the force that it presses with."""
+        line = f"Move L, {self._mark(motion)} {self._target(motion.target, motion)}{self._tail(motion)}"
+        return (*self._changed(motion), line)
+
+    def movec(self, motion: MoveC) -> Sequence[str]:
+        """Move C; the mark belongs to the end point."""
+        via, end = (self._target(pose, motion) for pose in (motion.via, motion.target))
+        return (*self._changed(motion), f"Move C, {via}, {self._mark(motion)} {end}{self._tail(motion)}")
+
+    def output(self, item: Output) -> Sequence[str]:
+        """Set or Reset of an IO."""
+        return (f"{'Set' if item.value else 'Reset'} IO[{self.signals[item.signal]}]",)
+
+    def wait(self, item: Wait) -> Sequence[str]:
+        """Delay in ms."""
+        return (f"Delay {round(item.seconds * 1000)}",)
+
+    def comment(self, text: str) -> str:
+        """A comment line."""
+        return f"' {text}"
+
+    def press(self, item: Force) -> list[str]:
+        """The lines of the template."""
+        if item.newtons <= 0:
+            self._pressing = None
+            return [line.format(n=self.force_table) for line in self.force_off]
+        self._pressing = _times(item.newtons, item.press)
+        return self._filled(self.force_on)
+
+    def _changed(self, motion: MoveL | MoveC) -> list[str]:
+        if self._pressing is None:
+            return []
+        wanted = _times(motion.force, motion.press)
+        if all(abs(a - b) <= _STEP for a, b in zip(wanted, self._pressing, strict=True)):
+            return []
+        self._pressing = wanted
+        return self._filled(self.force_change)
+
+    def _filled(self, template: list[str]) -> list[str]:
+        x, y, z = self._pressing or (0.0, 0.0, 0.0)
+        values = zip(("x", "y", "z", "newtons"), (x, y, z, math.hypot(x, y, z)), strict=True)
+        texts = {key: fixed(value, _NEWTON) for key, value in values}
+        return [line.format(n=self.force_table, **texts) for line in template]
+
+    def _mark(self, motion: Motion) -> str:
+        passing = "P" if self.pass_mark == "P" else f"{int(motion.blend)}"
+        return f"@{passing}" if motion.blend else "@0"
+
+    def _tail(self, motion: Motion) -> str:
+        if self.speed == "percent":
+            return f", Speed = {short(self._percent(motion.speed), _PERCENT)}"
+        return f", Speed = Mps({short(self._scaled(motion.speed) / 1000, _METRES)})"
+
+    def _target(self, pose: Pose, motion: Motion) -> str:
+        figure = _figure(motion)
+        return f"P({self._pose(pose)}, {-1 if figure is None else figure})"
+
+    def _pose(self, pose: Pose) -> str:
+        key = pose.rotation.tobytes()
+        if key not in self._angles:
+            self._angles[key] = ", ".join(fixed(math.degrees(v), _ANGLE) for v in fixed_xyz(pose.rotation))
+        x, y, z = (fixed(v, self.decimals) for v in pose.origin)
+        return f"{x}, {y}, {z}, {self._angles[key]}"
+
+    # -- files ---------------------------------------------------------------------------------------------------
+
+    def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
+        """One file; a body of more than ``max_lines`` lines becomes several Subs that Main calls in turn."""
+        name = self.program or derived(program.name)
+        subs = _split(list(chain.from_iterable(parts)), self.max_lines)
+        names = [f"{name[:50]}_part{i + 1}" for i in range(len(subs))] if len(subs) > 1 else []
+        body = [f"Call {sub}" for sub in names] or subs[0]
+        lines = [*self.begin(program), *(_INDENT + line for line in body), *self.end(program)]
+        for sub, content in zip(names, subs, strict=False):
+            lines += [f"Sub {sub}", *(_INDENT + line for line in content), "End Sub"]
+        longest = max(lines, key=len)
+        if len(longest) > _LINE:
+            raise Refused(self.name, -1, f"a line of {len(longest)} bytes, the controller takes {_LINE}", "shorten it")
+        return (OutputFile(name + self.suffix, "\n".join(lines) + "\n"),)
+
+    @classmethod
+    def cell(cls) -> Cell:
+        """A VS-060 with a sheet of 200 x 150 mm flat in front of it, 150 mm above its base."""
+        home = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
+        return Cell("DENSO VS-060", translation(300, -75, 150), translation(0, 0, 100), home, robot="VS-060")
+
+    def tolerance(self) -> Tolerance:
+        """Half the last digit; an orientation adds up three angles, a force may keep what is ``_STEP`` away."""
+        degree = math.radians(0.51 * 10**-_ANGLE)
+        per_digit = 1000 * 10**-_METRES if self.speed == "mps" else self.rated / 100 * 10**-_PERCENT
+        return Tolerance(0.501 * 10**-self.decimals, 3 * degree, degree, 0.51 * per_digit, 2 * _STEP, 0.00051)
+
+
+def _figure(motion: Motion) -> int | None:
+    return motion.posture.figure if motion.posture else None
+
+
+def _joints_reason(motion: MoveJ) -> str:
+    if isinstance(motion.target, Pose) or len(motion.target.values) in (1, 2, 3, 5, 6, 7, 8):
+        return ""
+    remedy = "give a pose, or the angles of an arm that only turns"
+    return f"J() of {len(motion.target.values)} axes: four-axis arms slide on axis 3, J() ends with 8; {remedy}"
+
+
+def _times(newtons: float, press: Vec3) -> Vec3:
+    return (newtons * press[0], newtons * press[1], newtons * press[2])
+
+
+def _split(lines: list[str], limit: int) -> list[list[str]]:
+    """``lines`` in runs of at most ``limit``, cut after a motion that stops where the second half has one."""
+    runs: list[list[str]] = []
+    at = 0
+    while limit and len(lines) - at > limit:
+        end = next((i for i in range(at + limit, at + limit // 2, -1) if "@0 " in lines[i - 1]), at + limit)
+        runs.append(lines[at:end])
+        at = end
+    return [*runs, lines[at:]]

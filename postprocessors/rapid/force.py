@@ -1,0 +1,166 @@
+"""Pressing sections for RAPID: what Machining FC can do of them, and the program rewritten so that each change of
+force stands right before the motion that it is printed with.
+
+A section is ``Force`` on, motions that press, ``Force`` off, one motion that leaves the surface.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.model.errors import Refused
+from camgen.model.pose import FloatArray, Pose, Vec3
+from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL
+from camgen.model.text import fixed
+from camgen.post.passes import PASSES
+
+#: Digits of a force in N.
+DIGITS = 3
+#: How far a press direction may be off the tool axis that stands for it; well below what a printed orientation loses.
+_ALIGNED = 5e-7
+_TURN = 'set tool.orient = "follow", so that the tool turns with the surface'
+
+
+def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
+    """Which tool axis (0..2) and sign ``press`` is, where the tool stands as ``rotation``; None when it is none."""
+    along = rotation.T @ np.asarray(press)
+    axis = int(np.argmax(np.abs(along)))
+    sign = 1 if along[axis] > 0 else -1
+    along[axis] -= sign
+    return (axis, sign) if float(np.abs(along).max()) <= _ALIGNED else None
+
+
+def settled(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]:
+    """Each ``Force`` moved right before its motion, which becomes straight; one that leaves the surface also stops.
+
+    A force takes effect with the next motion, so nothing changes by the first; FCPress1LStart and FCPressEnd are
+    straight, and FCPressEnd has no zone.
+    """
+    result: list[Instruction] = []
+    waiting: Force | None = None
+    start: Pose | None = None
+    for item in body:
+        if isinstance(item, Force):
+            waiting = item
+            continue
+        if isinstance(item, (MoveJ, MoveL, MoveC)):
+            if waiting is not None:
+                result.append(waiting)
+                result += _opening(waiting, item, start, chord)
+                waiting = None
+            else:
+                result.append(item)
+            start = item.target if isinstance(item.target, Pose) else None
+        else:
+            result.append(item)
+    return tuple(result)
+
+
+def _opening(force: Force, item: MoveJ | MoveL | MoveC, start: Pose | None, chord: float) -> list[Instruction]:
+    motions: list[Instruction] = [item]
+    if isinstance(item, MoveC) and start is not None:
+        motions = [*PASSES["chords"](start, item, chord)]
+    if force.newtons == 0 and isinstance(motions[0], MoveL):
+        motions[0] = replace(motions[0], blend=0.0)
+    return motions
+
+
+@dataclass
+class _Section:
+    """Where in a section the instructions have come to. force: the one that is on. moved: after it came a motion."""
+
+    force: Force | None = None
+    axis: tuple[int, int] | None = None
+    moved: bool = False
+    leaving: bool = False
+    start: Pose | None = None
+
+
+def check_sections(post: str, body: Sequence[Instruction]) -> None:
+    """Raises Refused for the first instruction that pressing with FCPress cannot do."""
+    section = _Section()
+    for index, item in enumerate(body):
+        reason = ""
+        if isinstance(item, Force):
+            reason = _change(section, item)
+        elif isinstance(item, (MoveJ, MoveL, MoveC)):
+            reason = _moved(section, item)
+            section.start = item.target if isinstance(item.target, Pose) else None
+        if reason:
+            raise Refused(post, index, reason)
+    if section.leaving:
+        raise Refused(post, len(body) - 1, "no straight motion leaves the surface after the force is off")
+
+
+def _change(section: _Section, item: Force) -> str:
+    """Why the force cannot change here."""
+    if section.leaving or (section.force is not None and not section.moved):
+        return "two changes of force without a motion between them"
+    if item.newtons > 0:
+        if section.force is not None:
+            return "the force is on already; each motion carries its own force, so switch it off before"
+        if section.start is None:
+            return "pressing from a pose that is not known; put a straight motion before it"
+        section.axis = tool_axis(section.start.rotation, item.press)
+        if section.axis is None:
+            return f"the press direction is no axis of the tool; {_TURN}"
+        section.force, section.moved = item, False
+        return ""
+    if section.force is None:
+        return "the force is off already"
+    section.force, section.leaving = None, True
+    return ""
+
+
+def _moved(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
+    """Why this motion cannot press, or leave the surface."""
+    if section.leaving:
+        section.leaving = False
+        return "the motion that leaves the surface must be straight" if isinstance(item, MoveJ) else ""
+    force = section.force
+    if force is None:
+        return ""
+    first, section.moved = not section.moved, True
+    if isinstance(item, MoveJ):
+        return "a joint-interpolated motion while pressing"
+    if fixed(item.force, DIGITS) == fixed(0.0, DIGITS):
+        return "a motion without force while pressing; switch the force off before it"
+    if first and fixed(item.force, DIGITS) != fixed(force.newtons, DIGITS):
+        return "the first motion must press as hard as its section starts"
+    if tool_axis(item.target.rotation, item.press) != section.axis:
+        return f"the press direction is not the same tool axis in the whole section; {_TURN}"
+    return ""
+
+
+# Which arcs MoveC takes. Its limits are not confirmed, so arcs stay well inside them (docs, what is not certain).
+
+#: Sweep in rad; distance in mm between any two of the three points.
+_WIDEST, _FLATTEST, _CLOSEST = math.radians(120), math.radians(4), 0.2
+
+
+def arc_fault(start: Vec3, via: Vec3, end: Vec3, digit: float) -> str:
+    """Why the arc cannot be one MoveC, empty when it can. digit: the last one printed, mm."""
+    sweep, height = _sweep(start, via, end)
+    if sweep > _WIDEST + 1e-6:
+        return "an arc of more than 120 deg; split it"
+    closest = max(_CLOSEST, 10 * digit)
+    near = min(math.dist(start, via), math.dist(via, end), math.dist(start, end))
+    if sweep < _FLATTEST or height < 2 * digit or near < closest:
+        return f"an arc of less than 4 deg, {closest:g} mm or {2 * digit:g} mm height; use a straight motion"
+    return ""
+
+
+def _sweep(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
+    """Sweep (rad) of the arc through three points, the rest of which is twice the angle that its ends make at ``via``,
+    and the distance (mm) of ``via`` from the line through its ends.
+    """
+    (sx, sy, sz), (vx, vy, vz), (ex, ey, ez) = start, via, end
+    ux, uy, uz, wx, wy, wz = sx - vx, sy - vy, sz - vz, ex - vx, ey - vy, ez - vz
+    area = math.hypot(uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx)
+    sweep = 2 * (math.pi - math.atan2(area, ux * wx + uy * wy + uz * wz))
+    return sweep, area / max(math.dist(start, end), 1e-9)

@@ -1,0 +1,186 @@
+"""The options of the RAPID post, and what of them cannot be meant."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from camgen.model.errors import JobError
+from camgen.model.program import Program
+from camgen.model.text import short
+from camgen.post import Post
+
+# Names in RAPID: which ones a controller takes, and which speeds and zones it has already.
+
+SPEEDS = {
+    5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800,
+    1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000, 7000,
+}  # fmt: skip
+#: Radius at the TCP, as it is printed -> name.
+ZONES = {"0.3": "z0"} | {str(r): f"z{r}" for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+#: Digits of a speed, a blend radius, a wait.
+DIGITS = 3
+#: The longest name on IRC5 and later, and on S4.
+LONGEST, LONGEST_S4 = 32, 16
+
+_RESERVED = """
+    alias and backward case connect const default div do else elseif endfor endfunc endif endmodule endproc endrecord
+    endtest endtrap endwhile error exit false for from func goto if inout local mod module nostepin not noview or pers
+    proc raise readonly record retry return step sysmodule task test then to trap true trynext undo var viewonly while
+    with xor""".split()  # noqa: SIM905 (sixty words read better so)
+_INSTALLED = """
+    main fine vmax tool0 wobj0 load0 high low pi bool num dnum string byte pos orient pose confdata robjoint extjoint
+    robtarget jointtarget speeddata zonedata tooldata wobjdata loaddata signaldo signalao moveabsj movej movel movec
+    movejdo moveldo movecdo offs reltool calcrobt crobt setdo setao setgo set reset pulsedo waittime waitdi waituntil
+    confl confj singarea accset velset tpwrite tperase stop fcact fcdeact fccalib fcpress1lstart fcpressl fcpressc
+    fcpressend triggio triggl load unload""".split()  # noqa: SIM905
+_TAKEN = {*_INSTALLED, *(f"v{v}" for v in SPEEDS), *ZONES.values()}
+#: Names that the post gives to what it declares itself: speeds, zones, parts.
+_OURS = re.compile(r"(?:[vz]cam\d[\d_]*|part\d+)", re.IGNORECASE)
+
+
+def name_fault(name: str, longest: int, installed: bool = False) -> str:
+    """Why ``name`` cannot be used, empty when it can. installed: it may be one that the controller has already."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        return "is not a RAPID name: a letter, then letters, digits and _"
+    if len(name) > longest:
+        return f"is longer than {longest} characters"
+    if name.lower() in _RESERVED:
+        return "is a reserved word of RAPID"
+    if not installed and (name.lower() in _TAKEN or _OURS.fullmatch(name)):
+        return "is taken already: predefined, or given by the post itself"
+    return ""
+
+
+def legal_name(text: str, longest: int) -> str:
+    """The name nearest to ``text`` that can be used.
+
+    >>> legal_name("10 Bracket-v2", 32), legal_name("MoveL", 32)
+    ('m10_Bracket_v2', 'mMoveL')
+    """
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)[: longest - 1]
+    return f"m{name}" if name_fault(name, longest) else name
+
+
+@lru_cache(maxsize=1000)
+def speed_name(speed: float) -> str:
+    """The speeddata of ``speed`` (mm/s): predefined where there is one, else declared by ``motion_data``."""
+    text = short(speed, DIGITS)
+    return f"v{text}" if float(text) in SPEEDS else "vCam" + text.replace(".", "_")
+
+
+@lru_cache(maxsize=1000)
+def zone_name(blend: float) -> str:
+    """The zonedata of ``blend`` (mm), a stop point for 0."""
+    text = short(blend, DIGITS)
+    return "fine" if text == "0" else ZONES.get(text) or "zCam" + text.replace(".", "_")
+
+
+def motion_data(program: Program) -> list[str]:
+    """Declarations of the speeds and zones that are not predefined, slow and small ones first.
+
+    The components beside the TCP speed, and a zone's ratio of 1.5 to the TCP radius, are those of the predefined ones.
+    """
+    speeds = {short(speed, DIGITS) for speed in np.unique(program.columns.speed).tolist()}
+    zones = {short(blend, DIGITS) for blend in np.unique(program.columns.blend).tolist()}
+    lines = [
+        f"CONST speeddata {speed_name(float(v))}:=[{v},500,5000,1000];"
+        for v in sorted(speeds, key=float)
+        if float(v) not in SPEEDS
+    ]
+    for r in sorted(zones - {"0"} - set(ZONES), key=float):
+        wide, angle = short(1.5 * float(r), DIGITS + 1), short(0.15 * float(r), DIGITS + 2)
+        lines.append(f"CONST zonedata {zone_name(float(r))}:=[FALSE,{r},{wide},{wide},{angle},{wide},{angle}];")
+    return lines
+
+
+_LOAD = re.compile(r"\[N,\[N,N,N\],\[N,N,N,N\],N,N,N\]".replace("N", r"[+-]?[0-9]+(?:\.[0-9]+)?"))
+
+
+@dataclass
+class RapidOptions(Post):
+    """Options of ``[post]``, each with its help. JobError for one that no controller takes."""
+
+    max_lines: int = field(default=20000, kw_only=True, metadata={"help": "lines per module before it is split"})
+    tool: str = field(default="tCamgen", kw_only=True, metadata={"help": "name of the tooldata"})
+    work: str = field(default="wCamgen", kw_only=True, metadata={"help": "name of the wobjdata"})
+    declare: bool = field(
+        default=True, kw_only=True, metadata={"help": "declare tool and work; false: they are on the controller"}
+    )
+    mass: float = field(default=0.001, kw_only=True, metadata={"help": "mass of the tool, kg"})
+    cog: list[float] = field(
+        default_factory=lambda: [0.0, 0.0, 0.001],
+        kw_only=True,
+        metadata={"help": "centre of gravity of the tool at the flange, mm"},
+    )
+    signals: dict[str, str] = field(
+        default_factory=lambda: {"process": "doProcess"},
+        kw_only=True,
+        metadata={"help": "controller name of each signal; spindle is an analog output"},
+    )
+    s4: bool = field(default=False, kw_only=True, metadata={"help": "for S4: names of 16 characters, plain PERS"})
+    conf: Literal["auto", "state", "off"] = field(
+        default="auto",
+        kw_only=True,
+        metadata={
+            "help": "auto: state the posture where it is known, and supervise it; state: only state it; off: never"
+        },
+    )
+    force: Literal["fcpress", "ignore"] = field(
+        default="fcpress", kw_only=True, metadata={"help": "fcpress: Machining FC; ignore: leave pressing out"}
+    )
+    force_load: str = field(
+        default="", kw_only=True, metadata={"help": "loaddata for FCCalib, name or aggregate; empty: no FCCalib"}
+    )
+    force_threshold: float = field(
+        default=50.0, kw_only=True, metadata={"help": "part of the force to feel before travel goes on, %"}
+    )
+    force_change: float = field(default=0.0, kw_only=True, metadata={"help": "ForceChange, N/s; 0: not written"})
+    force_distance: float = field(default=0.0, kw_only=True, metadata={"help": "PosSupvDist, mm; 0: not written"})
+    force_sign: Literal[1, -1] = field(
+        default=1, kw_only=True, metadata={"help": "-1 where a positive force pulls along the tool axis"}
+    )
+    force_arcs: bool = field(default=False, kw_only=True, metadata={"help": "FCPressC for arcs; false: lines"})
+
+    @property
+    def longest(self) -> int:
+        """The longest name that the controller takes."""
+        return LONGEST_S4 if self.s4 else LONGEST
+
+    def __post_init__(self) -> None:
+        self._check_names()
+        ranges = {
+            "decimals": (self.decimals, 0, 6),
+            "max_lines": (self.max_lines, 0, 10**9),
+            "mass": (self.mass, 0.001, 1000),
+            "force_threshold": (self.force_threshold, 0, 100),
+            "force_change": (self.force_change, 0, 10000),
+            "force_distance": (self.force_distance, 0, 10000),
+        }
+        ranges |= {f"cog[{k}]": (value, -10000, 10000) for k, value in enumerate(self.cog)}
+        for option, (value, least, most) in ranges.items():
+            if not least <= value <= most:
+                raise JobError(f"[post] {option}", f"{value:g} is not {least:g} to {most:g}")
+        if len(self.cog) != 3:
+            raise JobError("[post] cog", f"{len(self.cog)} numbers", remedy="give x, y, z in mm")
+
+    def _check_names(self) -> None:
+        names = {"tool": self.tool, "work": self.work}
+        names |= {f"signals.{signal}": name for signal, name in self.signals.items()}
+        if self.program:
+            names["program"] = self.program
+        if self.force_load and not _LOAD.fullmatch(self.force_load):
+            names["force_load"] = self.force_load
+        used: dict[str, str] = {}
+        for option, name in names.items():
+            present = option == "force_load" or (not self.declare and option in ("tool", "work"))
+            fault = name_fault(name, self.longest, present)
+            if not fault and name.lower() in used:
+                fault = f"is the name of {used[name.lower()]} already"
+            if fault:
+                raise JobError(f"[post] {option}", f"{name!r} {fault}", remedy="give it another name")
+            used[name.lower()] = option

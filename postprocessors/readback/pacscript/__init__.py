@@ -1,0 +1,271 @@
+"""Reads DENSO PacScript back: an interpreter of the motion part of the language, written from its manual.
+
+What it does not evaluate (conditions, loops, free curves, extended axes) is a fault of that line, never a guess. The
+facts and their sources are listed in docs/posts/pacscript.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+
+from camgen.model.pose import Pose
+from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
+from camgen.post import Fault, Reading
+
+from . import force, motion
+from .machine import Machine
+from .motion import Plain, carry_out
+from .text import Procedure, Source, Statement, read_source
+from .values import Unreadable, Value, arguments, evaluate, index, number
+
+#: Calls may nest so deep; so many statements are carried out before the program counts as endless.
+_CALLS, _STEPS = 20, 2_000_000
+_SIGNALS = {"process": 24}
+_VERB = re.compile(r"([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII | re.DOTALL)
+_ASSIGNMENT = re.compile(r"(?:([a-z])\s*\[([^\]]*)\]|([a-z]\w*))\s*=\s*(.+)", re.IGNORECASE | re.ASCII)
+_DECLARATION = re.compile(r"([a-z]\w*)(?:\s+as\s+(\w+))?\s*(?:=\s*(.+))?", re.IGNORECASE | re.ASCII)
+_CALL = re.compile(r"(\w+)\s*(?:\((.*)\))?")
+_IO = re.compile(r"IO\s*\[([^\]]*)\]", re.IGNORECASE)
+_TAKE = re.compile(r"(?:(.+?)\s*)??(?:,?\s*keep\s*=\s*(.+))?", re.IGNORECASE)
+_SHORT = re.compile(r"([pjtvifds])(\d{1,9})", re.ASCII)
+#: First word of a block -> the word that closes it.
+_BLOCKS = {"if": "end if", "for": "next", "do": "loop", "select": "end select"}
+#: Statements that neither move the arm nor set an output.
+_WITHOUT_EFFECT = frozenset({"motor", "printdbg", "printmsg"})
+_NOT_EVALUATED = frozenset(
+    {
+        "archmove", "arrive", "clrpathpoint", "addpathpoint", "loadpathpoint", "cpmode", "drive", "drivea", "eralw",
+        "exit", "forcechangetable", "forcesensor", "forcesensorpayload", "forcewaitcondition", "goto", "grvctrl",
+        "grvoffset", "halt", "highpathaccuracy", "hold", "interrupt", "let", "letx", "lety", "letz", "motionskip",
+        "motiontimeout", "on", "payload", "rotate", "rotateh", "run", "singularavoid", "speedmode", "suspend", "wait",
+        "waitmotion", "zforce", "curlmt",
+    }
+)  # fmt: skip
+
+
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+    """What the program says; see ``Reading``. Options: rated, signals, force_on, force_change, force_off.
+
+    A blend of ``@P`` is given as 1 mm, as its radius is the controller's. Speeds in percent are of ``rated``.
+    """
+    templates = force.templates(options)
+    source = read_source(files, short=not force.may_say(templates, "Move"))
+    rated = options.get("rated", 0.0)
+    machine = Machine(float(rated) if isinstance(rated, (int, float)) and rated > 0 else 0.0, _names(options))
+    if main := source.procedures.get("main"):
+        _Run(machine, source, templates).procedure(main)
+        _finish(machine)
+    faults = sorted({*source.faults, *machine.faults}, key=lambda fault: (fault.line, fault.what))
+    work, tool = (machine.frames.get((kind, machine.numbers[kind])) for kind in ("work", "tool"))
+    return Reading(tuple(machine.body), tuple(machine.lines), tuple(faults), work, tool)
+
+
+def _names(options: Mapping[str, object]) -> dict[int, str]:
+    """The signal of an IO number."""
+    given = options.get("signals", _SIGNALS)
+    return {v: str(k) for k, v in given.items() if isinstance(v, int)} if isinstance(given, Mapping) else {}
+
+
+def _finish(machine: Machine) -> None:
+    last = next((i for i in reversed(range(len(machine.body))) if isinstance(machine.body[i], _MOTIONS)), None)
+    if machine.passing and last is not None:
+        machine.faults.append(Fault(machine.lines[last], "the last motion passes its target"))
+    if machine.table is not None:
+        machine.fault("force control is on at the end")
+
+
+_MOTIONS = (MoveJ, MoveL, MoveC)
+
+
+class _Run:
+    """One pass through a source."""
+
+    def __init__(self, machine: Machine, source: Source, templates: list[force.Template]) -> None:
+        self.machine, self.source, self.templates = machine, source, templates
+        self.steps = 0
+
+    def procedure(self, procedure: Procedure) -> None:
+        """Carries out the statements of a procedure to its end or ``Exit Sub``."""
+        statements, at = procedure.statements, 0
+        while at < len(statements):
+            statement = statements[at]
+            self.machine.line = statement.line if isinstance(statement, Plain) else statement[0]
+            self.steps += 1
+            if self.steps > _STEPS:
+                self.machine.fault("more statements than a program can have")
+                return
+            if isinstance(statement, Plain):
+                carry_out(self.machine, statement)
+                at += 1
+            else:
+                at += self._step(statements, at, statement[1])
+
+    def _step(self, statements: list[Statement], at: int, text: str) -> int:
+        """Carries out one statement; returns by how many statements to go on."""
+        machine = self.machine
+        try:
+            if self.templates and (count := force.apply_template(machine, self.templates, statements, at)):
+                return count
+            match = _VERB.fullmatch(text)
+            verb = match[1].lower() if match else ""
+            if verb in _BLOCKS:
+                return self._skip(statements, at, text.lower(), verb)
+            if match and verb == "exit" and match[2].lower() in ("sub", "function"):
+                return len(statements)
+            if match and verb == "call":
+                self._call(match[2])
+            elif match and verb in _STATEMENTS:
+                _STATEMENTS[verb](machine, match[2])
+            elif verb not in _WITHOUT_EFFECT:
+                _otherwise(machine, text, verb)
+        except Unreadable as error:
+            machine.fault(str(error))
+            machine.here = None
+        return 1
+
+    def _skip(self, statements: list[Statement], at: int, text: str, verb: str) -> int:
+        """Names a block that is not evaluated and passes it by: what it does depends on the running machine."""
+        self.machine.here = None
+        if verb == "if" and not text.endswith("then"):
+            self.machine.fault("If is not evaluated")
+            return 1
+        depth, closing = 0, _BLOCKS[verb]
+        for count, other in enumerate(statements[at:]):
+            if isinstance(other, Plain):
+                continue
+            words = " ".join(other[1].lower().split())
+            if re.match(rf"{verb}\b", words) and (verb != "if" or words.endswith("then")):
+                depth += 1
+            elif re.match(rf"{closing}\b", words) or (verb == "if" and words == "endif"):
+                depth -= 1
+            if depth == 0:
+                self.machine.fault(f"{verb.capitalize()} is not evaluated, up to line {other[0]}")
+                self.steps += count
+                return count + 1
+        self.machine.fault(f"{verb.capitalize()} has no {closing.title()}")
+        return len(statements) - at
+
+    def _call(self, rest: str) -> None:
+        machine = self.machine
+        match = _CALL.fullmatch(rest)
+        called = self.source.procedures.get(match[1].lower()) if match else None
+        if match is None or called is None:
+            raise Unreadable(f"unknown procedure {rest}")
+        values = [evaluate(part, machine.lookup) for part in arguments(match[2] or "") if part]
+        if len(values) != len(called.parameters):
+            raise Unreadable(f"{match[1]} takes {len(called.parameters)} values, not {len(values)}")
+        if len(machine.scopes) > _CALLS:
+            raise Unreadable("procedures that call each other without end")
+        machine.scopes.append(dict(zip(called.parameters, values, strict=True)))
+        here = machine.line
+        self.procedure(called)
+        machine.scopes.pop()
+        machine.line = here
+
+
+def _otherwise(machine: Machine, text: str, verb: str) -> None:
+    """An assignment, or what is not known."""
+    assignment = _ASSIGNMENT.fullmatch(text)
+    if assignment is None or verb == "io":
+        known = verb in _NOT_EVALUATED
+        raise Unreadable(f"{text.split(maxsplit=1)[0]} is not evaluated" if known else f"unknown statement {text[:60]}")
+    letter, position, name, expression = assignment.groups()
+    value = evaluate(expression, machine.lookup)
+    short = _SHORT.fullmatch(name.lower()) if name else None
+    if letter:
+        machine.arrays[(letter.lower(), index(number(position, machine.lookup)))] = value
+    elif short:
+        machine.arrays[(short[1], int(short[2]))] = value
+    else:
+        machine.scopes[-1][name.lower()] = value
+
+
+def _declare(machine: Machine, rest: str) -> None:
+    for part in arguments(rest):
+        match = _DECLARATION.fullmatch(part)
+        if match is None:
+            raise Unreadable(f"Dim {part} is not evaluated")
+        if match[3] and (match[2] or "").lower() != "string":
+            machine.scopes[-1][match[1].lower()] = evaluate(match[3], machine.lookup)
+
+
+def _take_arm(machine: Machine, rest: str) -> None:
+    match = _TAKE.fullmatch(rest)
+    keep = number(match[2], machine.lookup) if match and match[2] else 1.0
+    machine.armed = True
+    if not keep:
+        # Believed to set the internal speed to 100 % and both frames to 0; programs of the post do not rely on it.
+        machine.internal = 100.0
+        machine.numbers.update(tool=0, work=0)
+
+
+def _give_arm(machine: Machine, _rest: str) -> None:
+    machine.armed = False
+
+
+def _change(kind: str) -> Callable[[Machine, str], None]:
+    def handler(machine: Machine, rest: str) -> None:
+        chosen = index(number(rest, machine.lookup))
+        if machine.moved and chosen != machine.numbers[kind]:
+            machine.fault(f"the {kind} frame changes after the first motion")
+            machine.here = None
+        machine.numbers[kind] = chosen
+
+    return handler
+
+
+def _define(kind: str) -> Callable[[Machine, str], None]:
+    def handler(machine: Machine, rest: str) -> None:
+        parts = arguments(rest)
+        frame: Value = evaluate(parts[1], machine.lookup) if len(parts) == 2 else 0.0
+        if not isinstance(frame, Pose):
+            raise Unreadable(f"{kind.capitalize()} needs a number and a position")
+        chosen = index(number(parts[0], machine.lookup))
+        if machine.moved and chosen == machine.numbers[kind]:
+            machine.fault(f"the {kind} frame changes after the first motion")
+        machine.frames[(kind, chosen)] = frame
+
+    return handler
+
+
+def _switch(value: float) -> Callable[[Machine, str], None]:
+    def handler(machine: Machine, rest: str) -> None:
+        match = _IO.fullmatch(rest)
+        if match is None:
+            raise Unreadable(f"an output of {rest or 'nothing'} is not evaluated")
+        io = index(number(match[1], machine.lookup))
+        machine.emit_still(Output(machine.signals.get(io, f"IO[{io}]"), value))
+
+    return handler
+
+
+def _delay(machine: Machine, rest: str) -> None:
+    milliseconds = number(rest, machine.lookup)
+    if milliseconds < 0:
+        raise Unreadable("a negative delay")
+    machine.emit_still(Wait(milliseconds / 1000))
+
+
+_STATEMENTS: dict[str, Callable[[Machine, str], None]] = {
+    "accel": motion.acceleration,
+    "approach": motion.approach,
+    "changetool": _change("tool"),
+    "changework": _change("work"),
+    "decel": motion.acceleration,
+    "delay": _delay,
+    "depart": motion.depart,
+    "dim": _declare,
+    "draw": motion.draw,
+    "extspeed": motion.external_speed,
+    "forcectrl": force.control,
+    "forceparam": force.parameter,
+    "givearm": _give_arm,
+    "move": motion.move,
+    "reset": _switch(0.0),
+    "set": _switch(1.0),
+    "speed": motion.speed_statement,
+    "takearm": _take_arm,
+    "tool": _define("tool"),
+    "work": _define("work"),
+}

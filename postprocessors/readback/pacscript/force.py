@@ -1,0 +1,167 @@
+"""Force control: ``ForceParam`` as the manual has it (5176), ``ForceCtrl`` as it is believed to be, or a template."""
+
+from __future__ import annotations
+
+import math
+import re
+import string
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from camgen.model.pose import Pose, Vec3
+from camgen.model.program import Force
+
+from .machine import Machine
+from .motion import Plain
+from .text import Statement, without_comment
+from .values import Unreadable, arguments, evaluate, index, number
+
+_NUMBER = r"([-+]?\d+(?:\.\d+)?)"
+_KINDS = ("on", "change", "off")
+_WORK = 2
+
+
+def parameter(machine: Machine, rest: str) -> None:
+    """``ForceParam table, frame, P(fx, fy, fz, ...)``: a force in N, here only in the work frame (frame 2)."""
+    parts = arguments(rest)
+    if len(parts) != 3:
+        raise Unreadable("ForceParam with options is not evaluated" if len(parts) > 3 else "ForceParam needs 3 values")
+    table, frame = (index(number(part, machine.lookup)) for part in parts[:2])
+    force = evaluate(parts[2], machine.lookup)
+    if not isinstance(force, Pose):
+        raise Unreadable("ForceParam needs P(fx, fy, fz, mx, my, mz)")
+    if frame != _WORK:
+        raise Unreadable("a force outside the work frame is not evaluated")
+    machine.forces[table] = force.origin
+
+
+def control(machine: Machine, rest: str) -> None:
+    """``ForceCtrl True, table`` and ``ForceCtrl False``."""
+    values = [number(part, machine.lookup) for part in arguments(rest)]
+    if not values[0]:
+        _off(machine)
+    elif len(values) != 2:
+        raise Unreadable("ForceCtrl True needs the number of a table")
+    elif index(values[1]) not in machine.forces:
+        raise Unreadable(f"the force table {values[1]:g} is not set in the text")
+    else:
+        _on(machine, index(values[1]))
+
+
+def _on(machine: Machine, table: int) -> None:
+    if machine.table is not None:
+        raise Unreadable("force control is on already")
+    machine.table = table
+    newtons, press = machine.pressing()
+    if not newtons:
+        machine.fault("force control with no force")
+    machine.emit_still(Force(newtons, press))
+
+
+def _off(machine: Machine) -> None:
+    machine.table = None
+    machine.emit_still(Force(0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """The lines of one option: a pattern per line, the places in it in order, and the sign that it starts with, empty
+    for a number.
+    """
+
+    kind: str
+    patterns: tuple[re.Pattern[str], ...]
+    places: tuple[tuple[str, ...], ...]
+    starts: tuple[str, ...]
+
+
+def templates(options: Mapping[str, object]) -> list[Template]:
+    """The force templates that the options give, those of more lines first."""
+    found = [_template(kind, options.get(f"force_{kind}")) for kind in _KINDS]
+    return sorted((t for t in found if t is not None), key=lambda t: -len(t.patterns))
+
+
+def may_say(known: list[Template], word: str) -> bool:
+    """Whether a line of a template may be one that starts with ``word``."""
+    return any(_may_start(start, word) for template in known for start in template.starts)
+
+
+def apply_template(machine: Machine, known: list[Template], statements: list[Statement], at: int) -> int:
+    """How many statements from ``at`` on are force lines of a template; they are carried out."""
+    for template in known:
+        values = _match(template, statements[at : at + len(template.patterns)])
+        if values is not None:
+            _carry_out(machine, template.kind, values)
+            return len(template.patterns)
+    return 0
+
+
+def _carry_out(machine: Machine, kind: str, values: dict[str, float]) -> None:
+    if kind == "off":
+        _off(machine)
+        return
+    vector: Vec3 = (values["x"], values["y"], values["z"])
+    if "newtons" in values and abs(math.hypot(*vector) - values["newtons"]) > 0.01:
+        machine.fault("the newtons of a force line are not those of its vector")
+    table = int(values["n"]) if "n" in values else machine.table or 1
+    machine.forces[table] = vector
+    if kind == "on" and machine.table is None:
+        _on(machine, table)
+    elif machine.table != table:
+        machine.fault("a change of a force that is not on")
+
+
+def _template(kind: str, lines: object) -> Template | None:
+    if not isinstance(lines, (list, tuple)) or not all(isinstance(line, str) for line in lines):
+        return None
+    try:
+        read = [_line(text) for text in map(without_comment, lines) if text]
+    except ValueError:
+        return None  # Braces that do not match: no post writes by such a template.
+    places = {place for _, names, _ in read for place in names}
+    if not read or (kind != "off" and not {"x", "y", "z"} <= places):
+        return None
+    patterns, names, starts = zip(*read, strict=True)
+    return Template(kind, patterns, names, starts)
+
+
+def _line(text: str) -> tuple[re.Pattern[str], tuple[str, ...], str]:
+    """The pattern of a template's line, the places in it, and the sign that it starts with, empty for a number."""
+    pattern, names, start = "", [], ""
+    for literal, name, _, _ in string.Formatter().parse(text):
+        bare = _bare(literal)
+        start = start if pattern else bare[:1]
+        pattern += re.escape(bare)
+        if name is not None:
+            pattern += _NUMBER
+            names.append(name)
+    return re.compile(pattern, re.IGNORECASE), tuple(names), start
+
+
+def _may_start(start: str, text: str) -> bool:
+    """Whether ``text`` may be a line that starts with the sign ``start``; all that is not ASCII may be."""
+    first = text.lstrip()[:1]
+    if not start:
+        return first in ("+", "-") or first.isdecimal()
+    return not (start + first).isascii() or start.lower() == first.lower()
+
+
+def _match(template: Template, statements: list[Statement]) -> dict[str, float] | None:
+    if len(statements) < len(template.patterns):
+        return None
+    values: dict[str, float] = {}
+    for statement, pattern, names, start in zip(
+        statements, template.patterns, template.places, template.starts, strict=True
+    ):
+        # There are no plain motions where a template may be one.
+        if isinstance(statement, Plain) or not _may_start(start, statement[1]):
+            return None
+        match = pattern.fullmatch(_bare(statement[1]))
+        if match is None:
+            return None
+        values.update(zip(names, map(float, match.groups()), strict=True))
+    return values
+
+
+def _bare(text: str) -> str:
+    return re.sub(r"\s+", "", text)

@@ -1,0 +1,97 @@
+"""What the controller knows while a PacScript program runs, and what the program has said so far."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from camgen.model.pose import Pose, Vec3
+from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.post import Fault
+
+from .values import Metres, Unreadable, Value
+
+#: What 100 % is taken for when the options do not say it (a fault tells), mm/s; the blend that ``@P`` is given, mm.
+_RATED, PASS_BLEND = 1000.0, 1.0
+
+
+@dataclass(slots=True)
+class Machine:
+    """State of the interpreter. ``here`` is the commanded pose, None where the text does not give it."""
+
+    rated: float
+    signals: Mapping[int, str]
+    line: int = 0
+    armed: bool = False
+    moved: bool = False
+    #: The last motion passes its target: what follows may happen before the arm is there.
+    passing: bool = False
+    here: Pose | None = None
+    internal: float | Metres = 100.0
+    external: float = 100.0
+    numbers: dict[str, int] = field(default_factory=lambda: {"tool": 0, "work": 0})
+    frames: dict[tuple[str, int], Pose] = field(default_factory=dict)
+    forces: dict[int, Vec3] = field(default_factory=dict)
+    table: int | None = None
+    scopes: list[dict[str, Value]] = field(default_factory=lambda: [{}])
+    arrays: dict[tuple[str, int], Value] = field(default_factory=dict)
+    body: list[Instruction] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    faults: list[Fault] = field(default_factory=list)
+
+    def fault(self, what: str) -> None:
+        """Notes a fault of the current line; what it quotes is cut short."""
+        self.faults.append(Fault(self.line, what[:160]))
+
+    def lookup(self, key: str | tuple[str, int]) -> Value:
+        """The value of a variable that the text has set."""
+        found = self.arrays.get(key) if isinstance(key, tuple) else self.scopes[-1].get(key)
+        if found is None:
+            name = (
+                f"{key[0].upper()}[{key[1]}] is not set in the text"
+                if isinstance(key, tuple)
+                else f"unknown name {key}"
+            )
+            raise Unreadable(name)
+        return found
+
+    def emit(self, item: Instruction) -> None:
+        """Adds an instruction of the current line."""
+        self.body.append(item)
+        self.lines.append(self.line)
+
+    def emit_motion(self, item: MoveJ | MoveL | MoveC, passing: bool) -> None:
+        """Adds a motion; the arm must be owned and the first one joint-interpolated."""
+        if not self.armed:
+            self.fault("a motion without TakeArm")
+        if not self.moved and not isinstance(item, MoveJ):
+            self.fault("the first motion is not Move P: where it starts is open")
+        self.moved, self.passing = True, passing
+        self.here = item.target if isinstance(item.target, Pose) else None
+        self.emit(item)
+
+    def emit_still(self, item: Output | Wait | Force) -> None:
+        """Adds something that must not happen before the arm has arrived."""
+        if self.passing:
+            self.fault(f"{_STILL[type(item)]} after a motion that passes its target: it may come too early")
+            self.passing = False
+        self.emit(item)
+
+    def pressing(self) -> tuple[float, Vec3]:
+        """Newtons and direction of the force that is on, 0 and zero when none is."""
+        x, y, z = (0.0, 0.0, 0.0) if self.table is None else self.forces[self.table]
+        newtons = math.hypot(x, y, z)
+        return (newtons, (x / newtons, y / newtons, z / newtons)) if newtons else (0.0, (0.0, 0.0, 0.0))
+
+    def mm_per_second(self, value: float | Metres) -> float:
+        """An internal speed times the external one (manual: both are multiplied)."""
+        if isinstance(value, Metres):
+            return value.per_second * 1000 * self.external / 100
+        if not self.rated:
+            self.fault(f"a speed in percent, taken of {_RATED:g} mm/s; give the option rated")
+            self.rated = _RATED
+        return value / 100 * self.rated * self.external / 100
+
+
+_STILL: dict[type, str] = {Output: "an output", Wait: "a delay", Force: "a force change"}

@@ -1,0 +1,330 @@
+"""Motion statements: ``Move``, ``Approach``, ``Depart``, ``Draw``, and the speeds (PacScript reference, motion)."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+
+from msgspec import Struct
+from msgspec.json import Decoder
+
+from camgen.model.pose import FloatArray, Pose, Vec3
+from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Posture
+
+from .machine import PASS_BLEND, Machine
+from .values import (
+    UNDEFINED,
+    Figured,
+    Metres,
+    Unreadable,
+    Value,
+    Vector,
+    arguments,
+    evaluate,
+    number,
+)
+
+_MARK = re.compile(r"@\s*(0|P|E|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
+_MARKS = {"@0": 0.0, "@E": 0.0, "@e": 0.0, "@P": PASS_BLEND, "@p": PASS_BLEND}
+_OPTION = re.compile(r"(speed|s|accel|decel)\s*=\s*(.*)", re.IGNORECASE)
+_EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
+_LINEAR = {"l": True, "p": False, "ptp": False}
+
+
+class Manner(Struct, frozen=True, gc=False):
+    """How a motion is made. linear: ``L``, else ``P``; blend: mm; speed: its own, None where it has none."""
+
+    linear: bool
+    blend: float
+    speed: float | Metres | None
+
+
+def move(machine: Machine, rest: str) -> None:
+    """``Move P|L, [@mark] target, ... [, options]`` or ``Move C, via, [@mark] target [, options]``."""
+    parts = arguments(rest)
+    kind = parts[0].lower()
+    if kind != "c" and kind not in _LINEAR:
+        raise Unreadable(f"Move {parts[0]} is not evaluated")
+    targets, speed, at_once = _options(machine, parts[1:])
+    if kind == "c":
+        _arc(machine, targets, speed, at_once)
+        return
+    if not targets:
+        raise Unreadable("a motion without a target")
+    for text in targets:
+        blend, expression = _mark(text)
+        go(machine, _LINEAR[kind], _place(machine, expression), blend, speed, at_once)
+
+
+def manner_of(kind: str, mark: str, speed: str) -> Manner:
+    """What a ``Move`` says beside its places. kind: L, P or C; mark, speed: as between and after them in the text, or
+    empty. Unreadable where ``move`` would find a fault.
+    """
+    said = None
+    for part in arguments(speed)[1:]:
+        option = _OPTION.fullmatch(part)
+        if option is None:
+            raise Unreadable(f"{part} is no speed")
+        said = _speed(evaluate(option[2], nothing))
+    return Manner(_LINEAR.get(kind.lower(), True), _mark(f"{mark}P()")[0], said)
+
+
+def nothing(key: str | tuple[str, int]) -> Value:
+    """The values of a text without names."""
+    raise Unreadable(f"{key} is not asked for")
+
+
+def approach(machine: Machine, rest: str) -> None:
+    """``Approach P|L, reference, [@mark] length``: back from the reference along its tool z."""
+    parts = arguments(rest)
+    linear = _interpolation(parts)
+    (reference, length), speed, at_once = _exactly(machine, parts[1:], 2)
+    pose = _place(machine, reference)
+    blend, expression = _mark(length)
+    if isinstance(pose, Joints):
+        raise Unreadable("an approach to joints is not evaluated")
+    go(machine, linear, _back(pose, number(expression, machine.lookup)), blend, speed, at_once)
+
+
+def depart(machine: Machine, rest: str) -> None:
+    """``Depart P|L, [@mark] length``: back from here along the tool z."""
+    parts = arguments(rest)
+    linear = _interpolation(parts)
+    (length,), speed, at_once = _exactly(machine, parts[1:], 1)
+    blend, expression = _mark(length)
+    go(machine, linear, _back(_here(machine), number(expression, machine.lookup)), blend, speed, at_once)
+
+
+def draw(machine: Machine, rest: str) -> None:
+    """``Draw P|L, [@mark] V(dx, dy, dz)``: by a vector in the work frame, the orientation kept."""
+    parts = arguments(rest)
+    linear = _interpolation(parts)
+    (way,), speed, at_once = _exactly(machine, parts[1:], 1)
+    blend, expression = _mark(way)
+    value, here = evaluate(expression, machine.lookup), _here(machine)
+    if not isinstance(value, Vector):
+        raise Unreadable("Draw needs a vector")
+    x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
+    go(machine, linear, Pose(here.rotation, (x, y, z)), blend, speed, at_once)
+
+
+def speed_statement(machine: Machine, rest: str) -> None:
+    """``Speed`` in percent or by ``Mps``: for motions without their own."""
+    machine.internal = _speed(evaluate(rest, machine.lookup))
+
+
+def external_speed(machine: Machine, rest: str) -> None:
+    """``ExtSpeed`` in percent of the internal one."""
+    values = [number(part, machine.lookup) for part in arguments(rest)]
+    if not 0 < values[0] <= 100:
+        raise Unreadable(f"an external speed of {values[0]:g} %")
+    machine.external = values[0]
+
+
+def acceleration(machine: Machine, rest: str) -> None:
+    """``Accel`` and ``Decel`` in percent: checked, as the program says nothing about them."""
+    for part in arguments(rest):
+        if not 0.0001 <= number(part, machine.lookup) <= 100:
+            raise Unreadable(f"an acceleration of {part} %")
+
+
+def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float, bool]:
+    """The parts that are no options, the speed in mm/s, and whether ``Next`` runs on before the arm arrives."""
+    targets: list[str] = []
+    speed: Value = machine.internal
+    at_once = False
+    for part in parts:
+        if "=" in part and (option := _OPTION.fullmatch(part)):
+            value = evaluate(option[2], machine.lookup)
+            if option[1].lower() in ("speed", "s"):
+                speed = value
+        elif part.lower() == "next":
+            at_once = True
+        elif ("x" in part or "X" in part) and _EXTENDED.search(part):
+            raise Unreadable("extended axes are not evaluated")
+        else:
+            targets.append(part)
+    return targets, machine.mm_per_second(_speed(speed)), at_once
+
+
+def _exactly(machine: Machine, parts: list[str], count: int) -> tuple[list[str], float, bool]:
+    targets, speed, at_once = _options(machine, parts)
+    if len(targets) != count:
+        raise Unreadable(f"{count} values expected, {len(targets)} found")
+    return targets, speed, at_once
+
+
+def _speed(value: Value) -> float | Metres:
+    if not isinstance(value, (float, Metres)):
+        raise Unreadable("a speed must be a number")
+    if isinstance(value, float) and not 0.1 <= value <= 100:
+        raise Unreadable(f"a speed of {value:g} %, the controller takes 0.1 to 100")
+    if isinstance(value, Metres) and value.per_second <= 0:
+        raise Unreadable(f"a speed of {value.per_second:g} m/s")
+    return value
+
+
+def _interpolation(parts: list[str]) -> bool:
+    if parts[0].lower() not in _LINEAR:
+        raise Unreadable(f"{parts[0] or 'no'} interpolation")
+    return _LINEAR[parts[0].lower()]
+
+
+def _mark(text: str) -> tuple[float, str]:
+    """The blend in mm that the pass mark before a target stands for, and the target."""
+    if not text.startswith("@"):
+        return 0.0, text
+    head, _, place = text.partition(" ")
+    if head in _MARKS:
+        return _MARKS[head], place.strip()
+    match = _MARK.match(text)
+    if match is None:
+        raise Unreadable(f"the pass mark of {text} is not understood")
+    mark = match[1].strip("[] \t").lower()
+    blend = _MARKS.get("@" + mark)
+    return float(mark) if blend is None else blend, text[match.end() :]
+
+
+def _place(machine: Machine, expression: str) -> Pose | Joints:
+    value = evaluate(expression, machine.lookup)
+    if not isinstance(value, (Pose, Joints)):
+        raise Unreadable(f"{expression} is no place to move to")
+    return value
+
+
+def _here(machine: Machine) -> Pose:
+    if machine.here is None:
+        raise Unreadable("a motion from a place that the text does not give")
+    return machine.here
+
+
+def _back(pose: Pose, length: float) -> Pose:
+    return Pose(pose.rotation, pose.apply((0.0, 0.0, -length)))
+
+
+def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, speed: float, at_once: bool) -> None:
+    """Moves to ``target``. at_once: what follows does not wait for the arm."""
+    passing = blend > 0 or at_once
+    posture = _posture(target)
+    if isinstance(target, Figured):
+        target = Pose(target.rotation, target.origin)
+    if not linear:
+        machine.emit_motion(MoveJ(target, speed, blend, posture=posture), passing)
+    elif isinstance(target, Joints):
+        raise Unreadable("a straight line to joints is not evaluated")
+    else:
+        machine.emit_motion(MoveL(target, speed, blend, *machine.pressing(), posture=posture), passing)
+
+
+def _arc(machine: Machine, targets: list[str], speed: float, at_once: bool) -> None:
+    if len(targets) != 2:
+        raise Unreadable(f"Move C has {len(targets)} points instead of two")
+    blend, expression = _mark(targets[1])
+    via, end = _place(machine, targets[0]), _place(machine, expression)
+    if isinstance(via, Joints) or isinstance(end, Joints):
+        raise Unreadable("an arc through joints is not evaluated")
+    arc(machine, via, end, blend, speed, at_once)
+
+
+def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float, at_once: bool) -> None:
+    """Moves through ``via`` to ``end``."""
+    if machine.here is None:
+        machine.fault("an arc from a place that the text does not give")
+    elif shape := _shape(machine.here.origin, via.origin, end.origin):
+        machine.fault(shape)
+    if isinstance(via, Figured) and isinstance(end, Figured) and via.figure != end.figure:
+        machine.fault("the points of the arc have different figures")
+    posture = _posture(end)
+    via, end = (Pose(place.rotation, place.origin) for place in (via, end))
+    machine.emit_motion(MoveC(via, end, speed, blend, *machine.pressing(), posture=posture), blend > 0 or at_once)
+
+
+@lru_cache(maxsize=64)
+def _figured(figure: int) -> Posture:
+    return Posture(figure=figure)
+
+
+def _posture(place: Pose | Joints) -> Posture | None:
+    """The figure of a position, if it has one."""
+    return _figured(place.figure) if isinstance(place, Figured) else None
+
+
+def _shape(start: Vec3, via: Vec3, end: Vec3) -> str:
+    """What is wrong with an arc through three points. The angle at ``via`` is half the arc that it does not lie on."""
+    x, y, z = via
+    ax, ay, az = start[0] - x, start[1] - y, start[2] - z
+    bx, by, bz = end[0] - x, end[1] - y, end[2] - z
+    product = math.hypot(ax, ay, az) * math.hypot(bx, by, bz)
+    cross = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    if cross <= 1e-6 * product:
+        return "the three points of the arc are on one line"
+    cosine = (ax * bx + ay * by + az * bz) / product
+    return "an arc of more than 180 deg" if cosine > 0.01 else ""
+
+
+# The motion lines that most of a PacScript program consists of, read without an expression.
+
+#: As in JSON, whose reader is several times as fast as ``float`` and as exact. With a point: JSON's -0 has no sign.
+_NUMBER = r"-?(?:0|[1-9][0-9]{0,8})\.[0-9]{1,9}"
+_PLACE = rf"({_NUMBER}, {_NUMBER}, {_NUMBER})((?:, [-0-9., ]{{1,90}})?)"
+_RATE = r"[0-9]{1,6}(?:\.[0-9]{1,9})?"
+_MOTION = (
+    rf" {{0,16}}Move (?:([LP])|C, P\({_PLACE}\)), ((?:@(?:[0PE]|[0-9]{{1,6}}) )?)P\({_PLACE}\)"
+    rf"((?:, Speed = (?:Mps\({_RATE}\)|{_RATE}))?)\r?(?:\n|\Z)"
+)
+#: One line of any kind with its end.
+LINE = re.compile(r"[^\n]*+\n|[^\n]++")
+#: The same; a motion in the usual spelling has groups: L or P, else of via x, y, z and the rest; pass mark; of the
+#: target x, y, z and the rest; speed.
+PIECE = re.compile(f"{_MOTION}|{LINE.pattern}")
+_numbers = Decoder(Vec3)
+
+
+class Plain(Struct, frozen=True, gc=False):
+    """A motion of one line, 1-based through all files. via: of an arc."""
+
+    line: int
+    manner: Manner
+    via: Pose | None
+    target: Pose
+
+
+def plain(piece: re.Match[str], line: int) -> Plain | None:
+    """What a match of ``PIECE`` with groups says; nothing where the long way has to say what is wrong with it."""
+    kind, via, via_turn, mark, target, turn, speed = piece.groups()
+    try:
+        manner, end = _manner(kind or "C", mark, speed), _place_plain(target, turn)
+        middle = None if kind else _place_plain(via, via_turn)
+    except Unreadable:
+        return None
+    return Plain(line, manner, middle, end)
+
+
+_manner = lru_cache(maxsize=1024)(manner_of)
+
+
+def _place_plain(position: str, turn: str) -> Pose:
+    """``P()`` with x, y, z and the rest."""
+    rotation, figure = _turned(turn)
+    origin = _numbers.decode(f"[{position}]")
+    return Pose(rotation, origin) if figure == UNDEFINED else Figured(rotation, origin, figure)
+
+
+@lru_cache(maxsize=1024)
+def _turned(turn: str) -> tuple[FloatArray, int]:
+    """The rotation and the figure that follow x, y, z in the brackets of ``P()``, as the long way reads them."""
+    value = evaluate(f"P(0, 0, 0{turn})", nothing)
+    if not isinstance(value, Pose):
+        raise Unreadable(f"{turn} is no rotation")
+    return value.rotation, value.figure if isinstance(value, Figured) else UNDEFINED
+
+
+def carry_out(machine: Machine, item: Plain) -> None:
+    """Does what ``pacscript_motion.move`` does with the same line."""
+    manner = item.manner
+    speed = machine.mm_per_second(machine.internal if manner.speed is None else manner.speed)
+    if item.via is not None:
+        arc(machine, item.via, item.target, manner.blend, speed, False)
+    else:
+        go(machine, manner.linear, item.target, manner.blend, speed, False)

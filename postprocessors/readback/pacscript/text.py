@@ -1,0 +1,158 @@
+"""PacScript source as procedures: comments, macros, ``Sub`` and ``Function`` (RC8 manual 5225, 449)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import PurePath
+
+from camgen.post import Fault
+
+from .motion import LINE, PIECE, Plain, plain
+
+#: A line may hold so many bytes; macros may nest so deep and a line may grow so long before it is given up.
+_LINE, _NESTING, _GROWN = 1024, 10, 8192
+_QUOTED = re.compile(r'"[^"]*"|\'')
+_DEFINE = re.compile(r"#define\s+([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII)
+_OPENING = re.compile(r"(sub|function)\s+(\w+)\s*(?:\(([^()]*)\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
+_CLOSING = re.compile(r"end\s+(sub|function)", re.IGNORECASE)
+_PARAMETER = re.compile(r"\s*(?:byval\s+|byref\s+)?([a-z]\w*)\s*(?:as\s+\w+)?\s*", re.IGNORECASE)
+
+#: A statement: its line counted through all files, and its text without comment, macros replaced.
+Statement = tuple[int, str] | Plain
+
+
+@dataclass(frozen=True, slots=True)
+class Procedure:
+    """A Sub or Function. line: of its declaration; parameters: lower case."""
+
+    line: int
+    parameters: tuple[str, ...]
+    statements: list[Statement]
+
+
+@dataclass(slots=True)
+class Source:
+    """The procedures by lower-case name and what is wrong with the text around them."""
+
+    procedures: dict[str, Procedure] = field(default_factory=dict)
+    faults: list[Fault] = field(default_factory=list)
+
+
+def read_source(files: Mapping[str, str], short: bool) -> Source:
+    """All files in order. ``Main`` of a file after the first is known by the file's name, as ``Call`` calls it.
+
+    short: motions in the usual spelling become ``Plain``.
+    """
+    source = Source()
+    line = 0
+    for index, (name, text) in enumerate(files.items()):
+        pieces = (PIECE if short else LINE).finditer(text)
+        line = _read_file(pieces, line, PurePath(name).stem.lower() if index else "main", source)
+    if "main" not in source.procedures:
+        source.faults.append(Fault(1, "there is no Sub Main"))
+    return source
+
+
+def without_comment(text: str) -> str:
+    """``text`` up to a comment, stripped; empty for ``Rem``."""
+    if "'" in text:
+        quote = next((m for m in _QUOTED.finditer(text) if m.group() == "'"), None)
+        text = text[: quote.start()] if quote else text
+    text = text.strip()
+    return "" if text[:3].lower() == "rem" and text[3:4] in ("", " ", "\t") else text
+
+
+@dataclass(slots=True)
+class _Macros:
+    """``#Define`` names in lower case with their text, and what finds them."""
+
+    texts: dict[str, str] = field(default_factory=dict)
+    pattern: re.Pattern[str] | None = None
+
+
+def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: Source) -> int:
+    """Reads a file, ``before`` lines after the start; returns the number of its last line."""
+    macros = _Macros()
+    current: Procedure | None = None
+    number = before
+    for number, piece in enumerate(pieces, start=before + 1):
+        if piece.lastindex and current is not None and _is_plain(piece, number, macros, current):
+            continue
+        row = piece[0].removesuffix("\n")
+        if len(row) > _LINE // 4 and len(row.rstrip("\r").encode("utf-8", "replace")) > _LINE:
+            source.faults.append(Fault(number, f"a line of more than {_LINE} bytes"))
+        text = without_comment(row)
+        if text.startswith("#"):
+            _directive(text, number, macros, source)
+            continue
+        if macros.pattern:
+            text = _expanded(text, number, macros, macros.pattern, source)
+        if text:
+            current = _statement(text, number, current, main, source)
+    if current is not None:
+        source.faults.append(Fault(current.line, "the procedure has no end"))
+    return number
+
+
+def _is_plain(piece: re.Match[str], number: int, macros: _Macros, current: Procedure) -> bool:
+    """Whether a line is a motion in the usual spelling; then it is filed."""
+    if macros.pattern and macros.pattern.search(piece[0]):
+        return False
+    item = plain(piece, number)
+    if item is None:
+        return False
+    current.statements.append(item)
+    return True
+
+
+def _statement(text: str, number: int, current: Procedure | None, main: str, source: Source) -> Procedure | None:
+    """Files a statement; returns the procedure that the next one belongs to."""
+    if _CLOSING.fullmatch(text):
+        if current is None:
+            source.faults.append(Fault(number, f"{text} closes nothing"))
+        return None
+    if opening := _OPENING.fullmatch(text):
+        if current is not None:
+            source.faults.append(Fault(number, f"{text} begins inside another procedure"))
+        return _open(opening, number, main, source)
+    if current is None:
+        source.faults.append(Fault(number, "a statement outside a procedure"))
+    else:
+        current.statements.append((number, text))
+    return current
+
+
+def _directive(text: str, number: int, macros: _Macros, source: Source) -> None:
+    if define := _DEFINE.fullmatch(text):
+        macros.texts[define[1].lower()] = define[2]
+        macros.pattern = re.compile(rf"\b(?:{'|'.join(macros.texts)})\b", re.IGNORECASE | re.ASCII)
+    else:
+        source.faults.append(Fault(number, f"{text.split(maxsplit=1)[0]} is not evaluated"))
+
+
+def _expanded(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], source: Source) -> str:
+    for _ in range(_NESTING):
+        if not pattern.search(text):
+            return text
+        text = pattern.sub(lambda m: macros.texts[m.group().lower()], text)
+        if len(text) > _GROWN:
+            break
+    source.faults.append(Fault(number, "a macro that refers to itself or grows without end"))
+    return ""
+
+
+def _open(opening: re.Match[str], number: int, main: str, source: Source) -> Procedure:
+    name = opening[2].lower()
+    name = main if name == "main" else name
+    matches = [_PARAMETER.fullmatch(p) for p in (opening[3] or "").split(",") if p.strip()]
+    parameters = tuple(m[1].lower() for m in matches if m)
+    if len(parameters) < len(matches):
+        source.faults.append(Fault(number, "parameters that cannot be read"))
+    procedure = Procedure(number, parameters, [])
+    if name in source.procedures:
+        source.faults.append(Fault(number, f"a second procedure {opening[2]}"))
+        return procedure
+    source.procedures[name] = procedure
+    return procedure

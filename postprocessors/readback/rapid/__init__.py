@@ -1,0 +1,197 @@
+"""Reads ABB RAPID modules back: what the text makes the robot do, and what cannot be right in it.
+
+A subset is read: straight-line programs of declarations, PROCs without parameters, motions, outputs, waits and
+pressing. Everything else is a fault that names it. Written from the RAPID manuals, not from the post.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from camgen.post import Fault, Reading
+
+from .data import PREDEFINED, Scope, Value
+from .state import Known, State
+from .statements import MOTIONS, STATEMENTS, inline, motion
+from .syntax import Call, Data, Inline, Module, Routine, Wrong, parse
+
+# RAPID modules put together: who sees which name, and what is declared twice or cannot be.
+
+
+@dataclass
+class Linked:
+    """The modules of a program, put together: who sees which name."""
+
+    longest_name: int
+    faults: list[Fault] = field(default_factory=list)
+    data: dict[str, Data] = field(default_factory=dict)  # what is global, by name in lower case
+    routines: dict[str, Routine] = field(default_factory=dict)
+    modules: list[Module] = field(default_factory=list)
+    scopes: dict[Routine, Scope] = field(default_factory=dict)
+    home: dict[Routine, dict[str, Routine]] = field(default_factory=dict)  # the local routines a routine sees
+    worth: dict[Data, Value] = field(default_factory=dict)
+    failed: dict[Data, Wrong] = field(default_factory=dict)
+
+    def add(self, module: Module) -> None:
+        """Enters a module; its names must be legal, and new where they are seen."""
+        if any(module.name.lower() == other.name.lower() for other in self.modules):
+            self.fault(module.line, f"a second module {module.name}")
+        self.modules.append(module)
+        self.legal(module.name, module.line)
+        names: set[str] = set()
+        members: tuple[Data | Routine, ...] = (*module.data, *module.routines)
+        for item in members:
+            key = item.name.lower()
+            self.legal(item.name, item.line)
+            if key in names or (not item.local and (key in self.data or key in self.routines)):
+                self.fault(item.line, f"{item.name} is declared twice")
+            if not item.local and key == module.name.lower():
+                self.fault(item.line, f"{item.name} is global and has the name of its module")
+            names.add(key)
+        self.data |= {d.name.lower(): d for d in module.data if not d.local}
+        self.routines |= {r.name.lower(): r for r in module.routines if not r.local}
+
+    def legal(self, name: str, line: int) -> None:
+        """Notes a name that is too long or taken by the system."""
+        if len(name) > self.longest_name:
+            self.fault(line, f"{name[:40]} is longer than {self.longest_name} characters")
+        if name.lower() in PREDEFINED:
+            self.fault(line, f"{name} is predefined")
+
+    def fault(self, line: int, what: str) -> None:
+        """Notes a fault."""
+        self.faults.append(Fault(line, what))
+
+    def check(self) -> None:
+        """Values every declaration, so that one that is wrong is reported even when nothing uses it."""
+        for module in self.modules:
+            local = {d.name.lower(): d for d in module.data if d.local}
+            routines = {r.name.lower(): r for r in module.routines if r.local}
+            self.value_all(self.scope(local, self.data), module.data)
+            for routine in module.routines:
+                for data in routine.data:
+                    self.legal(data.name, data.line)
+                own = {d.name.lower(): d for d in routine.data}
+                self.scopes[routine] = self.scope(own, local, self.data)
+                self.home[routine] = routines
+                self.value_all(self.scopes[routine], routine.data)
+
+    def scope(self, *levels: Mapping[str, Data]) -> Scope:
+        """A scope that shares what is known of declarations."""
+        return Scope(levels, self.worth, self.failed)
+
+    def value_all(self, scope: Scope, data: tuple[Data, ...]) -> None:
+        """Notes what is wrong with the values of declarations."""
+        for item in data:
+            try:
+                if item.value is not None:
+                    scope.worth_of(item)
+            except Wrong as wrong:
+                self.faults.append(wrong.fault)
+
+    def find(self, caller: Routine, name: str) -> Routine | None:
+        """The PROC that ``name`` means in ``caller``."""
+        return self.home[caller].get(name) or self.routines.get(name)
+
+
+#: The signals of a cell whose options name none.
+_SIGNALS: Mapping[str, object] = {"process": "doProcess"}
+#: Longest name on IRC5 and later, and on S4.
+_NAME, _NAME_S4 = 32, 16
+#: More statements than any controller holds: a text whose routines call each other without end.
+_MOST_STATEMENTS = 2_000_000
+_DEEPEST_CALL = 40
+
+
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+    """What the modules say when ``main`` is run once. Never raises for a text.
+
+    files: modules by file name; lines are counted through all of them in order. options: those of ``[post]`` that
+    the text cannot say: signals, declare, force_load, force_sign, s4.
+    """
+    return read_with(files, options, plain=True)
+
+
+def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain: bool) -> Reading:
+    """As ``read``; without ``plain`` every statement is read by the general rules alone, which says the same."""
+    known = _known(options)
+    program = Linked(known.longest_name)
+    line = 1
+    for text in files.values():
+        lines = text.replace("\r\n", "\n").replace("\r", "\n")
+        modules, faults = parse(lines, line, plain)
+        program.faults += faults
+        for module in modules:
+            program.add(module)
+        line += lines.count("\n") + (not lines.endswith("\n"))
+    program.check()
+    state = _run(program, known, line - 1)
+    faults = sorted({*program.faults, *state.faults}, key=lambda fault: (fault.line, fault.what))
+    frame = {kind: pose for kind, (_, pose) in state.frames.items()}
+    return Reading(tuple(state.body), tuple(state.lines), tuple(faults), frame.get("work"), frame.get("tool"))
+
+
+def _run(program: Linked, known: Known, last_line: int) -> State:
+    """Runs ``main``, and notes what is still on or moving at its end."""
+    state = State(known, program.scope())
+    main = program.routines.get("main")
+    if main is None:
+        state.faults.append(Fault(max(last_line, 1), "there is no PROC main"))
+        return state
+    _run_routine(program, state, main, 0)
+    state.stopped("the end")
+    if state.pressing is not None:
+        state.faults.append(Fault(last_line, "FCPressEnd is missing at the end"))
+    return state
+
+
+def _run_routine(program: Linked, state: State, routine: Routine, depth: int) -> None:
+    """Runs a routine with what it calls, statement by statement."""
+    scope = program.scopes[routine]
+    for item in routine.body:
+        state.count += 1
+        if state.count > _MOST_STATEMENTS:
+            state.faults.append(Fault(item.line, f"more than {_MOST_STATEMENTS} statements are run"))
+            return
+        state.scope = scope
+        try:
+            if isinstance(item, Inline) and item.shape.name in MOTIONS:
+                inline(state, item)
+            else:
+                _run_call(program, state, routine, item.call() if isinstance(item, Inline) else item, depth)
+        except Wrong as wrong:
+            state.faults.append(wrong.fault)
+
+
+def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth: int) -> None:
+    if call.name in MOTIONS:
+        motion(state, call)
+    elif call.name in STATEMENTS:
+        STATEMENTS[call.name](state, call)
+    else:
+        _run_routine(program, state, _called(program, routine, call, depth), depth + 1)
+
+
+def _called(program: Linked, routine: Routine, call: Call, depth: int) -> Routine:
+    """The PROC that a statement calls."""
+    found = program.find(routine, call.name)
+    if found is None:
+        raise Wrong(call.line, f"the statement {call.name[:40]} is not read")
+    if call.args or call.options:
+        raise Wrong(call.line, f"{call.name[:40]} is called with arguments")
+    if depth >= _DEEPEST_CALL:
+        raise Wrong(call.line, f"{call.name[:40]} is called too deeply")
+    return found
+
+
+def _known(options: Mapping[str, object]) -> Known:
+    given = options.get("signals", _SIGNALS)
+    signals = {str(name).lower(): str(key) for key, name in given.items()} if isinstance(given, Mapping) else {}
+    return Known(
+        signals=signals,
+        external=options.get("declare", True) is False,
+        load=str(options.get("force_load", "")),
+        sign=-1 if options.get("force_sign", 1) == -1 else 1,
+        longest_name=_NAME_S4 if options.get("s4", False) is True else _NAME,
+    )

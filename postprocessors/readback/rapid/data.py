@@ -1,0 +1,249 @@
+"""RAPID data: the shapes of the data types, the predefined speeds and zones, and what a name or an aggregate is worth.
+
+Shapes: RAPID system data types manual; predefined data: its chapters speeddata and zonedata. mm, deg, mm/s, kg.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import cast
+
+from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, quaternion, rotation_about, rotation_from_quaternion
+
+from .syntax import Call, Data, Expr, Point, Ref, Wrong
+
+Value = float | bool | str | tuple["Value", ...]
+
+_XYZ = (("x", "num"), ("y", "num"), ("z", "num"))
+_POSE = (("trans", "pos"), ("rot", "orient"))
+#: Components of the record types; num, bool and string are written out.
+TYPES: dict[str, tuple[tuple[str, str], ...]] = {
+    "pos": _XYZ,
+    "orient": (("q1", "num"), ("q2", "num"), ("q3", "num"), ("q4", "num")),
+    "pose": _POSE,
+    "confdata": (("cf1", "num"), ("cf4", "num"), ("cf6", "num"), ("cfx", "num")),
+    "robjoint": tuple((f"rax_{i}", "num") for i in range(1, 7)),
+    "extjoint": tuple((f"eax_{c}", "num") for c in "abcdef"),
+    "robtarget": (*_POSE, ("robconf", "confdata"), ("extax", "extjoint")),
+    "jointtarget": (("robax", "robjoint"), ("extax", "extjoint")),
+    "speeddata": (("v_tcp", "num"), ("v_ori", "num"), ("v_leax", "num"), ("v_reax", "num")),
+    "zonedata": (
+        ("finep", "bool"),
+        *((n, "num") for n in ("pzone_tcp", "pzone_ori", "pzone_eax", "zone_ori", "zone_leax", "zone_reax")),
+    ),
+    "loaddata": (("mass", "num"), ("cog", "pos"), ("aom", "orient"), ("ix", "num"), ("iy", "num"), ("iz", "num")),
+    "tooldata": (("robhold", "bool"), ("tframe", "pose"), ("tload", "loaddata")),
+    "wobjdata": (("robhold", "bool"), ("ufprog", "bool"), ("ufmec", "string"), ("uframe", "pose"), ("oframe", "pose")),
+}
+_LITERAL = {"num": float, "bool": bool, "string": str}
+_UNUSED = 9e9  # an external axis that is not there
+_NO_TURN = (1.0, 0.0, 0.0, 0.0)
+_ZERO = (0.0, 0.0, 0.0)
+_IDENTITY = (_ZERO, _NO_TURN)
+
+_SPEEDS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800,
+           1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000, 7000)  # fmt: skip
+#: Radius at the TCP; the other components of a zone do not shape the path of the TCP.
+_ZONES = {"z0": 0.3} | {f"z{r}": float(r) for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+PREDEFINED: dict[str, tuple[str, Value]] = (
+    {f"v{v}": ("speeddata", (float(v), 500.0, 5000.0, 1000.0)) for v in _SPEEDS}
+    | {name: ("zonedata", (False, r, r, r, r, r, r)) for name, r in _ZONES.items()}
+    | {
+        "fine": ("zonedata", (True, *(0.0,) * 6)),
+        "high": ("num", 1.0),
+        "low": ("num", 0.0),
+        "tool0": ("tooldata", (True, _IDENTITY, (0.001, (0.0, 0.0, 0.001), _NO_TURN, 0.0, 0.0, 0.0))),
+        "wobj0": ("wobjdata", (False, True, "", _IDENTITY, _IDENTITY)),
+    }
+)
+#: Declared by the system, their values depend on the robot: known, but not read.
+_OF_THE_ROBOT = {"vmax": "speeddata", "load0": "loaddata"}
+
+
+#: Longest chain of constants that are defined by each other.
+_CHAIN = 50
+
+
+@dataclass(eq=False)
+class Scope:
+    """The data that a routine sees: its own, then its module's, then what is global. Names in lower case.
+
+    worth and failed hold what declarations are worth, or why they are worth nothing; all scopes share them.
+    """
+
+    levels: tuple[Mapping[str, Data], ...]
+    worth: dict[Data, Value]
+    failed: dict[Data, Wrong]
+    pending: list[Data] = field(default_factory=list)
+    seen: dict[tuple[str, str], Value] = field(default_factory=dict)  # by name and type: what names are worth
+
+    def find(self, name: str) -> Data | None:
+        """The declaration that ``name`` means."""
+        key = name.lower()
+        return next((level[key] for level in self.levels if key in level), None)
+
+    def known(self, expr: Expr | None) -> bool:
+        """Whether ``expr`` is a name that is declared or predefined."""
+        if not isinstance(expr, Ref):
+            return False
+        return self.find(expr.name) is not None or expr.name.lower() in PREDEFINED
+
+    def value(self, expr: Expr | None, want: str, line: int) -> Value:
+        """What ``expr`` is worth as data of the type ``want``. Wrong names what does not fit."""
+        if isinstance(expr, Ref):
+            key = expr.name, want
+            if key not in self.seen:
+                self.seen[key] = self._named(expr.name, want, line)
+            return self.seen[key]
+        if isinstance(expr, Call):
+            return self._function(expr, want)
+        if isinstance(expr, Point):
+            if want != "robtarget":
+                raise Wrong(line, f"a robtarget stands where {want} is needed")
+            what = orient_fault(expr.value[1]) or _posture_fault(expr.value[2:])
+            if what:
+                raise Wrong(line, what)
+            return expr.value
+        if want in TYPES:
+            return self._record(expr, want, line)
+        if isinstance(expr, (float, bool, str)) and type(expr) is _LITERAL.get(want):
+            return expr
+        raise Wrong(line, f"a value of type {want} is needed")
+
+    def _record(self, expr: Expr | None, want: str, line: int) -> Value:
+        components = TYPES[want]
+        if not isinstance(expr, tuple):
+            raise Wrong(line, f"a value of type {want} is needed")
+        if len(expr) != len(components):
+            raise Wrong(line, f"{want} has {len(components)} components, not {len(expr)}")
+        value = tuple(self.value(item, part, line) for item, (_, part) in zip(expr, components, strict=True))
+        _check_record(want, value, line)
+        return value
+
+    def _named(self, name: str, want: str, line: int) -> Value:
+        data = self.find(name)
+        if data is not None:
+            if data.type != want:
+                raise Wrong(line, f"{name} is {data.type}, not {want}")
+            return self.worth_of(data)
+        if name.lower() in _OF_THE_ROBOT:
+            raise Wrong(line, f"{name} depends on the robot and is not read")
+        found, value = PREDEFINED.get(name.lower(), ("", 0.0))
+        if not found:
+            raise Wrong(line, f"{name[:40]} is not declared")
+        if found != want:
+            raise Wrong(line, f"{name} is {found}, not {want}")
+        return value
+
+    def worth_of(self, data: Data) -> Value:
+        """The initial value of a declaration."""
+        if data in self.failed:
+            raise self.failed[data]
+        if data not in self.worth:
+            try:
+                self.worth[data] = self._initial(data)
+            except Wrong as wrong:
+                self.failed[data] = wrong
+                raise
+        return self.worth[data]
+
+    def _initial(self, data: Data) -> Value:
+        if data.type not in TYPES and data.type not in _LITERAL:
+            raise Wrong(data.line, f"the data type {data.type[:40]} is not read")
+        if data.value is None:
+            raise Wrong(data.line, f"{data.name} has no value")
+        if data in self.pending or len(self.pending) > _CHAIN:
+            raise Wrong(data.line, f"{data.name} is defined by itself or through too many others")
+        self.pending.append(data)
+        try:
+            return self.value(data.value, data.type, data.line)
+        finally:
+            self.pending.pop()
+
+    def _function(self, call: Call, want: str) -> Value:
+        if call.name not in ("offs", "reltool") or want != "robtarget":
+            raise Wrong(call.line, f"the function {call.name[:40]} is not read here")
+        if len(call.args) != 4:
+            raise Wrong(call.line, f"{call.name} has 4 arguments, not {len(call.args)}")
+        point = cast(tuple[Value, ...], self.value(call.args[0], "robtarget", call.line))
+        x, y, z = (cast(float, self.value(arg, "num", call.line)) for arg in call.args[1:])
+        turns = {name: cast(float, self.value(arg, "num", call.line)) for name, arg in call.options}
+        return (_offs if call.name == "offs" else _reltool)(call.line, point, (x, y, z), turns)
+
+
+def numbers(value: Value) -> tuple[float, ...]:
+    """A value whose shape has been checked to be all num."""
+    return cast(tuple[float, ...], value)
+
+
+def pose(value: Value) -> Pose:
+    """A pose record as a frame."""
+    trans, rot = cast(tuple[Value, Value], value)
+    x, y, z = numbers(trans)
+    return Pose(rotation_from_quaternion(numbers(rot)), (x, y, z))
+
+
+def _offs(line: int, point: tuple[Value, ...], shift: Vec3, turns: Mapping[str, float]) -> Value:
+    """The point moved along the axes of the work object."""
+    if turns:
+        raise Wrong(line, "Offs has no optional argument")
+    moved = tuple(a + b for a, b in zip(numbers(point[0]), shift, strict=True))
+    return (moved, *point[1:])
+
+
+def _reltool(line: int, point: tuple[Value, ...], shift: Vec3, turns: Mapping[str, float]) -> Value:
+    """The point moved along the axes of the tool and turned about one of them."""
+    axes = {"rx": 0, "ry": 1, "rz": 2}
+    if len(turns) > 1 or any(name not in axes for name in turns):
+        raise Wrong(line, "RelTool is read with one of Rx, Ry, Rz only")
+    moved = pose(point[:2]) @ Pose(IDENTITY, shift)
+    rotation = moved.rotation
+    for name, angle in turns.items():
+        rotation = frozen(rotation @ rotation_about(axes[name], math.radians(angle)))
+    return (moved.origin, quaternion(rotation), *point[2:])
+
+
+def _check_record(kind: str, value: Value, line: int) -> None:
+    """Raises Wrong for a record whose numbers cannot be right."""
+    check = _CHECKS.get(kind)
+    what = check(numbers(value)) if check else ""
+    if what:
+        raise Wrong(line, what)
+
+
+@lru_cache(maxsize=1000)
+def _posture_fault(parts: tuple[tuple[float, ...], ...]) -> str:
+    """What is wrong with the configuration or the external axes of a robtarget."""
+    conf, external = parts
+    return _quarters(conf) or _external(external)
+
+
+def orient_fault(q: tuple[float, ...]) -> str:
+    """What is wrong with a quaternion."""
+    w, x, y, z = q
+    off = abs(w * w + x * x + y * y + z * z - 1)
+    return f"a quaternion is not normalised (its square differs from 1 by {off:.2g})" if off > 1e-5 else ""
+
+
+def _external(axes: tuple[float, ...]) -> str:
+    return "external axes are not read" if any(v != _UNUSED for v in axes) else ""
+
+
+def _quarters(conf: tuple[float, ...]) -> str:
+    return "confdata must be whole numbers" if any(v != int(v) for v in conf) else ""
+
+
+def _speed(speed: tuple[float, ...]) -> str:
+    return "a speed that is not positive" if speed[0] <= 0 else ""
+
+
+def _zone(zone: tuple[float, ...]) -> str:
+    return "a zone that is no stop point must have a radius" if not zone[0] and zone[1] <= 0 else ""
+
+
+_CHECKS: dict[str, Callable[[tuple[float, ...]], str]] = {
+    "orient": orient_fault, "extjoint": _external, "confdata": _quarters, "speeddata": _speed, "zonedata": _zone,
+}  # fmt: skip

@@ -1,0 +1,114 @@
+"""What a RAPID program has done up to a statement: the state in which its statements are read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import cast
+
+from msgspec import Struct
+
+from camgen.model.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
+from camgen.model.program import Instruction, Posture
+from camgen.post import Fault
+
+from .data import Scope, Value, orient_fault, pose
+from .syntax import Expr, Ref, Shape, Wrong
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What the text does not say and the post's options do.
+
+    signals: logical name by identifier in lower case. external: tool and work object are not declared in the text.
+    load: the loaddata that the controller has. sign: +1 when a positive force presses along the positive tool axis.
+    """
+
+    signals: Mapping[str, str]
+    external: bool
+    load: str
+    sign: int
+    longest_name: int
+
+
+class Bound(Struct, frozen=True, eq=False):
+    """What a motion says beside its points: its name in lower case, mm/s, mm, all its arguments by name, and the
+    configuration of its target, none where that is all zero.
+    """
+
+    name: str
+    speed: float
+    blend: float
+    values: Mapping[str, Value]
+    posture: Posture | None = None
+
+
+@dataclass
+class State:
+    """What has been read so far. scope: what the current routine sees."""
+
+    known: Known
+    scope: Scope
+    body: list[Instruction] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    faults: list[Fault] = field(default_factory=list)
+    frames: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)  # tool and work: name, frame
+    frame_of: dict[str, tuple[str, Scope]] = field(default_factory=dict)  # tool and work: what was checked last
+    bound: dict[tuple[Scope, Shape], Bound] = field(default_factory=dict)  # of motions that could be read
+    here: Pose | None = None
+    blending: int = 0  # line of the last motion, if it blends
+    moved: bool = False
+    pressing: tuple[int, int] | None = None  # tool axis 0..2 and direction +-1
+    count: int = 0
+    rotations: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
+
+    def add(self, item: Instruction, line: int) -> None:
+        """One more instruction of the program."""
+        self.body.append(item)
+        self.lines.append(line)
+
+    def stopped(self, what: str) -> None:
+        """Notes it when the last motion does not stop before ``what``."""
+        if self.blending:
+            self.faults.append(Fault(self.blending, f"a motion that blends before {what}"))
+            self.blending = 0
+
+    def frame(self, kind: str, expr: Expr | None, value: Value | None, line: int) -> None:
+        """Notes the tool or the work object of a motion; there may be one of each in a program."""
+        name = expr.name if isinstance(expr, Ref) else ""
+        if kind not in self.frames:
+            frame = None if value is None else (_tool if kind == "tool" else _work)(value, line)
+            self.frames[kind] = (name.lower(), frame)
+        elif self.frames[kind][0] != name.lower():
+            raise Wrong(line, f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
+
+    def pose(self, value: Value) -> Pose:
+        """The pose of a robtarget; equal orientations share one matrix."""
+        trans, q, *_ = cast(tuple[Vec3, tuple[float, ...]], value)
+        return Pose(self._rotation(q), trans)
+
+    def turned(self, q: tuple[float, ...]) -> FloatArray | None:
+        """The rotation of a quaternion as written, unless it is not normalised."""
+        found = self.rotations.get(q)
+        return found if found is not None or orient_fault(q) else self._rotation(q)
+
+    def _rotation(self, q: tuple[float, ...]) -> FloatArray:
+        if q not in self.rotations:
+            self.rotations[q] = rotation_from_quaternion(q)
+        return self.rotations[q]
+
+
+def _tool(value: Value, line: int) -> Pose:
+    held, frame, load = cast(tuple[Value, ...], value)
+    if not held:
+        raise Wrong(line, "a tool that the robot does not hold is not read")
+    if cast(tuple[float, ...], load)[0] <= 0:
+        raise Wrong(line, "the mass of a tool must be positive")
+    return pose(frame)
+
+
+def _work(value: Value, line: int) -> Pose:
+    held, fixed, unit, user, part = cast(tuple[Value, ...], value)
+    if held or not fixed or unit:
+        raise Wrong(line, "a work object that is held or moved is not read")
+    return pose(user) @ pose(part)

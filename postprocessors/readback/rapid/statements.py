@@ -1,0 +1,285 @@
+"""RAPID statements that do not move: signals, waits, supervision, the force sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import cast
+
+from camgen.model.pose import Pose, Vec3
+from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Wait
+from camgen.post import Fault, Remark
+
+from .data import Value, numbers
+from .state import Bound, State
+from .syntax import Call, Expr, Inline, Ref, Wrong
+
+
+def _signal(state: State, call: Call) -> str:
+    """The logical name of the signal that is the first argument."""
+    if call.options:
+        raise Wrong(call.line, f"\\{call.options[0][0][:40]} of {call.name} is not read")
+    if not call.args or not isinstance(call.args[0], Ref):
+        raise Wrong(call.line, f"{call.name} needs the name of a signal")
+    name = call.args[0].name
+    if len(name) > state.known.longest_name:
+        raise Wrong(call.line, f"{name[:40]} is longer than {state.known.longest_name} characters")
+    return state.known.signals.get(name.lower(), name)
+
+
+def _set_signal(state: State, call: Call) -> None:
+    """SetDO, SetAO: a signal and its value."""
+    signal = _signal(state, call)
+    if len(call.args) != 2:
+        raise Wrong(call.line, f"{call.name} has 2 arguments, not {len(call.args)}")
+    value = cast(float, state.scope.value(call.args[1], "num", call.line))
+    if call.name == "setdo" and value not in (0, 1):
+        raise Wrong(call.line, "a digital output is 0 or 1")
+    state.stopped(call.name)
+    state.add(Output(signal, value), call.line)
+
+
+def _switch_signal(state: State, call: Call) -> None:
+    """Set, Reset: a signal."""
+    signal = _signal(state, call)
+    if len(call.args) != 1:
+        raise Wrong(call.line, f"{call.name} has 1 argument, not {len(call.args)}")
+    state.stopped(call.name)
+    state.add(Output(signal, 1.0 if call.name == "set" else 0.0), call.line)
+
+
+def _wait(state: State, call: Call) -> None:
+    """WaitTime. With InPos it waits for standstill first: a wait of 0 s then adds nothing to the stop before it."""
+    switches = [name for name, _ in call.options]
+    if switches not in ([], ["inpos"]) or any(value is not None for _, value in call.options):
+        raise Wrong(call.line, f"\\{switches[0][:40]} of waittime is not read")
+    if len(call.args) != 1:
+        raise Wrong(call.line, f"waittime has 1 argument, not {len(call.args)}")
+    seconds = cast(float, state.scope.value(call.args[0], "num", call.line))
+    if seconds < 0:
+        raise Wrong(call.line, "a wait must not be negative")
+    state.stopped(call.name)
+    if seconds > 0 or not switches:
+        state.add(Wait(seconds), call.line)
+
+
+def _configuration(_state: State, call: Call) -> None:
+    """ConfL, ConfJ: switch the supervision of the posture, which no instruction holds."""
+    if call.args or call.options not in ((("on", None),), (("off", None),)):
+        raise Wrong(call.line, f"{call.name} needs \\On or \\Off")
+
+
+def _calibrate(state: State, call: Call) -> None:
+    """FCCalib: sets the force sensor to zero, with the load of the tool."""
+    if len(call.args) != 1 or call.options:
+        raise Wrong(call.line, "fccalib needs one loaddata")
+    load = call.args[0]
+    if not (isinstance(load, Ref) and load.name.lower() == state.known.load.lower() and not state.scope.known(load)):
+        state.scope.value(load, "loaddata", call.line)
+    if state.pressing is not None:
+        raise Wrong(call.line, "fccalib while pressing")
+    state.stopped(call.name)
+
+
+STATEMENTS: dict[str, Callable[[State, Call], None]] = {
+    "setdo": _set_signal, "setao": _set_signal, "set": _switch_signal, "reset": _switch_signal, "waittime": _wait,
+    "confl": _configuration, "confj": _configuration, "fccalib": _calibrate,
+}  # fmt: skip
+
+
+# RAPID motions as instructions (RAPID reference manual: MoveAbsJ, MoveJ, MoveL, MoveC; Machining FC: FCPress...).
+
+_MOVE = {"wobj": "wobjdata", "v": "num", "z": "num"}
+#: Positional arguments of each motion, in order, and its optional ones. A type "" is a switch.
+MOTIONS: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
+    "moveabsj": (("joints", "speed", "zone", "tool"), _MOVE),
+    "movej": (("to", "speed", "zone", "tool"), _MOVE),
+    "movel": (("to", "speed", "zone", "tool"), _MOVE),
+    "movec": (("via", "to", "speed", "zone", "tool"), _MOVE),
+    "fcpress1lstart": (
+        ("to", "speed", "threshold", "zone", "tool"),
+        {"wobj": "wobjdata", "fx": "num", "fy": "num", "fz": "num"}
+        | {"forcechange": "num", "possupvdist": "num", "usespdffw": ""},
+    ),
+    "fcpressl": (("to", "speed", "force", "zone", "tool"), {"wobj": "wobjdata"}),
+    "fcpressc": (("via", "to", "speed", "force", "zone", "tool"), {"wobj": "wobjdata"}),
+    "fcpressend": (("to", "speed", "tool"), {"wobj": "wobjdata"}),
+}
+_TYPES = {
+    "to": "robtarget", "via": "robtarget", "joints": "jointtarget", "speed": "speeddata", "zone": "zonedata",
+    "tool": "tooldata", "force": "num", "threshold": "num",
+}  # fmt: skip
+_WORLD = Ref("wobj0")
+_PRESSING = frozenset(name for name in MOTIONS if name.startswith("fc"))
+
+
+def motion(state: State, call: Call) -> Bound:
+    """One motion statement, and what it says beside its points. Wrong when it cannot be read."""
+    values = _bound(state, call)
+    speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
+    bound = Bound(call.name, speed, _blend(values), values, _posture(values))
+    if call.name == "moveabsj":
+        axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
+        _move(state, call.line, bound, None, Joints(tuple(math.radians(v) for v in axes)))
+    else:
+        via = state.pose(values["via"]) if "via" in values else None
+        _move(state, call.line, bound, via, state.pose(values["to"]))
+    return bound
+
+
+def inline(state: State, move: Inline) -> None:
+    """A motion to points written out. What it says beside them is looked up where the routine has said it before."""
+    key = state.scope, move.shape
+    bound = state.bound.get(key)
+    through = None if move.via is None else state.turned(move.via_turn)
+    rotation = state.turned(move.turn)
+    if bound is None or rotation is None or (through is None and move.via is not None):
+        bound = motion(state, move.call())
+        if ("via" in bound.values) == (move.via is not None):  # else one of the points has a name
+            state.bound[key] = bound
+        return
+    via = None if move.via is None or through is None else Pose(through, move.via)
+    _move(state, move.line, bound, via, Pose(rotation, move.to))
+
+
+def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose | Joints) -> None:
+    """Moves through ``via``, if that is given, to ``target``."""
+    if not state.moved and bound.name != "moveabsj":
+        state.faults.append(Remark(line, f"the first motion is {bound.name}, not MoveAbsJ"))
+    state.moved = True
+    if via is not None and state.here is not None and isinstance(target, Pose):
+        _check_arc(state, line, state.here, via, target)
+    if bound.name in _PRESSING and isinstance(target, Pose):
+        _press(state, line, bound, via, target)
+    else:
+        if state.pressing is not None:
+            state.faults.append(Fault(line, f"{bound.name} while pressing, before FCPressEnd"))
+        state.add(_free(bound, via, target), line)
+    state.here = target if isinstance(target, Pose) else None
+    state.blending = line if bound.blend > 0 else 0
+
+
+def _free(bound: Bound, via: Pose | None, target: Pose | Joints) -> Motion:
+    """A motion without force."""
+    if isinstance(target, Joints) or bound.name == "movej":
+        return MoveJ(target, bound.speed, bound.blend, posture=bound.posture)
+    if via is not None:
+        return MoveC(via, target, bound.speed, bound.blend, posture=bound.posture)
+    return MoveL(target, bound.speed, bound.blend, posture=bound.posture)
+
+
+def _posture(values: Mapping[str, Value]) -> Posture | None:
+    """What the configuration of the target says."""
+    if "to" not in values:
+        return None
+    cf1, cf4, cf6, cfx = map(int, numbers(cast(tuple[Value, ...], values["to"])[2]))
+    return Posture((cf1, cf4, cf6, cfx)) if cf1 or cf4 or cf6 or cfx else None
+
+
+def _bound(state: State, call: Call) -> dict[str, Value]:
+    """The arguments of a motion by name, their types checked; notes tool and work object."""
+    positional, optional = MOTIONS[call.name]
+    if len(call.args) != len(positional):
+        raise Wrong(call.line, f"{call.name} has {len(positional)} arguments, not {len(call.args)}")
+    line, scope = call.line, state.scope
+    values: dict[str, Value] = {}
+    for name, expr in zip(positional, call.args, strict=True):
+        if name == "tool":
+            _frame_argument(state, "tool", "tooldata", expr, line)
+        else:
+            values[name] = scope.value(expr, _TYPES[name], line)
+    work: Expr | None = _WORLD
+    for name, option in call.options:
+        if name not in optional:
+            raise Wrong(line, f"\\{name[:40]} of {call.name} is not read")
+        if name == "wobj":
+            work = option
+        elif name in values or (option is None) != (optional[name] == ""):
+            raise Wrong(line, f"\\{name} of {call.name} is given twice or has no value")
+        else:
+            values[name] = True if option is None else scope.value(option, optional[name], line)
+    if call.name != "moveabsj":
+        _frame_argument(state, "work", "wobjdata", work, line)
+    if cast(float, values.get("v", 1.0)) <= 0 or cast(float, values.get("z", 1.0)) <= 0:
+        raise Wrong(line, "a speed or a zone that is not positive")
+    return values
+
+
+def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, line: int) -> None:
+    """Checks the tool or the work object of a motion, which must be a whole persistent (manual, tooldata)."""
+    if isinstance(expr, Ref) and state.frame_of.get(kind) == (expr.name, state.scope):
+        return
+    if not isinstance(expr, Ref):
+        raise Wrong(line, f"{data_type} must be the name of a persistent")
+    data = state.scope.find(expr.name)
+    if data is not None and data.storage != "pers":
+        raise Wrong(line, f"{expr.name} must be PERS, not {data.storage.upper()}")
+    unknown = state.known.external and not state.scope.known(expr)
+    state.frame(kind, expr, None if unknown else state.scope.value(expr, data_type, line), line)
+    state.frame_of[kind] = (expr.name, state.scope)
+
+
+def _check_arc(state: State, line: int, start: Pose, via: Pose, target: Pose) -> None:
+    """Notes an arc whose three points are on one line."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = start.origin, via.origin, target.origin
+    ux, uy, uz, wx, wy, wz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+    x, y, z = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+    if x * x + y * y + z * z <= 1e-18 * (ux * ux + uy * uy + uz * uz) * (wx * wx + wy * wy + wz * wz):
+        state.faults.append(Fault(line, "the points of an arc are on one line"))
+
+
+def _blend(values: Mapping[str, Value]) -> float:
+    if "zone" not in values:  # FCPressEnd has none: it ends the contact
+        return 0.0
+    zone = cast(tuple[float, ...], values["zone"])
+    if zone[0]:
+        return 0.0
+    return cast(float, values.get("z", zone[1]))
+
+
+def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose) -> None:
+    """A motion that begins pressing, presses or ends it."""
+    name, speed, blend = bound.name, bound.speed, bound.blend
+    if name == "fcpress1lstart":
+        force = _begin_pressing(state, line, bound.values)
+    elif state.pressing is None:
+        raise Wrong(line, f"{name} without FCPress1LStart")
+    elif name == "fcpressend":
+        state.stopped(name)
+        state.pressing = None
+        state.add(Force(0.0), line)
+        state.add(MoveL(target, speed, blend, posture=bound.posture), line)
+        return
+    else:
+        force = cast(float, bound.values["force"]) * state.known.sign * state.pressing[1]
+        if force <= 0:
+            raise Wrong(line, f"{name} does not press in the direction of FCPress1LStart")
+    assert state.pressing is not None
+    press = _direction(target, state.pressing)
+    if via is not None:
+        state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture), line)
+    else:
+        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture), line)
+
+
+def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:
+    """Adds the Force that FCPress1LStart implies: along a tool axis at the point where it starts."""
+    given = [(axis, cast(float, values[name])) for axis, name in enumerate(("fx", "fy", "fz")) if name in values]
+    if len(given) != 1 or given[0][1] == 0:
+        raise Wrong(line, "FCPress1LStart needs a force along one axis of the tool")
+    if state.pressing is not None or state.here is None:
+        raise Wrong(line, "FCPress1LStart " + ("twice" if state.pressing else "from an unknown pose"))
+    if not 0 <= cast(float, values["threshold"]) <= 100:
+        raise Wrong(line, "the threshold of FCPress1LStart is 0 to 100 %")
+    axis, force = given[0]
+    state.stopped("fcpress1lstart")
+    state.pressing = (axis, state.known.sign if force > 0 else -state.known.sign)
+    state.add(Force(abs(force), _direction(state.here, state.pressing)), line)
+    return abs(force)
+
+
+def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:
+    """The signed tool axis in the work frame."""
+    axis, sign = pressing
+    x, y, z = at.rotation[:, axis].tolist()
+    return (x * sign, y * sign, z * sign)

@@ -1,0 +1,345 @@
+"""Read-back for Adept V+: what a ``.v2`` text says, found by carrying it out. Written from the manuals.
+
+The one program that no other calls is run from its first to its last line. Programs that cannot be followed (tests,
+jumps, arguments) are not guessed at: every such line is a fault.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from msgspec.structs import replace
+
+from camgen.model.errors import one_line
+from camgen.model.pose import Pose
+from camgen.model.program import Instruction, MoveJ, MoveL
+from camgen.post import Fault, Reading
+
+from .expressions import Expression, variable
+from .robot import POSTURES, Robot, same
+from .text import (
+    BASE,
+    NULL,
+    Frame,
+    Location,
+    Report,
+    Routine,
+    Statement,
+    Stretch,
+    Unreadable,
+    canonical,
+    one_by_one,
+    routines,
+)
+
+# V+ programs carried out, line by line. For the read-back ``vplus``.
+
+#: Loops may add so many instructions to those that stand in the text.
+_LOOPED = 100_000
+_CALLS = 20
+_CALL = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(\s*(.*?)\s*\)")
+_OTHERS = frozenset(
+    """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE FOPEN GOTO HALT HERE IF
+    MC OPENI PARAMETER PAUSE REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
+    """.split()  # noqa: SIM905 (a table)
+)
+#: After these, and after a motion that cannot be read, nobody knows where the robot is.
+_MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
+_OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
+#: Instructions that change nothing which is compared, with what may follow them.
+_NUMBER = re.compile(r"(\d+)?\s*(ALWAYS)?", re.IGNORECASE)
+_SILENT = {
+    **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), _NUMBER),
+    "TYPE": re.compile(".*"),
+    "SELECT": re.compile(r"ROBOT\s*=\s*1", re.IGNORECASE),
+    "ATTACH": re.compile(r"(\(\s*\))?"),
+}
+
+
+@dataclass(slots=True)
+class _Loop:
+    start: int
+    end: int
+    name: str
+    last: float
+    step: float
+
+
+class _Exhausted(Exception):
+    """More instructions than any program needs."""
+
+
+class Machine(Robot):
+    """The controller: the robot and the programs that it runs. The other arguments as those of ``Robot``."""
+
+    def __init__(
+        self,
+        programs: Mapping[str, Routine],
+        report: Report,
+        rated: float,
+        signals: Mapping[int, str],
+        known: frozenset[str],
+    ) -> None:
+        super().__init__(report, rated, signals, known)
+        self._programs = programs
+        self._budget = _LOOPED + sum(map(_length, (s for p in programs.values() for s in p.statements)))
+        self._line = 0
+
+    def run(self, routine: Routine) -> None:
+        """Carries out ``routine`` and what it calls. What cannot be, is reported."""
+        try:
+            self._run(routine)
+        except _Exhausted:
+            self.report(self._line, "the loops of this program do not come to an end")
+
+    def _run(self, routine: Routine) -> None:
+        self.enter()
+        statements = routine.statements
+        loops: list[_Loop] = []
+        index = 0
+        while index < len(statements):
+            statement = statements[index]
+            if isinstance(statement, Stretch):
+                self._stretch(statement)
+                index += 1
+                continue
+            self._spend(statement.line)
+            if statement.word == "RETURN":
+                break
+            try:
+                index = self._next(routine, index, statement, loops)
+            except Unreadable as error:
+                self._unreadable(statement, error)
+                index = routine.partner.get(index, index) + 1
+        self.leave()
+
+    def _stretch(self, plain: Stretch) -> None:
+        count = len(plain.poses)
+        if count <= self._budget and self.stretch(plain):
+            self._budget -= count
+            return
+        for statement in one_by_one(plain):
+            self._spend(statement.line)
+            try:
+                if not self.plain(statement):
+                    self.move(statement)
+            except Unreadable as error:
+                self._unreadable(statement, error)
+
+    def _spend(self, line: int) -> None:
+        """The budget pays for the instruction in ``line``."""
+        self._line = line
+        self._budget -= 1
+        if self._budget < 0:
+            raise _Exhausted
+
+    def _unreadable(self, statement: Statement, error: Unreadable) -> None:
+        self.report(statement.line, str(error))
+        if statement.word in _MOTIONS:
+            self.lost()
+
+    def _next(self, routine: Routine, index: int, statement: Statement, loops: list[_Loop]) -> int:
+        """Carries out one instruction; the index of the one after it."""
+        word = statement.word
+        if word in ("MOVES", "MOVE") and self.plain(statement):
+            return index + 1
+        if word == "FOR":
+            return self._loop(statement, index, routine.partner, loops)
+        if word == "END":
+            return self._again(index, loops)
+        if word in _DOES:
+            _DOES[word](self, statement)
+        else:
+            self._silent(word, statement.rest)
+        return index + 1
+
+    def _loop(self, statement: Statement, index: int, partner: Mapping[int, int], loops: list[_Loop]) -> int:
+        name, _, bounds = statement.rest.partition("=")
+        name = variable(name.strip())
+        text = Expression(bounds, self)
+        first = text.real()
+        text.expect("TO")
+        last = text.real()
+        step = text.real() if text.accept("STEP") else 1.0
+        text.finish()
+        if step == 0:
+            raise Unreadable("a loop with step 0")
+        if index not in partner:
+            raise Unreadable("a loop without END")
+        self.assign(name, first)
+        loop = _Loop(index, partner[index], name, last, step)
+        if (first - last) * step > 0:
+            return loop.end + 1
+        loops.append(loop)
+        return index + 1
+
+    def _again(self, index: int, loops: list[_Loop]) -> int:
+        if not loops or loops[-1].end != index:
+            return index + 1
+        loop = loops[-1]
+        value = self.real(loop.name) + loop.step
+        self.assign(loop.name, value)
+        if (value - loop.last) * loop.step > 0:
+            loops.pop()
+            return index + 1
+        return loop.start + 1
+
+    def _silent(self, word: str, rest: str) -> None:
+        """What changes nothing here, or is not evaluated."""
+        if word in _OTHER_MOTIONS:
+            self.lost()
+        if word in _OTHERS | _OTHER_MOTIONS:
+            raise Unreadable(f"{word} is not evaluated")
+        form = _SILENT.get(word)
+        if form is None:
+            raise Unreadable(f"unknown statement {word[:40]}")
+        if not form.fullmatch(rest):
+            raise Unreadable(f"{word} {rest[:30]} is not evaluated")
+
+    def call(self, statement: Statement) -> None:
+        """``CALL name()``."""
+        match = _CALL.fullmatch(statement.rest)
+        if match is None:
+            raise Unreadable("CALL wants name()")
+        routine = self._programs.get(canonical(match[1]))
+        if routine is None:
+            raise Unreadable(f"program {match[1]} is not in this text")
+        if match[2] or routine.arguments:
+            raise Unreadable("the arguments of a CALL are not evaluated")
+        if self.depth >= _CALLS:
+            raise Unreadable(f"more than {_CALLS} programs call each other")
+        self._run(routine)
+        self._line = statement.line
+
+    def declares(self, statement: Statement) -> None:
+        """``AUTO``, ``LOCAL`` and ``GLOBAL``."""
+        self.declare(statement.rest, statement.word != "GLOBAL")
+
+
+def _length(statement: Statement | Stretch) -> int:
+    return len(statement.poses) if isinstance(statement, Stretch) else 1
+
+
+#: Not kept by the machine: it would then be in a circle with itself, and stay when nobody needs it any more.
+_DOES: dict[str, Callable[[Machine, Statement], None]] = {
+    "=": Machine.let, "ACCEL": Machine.accel, "APPRO": Machine.appro, "APPROS": Machine.appro,
+    "AUTO": Machine.declares, "BASE": Machine.base, "BREAK": Machine.brake, "CALL": Machine.call,
+    "DELAY": Machine.delay, "DEPART": Machine.depart, "DEPARTS": Machine.depart, "DETACH": Machine.detach,
+    "DISABLE": Machine.switch, "ENABLE": Machine.switch, "GLOBAL": Machine.declares, "LOCAL": Machine.declares,
+    "MOVE": Machine.move, "MOVES": Machine.move, "SET": Machine.set, "SIGNAL": Machine.signal,
+    "SPEED": Machine.speed, "TOOL": Machine.set_tool, "WAIT.EVENT": Machine.wait_event,
+    **dict.fromkeys(POSTURES, Machine.configure),
+}  # fmt: skip
+
+
+#: Faults are messages of one line.
+_WIDE = 160
+#: The defaults of the post's options that give numbers their meaning (docs/posts/vplus.md).
+_RATED, _SIGNALS, _TOOL, _WORK = 7500.0, {"process": 33}, "cg.tool", "cg.work"
+
+
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+    """What the files say. options: ``rated``, ``signals``, and ``declare = false`` with ``tool`` and ``work``.
+
+    A target ``frame:..`` is given in that frame when all targets name the same one, which then is ``work``; else all
+    are given in the base, and ``work`` is the identity. A motion before BREAK stops (blend 0), another blends by 1 mm.
+    """
+    faults: dict[tuple[int, str], None] = {}
+
+    def report(line: int, what: str) -> None:
+        faults.setdefault((line, one_line(what)[:_WIDE]))
+
+    machine = _run(files, options, report)
+    work, body, lines = _translated(machine, report)
+    ordered = sorted(faults, key=lambda f: f[0])
+    return Reading(tuple(body), tuple(lines), tuple(Fault(line, what) for line, what in ordered), work, machine.tool)
+
+
+def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report) -> Machine:
+    """The machine after it has run what the files say."""
+    found = routines(files, report)
+    programs: dict[str, Routine] = {}
+    for routine in found:
+        programs.setdefault(canonical(routine.name), routine)
+    machine = Machine(programs, report, _rated(options), _signal_names(options), _known(options))
+    for start in _start(list(programs.values()), report):
+        machine.run(start)
+    return machine
+
+
+def _rated(options: Mapping[str, object]) -> float:
+    value = options.get("rated", _RATED)
+    return float(value) if isinstance(value, (int, float)) and value > 0 else _RATED
+
+
+def _signal_names(options: Mapping[str, object]) -> dict[int, str]:
+    table = options.get("signals", _SIGNALS)
+    return {n: str(name) for name, n in table.items() if isinstance(n, int)} if isinstance(table, Mapping) else {}
+
+
+def _known(options: Mapping[str, object]) -> frozenset[str]:
+    """Locations that the text need not define."""
+    if options.get("declare", True):
+        return frozenset()
+    return frozenset(canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK)))
+
+
+def _start(found: list[Routine], report: Report) -> list[Routine]:
+    """The program that no other calls; several: the first."""
+    called = set()
+    for routine in found:
+        for statement in routine.statements:
+            if not isinstance(statement, Stretch) and statement.word == "CALL":
+                called.add(canonical(statement.rest.partition("(")[0].strip()))
+    roots = [r for r in found if canonical(r.name) not in called] or found[:1]
+    for other in roots[1:]:
+        report(other.line, f"program {other.name} is called by no other and not evaluated")
+    if not roots:
+        report(1, "there is no .PROGRAM")
+    return roots[:1]
+
+
+def _translated(robot: Robot, report: Report) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
+    """The common frame, the instructions with poses in it, and their lines."""
+    # Most frames are the same object as the one before.
+    given = [frame for frame, _ in groupby(robot.frames) if frame is not None]
+    common = _common(given)
+    if common is not None:
+        return None if common.external else common.pose, robot.body, robot.lines
+    if all(frame is BASE for frame in given):
+        return NULL if given else None, robot.body, robot.lines
+    body: list[Instruction] = []
+    lines: list[int] = []
+    for item, line, frame in zip(robot.body, robot.lines, robot.frames, strict=True):
+        try:
+            body.append(_in_base(item, frame))
+        except Unreadable as error:
+            report(line, f"the frames of the targets differ, and {error}")
+            continue
+        lines.append(line)
+    return NULL, body, lines
+
+
+def _in_base(item: Instruction, frame: Frame | None) -> Instruction:
+    if frame is None or not isinstance(item, (MoveJ, MoveL)) or not isinstance(item.target, Pose):
+        return item
+    return replace(item, target=Location(item.target, frame).in_base())
+
+
+def _common(given: list[Frame]) -> Frame | None:
+    """One of the frames if all are the same, else nothing; nothing, too, if that is the base."""
+    if not given:
+        return None
+    first = given[0]
+    pose = first.pose
+    for frame in given:
+        if frame.external != first.external or frame.compound != first.compound:
+            return None
+        if frame.pose is not pose:
+            if not same(frame.pose, pose):
+                return None
+            pose = frame.pose
+    return first if first.compound or first.external else None

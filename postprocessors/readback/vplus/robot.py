@@ -1,0 +1,296 @@
+"""The robot of a V+ program: position, speed, path, tool, signals. For the read-back ``vplus``.
+
+Sources: V+ Language Reference and User's Guide as docs/posts/vplus.md quotes them. Motions do not block and run into
+each other unless BREAK stands between them; SPEED without ALWAYS is for one motion; 100 % at the start.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from functools import partial
+from itertools import repeat
+from typing import Any, TypeVar
+
+import numpy as np
+from msgspec.structs import replace
+
+from camgen.model.pose import Pose, translation
+from camgen.model.program import Joints, MoveJ, MoveL, Output, Posture, Wait
+
+from . import words
+from .expressions import Expression, Variables, variable
+from .text import Frame, Location, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
+
+#: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
+ROUNDED = 1.0
+#: So many texts are kept with what they say.
+_KEPT = 4096
+_NUMBER = r"-?\d{1,9}(?:\.\d{0,9})?"
+_PLAIN = re.compile(
+    rf"([A-Z][A-Z0-9._]*):TRANS\(({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER}),({_NUMBER})\)",
+    re.IGNORECASE | re.ASCII,
+)
+T = TypeVar("T")
+#: Posture words that exclude each other.
+_PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"))
+POSTURES = frozenset(word for pair in _PAIRS for word in pair)
+_PROFILE = re.compile(r"\(\s*\d\s*\)\s*(?=[\d.])")
+
+
+class Robot(Variables):
+    """The robot while a text is carried out. body: what it does, in order. lines, frames: for each its line, and what
+    its target is given in, None where it has no pose. tool: None while it is the controller's.
+
+    Methods with a ``Statement`` carry it out; Unreadable when they cannot.
+    """
+
+    def __init__(self, report: Report, rated: float, signals: Mapping[int, str], known: frozenset[str]) -> None:
+        super().__init__(known)
+        self.report = report
+        self.body: list[MoveJ | MoveL | Output | Wait] = []
+        self.lines: list[int] = []
+        self.frames: list[Frame | None] = []
+        self.tool: Pose | None = None
+        self._rated = rated
+        self._signals = signals
+        self._tool_name = ""
+        #: The place of the last motion in the body.
+        self._last: int | None = None
+        self._at: Location | None = None
+        self._moving = False
+        self._path = True
+        self._always: tuple[float, str] = (100.0, "%")
+        self._once: tuple[float, str] | None = None
+        self._monitor = 1.0
+        self._constants: dict[tuple[object, str], Any] = {}
+        self._posture: Posture | None = None
+
+    def here(self, word: str) -> Location:
+        """Where the last motion went."""
+        if self._at is None:
+            raise Unreadable(f"{word} is not known here")
+        if word == "HERE" and self._moving:
+            raise Unreadable("HERE while the robot may still move: BREAK is missing before it")
+        return self._at
+
+    # -- variables -----------------------------------------------------------------------------------------------
+
+    def let(self, statement: Statement) -> None:
+        """``name = number``."""
+        name, _, text = statement.rest.partition("=")
+        value = self._read(text, words.real)
+        self.assign(variable(name.strip()), value)
+
+    def set(self, statement: Statement) -> None:
+        """``SET name = location`` or ``SET #name = precision point``."""
+        name, sign, text = statement.rest.partition("=")
+        name = variable(name.strip())
+        if not sign:
+            raise Unreadable("SET wants name = location")
+        expression = Expression(text, self)
+        value = expression.point() if name[0] == "#" else expression.location()
+        expression.finish()
+        self.assign(name, value)
+
+    def _read(self, text: str, what: Callable[[Expression], T]) -> T:
+        """``what`` of a text; kept, if no name has a say in it."""
+        key = (what, text)
+        if key in self._constants:
+            value: T = self._constants[key]
+            return value
+        expression = Expression(text, self)
+        value = what(expression)
+        if expression.constant and len(self._constants) < _KEPT:
+            self._constants[key] = value
+        return value
+
+    # -- motion --------------------------------------------------------------------------------------------------
+
+    def stretch(self, plain: Stretch) -> bool:
+        """The motions of a stretch at once, if the state is the usual one; else nothing is done."""
+        frame = self.frame(plain.name)
+        first, others = self._once or self._always, self._always
+        straight = plain.word == "MOVES"
+        if frame is None or not (straight or first[1] == others[1] == "%"):
+            return False
+        kind, blend, count = MoveL if straight else MoveJ, ROUNDED if self._path else 0.0, len(plain.poses)
+        made = partial(kind, posture=self._posture) if self._posture else kind
+        self.body.append(made(plain.poses[0], self._mm_per_second(first), blend))
+        if count > 1:
+            self.body += map(made, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend))
+        self.lines += range(plain.line, plain.line + count)
+        self.frames += repeat(frame, count)
+        self._once = None
+        self._at, self._moving, self._last = Location(plain.poses[-1], frame), True, len(self.body) - 1
+        return True
+
+    def plain(self, statement: Statement) -> bool:
+        """The usual target ``frame:TRANS(six numbers)`` without an expression: for speed, and for nothing else."""
+        match = _PLAIN.fullmatch(statement.rest)
+        frame = self.frame(match[1]) if match else None
+        if match is None or frame is None:
+            return False
+        x, y, z, yaw, pitch, roll = map(float, match.groups()[1:])
+        self._go(statement, Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)), frame))
+        return True
+
+    def move(self, statement: Statement) -> None:
+        """``MOVE`` or ``MOVES`` with any target."""
+        text = Expression(statement.rest, self)
+        target = text.point() if text.peek()[:1] == "#" else text.location()
+        text.finish()
+        self._go(statement, target)
+
+    def appro(self, statement: Statement) -> None:
+        """To the point so many mm back along the tool z of a location."""
+        text = Expression(statement.rest, self)
+        target = text.location()
+        text.expect(",")
+        distance = text.real()
+        text.finish()
+        self._go(statement, target.moved(translation(0, 0, -distance)))
+
+    def depart(self, statement: Statement) -> None:
+        """Back along the tool z from where the last motion went."""
+        distance = self._read(statement.rest, words.real)
+        self._go(statement, self.here("DEST").moved(translation(0, 0, -distance)))
+
+    def lost(self) -> None:
+        """A motion that is not evaluated: nobody knows where the robot is."""
+        self._at, self._moving = None, True
+
+    def _go(self, statement: Statement, target: Location | Joints) -> None:
+        straight = statement.word.endswith("S")
+        setting = self._once or self._always
+        self._once = None
+        self._at = target if isinstance(target, Location) else None
+        self._moving = True
+        if setting[1] != "%" and not straight:
+            self.report(statement.line, "a joint motion wants its SPEED in percent")
+        speed, blend = self._mm_per_second(setting), ROUNDED if self._path else 0.0
+        if isinstance(target, Location):
+            kind = MoveL if straight else MoveJ
+            self._add(statement, kind(target.local, speed, blend, posture=self._posture), target.frame)
+        elif straight:
+            raise Unreadable("a straight motion to joint values is not evaluated")
+        else:
+            self._add(statement, MoveJ(target, speed, blend))
+        self._last = len(self.body) - 1
+
+    def _mm_per_second(self, setting: tuple[float, str]) -> float:
+        speed, unit = setting
+        if unit == "%":
+            speed *= self._rated / 100
+        return speed * self._monitor
+
+    def _add(self, statement: Statement, item: MoveJ | MoveL | Output | Wait, frame: Frame | None = None) -> None:
+        self.body.append(item)
+        self.lines.append(statement.line)
+        self.frames.append(frame)
+
+    def brake(self, statement: Statement) -> None:
+        """``BREAK``: the motion comes to its end."""
+        if statement.rest:
+            raise Unreadable("BREAK stands alone")
+        self._stopped()
+
+    def _stopped(self) -> None:
+        if self._last is not None:
+            motion = self.body[self._last]
+            if isinstance(motion, (MoveJ, MoveL)):
+                self.body[self._last] = replace(motion, blend=0.0)
+        self._moving = False
+
+    def speed(self, statement: Statement) -> None:
+        """All forms of ``SPEED``."""
+        value, unit, always = pace(statement.rest) or self._read(statement.rest, words.speed)
+        if unit == "MONITOR":
+            self._monitor = min(value, 100.0) / 100
+        elif always:
+            self._always, self._once = (value, unit), None
+        else:
+            self._once = (value, unit)
+
+    def configure(self, statement: Statement) -> None:
+        """A posture word: in force from the next motion on, and instead of the one that it excludes."""
+        if statement.rest:
+            raise Unreadable(f"{statement.word} {statement.rest[:30]} is not evaluated")
+        pair = next(pair for pair in _PAIRS if statement.word in pair)
+        words = {*(self._posture.switches if self._posture else ()), statement.word}
+        words -= {*pair} - {statement.word}
+        self._posture = Posture(switches=tuple(word for both in _PAIRS for word in both if word in words))
+
+    def accel(self, statement: Statement) -> None:
+        """``ACCEL``: read, not compared."""
+        text = Expression(_PROFILE.sub("", statement.rest, count=1), self)
+        if len(text.reals()) > 2:
+            raise Unreadable("ACCEL has two percentages")
+        text.finish()
+
+    def switch(self, statement: Statement) -> None:
+        """``ENABLE CP`` and ``DISABLE CP``."""
+        if statement.rest.upper() != "CP":
+            raise Unreadable(f"{statement.word} {statement.rest[:20]} is not evaluated")
+        self._path = statement.word == "ENABLE"
+
+    def set_tool(self, statement: Statement) -> None:
+        """``TOOL``: one for the whole program."""
+        text = Expression(statement.rest, self)
+        location = text.location()
+        text.finish()
+        external = location.frame.external
+        tool = None if external else location.in_base()
+        changed = external != self._tool_name or not same(tool, self.tool)
+        self.tool, self._tool_name = tool, external
+        if changed and self._last is not None:
+            self._at = None
+            raise Unreadable("the tool changes between motions")
+
+    def base(self, statement: Statement) -> None:
+        """``BASE``: only one that moves nothing; it stops the path."""
+        values = self._read(statement.rest, words.reals)
+        self._stopped()
+        if any(values):
+            raise Unreadable("BASE moves the world frame, which is not evaluated")
+
+    # -- signals and robot ---------------------------------------------------------------------------------------
+
+    def signal(self, statement: Statement) -> None:
+        """``SIGNAL``: each number one output."""
+        values = self._read(statement.rest, words.outputs)
+        self._standing(statement, "an output")
+        for value in values:
+            name = self._signals.get(int(abs(value)), f"signal {abs(value):g}")
+            self._add(statement, Output(name, 1.0 if value > 0 else 0.0))
+
+    def wait_event(self, statement: Statement) -> None:
+        """``WAIT.EVENT , s``: a dwell."""
+        self._pause(statement, words.event)
+
+    def delay(self, statement: Statement) -> None:
+        """``DELAY``: read as a dwell and reported."""
+        self.report(statement.line, "DELAY is uncertain: it delays the next motion; WAIT.EVENT , s is a dwell")
+        self._pause(statement, words.dwell)
+
+    def _pause(self, statement: Statement, what: Callable[[Expression], float]) -> None:
+        seconds = self._read(statement.rest, what)
+        self._standing(statement, "a dwell")
+        self._add(statement, Wait(seconds))
+
+    def _standing(self, statement: Statement, what: str) -> None:
+        if self._moving:
+            self.report(statement.line, f"{what} while the robot may still move: BREAK is missing before it")
+
+    def detach(self, statement: Statement) -> None:
+        """``DETACH``: not while the robot moves."""
+        if statement.rest.replace(" ", "") not in ("", "()"):
+            raise Unreadable("DETACH of a device is not evaluated")
+        self._standing(statement, "DETACH")
+
+
+def same(a: Pose | None, b: Pose | None) -> bool:
+    """Whether two poses are equal to the last bit, or both missing."""
+    if a is None or b is None:
+        return a is b
+    return a.origin == b.origin and bool(np.array_equal(a.rotation, b.rotation))

@@ -1,0 +1,366 @@
+"""V+ text as routines: lines, labels, comments, blocks, names. For the read-back ``vplus``.
+
+Sources: V+ Language User's Guide (program structure, names of at most 15 characters), as far as docs/posts/vplus.md
+quotes them.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import repeat
+
+from msgspec import Struct
+from msgspec.json import Decoder
+
+from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, translation
+
+# V+ locations: what is given in what. For the read-back ``vplus``.
+
+NULL = translation(0, 0, 0)
+
+
+class Unreadable(Exception):
+    """A statement that cannot be evaluated; the message says why."""
+
+
+class Frame(Struct, frozen=True, eq=False, gc=False):
+    """What a location is given in, the first component of a compound. external: the name of that component where only
+    the controller knows it; then ``pose`` means nothing.
+    """
+
+    pose: Pose = NULL
+    external: str = ""
+    compound: bool = False
+
+
+#: The frame of what is no compound.
+BASE = Frame()
+
+
+class Location(Struct, frozen=True, eq=False, gc=False):
+    """``local`` in ``frame``."""
+
+    local: Pose
+    frame: Frame = BASE
+
+    def in_base(self) -> Pose:
+        """The location in the base frame."""
+        if self.frame.external:
+            raise Unreadable(f"location {self.frame.external} is only on the controller")
+        return self.frame.pose @ self.local if self.frame.compound else self.local
+
+    def moved(self, by: Pose) -> Location:
+        """The location compounded with ``by`` on its right."""
+        return Location(self.local @ by, self.frame)
+
+
+@lru_cache(maxsize=4096)
+def rotation_zyz(yaw: float, pitch: float, roll: float) -> FloatArray:
+    """R = Rz(yaw) Ry(pitch) Rz(roll), angles in degrees. Most targets of a program share theirs, hence the cache."""
+    if not (yaw or pitch or roll):
+        return IDENTITY
+    a, b, c = math.radians(yaw), math.radians(pitch), math.radians(roll)
+    ca, sa, cb, sb, cc, sc = math.cos(a), math.sin(a), math.cos(b), math.sin(b), math.cos(c), math.sin(c)
+    return frozen(
+        [
+            [ca * cb * cc - sa * sc, -ca * cb * sc - sa * cc, ca * sb],
+            [sa * cb * cc + ca * sc, -sa * cb * sc + ca * cc, sa * sb],
+            [-sb * cc, sb * sc, cb],
+        ]
+    )
+
+
+# Motions in lines that follow each other, all spelled alike: most of a V+ program, read a stretch at a time.
+
+#: A stretch is cut here, so that its numbers as text stay few.
+_LONGEST = 256
+#: As in JSON, whose reader is several times as fast as ``float`` and as exact, but for the sign of -0.
+_NUMBER = r"(?:-?[1-9][0-9]{0,8}|0|-0(?=\.))(?:\.[0-9]{1,9})?"
+_THREE = f"{_NUMBER},{_NUMBER},{_NUMBER}"
+_STRETCH = (
+    r"(?P<head> *(?P<word>MOVES?) (?P<name>[A-Za-z][A-Za-z0-9._]*):TRANS\()"
+    rf"{_THREE}(?P<turn>,{_THREE}\)(?P<end>\r?\n))(?:(?P=head){_THREE},{_THREE}\)(?P=end)){{0,{_LONGEST - 1}}}"
+)
+_Row3 = tuple[float, float, float]
+_Row6 = tuple[float, float, float, float, float, float]
+_rows_of_3, _rows_of_6 = Decoder(list[_Row3]), Decoder(list[_Row6])
+_PACE = rf"{_NUMBER}(?:, {_NUMBER})?(?: MMPS)?(?: ALWAYS)?"
+#: A stretch, else a SPEED, else one line of any kind with its end: together the whole of a text.
+PIECE = re.compile(rf"{_STRETCH}| *SPEED (?P<pace>{_PACE})\r?\n|[^\r\n]*+(?:\r\n|\r|\n)|[^\r\n]++")
+_PACE_PARTS = re.compile(rf"({_NUMBER})(?:, ({_NUMBER}))?( MMPS)?( ALWAYS)?")
+
+
+class Stretch(Struct, frozen=True, gc=False):
+    """Motions to ``name:TRANS(..)`` in lines that follow each other.
+
+    line: 1-based, of the first. word: MOVE or MOVES. poses: in the frame ``name``. text, start, end: where it stands.
+    """
+
+    line: int
+    word: str
+    name: str
+    poses: tuple[Pose, ...]
+    text: str
+    start: int
+    end: int
+
+    @property
+    def lines(self) -> list[str]:
+        """The lines as they stand in the text."""
+        return self.text[self.start : self.end].splitlines()
+
+
+def stretch(piece: re.Match[str], line: int) -> Stretch:
+    """What a match of ``PIECE`` with a ``head`` says. line: that of its start."""
+    text, word, name, head, turn, end = piece.group(0, "word", "name", "head", "turn", "end")
+    if text.count(turn) == text.count("\n"):
+        # All are oriented alike.
+        origins = _rows_of_3.decode(f"[[{text[len(head) : -len(turn)].replace(turn + head, '],[')}]]")
+        poses = tuple(map(Pose, repeat(_rotation(turn)), origins))
+    else:
+        rows = _rows_of_6.decode(f"[[{text[len(head) : -len(end) - 1].replace(f'){end}{head}', '],[')}]]")
+        poses = tuple(Pose(rotation_zyz(*row[3:]), row[:3]) for row in rows)
+    return Stretch(line, word, name, poses, piece.string, *piece.span())
+
+
+@lru_cache(maxsize=1024)
+def _rotation(turn: str) -> FloatArray:
+    """The rotation of ``,yaw,pitch,roll)`` and a line end."""
+    yaw, pitch, roll = map(float, turn.strip(",)\r\n").split(","))
+    return rotation_zyz(yaw, pitch, roll)
+
+
+def pace(rest: str) -> tuple[float, str, bool] | None:
+    """What ``vplus_words.speed`` says of a SPEED without names; nothing where it has more to say."""
+    match = _PACE_PARTS.fullmatch(rest)
+    if match is None or float(match[1]) <= 0 or float(match[2] or 1.0) <= 0:
+        return None
+    return float(match[1]), "mm/s" if match[3] else "%", bool(match[4])
+
+
+#: Names are told apart by so many characters; the rest is cut silently.
+NAME = 15
+_LABEL = re.compile(r"\s*(\d+)(?:\s+|$)", re.ASCII)
+_WORD = re.compile(r"\s*([A-Za-z][A-Za-z0-9._]*)\s*(.*)", re.DOTALL)
+_LONG_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9._]{{{NAME - 1},}}")
+_HEADER = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(([^()]*)\)\s*")
+_STRING = re.compile(r'"[^"]*"')
+_DECLARE = frozenset({"AUTO", "LOCAL", "GLOBAL"})
+#: Words that open a block which END closes, with the word that has to stand in the line, too.
+_OPENS = {"IF": "THEN", "FOR": "", "WHILE": "", "CASE": ""}
+#: So many different lines are remembered with what they say.
+_REMEMBERED = 4096
+
+Report = Callable[[int, str], None]
+
+
+class Statement(Struct, frozen=True, gc=False):
+    """One instruction: its line (1-based through all files), its first word in capitals, what follows the word."""
+
+    line: int
+    word: str
+    rest: str
+
+
+@dataclass(slots=True)
+class Routine:
+    """One ``.PROGRAM``. partner: by the index of an opening statement the index of its END (or UNTIL)."""
+
+    name: str
+    line: int
+    arguments: str
+    statements: list[Statement | Stretch] = field(default_factory=list)
+    partner: dict[int, int] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _File:
+    """A file while it is read. first: what its lines are counted from. reports: how often something was reported.
+
+    long_names: by their first ``NAME`` characters. usual: word and rest by line, of lines with nothing to report.
+    """
+
+    first: int
+    tell: Report
+    reports: int = 0
+    found: list[Routine] = field(default_factory=list)
+    current: Routine | None = None
+    section: str = ""
+    long_names: dict[str, str] = field(default_factory=dict)
+    usual: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    def report(self, line: int, what: str) -> None:
+        """Passes it on."""
+        self.reports += 1
+        self.tell(line, what)
+
+
+@lru_cache(maxsize=4096)
+def canonical(name: str) -> str:
+    """The name as V+ keeps it: case does not count, nor what follows the 15th character. A ``#`` or ``$`` stays."""
+    bare = name.lstrip("#$")
+    return name[: len(name) - len(bare)] + bare[:NAME].lower()
+
+
+def routines(files: Mapping[str, str], report: Report) -> list[Routine]:
+    """All programs of all files in order. What is no program, or no V+, is reported."""
+    found: list[Routine] = []
+    number = 1
+    for text in files.values():
+        file = _File(number, report)
+        number = _read(text, file)
+        found += file.found
+    seen: dict[str, Routine] = {}
+    for routine in found:
+        if seen.setdefault(canonical(routine.name), routine) is not routine:
+            report(routine.line, f"program {routine.name} is there twice")
+        routine.partner = _partners(routine, report)
+    return found
+
+
+def _read(text: str, file: _File) -> int:
+    """Reads a file; returns the number that the first line of the next one has."""
+    number = file.first
+    for piece in PIECE.finditer(text):
+        kind, raw = piece.lastgroup, piece[0]
+        if kind and kind != "pace":
+            number = _stretch(stretch(piece, number), file)
+            continue
+        usual = ("SPEED", piece["pace"]) if kind else file.usual.get(raw)
+        if usual is not None and file.current is not None:
+            file.current.statements.append(Statement(number, *usual))
+        else:
+            _line(raw, number, file)
+        number += 1
+    if file.current is not None or file.section:
+        name = file.current.name if file.current is not None else file.section
+        file.report(number - 1, f"{name} has no .END")
+    return number
+
+
+def _stretch(plain: Stretch, file: _File) -> int:
+    """Reads a stretch; returns the number of the line after it."""
+    name, after = plain.name.lower(), plain.line + len(plain.poses)
+    known = name if len(name) < NAME else file.long_names.setdefault(name[:NAME], name)
+    if file.current is None or known != name:
+        for number, raw in enumerate(plain.lines, start=plain.line):
+            _line(raw, number, file)
+    else:
+        file.current.statements.append(plain)
+    return after
+
+
+def _line(raw: str, number: int, file: _File) -> None:
+    """Reads any line."""
+    before = file.reports
+    code = _code(raw, number, file.report)
+    for name in _LONG_NAME.findall(_STRING.sub("", code) if '"' in code else code):
+        _collision(name.lower(), file.long_names, number, file.report)
+    if not code:
+        return
+    if code[0] == ".":
+        if file.current is not None and not code.upper().startswith(".END"):
+            file.report(number, f"{code.split()[0]} before the .END of {file.current.name}")
+        file.current, file.section = _dot(code, number, file.current, file.section, file.report)
+        if file.current is not None:
+            file.found.append(file.current)
+    elif file.current is not None:
+        said = _add(file.current, code, number, file.report)
+        # A declaration may be wrong further down; all else means the same in every place.
+        if said and said[0] not in _DECLARE and file.reports == before and len(file.usual) < _REMEMBERED:
+            file.usual[raw] = said
+    elif not file.section:
+        file.report(number, "an instruction outside of a .PROGRAM")
+
+
+def _code(raw: str, number: int, report: Report) -> str:
+    """The line without its comment and outer blanks."""
+    if not raw.isascii():
+        report(number, "a character that is not ASCII")
+    if '"' not in raw:
+        return raw.partition(";")[0].strip()
+    quoted = False
+    for i, c in enumerate(raw):
+        if c == '"':
+            quoted = not quoted
+        elif c == ";" and not quoted:
+            return raw[:i].strip()
+    if quoted:
+        report(number, "a string that does not end")
+    return raw.strip()
+
+
+def _collision(name: str, long_names: dict[str, str], number: int, report: Report) -> None:
+    other = long_names.setdefault(name[:NAME], name)
+    if other != name:
+        report(number, f"{name} and {other} are one name: only {NAME} characters count")
+
+
+def _dot(code: str, number: int, current: Routine | None, section: str, report: Report) -> tuple[Routine | None, str]:
+    """The routine and the other section that are open after a line that starts with a dot."""
+    word, rest = (*code.split(None, 1), "")[:2]
+    word = word.upper()
+    if word == ".END":
+        if current is None and not section:
+            report(number, ".END without .PROGRAM")
+        return None, ""
+    if word == ".PROGRAM":
+        header = _HEADER.fullmatch(rest.strip())
+        if header is None:
+            report(number, "a .PROGRAM line is .PROGRAM name(arguments)")
+            return Routine("", number, ""), ""
+        return Routine(header[1], number, header[2].strip()), ""
+    report(number, f"{word} is not evaluated")
+    return None, word
+
+
+def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str, str] | None:
+    """Adds a statement; returns its word and what follows it, nothing where there is none."""
+    label = _LABEL.match(code)
+    if label:
+        if len(label[1]) > 5 or int(label[1]) > 65535:
+            report(number, f"label {label[1][:12]} is above 65535")
+        code = code[label.end() :]
+        if not code:
+            return None
+    match = _WORD.fullmatch(code)
+    if match is None:
+        report(number, f"unknown statement {code[:40]!r}")
+        return None
+    word, rest = match[1], match[2]
+    if rest[:1] == "=":
+        word, rest = "=", f"{word} {rest}"
+    word = word.upper()
+    if word in _DECLARE and any(s.word not in _DECLARE for s in routine.statements):
+        report(number, f"{word} after the first instruction")
+    routine.statements.append(Statement(number, word, rest))
+    return word, rest
+
+
+def one_by_one(plain: Stretch) -> list[Statement]:
+    """The instructions of a stretch."""
+    return [Statement(number, plain.word, raw.split()[1]) for number, raw in enumerate(plain.lines, start=plain.line)]
+
+
+def _partners(routine: Routine, report: Report) -> dict[int, int]:
+    partner: dict[int, int] = {}
+    open_blocks: list[int] = []
+    for index, statement in enumerate(routine.statements):
+        if isinstance(statement, Stretch):
+            continue
+        word = statement.word
+        if word == "DO" or (word in _OPENS and _OPENS[word] in statement.rest.upper()):
+            open_blocks.append(index)
+        elif word in ("END", "UNTIL"):
+            opener = routine.statements[open_blocks[-1]].word if open_blocks else ""
+            if not opener or (opener == "DO") != (word == "UNTIL"):
+                report(statement.line, f"{word} closes nothing")
+            else:
+                partner[open_blocks.pop()] = index
+    for index in open_blocks:
+        report(routine.statements[index].line, f"{routine.statements[index].word} is not closed")
+    return partner

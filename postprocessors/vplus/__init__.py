@@ -1,0 +1,325 @@
+"""Post for Adept V+ (Adept SmartController, older Staeubli controllers): SCARA and six-axis robots.
+
+Sources: the V+ Language Reference and User's Guide, version 17, as far as docs/posts/vplus.md quotes them. What is not
+confirmed there is an option or a note of that page, never a guess.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal
+
+from msgspec.structs import replace
+
+from camgen.model.cell import Cell, Pace
+from camgen.model.errors import JobError, Refused
+from camgen.model.pose import FloatArray, Pose, translation
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.text import short
+from camgen.post import OutputFile, Post, Tolerance, pose_of
+from camgen.post.passes import without_force
+
+from . import rules
+from .rules import SPEED_DIGITS, Posture, unprintable
+
+_IN = "    "
+#: Degrees with 4 digits: three angles together stay within 3e-6 rad.
+_ANGLE_DIGITS = 4
+#: Sliding joints get more digits than poses, so that one tolerance serves rad and mm.
+_SLIDE_DIGITS = 5
+
+
+@dataclass
+class VPlus(Post):
+    """``.v2`` text with LF; the file itself has CR LF, as Adept ACE exports it. Options: docs/posts/vplus.md."""
+
+    name: ClassVar[str] = "vplus"
+    suffix: ClassVar[str] = ".v2"
+    about: ClassVar[str] = "Adept V+ for SCARA and six-axis robots; arcs as chords"
+    newline: ClassVar[str] = "\r\n"
+    passes: ClassVar[tuple[str, ...]] = ("chords",)
+    #: V+ rounds corners by speed, not by a radius: only stop or no stop is in the text.
+    carries: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "stop", "switches"})
+
+    max_lines: int = field(
+        default=2000, kw_only=True, metadata={"help": "lines per .PROGRAM before it is split; 0: never"}
+    )
+    signals: dict[str, int] = field(
+        default_factory=lambda: {"process": 33},
+        kw_only=True,
+        metadata={"help": "signal number of each output name: 1 to 1000 outputs, 2001 and up soft signals"},
+    )
+    rated: float = field(
+        default=7500.0, kw_only=True, metadata={"help": "TCP speed that SPEED 100 means in a MOVE, mm/s"}
+    )
+    declare: bool = field(
+        default=True, kw_only=True, metadata={"help": "set tool and work frame; false: they are on the controller"}
+    )
+    tool: str = field(default="cg.tool", kw_only=True, metadata={"help": "location variable of the tool"})
+    work: str = field(default="cg.work", kw_only=True, metadata={"help": "location variable of the work frame"})
+    posture: list[Posture] = field(
+        default_factory=list, kw_only=True, metadata={"help": "words before the first MOVE, such as RIGHTY"}
+    )
+    force: Literal["refuse", "ignore", "signal"] = field(
+        default="refuse",
+        kw_only=True,
+        metadata={"help": "what a force becomes: refuse, ignore, or signal (the output named force)"},
+    )
+    spindle: Literal["refuse", "on-off"] = field(
+        default="refuse", kw_only=True, metadata={"help": "what a spindle becomes: refuse, or on-off (output spindle)"}
+    )
+    _speed: str = field(default="", init=False, repr=False)
+    _switches: tuple[str, ...] = field(default=(), init=False, repr=False)
+    _posture_due: bool = field(default=True, init=False, repr=False)
+    _scara: tuple[FloatArray, FloatArray] | None = field(default=None, init=False, repr=False)
+    _by_hand: tuple[str, ...] = field(default=(), init=False, repr=False)
+    _angles: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
+    _orientations: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        rules.check_names(self.program, self.tool, self.work)
+        for key, good, remedy in (
+            ("decimals", 1 <= self.decimals <= 4, "1 to 4: a V+ real is single precision"),
+            ("max_lines", self.max_lines >= 0, "0 for no limit"),
+            ("rated", 0 < self.rated <= 20000, "the TCP speed of a MOVE at 100 %, up to 20000 mm/s"),
+        ):
+            if not good:
+                raise JobError(f"[post] {key}", f"cannot be {getattr(self, key)}", remedy=remedy)
+        rules.check_signals(self.signals)
+        rules.check_posture(self.posture)
+
+    @classmethod
+    def cell(cls) -> Cell:
+        """Adept Cobra s600: a sheet of 200 x 150 mm before the robot, its top face 150 mm above the mounting face."""
+        home = Joints((0.0, math.radians(45.0), 50.0, 0.0))
+        return Cell(
+            "Adept Cobra s600", translation(250, -75, 150), translation(0, 0, 100), home, frozenset({2}), "Cobra s600"
+        )
+
+    def tolerance(self) -> Tolerance:
+        """Half the last digit; of a percentage, counted in mm/s."""
+        speed = 0.5 * 10**-SPEED_DIGITS * max(1.0, self.rated / 100)
+        return replace(super().tolerance(), speed=speed)
+
+    def pace(self) -> Pace:
+        """Corners by speed and acceleration, whatever the blend."""
+        return Pace(corner="overlap")
+
+    # -- legality ------------------------------------------------------------------------------------------------
+
+    def carried(self) -> frozenset[str]:
+        """Tool and work frame are stated unless they are on the controller, the posture unless an option gives it."""
+        frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
+        return (self.carries | frames) - ({"switches"} if self.posture else frozenset())
+
+    def prepare(self, program: Program, chord: float) -> Program:
+        """As the base; forces and spindles become what the options say. Refused: also axes, posture or frames."""
+        self._orientations.clear()
+        self._scara = None
+        if rules.axes(program, self.name) == 4:
+            rules.check_arm(self.posture, program)
+            self._scara = (program.base_from_work.rotation, program.flange_from_tool.rotation)
+        for what, pose in (("work frame", program.base_from_work), ("tool", program.flange_from_tool)):
+            reason = rules.bad_orientation(pose.rotation, None) or unprintable(pose)
+            if reason:
+                raise Refused(self.name, rules.WHOLE, f"the {what}: {reason}")
+        self._by_hand = rules.by_hand(program, self.force, self.spindle, self.name)
+        prepared = super().prepare(without_force(program) if self.force == "ignore" else program, chord)
+        if not any(isinstance(i, Force) or (isinstance(i, Output) and i.signal == "spindle") for i in prepared.body):
+            return prepared
+        return prepared.with_body(tuple(new for item in prepared.body for new in self._rewritten(item)))
+
+    def refuses(self, item: Instruction, start: Pose | None) -> str:
+        """The reason and remedy in one, or nothing."""
+        match item:
+            case MoveC():
+                if start is None:
+                    return "V+ has no arc, and no pose is known where this one starts; move to a pose before it"
+                return "V+ has no arc; lower it to chords"
+            case MoveJ() | MoveL():
+                return rules.bad_speed(item, self.rated) or self._bad_target(item.target)
+            case Output():
+                return self._bad_output(item)
+            case Wait():
+                if item.seconds < 0.001:
+                    return f"a wait of {item.seconds:g} s cannot be written; leave it out or wait 0.001 s or more"
+            case Force():
+                return self._bad_force()
+            case Comment():
+                pass
+        return ""
+
+    def _bad_target(self, target: Pose | Joints) -> str:
+        if isinstance(target, Joints):
+            return ""
+        key = target.rotation.tobytes()
+        if key not in self._orientations:
+            self._orientations[key] = rules.bad_orientation(target.rotation, self._scara)
+        return self._orientations[key] or unprintable(target)
+
+    def _bad_output(self, item: Output) -> str:
+        if item.signal == "spindle":
+            if self.spindle == "refuse":
+                return "V+ has no spindle speed; set post.spindle to on-off and map spindle in post.signals"
+            if item.value < 0:
+                return "a spindle turning backwards is more than on or off; give a positive speed"
+        elif item.value not in (0, 1):
+            return f"signal {item.signal} can be 0 or 1, not {item.value:g}; use a signal that is on or off"
+        if item.signal not in self.signals:
+            return f"signal {item.signal} has no number; add it to post.signals"
+        return ""
+
+    def _bad_force(self) -> str:
+        if self.force == "refuse":
+            return "V+ has no confirmed force control; set post.force to signal (a pressure valve) or ignore"
+        if self.force == "signal" and "force" not in self.signals:
+            return "the output named force has no number; add it to post.signals"
+        return ""
+
+    def _rewritten(self, item: Instruction) -> Sequence[Instruction]:
+        match item:
+            case Force():
+                return (Output("force", float(item.newtons > 0)),)
+            case MoveL() if item.force or any(item.press):
+                return (replace(item, force=0.0, press=(0.0, 0.0, 0.0)),)
+            case Output(signal="spindle"):
+                return (Output("spindle", float(item.value > 0)),)
+        return (item,)
+
+    # -- text ----------------------------------------------------------------------------------------------------
+
+    def begin(self, program: Program) -> Sequence[str]:
+        """The start of a program that is one ``.PROGRAM``."""
+        return self._head(program, self._name(program, 0), (self.tool, self.work))
+
+    def _head(self, program: Program, name: str, declared: Sequence[str]) -> list[str]:
+        lines = [f".PROGRAM {name}()", *(self.note(text) for text in program.header)]
+        lines += [self.comment(text) for text in self._remarks()]
+        if self.declare:
+            lines.append(f"{_IN}AUTO {', '.join(declared)}")
+        lines += [f"{_IN}SELECT ROBOT = 1", f"{_IN}ATTACH ()"]
+        if self.declare:
+            lines.append(f"{_IN}SET {self.tool} = {self._trans(program.flange_from_tool)}")
+        lines.append(f"{_IN}TOOL {self.tool}")
+        if self.declare and self.work in declared:
+            lines.append(f"{_IN}SET {self.work} = {self._trans(program.base_from_work)}")
+        return lines
+
+    def _name(self, program: Program, parts: int) -> str:
+        return rules.program_name(self.program or program.name, parts, (self.tool, self.work))
+
+    def _remarks(self) -> list[str]:
+        remarks = [
+            "mm and deg. TRANS(x, y, z, yaw, pitch, roll), R = Rz Ry Rz",
+            f"speeds hold at monitor speed 100. SPEED 100 in a MOVE counts as {self.rated:g} mm/s",
+        ]
+        return remarks + list(self._by_hand)
+
+    def end(self, program: Program) -> Sequence[str]:  # noqa: ARG002 (the same for every program)
+        """Every last motion has its BREAK already: a program's last motion does not blend."""
+        return (f"{_IN}DETACH ()", f"{_IN}RETURN", ".END")
+
+    def movej(self, motion: MoveJ) -> Sequence[str]:
+        """MOVE, to a precision point or a pose."""
+        lines = self._pace(f"SPEED {short(100 * motion.speed / self.rated, SPEED_DIGITS)} ALWAYS")
+        if self._posture_due:
+            lines += [f"{_IN}{word}" for word in self.posture]
+            self._posture_due = False
+        if isinstance(motion.target, Joints):
+            target = _ppoint(motion.target)
+        else:
+            target = f"{self.work}:{self._trans(motion.target)}"
+            lines += self._switched(motion)
+        return [*lines, f"{_IN}MOVE {target}", *_stop(motion)]
+
+    def movel(self, motion: MoveL) -> Sequence[str]:
+        """MOVES, at 100 % of the rotational speed at most."""
+        lines = self._pace(f"SPEED {short(motion.speed, SPEED_DIGITS)}, 100 MMPS ALWAYS")
+        lines += self._switched(motion)
+        return [*lines, f"{_IN}MOVES {self.work}:{self._trans(pose_of(motion))}", *_stop(motion)]
+
+    def _switched(self, motion: MoveJ | MoveL) -> list[str]:
+        """The words of a posture that is another than before: a TRANS has none, and they stay in force."""
+        words = motion.posture.switches if motion.posture else ()
+        if not words or words == self._switches:
+            return []
+        if self.posture:
+            raise JobError("[post] posture", "cell.robot plans the posture", remedy="leave out one of the two")
+        self._switches = words
+        return [f"{_IN}{word}" for word in words]
+
+    def _pace(self, text: str) -> list[str]:
+        """The SPEED line unless it is the one in force: V+ has one setting for joint and straight motions."""
+        if text == self._speed:
+            return []
+        self._speed = text
+        return [_IN + text]
+
+    def output(self, item: Output) -> Sequence[str]:
+        """SIGNAL; the motion before it has printed the BREAK that it needs."""
+        number = self.signals[item.signal]
+        return (f"{_IN}SIGNAL {number if item.value else -number}",)
+
+    def wait(self, item: Wait) -> Sequence[str]:
+        """WAIT.EVENT without an event: a dwell in seconds."""
+        return (f"{_IN}WAIT.EVENT , {short(item.seconds, 3)}",)
+
+    def comment(self, text: str) -> str:
+        """A line of its own."""
+        return f"; {text}"
+
+    def _trans(self, pose: Pose) -> str:
+        key = pose.rotation.tobytes()
+        angles = self._angles.get(key)
+        if angles is None:
+            values = (math.degrees(a) for a in rules.yaw_pitch_roll(pose.rotation))
+            angles = self._angles[key] = ",".join(short(v, _ANGLE_DIGITS) for v in values)
+        x, y, z = pose.origin
+        d = self.decimals
+        return f"TRANS({short(x, d)},{short(y, d)},{short(z, d)},{angles})"
+
+    def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
+        """One file; a long program is a main one that calls the others, each with the work frame for itself."""
+        self._speed, self._posture_due, self._switches = "", True, ()
+        if len(parts) == 1:
+            return super().assemble(program, parts)
+        name = self._name(program, len(parts))
+        if self.program and name != self.program:
+            remedy = f"shorten post.program to {len(name)} characters or raise post.max_lines"
+            raise Refused(self.name, rules.WHOLE, f"{self.program} is too long a name for {len(parts)} parts", remedy)
+        lines = self._head(program, name, (self.tool,))
+        lines += [f"{_IN}CALL {name}.{k}()" for k in range(1, len(parts) + 1)]
+        lines += self.end(program)
+        speed = ""
+        switches: list[str] = []
+        planned = any(motion.posture for motion in program.columns.moves)
+        for k, part in enumerate(parts, start=1):
+            lines += ["", f".PROGRAM {name}.{k}()"]
+            if self.declare:
+                lines += [f"{_IN}AUTO {self.work}", f"{_IN}SET {self.work} = {self._trans(program.base_from_work)}"]
+            # Each part says its speed and its posture itself: whether a CALL keeps them is not confirmed.
+            lines += [*([speed] if speed else ()), *switches, *part, f"{_IN}RETURN", ".END"]
+            speed, switches = _last_speed(part, speed), rules.last_switches(part, switches) if planned else []
+        return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
+
+
+def _ppoint(joints: Joints) -> str:
+    """A precision point: degrees, and mm for joint 3 of a SCARA."""
+    slide = 2 if len(joints.values) == 4 else None
+    texts = (
+        short(v, _SLIDE_DIGITS) if k == slide else short(math.degrees(v), _ANGLE_DIGITS)
+        for k, v in enumerate(joints.values)
+    )
+    return f"#PPOINT({', '.join(texts)})"
+
+
+def _stop(motion: MoveJ | MoveL) -> tuple[str, ...]:
+    """Continuous path is on by default, so a stop has to be said."""
+    return () if motion.blend > 0 else (f"{_IN}BREAK",)
+
+
+def _last_speed(part: Sequence[str], before: str) -> str:
+    """The SPEED line in force after ``part``, when ``before`` was in force where it started."""
+    return next((line for line in reversed(part) if line.startswith(f"{_IN}SPEED ")), before)

@@ -1,0 +1,233 @@
+"""What V+ allows: names, options, axes, poses, and magnitudes that a signal cannot carry. For the post ``vplus``."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from camgen.model.errors import JobError, Refused
+from camgen.model.pose import FloatArray, Pose, Vec3, zyz
+from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, motions
+
+Posture = Literal["LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE"]
+#: Which posture word excludes which, and which only a six-axis arm has.
+_PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"))
+_SIX_AXIS_ONLY = frozenset({"ABOVE", "BELOW", "FLIP", "NOFLIP"})
+#: Names longer than this collide silently.
+_NAME = 15
+_IDENTIFIER = re.compile(r"[a-z][a-z0-9._]*", re.IGNORECASE)
+#: Words that must not name a program or a location.
+_WORDS = """
+    above abs accel align all always and any appro appros as attach atan2 auto base below bitand break brake by call
+    calibrate case close closei coarse cos cp cpoff cpon decompose delay depart departs dest detach disable distance
+    do drive duration dx dy dz else enable end execute exit false fine flip for frame global goto halt here if
+    ignore inrange int inverse ips lefty local mmps mod monitor move moves movest movet multiple next noflip nonull
+    not null off on open openi or parameter pause pi ppoint program react reacti ready real reset return returne
+    righty robot rx ry rz scale select set shift sig signal sin single speed sqrt state step stop switch task then
+    time timer to tool trans transb true type until value wait wait.event while world xor
+"""
+_TAKEN = frozenset(_WORDS.split())
+#: Half the last digit of a printed angle (4 digits, deg) in rad: a pitch nearer to 0 or 180 deg prints as exactly that.
+_UPRIGHT = math.radians(0.5e-4)
+#: V+ reals are single precision: beyond 8192 mm (2**13) their step is larger than 0.0005 mm.
+_RANGE = 8192.0
+#: Speeds have 4 digits, so that 0.05 is the least that is still within 0.1 %.
+SPEED_DIGITS, _LEAST_SPEED = 4, 0.05
+#: The index of a refusal that concerns the whole program.
+WHOLE = -1
+
+
+def bad_name(name: str) -> str:
+    """Why ``name`` cannot be a V+ name; empty when it can."""
+    if not _IDENTIFIER.fullmatch(name):
+        return "is not a letter followed by letters, digits, dots and underscores"
+    if len(name) > _NAME:
+        return f"is longer than {_NAME} characters, of which V+ ignores the rest"
+    return "is a word of V+" if name.lower() in _TAKEN else ""
+
+
+def check_names(program: str, tool: str, work: str) -> None:
+    """JobError for a name that V+ cannot have or cannot tell from another one; an empty program name is none yet."""
+    for key, value in (("program", program), ("tool", tool), ("work", work)):
+        reason = "" if key == "program" and not value else bad_name(value)
+        if not reason and re.search(r"\.\d+$", value):
+            reason = "ends like the parts of a long program"
+        if reason:
+            raise JobError(f"[post] {key}", f"{value!r} {reason}", remedy="give another name")
+    if len({program.lower(), tool.lower(), work.lower()}) < 3:
+        raise JobError("[post] program, tool, work", "have the same name", remedy="give three names")
+
+
+def program_name(name: str, parts: int, used: Sequence[str]) -> str:
+    """``name`` as a V+ name, cut so that ``.1`` to ``.parts`` still fit behind it. used: names that it must not be."""
+    room = _NAME - len(f".{parts}") if parts else _NAME
+    clean = re.sub(r"[^a-z0-9._]", "_", name.lower())
+    clean = clean[:room].rstrip("._")
+    if not clean or bad_name(clean) or clean in {u.lower() for u in used}:
+        clean = f"p_{clean}"[:room].rstrip("._")
+    return clean
+
+
+def check_signals(signals: Mapping[str, int]) -> None:
+    """JobError for a number that is not an output, or that two names share."""
+    seen: dict[int, str] = {}
+    for signal, number in signals.items():
+        if not (1 <= number <= 1000 or 2001 <= number <= 9999):
+            remedy = "outputs are 1 to 1000, soft signals 2001 and up, and 1001 to 2000 are inputs"
+            raise JobError("[post] signals", f"{signal} cannot be {number}", remedy=remedy)
+        if number in seen:
+            what = f"{seen[number]} and {signal} are both {number}"
+            raise JobError("[post] signals", what, remedy="give each its own number")
+        seen[number] = signal
+
+
+def check_posture(words: Sequence[str]) -> None:
+    """JobError for words that are not postures, stand twice, or exclude each other."""
+    for word in words:
+        pair = next((p for p in _PAIRS if word in p), None)
+        if pair is None:
+            known = ", ".join(w for p in _PAIRS for w in p)
+            raise JobError("[post] posture", f"{word!r} is no posture", remedy=f"known are {known}")
+        if sum(w in pair for w in words) > 1:
+            what = f"{pair[0]} and {pair[1]} are one choice"
+            raise JobError("[post] posture", what, remedy="give one of them, once")
+
+
+def last_switches(part: Sequence[str], before: list[str]) -> list[str]:
+    """The lines of the posture in force after ``part``, when ``before`` was in force where it started."""
+    known = {word for pair in _PAIRS for word in pair}
+    last = next((k for k in reversed(range(len(part))) if part[k].strip() in known), None)
+    if last is None:
+        return before
+    first = last
+    while first and part[first - 1].strip() in known:
+        first -= 1
+    return list(part[first : last + 1])
+
+
+def check_arm(words: Sequence[str], program: Program) -> None:
+    """JobError for a posture that a SCARA lacks, or that its first position contradicts (joint 2 > 0 is RIGHTY)."""
+    odd = ", ".join(sorted(_SIX_AXIS_ONLY.intersection(words)))
+    if odd:
+        raise JobError("[post] posture", f"{odd}: a SCARA has no such posture", remedy="give LEFTY or RIGHTY")
+    first = next((m.target for _, m in motions(program.body)), None)
+    if isinstance(first, Joints) and first.values[1] != 0:
+        wrong = "LEFTY" if first.values[1] > 0 else "RIGHTY"
+        if wrong in words:
+            what = f"{wrong}, but the first position has joint 2 at {math.degrees(first.values[1]):.4g} deg"
+            raise JobError("[post] posture", what, remedy="RIGHTY goes with joint 2 > 0, LEFTY with joint 2 < 0")
+
+
+def axes(program: Program, post: str) -> int:
+    """How many joints the arm has: 4 (SCARA, joint 3 slides), 6, or 0 when no motion says. Refused: others, mixed."""
+    count = 0
+    for index, motion in motions(program.body):
+        joints = motion.target if isinstance(motion.target, Joints) else motion.joints
+        if joints is None:
+            continue
+        if len(joints.values) not in (4, 6):
+            remedy = "give 4 values (SCARA: deg, deg, mm, deg) or 6 (deg)"
+            raise Refused(post, index, f"a position has {len(joints.values)} joint values", remedy)
+        if count and len(joints.values) != count:
+            what = f"a position has {len(joints.values)} joint values, another {count}"
+            raise Refused(post, index, what, "give all for one arm")
+        count = len(joints.values)
+    return count
+
+
+def unprintable(pose: Pose) -> str:
+    """Why single precision cannot carry the position; empty when it can. Ends with the remedy."""
+    x, y, z = pose.origin
+    if -_RANGE <= x <= _RANGE and -_RANGE <= y <= _RANGE and -_RANGE <= z <= _RANGE:
+        return ""
+    return f"at ({x:g}, {y:g}, {z:g}) mm is beyond {_RANGE:g} mm, where a V+ real is too coarse; move the origin nearer"
+
+
+def bad_orientation(rotation: FloatArray, scara: tuple[FloatArray, FloatArray] | None) -> str:
+    """Why the arm cannot take work_from_tool. scara: the rotations of base_from_work and flange_from_tool, or None."""
+    if not np.isfinite(rotation).all():
+        return "an orientation is not finite; give another one"
+    if scara is None:
+        return ""
+    base_from_work, flange_from_tool = scara
+    axis = (base_from_work @ rotation @ flange_from_tool.T)[:, 2]
+    tilt = math.atan2(math.hypot(axis[0], axis[1]), -axis[2])
+    if tilt < _UPRIGHT:
+        return ""
+    remedy = "check cell.base_from_work and cell.flange_from_tool, or use a six-axis robot"
+    return f"a SCARA cannot tilt its tool, and this pose is {math.degrees(tilt):.4g} deg from straight down; {remedy}"
+
+
+def yaw_pitch_roll(rotation: FloatArray) -> Vec3:
+    """ZYZ angles (rad) with yaw 0 wherever the pitch will print as 0 or 180 deg: a SCARA wants that very form."""
+    if math.hypot(rotation[0, 2], rotation[1, 2]) >= _UPRIGHT:
+        return zyz(rotation)
+    if rotation[2, 2] > 0:
+        return (0.0, 0.0, math.atan2(rotation[1, 0], rotation[0, 0]))
+    return (0.0, math.pi, math.atan2(rotation[1, 0], rotation[1, 1]))
+
+
+def bad_speed(motion: MoveJ | MoveL, rated: float) -> str:
+    """Why SPEED cannot say the speed; empty when it can. rated: mm/s of a MOVE at 100 %. Ends with the remedy."""
+    if isinstance(motion, MoveL):
+        if motion.speed >= _LEAST_SPEED:
+            return ""
+        return (
+            f"{motion.speed:.4g} mm/s is below {_LEAST_SPEED} mm/s, the least that prints exactly; raise process.feed"
+        )
+    percent = 100 * motion.speed / rated
+    said = f"{motion.speed:.6g} mm/s is {percent:.4g} % of post.rated = {rated:g} mm/s"
+    if percent > 100 + 1e-9:
+        return f"{said}, more than 100 %; lower process.travel or raise post.rated"
+    if percent < _LEAST_SPEED:
+        return (
+            f"{said}, below the least that prints exactly, {_LEAST_SPEED} %; raise process.travel or lower post.rated"
+        )
+    return ""
+
+
+def by_hand(program: Program, force: str, spindle: str, post: str) -> tuple[str, ...]:
+    """Remarks on what an output cannot carry. Refused when it is not one value for the whole program."""
+    remarks = []
+    newtons, rpm = _forces(program), _spins(program)
+    if newtons and force == "ignore":
+        remarks.append(f"the force of the plan, up to {max(newtons):g} N, is left out by force = ignore")
+    elif newtons and force == "signal":
+        remarks.append(f"set {_one_value(newtons, 'N', post)} by hand at the valve of the output named force")
+    if rpm and spindle == "on-off":
+        remarks.append(f"set {_one_value(rpm, 'rpm', post)} by hand at the drive of the output named spindle")
+    return tuple(remarks)
+
+
+def _forces(program: Program) -> dict[float, int]:
+    """Every force (N) of the program and the first instruction that asks for it."""
+    found: dict[float, int] = {}
+    for index, item in enumerate(program.body):
+        if isinstance(item, (Force, MoveL, MoveC)):
+            value = item.newtons if isinstance(item, Force) else item.force
+            if value > 0:
+                found.setdefault(value, index)
+    return found
+
+
+def _spins(program: Program) -> dict[float, int]:
+    """Every spindle speed (rpm) of the program and the first instruction that asks for it."""
+    found: dict[float, int] = {}
+    for index, item in enumerate(program.body):
+        if isinstance(item, Output) and item.signal == "spindle" and item.value > 0:
+            found.setdefault(item.value, index)
+    return found
+
+
+def _one_value(values: Mapping[float, int], unit: str, post: str) -> str:
+    """The only value as text: on and off carry no other. Refused when there are several."""
+    first = next(iter(values))
+    for value, index in values.items():
+        if not math.isclose(value, first, rel_tol=1e-6):
+            what = f"a signal is on or off, and the program asks for {first:g} and {value:g} {unit}"
+            raise Refused(post, index, what, "plan one value for the whole program")
+    return f"{first:g} {unit}"
