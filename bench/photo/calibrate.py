@@ -1,0 +1,148 @@
+"""`camgen calibrate` beside OpenCV's own ways: python -m bench.photo.calibrate [folder of a photo set, board as 9x6]
+
+Photo sets: each way finds the corners of all photos and cv2.calibrateCamera does the rest. OpenCV's best is the way
+with the least error among those that find the board in the most photos. Rendered boards: the corners against the
+truth. Prints tables for docs/benchmarks.md and exits with 1 when a figure misses its goal.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from bench.machine import machine
+from camgen.model.pose import frozen
+from camgen.vision.boards.corners import chessboard, seen
+from camgen.vision.camera.calibrate import calibrate
+from camgen.vision.camera.camera import Camera
+from tests.support.board_photos import chess, photo, poses
+
+SETS = {"opencv-left": (9, 6)}
+#: px; of the focal lengths and of the principal point, each of its own value.
+RMS_GOAL, PART_GOAL = 0.05, 0.005
+CAMERA = Camera(
+    matrix=frozen([[600, 0, 318], [0, 602, 243], [0, 0, 1]]),
+    distortion=frozen([-0.28, 0.1, 0.001, -0.0007, 0.0]),
+    size=(640, 480),
+    name="rendered",
+)
+#: Photos of one kind, and how much of the photo's width or height the board takes.
+KINDS = {
+    "blur 0.7 px, noise 2": ({}, 0.6),
+    "board in a third of the photo": ({}, 0.35),
+    "blur 2 px, noise 5": ({"blur": 2.0, "noise": 5.0}, 0.6),
+    "light falls off by 70 %": ({"shading": 0.7}, 0.6),
+}
+Way = Callable[[np.ndarray, tuple[int, int]], np.ndarray | None]
+
+
+def refined(window: int) -> Way:
+    def way(grey: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
+        found, corners = cv2.findChessboardCorners(grey, board)
+        until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
+        return cv2.cornerSubPix(grey, corners, (window, window), (-1, -1), until) if found else None
+
+    return way
+
+
+def sector_based(flags: int) -> Way:
+    def way(grey: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
+        cv2.setRNGSeed(0)
+        found, corners = cv2.findChessboardCornersSB(grey, board, flags=flags)
+        return corners if found else None
+
+    return way
+
+
+WAYS = {f"cornerSubPix, window {w}": refined(w) for w in (3, 5, 7, 11)} | {
+    "findChessboardCornersSB": sector_based(0),
+    "findChessboardCornersSB, accurate": sector_based(cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE),
+}
+
+
+def by_opencv(greys: list[np.ndarray], board: tuple[int, int], way: Way) -> tuple[int, float, np.ndarray]:
+    """Photos used, rms, and fx, fy, cx, cy."""
+    v, u = np.mgrid[: board[1], : board[0]]
+    places = np.column_stack([u.ravel(), v.ravel(), np.zeros(u.size)]).astype(np.float32)
+    found = [corners for grey in greys if (corners := way(grey, board)) is not None]
+    if len(found) < 3:
+        return len(found), np.inf, np.full(4, np.nan)
+    rms, matrix, *_ = cv2.calibrateCamera([places] * len(found), found, greys[0].shape[::-1], None, None)
+    return len(found), rms, matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
+
+
+def row(name: str, photos: int, rms: float, numbers: np.ndarray, seconds: float) -> str:
+    values = " | ".join(f"{value:.2f}" for value in numbers)
+    return f"| {name} | {photos} | {rms:.4f} | {values} | {seconds:.1f} |"
+
+
+def judged(folder: Path, board: tuple[int, int]) -> bool:
+    """Prints the table of one set; whether it meets the goals."""
+    paths = sorted(
+        path for path in folder.iterdir() if path.suffix.lower() in (".jpg", ".jpeg", ".png", ".tif", ".bmp")
+    )
+    greys = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
+    print(f"\n{folder.name}, {len(paths)} photos, board {board[0]}x{board[1]}\n")
+    print("| way | photos | rms px | fx | fy | cx | cy | s |\n|---|---|---|---|---|---|---|---|")
+    results = []
+    for name, way in WAYS.items():
+        begun = time.perf_counter()
+        results.append(by_opencv(greys, board, way))
+        print(row(name, *results[-1], time.perf_counter() - begun), flush=True)
+    begun = time.perf_counter()
+    own = calibrate(paths, chessboard(*board, 25), "own", lambda _: None)
+    numbers = own.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
+    print(row("**camgen**", len(own.used), own.rms, numbers, time.perf_counter() - begun))
+    most = max(count for count, _, _ in results)
+    _, rms, best = min((one for one in results if one[0] == most), key=lambda one: one[1])
+    part = np.abs(numbers / best - 1)
+    good = own.rms - rms <= RMS_GOAL and part.max() <= PART_GOAL
+    print(
+        f"\nAgainst OpenCV's best: rms {own.rms - rms:+.4f} px; fx, fy, cx, cy off by "
+        f"{', '.join(f'{100 * p:.2f} %' for p in part)}: {'ok' if good else '**missed**'}"
+    )
+    return good
+
+
+def rendered() -> None:
+    """The corners against the truth, rms of the distance in px."""
+    columns, rows = 9, 6
+    print("\nRendered boards of 9x6, 640 x 480 px, 8 photos each: rms of the corners' distance from the truth, px\n")
+    print(f"| photos | {' | '.join(WAYS)} | **camgen** |\n|---|{'---|' * (len(WAYS) + 1)}")
+    for kind, (options, fill) in KINDS.items():
+        errors: dict[str, list[np.ndarray]] = {name: [] for name in (*WAYS, "camgen")}
+        for i, pose in enumerate(poses(CAMERA, (200, 125), 8, seed=7, fill=fill)):
+            view = photo(CAMERA, chess(columns, rows, 25), pose, seed=i, **options)
+            own = seen(view.pixels, chessboard(columns, rows, 25))
+            found = {name: way(view.pixels, (columns, rows)) for name, way in WAYS.items()}
+            for name, corners in (found | {"camgen": own and own.corners}).items():
+                if corners is not None and len(corners) == len(view.corners):
+                    at = corners.reshape(-1, 2)
+                    off = min((at - view.corners, at[::-1] - view.corners), key=lambda e: float(np.abs(e).max()))
+                    errors[name].append(off)
+        cells = [
+            f"{np.sqrt(np.mean(np.sum(np.concatenate(e) ** 2, axis=1))):.3f}" if e else "-" for e in errors.values()
+        ]
+        lost = [f" ({8 - len(e)} not found)" if len(e) < 8 else "" for e in errors.values()]
+        print(f"| {kind} | {' | '.join(c + n for c, n in zip(cells, lost, strict=True))} |", flush=True)
+
+
+def main() -> int:
+    folder = Path(__file__).parents[2].parent / "shared" / "data" / "calib"
+    sets = {folder / name: board for name, board in SETS.items()}
+    if len(sys.argv) > 2:
+        columns, rows = sys.argv[2].split("x")
+        sets = {Path(sys.argv[1]): (int(columns), int(rows))}
+    print(machine())
+    good = [judged(path, board) for path, board in sets.items()]
+    rendered()
+    return 0 if all(good) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,62 @@
+"""The paper's route on a rendered photo: rectified view, mask by threshold, whole pixels; all of it camgen's code."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from bench.render.truth import Truth
+from camgen.model.job import Job
+from camgen.model.job_tables import load as load_job
+from camgen.model.pose import pose_from_values
+from camgen.plan.image_space import image_space
+from camgen.vision.boards.find import find
+from camgen.vision.boards.sheet import sheet
+from camgen.vision.camera.camera import Camera, read_camera
+from camgen.vision.image import Picture, load
+from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
+from camgen.vision.to_scale import rectify
+
+#: mm around the tool's path that the view shows.
+ROOM = 4.0
+
+
+def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray:
+    """Points (N,) complex, mm, 0.1 mm apart at most, of the paths of the integer-pixel route.
+
+    The mask is what Otsu's threshold gives around the part, of both sides the one that the truth says, largest piece:
+    the paper's background model would do no better.
+    """
+    job = load_job(folder / f"{name}.toml")
+    picture = load(folder / photo)
+    camera = read_camera(folder / f"{name}.yaml")
+    plane = _plane(job, picture, camera)
+    x, y = truth.points.real, truth.points.imag
+    view = rectify(picture, camera, plane, (x.min() - ROOM, y.min() - ROOM, x.max() + ROOM, y.max() + ROOM))
+    grey = view.pixels if view.pixels.ndim == 2 else cv2.cvtColor(view.pixels, cv2.COLOR_BGR2GRAY)
+    _, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    # The rim of the view is bench.
+    rim = np.concatenate([mask[2], mask[-3], mask[:, 2], mask[:, -3]])
+    mask = cv2.bitwise_not(mask) if np.median(rim) else mask
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
+    assert count > 1, "no part in the mask"
+    part = np.where(labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA]), 255, 0).astype(np.uint8)
+    paths, _ = image_space(part, view.work_from_view, job, exact=False)
+    return np.concatenate([_dense(path.position[:, 0] + 1j * path.position[:, 1]) for path in paths])
+
+
+def _plane(job: Job, picture: Picture, camera: Camera) -> Plane:
+    asked = job.camera
+    if asked.markers:
+        return find(picture, camera, sheet(asked.markers), height=asked.height)
+    if asked.plane_from:
+        return plane_from_pose(camera, pose_from_values(asked.plane_from))
+    return plane_from_points(camera, asked.points_px, asked.points_mm)
+
+
+def _dense(corners: np.ndarray) -> np.ndarray:
+    return np.concatenate([np.linspace(a, b, math.ceil(abs(b - a) / 0.1) + 1) for a, b in pairwise(corners)])

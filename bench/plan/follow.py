@@ -1,0 +1,169 @@
+"""`follow` on real drawings, judged from the printed text: python -m bench.plan.follow [folder with dxf files]
+
+Every point where the tool works must lie at the tool radius from the drawing, and no point of a path nearer. The
+drawing is flattened by ezdxf, not by camgen's reader; the points come from the text of each post, read back. Prints a
+table for docs/benchmarks.md and exits with 1 when a figure misses its goal.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import ezdxf
+import numpy as np
+import shapely
+from ezdxf.disassemble import recursive_decompose
+from ezdxf.entities import DXFEntity
+
+import camgen
+from bench.machine import machine
+from camgen.model.errors import CamgenError
+from camgen.model.pose import Pose, rotation_about_axis
+from camgen.model.program import Instruction, MoveC, MoveL, Output
+from camgen.post.passes import circle
+from camgen.post.plugins import find_readback
+
+POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
+GOAL = 0.02
+#: Drawings of closed loops only, and a tool that fits most of them, mm.
+DRAWINGS = {
+    "trimesh/1002_tray_bottom.DXF": 2.0,
+    "trimesh/125_cycloidal.DXF": 1.0,
+    "trimesh/LM2.dxf": 3.0,
+    "trimesh/apu-mount.DXF": 2.0,
+    "trimesh/ChuteHolderPrint.DXF": 1.5,
+    "trimesh/insert.dxf": 6.0,
+    "trimesh/spline.DXF": 6.0,
+    "trimesh/sliding-base.dxf": 6.0,
+    "trimesh/uc.r12b.dxf": 0.2,
+    "trimesh/uc.r2013b.dxf": 6.0,
+    "ezdxf/forms.dxf": 6.0,
+    "ezdxf/issue_1359_1.dxf": 6.0,
+    "dxf/issue42.dxf": 2.0,
+    "dxf/issue27c.dxf": 1.0,
+    "dxf/squircle2.dxf": 3.0,
+    "cadquery/gear.dxf": 1.0,
+    "cadquery/MC 12x31.dxf": 6.0,
+    "SofleKeyboard/SofleKeyboardTopPlate_ShapeOnly.dxf": 3.0,
+    "SofleKeyboard/sofle_pico_key_plate_v3.5.5.dxf": 2.0,
+    "SofleKeyboard/OLED_Cover.dxf": 2.0,
+    "redox-keyboard/redox_rev1-brd.dxf": 0.1,
+}
+CURVES = {"LINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "LWPOLYLINE", "POLYLINE", "INSERT"}
+UNITS = {0: 1.0, 1: 25.4, 4: 1.0, 5: 10.0, 6: 1000.0}
+
+
+def drawn_by_ezdxf(file: Path) -> shapely.STRtree:
+    """The drawing in mm as short straight lines, without camgen's reader."""
+    document = ezdxf.readfile(file)
+    scale = UNITS[int(document.header.get("$INSUNITS", 0))]
+    lines = []
+    for whole in document.modelspace():
+        if whole.dxftype() in CURVES:
+            for entity in pieces(whole):
+                points = flattened(entity, 0.0005 / scale) * scale
+                lines += [shapely.LineString(points[k : k + 2]) for k in range(len(points) - 1)]
+    return shapely.STRtree(lines)
+
+
+def pieces(whole: DXFEntity) -> Iterator[DXFEntity]:
+    """Lines, arcs and the like out of blocks and polylines."""
+    for entity in recursive_decompose([whole]):
+        if entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
+            yield from entity.virtual_entities()
+        else:
+            yield entity
+
+
+def flattened(entity: DXFEntity, sagitta: float) -> np.ndarray:
+    """Points on a curve; circles by their own formula, since a path of Bezier curves leaves them by r / 3700."""
+    if entity.dxftype() in ("CIRCLE", "ARC", "ELLIPSE", "SPLINE"):
+        return np.array([(p.x, p.y) for p in entity.flattening(sagitta)])
+    if entity.dxftype() == "LINE":
+        return np.array([(p.x, p.y) for p in (entity.dxf.start, entity.dxf.end)])
+    return np.zeros((0, 2))
+
+
+def working(body: tuple[Instruction, ...]) -> tuple[np.ndarray, np.ndarray, int, float]:
+    """Targets and dense samples of the motions with the process on, their number and their length in m."""
+    on, here = False, np.zeros(3)
+    targets, samples, count, length = [], [], 0, 0.0
+    for item in body:
+        if isinstance(item, Output):
+            on = item.value > 0
+        elif isinstance(item, (MoveL, MoveC)):
+            end = np.array(item.target.origin)
+            if on:
+                points = along(here, item)
+                targets += [points[0], end]
+                samples.append(points)
+                count += 1
+                length += float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()) / 1000
+            here = end
+        elif isinstance(getattr(item, "target", None), Pose):
+            here = np.array(item.target.origin)
+    return np.array(targets)[:, :2], np.concatenate(samples)[:, :2], count, length
+
+
+def along(start: np.ndarray, item: MoveL | MoveC) -> np.ndarray:
+    """Points of a motion, not farther than 0.2 mm apart."""
+    end = np.array(item.target.origin)
+    if isinstance(item, MoveL):
+        count = max(2, int(np.linalg.norm(end - start) / 0.2) + 2)
+        return start + np.linspace(0, 1, count)[:, None] * (end - start)
+    centre, radius, axis, sweep = circle(tuple(start.tolist()), item.via.origin, item.target.origin)
+    axis = np.array(axis)
+    count = max(3, int(radius * sweep / 0.2) + 3)
+    return np.array([centre + rotation_about_axis(axis, a) @ (start - centre) for a in np.linspace(0, sweep, count)])
+
+
+def gaps(points: np.ndarray, tree: shapely.STRtree) -> np.ndarray:
+    index = tree.nearest(shapely.points(points))
+    return shapely.distance(shapely.points(points), tree.geometries[index])
+
+
+def judged(file: Path, diameter: float) -> str:
+    """One row of the table; raises AssertionError where a goal is missed."""
+    tree = drawn_by_ezdxf(file)
+    job = {"tool": {"diameter": diameter}}
+    reference = None
+    errors, inside, counts, apart = [], [], {}, 0.0
+    for post in POSTS:
+        result = camgen.build(file, post=post, job=job)
+        reading = find_readback(post)({f.name: f.text for f in result.files}, {})
+        targets, samples, counts[post], metres = working(reading.body)
+        errors.append(np.abs(gaps(targets, tree) - diameter / 2).max())
+        inside.append((diameter / 2 - gaps(samples, tree)).max())
+        if reference is None:
+            reference = shapely.STRtree([shapely.LineString(samples[k : k + 2]) for k in range(len(samples) - 1)])
+        apart = max(apart, float(gaps(samples, reference).max()))
+    verdict = "ok" if max(*errors, *inside, apart) <= GOAL else "**missed**"
+    return (
+        f"| {file.name} | {diameter:g} | {len(result.tour.paths)} | {max(errors):.4f} | {max(0.0, *inside):.4f} "
+        f"| {apart:.4f} | {counts['rapid'] / metres:.0f} | {counts['vplus'] / metres:.0f} | {verdict} |"
+    )
+
+
+def main() -> int:
+    warnings.simplefilter("ignore")
+    default = Path(__file__).parents[2].parent / "shared" / "data" / "dxf"
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else default
+    print(f"{machine()}\n")
+    print("| drawing | tool mm | paths | working points off mm | nearer than allowed mm | posts apart mm |", end="")
+    print(" arcs: instr./m | chords: instr./m | |\n|---|---|---|---|---|---|---|---|---|")
+    missed = 0
+    for name, diameter in DRAWINGS.items():
+        try:
+            row = judged(folder / name, diameter)
+        except CamgenError as error:
+            row = f"| {name} | {diameter:g} | {error} | **missed** |"
+        missed += "missed" in row
+        print(row, flush=True)
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""Read every drawing of a folder and print a table: file, used, skipped, repaired, verdict.
+
+    python -m bench.read.drawings [FOLDER]
+
+FOLDER holds ``truth.jsonl`` and ``dxf/`` (default: ``shared/data`` beside the repository). The length of all contours
+is compared with the measured one, which counts what is drawn twice twice.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from camgen.model.errors import CamgenError
+from camgen.model.job import Job
+from camgen.model.part import Contour, Part
+from camgen.read import dxf
+from camgen.read.units import INSUNITS, MM
+
+DEFAULT = Path(__file__).parents[3] / "shared" / "data"
+TOLERANCE = 0.005
+KNOWN = {
+    "arrayed-holes.dxf": ": measured without the block array, which holds the outline and 14 holes",
+    "duplicate_handles.dxf": ": measured without 2 of the 111 lines, whose handles are used twice",
+}
+
+
+def length(contour: Contour) -> float:
+    """Arc length, mm: a segment of chord c and bulge b is c (1 + b b) atan(b) / b long."""
+    ends = np.roll(contour.points, -1, axis=0)
+    b = np.abs(contour.bulges)
+    lengths = np.hypot(*(ends - contour.points).T)
+    lengths = lengths * np.where(b > 0, (1 + b * b) * np.arctan(b) / np.where(b > 0, b, 1.0), 1.0)
+    return float(lengths.sum() if contour.closed else lengths[:-1].sum())
+
+
+def verdict(part: Part, truth: dict[str, object]) -> str:
+    total = truth.get("visible_exact") or truth.get("total_exact")
+    if not isinstance(total, int | float) or not total:
+        return "no measured length"
+    code = truth.get("insunits" if truth.get("binary") else "insunits_raw")
+    expected = total * MM[INSUNITS.get(code if isinstance(code, int) else 0, "mm")]
+    found = sum(map(length, part.contours))
+    share = found / expected - 1
+    if abs(share) <= TOLERANCE:
+        return f"ok, {100 * share:+.3f} %"
+    twice = [n.what for n in part.notes if "drawn twice" in n.why]
+    if twice and share < 0:
+        return f"{100 * share:+.2f} %: {'; '.join(twice)} as drawn twice"
+    return f"DIFFERS {100 * share:+.2f} %{KNOWN.get(part.source, '')}"
+
+
+def row(path: Path, truth: dict[str, object]) -> str:
+    start = time.perf_counter()
+    try:
+        part = dxf.read(path, Job())
+    except CamgenError as error:
+        return f"| {path.parent.name}/{path.name} | - | - | - | refused: {error} |"
+    seconds = time.perf_counter() - start
+    closed = sum(c.closed for c in part.contours)
+    used = f"{closed} closed, {len(part.contours) - closed} open, {part.units}, {seconds:.2f} s"
+    notes = {kinds: "; ".join(f"{n.what} ({n.why})" for n in part.notes if n.kind in kinds) or "-" for kinds in (
+        ("skipped",), ("repaired", "joined", "assumed", "warning"))}  # fmt: skip
+    skipped, repaired = notes.values()
+    return f"| {path.parent.name}/{path.name} | {used} | {skipped} | {repaired} | {verdict(part, truth)} |"
+
+
+def main(folder: Path) -> int:
+    measured = {}
+    for line in (folder / "truth.jsonl").read_text().splitlines():
+        entry = json.loads(line)
+        if "file" in entry:
+            measured[entry["file"]] = entry
+    print("| file | used | skipped | repaired, assumed, warned | verdict |\n|---|---|---|---|---|")
+    unexplained = 0
+    for path in sorted((folder / "dxf").rglob("*")):
+        if path.suffix.lower() == ".dxf":
+            line = row(path, measured.get(str(path.relative_to(folder)), {}))
+            unexplained += "DIFFERS" in line and path.name not in KNOWN
+            print(line)
+    return int(unexplained > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT))

@@ -1,0 +1,221 @@
+"""Replay of G-code against LinuxCNC's own interpreter: python -m bench.read.replay FILE_OR_FOLDER...
+
+For every file: how many motions agree and by how much they differ at most, or the reason for which it is refused. The
+judge is ``rs274 -g`` (Debian package linuxcnc-uspace), which prints the canonical calls of a program with 4 decimals of
+the program's unit; half of the last one is what the comparison cannot see.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import math
+import re
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+
+from camgen.model.program import MoveC, MoveJ, MoveL
+from camgen.read.gcode.interpreter import Run, interpret
+
+_CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
+_NUMBER = re.compile(r"-?\d+\.?\d*")
+_PLANES = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}
+#: mm between replay and judge, on top of what the judge's print hides.
+WITHIN = 0.001
+Point = tuple[float, float, float]
+
+
+@dataclass
+class Judge:
+    """moves: kind, end, and of an arc its centre in its plane, its axes and turns; absolute, mm. feeds: mm/min.
+    hidden: mm that the print may hide.
+    """
+
+    moves: list[tuple[str, Point, tuple[float, float], tuple[int, int, int], int]] = field(default_factory=list)
+    feeds: list[float] = field(default_factory=list)
+    error: str = ""
+    hidden: float = 0.0
+    shifted: bool = False
+
+
+def judged(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n", timeout: float = 20.0) -> Judge:
+    """What rs274 makes of ``text``."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in (("in.ngc", text), ("tool.tbl", tools), ("my.var", "")):
+            Path(folder, name).write_text(content, encoding="latin-1")
+        command = ["rs274", "-g", "-v", "my.var", "-t", "tool.tbl", "in.ngc", "out"]
+        try:
+            # Two at once share memory by a fixed key and fail now and then.
+            with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
+                fcntl.flock(alone, fcntl.LOCK_EX)
+                done = subprocess.run(command, cwd=folder, capture_output=True, timeout=timeout, check=False)
+        except subprocess.TimeoutExpired:
+            return Judge(error="rs274 does not end")
+        out = Path(folder, "out")
+        printed = out.read_text(encoding="latin-1") if out.is_file() else ""
+    error = "" if done.returncode == 0 else done.stderr.decode("latin-1").replace("executing\n", "").strip()
+    return _canon(printed, error or ("rs274 failed" if done.returncode else ""))
+
+
+def _canon(printed: str, error: str) -> Judge:
+    judge = Judge(error=error)
+    unit, axes, feed, work, shift = 1.0, (0, 1, 2), 0.0, [0.0] * 3, [0.0] * 3
+    for match in filter(None, map(_CALL.match, printed.splitlines())):
+        name, arguments = match.groups()
+        if name == "USE_LENGTH_UNITS":
+            unit = 25.4 if "INCH" in arguments else 1.0
+        elif name == "SELECT_PLANE":
+            axes = _PLANES[arguments[-2:]]
+        elif name in ("SET_G5X_OFFSET", "SET_G92_OFFSET"):
+            v = [float(n) * unit for n in _NUMBER.findall(arguments)]
+            if name == "SET_G5X_OFFSET":
+                work = v[1:4]
+            else:
+                shift = v[:3]
+            judge.shifted = judge.shifted or any(work) or any(shift)
+        elif name == "SET_FEED_RATE":
+            feed = float(_NUMBER.findall(arguments)[0]) * unit
+        elif name in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED"):
+            v = [float(n) * unit for n in _NUMBER.findall(arguments)]
+            centre, turns, end = (0.0, 0.0), 0, v[:3]
+            if name == "ARC_FEED":
+                end = [0.0] * 3
+                end[axes[0]], end[axes[1]], end[axes[2]] = v[0], v[1], v[5]
+                centre = (v[2] + work[axes[0]] + shift[axes[0]], v[3] + work[axes[1]] + shift[axes[1]])
+                turns = round(v[4] / unit)
+            x, y, z = (a + b + c for a, b, c in zip(end, work, shift, strict=True))
+            judge.moves.append((name, (x, y, z), centre, axes, turns))
+            judge.feeds.append(feed)
+            judge.hidden = max(judge.hidden, 0.5e-4 * unit)
+    return judge
+
+
+@dataclass(frozen=True)
+class Found:
+    """deviation: mm, the largest. moves: of the judge, compared. fault: what differs, empty where nothing does."""
+
+    moves: int
+    deviation: float
+    fault: str
+
+
+def against(run: Run, judge: Judge) -> Found:
+    """Every motion of the replay against the judge's. An arc must pass through its points in its sense."""
+    mine = [item for item in run.body if isinstance(item, (MoveJ, MoveL, MoveC))]
+    theirs = judge.moves[run.held :]
+    extra = run.entry or _starts_with_feed(mine, theirs)
+    begin = mine[0].target.origin if extra and mine and not judge.shifted else (math.inf,) * 3
+    mine = [item for k, item in enumerate(mine) if k == 0 or _goes(item, mine[k - 1].target.origin)]
+    before = [begin, *(end for _, end, *_ in theirs)]
+    theirs = [move for move, start in zip(theirs, before, strict=False) if _leaves(move, start)]
+    ends = [item.target.origin for item in mine]
+    k, worst = (1 if extra else 0), 0.0
+    offset = (0.0, 0.0, 0.0)
+    if judge.shifted and theirs and len(ends) > k and theirs[0][0] != "ARC_FEED":
+        offset = tuple(b - a for a, b in zip(ends[k], theirs[0][1], strict=True))
+    here = tuple(a + b for a, b in zip(ends[0], offset, strict=True)) if ends else (0.0, 0.0, 0.0)
+    for number, (kind, end, centre, axes, turns) in enumerate(theirs):
+        if k >= len(mine):
+            return Found(number, worst, f"ends after {number} of {len(theirs)} motions")
+        if kind != "ARC_FEED":
+            if isinstance(mine[k], MoveJ) != (kind == "STRAIGHT_TRAVERSE") or isinstance(mine[k], MoveC):
+                return Found(number, worst, f"motion {number + 1} is {kind} and became {type(mine[k]).__name__}")
+            at = _moved(ends[k], offset)
+            worst, k = max(worst, math.dist(at, end)), k + 1
+        else:
+            k, at, off = _arc(mine, k, here, end, (centre, axes, turns), offset)
+            worst = max(worst, off)
+        if worst > 2 * WITHIN + 4 * judge.hidden:
+            return Found(number, worst, f"motion {number + 1} ({kind}) is off by {worst:.4f} mm")
+        here = end
+    rest = len(mine) - k
+    return Found(len(theirs), worst, f"{rest} motions more than the judge" if rest and not judge.error else "")
+
+
+def _goes(item: MoveJ | MoveL | MoveC, start: Point) -> bool:
+    """Whether a motion is one: LinuxCNC writes down those to where the tool is as well."""
+    return isinstance(item, MoveC) or math.dist(item.target.origin, start) > 1e-5
+
+
+def _leaves(move: tuple, start: Point) -> bool:
+    return move[0] == "ARC_FEED" or math.dist(move[1], start) > 1e-5
+
+
+def _starts_with_feed(mine: list, theirs: list) -> bool:
+    return bool(theirs) and bool(mine) and theirs[0][0] != "STRAIGHT_TRAVERSE"
+
+
+def _moved(point: Point, offset: Point) -> Point:
+    return (point[0] + offset[0], point[1] + offset[1], point[2] + offset[2])
+
+
+def _arc(mine: list, k: int, here: Point, end: Point, arc: tuple, offset: Point) -> tuple[int, Point, float]:
+    """The pieces of one arc: their place after it, where they end, and how far they are off it at most (mm)."""
+    (a, b), (first, second, normal), turns = arc
+    sense = 1 if turns > 0 else -1
+    begin = math.atan2(here[second] - b, here[first] - a)
+    whole = (sense * (math.atan2(end[second] - b, end[first] - a) - begin)) % math.tau
+    if whole < 1e-5:
+        whole += math.tau
+    if math.tau - whole < 1e-6 and math.dist(here, end) < 1e-4:
+        whole = math.tau
+    whole += (abs(turns) - 1) * math.tau
+    r0, r1 = math.hypot(here[first] - a, here[second] - b), math.hypot(end[first] - a, end[second] - b)
+    done, worst, last = 0.0, 0.0, here
+    while k < len(mine) and done < whole - max(5e-3 / max(r0, r1), 1e-4):
+        item = mine[k]
+        if isinstance(item, MoveJ):
+            return k, last, math.inf
+        for pose in [item.via, item.target] if isinstance(item, MoveC) else [item.target]:
+            point = _moved(pose.origin, offset)
+            step = math.atan2(point[second] - b, point[first] - a) - math.atan2(last[second] - b, last[first] - a)
+            done += (sense * step) % math.tau
+            radius = r0 + (r1 - r0) * min(done / whole, 1.0)
+            rise = here[normal] + (end[normal] - here[normal]) * done / whole
+            off = abs(math.hypot(point[first] - a, point[second] - b) - radius)
+            worst, last = max(worst, off, abs(point[normal] - rise)), point
+        k += 1
+    return k, last, max(worst, math.dist(last, end))
+
+
+def row(path: Path) -> tuple[str, str]:
+    """What became of one file: a kind and a sentence."""
+    text = path.read_text(encoding="latin-1").replace("\r\n", "\n")
+    begin = perf_counter()
+    run = interpret(text.split("\n"))
+    seconds = perf_counter() - begin
+    judge = judged(text)
+    theirs = judge.error.splitlines()[0][:70] if judge.error else ""
+    if run.stopped:
+        line, why = run.stopped
+        return ("refused both" if theirs else "refused"), f"line {line}: {why}" + (
+            f" | rs274: {theirs}" if theirs else ""
+        )
+    found = against(run, judge)
+    told = f"{found.moves} motions, largest difference {found.deviation:.4f} mm, {seconds:.2f} s"
+    if theirs and "percent" not in theirs:
+        return "accepted alone", f"{told} | rs274: {theirs}"
+    if found.fault:
+        return "DIFFERS", found.fault
+    return "equal" if found.moves else "no motion", told
+
+
+def main() -> None:
+    """The table, and how often each kind came."""
+    paths = [Path(name) for name in sys.argv[1:]]
+    files = [f for p in paths for f in (sorted(p.rglob("*")) if p.is_dir() else [p])]
+    counts: dict[str, int] = {}
+    for file in files:
+        if file.suffix.lower() not in (".ngc", ".nc", ".gcode", ".tap") or not file.is_file():
+            continue
+        kind, told = row(file)
+        counts[kind] = counts.get(kind, 0) + 1
+        print(f"{kind:14} {file.name}: {told}", flush=True)
+    print(", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+"""What is printed on paper, as layers for the renderer: sheets of ArUco markers and chessboards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from bench.render.scene import Layer
+from bench.render.shapes import Loop, box
+
+PAPER, INK = 0.86, 0.05
+
+
+def markers(
+    page: tuple[float, float, float, float], ids: Sequence[int], corners: np.ndarray, dictionary: str, z: float = 0.0
+) -> tuple[Layer, Layer]:
+    """Paper and ink. page: its rectangle (x and y from, x and y to), mm. corners: (N, 4, 2), mm, upper left, upper
+    right, lower right, lower left of each marker. dictionary: OpenCV's name, e.g. "4X4_50".
+    """
+    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    side = known.markerSize + 2
+    ink: list[Loop] = []
+    for number, square in zip(ids, corners[..., 0] + 1j * corners[..., 1], strict=True):
+        upper_left, right, down = square[0], square[1] - square[0], square[3] - square[0]
+        black = cv2.aruco.generateImageMarker(known, int(number), side) < 128
+        for row, line in enumerate(black):
+            # One rectangle for modules side by side.
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], line, [0]]))).reshape(-1, 2)
+            for begin, end in edges.tolist():
+                at = np.array([begin + 1j * (row + 1), end + 1j * (row + 1), end + 1j * row, begin + 1j * row]) / side
+                ink.append(Loop(upper_left + at.real * right + at.imag * down, np.zeros(4)))
+    return Layer((box(*page),), PAPER, z=z), Layer(tuple(ink), INK, z=z)
+
+
+def chessboard(columns: int, rows: int, square: float) -> tuple[tuple[Layer, Layer], np.ndarray]:
+    """Paper and ink of a board of ``columns`` x ``rows`` inner corners, and those corners (N,) complex, mm.
+
+    The origin is the lowest left inner corner. A rim of one square is white.
+    """
+    ink = [
+        box(i * square, j * square, (i + 1) * square, (j + 1) * square)
+        for i in range(-1, columns)
+        for j in range(-1, rows)
+        if (i + j) % 2 == 0
+    ]
+    paper = box(-2 * square, -2 * square, (columns + 1) * square, (rows + 1) * square)
+    y, x = np.mgrid[:rows, :columns]
+    return (Layer((paper,), PAPER), Layer(tuple(ink), INK)), ((x + 1j * y) * square).ravel()

@@ -1,0 +1,218 @@
+"""Where things are in a rendered photo, and how much of each pixel they cover.
+
+Coverage is the integral of a layer's area, weighted with the pixel's own square blurred by a Gaussian. That integral
+over the area is turned into one along its outline (Green's theorem), which is sampled densely, drawn through the lens
+by formula and summed up pixel by pixel. So coverage and blur are exact, there is no grid of sub-pixels, and no inverse
+of the lens.
+
+    share(p) = - sum over the outline of  S(u - p_u) k(v - p_v) dv,   k = box of 1 px * Gaussian,  S' = k
+
+The minus: outlines have material on their left seen from above, and v runs against y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from bench.render.shapes import Loop, Pieces, pieces
+
+#: The blur is cut off here, in sigmas: 6e-7 of an edge is lost.
+_TAIL = 5.0
+#: Outline points that are summed up at a time.
+_CHUNK = 20_000
+#: Nodes and weights of Gauss' quadrature from 0 to 1.
+_NODES, _WEIGHTS = (np.polynomial.legendre.leggauss(4)[0] + 1) / 2, np.polynomial.legendre.leggauss(4)[1] / 2
+#: A derivative is the imaginary part of what a step makes that is too small to be rounded: exact to the last digit.
+_STEP = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """A pin-hole camera with k1 k2 p1 p2 k3. matrix: (3, 3), px. size: width and height, px."""
+
+    matrix: np.ndarray
+    distortion: tuple[float, float, float, float, float]
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """How the photo is taken.
+
+    rotation, origin: camera_from_work, z forward, mm. blur: sigma, px, without the pixel's own square. gradient: change
+    of light from left to right and from above to below, as a part of that in the middle; vignetting: loss in the
+    corners. read: noise in 1/255 of white; shot: variance that each 1/255 of light adds, in squares of it.
+    coding: "linear" or "srgb".
+    """
+
+    lens: Lens
+    rotation: np.ndarray
+    origin: np.ndarray
+    blur: float = 0.7
+    exposure: float = 1.0
+    gradient: tuple[float, float] = (0.0, 0.0)
+    vignetting: float = 0.0
+    read: float = 0.0
+    shot: float = 0.0
+    coding: str = "linear"
+    seed: int = 0
+
+
+# -- where things are
+
+
+def looking(
+    lens: Lens, at: complex, pixel: complex, scale: float, tilt: float, about: float, turn: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """camera_from_work (rotation, origin) with ``at`` (mm) in ``pixel`` (before distortion).
+
+    scale: mm of a pixel at that depth. tilt: between optical axis and bench normal, deg, about an axis in the photo
+    at ``about`` deg. turn: of the camera, deg.
+    """
+    a, lean, roll = np.radians([about, tilt, turn])
+    axis = np.array([np.cos(a), np.sin(a), 0.0])
+    cross = np.cross(np.eye(3), -axis)
+    tilted = np.eye(3) + np.sin(lean) * cross + (1 - np.cos(lean)) * cross @ cross
+    turned = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]])
+    rotation = tilted @ np.diag([1.0, -1.0, -1.0]) @ turned
+    ray = np.linalg.solve(lens.matrix, [pixel.real, pixel.imag, 1.0])
+    place = rotation @ [at.real, at.imag, 0.0]
+    return rotation, ray * scale * lens.matrix[0, 0] - place
+
+
+def bent(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rays a, b (at distance 1) as the lens shows them: radial and tangential distortion (Brown). Complex ones too."""
+    k1, k2, p1, p2, k3 = lens.distortion
+    r = a * a + b * b
+    radial = 1 + r * (k1 + r * (k2 + r * k3))
+    return a * radial + 2 * p1 * a * b + p2 * (r + 2 * a * a), b * radial + p1 * (r + 2 * b * b) + 2 * p2 * a * b
+
+
+def straight(lens: Lens, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The inverse of ``bent``: Newton's method until nothing moves any more."""
+    x, y = a.copy(), b.copy()
+    for _ in range(30):
+        fx, fy = bent(lens, x, y)
+        (xx, yx), (xy, yy) = (bent(lens, x + 1j * _STEP, y + 0j), bent(lens, x + 0j, y + 1j * _STEP))
+        xx, yx, xy, yy = (v.imag / _STEP for v in (xx, yx, xy, yy))
+        gone_x, gone_y = a - fx, b - fy
+        det = xx * yy - xy * yx
+        step_x, step_y = (yy * gone_x - xy * gone_y) / det, (xx * gone_y - yx * gone_x) / det
+        x, y = x + step_x, y + step_y
+        if max(np.abs(step_x).max(), np.abs(step_y).max()) < 1e-15:
+            break
+    return x, y
+
+
+def photo_from_work(shot: Shot, x: np.ndarray, y: np.ndarray, z: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels u, v of places in mm. Complex places carry a derivative along."""
+    r, t = shot.rotation, shot.origin
+    depth = r[2, 0] * x + r[2, 1] * y + (r[2, 2] * z + t[2])
+    a = (r[0, 0] * x + r[0, 1] * y + (r[0, 2] * z + t[0])) / depth
+    b = (r[1, 0] * x + r[1, 1] * y + (r[1, 2] * z + t[1])) / depth
+    a, b = bent(shot.lens, a, b)
+    (fx, skew, cu), (_, fy, cv) = shot.lens.matrix[:2].tolist()
+    return fx * a + skew * b + cu, fy * b + cv
+
+
+def work_from_photo(shot: Shot, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places x, y (mm, z = 0) of pixels: the inverse of ``photo_from_work``."""
+    (fx, skew, cu), (_, fy, cv) = shot.lens.matrix[:2].tolist()
+    b = (v - cv) / fy
+    a, b = straight(shot.lens, (u - cu - skew * b) / fx, b)
+    back = np.linalg.inv(np.column_stack([shot.rotation[:, :2], shot.origin]))
+    x, y, w = (row[0] * a + row[1] * b + row[2] for row in back)
+    return x / w, y / w
+
+
+def mm_per_px(shot: Shot, at: complex) -> float:
+    """The size of a pixel at a place of the work plane: the root of its area."""
+    x, y = np.array([at.real + 1j * _STEP, at.real]), np.array([at.imag, at.imag + 1j * _STEP])
+    u, v = photo_from_work(shot, x, y)
+    return float(abs(np.linalg.det(np.array([u.imag, v.imag]) / _STEP)) ** -0.5)
+
+
+# -- how much of a pixel a layer covers
+
+
+def share(loops: Sequence[Loop], shot: Shot, z: float = 0.0, finer: int = 1) -> tuple[tuple[slice, slice], np.ndarray]:
+    """Rows and columns of the photo, and how much of each pixel there (H, W) the loops cover, 0 to 1.
+
+    Outside of them it is 0. finer: so many times as many points along the outlines, to see that there are enough.
+    """
+    u, v, dv = _outline(loops, shot, z, finer)
+    reach = 0.5 + _TAIL * shot.blur
+    left, right = math.floor(u.min() - reach) - 1, math.ceil(u.max() + reach) + 2
+    top, bottom = math.floor(v.min() - reach) - 1, math.ceil(v.max() + reach) + 2
+    width, height = shot.lens.size
+    # What is left of the photo still counts within it, since sums run from left to right.
+    total = np.zeros((bottom - top + 1) * (right - left + 1))
+    for k in range(0, len(u), _CHUNK):
+        here = slice(k, k + _CHUNK)
+        _add(total, right - left + 1, u[here] - left, v[here] - top, dv[here], shot.blur)
+    covered = total.reshape(bottom - top + 1, -1).cumsum(axis=1)
+    rows, columns = slice(max(top, 0), min(bottom + 1, height)), slice(max(left, 0), min(right + 1, width))
+    if rows.start >= rows.stop or columns.start >= columns.stop:
+        return (slice(0, 0), slice(0, 0)), np.zeros((0, 0))
+    return (rows, columns), covered[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+
+
+def _outline(loops: Sequence[Loop], shot: Shot, z: float, finer: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points along the outlines in the photo, px, and the share of each in the integral over dv."""
+    all_pieces = pieces(loops)
+    count = len(all_pieces.start)
+    probe = np.repeat(np.arange(count), 5)
+    _, _, du, dv = _seen(all_pieces, probe, np.tile(np.linspace(0, 1, 5), count), shot, z)
+    # Elements as long as the blur is wide, a pixel at most: with four nodes each the sum is exact to 1e-6.
+    most = np.hypot(du, dv).reshape(-1, 5).max(axis=1)
+    elements = np.ceil(1.1 * finer * most / min(1.0, shot.blur)).astype(int).clip(1)
+    which = np.repeat(np.arange(count), elements)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(elements) - elements, elements)
+    t = (number[:, None] + _NODES) / elements[which][:, None]
+    u, v, _, dv = _seen(all_pieces, np.repeat(which, len(_NODES)), t.ravel(), shot, z)
+    return u, v, dv * (_WEIGHTS / elements[which][:, None]).ravel()
+
+
+def _seen(
+    what: Pieces, which: np.ndarray, t: np.ndarray, shot: Shot, z: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels u, v of places on the pieces, and their derivatives by t."""
+    place, rate = what.at(which, t)
+    u, v = photo_from_work(shot, place.real + 1j * _STEP * rate.real, place.imag + 1j * _STEP * rate.imag, z)
+    return u.real, v.real, u.imag / _STEP, v.imag / _STEP
+
+
+def _add(total: np.ndarray, width: int, u: np.ndarray, v: np.ndarray, dv: np.ndarray, blur: float) -> None:
+    """Adds what each point contributes to the change from one pixel to the next in its row."""
+    reach = 0.5 + _TAIL * blur
+    first_u, first_v = np.ceil(u - reach).astype(np.int64), np.ceil(v - reach).astype(np.int64)
+    across = np.arange(-1, math.ceil(2 * reach) + 2)
+    down = np.arange(math.ceil(2 * reach) + 1)
+    at, below, beside = _kernel(blur)
+    summed = np.interp((u - first_u)[:, None] - across, at, below)
+    weight = summed[:, :-1] - summed[:, 1:]
+    rows = np.interp((v - first_v)[:, None] - down, at, beside) * dv[:, None]
+    pixel = ((first_v[:, None] + down) * width)[:, :, None] + (first_u[:, None] + across[1:])[:, None, :]
+    np.add.at(total, pixel.ravel(), (rows[:, :, None] * weight[:, None, :]).ravel())
+
+
+@lru_cache(maxsize=8)
+def _kernel(blur: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A table over distance, px: S (0 to 1) and k of the text above."""
+    reach = 0.5 + _TAIL * blur + 3
+    at = np.linspace(-reach, reach, 2 * round(reach * 1024) + 1)
+
+    def whole(t: float) -> float:
+        return 0.5 * (1 + math.erf(t / blur / math.sqrt(2)))
+
+    def twice(t: float) -> float:
+        return t * whole(t) + blur * math.exp(-((t / blur) ** 2) / 2) / math.sqrt(2 * math.pi)
+
+    below = np.array([twice(t + 0.5) - twice(t - 0.5) for t in at.tolist()])
+    beside = np.array([whole(t + 0.5) - whole(t - 0.5) for t in at.tolist()])
+    return at, below, beside

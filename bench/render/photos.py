@@ -1,0 +1,198 @@
+"""A set of rendered photos with their job files and their truth, drawn at random from a number."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.render.board import chessboard, markers
+from bench.render.optics import Lens, Shot, looking, mm_per_px, photo_from_work
+from bench.render.parts import NAMED, random_part
+from bench.render.scene import Layer, Scene, render, written
+from bench.render.shapes import Loop
+from camgen.vision.boards.sheet import DICTIONARY, Sheet, sheet
+
+#: The camera of the paper: 3840 x 2748 px of 1.67 um behind 8.5 mm; and the same view with a tenth of the pixels.
+SIZES = {10: (3840, 2748), 1: (1200, 859)}
+FOCAL, SCALE = 8.5 / 0.00167, 0.143
+INCH = 25.4
+WAYS = ("pairs", "markers", "pose")
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """One photo to be made. way: how the job tells the work plane. tool: diameter, mm. height: of the part's top above
+    the markers, mm. empty: with a photo of the empty bench, which the job uses. suffix: of the file.
+    """
+
+    name: str
+    loops: tuple[Loop, ...]
+    scene: Scene
+    shot: Shot
+    way: str
+    tool: float
+    tilt: float
+    height: float = 0.0
+    empty: bool = False
+    suffix: str = ".png"
+
+
+def photos(count: int, megapixels: int) -> list[Photo]:
+    """``count`` photos of one camera: the named parts first, then random ones; the work plane by each way in turn."""
+    return [_photo(k, megapixels) for k in range(count)]
+
+
+def hard() -> list[Photo]:
+    """Large photos that depart from the others in one thing: sRGB coding; colour and JPEG; little light; a part that
+    is little darker than a bench with strong grain, with a photo of the empty bench.
+    """
+    srgb, jpeg, dim, faint = (_photo(k, 10) for k in (6, 8, 10, 12))
+    blue = replace(jpeg.scene.layers[-1], colour=(0.35, 0.2, 0.1))
+    colours = replace(jpeg.scene, bench=(0.30, 0.52, 0.62), layers=(*jpeg.scene.layers[:-1], blue))
+    return [
+        replace(srgb, name="srgb", shot=replace(srgb.shot, coding="srgb")),
+        replace(jpeg, name="jpeg", scene=colours, suffix=".jpg"),
+        replace(dim, name="dim", shot=replace(dim.shot, exposure=0.25, gradient=(0.5, 0.2))),
+        replace(faint, name="faint", scene=Scene(0.6, (Layer(faint.loops, 0.42, 0.02),), 0.05), empty=True),
+    ]
+
+
+def _photo(k: int, megapixels: int) -> Photo:
+    rng = np.random.default_rng([k, megapixels])
+    name = list(NAMED)[k] if k < len(NAMED) else f"random{k}"
+    loops = NAMED[name]() if k < len(NAMED) else random_part(k)
+    way = WAYS[k % len(WAYS)]
+    lens = _lens(megapixels, rng)
+    height = float(rng.choice([0.0, 1.5])) if way == "markers" else 0.0
+    paper = sheet("A4")
+    middle = complex(*paper.free) / 2 if way == "markers" else complex(*rng.uniform(20, 200, 2))
+    turn = rng.uniform(0, 2 * np.pi)
+    part = tuple(loop.moved(turn, middle) for loop in loops)
+    room = np.array(lens.size) * ((0.12, 0.1) if way == "markers" else (0.3, 0.25))
+    pixel = complex(*(np.array(lens.size) / 2 + rng.uniform(-1, 1, 2) * room))
+    tilt = 18 * rng.uniform() ** 0.5
+    about, roll = rng.uniform((0, -180), (360, 180))
+    rotation, origin = looking(lens, middle, pixel, SCALE * SIZES[10][0] / lens.size[0], tilt, about, roll)
+    shot = Shot(
+        lens, rotation, origin, blur=0.7, exposure=0.85, gradient=tuple(rng.uniform(-0.3, 0.3, 2)),
+        vignetting=rng.uniform(0, 0.2), read=1.6, shot=0.01, seed=k,
+    )  # fmt: skip
+    scene = _scene(part, paper if way == "markers" else None, height, rng)
+    tool = 3 / 8 * INCH if name == "paper" else 6.0
+    return Photo(f"{name}-{megapixels}mp", part, scene, shot, way, tool, tilt, height)
+
+
+def _lens(megapixels: int, rng: np.random.Generator) -> Lens:
+    width, height = SIZES[megapixels]
+    focal = FOCAL * width / SIZES[10][0]
+    cu, cv = np.array([width - 1, height - 1]) / 2 + rng.uniform(-0.01, 0.01, 2) * width
+    matrix = np.array([[focal, 0, cu], [0, focal * rng.uniform(0.998, 1.002), cv], [0, 0, 1]])
+    k1, k2, k3 = rng.uniform((-0.16, 0.0, -0.05), (0.06, 0.12, 0.05))
+    p1, p2 = rng.uniform(-1e-3, 1e-3, 2)
+    return Lens(matrix, (k1, k2, p1, p2, k3), (width, height))
+
+
+def _scene(part: tuple[Loop, ...], paper: Sheet | None, height: float, rng: np.random.Generator) -> Scene:
+    """A dark part on a light bench or the reverse; on a sheet of white paper always a dark one."""
+    dark, light = rng.uniform(0.12, 0.3), rng.uniform(0.6, 0.8)
+    turned = paper is None and rng.random() < 0.5
+    top = Layer(part, light if turned else dark, texture=0.02)
+    if paper is None:
+        return Scene(dark if turned else light, (top,), texture=0.02, grain_seed=1)
+    x, y = paper.origin
+    page = (-x, -y, paper.page[0] - x, paper.page[1] - y)
+    return Scene(0.45, (*markers(page, paper.ids, paper.corners, DICTIONARY, -height), top), texture=0.02, grain_seed=1)
+
+
+# -- files
+
+
+def write(folder: Path, photo: Photo) -> None:
+    """NAME.png, its job NAME.toml, its camera NAME.yaml, the truth NAME.json; of the empty bench NAME-empty.png."""
+    written(folder / f"{photo.name}{photo.suffix}", render(photo.scene, photo.shot))
+    if photo.empty:
+        # A little less light than with the part.
+        bench = replace(photo.scene, layers=photo.scene.layers[:-1])
+        other = replace(photo.shot, seed=photo.shot.seed + 1000, exposure=photo.shot.exposure * 0.95)
+        written(folder / f"{photo.name}-empty{photo.suffix}", render(bench, other))
+    (folder / f"{photo.name}.yaml").write_text(camera_info(photo.shot.lens))
+    (folder / f"{photo.name}.toml").write_text(_job(photo))
+    loops = [
+        {"points": [[z.real, z.imag] for z in loop.points.tolist()], "bulges": loop.bulges.tolist()}
+        for loop in photo.loops
+    ]
+    middle = complex(photo.loops[0].points.mean())
+    truth = {
+        "file": f"{photo.name}{photo.suffix}", "tilt": photo.tilt, "way": photo.way, "tool": photo.tool,
+        "mm_per_px": mm_per_px(photo.shot, middle), "loops": loops,
+    }  # fmt: skip
+    (folder / f"{photo.name}.json").write_text(json.dumps(truth, indent=1))
+
+
+def camera_info(lens: Lens) -> str:
+    """The lens as ROS' camera_info."""
+    width, height = lens.size
+    values = {"camera_matrix": (3, 3, lens.matrix.ravel().tolist()), "distortion_coefficients": (1, 5, lens.distortion)}
+    lines = [f"image_width: {width}", f"image_height: {height}", "camera_name: rendered", "distortion_model: plumb_bob"]
+    for key, (rows, columns, data) in values.items():
+        numbers = ", ".join(repr(float(value)) for value in data)
+        lines += [f"{key}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{numbers}]"]
+    return "\n".join(lines) + "\n"
+
+
+def _job(photo: Photo) -> str:
+    lines = ["[camera]", f'file = "{photo.name}.yaml"', *_plane(photo)]
+    if photo.empty:
+        lines += ["[image]", 'mask = "background"', f'background = "{photo.name}-empty{photo.suffix}"']
+    lines += ["[tool]", f"diameter = {photo.tool!r}", "[process]", "feed = 5.0", "force = 2.0"]
+    return "\n".join([*lines, "[post]", 'force = "template"', ""])
+
+
+def _plane(photo: Photo) -> list[str]:
+    shot = photo.shot
+    if photo.way == "markers":
+        return ['markers = "A4"', f"height = {photo.height!r}"]
+    if photo.way == "pose":
+        r = shot.rotation
+        angles = np.arctan2(r[2, 1], r[2, 2]), -np.arcsin(r[2, 0]), np.arctan2(r[1, 0], r[0, 0])
+        return [f"plane_from = {[*shot.origin.tolist(), *np.degrees(angles).tolist()]}"]
+    middle = photo.loops[0].points.mean()
+    grid = middle + np.array([x + 1j * y for x in (-70, 0, 70) for y in (-60, 60)])
+    u, v = photo_from_work(shot, grid.real, grid.imag)
+    # As exact as a user could take them from a pattern on the bench: a thousandth of a pixel.
+    px = np.column_stack([u, v]).round(3).tolist()
+    return [f"points_px = {px}", f"points_mm = {np.column_stack([grid.real, grid.imag]).tolist()}"]
+
+
+def write_calibration(folder: Path, megapixels: int, count: int = 15) -> None:
+    """board00.png ... of a chessboard of 9 x 6 corners, 25 mm, seen from all sides; board.json with its corners (px)
+    and the lens.
+    """
+    rng = np.random.default_rng(megapixels)
+    lens = _lens(megapixels, rng)
+    layers, corners = chessboard(9, 6, 25.0)
+    truth = []
+    for k in range(count):
+        shot = _board_shot(lens, corners, rng, k)
+        written(folder / f"board{k:02d}.png", render(Scene(0.35, layers, texture=0.02), shot))
+        truth.append(np.column_stack(photo_from_work(shot, corners.real, corners.imag)).tolist())
+    lens_truth = {"matrix": lens.matrix.tolist(), "distortion": list(lens.distortion)}
+    (folder / "board.json").write_text(json.dumps({"lens": lens_truth, "corners": truth}))
+
+
+def _board_shot(lens: Lens, corners: np.ndarray, rng: np.random.Generator, seed: int) -> Shot:
+    """A view of the board that shows all of its squares: drawn again until it does."""
+    size = np.array(lens.size)
+    while True:
+        scale = rng.uniform(0.08, 0.13) * SIZES[10][0] / lens.size[0]
+        pixel = complex(*(size * rng.uniform(0.25, 0.75, 2)))
+        angles = rng.uniform((5, 0, -25), (38, 360, 25))
+        pose = looking(lens, corners.mean(), pixel, scale, *angles)
+        shot = Shot(lens, *pose, exposure=0.9, gradient=(0.2, -0.1), vignetting=0.1, read=1.6, shot=0.01, seed=seed)
+        around = corners.mean() + 1.35 * (corners - corners.mean())
+        px = np.column_stack(photo_from_work(shot, around.real, around.imag))
+        if np.all((px > 0) & (px < size)):
+            return shot

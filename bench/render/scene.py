@@ -1,0 +1,121 @@
+"""Photos of flat things whose truth is known: an independent judge of the vision part, with no code of camgen in it.
+
+A photo is a sum over its layers (bench, paper, ink, part; the later ones above), each seen by its share of a pixel
+(render_optics.py); then light, grain, noise and coding. The grain is not blurred: it is smooth from the start.
+
+All things are flat. Walls of a thick part are not drawn; a layer may lie lower than the work plane by its z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from bench.render.optics import Shot, share, work_from_photo
+from bench.render.shapes import Loop
+
+#: Grey or blue, green, red: the part of the light that comes back, 0 to 1.
+Colour = float | tuple[float, float, float]
+
+#: Grain repeats after so many cells of so many mm; the lens is inverted at every so many pixels for it.
+_TILE, _CELL, _GRID = 2048, 0.1, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Things of one colour, mm. texture: relative strength of its grain. z: above the work plane."""
+
+    loops: tuple[Loop, ...]
+    colour: Colour
+    texture: float = 0.0
+    z: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A bench without end and what lies on it, from below to above."""
+
+    bench: Colour
+    layers: tuple[Layer, ...] = ()
+    texture: float = 0.0
+    grain_seed: int = 0
+
+
+def render(scene: Scene, shot: Shot) -> np.ndarray:
+    """The photo, uint8: (H, W), or (H, W, 3) blue, green, red where anything has a colour. Same input, same photo."""
+    width, height = shot.lens.size
+    colours = [np.atleast_1d(np.float32(c)) for c in (scene.bench, *(layer.colour for layer in scene.layers))]
+    depth = max(len(c) for c in colours)
+    grained = scene.texture or any(layer.texture for layer in scene.layers)
+    grain = _grain(shot, scene.grain_seed) if grained else np.zeros((height, width), np.float32)
+    light = np.empty((height, width, depth), np.float32)
+    light[:] = colours[0] * (1 + np.float32(scene.texture) * grain[:, :, None])
+    for layer, colour in zip(scene.layers, colours[1:], strict=True):
+        window, covered = share(layer.loops, shot, layer.z)
+        own = colour * (1 + np.float32(layer.texture) * grain[window][:, :, None])
+        light[window] += covered.astype(np.float32)[:, :, None] * (own - light[window])
+    light *= _lit(shot)[:, :, None]
+    return _sensed(light, shot).reshape((height, width, 3) if depth == 3 else (height, width))
+
+
+def _lit(shot: Shot) -> np.ndarray:
+    """How bright the light is in each pixel."""
+    width, height = shot.lens.size
+    x, y = (np.linspace(-0.5, 0.5, n, dtype=np.float32) for n in (width, height))
+    square = (x**2 * width**2 + (y**2 * height**2)[:, None]) / (0.25 * (width**2 + height**2))
+    slope = 1 + shot.gradient[0] * x + (shot.gradient[1] * y)[:, None]
+    return (shot.exposure * slope * (1 - shot.vignetting * square)).astype(np.float32)
+
+
+def _grain(shot: Shot, seed: int) -> np.ndarray:
+    """Grain in each pixel, mean 0, deviation 1: streaks along x, fixed to the bench and not to the photo."""
+    width, height = shot.lens.size
+    # The lens is inverted at every eighth pixel only; in between the grain may lie 0.01 px off.
+    v, u = np.mgrid[: height + _GRID : _GRID, : width + _GRID : _GRID].astype(float)
+    x, y = work_from_photo(shot, u.ravel(), v.ravel())
+    row, column = (_filled(w.reshape(u.shape) / _CELL, height, width) for w in (y, x))
+    return _tile(seed)[row.astype(np.int32) % _TILE, column.astype(np.int32) % _TILE]
+
+
+def _filled(coarse: np.ndarray, height: int, width: int) -> np.ndarray:
+    part = (np.arange(_GRID, dtype=np.float32) / _GRID)[:, None]
+    coarse = coarse.astype(np.float32)
+    rows = (coarse[:-1, None] * (1 - part) + coarse[1:, None] * part).reshape(-1, coarse.shape[1])
+    part = part.ravel()
+    return (rows[:, :-1, None] * (1 - part) + rows[:, 1:, None] * part).reshape(len(rows), -1)[:height, :width]
+
+
+@lru_cache(maxsize=2)
+def _tile(seed: int) -> np.ndarray:
+    """A tile of 205 mm that repeats without a seam: white noise, smoothed by 0.2 mm across and 2 mm along."""
+    noise = np.fft.rfft2(np.random.default_rng(seed).standard_normal((_TILE, _TILE)))
+    along, across = np.fft.rfftfreq(_TILE) * 2.0 / _CELL, np.fft.fftfreq(_TILE)[:, None] * 0.2 / _CELL
+    smooth = np.fft.irfft2(noise * np.exp(-2 * np.pi**2 * (along**2 + across**2)))
+    return (smooth / smooth.std()).astype(np.float32)
+
+
+def _sensed(light: np.ndarray, shot: Shot) -> np.ndarray:
+    """Noise, coding and rounding to 8 bits. ``light`` is used up."""
+    if shot.read or shot.shot:
+        noise = np.random.default_rng(shot.seed).standard_normal(light.shape, dtype=np.float32)
+        noise *= np.sqrt((shot.read / 255) ** 2 + shot.shot * np.maximum(light, 0) / 255)
+        light += noise
+    np.clip(light, 0, 1, out=light)
+    if shot.coding == "srgb":
+        light = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** np.float32(1 / 2.4) - 0.055)
+    elif shot.coding != "linear":
+        raise ValueError(f"no coding {shot.coding!r}")
+    return np.rint(light * 255).astype(np.uint8)
+
+
+def written(file: Path, photo: np.ndarray, quality: int = 95) -> None:
+    """The photo as PNG or JPEG, as the suffix says; the same bytes every time."""
+    import cv2  # noqa: PLC0415 (only what encodes needs it)
+
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if file.suffix == ".jpg" else [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    done, data = cv2.imencode(file.suffix, photo, options)
+    assert done, file
+    file.write_bytes(data.tobytes())

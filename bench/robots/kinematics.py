@@ -1,0 +1,168 @@
+"""Joints from poses and along paths: `python -m bench.robots.kinematics`.
+
+What is found is put through another forward way.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from bench.machine import machine
+from camgen.model.pose import FloatArray, Pose, quaternion
+from camgen.robots.catalogue import robot, robots
+from camgen.robots.kinematics.arms import Spherical
+from camgen.robots.kinematics.continuity import Choice, follow
+from camgen.robots.kinematics.forward import flange, frames
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import copies, theta_of, within
+from camgen.robots.models import Robot
+
+POSES, ROWS = 10_000, 10_000
+BY_ITERATION = 1_000
+CENTRES = {
+    "IRB 120": (350, 0, 300), "IRB 1200": (500, 0, 300), "IRB 2000": (900, 0, 700), "IRB 2400": (900, 0, 700),
+    "VS-060": (350, 0, 300), "VS-6556": (400, 0, 300), "VS-6577": (400, 0, 300), "Viper s650": (400, 0, 300),
+    "Cobra s600": (400, 0, 200), "3-axis mill": (400, 250, -100), "COBOTTA": (200, 60, 150),
+}  # fmt: skip
+
+
+def times(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Products of quaternions (..., 4), w first."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack([
+        aw * bw - ax * bx - ay * by - az * bz, aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx, aw * bz + ax * by - ay * bx + az * bw,
+    ], axis=-1)  # fmt: skip
+
+
+def turned(q: FloatArray, v: FloatArray) -> FloatArray:
+    """Vectors (..., 3) turned by quaternions (..., 4)."""
+    u = q[..., 1:]
+    t = 2 * np.cross(u, v)
+    return np.asarray(v + q[..., :1] * t + np.cross(u, t))
+
+
+def by_quaternions(of: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """base_from_flange of (N, J) as quaternions (N, 4) and origins (N, 3), with nothing of camgen.robots.forward."""
+    q = np.broadcast_to(np.array([1.0, 0, 0, 0]), (len(joints), 4))
+    at = np.zeros((len(joints), 3))
+    serial = np.einsum("jk,nk->nj", of.coupling, joints)
+
+    def moved(pose: Pose) -> tuple[FloatArray, FloatArray]:
+        return times(q, np.array(quaternion(pose.rotation))), at + turned(q, np.array(pose.origin))
+
+    for k, joint in enumerate(of.joints):
+        q, at = moved(joint.previous_from_joint)
+        axis, value = np.array(joint.axis), serial[:, k, None]
+        if joint.sliding:
+            at = at + turned(q, axis * value)
+        else:
+            q = times(q, np.hstack([np.cos(value / 2), np.sin(value / 2) * axis]))
+    return moved(of.flange)
+
+
+def errors(of: Robot, solutions: FloatArray, joints: FloatArray) -> tuple[float, float]:
+    """The greatest mm and rad between the flange at ``joints`` (N, J) and at all ``solutions`` (N, B, J)."""
+    good = np.isfinite(solutions[:, :, 0])
+    wanted_q, wanted_at = by_quaternions(of, joints)
+    source = np.nonzero(good)[0]
+    q, at = by_quaternions(of, solutions[good])
+    away = times(q * [1, -1, -1, -1], wanted_q[source])
+    angle = 2 * np.arctan2(np.linalg.norm(away[:, 1:], axis=1), np.abs(away[:, 0]))
+    return float(np.linalg.norm(at - wanted_at[source], axis=1).max()), float(angle.max())
+
+
+def timed(work: Callable[[], object], times_over: int = 5) -> float:
+    """The least seconds of some runs."""
+    best = math.inf
+    for _ in range(times_over):
+        begun = time.perf_counter()
+        work()
+        best = min(best, time.perf_counter() - begun)
+    return best
+
+
+def drawn(of: Robot, count: int) -> FloatArray:
+    """Configurations (count, J) within all limits."""
+    rng = np.random.default_rng(0)
+    values = rng.uniform(of.limits[:, 0], of.limits[:, 1], (4 * count, len(of.joints)))
+    return np.asarray(values[within(of, values)][:count])
+
+
+def table_of_poses() -> None:
+    print("\n| robot | poses | branches | found again | mm | rad | us per pose | poses/s | forward, us |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for of in robots():
+        joints = drawn(of, POSES if of.arm else BY_ITERATION)
+        rotations, origins = flange(of, joints)
+        seconds = timed(lambda of=of, r=rotations, o=origins: inverse(of, r, o), 5 if of.arm else 1)
+        forward = timed(lambda of=of, q=joints: frames(of, q))
+        solutions = inverse(of, rotations, origins)
+        mm, rad = errors(of, solutions, joints)
+        every = copies(of, solutions).reshape(len(joints), -1, len(of.joints))
+        missed = np.abs(np.where(np.isnan(every), math.inf, every) - joints[:, None]).max(axis=2).min(axis=1)
+        count = np.isfinite(solutions[:, :, 0]).sum(axis=1)
+        each, n = seconds / len(joints), len(joints)
+        print(
+            f"| {of.name} | {n:,} | {count.min()} to {count.max()} | {100 * (missed < 1e-6).mean():.2f} % | {mm:.1e} |"
+            f" {rad:.1e} | {1e6 * each:.2f} | {1 / each:,.0f} | {1e6 * forward / n:.2f} |"
+        )
+
+
+def table_of_oracle() -> None:
+    try:
+        opw = importlib.import_module("py_opw_kinematics")
+        transform = importlib.import_module("scipy.spatial.transform")
+    except ImportError:
+        print("\npy-opw-kinematics, the oracle, is not installed")
+        return
+    print("\n| robot | same set of solutions as py-opw-kinematics | greatest difference, rad | its us per pose |")
+    print("|---|---|---|---|")
+    for of in robots():
+        arm = of.arm
+        if not isinstance(arm, Spherical):
+            continue
+        c4 = float(np.linalg.norm(arm.flange_from_wrist.origin))
+        model = opw.KinematicModel(a1=arm.a1, a2=arm.a2, b=arm.b, c1=arm.c1, c2=arm.c2, c3=arm.c3, c4=c4)
+        other = opw.Robot(model, degrees=False)
+        rotations, origins = flange(of, drawn(of, POSES))
+        poses = transform.RigidTransform.from_components(origins, transform.Rotation.from_matrix(rotations))
+        seconds = timed(lambda other=other, poses=poses: other.reach(poses), 3)
+        theirs = np.asarray(other.reach(poses).joints)
+        ours = theta_of(of, arm, inverse(of, rotations, origins))
+        apart = np.abs(np.remainder(ours[:, :, None] - theirs[:, None] + math.pi, math.tau) - math.pi).max(axis=3)
+        nearest = np.where(np.isnan(apart), math.inf, apart).min(axis=2)
+        here = np.isfinite(ours[:, :, 0])
+        same = (here.sum(axis=1) == np.isfinite(theirs[:, :, 0]).sum(axis=1)) & ((nearest < 1e-6) | ~here).all(axis=1)
+        worst, n = nearest[here & same[:, None]].max(), len(ours)
+        print(f"| {of.name} | {same.sum():,} of {n:,} | {worst:.1e} | {1e6 * seconds / n:.2f} |")
+
+
+def table_of_paths() -> None:
+    print("\n| robot | rows of a circle | seconds | us per row | greatest step, deg or mm |\n|---|---|---|---|---|")
+    for name, (x, y, z) in CENTRES.items():
+        of = robot(name)
+        rows = ROWS if of.arm else ROWS // 10
+        turn = np.linspace(0, math.tau, rows)
+        origins = np.column_stack([x + 50 * np.cos(turn), y + 50 * np.sin(turn), np.full(rows, z)])
+        rotations = np.broadcast_to(np.diag([1.0, -1, -1]), (rows, 3, 3))
+        begun = time.perf_counter()
+        choice = follow(of, rotations, origins)
+        seconds = time.perf_counter() - begun
+        assert isinstance(choice, Choice)
+        units = np.array([1.0 if joint.sliding else math.degrees(1) for joint in of.joints])
+        step = (np.abs(np.diff(choice.joints, axis=0)) * units).max()
+        print(f"| {name} | {rows:,} | {seconds:.2f} | {1e6 * seconds / rows:.0f} | {step:.3f} |")
+
+
+if __name__ == "__main__":
+    print(machine())
+    table_of_poses()
+    table_of_oracle()
+    table_of_paths()

@@ -1,0 +1,196 @@
+"""The cells of the RFA paper: edges reached, time, and every pose of the program again by a plain loop over fcl.
+
+    python -m bench.robots.rfa
+
+The parts are those of ``fixtures/parts``, in cells of our own: the part stands upright on a table, rfa1 on its base,
+and a spindle of 6 mm leans from a holder at the flange. Of some places and tools each robot has the one from which the
+nominal orientation, which is all the paper has, reaches most edges. The program is read back from its text, its joints
+are found again, and a loop without prefilter asks fcl about every pair of bodies at every one of its rows. Exits with 1
+where a verdict differs or the program is not what was planned.
+"""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+import camgen
+from bench.machine import machine
+from bench.robots.plain_loop import Loop
+from camgen.build import Result
+from camgen.check.reach import reached
+from camgen.model.errors import NoSafeProgram
+from camgen.model.part import Solid
+from camgen.model.pose import Pose, pose_from_values, rotation_about
+from camgen.model.program import Program
+from camgen.post.plugins import find_readback
+from camgen.read.solid import mesh
+from camgen.robots.catalogue import robot
+from camgen.robots.models import Box, Link
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+RAISED = {"rfa1": 40.0, "rfa2": 0.0}
+#: By robot: x and z of the table under the part's middle, the part's yaw and the tool's lean (deg), the lengths of
+#: shaft and holder, half the holder's width (mm).
+CELLS = {
+    "IRB 2000": (1100.0, 750.0, 135.0, 60.0, 80.0, 100.0, 35.0),
+    "IRB 2400": (1000.0, 600.0, 0.0, 60.0, 120.0, 100.0, 35.0),
+    "IRB 1200": (500.0, 0.0, 180.0, 30.0, 80.0, 100.0, 35.0),
+}
+#: Processes, of which the median counts.
+RUNS = 5
+FREE = {"axis_tilt": 15.0, "symmetric": True}
+
+
+def cell(part: Solid, name: str) -> dict[str, dict[str, object]]:
+    """The job."""
+    x, z, yaw, lean, shaft, high, wide = CELLS[name]
+    low, top, raised = part.vertices.min(axis=0), part.vertices.max(axis=0), RAISED[part.name]
+    middle = rotation_about(2, math.radians(yaw)) @ [*((low + top) / 2)[:2], 0.0]
+    fixtures = [[low[0] - 100, low[1] - 100, -raised - 20, top[0] + 100, top[1] + 100, -raised - 0.5]]
+    if raised:
+        fixtures.append([low[0] + 15, low[1] + 15, -raised, top[0] - 15, top[1] - 15, -0.5])
+    angle = math.radians(lean)
+    tip = [-shaft * math.sin(angle), 0.0, high + shaft * math.cos(angle), 0.0, -lean, 0.0]
+    return {
+        "input": {"select": "convex, not bottom"},
+        "operation": {"offset": 2.0},
+        "tool": {"holder": [[-wide, -wide, 0.0, wide, wide, high]]},
+        "cell": {
+            "robot": name,
+            "base_from_work": [float(x - middle[0]), float(-middle[1]), z + raised, 0.0, 0.0, yaw],
+            "flange_from_tool": tip,
+            "fixtures": [[float(v) for v in box] for box in fixtures],
+        },
+    }
+
+
+def box(low: list[float], high: list[float], frame: Pose) -> Box:
+    a, b = np.array(low), np.array(high)
+    return Box(Pose(frame.rotation, tuple(frame.apply((a + b) / 2))), tuple(((b - a) / 2).tolist()))
+
+
+def loop(result: Result, solid: Solid) -> Loop:
+    """The cell again, straight from the job: what stands, the holder, and the shaft from its tip to the holder."""
+    job, of = result.job, robot(result.job.cell.robot)
+    base_from_work = pose_from_values(job.cell.base_from_work)
+    here = pose_from_values([0.0] * 6)
+    fixtures = job.cell.fixtures or []
+    standing = tuple(Link(f"fixture {k}", (box(b[:3], b[3:], base_from_work),)) for k, b in enumerate(fixtures, 1))
+    (holder,) = job.tool.holder or []
+    tip = pose_from_values(job.cell.flange_from_tool)
+    back = tip.rotation[:, 2]
+    # The shaft begins where its axis leaves the holder: the nearest of its faces on the way up from the tip.
+    ways = [(tip.origin[k] - end) / back[k] for k in range(3) for end in holder[k::3] if abs(back[k]) > 1e-9]
+    inside = [s for s in ways if s > 0 and all(
+        low - 1e-6 <= v <= high + 1e-6
+        for v, low, high in zip(np.array(tip.origin) - s * back, holder[:3], holder[3:], strict=True))]  # fmt: skip
+    length, half = min(inside), job.tool.diameter / 2
+    shaft = Box(Pose(tip.rotation, tuple(np.array(tip.origin) - length / 2 * back)), (half, half, length / 2))
+    tool = (Link("tool", (shaft,)), Link("holder", (box(holder[:3], holder[3:], here),)))
+    contact = half * math.sin(math.radians(job.tool.axis_tilt)) + 0.1
+    # Boxes of wrist and holder that meet at home are taken not to: the notes say which.
+    said = [note.what.removesuffix(" do not meet") for note in result.notes if note.what.endswith("do not meet")]
+    allowed = tuple((a, b) for a, _, b in (text.partition(" and ") for text in said))
+    return Loop(of, solid, base_from_work, standing, tool, contact, allowed)
+
+
+def differ(result: Result, solid: Solid) -> tuple[int, int]:
+    """How many rows of the program, as its text says it, the plain loop finds to collide; and of how many."""
+    reading = find_readback("rapid")({file.name: file.text for file in result.files}, result.job.post)
+    cell_ = result.cell
+    program = Program("read", cell_.base_from_work, cell_.flange_from_tool, reading.body)
+    joints = reached(program, robot(result.job.cell.robot), "read").joints
+    judge = loop(result, solid)
+    return sum(judge.first(row) is not None for row in joints), len(joints)
+
+
+def whole(path: Path, job: dict[str, dict[str, object]]) -> float:
+    """Seconds of the whole process."""
+    sets = [f"--set={table}.{key}={_toml(value)}" for table, keys in job.items() for key, value in keys.items()]
+    begun = time.perf_counter()
+    command = [
+        sys.executable,
+        "-m",
+        "camgen",
+        "build",
+        str(path),
+        "--post",
+        "rapid",
+        "-q",
+        "-o",
+        str(path.parent / "x.mod"),
+    ]
+    subprocess.run([*command, *sets], check=True)
+    return time.perf_counter() - begun
+
+
+def alone() -> float:
+    """Seconds of a process that loads the libraries and the mesh and does nothing."""
+    read = f"import numpy, fcl, trimesh; trimesh.load_mesh({str(PARTS / 'rfa1.stl')!r})"
+    times = []
+    for _ in range(RUNS):
+        begun = time.perf_counter()
+        subprocess.run([sys.executable, "-c", read], check=True)
+        times.append(time.perf_counter() - begun)
+    return median(times)
+
+
+def _toml(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
+
+
+def main() -> int:
+    print(f"{machine()}\n")
+    print(f"A process that imports numpy, trimesh and fcl, reads rfa1 and does nothing: {alone():.2f} s.")
+    print("Seconds of a build: nominal, freed.\n")
+    print("| part | robot | edges | nominal | tilt, roll | links, nearest | build, s | process, s | rows | collide |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    bad = 0
+    with tempfile.TemporaryDirectory() as folder:
+        for part in RAISED:
+            path = Path(folder) / f"{part}.stl"
+            path.write_bytes((PARTS / path.name).read_bytes())
+            solid = mesh.read(path)
+            for name in CELLS:
+                bad += row(path, solid, name)
+    return 1 if bad else 0
+
+
+def row(path: Path, solid: Solid, name: str) -> int:
+    job = cell(solid, name)
+    counts, built, spent = [], [], []
+    lost: list[str] = []
+    for free in ({}, FREE):
+        own = {**job, "tool": {**job["tool"], **free}}
+        try:
+            begun = time.perf_counter()
+            result = camgen.build(path, post="rapid", job=own)
+            built.append(time.perf_counter() - begun)
+            counts.append(len(result.tour.paths))
+            lost = [f"{note.what}: {note.why}" for note in result.notes if note.kind == "skipped"]
+        except NoSafeProgram as error:
+            print(f"| {solid.name} | {name} | | {error} |")
+            return 1
+        spent.append(median(whole(path, own) for _ in range(RUNS)))
+    collide, rows = differ(result, solid)
+    links = next(note.what for note in result.notes if note.what.startswith("links"))
+    times = links.rpartition("; ")[2].replace("nearest neighbour ", "")
+    total = counts[1] + len(lost)
+    seconds = [f"{a:.2f}, {b:.2f}" for a, b in (built, spent)]
+    cells = [solid.name, name, total, *counts, times, *seconds, f"{rows:,}", collide]
+    print("| " + " | ".join(str(value) for value in cells) + " |")
+    for text in lost:
+        print(f"|   | left out | {text} |")
+    return int(collide > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

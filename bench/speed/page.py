@@ -1,0 +1,124 @@
+"""The preview page of the largest drawing and of one made by hand: size, seconds to a picture, frames per second.
+
+    python -m bench.speed.page [FOLDER]
+
+FOLDER holds drawings (default: ``shared/data/dxf`` beside the repository). The largest is the one whose program has the
+most points on the screen. The other one has 200,000 segments. Needs playwright and a Chromium; it renders in software.
+"""
+
+from __future__ import annotations
+
+import shutil
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from playwright.sync_api import Browser, sync_playwright
+
+import camgen
+from camgen.build import Result
+from camgen.model.errors import CamgenError
+from camgen.preview.page import page
+from camgen.preview.view import view
+
+DEFAULT = Path(__file__).parents[3] / "shared" / "data" / "dxf"
+SWITCHES = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
+JOB = {"operation": {"kind": "trace"}}
+#: Seconds of turning that are measured, after as long a run-in.
+TURNING = 4.0
+ORBIT = """async (seconds) => {
+  const run = async () => {
+    const begin = performance.now();
+    let frames = 0;
+    while (performance.now() - begin < seconds * 1000) {
+      camgen.orbit(2, 0);
+      frames++;
+      await new Promise(requestAnimationFrame);
+    }
+    return (frames / (performance.now() - begin)) * 1000;
+  };
+  await run();
+  return run();
+}"""
+
+#: What the page itself takes for a frame, without the drawing of it.
+SCRIPT = """() => {
+  const begin = performance.now();
+  for (let k = 0; k < 10; k++) { camgen.orbit(1, 0); camgen.paint(); }
+  return (performance.now() - begin) / 10;
+}"""
+
+
+def largest(folder: Path) -> Result:
+    found = None
+    for path in sorted(folder.rglob("*.dxf")):
+        try:
+            result = camgen.build(path, post="gcode", job=JOB)
+        except CamgenError:
+            continue
+        if found is None or len(view(result).track.time) > len(view(found).track.time):
+            found = result
+    if found is None:
+        sys.exit(f"{folder}: no drawing that can be traced")
+    return found
+
+
+def by_hand(count: int, each: int = 500) -> Result:
+    """Closed wavy rings of ``each`` lines, ``count`` lines in all."""
+    turn = np.linspace(0, 2 * np.pi, each, endpoint=False)
+    radius = 20 + 3 * np.sin(7 * turn) + np.random.default_rng(1).normal(0, 0.1, each)
+    lines = ["0", "SECTION", "2", "ENTITIES"]
+    for k in range(count // each):
+        lines += ["0", "POLYLINE", "8", f"L{k % 7}", "66", "1", "70", "1"]
+        for x, y in zip(radius * np.cos(turn) + k % 20 * 60, radius * np.sin(turn) + k // 20 * 60, strict=True):
+            lines += ["0", "VERTEX", "8", "0", "10", f"{x:.4f}", "20", f"{y:.4f}"]
+        lines += ["0", "SEQEND"]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "rings.dxf"
+        file.write_text("\n".join([*lines, "0", "ENDSEC", "0", "EOF\n"]))
+        return camgen.build(file, post="gcode", job=JOB)
+
+
+def measured(browser: Browser, result: Result, folder: Path) -> str:
+    begin = time.perf_counter()
+    text = page(view(result))
+    made = time.perf_counter() - begin
+    file = folder / "page.html"
+    file.write_text(text, encoding="utf-8")
+    first = []
+    for _ in range(3):
+        tab = browser.new_page(viewport={"width": 1280, "height": 800})
+        begin = time.perf_counter()
+        tab.goto(file.as_uri())
+        # The pixel is read when the picture is done.
+        tab.evaluate(
+            "camgen.paint(), camgen.renderer.getContext().readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4))"
+        )
+        first.append(time.perf_counter() - begin)
+        if len(first) == 3:
+            frames, script = tab.evaluate(ORBIT, TURNING), tab.evaluate(SCRIPT)
+        tab.close()
+    points = len(view(result).track.time)
+    size = len(text.encode()) / 1e6
+    seconds = statistics.median(first)
+    cells = (f"{points:,}", f"{size:.1f} MB", f"{made:.2f} s", f"{seconds:.1f} s", f"{frames:.0f}", f"{script:.1f} ms")
+    return f"| {result.part.source} | {' | '.join(cells)} |"
+
+
+def main() -> None:
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT
+    results = [largest(folder), by_hand(200_000)]
+    print("| drawing | points of the program | page | made in | first picture | frames/s turning | script per frame |")
+    print("|---|---|---|---|---|---|---|")
+    with sync_playwright() as started, tempfile.TemporaryDirectory() as pages:
+        browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=SWITCHES)
+        for result in results:
+            print(measured(browser, result, Path(pages)), flush=True)
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""Time and memory of whole processes, from the command to the written program.
+
+`python -m bench.speed.processes [case ...]`.
+
+This process imports nothing heavy: on Linux a child's peak memory counts what its parent held when it was started.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.machine import machine
+
+POSTS = ("gcode", "rapid")
+PITCH = (36.0, 24.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A plate with so many round holes and slots. goal: s; 0: three times what ezdxf needs to read the drawing."""
+
+    circles: int
+    slots: int
+    goal: float
+    runs: int
+
+
+CASES = {
+    "251 shapes": Case(circles=200, slots=50, goal=0.8, runs=7),
+    "5,001 shapes": Case(circles=4_000, slots=1_000, goal=3.0, runs=5),
+    "100,001 entities": Case(circles=20_000, slots=20_000, goal=0.0, runs=3),
+}
+HELP_GOAL, HELP_RUNS = 0.12, 15
+
+
+def draw(file: str, circles: int, slots: int) -> None:
+    """An outline around holes on a grid, mm: 10 to 20 in diameter, and slots 30 x 8 of two lines and two arcs each."""
+    import ezdxf  # noqa: PLC0415  # only where this file is run to draw
+
+    document = ezdxf.new("R2010", units=4)
+    space = document.modelspace()
+    count = circles + slots
+    columns = max(1, round(count**0.5))
+    every = count // slots
+    drawn = 0
+    for k in range(count):
+        x, y = PITCH[0] * (k % columns), PITCH[1] * (k // columns)
+        if k % every == every - 1 and drawn < slots:
+            drawn += 1
+            # Not in the order of the loop, one line against it: the ends must be found by where they are.
+            space.add_line((x - 11, y - 4), (x + 11, y - 4))
+            space.add_line((x - 11, y + 4), (x + 11, y + 4))
+            space.add_arc((x + 11, y), 4, -90, 90)
+            space.add_arc((x - 11, y), 4, 90, 270)
+        else:
+            space.add_circle((x, y), 5 + k % 11 / 2)
+    left, right = -PITCH[0], PITCH[0] * columns
+    low, top = -PITCH[1], PITCH[1] * -(-count // columns)
+    space.add_lwpolyline([(left, low), (right, low), (right, top), (left, top)], close=True)
+    document.saveas(file)
+
+
+def measured(command: list[str]) -> tuple[float, float]:
+    """Seconds and peak memory (MB) of one process."""
+    with tempfile.TemporaryFile() as said:
+        begun = time.perf_counter()
+        process = subprocess.Popen(command, stdout=said, stderr=said)
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - begun
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            said.seek(0)
+            sys.exit(f"{' '.join(command)}\n{said.read().decode()}")
+    unit = 1e6 if sys.platform == "darwin" else 1e3
+    return seconds, usage.ru_maxrss / unit
+
+
+def row(what: str, values: list[tuple[float, float]], goal: str) -> str:
+    seconds = [s for s, _ in values]
+    middle = f"**{statistics.median(seconds):.3f}** | {min(seconds):.3f} to {max(seconds):.3f}"
+    return f"| {what} | {middle} | {max(m for _, m in values):.0f} | {goal} |"
+
+
+def bench(folder: Path, name: str, case: Case) -> None:
+    """The rows of one drawing: reading alone, then each post, taken in turns."""
+    drawing = str(folder / "plate.dxf")
+    subprocess.run([sys.executable, __file__, "draw", drawing, str(case.circles), str(case.slots)], check=True)
+    commands = {"ezdxf": [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]}
+    for post in POSTS:
+        programs = folder / post
+        programs.mkdir()
+        build = ["build", drawing, "--post", post, "-q", "-o", str(programs)]
+        commands[post] = [sys.executable, "-m", "camgen", *build]
+    values: dict[str, list[tuple[float, float]]] = {who: [] for who in commands}
+    for _ in range(case.runs):
+        for who, command in commands.items():
+            values[who].append(measured(command))
+    reading = statistics.median(s for s, _ in values["ezdxf"])
+    memory = max(m for _, m in values["ezdxf"])
+    goal = f"{case.goal} s" if case.goal else f"{3 * reading:.1f} s, {3 * memory:.0f} MB"
+    print(row(f"{name}: ezdxf.readfile alone", values["ezdxf"], ""))
+    for post in POSTS:
+        print(row(f"{name}: build --post {post}", values[post], goal), flush=True)
+
+
+def main(wanted: list[str]) -> None:
+    print(machine())
+    print("\n| process | median s | range s | peak MB | goal |\n|---|---|---|---|---|", flush=True)
+    if not wanted or "help" in wanted:
+        calls = [measured([sys.executable, "-m", "camgen", "--help"]) for _ in range(HELP_RUNS)]
+        print(row("camgen --help", calls, f"{HELP_GOAL} s"), flush=True)
+    for name, case in CASES.items():
+        if not wanted or name.split()[0] in wanted:
+            with tempfile.TemporaryDirectory() as folder:
+                bench(Path(folder), name, case)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["draw"]:
+        draw(sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
+    else:
+        main(sys.argv[1:])

@@ -1,0 +1,147 @@
+"""Pen-up travel of real drawings, and a million segments: `python -m bench.tours.drawings FOLDER ... | million`.
+
+Every DXF of the folders is traced: as drawn, nearest neighbour, the default search, that with networks merged, and a
+second of the compiled search; vpype (VPYPE, or from the path) sorts the same contours, as lines within 0.01 mm. Home is
+nowhere, so that all count the same ways.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from camgen.model.path import ToolPath
+    from camgen.read.pieces import Soup
+
+#: Chains of the large drawing, segments of each, and segments that are drawn twice.
+CHAINS, LINKS, TWICE = 100_000, 9, 100_000
+
+
+def million() -> None:
+    """Loose segments in no order, some drawn twice, joined to chains and ordered."""
+    from camgen.model.job import Job, Operation  # noqa: PLC0415
+    from camgen.model.part import Part  # noqa: PLC0415
+    from camgen.order import order  # noqa: PLC0415
+    from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
+    from camgen.read.join import contours  # noqa: PLC0415
+
+    soup = loose(np.random.default_rng(1))
+    clock = [time.perf_counter()]
+    job = Job(operation=Operation(kind="trace"))
+    made, notes = contours(soup, job.input.join)
+    clock.append(time.perf_counter())
+    part, merged = with_few_lifts(Part("", "", "mm", made, notes), job)
+    paths = trace(part, job)
+    clock.append(time.perf_counter())
+    tour = order(paths, "best", None, inside_first=True)
+    clock.append(time.perf_counter())
+    spent = [b - a for a, b in itertools.pairwise(clock)]
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+    print(f"{len(soup):,} segments, {len(made):,} chains: {[note.what for note in (*notes, *merged)]}")
+    print(f"joined {spent[0]:.1f} s, planned {spent[1]:.1f} s, ordered {spent[2]:.1f} s ({tour.method}), ", end="")
+    print(f"{sum(spent):.1f} s in all, {memory:.0f} MB, travel {tour.travel / 1000:.1f} m")
+
+
+def loose(rng: np.random.Generator) -> Soup:
+    """Segments of random walks over a square, mixed, each drawn either way."""
+    from camgen.read.pieces import Soup  # noqa: PLC0415
+
+    begin = rng.uniform(0, 10 * CHAINS**0.5, (CHAINS, 1, 2))
+    walk = np.cumsum(np.concatenate([begin, rng.uniform(-2, 2, (CHAINS, LINKS, 2))], axis=1), axis=1)
+    ends = np.stack([walk[:, :-1], walk[:, 1:]], axis=2).reshape(-1, 2, 2)
+    ends = np.concatenate([ends, ends[rng.choice(len(ends), TWICE, replace=False)]])
+    ends = rng.permutation(ends)
+    turned = rng.random(len(ends)) < 0.5
+    ends[turned] = ends[turned][:, ::-1]
+    none = np.zeros(len(ends), dtype=np.intp)
+    first = np.arange(0, 2 * len(ends) + 1, 2)
+    bulges = np.zeros(2 * len(ends))
+    return Soup(ends.reshape(-1, 2), bulges, first, none.astype(bool), none, none, ("0",), ("LINE",))
+
+
+def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
+    """The paths as polylines of an SVG, px; arcs within 0.01."""
+    from camgen.order.starts import segments  # noqa: PLC0415
+
+    low = np.min([path.position.min(axis=0) for path in paths], axis=0)[:2]
+    with file.open("w") as out:
+        out.write('<svg xmlns="http://www.w3.org/2000/svg" width="9000" height="9000">')
+        for path in paths:
+            shape = segments(path.position[:-1], path.via[1:], path.position[1:])
+            # The sagitta of a chord over the angle a of a circle is r (1 - cos(a / 2)).
+            bow = np.arccos(np.clip(1 - 0.01 / np.maximum(shape.radius, 0.011), -1, 1)) * 2
+            count = np.maximum(np.ceil(shape.sweep / bow), 1).astype(int)
+            which = np.repeat(np.arange(len(count)), count)
+            step = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+            xy = np.concatenate([path.position[:1], shape.pick(which).point((step + 1) / count[which])])[:, :2] - low
+            points = " ".join(f"{x:.4f},{y:.4f}" for x, y in xy.tolist())
+            out.write(f'<polyline fill="none" stroke="black" points="{points}"/>')
+        out.write("</svg>")
+
+
+def row(file: Path, tool: str | None) -> str | None:
+    """The line of the table for one drawing; None for one with fewer than five contours or nothing to trace."""
+    from bench.tours.search import between, measured  # noqa: PLC0415
+    from camgen.model.errors import CamgenError  # noqa: PLC0415
+    from camgen.model.job import Job, Operation  # noqa: PLC0415
+    from camgen.order import order, travel  # noqa: PLC0415
+    from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
+    from camgen.read import read  # noqa: PLC0415
+
+    job = Job(operation=Operation(kind="trace", inside_first=False))
+    try:
+        part = read(file, job)
+    except CamgenError:
+        return None
+    if len(part.contours) < 5:
+        return None
+    paths = trace(part, job)
+    merged = trace(with_few_lifts(part, job)[0], job)
+    found = [travel(paths, None)]
+    found += [order(paths, method, None, inside_first=False).travel for method in ("nearest", "best")]
+    begun = time.perf_counter()
+    last = order(merged, "best", None, inside_first=False)
+    took = time.perf_counter() - begun
+    found += [last.travel, order(merged, "best", None, inside_first=False, seconds=1.0).travel]
+    if tool:
+        with tempfile.TemporaryDirectory() as folder:
+            scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"
+            draw(paths, scene)
+            for options in ([], ["--two-opt"]):
+                measured([tool, "read", "--no-crop", str(scene), "linesort", *options, "write", str(result)])
+                # vpype writes px of 1/96 inch as it read them.
+                found.append(between(result))
+    bound = "" if last.bound is None else f"{last.bound:.0f}"
+    cells = " | ".join(f"{value:.0f}" for value in found)
+    return f"| {file.name} | {len(paths)} | {len(merged)} | {cells} | {bound} | {took:.2f} |"
+
+
+def main(folders: list[str]) -> None:
+    from bench.machine import machine  # noqa: PLC0415
+
+    tool = os.environ.get("VPYPE") or shutil.which("vpype")
+    print(machine(), "" if tool else "; vpype is not installed: its columns are left out")
+    peers = "| vpype | --two-opt " if tool else ""
+    print(f"\n| drawing | paths | merged | as drawn | nearest | default | merged | seconds = 1 {peers}| bound | s |")
+    print("|" + "---|" * (12 if tool else 10))
+    for file in sorted(file for folder in folders for file in Path(folder).rglob("*.[dD][xX][fF]")):
+        line = row(file, tool)
+        if line:
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["million"]:
+        million()
+    else:
+        main(sys.argv[1:])

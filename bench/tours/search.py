@@ -1,0 +1,174 @@
+"""Travel, seconds and memory of the search for a tour beside vpype's: `python -m bench.tours.search [paths ...]`.
+
+Scenes: evenly scattered, half open, half closed, without a home, so that both programs count the same ways. Every run
+is a process of its own. vpype is taken from the environment variable VPYPE or from the path, LKH from the package elkai
+(``tours_lkh.py``); without them their rows are left out. "best known" is the shortest of all rows, one of which is a
+long search.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import xml.etree.ElementTree as ET
+from importlib.util import find_spec
+from pathlib import Path
+
+SIZES = (100, 1_000, 10_000, 100_000)
+#: tour.seconds of the compiled search, of the plain one (about 2 s of Python), and of the long run; by size.
+BUDGETS = {100: (0.2, 0.03, 2.0), 1_000: (0.3, 0.04, 10.0), 10_000: (2.0, 0.1, 60.0), 100_000: (15.0, 0.1, 30.0)}
+#: Above this many paths vpype is not asked to improve its order.
+TWO_OPT = 1_000
+#: By number of paths, how many starts of a closed one LKH is given and how often it begins anew.
+LKH = {100: (8, 10)}
+Row = tuple[str, float, float, float, float | None]
+
+
+def child(count: int, method: str, seconds: float, plain: bool) -> None:
+    """One order of one scene; prints travel, seconds of the call, seconds before it, bound."""
+    from bench.tours.order import scattered  # noqa: PLC0415 (numpy is not to be held by the parent)
+    from camgen.order import order  # noqa: PLC0415
+    from camgen.order.solver import plane, speed  # noqa: PLC0415
+
+    if plain:
+        plane._WORTH = 10**18
+    elif seconds and speed.available():
+        order(scattered(50, random.Random(1)), "best", None, inside_first=False, seconds=0.1)  # loads what is compiled
+    paths = scattered(count, random.Random(count))
+    begun = time.perf_counter()
+    tour = order(paths, method, None, inside_first=False, seconds=seconds)
+    print(tour.travel, time.perf_counter() - begun, tour.bound)
+
+
+def measured(command: list[str]) -> tuple[str, float, float]:
+    """What a process prints, its seconds and its peak memory, MB."""
+    with tempfile.TemporaryFile() as said:
+        begun = time.perf_counter()
+        process = subprocess.Popen(command, stdout=said)
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - begun
+        process.returncode = os.waitstatus_to_exitcode(status)
+        said.seek(0)
+        text = said.read().decode()
+    if process.returncode:
+        sys.exit(f"{' '.join(command)}\n{text}")
+    return text, seconds, usage.ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+
+
+def camgen(name: str, count: int, method: str, seconds: float, plain: bool = False) -> Row:
+    text, _, memory = measured([sys.executable, __file__, "child", str(count), method, str(seconds), str(int(plain))])
+    travel, taken, bound = text.split()
+    return name, float(travel), float(taken), memory, None if bound == "None" else float(bound)
+
+
+def draw(file: str, count: int) -> None:
+    """The scene as SVG, px; circles as 64 lines, which leaves 0.006 mm."""
+    import numpy as np  # noqa: PLC0415
+
+    from bench.tours.order import scattered  # noqa: PLC0415
+
+    with open(file, "w") as out:
+        out.write('<svg xmlns="http://www.w3.org/2000/svg" width="9000" height="9000">')
+        for path in scattered(count, random.Random(count)):
+            xy = path.position[:, :2]
+            if not np.isnan(path.via[1:, 0]).all():
+                middle, turn = (xy[0] + xy[1]) / 2, np.linspace(0, 2 * np.pi, 65)
+                ring = np.linalg.norm(xy[0] - middle) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+                xy = np.concatenate([middle + ring[:-1], middle + ring[:1]])
+            points = " ".join(f"{x:.4f},{y:.4f}" for x, y in xy.tolist())
+            out.write(f'<polyline fill="none" stroke="black" points="{points}"/>')
+        out.write("</svg>")
+
+
+def between(file: Path) -> float:
+    """The ways between the paths of an SVG, px."""
+    total, here = 0.0, None
+    for shape in ET.parse(file).getroot().iter():
+        kind = shape.tag.rsplit("}")[-1]
+        if kind == "line":
+            ends = [complex(float(shape.get(f"x{k}", 0)), float(shape.get(f"y{k}", 0))) for k in (1, 2)]
+        elif kind in ("polyline", "polygon"):
+            numbers = [float(word) for word in re.findall(r"[-+.\deE]+", shape.get("points", ""))]
+            points = [complex(x, y) for x, y in zip(numbers[::2], numbers[1::2], strict=True)]
+            ends = [points[0], points[0] if kind == "polygon" else points[-1]]
+        else:
+            continue
+        total += abs(ends[0] - here) if here is not None else 0.0
+        here = ends[1]
+    return total
+
+
+def vpype(tool: str, folder: Path, options: list[str]) -> Row:
+    scene, result = folder / "scene.svg", folder / "result.svg"
+    common = [tool, "read", "--no-crop", str(scene)]
+    # Reading and writing alone, the second time: what the first one loads is not part of it.
+    alone = [measured([*common, "write", str(result)])[1] for _ in range(2)][1]
+    drawn = between(result)
+    _, seconds, memory = measured([*common, "linesort", *options, "write", str(result)])
+    assert between(result) < drawn
+    return " ".join(["vpype linesort", *options]), between(result), max(seconds - alone, 0.0), memory, None
+
+
+def lkh(count: int) -> Row:
+    points, runs = LKH[count]
+    script = str(Path(__file__).with_name("tours_lkh.py"))
+    text, _, memory = measured([sys.executable, script, str(count), str(points), str(runs)])
+    travel, taken = text.split()[-2:]
+    return f"LKH, {points} starts of a closed path", float(travel), float(taken), memory, None
+
+
+def rows(count: int, tool: str | None) -> list[Row]:
+    fast, plain, long = BUDGETS[count]
+    found = [
+        camgen("camgen, nearest", count, "nearest", 0.0),
+        camgen("camgen, default", count, "best", 0.0),
+        camgen(f"camgen, seconds = {plain:g}, without fast", count, "best", plain, plain=True),
+        camgen(f"camgen, seconds = {fast:g}, fast", count, "best", fast),
+    ]
+    if long:
+        found.append(camgen(f"camgen, seconds = {long:g}, fast", count, "best", long))
+    if tool:
+        with tempfile.TemporaryDirectory() as name:
+            measured([sys.executable, __file__, "draw", str(Path(name) / "scene.svg"), str(count)])
+            found.append(vpype(tool, Path(name), []))
+            if count <= TWO_OPT:
+                found.append(vpype(tool, Path(name), ["--two-opt"]))
+    if count in LKH and find_spec("elkai"):
+        found.append(lkh(count))
+    return found
+
+
+def main(sizes: list[int]) -> None:
+    from bench.machine import machine  # noqa: PLC0415
+
+    tool = os.environ.get("VPYPE") or shutil.which("vpype")
+    print(machine(), "" if tool else "; vpype is not installed: its rows are left out")
+    if not find_spec("elkai"):
+        print("elkai is not installed: the rows of LKH are left out")
+    print("\n| paths | program | travel, m | above best known | seconds | peak MB | bound, m |")
+    print("|---|---|---|---|---|---|---|")
+    for count in sizes:
+        found = rows(count, tool)
+        best = min(row[1] for row in found)
+        for name, travel, seconds, memory, bound in found:
+            above = f"{100 * (travel / best - 1):.1f} %"
+            floor = "" if bound is None else f"{bound / 1000:.3f}"
+            print(
+                f"| {count:,} | {name} | {travel / 1000:.3f} | {above} | {seconds:.2f} | {memory:.0f} | {floor} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["child"]:
+        child(int(sys.argv[2]), sys.argv[3], float(sys.argv[4]), sys.argv[5] == "1")
+    elif sys.argv[1:2] == ["draw"]:
+        draw(sys.argv[2], int(sys.argv[3]))
+    else:
+        main([int(word) for word in sys.argv[1:]] or list(SIZES))

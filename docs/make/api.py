@@ -1,0 +1,145 @@
+"""docs/api.md: the Python interface, from its docstrings."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import importlib
+import inspect
+import re
+
+Outlined = ast.ClassDef | ast.FunctionDef
+
+#: Heading, module, and the names of it that are shown; "Name.method" is one method of a class.
+SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("Build", "camgen.build", ("build", "Result", "Result.report", "Result.text")),
+    ("Jobs", "camgen.model.job_tables", ("load", "from_mapping")),
+    ("Read a file", "camgen.read", ("read",)),
+    (
+        "Errors",
+        "camgen.model.errors",
+        ("CamgenError", "InputError", "JobError", "NoSafeProgram", "Refused", "VerifyError"),
+    ),
+    (
+        "The program",
+        "camgen.model.program",
+        ("Program", "MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force", "Comment"),
+    ),
+    ("Its text form", "camgen.model.program_text", ("dump", "parse")),
+    ("Poses", "camgen.model.pose", ("Pose", "pose_from_values")),
+    (
+        "Posts and read-backs",
+        "camgen.post",
+        ("Post", "Cell", "OutputFile", "Tolerance", "Pace", "Reading", "Fault", "Remark"),
+    ),
+    ("Plug-ins", "camgen.post.plugins", ("installed", "find_post", "find_readback", "make_post", "Installed")),
+    ("Comparison", "camgen.post.verify", ("compare", "Deviation")),
+    ("Conformance kit", "camgen.post.kit", ("cases", "check_case", "conformance")),
+)
+_INTRODUCTION = """\
+# Python interface
+
+```python
+import camgen
+
+result = camgen.build("part.dxf", post="rapid", job={"tool": {"diameter": 8.0}})
+print(result.text)
+print(result.report["time_s"], result.deviation.max_mm)
+```
+
+`build` writes and prints nothing. The package is typed (`py.typed`). All values are frozen. Inside camgen lengths
+are mm, angles rad, times s, forces N; job settings have the units that [the job file](job.md) names.
+
+What can go wrong is a `CamgenError`, with the exit code that the command line would return:
+
+```python
+from camgen.model.errors import CamgenError
+
+try:
+    result = camgen.build("part.dxf", post="rapid")
+except CamgenError as error:
+    print(error, error.exit_code)
+```
+
+[Writing a post](writing-a-post.md) is the tutorial for posts and read-backs. [Architecture](architecture.md) says
+how the parts fit together. This page is generated from the docstrings (`python -m docs.make.pages`); a test keeps it
+current. What is not on it may change without a line in the changelog.
+"""
+
+
+def api() -> str:
+    """The whole page."""
+    parts = [_INTRODUCTION]
+    for heading, module, names in SECTIONS:
+        parts.append(f"\n## {heading}\n")
+        parts.append(f"From `{module}`.\n")
+        parts += [_entry(module, name) for name in names]
+    return "\n".join(parts).rstrip("\n") + "\n"
+
+
+def _entry(module: str, name: str) -> str:
+    found: object = importlib.import_module(module)
+    for part in name.split("."):
+        found = inspect.getattr_static(found, part)
+    text = re.sub(r"``([^`]+)``", r"`\1`", inspect.getdoc(found) or "")
+    return f"### `{name}`\n\n```python\n{_outline(module, name)}\n```\n\n{text}\n"
+
+
+def _outline(module: str, name: str) -> str:
+    """How it is written: the head of a function, the fields of a class."""
+    node = _node(module, name)
+    if isinstance(node, ast.ClassDef):
+        bases = ", ".join(ast.unparse(base) for base in node.bases if ast.unparse(base) != "Struct")
+        title, fields = f"class {node.name}({bases})" if bases else f"class {node.name}", _fields(node)
+        return "\n".join([f"{title}:", *fields]) if fields else f"{title}: ..."
+    head = copy.copy(node)
+    head.body, head.decorator_list = [ast.Expr(ast.Constant(...))], node.decorator_list
+    line = ast.unparse(head).replace(":\n    ...", ": ...")
+    return line if len(line) <= 100 else _broken(line)
+
+
+def _fields(node: ast.ClassDef) -> list[str]:
+    """The public fields with type and default; that of a dataclass without what ``field`` says besides."""
+    rows = []
+    for item in node.body:
+        if isinstance(item, ast.AnnAssign) and not ast.unparse(item.target).startswith("_"):
+            row = f"    {ast.unparse(item.target)}: {ast.unparse(item.annotation)}"
+            value = item.value
+            if isinstance(value, ast.Call) and ast.unparse(value.func) == "field":
+                value = next((word.value for word in value.keywords if word.arg == "default"), ast.Constant(...))
+            rows.append(row + (f" = {ast.unparse(value)}" if value else ""))
+        elif isinstance(item, ast.Assign) and not ast.unparse(item).startswith("_"):
+            rows.append(f"    {ast.unparse(item)}")
+    return rows
+
+
+def _node(module: str, name: str) -> Outlined:
+    """Where it is defined, which need not be where it is imported from."""
+    first, _, method = name.partition(".")
+    home = getattr(importlib.import_module(module), first).__module__
+    tree: ast.Module | ast.ClassDef = ast.parse(inspect.getsource(importlib.import_module(home)))
+    for part in (first, method) if method else (first,):
+        tree = next(n for n in tree.body if isinstance(n, Outlined) and n.name == part)
+    return tree
+
+
+def _broken(line: str) -> str:
+    """A long head with one argument a line."""
+    call = ast.parse(line).body[0]
+    assert isinstance(call, ast.FunctionDef)
+    head, back = line.partition("(")[0], line.rpartition(" -> ")[2]
+    rows = _arguments(call.args)
+    return f"{head}(\n" + "".join(f"    {row},\n" for row in rows) + f") -> {back}"
+
+
+def _arguments(args: ast.arguments) -> list[str]:
+    plain = [None] * (len(args.args) - len(args.defaults)) + list(args.defaults)
+    rows = [_argument(one, value) for one, value in zip(args.args, plain, strict=True)]
+    if args.kwonlyargs:
+        rows.append("*")
+    return rows + [_argument(one, value) for one, value in zip(args.kwonlyargs, args.kw_defaults, strict=True)]
+
+
+def _argument(one: ast.arg, value: ast.expr | None) -> str:
+    kind = f": {ast.unparse(one.annotation)}" if one.annotation else ""
+    return f"{one.arg}{kind}" + (f" = {ast.unparse(value)}" if value else "")

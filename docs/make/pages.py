@@ -1,0 +1,84 @@
+"""The generated parts of the documents, from the code: robots, API, options of the posts, what commands print.
+
+    python -m docs.make.pages        writes what is not current; tests/test_docs.py says when that is
+
+docs/job.md is made by ``python -m camgen.cli.init``, the pictures by docs/make/pictures.py.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from docs.make.api import api
+from docs.make.posts import with_options
+from docs.make.robots import robots_page
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
+#: Pages whose ```console blocks are run: lines behind "$ " are commands, which go on behind "> ".
+CONSOLES = ("first-program.md",)
+_CONSOLE = re.compile(r"```console\n(.*?)```", re.S)
+
+
+def with_consoles(text: str) -> str:
+    """The page with what its commands print now. They run in one scratch folder beside the repository's fixtures."""
+    with tempfile.TemporaryDirectory() as name:
+        here = Path(name) / "try"
+        here.mkdir()
+        (here.parent / "fixtures").symlink_to(ROOT / "fixtures")
+        return _CONSOLE.sub(lambda found: f"```console\n{_ran(found[1], here)}```", text)
+
+
+def _ran(block: str, here: Path) -> str:
+    commands = re.findall(r"^\$ (.*(?:\n>.*)*)$", block, re.M)
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    out = ""
+    for command in commands:
+        done = subprocess.run(
+            ["/bin/sh", "-c", re.sub(r"^> ?", "", command, flags=re.M)],
+            cwd=here,
+            env=os.environ | {"PATH": path, "COLUMNS": "100"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+        if done.returncode:
+            raise RuntimeError(f"{command}\n{done.stdout}")
+        out += f"$ {command}\n{done.stdout}"
+    return out
+
+
+def _post_page(name: str) -> Callable[[str], str]:
+    return lambda text: with_options(text, name)
+
+
+#: Each page with the function from its text to its current text.
+PAGES: dict[str, Callable[[str], str]] = {
+    "robots.md": lambda _: robots_page(),
+    "api.md": lambda _: api(),
+    **{f"posts/{name}.md": _post_page(name) for name in POSTS},
+    **dict.fromkeys(CONSOLES, with_consoles),
+}
+
+
+def main() -> None:
+    for name, current in PAGES.items():
+        page = DOCS / name
+        old = page.read_text(encoding="utf-8") if page.exists() else ""
+        new = current(old)
+        if new != old:
+            page.write_text(new, encoding="utf-8")
+            print(f"docs/{name} renewed")
+
+
+if __name__ == "__main__":
+    main()

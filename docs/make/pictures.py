@@ -1,0 +1,107 @@
+"""The pictures of the pages on operations, from camgen's own previews.
+
+    python -m docs.make.pictures [FOLDER]      writes them into FOLDER (default: docs/images)
+
+Every picture is what ``camgen build INPUT --preview X.svg`` or ``.png`` draws of a fixture. page.png is the page of
+``--preview X.html`` in Chromium; without one it stays as it is.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+from msgspec import Struct
+
+from camgen.build import Result, build
+from camgen.preview import page as html
+from camgen.preview import png as picture
+from camgen.preview import view
+from camgen.preview.svg import svg
+
+ROOT = Path(__file__).parents[2]
+PARTS = ROOT / "fixtures" / "parts"
+#: The G-code of the bracket, as a program that somebody kept.
+OLD = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected" / "part.ngc"
+#: Width of a PNG, and the colours of a channel: small files.
+_WIDE, _SHADES = 820, 12
+#: A browser that draws with the processor, and waits until the page has come to rest.
+_SWITCHES = (
+    *("--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"),
+    *("--virtual-time-budget=8000", "--window-size=1100,700"),
+)
+
+
+class Shown(Struct, frozen=True):
+    """One picture: what is built for it. source: the file in the title, where it is a copy."""
+
+    name: str
+    source: Path
+    post: str
+    job: Mapping[str, object] | Path = {}
+    title: str = ""
+
+
+PICTURES = (
+    Shown("bracket.svg", PARTS / "bracket.dxf", "rapid"),
+    Shown("trace.svg", PARTS / "bracket.dxf", "vplus", {"operation": {"kind": "trace"}}),
+    Shown("fill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "fill"}, "tool": {"diameter": 3.0}}),
+    Shown("drill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "drill"}, "tool": {"diameter": 8.0}}),
+    Shown("replay.svg", OLD, "rapid", {"post": {"signals": {"dout0": "doProcess"}}}, "old.ngc, rapid"),
+    Shown("edges.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
+    Shown("page.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
+)
+
+
+def small(image: bytes) -> bytes:
+    """A picture of camgen, narrower and with fewer shades."""
+    pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
+    high = round(pixels.shape[0] * _WIDE / pixels.shape[1])
+    pixels = cv2.resize(pixels, (_WIDE, high), interpolation=cv2.INTER_AREA)
+    step = 255 / (_SHADES - 1)
+    coarse = np.round(np.round(pixels / step) * step).astype(np.uint8)
+    return bytes(cv2.imencode(".png", coarse, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1])
+
+
+def page(result: Result) -> bytes:
+    """The preview page as a headless Chromium shows it."""
+    browser = shutil.which("chromium")
+    if not browser:
+        return b""
+    with tempfile.TemporaryDirectory() as name:
+        source, target = Path(name, "page.html"), Path(name, "page.png")
+        source.write_text(html.page(view.view(result)), encoding="utf-8")
+        command = [browser, *_SWITCHES, f"--screenshot={target}", source.as_uri()]
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
+        return small(target.read_bytes())
+
+
+def drawn(shown: Shown) -> bytes:
+    """The bytes of one picture."""
+    result: Result = build(shown.source, post=shown.post, job=shown.job)
+    if shown.name == "page.png":
+        return page(result)
+    if shown.name.endswith(".png"):
+        return small(picture.png(view.view(result)))
+    title = shown.title or f"{shown.source.name}, {shown.post}"
+    return svg(result.part, result.tour, result.notes, title).encode()
+
+
+def main(folder: Path) -> None:
+    for shown in PICTURES:
+        data = drawn(shown)
+        if not data:
+            print(f"{shown.name}: not renewed, no chromium")
+            continue
+        (folder / shown.name).write_bytes(data)
+        print(f"{shown.name}: {len(data) / 1000:.0f} kB")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "images")

@@ -1,0 +1,58 @@
+"""The options of a post as a table, from the fields of its class.
+
+docs/make/pages.py puts it into the page of the post.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from types import UnionType
+from typing import Literal, Union, get_args, get_origin, get_type_hints
+
+from camgen.cli.init import toml
+from camgen.post.plugins import find_post
+
+_MARKS = ("<!-- options: made by docs/make/pages.py -->\n", "<!-- end of options -->")
+_WORDS = {bool: "true, false", int: "whole number", float: "number", str: "text"}
+
+
+def with_options(text: str, name: str) -> str:
+    """The page ``text`` with the current table of the post ``name`` between its marks."""
+    table = options(name)
+    pattern = re.compile(f"{re.escape(_MARKS[0])}.*?{re.escape(_MARKS[1])}", re.S)
+    found, count = pattern.subn(lambda _: f"{_MARKS[0]}\n{table}\n{_MARKS[1]}", text)
+    if count != 1:
+        raise ValueError(f"the page of {name} has {count} places for its options")
+    return found
+
+
+def options(name: str) -> str:
+    """The table: option, default, what may stand there, meaning."""
+    post = find_post(name)
+    hints = get_type_hints(post)
+    rows = ["| option | default | allowed | meaning |", "|---|---|---|---|"]
+    for field in dataclasses.fields(post):
+        if field.init:
+            about = field.metadata["help"].replace("|", "\\|")
+            rows.append(f"| `{field.name}` | `{toml(_default(field))}` | {allowed(hints[field.name])} | {about} |")
+    return "\n".join(rows) + "\n"
+
+
+def _default(field: dataclasses.Field[object]) -> object:
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+
+
+def allowed(hint: object) -> str:
+    """A type in words."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Literal:
+        return ", ".join(f"`{toml(value)}`" for value in inner)
+    if origin in (Union, UnionType):
+        return " or ".join(allowed(one) for one in inner)
+    if origin is list:
+        return f"list: {allowed(inner[0])}"
+    if origin is dict:
+        return f"table: {allowed(inner[1])} by name"
+    assert isinstance(hint, type)
+    return _WORDS[hint]

@@ -1,0 +1,141 @@
+"""docs/robots.md: the built-in arms, from their data."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from camgen.model.cell import Cell
+from camgen.model.pose import Pose, fixed_xyz
+from camgen.model.text import short
+from camgen.post.plugins import find_post, installed, make_post
+from camgen.robots.catalogue import robots
+from camgen.robots.kinematics.forward import flange
+from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.models import Robot
+
+_KINDS = {
+    "spherical-wrist": "closed form, spherical wrist",
+    "scara": "closed form, SCARA",
+    "cartesian": "closed form, three slides",
+    "serial": "iteration",
+}
+_CELLS = """
+## Built-in cells
+
+A job without `[cell]` is made for the cell of its post. It is an example, so that a first program can be looked at;
+it is not checked for reach until `cell.robot` names an arm. Frames are x, y, z in mm and rx, ry, rz in deg, joints
+deg or mm. The length of the tool in a job replaces that of the cell.
+"""
+#: Postures that the search for the reach goes on with.
+_KEPT = 10
+_INTRODUCTION = """\
+# Robots
+
+These arms are built in: `cell.robot = "IRB 1200"` in a [job](job.md) names one. `camgen robots` lists them,
+`camgen robots "IRB 120"` shows one with its boxes. Capitals, spaces and hyphens in a name do not matter. Any other
+arm can be read from a URDF file: [cells](cells.md).
+
+With `cell.robot` every motion is checked for reach, joint limits and collisions of the boxes. Without it nothing of
+this is checked, and the summary says so.
+
+- **Reach** is how far the centre of the flange can come from axis 1, measured level, within the joint limits. It is
+  found by a search over the model, and is not the figure of a data sheet, which often ends at the wrist.
+- **Trust** says how well the numbers are known. *Confirmed*: two independent sources agree. *Derived*: one good
+  source, or worked out. *Uncertain*: check it before you rely on it.
+- **Speeds** are the greatest of each joint. They are used for times, and to choose between two ways.
+- **Joint values** are those that the controller shows.
+
+Numbers are mm, deg, mm/s and deg/s. This page is generated from the data of the models (`python -m docs.make.pages`); a
+test keeps it current.
+
+"""
+
+
+def robots_page() -> str:
+    """The whole page."""
+    known = robots()
+    rows = ["| robot | maker | joints | reach, mm | solved by |", "|---|---|---|---|---|"]
+    rows += [f"| [{r.name}](#{_anchor(r.name)}) | {r.maker} | {len(r.joints)} | {_reach(r)} | {_KINDS[r.kind]} |"
+             for r in known]  # fmt: skip
+    return _INTRODUCTION + "\n".join(rows) + "\n" + _cells() + "".join(_section(r) for r in known)
+
+
+def _cells() -> str:
+    """The built-in cell of each post."""
+    rows = [_CELLS, "| post | cell | `base_from_work` | `flange_from_tool` | `home` |", "|---|---|---|---|---|"]
+    for name in sorted(post.name for post in installed() if post.origin.startswith("camgen ")):
+        cell = make_post(find_post(name), {}).cell()
+        frames = " | ".join(_values(pose) for pose in (cell.base_from_work, cell.flange_from_tool))
+        rows.append(f"| `{name}` | {cell.name} | {frames} | {_home(cell)} |")
+    return "\n".join(rows) + "\n"
+
+
+def _values(pose: Pose) -> str:
+    angles = (math.degrees(angle) for angle in fixed_xyz(pose.rotation))
+    return ", ".join([*(short(v, 3) for v in pose.origin), *(short(a, 4) for a in angles)])
+
+
+def _home(cell: Cell) -> str:
+    if isinstance(cell.home, Pose):
+        return _values(cell.home)
+    units = [1.0 if k in cell.sliding else math.degrees(1) for k in range(len(cell.home.values))]
+    return ", ".join(short(value * unit, 3) for value, unit in zip(cell.home.values, units, strict=True))
+
+
+def _anchor(name: str) -> str:
+    return "".join(c for c in name.lower().replace(" ", "-") if c.isalnum() or c == "-")
+
+
+def _section(r: Robot) -> str:
+    trust = ", ".join(f"{what} {getattr(r.trust, what)}" for what in ("kinematics", "limits", "speeds", "boxes"))
+    boxes = sum(len(link.boxes) for link in r.links)
+    lines = [
+        f"\n## {r.name}\n",
+        f"{r.maker}, {r.controller}. {r.convention}\n",
+        "| joint | from | to | speed | home |",
+        "|---|---|---|---|---|",
+        *_joints(r),
+        "",
+        f"- Trust: {trust}.",
+        f"- Boxes for collisions: {boxes}, grown by {short(r.pad, 1)} mm.",
+        *(f"- Note: {note}" for note in r.notes),
+        *(f"- Source: {source}." for source in r.sources),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _joints(r: Robot) -> list[str]:
+    rows = []
+    for k, joint in enumerate(r.joints):
+        unit, name = (1.0, "mm") if joint.sliding else (math.degrees(1), "deg")
+        low, high = (short(float(value) * unit, 3) for value in r.limits[k])
+        speed, home = short(float(r.speeds[k]) * unit, 3), short(float(r.home[k]) * unit, 3)
+        rows.append(f"| {joint.name} | {low} {name} | {high} {name} | {speed} {name}/s | {home} |")
+    return rows
+
+
+def _reach(r: Robot) -> str:
+    if r.kind == "cartesian":
+        return " x ".join(short(float(high - low), 1) for low, high in r.limits)
+    return short(round(reach(r)), 0)
+
+
+def reach(r: Robot) -> float:
+    """How far the flange comes from axis 1, mm, within the limits: many postures at random, the best ones bettered."""
+    dice = np.random.default_rng(0)
+    low, high = r.limits[:, 0], r.limits[:, 1]
+    best = dice.uniform(low, high, (4000, len(low)))
+    best = best[np.argsort(_far(r, best))[-_KEPT:]]
+    for share in 0.5 ** np.arange(24):
+        tries = best[:, None] + dice.normal(0, 0.3 * share, (_KEPT, 50, len(low))) * (high - low)
+        tries = np.concatenate([best, np.clip(tries, low, high).reshape(-1, len(low))])
+        best = tries[np.argsort(_far(r, tries))[-_KEPT:]]
+    return float(_far(r, best).max())
+
+
+def _far(r: Robot, joints: np.ndarray) -> np.ndarray:
+    """The distance of the flange from axis 1; -1 where the posture is not within the limits."""
+    origins = flange(r, joints)[1]
+    return np.where(within(r, joints), np.hypot(origins[:, 0], origins[:, 1]), -1.0)

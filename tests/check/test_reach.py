@@ -1,0 +1,107 @@
+"""A program is run by the robot that is named, or refused with the path, the place and the reason."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.check.reach import reached
+from camgen.cli import main
+from camgen.model.errors import CamgenError, NoSafeProgram
+from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, translation
+from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Program
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.forward import flange
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+HOME = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
+BASE, TOOL = translation(300, -75, 100), translation(0, 0, 100)
+
+
+def down(x: float, y: float, z: float = 0.0) -> Pose:
+    return Pose(TOOL_DOWN, (x, y, z))
+
+
+def program(*motions: MoveJ | MoveL | MoveC, home: Joints = HOME, base: Pose = BASE) -> Program:
+    body = (MoveJ(home, 100.0), Comment("path c1 layer 0"), *motions, MoveJ(home, 100.0))
+    return Program("part", base, TOOL, body)
+
+
+def test_the_joints_lead_where_the_program_says() -> None:
+    arm = robot("IRB 120")
+    arc = MoveC(down(50, 50), down(100, 0), 20.0)
+    found = reached(program(MoveJ(down(0, 0), 100.0), arc, MoveL(down(0, 0), 20.0)), arm, "part")
+    rotations, origins = flange(arm, found.joints)
+    every = origins + rotations @ np.array([0.0, 0.0, 100.0]) - np.array(BASE.origin)
+    assert every[found.owner == 2][-1] == pytest.approx([0, 0, 0], abs=1e-6)
+    tips = every[(found.owner == 3) | (found.owner == 4)]
+    on_arc = every[found.owner == 3]
+    assert np.hypot(on_arc[:, 0] - 50, on_arc[:, 1]) == pytest.approx(np.full(len(on_arc), 50.0), abs=1e-6)
+    assert (on_arc[:-1, 1] > 1).all()
+    assert np.abs(tips[:, 2]).max() < 1e-6
+    assert np.linalg.norm(np.diff(tips, axis=0), axis=1).max() <= 10.0 + 1e-6
+    assert np.all((found.joints >= arm.limits[:, 0]) & (found.joints <= arm.limits[:, 1]))
+    assert np.abs(np.diff(found.joints, axis=0)).max() < math.radians(30)
+    assert found.samples == len(found.joints)
+
+
+def test_what_is_out_of_reach_is_told_with_place_and_path() -> None:
+    far = program(MoveJ(down(0, 0), 100.0), MoveL(down(600, 0), 20.0))
+    with pytest.raises(NoSafeProgram, match=r"IRB 120 cannot run path c1 at \d+ 0 0 mm: out of reach by") as refused:
+        reached(far, robot("IRB 120"), "part.dxf")
+    assert str(refused.value).startswith("part.dxf: ")
+
+
+def test_a_line_whose_ends_alone_are_in_reach_is_refused() -> None:
+    """Straight through the robot's own column: no arm passes there with its tool down."""
+    behind = program(MoveJ(down(0, 0), 100.0), MoveL(down(-600, 150), 20.0), base=translation(300, -75, 100))
+    with pytest.raises(NoSafeProgram, match="cannot run"):
+        reached(behind, robot("IRB 120"), "part")
+
+
+def test_the_tool_counts() -> None:
+    near = program(MoveJ(down(120, 0, 0), 100.0))
+    assert reached(near, robot("IRB 120"), "part").owner.tolist()[-1] == 3
+    long = Program("part", BASE, translation(0, 0, 600), near.body)
+    with pytest.raises(NoSafeProgram):
+        reached(long, robot("IRB 120"), "part")
+
+
+@pytest.mark.parametrize(
+    ("made", "arm", "line"),
+    [
+        (program(MoveJ(down(0, 0), 9.0), home=Joints((0.0,) * 4)), "IRB 120", "has 6 joints, home has 4"),
+        (program(MoveJ(down(0, 0), 9.0), home=Joints((9.0,) * 6)), "IRB 120", "is beyond the limits of IRB 120"),
+        (Program("p", Pose(IDENTITY, (0, 0, 0)), TOOL, (MoveJ(down(0, 0), 9.0),)), "IRB 120", "not for an arm"),
+    ],
+    ids=["joints", "limits", "machine"],
+)
+def test_a_program_for_another_arm_is_refused(made: Program, arm: str, line: str) -> None:
+    with pytest.raises(CamgenError, match=line):
+        reached(made, robot(arm), "part")
+
+
+@pytest.mark.parametrize(("post", "arm"), [("rapid", "irb120"), ("pacscript", "VS-060"), ("vplus", "Cobra s600")])
+def test_the_built_in_cells_are_reached_by_their_arms(post: str, arm: str) -> None:
+    job: dict[str, Any] = {"cell": {"robot": arm}}
+    result = camgen.build(PARTS / "bracket.dxf", post=post, job=job)
+    assert result.report["checks"] == {"reach": "ok", "collision": "ok", "limits": "ok"}
+    plain = camgen.build(PARTS / "bracket.dxf", post=post)
+    assert plain.report["checks"] == dict.fromkeys(("reach", "collision", "limits"), "not checked")
+    assert [m for m in plain.program.body if not isinstance(m, Comment)]
+    assert len(plain.program.body) == len(result.program.body)
+
+
+def test_the_command_line_says_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["build", str(PARTS / "bracket.dxf"), "--post", "rapid", "-o", str(tmp_path / "b.mod")]
+    assert main([*words, "--set", "cell.robot=IRB 120"]) == 0
+    assert "IRB 120 reaches all of it within its limits" in capsys.readouterr().err
+    away = ["--set", "cell.robot=IRB 120", "--set", "cell.base_from_work=[900,0,100,0,0,0]"]
+    (tmp_path / "b.mod").unlink()
+    assert main([*words, *away]) == 3
+    assert not (tmp_path / "b.mod").exists()
+    assert main(["robots"]) == 0
+    assert sum("spherical-wrist" in line for line in capsys.readouterr().out.splitlines()) == 8

@@ -1,0 +1,136 @@
+"""The time of whole programs: by path, travel, and what a build says of it."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.check.time import cycle, worked
+from camgen.cli import main
+from camgen.model.cell import Pace
+from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, translation
+from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Output, Program, Wait
+
+BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+PACE = Pace(acceleration=1000.0)
+
+
+def at(x: float, y: float, z: float = 0.0) -> Pose:
+    return Pose(TOOL_DOWN, (x, y, z))
+
+
+def tool_path(ident: str, points: list[tuple[float, float]], depths: tuple[float, ...] = (0.0,)) -> ToolPath:
+    n = len(points)
+    position = frozen(np.column_stack([np.array(points, float), np.zeros(n)]))
+    none = frozen(np.full((n, 3), np.nan))
+    zero = frozen(np.zeros(n))
+    axis = frozen(np.tile([0.0, 0.0, -1.0], (n, 1)))
+    return ToolPath(
+        ident,
+        "cut",
+        position,
+        none,
+        axis,
+        frozen(np.zeros((n, 2, 3))),
+        zero,
+        frozen(np.full(n, 10.0)),
+        closed=False,
+        depths=depths,
+    )
+
+
+def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
+    tour = Tour((tool_path("a", [(0, 0), (50, 0)]), tool_path("b", [(50, 40), (0, 40)])), 40.0, "as-drawn")
+    body: tuple[Instruction, ...] = (
+        MoveJ(at(0, 0, 10), 100.0),
+        Wait(0.25),  # before the first path: travel
+        MoveL(at(0, 0), 10.0),
+        Output("process", 1.0),
+        Wait(0.5),  # the signal is on: on the path
+        MoveL(at(50, 0), 10.0),
+        Output("process", 0.0),
+        Comment("path b"),
+        MoveL(at(50, 40), 100.0),
+        Output("process", 1.0),
+        Wait(0.5),
+        MoveL(at(0, 40), 10.0),
+        Output("process", 0.0),
+        MoveJ(at(0, 40, 10), 100.0),
+    )
+    found = cycle(Program("p", translation(0, 0, 0), translation(0, 0, 0), body), tour, PACE)
+    work, plunge = 50 / 10 + 10 / 1000, 10 / 10 + 10 / 1000
+    link, back = 40 / 100 + 100 / 1000, 2 * math.sqrt(10 / 1000)
+    assert found.paths.tolist() == pytest.approx([work + 0.5, work + 0.5])
+    assert found.links.tolist() == pytest.approx([0.25 + plunge, link])
+    assert found.travel == pytest.approx(0.25 + plunge + link + back)
+    assert found.total == pytest.approx(2 * (work + 0.5) + found.travel)
+
+
+def test_every_pass_counts_and_a_path_may_have_points_in_between() -> None:
+    tour = Tour((tool_path("a", [(0, 0), (10, 0), (20, 0)], (1.0, 2.0)),), 0.0, "as-drawn")
+    first = [(0, 0, 5), (0, 0, -1), (10, 0, -1), (15, 0, -1), (20, 0, -1)]
+    ends = np.array([*first, (20, 0, -2), (10, 0, -2), (0, 0, -2), (0, 0, 5)], float)
+    assert worked(tour, ends).tolist() == [-1, -1, 0, 0, 0, -1, 0, 0, -1]
+
+
+def test_a_path_that_is_not_found_is_travel_and_spoils_no_other() -> None:
+    tour = Tour((tool_path("a", [(0, 0), (1, 1)]), tool_path("b", [(5, 0), (6, 0)])), 0.0, "as-drawn")
+    ends = np.array([(9, 9, 9)] * 100 + [(0, 0, 0), (5, 0, 0), (6, 0, 0)], float)
+    assert worked(tour, ends).tolist() == [-1] * 102 + [1]
+
+
+def test_a_touched_start_does_not_begin_a_path() -> None:
+    tour = Tour((tool_path("a", [(0, 0), (1, 0), (2, 0)]),), 0.0, "as-drawn")
+    ends = np.array([(0, 0, 0), (7, 7, 0), (0, 0, 0), (1, 0, 0), (2, 0, 0)], float)
+    assert worked(tour, ends).tolist() == [-1, -1, -1, 0, 0]
+
+
+@pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus", "gcode", "grbl"])
+def test_a_build_adds_up(post: str) -> None:
+    result = camgen.build(BRACKET, post=post)
+    found, report = result.cycle, result.report
+    naive = result.motions.seconds
+    assert naive * (1 - 1e-9) <= found.total < 2 * naive
+    assert math.fsum(found.paths.tolist()) + found.travel == pytest.approx(found.total)
+    assert (found.paths > 0).all()
+    assert (found.links > 0).all()
+    assert math.fsum(found.links.tolist()) < found.travel  # the way home is of no path
+    assert report["time_s"] == pytest.approx(found.total, abs=0.06)
+    assert report["travel_s"] == pytest.approx(found.travel, abs=0.06)
+    assert [path["time_s"] for path in report["paths"]] == pytest.approx(found.paths.tolist(), abs=0.006)  # type: ignore[attr-defined]
+
+
+def test_each_path_takes_at_least_its_length_at_its_feed() -> None:
+    for path in camgen.build(BRACKET, post="rapid").report["paths"]:  # type: ignore[attr-defined]
+        assert path["time_s"] >= path["length_mm"] / path["feed"] - 0.006
+
+
+def test_the_acceleration_of_the_job_changes_the_time_and_not_a_byte_of_the_motion() -> None:
+    slow, fast = (camgen.build(BRACKET, post="gcode", job={"process": {"acceleration": a}}) for a in (50.0, 50_000.0))
+    assert slow.cycle.total > 1.2 * fast.cycle.total
+    assert fast.cycle.total == pytest.approx(fast.motions.seconds, rel=0.01)
+    lines = [[line for line in one.text.splitlines() if not line.startswith("(")] for one in (slow, fast)]
+    assert lines[0] == lines[1]
+
+
+def test_percent_of_acceleration_counts_in_pacscript() -> None:
+    slow, fast = (camgen.build(BRACKET, post="pacscript", job={"post": {"accel": a}}).cycle.total for a in (1.0, 100.0))
+    assert slow > fast
+
+
+def test_edges_with_an_arm_count_its_joints() -> None:
+    part = BRACKET.with_name("rfa1.stl")
+    result = camgen.build(part, post="rapid")
+    assert result.reach is not None
+    assert result.cycle.total > result.motions.seconds
+    assert (result.cycle.paths > 0).all()
+
+
+def test_the_summary_says_time_and_travel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["build", str(BRACKET), "--post", "gcode", "-o", str(tmp_path / "b.ngc")]) == 0
+    line = next(row for row in capsys.readouterr().err.splitlines() if row.startswith("time"))
+    assert re.fullmatch(r"time +about \d+ s, [\d.]+ s of it travel", line)

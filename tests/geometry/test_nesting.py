@@ -1,0 +1,50 @@
+import numpy as np
+
+from camgen.geometry.nesting import nest
+from camgen.geometry.segments import from_contours
+from camgen.model.part import Contour
+from tests.support.drawn import circle, clockwise, contour, rectangle
+
+
+def nested(*loops: Contour) -> tuple[list[int], list[int], list[int]]:
+    result = nest(from_contours(loops), len(loops))
+    return result.depth.tolist(), result.parent.tolist(), result.crossed.tolist()
+
+
+def test_an_island_in_a_hole_in_a_plate() -> None:
+    depth, parent, crossed = nested(circle(50, 50, 5), rectangle(0, 0, 100, 100), circle(50, 50, 20))
+    assert depth == [2, 0, 1]
+    assert parent == [2, -1, 1]
+    assert crossed == [-1, -1, -1]
+
+
+def test_the_drawn_direction_does_not_matter() -> None:
+    assert nested(clockwise(rectangle(0, 0, 9, 9)), circle(4, 4, 2)) == nested(rectangle(0, 0, 9, 9), circle(4, 4, 2))
+
+
+def test_loops_that_cross_are_named() -> None:
+    _, _, crossed = nested(rectangle(0, 0, 10, 10), rectangle(5, 5, 10, 10), circle(50, 0, 3))
+    assert crossed == [1, 0, -1]
+
+
+def test_a_bow_tie_crosses_itself() -> None:
+    _, _, crossed = nested(contour([(0, 0), (10, 10), (10, 0), (0, 10)]))
+    assert crossed == [0]
+
+
+def test_loops_that_touch_do_not_cross() -> None:
+    depth, parent, crossed = nested(rectangle(0, 0, 10, 10), rectangle(10, 0, 10, 10), rectangle(0, 0, 30, 30))
+    assert crossed == [-1, -1, -1]
+    assert depth == [1, 1, 0]
+    assert parent == [2, 2, -1]
+
+
+def test_a_line_there_and_back_is_empty() -> None:
+    result = nest(from_contours([contour([(0, 0), (10, 0)]), circle(0, 0, 1)]), 2)
+    assert result.empty.tolist() == [True, False]
+
+
+def test_area_is_exact_for_polygons_and_close_for_circles() -> None:
+    result = nest(from_contours([rectangle(1, 2, 10, 5), clockwise(circle(0, 0, 10))]), 2)
+    assert result.area[0] == 50.0
+    assert abs(result.area[1] + np.pi * 100) < 0.02 * 2 * np.pi * 10

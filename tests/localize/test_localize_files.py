@@ -1,0 +1,234 @@
+"""camgen localize from files to a job file; scans that cannot be used; formats of point clouds."""
+
+import struct
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import camgen
+from camgen import cli
+from camgen.localize.scans import read
+from camgen.model.errors import InputError
+from camgen.model.pose import pose_from_values
+from tests.support.clouds import ROUND, scan
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "cloud"
+PART = trimesh.load_mesh(PARTS / "rfa1.stl")
+#: Angles that R = Rz Ry Rx does not forgive when the order is another.
+TRUTH = (120.0, -40.0, 25.0, 10.0, -20.0, 130.0)
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    rx, ry, rz = np.radians(TRUTH[3:])
+    turn = trimesh.transformations.euler_matrix(rx, ry, rz, "sxyz")[:3, :3]
+    return scan(PART, 6000, 1, ROUND, 0.05, 0.1) @ turn.T + np.array(TRUTH[:3])
+
+
+def run(*words):
+    return cli.main(["localize", *map(str, words)])
+
+
+def test_from_files_to_a_job_file(cloud, tmp_path, capsys):
+    np.savetxt(tmp_path / "bench.xyz", cloud, fmt="%.5f")
+    target = tmp_path / "frame.toml"
+    assert run(PARTS / "rfa1.stl", tmp_path / "bench.xyz", "-o", target) == 0
+    said = capsys.readouterr()
+    text = target.read_text()
+    values = tomllib.loads(text)["cell"]["base_from_work"]
+    assert values == pytest.approx(TRUTH, abs=0.05)
+    assert said.out.strip() == text.splitlines()[-1]
+    for word in ("# overlap: 9", "# residual: 0.0", "# seen: ", "# next best: ", "where rfa1.stl stands in bench.xyz"):
+        assert word in text
+    assert "model     rfa1.stl: 125 x 95 x 70 mm, 396 triangles" in said.err
+    assert "scan      bench.xyz: 6 000 points" in said.err
+    assert run("-q", PARTS / "rfa1.stl", tmp_path / "bench.xyz", "-o", tmp_path / "again.toml") == 0
+    assert capsys.readouterr() == ("", "")
+    assert (tmp_path / "again.toml").read_bytes() == target.read_bytes()
+
+
+def test_the_job_file_is_taken_by_a_build(cloud, tmp_path):
+    np.savetxt(tmp_path / "bench.xyz", cloud, fmt="%.5f")
+    assert run("-q", PARTS / "rfa1.stl", tmp_path / "bench.xyz", "-o", tmp_path / "frame.toml") == 0
+    table = tomllib.loads((tmp_path / "frame.toml").read_text())
+    built = camgen.build(PARTS / "bracket.dxf", post="rapid", job=table)
+    frame = built.program.base_from_work
+    assert np.allclose(frame.rotation, pose_from_values(TRUTH).rotation, atol=1e-3)
+    assert np.allclose(frame.origin, TRUTH[:3], atol=0.05)
+
+
+def test_metres_and_a_symmetric_part(tmp_path, capsys):
+    box = trimesh.creation.box((80, 80, 30))
+    box.export(tmp_path / "box.stl")
+    np.savetxt(tmp_path / "box.csv", scan(box, 4000, 2) / 1000, fmt="%.8f", delimiter=",", header="x,y,z")
+    words = (tmp_path / "box.stl", tmp_path / "box.csv", "-o", tmp_path / "frame.toml")
+    assert run(*words) == 2
+    assert "if it is in m, give --units m" in capsys.readouterr().err
+    assert not (tmp_path / "frame.toml").exists()
+    assert run(*words, "--units", "m", "--start=0,0,0,0,0,180") == 0
+    text = (tmp_path / "frame.toml").read_text()
+    assert "# ambiguous: other poses that fit as well: 7" in text
+    assert abs(tomllib.loads(text)["cell"]["base_from_work"][5]) == pytest.approx(180, abs=0.1)
+
+
+@pytest.mark.skipif(not PARTS.joinpath("rfa1.step").exists(), reason="fixtures/parts/rfa1.step is not there")
+def test_a_step_model(cloud, tmp_path):
+    pytest.importorskip("OCP", reason="the extra step is not installed")
+    np.savetxt(tmp_path / "bench.xyz", cloud, fmt="%.5f")
+    assert run("-q", PARTS / "rfa1.step", tmp_path / "bench.xyz", "-o", tmp_path / "frame.toml") == 0
+    values = tomllib.loads((tmp_path / "frame.toml").read_text())["cell"]["base_from_work"]
+    assert values == pytest.approx(TRUTH, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--units", "furlong"), "--units: unknown unit 'furlong'; give mm, cm, m, inch"),
+        (("--start", "1,2,3"), "--start: '1,2,3' is no pose; give x,y,z,rx,ry,rz"),
+        (("--start", "1,2,3,4,5,nan"), "--start: '1,2,3,4,5,nan' is no pose"),
+    ],
+)
+def test_options_that_cannot_be(words, says, tmp_path, capsys):
+    assert run(PARTS / "rfa1.stl", tmp_path / "none.xyz", "-o", tmp_path / "f.toml", *words) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_neither_model_nor_scan_is_overwritten(tmp_path, capsys):
+    (tmp_path / "a.xyz").write_text("0 0 0\n")
+    assert run(PARTS / "rfa1.stl", tmp_path / "a.xyz", "-o", tmp_path / "a.xyz") == 2
+    assert "would overwrite" in capsys.readouterr().err
+
+
+# -- formats
+
+
+def a_cloud():
+    return np.random.default_rng(0).uniform(-100, 100, (200, 3)).astype(np.float32)
+
+
+def pcd(points, way, body):
+    head = "# .PCD v0.7\nVERSION 0.7\nFIELDS intensity x y z\nSIZE 2 4 4 4\nTYPE U F F F\nCOUNT 1 1 1 1\n"
+    head += f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {way}\n"
+    return head.encode() + body
+
+
+def ply(points, way, body):
+    head = f"ply\nformat {way} 1.0\ncomment x\nelement vertex {len(points)}\nproperty uchar q\n"
+    head += "property double x\nproperty float y\nproperty float z\nelement face 0\nproperty list uchar int i\n"
+    return head.encode() + b"end_header\n" + body
+
+
+def texts(points, between=" ", first="9"):
+    return "".join(between.join([*([first] if first else []), *(f"{v:.9g}" for v in p)]) + "\n" for p in points)
+
+
+def literal(data):
+    """LZF that copies nothing: runs of up to 32 bytes."""
+    parts = (data[i : i + 32] for i in range(0, len(data), 32))
+    return b"".join(bytes([len(part) - 1]) + part for part in parts)
+
+
+def written(kind, points):
+    rows = points.tolist()
+    columns = struct.pack(f"<{len(rows)}H", *[9] * len(rows)) + points.T.astype("<f4").tobytes()
+    packed = literal(columns)
+    return {
+        "a.xyz": texts(points, first="").encode(),
+        "b.csv": b"x;y;z;i\n" + "".join(f"{x};{y};{z};7\n" for x, y, z in rows).encode(),
+        "c.txt": b"# head\r\n" + texts(points, "\t", "").replace("\n", "\t1\t2\r\n").encode(),
+        "d.pcd": pcd(points, "ascii", texts(points).encode()),
+        "e.pcd": pcd(points, "binary", b"".join(struct.pack("<H3f", 9, *p) for p in rows)),
+        "f.pcd": pcd(points, "binary_compressed", struct.pack("<II", len(packed), len(columns)) + packed),
+        "g.ply": ply(points, "ascii", texts(points).encode()),
+        "h.ply": ply(points, "binary_little_endian", b"".join(struct.pack("<Bdff", 9, *p) for p in rows)),
+        "i.ply": ply(points, "binary_big_endian", b"".join(struct.pack(">Bdff", 9, *p) for p in rows)),
+        "j.obj": b"# points\n" + "".join(f"v {x} {y} {z}\n" for x, y, z in rows).encode(),
+    }[kind]
+
+
+KINDS = ["a.xyz", "b.csv", "c.txt", "d.pcd", "e.pcd", "f.pcd", "g.ply", "h.ply", "i.ply", "j.obj"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_format_holds_the_same_points(kind, tmp_path):
+    (tmp_path / kind).write_bytes(written(kind, a_cloud()))
+    found = read(tmp_path / kind, 10.0)
+    assert found.points == pytest.approx(a_cloud() * 10.0, rel=1e-6)
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
+def test_a_scan_that_is_a_mesh_is_spread_over_its_faces(suffix, tmp_path):
+    trimesh.creation.box((10, 20, 30)).export(tmp_path / f"box{suffix}")
+    found = read(tmp_path / f"box{suffix}")
+    assert np.abs(np.abs(found.points) / [5, 10, 15]).max(axis=1) == pytest.approx(np.ones(len(found.points)))
+    assert "were spread over the 12 faces" in str(found.notes[-1])
+
+
+def test_what_a_scanner_did_not_see_is_left_out_and_counted(tmp_path):
+    points = a_cloud()
+    points[3] = np.nan
+    points[5, 1] = np.inf
+    points[10:14] = 0
+    (tmp_path / "a.ply").write_bytes(written("h.ply", points))
+    found = read(tmp_path / "a.ply")
+    assert len(found.points) == 194
+    assert [note.what.split()[0] for note in found.notes] == ["2", "4"]
+
+
+@pytest.mark.parametrize("kind", KINDS[3:9])
+def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
+    data = written(kind, a_cloud())
+    (tmp_path / kind).write_bytes(data[: len(data) - 900])
+    with pytest.raises(InputError, match=f"{kind}: is damaged or no "):
+        read(tmp_path / kind)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "says"),
+    [
+        ("none.xyz", None, "there is no such file"),
+        ("a.xyz", b"", "the file is empty"),
+        ("a.las", b"LASF", "is no kind of point cloud that camgen reads; give one of .ply, .pcd"),
+        ("a.xyz", b"1 2 3\n" * 99, "has 99 usable points; a scan needs 100 or more"),
+        ("a.xyz", b"nan nan nan\n" * 500, "has 0 usable points"),
+        ("a.txt", b"Dear all,\nthe scan follows.\n", "has no line of three numbers"),
+        ("a.txt", b"\x00\x01\x02" * 50, "is no text"),
+        ("a.xyz", b"1 2 3\n" * 99 + b"1 2\n", "'1 2' is no point (line 100)"),
+        ("a.ply", b"solid\n", "is damaged or no PLY point cloud: its head has no beginning or no end"),
+        ("a.pcd", b"VERSION 0.7\n", "is damaged or no PCD point cloud: its head has no DATA"),
+        ("a.stl", b"solid x\nendsolid x\n", "a.stl: "),
+    ],
+)
+def test_what_is_no_scan_is_refused_in_one_line(name, data, says, tmp_path, capsys):
+    if data is not None:
+        (tmp_path / name).write_bytes(data)
+    assert run(PARTS / "rfa1.stl", tmp_path / name, "-o", tmp_path / "frame.toml") == 2
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "frame.toml").exists()
+
+
+def test_a_model_without_faces_is_refused(tmp_path, capsys):
+    (tmp_path / "points.ply").write_bytes(written("g.ply", a_cloud()))
+    (tmp_path / "a.xyz").write_bytes(written("a.xyz", a_cloud()))
+    assert run(tmp_path / "points.ply", tmp_path / "a.xyz", "-o", tmp_path / "frame.toml") == 2
+    assert "has no faces" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data is not beside the repository")
+def test_real_clouds_are_read():
+    """Bounds and counts as the list of the data states them, measured with other software."""
+    milk = read(SHARED / "data" / "milk.pcd").points
+    assert milk.shape == (12575, 3)
+    assert milk.min(axis=0) == pytest.approx([0.17866, -0.21077, -0.82682], abs=1e-5)
+    assert milk.max(axis=0) == pytest.approx([0.32538, 9e-05, -0.63615], abs=1e-5)
+    assert read(SHARED / "data" / "samp24-utm.pcd").points.shape == (7492, 3)
+    assert read(SHARED / "data" / "lamppost.pcd").points.shape == (1771, 3)
+    with pytest.raises(InputError, match="has 5 usable points"):
+        read(SHARED / "trimesh" / "points_ascii_with_lists.ply")

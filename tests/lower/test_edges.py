@@ -1,0 +1,309 @@
+"""From a 3-D part to a program: what is built, what is said, what is refused."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import camgen
+from camgen.build import Result
+from camgen.cli import main
+from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.pose import FloatArray, Pose
+from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Output
+from camgen.read.solid import mesh
+from tests.support.arm_models import by_hand
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+#: A plate of 60 x 40 x 10 mm before an IRB 120, its four upper edges.
+PLATE = {
+    "input": {"select": "e1-e4"},
+    "operation": {"offset": 2},
+    "tool": {"axis_tilt": 10, "symmetric": True},
+    "cell": {"robot": "IRB 120", "base_from_work": [300, -20, 150, 0, 0, 0]},
+}
+
+
+@pytest.fixture(scope="module")
+def built() -> Result:
+    return camgen.build(PARTS / "rfa1.stl", post="rapid", job=PARTS / "rfa1.toml")
+
+
+@pytest.fixture
+def plate(tmp_path: Path) -> Path:
+    corners = np.array([(x, y, z) for x in (0, 60) for y in (0, 40) for z in (0, 10)], dtype=float)
+    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    lines += [f"f {a + 1} {c + 1} {b + 1}\nf {a + 1} {d + 1} {c + 1}" for a, b, c, d in faces]
+    file = tmp_path / "plate.obj"
+    file.write_text("\n".join(lines))
+    return file
+
+
+def flange_to_tip(result: Result, joints: FloatArray) -> FloatArray:
+    """The TCP in the work frame by textbook matrices, (3,)."""
+    base, tool = (np.eye(4) for _ in range(2))
+    base[:3, :3], base[:3, 3] = result.cell.base_from_work.rotation, result.cell.base_from_work.origin
+    tool[:3, :3], tool[:3, 3] = result.cell.flange_from_tool.rotation, result.cell.flange_from_tool.origin
+    frame = np.linalg.inv(base) @ by_hand("IRB 2400", np.degrees(joints)) @ tool
+    return np.asarray(frame[:3, 3])
+
+
+def test_all_edges_of_the_papers_first_part_are_run(built: Result) -> None:
+    """The paper leaves 2 of these 15 out."""
+    assert len(built.tour.paths) == 15
+    assert not [note for note in built.notes if note.kind == "skipped"]
+    assert built.report["checks"] == {"reach": "ok", "collision": "ok", "limits": "ok"}
+
+
+def test_the_tool_runs_along_the_edges_at_the_offset(built: Result) -> None:
+    """Between process on and off the TCP keeps 2 mm from its edge, all the way from one end to the other."""
+    edges = {edge.id: edge for edge in mesh.read(PARTS / "rfa1.stl").edges}
+    on, name, here, seen = False, "", np.zeros(3), set()
+    for item in built.program.body:
+        if isinstance(item, Comment) and item.text.startswith("edge"):
+            name = item.text.split()[1]
+        if isinstance(item, Output):
+            on = item.value > 0
+        if isinstance(item, (MoveL, MoveC)):
+            start, here = here, np.array(item.target.origin)
+            if on:
+                seen.add(name)
+                points = np.linspace(start, here, 20) if isinstance(item, MoveL) else np.stack([start, here])
+                assert distances(edges[name].points, edges[name].via, points) == pytest.approx(2.0, abs=0.02)
+        if isinstance(item, MoveJ) and isinstance(item.target, Joints):
+            here = flange_to_tip(built, np.array(item.target.values))
+    assert seen == {path.id for path in built.tour.paths}
+
+
+def distances(points: FloatArray, via: FloatArray, at: FloatArray) -> FloatArray:
+    """From each of ``at`` to the polyline through points and vias, arcs cut finely."""
+    line = [points[0]]
+    for a, m, b in zip(points, via, points[1:], strict=False):
+        chord, middle = b - a, (a + b) / 2
+        height = np.linalg.norm(m - middle)
+        if height < 1e-9:
+            line += [a + t * chord for t in np.linspace(0, 1, 50)[1:]]
+            continue
+        half = np.linalg.norm(chord) / 2
+        radius = (half**2 + height**2) / (2 * height)
+        across, along = (m - middle) / height, chord / (2 * half)
+        centre = m - radius * across
+        angle = math.atan2(half, radius - height)
+        line += [
+            centre + radius * (math.cos(t) * across + math.sin(t) * along) for t in np.linspace(-angle, angle, 400)
+        ]
+    rows = np.array(line)
+    a, d = rows[:-1], np.diff(rows, axis=0)
+    t = np.clip(((at[:, None] - a) * d).sum(axis=2) / np.maximum((d * d).sum(axis=1), 1e-12), 0, 1)
+    return np.asarray(np.linalg.norm(at[:, None] - a - t[..., None] * d, axis=2).min(axis=1))
+
+
+def test_the_process_is_off_between_edges_and_home_comes_first_and_last(built: Result) -> None:
+    first, last = built.program.columns.moves[0], built.program.columns.moves[-1]
+    assert first.target.values == last.target.values == built.cell.home.values
+    on = False
+    for item in built.program.body:
+        if isinstance(item, Output):
+            assert item.value != on
+            on = bool(item.value)
+        if isinstance(item, MoveJ):
+            assert not on
+
+
+def test_the_approach_slows_down_before_the_part(built: Result) -> None:
+    body = built.program.body
+    starts = [k for k, item in enumerate(body) if isinstance(item, Output) and item.value]
+    slow = [body[k - 1] for k in starts if isinstance(body[k - 1], MoveL) and isinstance(body[k - 2], MoveL)]
+    assert slow
+    assert all(item.speed in (20.0, 100.0) for item in slow)
+    assert any(item.speed == 20.0 for item in slow)
+
+
+def test_the_same_job_gives_the_same_bytes(built: Result) -> None:
+    again = camgen.build(PARTS / "rfa1.stl", post="rapid", job=PARTS / "rfa1.toml")
+    assert again.text == built.text
+
+
+@pytest.mark.parametrize(("post", "arm"), [("pacscript", "VS-6556"), ("vplus", "Viper s650"), ("rapid", "IRB 120")])
+def test_other_arms_and_controllers(plate: Path, post: str, arm: str) -> None:
+    job = {**PLATE, "cell": {"robot": arm, "base_from_work": [320, -20, 150, 0, 0, 0]}}
+    result = camgen.build(plate, post=post, job=job)
+    assert {path.id for path in result.tour.paths} <= {"e1", "e2", "e3", "e4"}
+    assert result.tour.paths
+    kinds = {type(item.target) for item in result.program.columns.moves}
+    assert kinds == {Joints, Pose}
+
+
+def test_a_step_file_gives_the_program_of_its_mesh() -> None:
+    pytest.importorskip("OCP", reason="the extra step is not installed")
+    job = PARTS / "rfa1.toml"
+    exact = camgen.build(PARTS / "rfa1.step", post="rapid", job=job)
+    assert len(exact.tour.paths) == 15
+
+
+# -- what is said ----------------------------------------------------------------------------------------------------
+
+
+def test_what_cannot_be_reached_is_left_out_with_its_reason(plate: Path) -> None:
+    job = {**PLATE, "input": {"select": "all"}}
+    result = camgen.build(plate, post="rapid", job=job)
+    skipped = [note for note in result.notes if note.kind == "skipped"]
+    assert len(skipped) + len(result.tour.paths) == 12
+    assert skipped
+    assert all(note.what.startswith("edge e") and note.why for note in skipped)
+    assert any("table" in note.why for note in skipped)
+    assert any(note.what == "the part stands on a table" for note in result.notes)
+    assert not any("a tilt or a free roll may reach them" in note.why for note in result.notes)
+    nominal = camgen.build(plate, post="rapid", job={**job, "tool": {}})
+    assert any("a tilt or a free roll may reach them" in note.why for note in nominal.notes)
+
+
+def test_the_command_line_builds_and_reports(
+    plate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    sets = [
+        "--set=input.select=e1-e4",
+        "--set=operation.offset=2",
+        "--set=cell.base_from_work=[300, -20, 150, 0, 0, 0]",
+        "--set=tool.axis_tilt=10",
+        "--set=tool.symmetric=true",
+    ]
+    assert main(["build", str(plate), "--post", "rapid", "--report", "r.json", *sets]) == 0
+    said = capsys.readouterr().err
+    assert "IRB 120 reaches all of it" in said
+    assert "no collision" in said
+    report = json.loads((tmp_path / "r.json").read_text())
+    assert report["input"]["edges"] == 12
+    assert report["checks"]["collision"] == "ok"
+    assert {path["id"] for path in report["paths"]} <= {"e1", "e2", "e3", "e4"}
+
+
+def test_strict_refuses_what_leaves_an_edge_out(plate: Path) -> None:
+    with pytest.raises(NoSafeProgram, match="--strict and"):
+        camgen.build(plate, post="rapid", job={**PLATE, "input": {"select": "all"}}, strict=True)
+
+
+# -- what is refused -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("table", "values", "message"),
+    [
+        ("operation", {"kind": "trace"}, '"trace" is for flat parts'),
+        ("tour", {"method": "as-drawn"}, "have no drawn order"),
+        ("input", {"select": "not all"}, "picks none of the 12 edges"),
+        ("input", {"select": "e99"}, "has no edge e99"),
+        ("cell", {"fixtures": [[0, 0, 0, 1, 1]]}, "a box has 5 values"),
+        ("cell", {"fixtures": [[0, 0, 0, 1, 1, 0]]}, "a box has no size"),
+        ("tool", {"holder": [[0, 0, 0, 30, 30]]}, "a box has 5 values"),
+        ("cell", {"flange_from_tool": [0, 0, 100, 180, 0, 0]}, "meets neither holder nor flange"),
+    ],
+)
+def test_settings_that_do_not_go_together(plate: Path, table: str, values: dict[str, object], message: str) -> None:
+    job = {**PLATE, table: {**PLATE.get(table, {}), **values}}
+    with pytest.raises(JobError, match=message):
+        camgen.build(plate, post="rapid", job=job)
+
+
+def test_a_machine_without_joints_is_refused(plate: Path) -> None:
+    with pytest.raises(JobError, match="need an arm"):
+        camgen.build(plate, post="gcode", job={"operation": {"kind": "edges"}})
+
+
+def test_a_part_out_of_reach_has_no_program(plate: Path) -> None:
+    job = {**PLATE, "cell": {"robot": "IRB 120", "base_from_work": [3000, 0, 0, 0, 0, 0]}}
+    with pytest.raises(NoSafeProgram, match=r"none of 4 edges can be processed: e1 .out of reach by"):
+        camgen.build(plate, post="rapid", job=job)
+
+
+def test_a_home_in_the_part_is_refused(plate: Path) -> None:
+    home = camgen.build(plate, post="rapid", job=PLATE).cell.home
+    assert isinstance(home, Joints)
+    # At home the tip is 100 mm out of the flange, which points down by 30 deg: the part is put there.
+    frame = by_hand("IRB 120", np.degrees(home.values))
+    x, y, z = (frame @ np.array([0, 0, 90.0, 1]))[:3]
+    job = {**PLATE, "cell": {"robot": "IRB 120", "base_from_work": [x - 30, y - 20, z - 5, 0, 0, 0]}}
+    with pytest.raises(NoSafeProgram, match=r"home collides: tool against (part|table)"):
+        camgen.build(plate, post="rapid", job=job)
+
+
+def test_a_part_without_edges_is_told(tmp_path: Path) -> None:
+    """A ball: 320 triangles that meet at less than the feature angle."""
+    made = trimesh.creation.icosphere(subdivisions=3, radius=30)
+    made.export(tmp_path / "ball.stl")
+    with pytest.raises(InputError, match=r"ball\.stl: has no sharp edges"):
+        camgen.build(tmp_path / "ball.stl", post="rapid", job=PLATE)
+
+
+def test_two_parts_in_one_program_are_refused(plate: Path) -> None:
+    with pytest.raises(InputError, match="a 3-D part makes a program by itself"):
+        camgen.build([plate, PARTS / "bracket.dxf"], post="rapid", job=PLATE)
+
+
+# -- the cell --------------------------------------------------------------------------------------------------------
+
+
+def test_a_fixture_may_be_a_mesh_and_is_named_when_it_is_hit(plate: Path, tmp_path: Path) -> None:
+    """The same wall beside the plate, once as a box and once as a mesh: the same edges are lost to it."""
+    low, high = np.array([20.0, -25, 0]), np.array([40.0, -4, 30])
+    corners = np.array([(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners]
+    lines += [f"f {a + 1} {c + 1} {b + 1}\nf {a + 1} {d + 1} {c + 1}" for a, b, c, d in faces]
+    (tmp_path / "wall.obj").write_text("\n".join(lines))
+    lost = []
+    for wall in ([*low.tolist(), *high.tolist()], str(tmp_path / "wall.obj")):
+        result = camgen.build(plate, post="rapid", job={**PLATE, "cell": {**PLATE["cell"], "fixtures": [wall]}})
+        lost.append([(note.what, note.why) for note in result.notes if note.kind == "skipped"])
+    assert lost[0]
+    assert [what for what, _ in lost[0]] == [what for what, _ in lost[1]]
+    assert all("tool against fixture 1" in why for _, why in lost[0] + lost[1])
+
+
+def test_the_cell_may_stand_in_a_file_of_its_own(plate: Path, tmp_path: Path) -> None:
+    (tmp_path / "cells").mkdir()
+    (tmp_path / "cells" / "cell.toml").write_text(
+        '[cell]\nrobot = "IRB 120"\nbase_from_work = [300, -20, 150, 0, 0, 0]\nsafety = 99\n'
+    )
+    job = tmp_path / "plate.toml"
+    begin = '[input]\nselect = "e1-e4"\n[operation]\noffset = 2\n'
+    job.write_text(f'{begin}[cell]\nfile = "cells/cell.toml"\nsafety = 12\n')
+    result = camgen.build(plate, post="rapid", job=job)
+    assert (result.job.cell.robot, result.job.cell.safety) == ("IRB 120", 12)
+    whole = tmp_path / "whole.toml"
+    whole.write_text(f'{begin}[cell]\nrobot = "IRB 120"\nbase_from_work = [300, -20, 150, 0, 0, 0]\nsafety = 12\n')
+    assert camgen.build(plate, post="rapid", job=whole).text == result.text
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[tool]\ndiameter = 3\n", r"\[tool\] stands in the file of a cell"),
+        ('[cell]\nfile = "other.toml"\n', "names a file itself"),
+        ("[cell]\nrobots = 3\n", "unknown key"),
+        (None, "cannot be read: No such file"),
+    ],
+)
+def test_what_is_wrong_in_the_file_of_a_cell(plate: Path, tmp_path: Path, text: str | None, message: str) -> None:
+    file = tmp_path / "cell.toml"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(JobError, match=message):
+        camgen.build(plate, post="rapid", job={"cell": {"file": str(file)}})
+
+
+def test_what_stands_between_two_looks_leaves_its_edge_out(plate: Path) -> None:
+    """A sheet of 0.2 mm across one of three edges, 2.3 mm from where a tool of 1 mm is looked at every 5 mm."""
+    job = {**PLATE, "tool": {"diameter": 1.0}}
+    sheet = [27.3, -10.0, 5.0, 27.5, -0.5, 40.0]
+    for fixtures, count in (([], 3), ([sheet], 2)):
+        result = camgen.build(plate, post="rapid", job={**job, "cell": {**job["cell"], "fixtures": fixtures}})
+        assert len(result.tour.paths) == count
+        assert result.report["checks"]["collision"] == "ok"
+    lost = [note.why for note in result.notes if note.kind == "skipped"]
+    assert sum("collision, tool against fixture 1, on the way along it" in why for why in lost) == 1

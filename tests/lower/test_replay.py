@@ -1,0 +1,230 @@
+"""Replay: G-code in, a program for another machine out; LinuxCNC's interpreter judges what the G-code says."""
+
+import math
+import random
+from pathlib import Path
+
+import pytest
+
+import camgen
+from bench.read.replay import against, judged
+from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.pose import Pose
+from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.read.gcode.interpreter import interpret
+from tests.support.rs274 import needs_rs274
+
+SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
+needs_shared = pytest.mark.skipif(
+    not SHARED.is_dir(), reason="the folder shared/data/gcode is not beside the repository"
+)
+
+OLD = """\
+%
+(a pocket)
+G21 G90 G64
+S1000 M3
+G0 X10 Y10 Z5
+G1 Z-1 F300
+G1 X20
+X20 Y20
+G3 X10 Y30 I-10
+G4 P0.5
+G0 Z5
+M5
+%
+"""
+
+
+def built(tmp_path, text=OLD, post="gcode", name="old.nc", options=None, **tables):
+    path = tmp_path / name
+    path.write_text(text, encoding="latin-1")
+    return camgen.build(path, post=post, job={**tables, "post": options or {}})
+
+
+def test_a_mill_moves_between_its_home_positions(tmp_path):
+    """From home to above the first position, the program as it stands, up, home."""
+    result = built(tmp_path)
+    moves = [i for i in result.program.body if isinstance(i, MoveJ | MoveL | MoveC)]
+    assert [(type(i).__name__, *i.target.origin) for i in moves] == [
+        ("MoveJ", 0, 0, 50), ("MoveJ", 10, 10, 20), ("MoveJ", 10, 10, 5), ("MoveL", 10, 10, -1), ("MoveL", 20, 10, -1),
+        ("MoveL", 20, 20, -1), ("MoveC", 10, 30, -1), ("MoveJ", 10, 30, 5), ("MoveJ", 10, 30, 20), ("MoveJ", 0, 0, 50),
+    ]  # fmt: skip
+    assert moves[6].via.origin == pytest.approx((10 + 10 * math.sqrt(0.5), 20 + 10 * math.sqrt(0.5), -1))
+    assert {m.speed for m in moves[3:7]} == {5.0}
+    others = [i for i in result.program.body if isinstance(i, Output | Wait)]
+    assert others == [Output("spindle", 1000.0), Wait(0.5), Output("spindle", 0.0)]
+    assert result.deviation.max_mm < 1e-3
+
+
+@pytest.mark.parametrize("post", ["rapid", "vplus", "pacscript"])
+def test_a_robot_travels_along_straight_lines(tmp_path, post):
+    text = OLD.replace("S1000 M3", "").replace("M5", "")
+    result = built(tmp_path, text, post, process={"travel": 80.0})
+    moves = [i for i in result.program.body if isinstance(i, MoveJ | MoveL | MoveC)]
+    assert isinstance(moves[0].target, Joints)
+    assert isinstance(moves[-1].target, Joints)
+    assert [type(m) for m in moves[1:3]] == [MoveJ, MoveL]
+    assert [(*m.target.origin, m.speed) for m in moves[1:3]] == [(10, 10, 20, 80), (10, 10, 5, 80)]
+    assert sum(isinstance(m, MoveJ) for m in moves) == 3
+    assert result.report["tour"] == {
+        "method": "as-drawn",
+        "work_mm": round(26 + 5 * math.pi, 3),
+        "travel_mm": 6.0,
+        "bound_mm": None,
+    }
+
+
+def test_corners_are_rounded_where_the_program_allows_it(tmp_path):
+    text = OLD.replace("X20\nX20", "X15\nX20\nX20")
+    result = built(tmp_path, text, "rapid", options={"signals": {"spindle": "aoSpindle"}})
+    moves = [i for i in result.program.body if isinstance(i, MoveL | MoveC)]
+    cut = [m for m in moves if m.target.origin[2] == -1]
+    # the plunge stops, the two halves of a line do not, a right angle stops, the arc leaves the line as its tangent
+    assert [m.blend > 0 for m in cut] == [False, True, False, True, False]
+    exact = OLD.replace("G64", "G61")
+    stops = [i for i in built(tmp_path, exact).program.body if isinstance(i, MoveL | MoveC)]
+    assert not any(m.blend for m in stops)
+
+
+def test_an_assumed_start_is_reached_at_its_feed(tmp_path):
+    result = built(tmp_path, "G21\nG0 X5 Y5\nG1 Z-1 F120\nX9\nM2\n", "rapid")
+    moves = [i for i in result.program.body if isinstance(i, MoveJ | MoveL)]
+    assert [(*m.target.origin, m.speed) for m in moves[1:4]] == [(5, 5, 20, 100), (5, 5, 0, 2.0), (5, 5, -1, 2.0)]
+    assert [str(n) for n in result.notes] == ["assumed: line 3: the program begins at Z0 (it does not say where)"]
+
+
+def test_a_motion_to_where_the_tool_is_is_none(tmp_path):
+    once = built(tmp_path, OLD)
+    assert built(tmp_path, OLD.replace("X20 Y20", "X20 Y20\nX20 Y20")).program.columns.ends.tolist() == (
+        once.program.columns.ends.tolist()
+    )
+
+
+def test_a_skipped_word_is_an_error_with_strict(tmp_path):
+    text = OLD.replace("S1000 M3", "M1")
+    assert [n.kind for n in built(tmp_path, text.replace("M5\n", "")).notes] == ["skipped"]
+    with pytest.raises(NoSafeProgram, match="M1 stops where the operator wants it"):
+        camgen.build(tmp_path / "old.nc", post="gcode", strict=True)
+
+
+@pytest.mark.parametrize(
+    ("tables", "where"),
+    [
+        ({"operation": {"depth": 2.0}}, "operation.depth"),
+        ({"process": {"feed": 5.0}}, "process.feed"),
+        ({"tool": {"orient": "follow"}}, "tool.orient"),
+    ],
+)
+def test_settings_that_mean_nothing_here(tmp_path, tables, where):
+    with pytest.raises(JobError) as error:
+        built(tmp_path, **tables)
+    assert str(error.value) == f"job: has no effect on a replay ({where}); leave it out"
+
+
+def test_another_operation_than_a_replay(tmp_path):
+    with pytest.raises(JobError, match="G-code is replayed, it cannot be used to trace"):
+        built(tmp_path, operation={"kind": "trace"})
+
+
+def test_replay_is_for_programs_alone(tmp_path):
+    drawing = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+    with pytest.raises(JobError, match='"replay" is for G-code'):
+        camgen.build(drawing, post="gcode", job={"operation": {"kind": "replay"}})
+    path = tmp_path / "a.nc"
+    path.write_text(OLD)
+    with pytest.raises(InputError, match="build it alone"):
+        camgen.build([path, drawing], post="gcode")
+
+
+def test_a_program_of_our_own_replays_as_itself(tmp_path):
+    drawing = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+    first = camgen.build(drawing, post="gcode")
+    signals = {"signals": {"process": "P1", "dout0": "P0"}}
+    again = built(tmp_path, first.text, "gcode", "again.ngc", signals)
+    old, new = (r.program.columns for r in (first, again))
+    work = [~c.moves_are(MoveJ) for c in (old, new)]
+    assert new.ends[work[1]] == pytest.approx(old.ends[work[0]], abs=1e-3)
+    assert new.speed[work[1]] == pytest.approx(old.speed[work[0]], rel=1e-3)
+
+
+@needs_rs274
+@needs_shared
+@pytest.mark.parametrize("path", sorted([*SHARED.rglob("*.ngc"), *SHARED.rglob("*.gcode")]), ids=lambda p: p.name)
+def test_samples_do_what_linuxcnc_says_or_are_refused_with_it(path):
+    text = path.read_text(encoding="latin-1").replace("\r\n", "\n")
+    run, judge = interpret(text.split("\n")), judged(text)
+    if run.stopped:
+        assert judge.error
+        return
+    found = against(run, judge)
+    assert found.fault == ""
+    assert found.deviation <= 0.001 + 2 * judge.hidden
+    assert found.moves == len(judge.moves) - run.held or found.moves > 0
+
+
+def program(chance: random.Random) -> list[str]:
+    """A random program of motions, arcs and helices in all planes, cycles, and shifts of the origin."""
+    lines = [chance.choice(["G21", "G20"]) + " G90 G64", "F100 S100 M3", "G0 X0 Y0 Z30"]
+    for _ in range(chance.randint(3, 12)):
+        lines += chance.choice([_line, _polar, _arc, _holes, _holes, _shift])(chance)
+    return [*lines, "M2"]
+
+
+def _axes(chance, letters="XYZ"):
+    return " ".join(f"{a}{chance.uniform(-20, 20):.3f}" for a in letters if chance.random() < 0.6) or letters[0] + "1"
+
+
+def _line(chance):
+    return [chance.choice(["G0 ", "G1 "]) + _axes(chance)]
+
+
+def _polar(chance):
+    radius, angle = f"@{chance.uniform(-5, 5):.3f}", f"^{chance.uniform(-400, 400):.3f}"
+    return [f"{chance.choice(['G0', 'G1'])} {radius} {angle}", f"G1 {chance.choice([radius, angle])} Z1"]
+
+
+def _shift(chance):
+    return [chance.choice(["G92 " + _axes(chance), "G10 L20 P1 " + _axes(chance), "G92.1", "G90", "G91", "G98", "G99"])]
+
+
+def _arc(chance):
+    plane, (a, i, up) = chance.choice([("G17", "XIZ"), ("G18", "ZKY"), ("G19", "YJX")])
+    size = chance.uniform(1, 9)
+    way = f"{plane} {chance.choice(['G2', 'G3'])} "
+    if chance.random() < 0.5:
+        way += f"{i}{size:.3f}" + (f" P{chance.randint(1, 3)}" if chance.random() < 0.4 else "")
+    else:
+        way = "G91 " + way + f"{a}{chance.uniform(0.1, 1.9) * size:.3f} R{chance.choice([-1, 1]) * size:.3f}"
+    return [way + (f" {up}{chance.uniform(-9, 9):.3f}" if chance.random() < 0.5 else ""), "G17"]
+
+
+def _holes(chance):
+    plane, up, others = chance.choice([("G17", "Z", "XY"), ("G17", "Z", "XY"), ("G18", "Y", "XZ"), ("G19", "X", "YZ")])
+    code = chance.choice(["G81", "G82", "G83", "G73", "G85", "G89"])
+    more = {"G82": " P0.5", "G89": " P0.5", "G83": " Q4.5", "G73": " Q4.5"}.get(code, "")
+    high = chance.uniform(-5, 30)
+    distance = chance.choice(["G90", "G91"])
+    low = high - chance.uniform(0.1, 20) if distance == "G90" else -chance.uniform(0.1, 20)
+    first = f"{code} {_axes(chance, others)} {up}{low:.3f} R{high:.3f}{more} L{chance.randint(1, 2)}"
+    again = [chance.choice([_axes(chance, others), f"{code} {_axes(chance, others)}", "G98", "G99"]) for _ in range(2)]
+    return [f"{plane} {distance}", first, *again, "G80 G90 G17"]
+
+
+@needs_rs274
+@pytest.mark.parametrize("seed", range(40))
+def test_random_programs_do_what_linuxcnc_says(seed):
+    lines = program(random.Random(seed))
+    run, judge = interpret(lines), judged("\n".join(lines) + "\n")
+    assert (run.stopped, judge.error) == (None, "")
+    found = against(run, judge)
+    assert found.fault == "", lines
+    assert found.moves > 2
+
+
+def test_poses_point_the_tool_down(tmp_path):
+    rotations = {i.target.rotation.tobytes() for i in built(tmp_path).program.body if isinstance(i, MoveL)}
+    assert len(rotations) == 1
+    (item,) = [i for i in built(tmp_path).program.body if isinstance(i, MoveC)]
+    assert isinstance(item.target, Pose)
+    assert item.target.rotation @ [0, 0, 1] == pytest.approx([0, 0, -1])

@@ -1,0 +1,87 @@
+"""A controller that takes the shorter way between two orientations never winds the tool up by more than a turn."""
+
+import itertools
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import camgen
+from camgen.lower import lower
+from camgen.model.job import Job, Operation, Process, Tool
+from camgen.model.part import Contour, Part
+from camgen.model.path import Tour
+from camgen.model.pose import Pose
+from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL
+from camgen.plan import plan
+from camgen.post.plugins import find_post
+from tests.support.drawn import circle, rectangle
+
+
+def program(*contours: Contour, post: str = "rapid", **operation: Any) -> tuple[Instruction, ...]:
+    job = Job(tool=Tool(orient="follow"), operation=Operation(**operation), process=Process(clearance=30))
+    found = plan(Part("part", "part.dxf", "mm", contours, ()), job)
+    return lower(Tour(found.paths, 0.0, ""), find_post(post).cell(), job, "part", ()).body
+
+
+def headings(body: tuple[Instruction, ...]) -> list[float]:
+    """Where tool x points, seen from above, deg: one after the other as the tool gets there, from home on."""
+    found = [0.0]
+    for item in body:
+        if isinstance(item, (MoveJ, MoveL, MoveC)) and not isinstance(item.target, Joints):
+            poses: list[Pose] = [item.via, item.target] if isinstance(item, MoveC) else [item.target]
+            found += [math.degrees(math.atan2(p.rotation[1, 0], p.rotation[0, 0])) for p in poses]
+    return found
+
+
+def wound(body: tuple[Instruction, ...]) -> list[float]:
+    """How far the tool has turned since home, deg, by the shorter way from each orientation to the next."""
+    total, turns = 0.0, [0.0]
+    places = headings(body)
+    for before, after in itertools.pairwise(places):
+        step = (after - before + 180) % 360 - 180
+        assert abs(step) < 155, "no sense of its own"
+        total += step
+        turns.append(total)
+    return turns
+
+
+def row(count: int) -> list[Contour]:
+    return [circle(40 * k, 0, 15, f"c{k + 1}") for k in range(count)]
+
+
+@pytest.mark.parametrize("direction", ["climb", "conventional"])
+@pytest.mark.parametrize("operation", [{}, {"passes": 4, "depth": 8.0}], ids=["once", "passes"])
+def test_one_contour_after_the_other_does_not_wind_the_tool_up(direction: str, operation: dict[str, Any]) -> None:
+    turns = wound(program(*row(6), direction=direction, **operation))
+    assert max(map(abs, turns)) <= 360 + 1e-6
+    assert max(turns) - min(turns) >= 360 - 1e-6  # once round each
+
+
+def test_holes_and_outline_undo_each_other() -> None:
+    body = program(rectangle(-40, -40, 200, 80), circle(0, 0, 15, "c2"))
+    assert max(map(abs, wound(body))) <= 360 + 1e-6
+
+
+def test_back_turns_are_made_in_the_air() -> None:
+    body = program(*row(3))
+    cartesian = [i for i in body if isinstance(i, (MoveL, MoveC))]
+    for before, after in itertools.pairwise(cartesian):
+        if before.target.origin == after.target.origin:
+            assert after.target.origin[2] == 30
+            assert before.blend == after.blend == 0
+    assert any(a.target.origin == b.target.origin for a, b in itertools.pairwise(cartesian))
+
+
+def test_a_mill_has_nothing_to_wind_up() -> None:
+    fixed = program(*row(3), post="gcode")
+    assert [i for i in fixed if isinstance(i, MoveJ)]
+    assert len(fixed) < len(program(*row(3)))
+
+
+def test_the_program_is_read_back_with_its_turns() -> None:
+    job = {"tool": {"orient": "follow"}}
+    part = Path(__file__).parents[2] / "fixtures" / "parts" / "gaps.dxf"
+    result = camgen.build(part, post="rapid", job=job)
+    assert max(map(abs, wound(result.program.body))) <= 360 + 1e-6

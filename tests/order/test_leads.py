@@ -1,0 +1,121 @@
+"""Run-in, run-out and overlap."""
+
+import math
+
+import numpy as np
+import pytest
+
+from camgen.geometry.intersect import Obstacles
+from camgen.geometry.segments import from_contours
+from camgen.model.job import Job, Operation, Process
+from camgen.model.part import Contour, Note
+from camgen.model.path import ToolPath, segment_lengths
+from camgen.order.leads import add_leads
+from camgen.order.starts import starting_at
+from camgen.plan import plan
+from tests.support.drawn import circle, contour, part, rectangle
+
+
+def led(*contours: Contour, **operation: object) -> tuple[list[ToolPath], list[Note]]:
+    job = Job(operation=Operation(**operation))  # type: ignore[arg-type]
+    drawn = part(*contours)
+    return add_leads(plan(drawn, job).paths, drawn, job)
+
+
+def tangents(path: ToolPath) -> list[np.ndarray]:
+    """Directions at the start of each segment and at its end, from chord and via alone."""
+    found = []
+    for a, v, b in zip(path.position[:-1], path.via[1:], path.position[1:], strict=True):
+        if np.isnan(v[0]):
+            found += [(b - a) / np.linalg.norm(b - a)] * 2
+        else:
+            # The tangent at an end of an arc mirrors the chord at the half-chord to the middle.
+            chord = (b - a) / np.linalg.norm(b - a)
+            for half in ((v - a) / np.linalg.norm(v - a), (b - v) / np.linalg.norm(b - v)):
+                found.append(2 * (half @ chord) * half - chord)
+    return found
+
+
+def test_a_lead_is_a_quarter_circle_that_meets_the_path_smoothly() -> None:
+    (path,), notes = led(rectangle(0, 0, 100, 60), lead_in=4.0, lead_out=3.0)
+    assert not notes
+    lengths = segment_lengths(path.position, path.via)
+    assert lengths[0] == pytest.approx(4.0)
+    assert lengths[-1] == pytest.approx(3.0)
+    direction = tangents(path)
+    assert direction[1] @ direction[2] == pytest.approx(1.0)
+    assert direction[-3] @ direction[-2] == pytest.approx(1.0)
+    assert abs(direction[0] @ direction[1]) == pytest.approx(0.0, abs=1e-9)
+    assert not path.closed
+
+
+def test_leads_never_come_nearer_to_the_part_than_the_tool() -> None:
+    shapes = [rectangle(0, 0, 100, 60), circle(30, 30, 12, "c2"), rectangle(60, 20, 20, 9, "c3")]
+    paths, _ = led(*shapes, lead_in=5.0, lead_out=5.0)
+    obstacles = Obstacles(drawn := from_contours(shapes), np.zeros(len(drawn), dtype=np.int64))
+    for path in paths:
+        for row in (1, len(path.position) - 1):
+            points = np.array([path.position[row - 1], path.via[row], path.position[row]])[:, :2]
+            points = points[~np.isnan(points[:, 0])]
+            gap = obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), 3.0)
+            assert (gap >= 3.0 - 0.005).all()
+
+
+def test_a_lead_that_does_not_fit_is_shortened_and_said() -> None:
+    (path,), notes = led(circle(0, 0, 4), side="inside", lead_in=8.0)
+    # Inside a hole of 8 mm the centre of the 6 mm tool has a circle of 1 mm: a quarter circle of at most 1 mm radius.
+    assert path.length <= 2 * math.pi + math.pi / 2 + 1e-9
+    assert len(notes) == 1
+    assert notes[0].kind == "warning"
+
+
+def test_overlap_runs_on_beyond_the_seam() -> None:
+    (path,), _ = led(rectangle(0, 0, 100, 60), overlap=7.5)
+    (plain,), _ = led(rectangle(0, 0, 100, 60))
+    assert path.length == pytest.approx(plain.length + 7.5)
+    assert not path.closed
+    (long,), _ = led(rectangle(0, 0, 100, 60), overlap=130.0)
+    assert long.length == pytest.approx(plain.length + 130.0)
+    (twice,), _ = led(circle(0, 0, 10), overlap=1000.0)
+    assert twice.length == pytest.approx(2 * 2 * math.pi * 13)
+
+
+def test_no_force_along_a_lead() -> None:
+    job = Job(operation=Operation(lead_in=4.0, lead_out=4.0), process=Process(force=5.0))
+    drawn = part(circle(0, 0, 20))
+    ((path,), _) = add_leads(plan(drawn, job).paths, drawn, job)
+    assert path.force[1] == 0.0
+    assert path.force[-1] == 0.0
+    assert (path.force[2:-1] == 5.0).all()
+
+
+def test_a_lead_beside_an_outer_corner_keeps_to_the_feed() -> None:
+    job = Job(operation=Operation(lead_in=4.0, lead_out=4.0), process=Process(feed=10.0))
+    drawn = part(rectangle(0, 0, 60, 40))
+    (planned,) = plan(drawn, job).paths
+    corner = starting_at(planned, int(np.argmax(planned.feed[1:])) + 1, 0.5)
+    assert corner.feed[1] == corner.feed[-1] == 20.0
+    ((path,), _) = add_leads([corner], drawn, job)
+    assert path.feed[[1, -1]].tolist() == [10.0, 10.0]
+    assert path.feed[[2, -2]].tolist() == [20.0, 20.0]
+
+
+def test_press_turns_with_the_lead_and_stays_square_to_the_travel() -> None:
+    (path,), _ = led(circle(0, 0, 20), lead_in=4.0, lead_out=4.0)
+    direction = tangents(path)
+    for row in range(1, len(path.position)):
+        for end in (0, 1):
+            assert path.press[row, end] @ direction[2 * (row - 1) + end] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_an_open_contour_is_led_along_its_tangent() -> None:
+    line = contour([(0, 0), (50, 0)], closed=False)
+    (path,), _ = led(line, side="left", lead_in=5.0, lead_out=2.0)
+    assert path.position[0].tolist() == pytest.approx([-5, 3, 0])
+    assert path.position[-1].tolist() == pytest.approx([52, 3, 0])
+
+
+def test_traced_lines_have_no_leads() -> None:
+    (path,), notes = led(circle(0, 0, 20), kind="trace", lead_in=5.0)
+    assert path.length == pytest.approx(40 * math.pi)
+    assert not notes

@@ -1,0 +1,263 @@
+"""Ways out, links and the route over the edges of a part: judged by forward kinematics and by hand."""
+
+import math
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from camgen_posts.rapid import Rapid
+from msgspec.structs import replace
+
+from camgen.collision.cell import around
+from camgen.collision.hits import hits
+from camgen.collision.scene import Scene
+from camgen.lower import placed
+from camgen.model.job_tables import load
+from camgen.model.pose import FloatArray, Pose
+from camgen.order.edges import room_of, setup_of
+from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, steps
+from camgen.order.edges.retract import Retraction, Room, retractions
+from camgen.order.edges.route import Route, route
+from camgen.plan.edges.motion import Freedom, Reached, Setup
+from camgen.plan.edges.reach import reach
+from camgen.plan.edges.select import select
+from camgen.plan.edges.ways import Way
+from camgen.read.solid import mesh
+from camgen.robots.catalogue import robot
+from tests.support.arm_models import by_hand
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+ARM = robot("IRB 2400")
+
+
+@cache
+def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
+    solid, job = mesh.read(PARTS / f"{part}.stl"), load(PARTS / f"{part}.toml")
+    where = around(job, ARM, placed(Rapid.cell(), job), solid)
+    setup = setup_of(ARM, placed(Rapid.cell(), job), where.scene)
+    chosen = select(solid, [job.input.select])
+    edges = [edge for edge in solid.edges if edge.id in chosen]
+    found = reach(edges, setup, 2.0, "mean", Freedom(math.radians(15), roll=True))
+    return setup, room_of(where), tuple(one for one in found if isinstance(one, Reached))
+
+
+@cache
+def routed(part: str, best: bool = True) -> Route:
+    setup, room, motions = cell(part)
+    return route(setup, room, motions, mesh.read(PARTS / f"{part}.stl").edges, ARM.home, 100.0, best)
+
+
+def matrix(pose: Pose) -> FloatArray:
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = pose.rotation, pose.origin
+    return out
+
+
+def tcp(setup: Setup, joints: FloatArray) -> FloatArray:
+    """base_from_tcp (N, 4, 4) of joints (N, J) by textbook matrices."""
+    tool = matrix(setup.flange_from_tool)
+    return np.array([by_hand(setup.robot.name, np.degrees(q)) @ tool for q in joints])
+
+
+def in_base(setup: Setup, way: Way) -> FloatArray:
+    return np.asarray(way.position @ setup.base_from_work.rotation.T + np.asarray(setup.base_from_work.origin))
+
+
+def ends(motions: tuple[Reached, ...]) -> list[tuple[Way, FloatArray]]:
+    bare = np.full((1, 3), np.nan)
+    return [
+        (Way(m.way.position[[k]], bare, m.way.rotation[[k]]), m.joints[k]) for m in motions for k in (0, len(m.way) - 1)
+    ]
+
+
+# -- retraction ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", ["rfa1", "rfa2"])
+def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> None:
+    setup, room, motions = cell(part)
+    found = retractions(setup, room, ends(motions))
+    ways = [one for one in found if isinstance(one, Retraction)]
+    assert len(ways) >= len(found) - 2
+    for end, one in zip(ends(motions), found, strict=True):
+        if isinstance(one, str):
+            assert one
+            continue
+        frames = tcp(setup, one.joints)
+        assert np.allclose(frames[:, :3, 3], in_base(setup, one.way), atol=1e-5)
+        assert np.allclose(frames[:, :3, :3], setup.base_from_work.rotation @ one.way.rotation, atol=1e-7)
+        assert np.allclose(one.joints[0], end[1], atol=1e-9)
+        assert frames[-1, 2, 3] >= room.level - 1e-6
+        assert np.abs(np.diff(one.dense, axis=0)).max() <= math.radians(15) + 1e-9
+        assert (hits(scene_of(part), one.dense) < 0).all()
+
+
+@cache
+def scene_of(part: str) -> Scene:
+    solid, job = mesh.read(PARTS / f"{part}.stl"), load(PARTS / f"{part}.toml")
+    return around(job, ARM, placed(Rapid.cell(), job), solid).scene
+
+
+def test_the_level_is_half_the_holder_and_the_safety_above_the_part() -> None:
+    solid, job = mesh.read(PARTS / "rfa1.stl"), load(PARTS / "rfa1.toml")
+    where = around(job, ARM, placed(Rapid.cell(), job), solid)
+    top = 640.0 + 70.0  # the part stands at 640 mm and is 70 mm high
+    assert where.level == pytest.approx(top + math.hypot(70, 70) / 2 + 10.0)
+
+
+def test_a_tool_that_leans_goes_back_along_itself() -> None:
+    """The length of the way is the height divided by the cosine of the lean (equation 1)."""
+    setup, room, motions = cell("rfa1")
+    one = next(
+        way
+        for way in retractions(setup, room, ends(motions))
+        if isinstance(way, Retraction) and way.name == "along the tool" and len(way.way) == 2
+    )
+    start, stop = in_base(setup, one.way)
+    back = -(setup.base_from_work.rotation @ one.way.rotation[0])[:, 2]
+    s = (room.level - start[2]) / back[2]
+    assert s > 1
+    assert np.allclose(stop - start, s * back, atol=1e-6)
+
+
+def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() -> None:
+    """Where a way straight back collides, the first segment takes the TCP to where the wrist was (second case)."""
+    setup, room, motions = cell("rfa1")
+    calls: list[int] = []
+
+    def only_third(several: list[FloatArray]) -> list[str]:
+        calls.append(len(several))
+        return ["wall"] * len(several) if len(calls) == 1 else [""] * len(several)
+
+    deep = replace(room, level=room.level + 600.0, hits=only_third)
+    chosen = ends(motions)
+    found = [one for one in retractions(setup, deep, chosen) if isinstance(one, Retraction) and "wrist" in one.name]
+    assert found
+    for one in found:
+        joints = one.joints[0]
+        # The wrist's place is where the axes 4, 5 and 6 meet: 85 mm behind the flange of an IRB 2400.
+        flange = by_hand(ARM.name, np.degrees(joints))
+        wrist = flange[:3, 3] - 85.0 * flange[:3, 2]
+        assert np.allclose(in_base(setup, one.way)[1], wrist, atol=1e-6)
+        assert abs(math.degrees(one.joints[1][4])) >= 2.0
+
+
+def test_an_end_without_a_way_says_what_stands_in_it() -> None:
+    setup, room, motions = cell("rfa1")
+    walled = replace(room, hits=lambda several: ["link 5 against wall"] * len(several))
+    (found,) = retractions(setup, walled, ends(motions)[:1])
+    assert isinstance(found, str)
+    assert "link 5 against wall" in found
+
+
+# -- links -----------------------------------------------------------------------------------------------------------
+
+
+def table(n: int, seed: int) -> Ends:
+    rng = np.random.default_rng(seed)
+    free = rng.uniform(2, 4, (2 * n, 2 * n))
+    free = (free + free.T) / 2
+    direct = np.where(rng.random((2 * n, 2 * n)) < 0.3, rng.uniform(0.1, 1, (2 * n, 2 * n)), math.inf)
+    direct = np.minimum(direct, direct.T)
+    own = np.arange(2 * n) // 2
+    direct[own[:, None] == own[None]] = math.inf
+    return Ends(
+        np.zeros((2 * n, 6)), np.zeros((2 * n, 6)), rng.uniform(0.5, 2, 2 * n), free, direct, rng.uniform(1, 3, n)
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_cheapest_link_is_that_of_a_plain_search(seed: int) -> None:
+    """Against Bellman and Ford's relaxation over the same moves, and the free motion beside them."""
+    ends_, n = table(4, seed), 8
+    home = np.random.default_rng(seed).uniform(1, 2, n)
+    blocked = np.random.default_rng(seed + 99).random((n, n)) < 0.3
+    blocked |= blocked.T
+    best, first = steps(ends_, blocked, home)
+    hop = ends_.direct.copy()
+    for k in range(n):
+        hop[k, k ^ 1] = ends_.through[k // 2]
+    for a in range(n):
+        reached = np.full(n, math.inf)
+        reached[a] = 0.0
+        for _ in range(n):
+            reached = np.minimum(reached, (reached[:, None] + hop).min(axis=0))
+        for b in range(n):
+            if a == b:
+                continue
+            free = ends_.free[a, b] if not blocked[a, b] else math.inf
+            by_home = home[a] + home[b]
+            rfa = min(free, by_home) + ends_.out[a] + ends_.out[b]
+            assert best[a, b] == pytest.approx(min(reached[b], rfa))
+            if rfa < reached[b] - 1e-9:
+                assert first[a, b] == (FREE if free <= by_home else BY_HOME)
+
+
+# -- route -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", ["rfa1", "rfa2"])
+def test_every_motion_is_run_once_and_each_piece_begins_where_the_last_one_ended(part: str) -> None:
+    _, _, motions = cell(part)
+    made = routed(part)
+    assert sorted(leg.motion.id for leg in made.legs) == sorted(motion.id for motion in motions)
+    assert not made.dropped
+    here = ARM.home
+    for piece in [p for leg in made.legs for p in (*leg.link, leg.motion)] + [*made.back]:
+        if isinstance(piece, Turn):
+            here = piece.joints
+            continue
+        assert np.allclose(piece.joints[0], here, atol=1e-9)
+        here = piece.joints[-1]
+    assert np.array_equal(here, ARM.home)
+
+
+@pytest.mark.parametrize("part", ["rfa1", "rfa2"])
+def test_the_best_tour_is_no_slower_than_the_nearest_neighbours(part: str) -> None:
+    best, nearest = routed(part), routed(part, best=False)
+    assert best.seconds <= best.nearest + 1e-9
+    assert nearest.seconds == nearest.nearest
+    assert sorted(leg.motion.id for leg in best.legs) == sorted(leg.motion.id for leg in nearest.legs)
+
+
+def test_edges_that_share_a_corner_are_linked_at_it() -> None:
+    """Between e1 and e3, which meet, the tool need not leave the part."""
+    made = routed("rfa1")
+    kinds = [tuple(type(piece) for piece in leg.link) for leg in made.legs]
+    assert (Turn,) in kinds
+    for before, leg in zip(made.legs, made.legs[1:], strict=False):
+        if [type(piece) for piece in leg.link] == [Turn]:
+            edges = {e.id: e for e in mesh.read(PARTS / "rfa1.stl").edges}
+            a, b = edges[before.motion.id], edges[leg.motion.id]
+            assert min(np.linalg.norm(p - q) for p in a.points[[0, -1]] for q in b.points[[0, -1]]) < 1e-3
+
+
+def test_where_a_force_presses_every_link_leaves_the_part() -> None:
+    setup, room, motions = cell("rfa1")
+    edges = mesh.read(PARTS / "rfa1.stl").edges
+    made = route(setup, room, motions, edges, ARM.home, 100.0, best=True, lifted=True)
+    for leg in made.legs[1:]:
+        assert isinstance(leg.link[0], Along)
+        assert leg.link[0].kind == "retraction"
+
+
+def test_a_free_motion_that_collides_is_not_taken() -> None:
+    """All free motions between two ends are walled off: they go by way of home, or not at all."""
+    setup, room, motions = cell("rfa2")
+    free = {tuple(np.round(m.joints[k], 9)) for m in motions for k in (0, -1)}
+
+    def walled(several: list[FloatArray]) -> list[str]:
+        said = room.hits(several) if several else []
+        pairs = [len(rows) == 2 and not any(np.allclose(row, ARM.home) for row in rows) for rows in several]
+        pairs = [two and tuple(np.round(rows[0], 9)) not in free for two, rows in zip(pairs, several, strict=True)]
+        return [text or ("wall" if two else "") for text, two in zip(said, pairs, strict=True)]
+
+    edges = mesh.read(PARTS / "rfa2.stl").edges
+    made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, 100.0, best=True)
+    assert len(made.legs) == len(motions)
+    assert made.seconds > routed("rfa2").seconds
+    for leg in made.legs[1:]:
+        turns = [piece for piece in leg.link if isinstance(piece, Turn)]
+        if any(isinstance(p, Along) and p.kind == "retraction" for p in leg.link):
+            assert any(np.allclose(turn.joints, ARM.home) for turn in turns)

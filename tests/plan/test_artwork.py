@@ -1,0 +1,265 @@
+"""Drawings in black and white: borders, simplification with a bound that holds, arcs where they are."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from camgen.cli import main
+from camgen.geometry.segments import flatten, from_contours
+from camgen.model.errors import InputError, JobError
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part
+from camgen.model.pose import frozen
+from camgen.plan.page import on_page
+from camgen.plan.simplify import simplified
+from camgen.read import read
+from camgen.vision.ink import borders, ink_of
+
+SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image"
+TRACE = {"operation": {"kind": "trace"}}
+
+
+def written(tmp_path: Path, picture: np.ndarray) -> Path:
+    path = tmp_path / "drawing.png"
+    cv2.imwrite(str(path), picture)
+    return path
+
+
+def both(path: Path, **job: dict[str, object]) -> tuple[Part, Part]:
+    """The drawing as read, at its size on paper, and as it will be drawn."""
+    asked = from_mapping({**TRACE, "image": {"mm_per_px": 0.1}, **job})
+    raw = on_page(read(path, asked), asked)
+    return raw, simplified(raw, asked)
+
+
+def rings(part: Part, step: float) -> list[np.ndarray]:
+    """Each contour as a closed line of points no farther than ``step`` apart, arcs within 0.1 um."""
+    found = []
+    for contour in part.contours:
+        one = from_contours([contour])
+        points, _ = flatten(one, 1e-4)
+        # A thin line may be left as two points, there and back: no ring.
+        ring = shapely.segmentize(shapely.linestrings(np.concatenate([points, points[:1]])), step)
+        found.append(shapely.get_coordinates(ring))
+    return found
+
+
+def apart(a: Part, b: Part, step: float) -> float:
+    """The Hausdorff distance between the contours, one by one, to ``step``."""
+    worst = 0.0
+    for p, q in zip(rings(a, step), rings(b, step), strict=True):
+        for one, other in ((p, q), (q, p)):
+            worst = max(worst, float(shapely.distance(shapely.points(one), shapely.linestrings(other)).max()))
+    return worst
+
+
+def area(points: np.ndarray) -> float:
+    x, y = points.T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+@settings(max_examples=60, deadline=None)
+@given(arrays(np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.sampled_from([0, 255])))
+def test_borders_hold_the_ink(pixels: np.ndarray) -> None:
+    """Against flood fill: as many outer borders as joined pieces of ink, as many holes as pieces of paper inside."""
+    ink = ink_of(pixels, 128.0, False)
+    if ink is None:
+        assert len(np.unique(pixels)) == 1
+        return
+    found = borders(ink)
+    pieces = cv2.connectedComponents(ink.pixels.astype(np.uint8), connectivity=8)[0] - 1
+    papers = cv2.connectedComponents((~ink.pixels).astype(np.uint8), connectivity=4)[0] - 1
+    # v runs down: an outer border, counter-clockwise with y up, has a negative area here.
+    areas = [area(b) for b in found]
+    assert sum(a < 0 for a in areas) == pieces
+    assert sum(a > 0 for a in areas) == papers - 1
+    rows, columns = np.nonzero(ink.pixels)
+    union = shapely.polygons(found[0])
+    for border in found[1:]:
+        union = union.symmetric_difference(shapely.polygons(border).buffer(0))
+    assert all(shapely.intersects_xy(union.buffer(1e-9), columns, rows))
+
+
+def test_an_edge_between_grey_values_lies_where_it_was_drawn() -> None:
+    # A half plane that covers 30 % of the pixels of column 4: its edge lies 0.2 px left of that column's centre.
+    pixels = np.full((6, 9), 255, np.uint8)
+    pixels[:, :4] = 0
+    pixels[:, 4] = round(255 * 0.7)
+    ink = ink_of(pixels, None, False)
+    assert ink is not None
+    border = borders(ink)[0]
+    right = border[(border[:, 0] > 3) & (border[:, 1] > 1) & (border[:, 1] < 6)]
+    # One column of paper lies around the picture. Linear between centres: off by less than a tenth.
+    assert np.abs(right[:, 0] - 1 - 3.8).max() < 0.1
+
+
+def test_which_side_is_ink(tmp_path: Path) -> None:
+    pixels = np.full((40, 40), 255, np.uint8)
+    pixels[10:30, 10:30] = 0
+    for picture, job, count in [
+        (pixels, {}, 1),
+        (255 - pixels, {}, 1),
+        (pixels, {"image": {"invert": True, "mm_per_px": 0.1}}, 2),
+    ]:
+        raw, _ = both(written(tmp_path, picture), **job)
+        assert len(raw.contours) == count
+
+
+def test_ink_that_runs_into_the_border_is_closed_there(tmp_path: Path) -> None:
+    pixels = np.full((40, 60), 255, np.uint8)
+    pixels[:, 20:30] = 0
+    _, drawn = both(written(tmp_path, pixels))
+    (contour,) = drawn.contours
+    # The picture's own lower and upper edge, 40 px of 0.1 mm.
+    assert contour.points[:, 1].min() == pytest.approx(0.0, abs=0.06)
+    assert contour.points[:, 1].max() == pytest.approx(4.0, abs=0.06)
+    assert len(contour.points) == 4
+
+
+def test_a_disc_is_two_arcs_and_its_radius_is_found(tmp_path: Path) -> None:
+    v, u = np.mgrid[0:200, 0:200]
+    for radius in (8.0, 33.3, 80.0):
+        pixels = np.where(np.hypot(u - 99.7, v - 100.2) <= radius, 0, 255).astype(np.uint8)
+        _, drawn = both(written(tmp_path, pixels))
+        (contour,) = drawn.contours
+        assert contour.bulges.tolist() == [1.0, 1.0]
+        assert np.hypot(*(contour.points[0] - contour.points[1])) / 2 == pytest.approx(radius / 10, abs=0.03)
+
+
+def test_a_turned_square_is_four_lines_with_sharp_corners(tmp_path: Path) -> None:
+    pixels = np.full((300, 300), 255, np.uint8)
+    corners = np.array([[150 + 110 * np.cos(t), 150 + 110 * np.sin(t)] for t in 0.2 + np.pi / 2 * np.arange(4)])
+    v, u = np.mgrid[0:300, 0:300]
+    inside = np.ones(pixels.shape, dtype=bool)
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        inside &= (b[0] - a[0]) * (v - a[1]) - (b[1] - a[1]) * (u - a[0]) >= 0
+    pixels[inside] = 0
+    _, drawn = both(written(tmp_path, pixels))
+    (contour,) = drawn.contours
+    found = np.column_stack([contour.points[:, 0] * 10 - 0.5, 299.5 - contour.points[:, 1] * 10])
+    assert len(found) == 4
+    off = np.hypot(*(found[:, None] - corners).transpose(2, 0, 1)).min(axis=0)
+    assert off.max() < 0.8  # px, at corners of 90 deg that no pixel shows whole
+
+
+@settings(max_examples=40, deadline=None)
+@given(arrays(np.uint8, (14, 14), elements=st.sampled_from([0, 255])), st.sampled_from([0.02, 0.05, 0.1, 0.3]))
+def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(pixels: np.ndarray, tolerance: float) -> None:
+    """Noise is the hardest there is: every pixel a corner."""
+    ink = ink_of(cv2.resize(pixels, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST), 128.0, False)
+    if ink is None:
+        return
+    contours = tuple(
+        Contour(frozen(b * [0.1, -0.1]), frozen(np.zeros(len(b))), True, "0", f"c{k}")
+        for k, b in enumerate(borders(ink))
+    )
+    from camgen.plan.simplify import _thin  # noqa: PLC0415 (without a file)
+
+    raw = Part("a", "a.png", "mm", contours, ())
+    drawn = Part("a", "a.png", "mm", _thin(contours, tolerance, arcs=True), ())
+    assert apart(raw, drawn, 0.02) <= tolerance + 1e-3
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the shared data set is not beside the repository")
+@pytest.mark.parametrize("name", ["DeepPCB/00041000_temp.jpg", "mexopencv/bw.png", "scikit-image/horse.png"])
+def test_real_pictures_keep_the_tolerance(name: str) -> None:
+    raw, drawn = both(SHARED / name)
+    assert apart(raw, drawn, 0.02) <= 0.1 + 1e-3
+    assert sum(len(c.points) for c in drawn.contours) < sum(len(c.points) for c in raw.contours) / 5
+
+
+def test_lines_of_a_drawing_are_thinned_out_on_demand_and_arcs_stay() -> None:
+    t = np.linspace(0, 3, 400)
+    points = np.concatenate([np.column_stack([t * 10, np.sin(t * 3)]), [[31.0, 0.0], [33.0, 0.0]]])
+    bulges = np.zeros(len(points))
+    bulges[-2] = 0.5
+    part = Part("a", "a.dxf", "mm", (Contour(frozen(points), frozen(bulges), False, "0", "c1"),), ())
+    assert simplified(part, from_mapping({})).contours is part.contours
+    (thin,) = simplified(part, from_mapping({"tolerance": {"simplify": 0.05}})).contours
+    assert len(thin.points) < 40
+    assert thin.bulges[-2] == 0.5
+    line = shapely.linestrings(thin.points[:-1])
+    assert shapely.distance(shapely.points(points[:-1]), line).max() <= 0.05 + 1e-12
+
+
+def test_short_pieces_are_dropped_and_counted() -> None:
+    points = frozen([[0.0, 0.0], [3.0, 4.0]])
+    short = frozen([[0.0, 0.0], [0.3, 0.4]])
+    zeros = frozen([0.0, 0.0])
+    part = Part(
+        "a", "a.dxf", "mm", (Contour(points, zeros, False, "0", "c1"), Contour(short, zeros, False, "0", "c2")), ()
+    )
+    kept = simplified(part, from_mapping({"input": {"min_length": 0.6}}))
+    assert [c.id for c in kept.contours] == ["c1"]
+    assert [str(n) for n in kept.notes] == ["skipped: 1 contours shorter than 0.6 mm (input.min_length)"]
+
+
+def test_what_has_no_ink_or_no_scale_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no ink"):
+        both(written(tmp_path, np.full((9, 9), 200, np.uint8)))
+    drawing = np.full((9, 9), 255, np.uint8)
+    drawing[3:6, 3:6] = 0
+    path = written(tmp_path, drawing)
+    with pytest.raises(InputError, match=r"has no scale; give \[page\] size to draw it on paper"):
+        read(path, from_mapping(TRACE))
+    with pytest.raises(JobError, match="has no effect on a drawing"):
+        read(path, from_mapping({**TRACE, "image": {"min_area": 3.0}}))
+    with pytest.raises(JobError, match="gives the scale"):
+        read(path, from_mapping({**TRACE, "image": {"width_mm": 3.0}, "page": {"size": "A4"}}))
+
+
+def test_on_a_page_a_picture_needs_no_scale_and_its_mask_moves_along(tmp_path: Path) -> None:
+    drawing = np.full((20, 30), 255, np.uint8)
+    drawing[5:15, 10:20] = 0
+    asked = from_mapping({**TRACE, "page": {"size": [100, 60], "margin": 5}})
+    part = on_page(read(written(tmp_path, drawing), asked), asked)
+    # 10 px on 50 mm, in the middle of the page.
+    assert part.units == "5 mm/px"
+    assert part.contours[0].points.min(axis=0).tolist() == pytest.approx([25, 5])
+    raster = part.raster
+    assert raster is not None
+    v, u = np.nonzero(raster.mask)
+    middle = raster.work_from_view @ (u.mean(), v.mean(), 1.0)
+    assert middle.tolist() == pytest.approx([50, 30])
+
+
+def test_inspect_says_what_would_be_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    drawing = np.full((20, 30), 255, np.uint8)
+    drawing[5:15, 10:20] = 0
+    path = written(tmp_path, drawing)
+    asked = ["--set", "page.size=[100, 60]", "--set", "page.margin=5", "-q"]
+    assert main(["inspect", str(path), *asked]) == 0
+    said = capsys.readouterr().out
+    # A square of 10 px on 50 mm.
+    assert said.startswith("picture of 30 x 20 px, taken as a drawing\nscale: 5 mm/px, drawing 50 x 50 mm\n")
+    assert "strokes: 1, all closed, of 4 lines and 0 arcs; 200 mm in all, the shortest 200 mm\n" in said
+    assert main(["inspect", str(path), *asked, "--set", "operation.kind=fill", "--set", "tool.diameter=0.8"]) == 0
+    said = capsys.readouterr().out
+    assert "borders of the ink: 1, all closed, of 4 lines and 0 arcs" in said
+    assert "\nfilled with a pen of 0.8 mm (tool.diameter)\n" in said
+    # The same job builds what was said; without a page it is asked for.
+    assert main(["build", str(path), "--post", "gcode", *asked, "-o", str(tmp_path / "square.ngc")]) == 0
+    assert main(["inspect", str(path)]) == 0
+    assert "give [page] size to draw it on paper" in capsys.readouterr().out
+
+
+def test_small_squares_stay_squares_and_small_discs_become_circles(tmp_path: Path) -> None:
+    drawing = np.full((60, 300), 255, np.uint8)
+    v, u = np.mgrid[0:60, 0:300]
+    for k in range(7):
+        drawing[10 : 16 + k, 10 + 40 * k : 16 + 41 * k] = 0
+        drawing[np.hypot(u - 20.3 - 40 * k, v - 40.4) <= 4 + 0.7 * k] = 0
+    _, thin = both(written(tmp_path, drawing), image={"mm_per_px": 1.0})
+    by_place = sorted(thin.contours, key=lambda c: (c.points[:, 1].mean() < 30, c.points[:, 0].mean()))
+    squares, discs = by_place[:7], by_place[7:]
+    for k, square in enumerate(squares):
+        assert (len(square.points), int((square.bulges != 0).sum())) == (4, 0), k
+    for k, disc in enumerate(discs):
+        assert disc.bulges.tolist() == [1.0, 1.0]
+        assert np.hypot(*(disc.points[1] - disc.points[0])) / 2 == pytest.approx(4 + 0.7 * k, abs=0.5)

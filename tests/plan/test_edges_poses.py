@@ -1,0 +1,147 @@
+"""Poses along edges, judged by the formulas of a block and of a cylinder."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.model.pose import FloatArray, rotation_about
+from camgen.plan.edges.motion import Unreached
+from camgen.plan.edges.reach import poses
+from camgen.plan.edges.ways import Way, counts, divided, rows
+from tests.support.edge_shapes import rim, straight
+
+H = math.sqrt(0.5)
+FRONT = straight((0, 0, 50), (100, 0, 50), (0, 0, 1), (0, -1, 0))
+
+
+def way(found: Way | Unreached) -> Way:
+    assert isinstance(found, Way)
+    return found
+
+
+def test_the_front_edge_of_a_block() -> None:
+    found = way(poses(FRONT, 10))
+    assert np.allclose(found.position, [[0, -10 * H, 50 + 10 * H], [100, -10 * H, 50 + 10 * H]])
+    # z into the edge, x down the front, and y = z cross x then runs against the edge.
+    expected = np.column_stack([(0, -H, -H), (-1, 0, 0), (0, H, -H)])
+    assert np.allclose(found.rotation, expected)
+    assert np.isnan(found.via).all()
+
+
+def test_along_the_burr_the_offset_is_the_normal_of_the_face_that_looks_up() -> None:
+    found = way(poses(FRONT, 10, "burr"))
+    assert np.allclose(found.position, [[0, 0, 60], [100, 0, 60]])
+    assert np.allclose(found.rotation[:, :, 2], [0, 0, -1])
+    swapped = straight((0, 0, 50), (100, 0, 50), (0, -1, 0), (0, 0, 1))
+    assert np.allclose(way(poses(swapped, 10, "burr")).rotation, found.rotation)
+
+
+def test_the_burr_of_a_bore_in_a_wall_stands_in_the_flat_face() -> None:
+    bore = rim((0, 0, 0), 20, outer=False)
+    turned = rotation_about(1, math.pi / 2).T
+    wall = type(bore)(
+        bore.id, bore.kind, bore.points @ turned, bore.via @ turned, bore.normals[:, ::-1] @ turned,
+        bore.via_normals[:, ::-1] @ turned, bore.angle, True, True, 20.0, bore.length,
+    )  # fmt: skip
+    assert np.allclose(way(poses(wall, 5, "burr")).rotation[:, :, 2], [-1, 0, 0])
+
+
+def test_an_upright_edge_has_x_level_and_y_upwards() -> None:
+    for ends in ((0, 0, 0), (0, 0, 40)), ((0, 0, 40), (0, 0, 0)):
+        found = way(poses(straight(*ends, (-1, 0, 0), (0, -1, 0)), 2))
+        assert np.allclose(found.rotation[:, :, 1], [0, 0, 1])
+        assert np.allclose(found.rotation[:, :, 2], [H, H, 0])
+
+
+@pytest.mark.parametrize(("outer", "radius"), [(True, 20 + 4 * H), (False, 20 - 4 * H)])
+def test_the_rim_of_a_cylinder_stays_a_circle(outer: bool, radius: float) -> None:
+    found = way(poses(rim((5, 6, 30), 20, outer), 4))
+    assert len(found) == 5  # arcs of 120 deg and more are halved
+    for points, angles in ((found.position, np.arange(5) * 90), (found.via[1:], np.arange(4) * 90 + 45)):
+        a = np.radians(angles)
+        circle = np.column_stack([5 + radius * np.cos(a), 6 + radius * np.sin(a), np.full(len(a), 30 + 4 * H)])
+        assert np.allclose(points, circle)
+    sign = -1 if outer else 1
+    for k, rotation in enumerate(found.rotation):
+        outwards = np.array([math.cos(k * math.pi / 2), math.sin(k * math.pi / 2), 0])
+        assert np.allclose(rotation[:, 2], sign * H * outwards + [0, 0, -H])
+        assert rotation[2, 0] == pytest.approx(-H)
+
+
+def test_an_offset_that_closes_the_bore_is_refused() -> None:
+    found = poses(rim((0, 0, 0), 5, outer=False), 8)
+    assert isinstance(found, Unreached)
+    assert (found.kind, found.text) == ("shape", "an offset of 8 mm leaves nothing of its inner radius")
+    assert isinstance(poses(rim((0, 0, 0), 5, outer=False), 6), Way)  # 6 / sqrt 2 < 5
+
+
+def test_faces_back_to_back_have_no_mean() -> None:
+    found = poses(straight((0, 0, 0), (9, 0, 0), (0, 1, 0), (0, -1, 0)), 1)
+    assert isinstance(found, Unreached)
+    assert found.kind == "shape"
+
+
+unit = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.2)
+
+
+@given(unit, unit, st.floats(0, math.pi * 0.9), st.floats(0, 30))
+def test_frames_are_right_handed_square_and_point_down(
+    along: FloatArray, a: FloatArray, turn: float, far: float
+) -> None:
+    t = along / np.linalg.norm(along)
+    first = np.cross(t, a)
+    if np.linalg.norm(first) < 0.05:
+        return
+    first /= np.linalg.norm(first)
+    second = math.cos(turn) * first + math.sin(turn) * np.cross(t, first)
+    mean = (first + second) / np.linalg.norm(first + second)
+    edge = straight(3 * t, 50 * t, first, second)
+    back = straight(50 * t, 3 * t, first, second)
+    for rotation in way(poses(edge, far)).rotation:
+        assert np.allclose(rotation.T @ rotation, np.eye(3))
+        assert np.linalg.det(rotation) == pytest.approx(1)
+        assert np.allclose(rotation[:, 2], -mean)
+        assert abs(rotation[:, 1] @ t) == pytest.approx(1)
+        assert rotation[2, 0] <= 1e-6
+    # The same orientation whichever way the edge was recorded, the rows the other way round.
+    assert np.allclose(way(poses(back, far)).rotation, way(poses(edge, far)).rotation[::-1])
+    assert np.allclose(way(poses(back, far)).position, way(poses(edge, far)).reversed().position)
+
+
+def test_backwards_the_arcs_keep_their_middles() -> None:
+    found = way(poses(rim((0, 0, 0), 20, outer=True), 4))
+    back = found.reversed()
+    assert np.allclose(back.position, found.position[::-1])
+    assert np.allclose(back.rotation, found.rotation[::-1])
+    assert np.isnan(back.via[0]).all()
+    for k in range(1, 5):
+        near = np.linalg.norm(back.via[k] - back.position[k - 1])
+        assert near == pytest.approx(np.linalg.norm(back.via[k] - back.position[k]))
+        assert near == pytest.approx(2 * (20 + 4 * H) * math.sin(math.radians(22.5)))
+
+
+@given(st.integers(1, 9), st.integers(1, 9))
+def test_a_divided_rim_is_the_circle_with_its_frame_turning_evenly(first: int, other: int) -> None:
+    found = way(poses(rim((5, 6, 30), 20, outer=True), 4))
+    parts = np.array([first, other, first, other])
+    dense = divided(found, parts)
+    angles = np.concatenate([[0.0], *[np.pi / 2 * (k + np.arange(1, n + 1) / n) for k, n in enumerate(parts)]])
+    radius = 20 + 4 * H
+    for angle, position, rotation in zip(angles, dense.position, dense.rotation, strict=True):
+        assert np.allclose(position, [5 + radius * math.cos(angle), 6 + radius * math.sin(angle), 30 + 4 * H])
+        assert np.allclose(rotation, rotation_about(2, angle) @ found.rotation[0])
+    assert dense.length.sum() == pytest.approx(math.tau * radius)
+    assert np.array_equal(dense.position[rows(parts)], found.position)
+    middles = (angles[1:] + angles[:-1]) / 2
+    assert np.allclose(dense.via[1:, 0], 5 + radius * np.cos(middles))
+
+
+def test_parts_are_no_longer_and_turn_no_further_than_asked() -> None:
+    line = way(poses(FRONT, 0))
+    assert counts(line, 30, 1).tolist() == [4]
+    assert counts(line, 25, 1).tolist() == [4]
+    # A frame at 45 deg that goes round an upright axis by 90 deg turns by 90 deg.
+    assert counts(way(poses(rim((0, 0, 0), 20, outer=True), 4)), 1e3, math.radians(20)).tolist() == [5] * 4

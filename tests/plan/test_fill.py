@@ -1,0 +1,281 @@
+"""Filling: judged by GEOS on the strokes as they are, never by the planner's own picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+
+import camgen
+from bench.plan.boards import GOALS, board, part_of
+from camgen.geometry.rings import rings
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Job
+from camgen.model.job_tables import from_mapping
+from camgen.model.part import Contour, Part
+from camgen.model.path import ToolPath
+from camgen.model.pose import frozen
+from camgen.plan import Plan, plan
+from camgen.plan.fill import fill
+from camgen.plan.fill.cover import measured, painted
+from camgen.read import read
+
+SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image" / "DeepPCB"
+
+
+def job_for(diameter: float, **operation: object) -> Job:
+    return from_mapping({"operation": {"kind": "fill", **operation}, "tool": {"diameter": diameter}})
+
+
+def loop(points: list[tuple[float, float]], layer: str = "0", bulge: float = 0.0, closed: bool = True) -> Contour:
+    return Contour(frozen(points), frozen(np.full(len(points), bulge)), closed, layer, "c")
+
+
+def rectangle(x: float, y: float, wide: float, tall: float, layer: str = "0") -> Contour:
+    return loop([(x, y), (x + wide, y), (x + wide, y + tall), (x, y + tall)], layer)
+
+
+def circle(x: float, y: float, radius: float, layer: str = "0") -> Contour:
+    return loop([(x - radius, y), (x + radius, y)], layer, 1.0)
+
+
+def part_with(*contours: Contour) -> Part:
+    return Part("part", "part.dxf", "mm", contours, ())
+
+
+def planned(part: Part, diameter: float, **operation: object) -> Plan:
+    return plan(part, job_for(diameter, **operation))
+
+
+def ink(paths: tuple[ToolPath, ...], diameter: float) -> shapely.Geometry:
+    lines = [
+        shapely.LineString(p.position[:, :2]) if len(p.position) > 1 else shapely.Point(p.position[0, :2])
+        for p in paths
+    ]
+    return shapely.union_all([line.buffer(diameter / 2, quad_segs=32) for line in lines])
+
+
+def shares(paths: tuple[ToolPath, ...], diameter: float, copper: shapely.Geometry) -> tuple[float, float]:
+    """Of the copper: how much is covered, and how much ink lies outside."""
+    painted_ = ink(paths, diameter)
+    return painted_.intersection(copper).area / copper.area, painted_.difference(copper).area / copper.area
+
+
+def copper_of(part: Part) -> shapely.Geometry:
+    """Even-odd, from the borders in the picture."""
+    assert part.raster is not None
+    place = part.raster.work_from_view
+    result = shapely.Polygon()
+    for border in part.raster.borders:
+        result = result.symmetric_difference(shapely.Polygon(border @ place[:, :2].T + place[:, 2]))
+    return result
+
+
+def test_a_plate_with_a_hole_is_covered_and_the_hole_stays_free() -> None:
+    part = part_with(rectangle(0, 0, 40, 25), circle(20, 12, 6))
+    paths, _ = (found := planned(part, 0.85)).paths, found.notes
+    copper = shapely.box(0, 0, 40, 25).difference(shapely.Point(20, 12).buffer(6, quad_segs=64))
+    covered, outside = shares(paths, 0.85, copper)
+    assert covered > 0.998
+    assert outside < 0.0005
+    # No stroke comes nearer to a border than the marker's radius, but by what thins the lines out.
+    border = copper.boundary
+    nearest = min(border.distance(shapely.LineString(p.position[:, :2])) for p in paths if len(p.position) > 1)
+    assert nearest > 0.425 - 0.02
+    assert all((p.press == 0).all() and (p.position[:, 2] == 0).all() for p in paths)
+
+
+def test_what_lies_in_a_hole_is_covered_again() -> None:
+    part = part_with(rectangle(0, 0, 30, 30), rectangle(5, 5, 20, 20), rectangle(10, 10, 10, 10))
+    box = shapely.box
+    copper = box(0, 0, 30, 30).difference(box(5, 5, 25, 25)).union(box(10, 10, 20, 20))
+    covered, outside = shares(planned(part, 1.0).paths, 1.0, copper)
+    assert covered > 0.995
+    assert outside < 0.001
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, np.pi / 4])
+def test_a_track_thinner_than_the_marker_is_one_stroke_along_its_middle(turn: float) -> None:
+    c, s = np.cos(turn), np.sin(turn)
+    corners = [(c * x - s * y, s * x + c * y) for x, y in ((0, -0.25), (20, -0.25), (20, 0.25), (0, 0.25))]
+    (path,) = planned(part_with(loop(corners)), 0.85).paths
+    along = path.position[:, :2] @ [c, s]
+    across = path.position[:, :2] @ [-s, c]
+    assert np.abs(across).max() < 0.03
+    # The round end reaches the end of the track, and no more than a tenth of the marker beyond it.
+    for reach in (0.425 - along.min(), along.max() + 0.425 - 20):
+        assert 0.0 <= reach <= 0.04
+    assert not path.closed
+
+
+@pytest.mark.parametrize("width", [0.85, 0.87, 0.95, 1.0, 1.2, 1.45, 1.7, 2.3, 2.9])
+def test_tracks_of_any_width_from_the_marker_on_are_covered(width: float) -> None:
+    covered, outside = shares(
+        planned(part_with(rectangle(0, 0, 30, width)), 0.85).paths, 0.85, shapely.box(0, 0, 30, width)
+    )
+    assert covered > 0.98
+    assert outside < 0.01
+
+
+def test_a_track_between_two_pads_meets_their_passes() -> None:
+    part = part_with(
+        loop(
+            [
+                (0, 0),
+                (4, 0),
+                (4, 1.8),
+                (16, 1.8),
+                (16, 0),
+                (20, 0),
+                (20, 4),
+                (16, 4),
+                (16, 2.3),
+                (4, 2.3),
+                (4, 4),
+                (0, 4),
+            ]
+        )
+    )
+    found = planned(part, 0.85)
+    painted_ = ink(found.paths, 0.85)
+    assert painted_.geom_type == "Polygon"
+    assert len([p for p in found.paths if p.id.startswith("m")]) == 1
+    assert "1 by both" in found.notes[0].what
+
+
+def test_the_corners_of_a_square_pad_around_its_hole_are_touched() -> None:
+    paths = planned(part_with(rectangle(0, 0, 2.0, 2.0), circle(1.0, 1.0, 0.3)), 0.85).paths
+    copper = shapely.box(0, 0, 2.0, 2.0).difference(shapely.Point(1.0, 1.0).buffer(0.3, quad_segs=64))
+    lines = tuple(path for path in paths if not path.id.startswith("r"))
+    before, after = (shares(some, 0.85, copper) for some in (lines, paths))
+    assert len(paths) - len(lines) == 4
+    assert after[0] > before[0] + 0.05
+    assert after[1] - before[1] < (after[0] - before[0]) / 2
+
+
+def test_an_island_smaller_than_the_marker_is_one_touch() -> None:
+    (path,) = planned(part_with(circle(5, 7, 0.3)), 0.85).paths
+    assert path.position.shape == (1, 3)
+    assert path.position[0, :2] == pytest.approx([5, 7], abs=0.01)
+
+
+@pytest.mark.parametrize("diameter", [0.85, 0.3])
+def test_rendered_boards_meet_the_goals(diameter: float) -> None:
+    # Every track is wider than the marker, so that no ink beside thin ones is forgiven.
+    part = part_of(board(700, 5, plane=True, widths=(0.9, 1.2, 2.0)))
+    covered, outside = shares(planned(part, diameter).paths, diameter, copper_of(part))
+    least, most = GOALS[diameter]
+    assert covered >= least
+    assert outside <= most
+
+
+def test_the_coverage_told_is_what_geos_measures() -> None:
+    part = part_of(board(600, 6, plane=False))
+    paths, _, found = fill(part, job_for(0.85))
+    copper = copper_of(part)
+    covered, outside = shares(paths, 0.85, copper)
+    assert found.copper == pytest.approx(copper.area, rel=1e-3)
+    assert found.covered / found.copper == pytest.approx(covered, abs=1e-3)
+    assert (found.outside + found.thin) / found.copper == pytest.approx(outside, abs=1e-3)
+    assert found.thin > 0
+
+
+def test_coverage_of_a_stroke_by_hand() -> None:
+    square = np.array([0, 10, 10 + 10j, 10j])
+    found = measured(rings([4]), square, [np.array([5 + 5j, 15 + 5j])], [np.array([2 + 0j])], 1.0)
+    assert found.copper == pytest.approx(100, rel=2e-3)
+    # Half a capsule of radius 1 from x = 5, and half of a disc on the border; the rest of both is outside.
+    assert found.covered == pytest.approx(10 + np.pi / 2 + np.pi / 2, rel=5e-3)
+    assert found.outside == pytest.approx(10 + np.pi / 2, rel=5e-3)
+    assert found.thin == pytest.approx(np.pi / 2, rel=2e-2)
+
+
+def test_painted_pixels_are_those_within_the_radius() -> None:
+    random = np.random.default_rng(1)
+    start = random.uniform(10, 90, 40) + 1j * random.uniform(10, 90, 40)
+    end = start + random.normal(0, 9, 40) + 1j * random.normal(0, 9, 40)
+    end[:8] = start[:8]
+    end[8:16] = start[8:16] + random.uniform(-9, 9, 8)
+    end[16:24] = start[16:24] + 1j * random.uniform(-9, 9, 8)
+    v, u = np.mgrid[:100, :100]
+    points = shapely.points(u, v)
+    lines = shapely.linestrings([[(a.real, a.imag), (b.real, b.imag + 1e-9)] for a, b in zip(start, end, strict=True)])
+    expected = shapely.distance(points, shapely.multilinestrings(lines)) <= 4.3
+    assert ((painted(start, end, 4.3, (100, 100)) > 0) == expected).all()
+
+
+def test_regions_keep_their_layers_and_open_contours_are_told() -> None:
+    line = loop([(0, 40), (30, 40)], closed=False)
+    found = planned(
+        part_with(rectangle(0, 0, 10, 10, "top"), circle(5, 5, 2, "holes"), rectangle(20, 0, 5, 5, "pads"), line), 1.0
+    )
+    left = {p.layer for p in found.paths if p.position[0, 0] < 15}
+    right = {p.layer for p in found.paths if p.position[0, 0] > 15}
+    assert left == {"top"}
+    assert right == {"pads"}
+    assert [n.what for n in found.notes if n.kind == "skipped"] == ["1 open contours not filled"]
+    assert len({p.id for p in found.paths}) == len(found.paths)
+
+
+def test_the_stepover_is_the_distance_of_the_passes() -> None:
+    part = part_with(rectangle(0, 0, 20, 20))
+    for stepover in (0.5, 0.9):
+        loops = [p for p in planned(part, 1.0, stepover=stepover).paths if p.id.startswith("f")]
+        lowest = sorted(float(p.position[:, 1].min()) for p in loops)
+        # The innermost ones may be several at one distance.
+        assert np.diff(lowest)[:8] == pytest.approx([stepover] * 8, abs=0.02)
+        assert lowest[0] == pytest.approx(0.5, abs=0.01)
+
+
+def test_depths_and_force() -> None:
+    job = from_mapping({"operation": {"kind": "fill", "depth": 0.4, "passes": 2}, "process": {"force": 3.0}})
+    for path in plan(part_with(rectangle(0, 0, 30, 20)), job).paths:
+        assert path.depths == (0.2, 0.4)
+        assert (path.force == 3.0).all()
+        assert (path.press == [0, 0, -1]).all()
+
+
+def test_what_cannot_be_filled_says_why() -> None:
+    with pytest.raises(InputError, match="no closed contour to fill"):
+        planned(part_with(loop([(0, 0), (10, 0)], closed=False)), 1.0)
+    with pytest.raises(JobError, match="too small for a drawing of 3000 x 3000 mm"):
+        planned(part_with(rectangle(0, 0, 3000, 3000)), 0.5)
+    wide = np.zeros((6400, 6400), dtype=np.uint8)
+    wide[100:110, 100:120] = 255
+    seen = part_of(wide)
+    with pytest.raises(JobError, match="px of the picture"):
+        planned(seen, 0.1)
+
+
+def test_a_program_is_made_and_read_back(tmp_path: Path) -> None:
+    picture = tmp_path / "board.png"
+    cv2.imwrite(str(picture), 255 - board(500, 2, plane=False))
+    job = {
+        "operation": {"kind": "fill", "overlap": 2.0, "lead_in": 1.0},
+        "tool": {"diameter": 0.85},
+        "image": {"mm_per_px": 25.4 / 300},
+    }
+    for post in ("vplus", "gcode", "rapid"):
+        result = camgen.build(picture, post=post, job=job)
+        assert result.deviation.max_mm < 0.001
+        assert result.coverage is not None
+        assert result.report["coverage"]["covered_percent"] == pytest.approx(
+            100 * result.coverage.covered / result.coverage.copper, abs=1e-3
+        )
+        # Leads and overlap are for what runs beside a contour: not a millimetre is added.
+        plain = plan(result.part, result.job).paths
+        assert sum(p.length for p in result.tour.paths) == pytest.approx(sum(p.length for p in plain), abs=1e-6)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="shared board pictures are not there")
+@pytest.mark.parametrize("name", ["00041000_temp.jpg", "00041002_temp.jpg", "20085001_temp.jpg"])
+def test_real_boards_meet_the_goals(name: str) -> None:
+    scale = {"operation": {"kind": "fill"}, "image": {"mm_per_px": 25.4 / 300}}
+    part = read(SHARED / name, from_mapping(scale))
+    for diameter, (least, most) in GOALS.items():
+        covered, outside = shares(planned(part, diameter).paths, diameter, copper_of(part))
+        assert covered >= least
+        assert outside <= most

@@ -1,0 +1,182 @@
+"""Paths beside contours: side, direction, feed and force, and what is said of what cannot be followed."""
+
+import math
+
+import numpy as np
+import pytest
+
+from camgen.geometry.intersect import Obstacles
+from camgen.geometry.segments import from_contours
+from camgen.model.job import Job, Operation, Process, Tool
+from camgen.model.part import Contour
+from camgen.model.path import ToolPath
+from camgen.plan import Plan, plan
+from tests.support.drawn import circle, contour, part, rectangle, rounded
+
+SIX = Tool(diameter=6.0)
+
+
+def planned(*contours: Contour, **operation: object) -> Plan:
+    job = Job(tool=SIX, operation=Operation(**operation), process=Process(feed=10.0, force=5.0))  # type: ignore[arg-type]
+    return plan(part(*contours), job)
+
+
+def turning(path: ToolPath) -> float:
+    """Signed area of the path's vertices and via points: positive when it runs counter-clockwise."""
+    points = np.column_stack([path.via[:, :2], path.position[:, :2]]).reshape(-1, 2)
+    x, y = points[~np.isnan(points[:, 0])].T
+    return float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum()) / 2
+
+
+def plate() -> tuple[Contour, ...]:
+    return rectangle(0, 0, 100, 60, "c1"), circle(30, 30, 10, "c2")
+
+
+def test_outside_of_the_outline_and_inside_of_the_hole() -> None:
+    outline, hole = planned(*plate()).paths
+    assert outline.length == pytest.approx(320 + 6 * math.pi)
+    assert hole.length == pytest.approx(2 * math.pi * 7)
+    assert (outline.id, hole.id) == ("c1", "c2")
+    assert (outline.parent, hole.parent) == (-1, 0)
+
+
+@pytest.mark.parametrize(("direction", "sign"), [("climb", -1), ("conventional", 1)])
+def test_climb_has_the_part_on_the_right(direction: str, sign: int) -> None:
+    outline, hole = planned(*plate(), direction=direction).paths
+    assert np.sign(turning(outline)) == sign
+    assert np.sign(turning(hole)) == -sign
+
+
+@pytest.mark.parametrize("direction", ["climb", "conventional"])
+def test_press_points_to_the_contour(direction: str) -> None:
+    shapes = plate()
+    obstacles = Obstacles(drawn := from_contours(shapes), np.zeros(len(drawn), dtype=np.int64))
+    for path in planned(*shapes, direction=direction).paths:
+        touching = path.position[1:, :2] + 3.0 * path.press[1:, 1, :2]
+        gap = obstacles.nearest(touching, np.zeros(len(touching), dtype=np.int64), 1.0)
+        assert gap == pytest.approx(0.0, abs=1e-9)
+        before = path.position[:-1, :2] + 3.0 * path.press[1:, 0, :2]
+        assert obstacles.nearest(before, np.zeros(len(before), dtype=np.int64), 1.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_contact_point_keeps_the_feed_on_arcs() -> None:
+    (path,) = planned(rounded(60, 40, 5)).paths
+    arc = ~np.isnan(path.via[1:, 0])
+    # Outside a corner of 5 mm the centre of a 6 mm tool runs on 8 mm: 8/5 of the feed.
+    assert path.feed[1:][arc] == pytest.approx(16.0)
+    assert path.feed[1:][~arc] == pytest.approx(10.0)
+    (hole,) = planned(circle(0, 0, 10), side="inside").paths
+    assert hole.feed == pytest.approx(7.0)
+
+
+def test_the_feed_is_capped_and_the_force_off_at_a_sharp_corner() -> None:
+    (path,) = planned(rectangle(0, 0, 50, 50)).paths
+    corner = ~np.isnan(path.via[1:, 0])
+    assert corner.sum() == 4
+    assert path.feed[1:][corner] == pytest.approx(20.0)
+    assert path.force[1:][corner] == pytest.approx(0.0)
+    assert path.force[1:][~corner] == pytest.approx(5.0)
+
+
+def test_rounded_inner_corners_lose_contact() -> None:
+    (path,) = planned(rectangle(0, 0, 50, 30), side="inside", corner_radius=2.0).paths
+    arc = ~np.isnan(path.via[1:, 0])
+    assert arc.sum() == 4
+    chord = path.position[1:][arc] - path.position[:-1][arc]
+    assert np.linalg.norm(chord, axis=1) == pytest.approx(2 * math.sqrt(2))
+    assert path.length == pytest.approx(2 * (40 + 20) + 4 * math.pi)
+    assert path.force[1:][arc] == pytest.approx(0.0)
+    assert path.force[1:][~arc] == pytest.approx(5.0)
+
+
+def test_corner_radius_leaves_a_convex_outline_as_it_is() -> None:
+    (plain,) = planned(rectangle(0, 0, 50, 50)).paths
+    (round_,) = planned(rectangle(0, 0, 50, 50), corner_radius=2.0).paths
+    assert round_.length == pytest.approx(plain.length)
+    assert sorted(round_.force.tolist()) == sorted(plain.force.tolist())
+
+
+def test_passes_reach_the_depth_in_equal_steps() -> None:
+    (path,) = planned(circle(0, 0, 10), depth=3.0, passes=3).paths
+    assert path.depths == pytest.approx((1.0, 2.0, 3.0))
+
+
+def test_a_hole_that_is_too_small_is_a_note() -> None:
+    result = planned(rectangle(0, 0, 100, 60), circle(20, 20, 2.5, "c2"), circle(40, 20, 3.0, "c3"))
+    assert [p.id for p in result.paths] == ["c1"]
+    (note,) = [n for n in result.notes if n.kind == "skipped"]
+    assert "c2-c3" in note.what
+    assert "6 mm tool does not fit" in note.why
+
+
+def test_an_open_contour_is_left_out_unless_a_side_is_given() -> None:
+    corner = contour([(0, 0), (50, 0), (50, 30)], closed=False)
+    (note,) = planned(corner).notes
+    assert note.kind == "skipped"
+    (right,) = planned(corner, side="right").paths
+    (left,) = planned(corner, side="left").paths
+    # On the outer side of the corner the path is longer by the arc, on the inner side shorter by 3 mm twice.
+    assert right.length == pytest.approx(80 + 1.5 * math.pi)
+    assert left.length == pytest.approx(80 - 6)
+
+
+def test_climb_runs_an_open_contour_with_the_part_on_the_right() -> None:
+    line = contour([(0, 0), (50, 0)], closed=False)
+    (left,) = planned(line, side="left").paths
+    (right,) = planned(line, side="right").paths
+    assert left.position[:, 0].tolist() == [0.0, 50.0]
+    assert right.position[:, 0].tolist() == [50.0, 0.0]
+    assert left.press[1, 1].tolist() == pytest.approx([0, -1, 0])
+
+
+def test_on_the_line() -> None:
+    (path,) = planned(rounded(60, 40, 5), side="on").paths
+    assert path.length == pytest.approx(200 - 40 + 10 * math.pi)
+
+
+def test_a_contour_that_crosses_another_is_left_out_by_name() -> None:
+    result = planned(rectangle(0, 0, 30, 30, "c1"), rectangle(20, 20, 30, 30, "c2"), circle(100, 0, 9, "c3"))
+    assert [p.id for p in result.paths] == ["c3"]
+    assert any("c1-c2" in n.what and "crossing" in n.what for n in result.notes)
+
+
+def test_what_the_tool_cannot_touch_is_measured() -> None:
+    # A hole of 40 x 20 with sharp corners: 3 mm on either side of each corner stay untouched.
+    result = planned(rectangle(0, 0, 40, 20), side="inside")
+    (note,) = result.notes
+    assert note.kind == "warning"
+    assert note.what.startswith("24 mm of 120 mm")
+
+
+def test_trace_runs_on_every_line() -> None:
+    job = Job(operation=Operation(kind="trace"), process=Process(feed=10.0))
+    result = plan(part(circle(0, 0, 10), contour([(0, 0), (3, 4)], closed=False)), job)
+    assert [p.length for p in result.paths] == pytest.approx([20 * math.pi, 5.0])
+    assert not any(p.press.any() for p in result.paths)
+
+
+@pytest.mark.parametrize("diameter", [1.0, 3.0, 6.0])
+@pytest.mark.parametrize("digits", [2, 4])
+def test_outlines_drawn_with_rounded_numbers_stay_whole(diameter: float, digits: int) -> None:
+    """Rounded numbers make corners that are nearly but not quite tangent: the path must be closed all the same."""
+    t = np.linspace(0, math.pi / 2, 12)
+    arc = 1.15 * np.column_stack([np.cos(t), np.sin(t)])
+    corners = []
+    for k, centre in enumerate([(60.0, 40.0), (0.0, 43.0), (-3.0, 0.0), (57.0, -5.0)]):
+        c, s = math.cos(k * math.pi / 2), math.sin(k * math.pi / 2)
+        corners.append(arc @ np.array([[c, s], [-s, c]]) + centre)
+    outline = contour(np.concatenate(corners).round(digits).tolist())
+    job = Job(tool=Tool(diameter=diameter))
+    result = plan(part(outline), job)
+    assert [(p.id, p.closed) for p in result.paths] == [("c1", True)]
+    assert not [n for n in result.notes if n.kind == "skipped"]
+
+
+def test_neighbours_on_one_line_are_run_around_together() -> None:
+    found = planned(rectangle(0, 0, 20, 20), rectangle(0, 20, 20, 20, "c2"))
+    (path,) = found.paths
+    assert path.closed
+    assert np.ptp(path.position[:, :2], axis=0) == pytest.approx([26.0, 46.0])
+    assert [n.why for n in found.notes if n.kind == "skipped"] == [
+        "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
+    ]

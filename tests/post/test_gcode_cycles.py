@@ -1,0 +1,195 @@
+"""Holes as G81 and G83: LinuxCNC's interpreter moves as the program says, and the read-back says the same."""
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.model.program import Comment, Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.post.plugins import find_post, find_readback, make_post
+from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, run
+
+
+def gcode(**options):
+    return make_post(find_post("gcode"), options)
+
+
+def read(text, **options):
+    return find_readback("gcode")({"part.ngc": text}, options)
+
+
+def hole(x, y, *levels, top=20.0, near=2.0, feed=5.0, between: tuple[Instruction, ...] = ()):
+    """As ``lower`` makes a hole: above, near, at the feed, up and down in pecks, up to the face, up."""
+    body = [Comment("path c1 layer 0"), MoveJ(at(x, y, top), 100.0), MoveJ(at(x, y, near), 100.0)]
+    body += [*([MoveL(at(x, y, 0), feed)] if near else []), *between]
+    for k, level in enumerate(levels):
+        if k:
+            body += [MoveL(at(x, y, near), 100.0), MoveL(at(x, y, levels[k - 1] + 0.254), 100.0)]
+        body.append(MoveL(at(x, y, level), feed))
+    return [*body, MoveL(at(x, y, 0), 100.0), MoveJ(at(x, y, top), 100.0)]
+
+
+def told(*body, **options):
+    """The lines with motion after the preamble, and the program as it was prepared. It reads back as prepared."""
+    ready, text = posted(gcode(**options), program(*body))
+    reading = read(text, **options)
+    assert not difference(ready, reading, gcode().tolerance())
+    lines = [line for line in text.splitlines() if re.match(r"G[0-9]|X", line)]
+    return lines[lines.index("G0 X0 Y0") + 1 :], ready, text
+
+
+def test_holes_of_one_depth_share_a_cycle():
+    lines, ready, text = told(*hole(5, 6, -1.6), *hole(9, 6, -1.6), *hole(9, 2, -3), MoveJ(at(0, 0, 50), 100.0))
+    assert lines == [
+        "G0 X5 Y6 Z20",
+        "G98 G81 X5 Y6 Z-1.6 R2 F300",
+        "X9 Y6",
+        "G80",
+        "G98 G81 X9 Y2 Z-3 R2",
+        "G80",
+        "G0 X0 Y0 Z50",
+    ]
+    assert text.count("(path c1 layer 0)") == 3
+    # The stop at the face and the one on the way up are gone, nothing else.
+    assert [m.target.origin for m in ready.columns.moves[1:5]] == [(5, 6, 20), (5, 6, 2), (5, 6, -1.6), (5, 6, 20)]
+
+
+def test_pecks_from_the_height_of_approach_are_g83():
+    lines, _, _ = told(*hole(5, 6, -1, -4, -7, -9), *hole(8, 6, -1, -4, -7, -9))
+    assert lines == ["G0 X5 Y6 Z20", "G98 G83 X5 Y6 Z-9 R2 Q3 F300", "X8 Y6", "G80"]
+
+
+def test_a_peck_that_divides_the_depth_leaves_no_last_one_of_nothing():
+    lines, _, _ = told(*hole(5, 6, -1, -4, -7, -10))
+    assert lines[1] == "G98 G83 X5 Y6 Z-10 R2 Q3.000001 F300"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        hole(5, 6, -0.5, -1, -1.5),
+        hole(5, 6, -1.6, between=(Output("process", 1.0),)),
+        hole(5, 6, -1.6, between=(Wait(0.5),)),
+        hole(5, 6, -1.6, feed=100.0),
+        [*hole(5, 6, -1, -4, -7)[:-1], MoveL(at(5, 6, 20), 5.0)],
+        [*hole(5, 6, -1.6)[:-2], MoveL(at(7, 6, -1.6), 5.0), MoveJ(at(7, 6, 20), 100.0)],
+        [*hole(5, 6, -1.6)[:-1], MoveJ(at(5, 6, 25), 100.0)],
+    ],
+    ids=["equal pecks", "signal", "wait", "feed of travel", "up at the feed", "a slot", "higher than before"],
+)
+def test_what_is_no_cycle_stays_as_it_is(body):
+    _, ready, text = told(*body)
+    assert "G8" not in text.replace("G80 G90", "")
+    assert [*ready.body[1:]] == body
+
+
+def test_cycles_can_be_left_out():
+    lines, _, _ = told(*hole(5, 6, -1.6), cycles=False)
+    assert lines == ["G0 X5 Y6 Z20", "G0 Z2", "G1 Z0 F300", "G1 Z-1.6", "G1 Z0 F6000", "G0 Z20"]
+
+
+def drilled(chosen) -> list[Instruction]:
+    """Holes of several kinds, some of them on one place, with lines between them."""
+    body: list[Instruction] = []
+    for kind, x, y, depth, count, near, peck in chosen:
+        if kind == "slot":
+            body += [MoveJ(at(x, y, 20), 100.0), MoveL(at(x, y, -depth), 5.0), MoveL(at(x + 1, y, -depth), 5.0)]
+            body.append(MoveJ(at(x + 1, y, 20), 100.0))
+            continue
+        step = max(peck, near + 0.3)
+        levels = [near - step * k for k in range(1, count)] if kind == "pecked" else []
+        body += hole(x, y, *levels, (levels[-1] if levels else 0) - depth, near=near)
+    # As ``lower`` does: a second hole in one place begins where the first one ends.
+    here = None
+    moving = []
+    for item in body:
+        place = None if isinstance(item, Comment) else item.target.origin
+        if place is None or place != here:
+            moving.append(item)
+        here = place or here
+    return moving
+
+
+@needs_rs274
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["plain", "plain", "pecked", "slot"]),
+            st.sampled_from([1.0, 2.5, 7.12345]),
+            st.sampled_from([0.0, 3.3333]),
+            st.floats(0.01, 3).map(lambda v: round(v, 4)),
+            st.integers(2, 5),
+            st.sampled_from([0.0, 1.0, 2.0]),
+            st.floats(0.5, 4),
+        ),
+        min_size=1,
+        max_size=8,
+    )
+)
+def test_linuxcnc_drills_as_planned(chosen):
+    ready, text = posted(gcode(), program(*drilled(chosen)))
+    canon = run(text)
+    assert not canon.error
+    # The interpreter begins a cycle with a motion to where it is.
+    known = canon.calls[:2]
+    moving = [two for one, two in pairwise(canon.calls[1:]) if two.end != one.end or "STRAIGHT" not in two.kind]
+    assert_moves(ready, replace(canon, calls=(*known, *moving)))
+    assert not difference(ready, read(text), gcode().tolerance())
+
+
+KINDS = st.sampled_from(["plain", "pecked"])
+HOLES = st.tuples(KINDS, st.just(1.0), st.just(2.0), st.just(1.5), st.integers(2, 4), st.just(2.0), st.floats(0.5, 4))
+
+
+@given(st.lists(HOLES, min_size=1, max_size=4))
+def test_a_cycle_changes_no_place_and_no_rapid_into_a_feed(chosen):
+    """What is drilled at the feed is the same way; what was travel is a rapid motion or was one."""
+    before, (after, _) = program(*drilled(chosen)), posted(gcode(), program(*drilled(chosen)))
+    assert _way(before) == pytest.approx(_way(after))
+
+
+def _way(plan) -> list[float]:
+    """The turning points of the height, and how long it was cut."""
+    moves = [m for m in plan.body if isinstance(m, (MoveJ, MoveL, MoveC))]
+    z = [m.target.origin[2] for m in moves]
+    turns = [b for a, b, c in zip(z, z[1:], z[2:], strict=False) if (b - a) * (c - b) < 0]
+    cut = sum(abs(b.target.origin[2] - a.target.origin[2]) for a, b in pairwise(moves) if b.speed < 100)
+    return [*turns, cut]
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("G98 G81 X1 Y1 Z-1 F100", "G81 without R"),
+        ("G98 G83 X1 Y1 Z-1 R1 F100", "G83 without Q"),
+        ("G98 G83 X1 Y1 Z-1 R1 Q0 F100", "G83 with pecks of Q0"),
+        ("G98 G81 X1 Y1 Z2 R1 F100", "begins (R) below its end"),
+        ("G98 G81 X1 Y1 Z-1 R1", "G81 without a feed"),
+        ("G98 G81 F100", "G81 without X, Y or Z"),
+    ],
+)
+def test_faults_of_a_cycle(line, says):
+    text = "\n".join(["G21 G64 P0.01", "G0 Z5", "G0 X0 Y0", line, "G80", "M2", ""])
+    assert any(says in fault.what for fault in read(text).faults)
+
+
+@pytest.mark.parametrize(
+    "line", ["G99 G81 X1 Y1 Z-1 R1 F100", "G98 G81 X1 Y1 Z-1 R1 L2 F100", "G98 G81 X1 Z-1 R9 F100"]
+)
+def test_a_cycle_that_no_post_writes_is_never_ours(line):
+    text = "\n".join(["G17 G21 G90 G64 P0.01", "G0 Z5", "G0 X0 Y0", line, "G80", "M2", ""])
+    found = read(text)
+    assert any("does not write" in fault.what for fault in found.faults)
+    assert len(found.body) >= 4
+
+
+def test_a_wait_at_the_bottom_is_read():
+    text = "\n".join(["G17 G21 G90 G64 P0.01", "G0 Z5", "G0 X0 Y0", "G98 G82 X1 Y1 Z-1 R1 P0.5 F60", "G80", "M2", ""])
+    found = read(text)
+    assert not found.faults
+    assert [type(item) for item in found.body] == [MoveJ, MoveJ, MoveJ, MoveL, Wait, MoveJ]
+    assert found.body[4].seconds == 0.5

@@ -1,0 +1,602 @@
+"""ABB RAPID: the text by hand, the read-back of generated programs, refusals and faults."""
+
+import math
+import re
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from camgen_posts.rapid import Rapid
+from camgen_posts.rapid.options import legal_name
+from camgen_posts.readback.rapid import read
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from camgen.model.errors import JobError, Refused
+from camgen.model.pose import TOOL_DOWN, Pose, angle_between, rotation_from_axes, rotation_from_quaternion, translation
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Program,
+    Wait,
+)
+from camgen.post import Reading, Tolerance
+from camgen.post.plugins import find_post, find_readback, make_post
+
+SHARED = Path(__file__).parents[2].parent / "shared"
+HOME = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0)), 200.0)
+E9 = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+DOWN = f"[0.0000000,1.0000000,0.0000000,0.0000000],[0,0,0,0],{E9}]"
+
+
+def at(x: float, y: float, z: float) -> Pose:
+    return Pose(TOOL_DOWN, (x, y, z))
+
+
+def program(*body: Instruction, name: str = "plate") -> Program:
+    return Program(name, translation(300, -75, 100), translation(0, 0, 100), body, ("made by hand",))
+
+
+def posted(plan: Program, **options: object) -> tuple[Program, dict[str, str]]:
+    """The program as prepared, and its files."""
+    post = make_post(Rapid, options)
+    prepared = post.prepare(plan, 0.01)
+    return prepared, {file.name: file.text for file in post.render(prepared)}
+
+
+def lines(plan: Program, **options: object) -> list[str]:
+    """The statements of main, without indentation and supervision."""
+    text = "\n".join(posted(plan, **options)[1].values())
+    body = text.split("PROC main()\n")[1].split("ENDPROC")[0]
+    return [line.strip() for line in body.splitlines() if "Conf" not in line and line.strip()]
+
+
+def assert_same(plan: Program, reading: Reading, tolerance: Tolerance) -> None:
+    """The reading says what was planned, comments left out."""
+    assert reading.faults == ()
+    wanted = [item for item in plan.body if not isinstance(item, Comment)]
+    assert [type(item) for item in reading.body] == [type(item) for item in wanted]
+    assert len(reading.lines) == len(reading.body)
+    assert all(a <= b for a, b in pairwise(reading.lines))
+    for want, got in zip(wanted, reading.body, strict=True):
+        for name in ("target", "via"):
+            assert_near(getattr(want, name, None), getattr(got, name, None), tolerance)
+        for name, limit in (("speed", tolerance.speed), ("blend", tolerance.mm), ("seconds", tolerance.seconds),
+                            ("value", 5e-4), ("force", tolerance.force), ("newtons", tolerance.force)):  # fmt: skip
+            assert getattr(got, name, 0) == pytest.approx(getattr(want, name, 0), rel=0, abs=limit + 1e-9)
+        assert getattr(got, "signal", "") == getattr(want, "signal", "")
+        if getattr(want, "force", 0) or getattr(want, "newtons", 0):
+            assert getattr(got, "press", None) == pytest.approx(getattr(want, "press", None), abs=tolerance.angle)
+
+
+def assert_near(want: Pose | Joints | None, got: Pose | Joints | None, tolerance: Tolerance) -> None:
+    assert type(got) is type(want)
+    if isinstance(want, Joints) and isinstance(got, Joints):
+        assert got.values == pytest.approx(want.values, rel=0, abs=tolerance.joint + 1e-12)
+    if isinstance(want, Pose) and isinstance(got, Pose):
+        assert got.origin == pytest.approx(want.origin, rel=0, abs=tolerance.mm + 1e-9)
+        assert angle_between(want.rotation, got.rotation) <= tolerance.angle
+
+
+# The text, by hand ----------------------------------------------------------------------------------------------
+
+
+def test_small_program_to_the_letter() -> None:
+    plan = program(
+        HOME,
+        Comment('layer "A"!\nENDPROC;'),
+        MoveJ(at(10, 10, 20), 100.0, 5.0),
+        MoveL(at(10, 10, -0.0004), 37.5),
+        Output("process", 1),
+        Wait(0.25),
+        MoveC(at(20 - 10 * math.sqrt(0.5), 10 + 10 * math.sqrt(0.5), 0), at(20, 20, 0), 20.0, 2.5),
+        MoveL(at(20, 20, 20), 20.0),
+        Output("process", 0),
+    )
+    tool = "[[0.000,0.000,100.000],[1.0000000,0.0000000,0.0000000,0.0000000]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]"
+    work = "[[300.000,-75.000,100.000],[1.0000000,0.0000000,0.0000000,0.0000000]],[[0,0,0],[1,0,0,0]]"
+    tail = "tCamgen\\WObj:=wCamgen;"
+    expected = f"""MODULE plate
+    ! made by hand
+    TASK PERS tooldata tCamgen:=[TRUE,{tool}];
+    TASK PERS wobjdata wCamgen:=[FALSE,TRUE,"",{work}];
+    CONST speeddata vCam37_5:=[37.5,500,5000,1000];
+    CONST zonedata zCam2_5:=[FALSE,2.5,3.75,3.75,0.375,3.75,0.375];
+
+    PROC main()
+        ConfJ\\Off;
+        ConfL\\Off;
+        MoveAbsJ [[0.0000,0.0000,0.0000,0.0000,30.0000,0.0000],{E9}],v200,fine,tCamgen;
+        ! layer _A___ENDPROC_
+        MoveJ [[10.000,10.000,20.000],{DOWN},v100,z5,{tail}
+        MoveL [[10.000,10.000,0.000],{DOWN},vCam37_5,fine,{tail}
+        SetDO doProcess,1;
+        WaitTime 0.25;
+        MoveC [[12.929,17.071,0.000],{DOWN},
+            [[20.000,20.000,0.000],{DOWN},v20,zCam2_5,{tail}
+        MoveL [[20.000,20.000,20.000],{DOWN},v20,fine,{tail}
+        SetDO doProcess,0;
+    ENDPROC
+ENDMODULE
+"""
+    prepared, files = posted(plan)
+    assert files == {"plate.mod": expected}
+    reading = find_readback("rapid")(files, {})
+    assert_same(prepared, reading, Rapid().tolerance())
+    assert reading.lines == (11, 13, 14, 15, 16, 17, 19, 20)
+    assert_near(reading.work, translation(300, -75, 100), Rapid().tolerance())
+    assert_near(reading.tool, translation(0, 0, 100), Rapid().tolerance())
+    assert find_post("rapid") is Rapid
+
+
+def test_confdata_is_stated_and_supervised_where_it_is_known() -> None:
+    known = Posture((-1, 1, 2, 0), 5)
+    plan = program(HOME, MoveJ(at(0, 0, 9), 100.0, posture=known), MoveL(at(0, 0, 0), 20.0, posture=known))
+    text = posted(plan)[1]["plate.mod"]
+    assert "ConfJ\\On;" in text
+    assert "ConfL\\On;" in text
+    assert text.count(f",[-1,1,2,0],{E9}") == 2
+    unknown = program(*plan.body, MoveL(at(5, 0, 0), 20.0))
+    assert "ConfL\\Off;" in posted(unknown)[1]["plate.mod"]
+    unsure = program(*plan.body, MoveL(at(5, 0, 0), 20.0, joints=Joints((0.1,) * 6), posture=Posture(None, 5)))
+    assert "ConfL\\Off;" in posted(unsure)[1]["plate.mod"]
+    stated = posted(plan, conf="state")[1]["plate.mod"]
+    assert "ConfJ\\Off;" in stated
+    assert "ConfL\\Off;" in stated
+    assert stated.count(f",[-1,1,2,0],{E9}") == 2
+    off = posted(plan, conf="off")[1]["plate.mod"]
+    assert "ConfJ\\Off;" in off
+    assert off.count(f",[0,0,0,0],{E9}") == 2
+
+
+@pytest.mark.parametrize(
+    ("speed", "blend", "names"),
+    [(5.0, 0.0, "v5,fine"), (7000.0, 0.3, "v7000,z0"), (6.0, 1.0, "vCam6,z1"), (20.0004, 200.0, "v20,z200"),
+     (0.001, 0.0, "vCam0_001,fine"), (90.125, 199.9, "vCam90_125,zCam199_9")],
+)  # fmt: skip
+def test_predefined_speeds_and_zones_only_where_they_exist(speed: float, blend: float, names: str) -> None:
+    plan = program(HOME, MoveL(at(0, 0, 0), speed, blend), MoveL(at(900, 0, 0), 20.0))
+    assert lines(plan)[1].endswith(f"{names},tCamgen\\WObj:=wCamgen;")
+    assert_same(plan, read(posted(plan)[1], {}), Rapid().tolerance())
+
+
+def test_s4_has_a_banner_plain_persistents_and_short_names() -> None:
+    plan = replace(program(HOME), name="a very long name of a part")
+    text = posted(plan, s4=True)[1]["a very long name of a part.mod"]
+    assert text.startswith("%%%\n  VERSION:1\n  LANGUAGE:ENGLISH\n%%%\nMODULE a_very\n")
+    assert "\n    PERS tooldata" in text
+    assert "TASK" not in text
+    assert read({"a": text}, {"s4": True}).faults == ()
+
+
+def test_tool_and_work_may_be_on_the_controller() -> None:
+    options: dict[str, object] = {"declare": False, "tool": "tSpindle", "work": "wobj0"}
+    plan = program(HOME, MoveL(at(0, 0, 0), 20.0))
+    files = posted(plan, **options)[1]
+    assert "tooldata" not in files["plate.mod"]
+    reading = read(files, options)
+    assert reading.faults == ()
+    assert reading.tool is None
+    assert [fault.what for fault in read(files, {}).faults] == ["tSpindle is not declared"] * 2
+
+
+def test_spindle_is_an_analog_output() -> None:
+    options = {"signals": {"spindle": "aoSpindle", "process": "doAir"}}
+    plan = program(HOME, Output("spindle", 12000), Output("process", 1))
+    assert lines(plan, **options)[1:] == ["SetAO aoSpindle,12000;", "SetDO doAir,1;"]
+    assert_same(plan, read(posted(plan, **options)[1], options), Rapid().tolerance())
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [("plate", "plate"), ("10 mm", "m10_mm"), ("MoveL", "mMoveL"), ("main", "mmain"), ("part1", "mpart1"),
+     ("", "m"), ("Zähne", "Z_hne"), ("x" * 40, "x" * 31), ("while", "mwhile")],
+)  # fmt: skip
+def test_a_module_gets_a_legal_name(text: str, name: str) -> None:
+    assert legal_name(text, 32) == name
+
+
+# Pressing -------------------------------------------------------------------------------------------------------
+
+
+def on_disc(angle: float, z: float = -2.0) -> Pose:
+    """Beside a disc of radius 20 about the origin, tool x towards its centre."""
+    c, s = math.cos(angle), math.sin(angle)
+    return Pose(rotation_from_axes((0, 0, -1), (-c, -s, 0)), (20 * c, 20 * s, z))
+
+
+def inward(angle: float) -> tuple[float, float, float]:
+    return (-math.cos(angle), -math.sin(angle), 0.0)
+
+
+def pressing(*body: Instruction) -> Program:
+    return program(HOME, MoveL(on_disc(0), 50.0), Force(25.0, inward(0)), *body, Force(0.0), MoveL(on_disc(0, 9), 50.0))
+
+
+def pressed(angle: float, force: float = 25.0, blend: float = 0.0) -> MoveL:
+    return MoveL(on_disc(angle), 20.0, blend, force, inward(angle))
+
+
+@pytest.mark.parametrize(("sign", "plus"), [(1, ""), (-1, "-")])
+def test_a_pressing_section(sign: int, plus: str) -> None:
+    options: dict[str, object] = {"force_sign": sign, "force_load": "lTool", "force_change": 10.0}
+    plan = pressing(Output("process", 1), pressed(0), pressed(0.1, 24.5, 1.0), pressed(0.2), Output("process", 0))
+    got = lines(plan, **options)
+    start = f"[[20.000,0.000,-2.000],[0.0000000,0.0000000,1.0000000,0.0000000],[0,0,0,0],{E9}]"
+    tail = "tCamgen\\WObj:=wCamgen;"
+    assert got[1:3] == ["WaitTime\\InPos,0;", "FCCalib lTool;"]  # at the home position, in the air
+    assert got[4:7] == [
+        "SetDO doProcess,1;",
+        f"FCPress1LStart {start},",
+        f"v20,\\Fx:={plus}25,50\\ForceChange:=10,fine,{tail}",
+    ]
+    assert got[7].startswith("FCPressL [[19.900,1.997,-2.000],")
+    assert got[7].endswith(f",v20,{plus}24.5,z1,{tail}")
+    assert got[10].startswith("FCPressEnd [[20.000,0.000,9.000],")
+    assert got[10].endswith(f",v50,{tail}")
+    prepared, files = posted(plan, **options)
+    assert_same(prepared, read(files, options), Rapid().tolerance())
+
+
+def test_pressing_against_the_tool_axis_is_negative() -> None:
+    up = (0.0, 0.0, 1.0)
+    plan = program(HOME, MoveL(at(0, 0, 0), 9.0), Force(5, up), MoveL(at(9, 0, 0), 9.0, 0, 5, up), Force(0), HOME)
+    with pytest.raises(Refused, match=r"^rapid: the motion that leaves the surface must be straight"):
+        posted(plan)
+    plan = program(*plan.body[:-1], MoveC(at(9, 3, 3), at(9, 0, 6), 9.0, 1.0), MoveL(at(0, 0, 9), 9.0))
+    prepared, files = posted(plan)
+    assert "\\Fz:=-5,50,fine," in files["plate.mod"]
+    assert_same(prepared, read(files, {}), Rapid().tolerance())
+
+
+def test_arcs_while_pressing_become_lines_unless_wanted() -> None:
+    arc = MoveC(on_disc(-0.3), on_disc(-0.6), 20.0, 0.0, 25.0, inward(-0.6))
+    plan = pressing(pressed(0), arc)
+    assert not any(isinstance(item, MoveC) for item in posted(plan)[0].body)
+    prepared, files = posted(plan, force_arcs=True)
+    assert "FCPressC [[" in files["plate.mod"]
+    assert_same(prepared, read(files, {}), Rapid().tolerance())
+    first = pressing(arc)  # FCPress1LStart is straight
+    prepared, files = posted(first, force_arcs=True)
+    assert "FCPressC" not in files["plate.mod"]
+    assert_same(prepared, read(files, {}), Rapid().tolerance())
+
+
+def test_pressing_can_be_left_out() -> None:
+    plan = pressing(pressed(0), MoveC(on_disc(-0.3), on_disc(-0.6), 20.0, 0.0, 25.0, inward(-0.6)))
+    prepared, files = posted(plan, force="ignore")
+    assert not any(isinstance(item, Force) or getattr(item, "force", 0) for item in prepared.body)
+    assert "! pressing is left out: post.force =" in files["plate.mod"]
+    assert "FCPress" not in files["plate.mod"]
+    assert_same(prepared, read(files, {"force": "ignore"}), Rapid().tolerance())
+
+
+# Refusals -------------------------------------------------------------------------------------------------------
+
+TWISTED = MoveL(on_disc(0.1), 20.0, 0.0, 25.0, inward(0.2))
+FOLLOW = 'set tool.orient = "follow", so that the tool turns with the surface'
+
+
+@pytest.mark.parametrize(
+    ("plan", "message"),
+    [
+        (program(MoveJ(at(0, 0, 0), 9.0)),
+         "(instruction 0)|the first motion must be to joint values; give the home position in deg"),
+        (program(MoveJ(Joints((0.0,) * 4), 9.0)), "4 joint values; RAPID here is for arms of six axes"),
+        (program(HOME, MoveL(at(9000, 0, 0), 9.0)), "a coordinate of more than 8388 mm"),
+        (program(HOME, MoveL(at(0, 0, 0), 1e-4)), "a speed of 0.0001 mm/s; use 0.001 to 99999"),
+        (program(HOME, MoveL(at(0, 0, 0), 9.0, 1e-4), HOME), "a blend radius of 0.0001 mm; use 0, or 0.001 to"),
+        (program(HOME, MoveC(at(1, 1, 0), at(2, 0, 0), 9.0)), "an arc from a pose that is not known"),
+        (program(HOME, MoveL(at(0, 0, 0), 9.0), MoveC(at(1, 0, 0), at(2, 0, 0), 9.0)),
+         "the three points of the arc are on one line (instruction 2)"),
+        (program(HOME, Output("coolant", 1)),
+         'no output is named for coolant; set post.signals, e.g. coolant = "doName"'),
+        (program(HOME, Output("spindle", 9)), 'set post.signals, e.g. spindle = "aoName"'),
+        (program(HOME, Output("process", 0.5)), "process is a digital output and cannot be 0.5; use 0 or 1"),
+        (pressing(TWISTED), f"the press direction is not the same tool axis in the whole section; {FOLLOW}"),
+        (pressing(pressed(0), replace(pressed(0.1), force=0.0)), "a motion without force while pressing"),
+        (pressing(pressed(0, 20.0)), "the first motion must press as hard as its section starts"),
+        (pressing(pressed(0), HOME), "a joint-interpolated motion while pressing"),
+        (pressing(pressed(0), Force(9.0, inward(0)), pressed(0)), "the force is on already"),
+        (program(HOME, Force(9.0, (1, 0, 0)), MoveL(at(0, 0, 0), 9.0, 0, 9.0, (1, 0, 0)), Force(0)),
+         "pressing from a pose that is not known"),
+        (program(*pressing(pressed(0)).body[:-1]), "no straight motion leaves the surface"),
+        (pressing(), "two changes of force without a motion between them"),
+    ],
+)  # fmt: skip
+def test_refused(plan: Program, message: str) -> None:
+    with pytest.raises(Refused) as caught:
+        posted(plan)
+    assert all(part in str(caught.value) for part in message.split("|"))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"program": "1st"}, "[post] program: '1st' is not a RAPID name: a letter, then letters, digits and _;"),
+        ({"program": "x" * 33}, "is longer than 32 characters"),
+        ({"tool": "tToolWithALongName", "s4": True}, "is longer than 16 characters"),
+        ({"tool": "Robtarget"}, "is taken already"),
+        ({"signals": {"process": "do it"}}, "[post] signals.process: 'do it' is not a RAPID name"),
+        ({"signals": {"process": "END"}, "tool": "end"}, "[post] signals.process: 'END' is the name of tool already"),
+        ({"signals": {"process": "Trap"}}, "'Trap' is a reserved word of RAPID"),
+        ({"force_load": "[1,[0,0]]"}, "[post] force_load"),
+        ({"mass": 0.0}, "[post] mass: 0 is not 0.001 to 1000"),
+        ({"mass": math.nan}, "[post] mass: nan is not 0.001 to 1000"),
+        ({"cog": [1.0]}, "[post] cog: 1 numbers; give x, y, z in mm"),
+        ({"decimals": 9}, "[post] decimals: 9 is not 0 to 6"),
+        ({"force": "hard"}, "Invalid enum value 'hard'"),
+    ],
+)
+def test_options_that_make_no_sense(options: Mapping[str, object], message: str) -> None:
+    with pytest.raises(JobError) as caught:
+        make_post(Rapid, options)
+    assert message in str(caught.value)
+
+
+def test_arcs_are_halved_or_become_lines() -> None:
+    start = MoveL(at(0, 0, 0), 9.0)
+    half = program(HOME, start, MoveC(at(5, 5, 0), at(10, 0, 0), 9.0))
+    assert [type(item) for item in posted(half)[0].body] == [MoveJ, MoveL, MoveC, MoveC]
+    third = program(HOME, start, MoveC(at(5, 5 / math.sqrt(3), 0), at(10, 0, 0), 9.0))  # 120 deg, as it is
+    assert posted(third)[0] is third
+    wider = program(HOME, start, MoveC(at(5, 5 / math.sqrt(3) + 0.01, 0), at(10, 0, 0), 9.0))
+    assert [type(item) for item in posted(wider)[0].body] == [MoveJ, MoveL, MoveC, MoveC]
+    small = program(HOME, start, MoveC(at(0.1, 0.02, 0), at(0.2, 0, 0), 9.0))
+    flat = program(HOME, start, MoveC(at(5, 0.04, 0), at(10, 0, 0), 9.0))
+    for plan in (small, flat):
+        assert not any(isinstance(item, MoveC) for item in posted(plan)[0].body)
+
+
+# Generated programs ---------------------------------------------------------------------------------------------
+
+coordinate = st.floats(-900, 900)
+quaternions = st.one_of(
+    st.sampled_from([(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1), (0, 1, -1, 0), (1, 0, 1e-9, 0)]),
+    st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: sum(v * v for v in q) > 1e-3),
+)  # fmt: skip
+poses = st.builds(
+    lambda x, y, z, q: Pose(rotation_from_quaternion(q), (x, y, z)), coordinate, coordinate, coordinate, quaternions
+)
+joint_values = st.tuples(*[st.floats(-6.5, 6.5)] * 6).map(Joints)
+speeds = st.one_of(st.sampled_from([5.0, 20.0, 37.5, 7000.0]), st.floats(0.001, 9000))
+blends = st.one_of(st.sampled_from([0.0, 0.3, 1.0, 5.0]), st.floats(0.001, 300))
+HOSTILE = ["x\n! ; MODULE b", 'a"b', "ENDPROC\rENDMODULE", "%%%", "9\u2028SetDO do1,1;"]
+comments = st.one_of(st.text(), st.sampled_from(HOSTILE))
+arcs = st.builds(MoveC, poses, poses, speeds, blends)
+instructions = st.one_of(
+    st.builds(MoveL, poses, speeds, blends), st.builds(MoveJ, poses, speeds, blends),
+    st.builds(MoveJ, joint_values, speeds, blends), arcs, st.builds(Wait, st.floats(0, 100)),
+    st.builds(Output, st.just("process"), st.sampled_from([0.0, 1.0])), st.builds(Comment, comments),
+)  # fmt: skip
+
+
+def settled(body: list[Instruction]) -> tuple[Instruction, ...]:
+    """The body with stops where a program needs them, and without arcs from poses that nobody knows."""
+    result: list[Instruction] = [HOME]
+    last = 0
+    for item in [*body, Wait(0.0)]:
+        before = result[last]
+        assert isinstance(before, (MoveJ, MoveL, MoveC))
+        if isinstance(item, MoveC) and (not isinstance(before.target, Pose) or not proper(before.target, item)):
+            continue
+        if isinstance(item, (Wait, Output)):
+            result[last] = replace(before, blend=0.0)
+        result.append(item)
+        if isinstance(item, (MoveJ, MoveL, MoveC)):
+            last = len(result) - 1
+    return tuple(result)
+
+
+def proper(start: Pose, arc: MoveC) -> bool:
+    """Whether three points make an arc of at most half a circle: the angle at via is at least 90 deg."""
+    u, w = (np.subtract(pose.origin, arc.via.origin) for pose in (start, arc.target))
+    sine = float(np.linalg.norm(np.cross(u, w)) / max(np.linalg.norm(u) * np.linalg.norm(w), 1e-9))
+    return float(u @ w) < 0 and sine > 1e-3
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.lists(instructions, max_size=12), st.integers(0, 6), st.sampled_from([0, 3]))
+def test_post_then_read_back_is_the_identity(body: list[Instruction], decimals: int, max_lines: int) -> None:
+    options: dict[str, object] = {"decimals": decimals, "max_lines": max_lines}
+    prepared, files = posted(program(*settled(body)), **options)
+    tolerance = replace(Rapid(decimals=decimals).tolerance(), mm=max(0.5 * 10**-decimals, 5e-4))  # a blend has 3 digits
+    assert_same(prepared, read(files, options), tolerance)
+
+
+def test_a_long_program_is_split_into_modules() -> None:
+    plan = program(HOME, *[MoveL(at(i, 0, 0), 20.0) for i in range(25)], Output("process", 1))
+    prepared, files = posted(plan, max_lines=10)
+    assert list(files) == ["plate.mod", "plate_part1.mod", "plate_part2.mod", "plate_part3.mod"]
+    main = files["plate.mod"]
+    assert main.index("Part1;") < main.index("Part2;") < main.index("Part3;")
+    assert files["plate_part2.mod"].startswith("MODULE plate_part2\n    PROC Part2()\n        MoveL [[9.000,")
+    assert all(text.count("tooldata") == (name == "plate.mod") for name, text in files.items())
+    reading = read(files, {})
+    assert_same(prepared, reading, Rapid().tolerance())
+    assert reading.lines[0] == main.count("\n") + 3  # MODULE and PROC of the first part come before
+    backwards = read(dict(reversed(files.items())), {})
+    assert backwards.faults == ()
+    with pytest.raises(JobError, match="too long for a program in 3 parts"):
+        posted(plan, max_lines=10, program="x" * 27)
+
+
+# Reading --------------------------------------------------------------------------------------------------------
+
+FRAMES = """PERS tooldata t1:=[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[0.70710678,0,0,0.70710678]],[[10,0,0],[1,0,0,0]]];
+"""
+POINT = f"[[1,2,3],[0,1,0,0],[0,0,0,0],{E9}]"
+START = f"MoveAbsJ [[0,0,0,0,90,0],{E9}],v100,fine,t1;"
+
+
+def module(body: str, data: str = "") -> str:
+    """A module whose statements begin in line 6 (line 4 of the data)."""
+    return f"MODULE m\n{FRAMES}{data}PROC main()\n{START}\n{body}\nENDPROC\nENDMODULE\n"
+
+
+def test_reads_what_people_write() -> None:
+    text = module(
+        """  movel OFFS ( p1 , 0, 0,-1.5e0 ) , v50\\V:=25 , z5 \\Z:=2.5 , T1 , \\wobj := w1 ;  ! down
+        MoveJ RelTool(p1,0,0,5\\Rz:=90),v1,FINE,t1\\WObj:=w1;
+        SET do1; Reset do1; WaitTime \\InPos, 0.5; SetDO do1,
+            high;
+        sub;""",
+        f"LOCAL CONST robtarget p1:={POINT};\nCONST num a:=7;\nVAR speeddata v1:=[a,500,5000,1000];\n"
+        "LOCAL PROC sub()\n! nothing\nENDPROC\n",
+    )
+    reading = read({"a.mod": text}, {"signals": {"process": "DO1"}})
+    assert reading.faults == ()
+    kinds = [type(item) for item in reading.body]
+    assert kinds == [MoveJ, MoveL, MoveJ, Output, Output, Wait, Output]
+    down, turned = reading.body[1], reading.body[2]
+    assert isinstance(down, MoveL)
+    assert (down.target.origin, down.speed, down.blend) == ((1.0, 2.0, 1.5), 25.0, 2.5)
+    assert isinstance(turned, MoveJ)
+    assert isinstance(turned.target, Pose)
+    # z of the tool points down: 5 along it is z - 5; turning about it turns x (1,0,0) into y of the tool (0,-1,0)
+    assert turned.target.origin == pytest.approx((1, 2, -2))
+    assert turned.target.rotation[:, 0] == pytest.approx((0, -1, 0))
+    assert turned.speed == 7
+    assert [item.value for item in reading.body if isinstance(item, Output)] == [1, 0, 1]
+    assert {item.signal for item in reading.body if isinstance(item, Output)} == {"process"}
+    # the user frame turns x of the object frame to y of the base
+    assert reading.work is not None
+    assert reading.work.origin == pytest.approx((100, 10, 0), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("body", "faults"),
+    [
+        (f"MoveL {POINT},v100,fine,t9\\WObj:=w1;", [(6, "t9 is not declared")]),
+        (f"\nMoveL {POINT},v37,fine,t1\\WObj:=w1;", [(7, "v37 is not declared")]),
+        (f"MoveL {POINT},v100,z3,t1\\WObj:=w1;", [(6, "z3 is not declared")]),
+        (f"MoveL {POINT},fine,v100,t1\\WObj:=w1;", [(6, "fine is zonedata, not speeddata")]),
+        (f"MoveL [[1,2,3],[0,1,0.01,0],[0,0,0,0],{E9}],v100,fine,t1\\WObj:=w1;",
+         [(6, "a quaternion is not normalised (its square differs from 1 by 0.0001)")]),
+        (f"MoveL [[1,2,3],[1,0,0],[0,0,0,0],{E9}],v100,fine,t1\\WObj:=w1;", [(6, "orient has 4 components, not 3")]),
+        (f"MoveL {POINT},v100,z5,t1\\WObj:=w1;\nSetDO do1,1;", [(6, "a motion that blends before setdo")]),
+        (f"MoveL {POINT},v100,z5,t1\\WObj:=w1;", [(6, "a motion that blends before the end")]),
+        (f"MoveL {POINT},v100,fine,t1;\nMoveL {POINT},v100,fine,t1\\WObj:=w1;", [(7, "w1 is a second work object")]),
+        (f"MoveL {POINT},v100\\T:=5,fine,t1\\WObj:=w1;", [(6, "\\t of movel is not read")]),
+        ("MoveL [[1,2,3],[0,1,0,0],[0,0,0,0],[0,9E9,9E9,9E9,9E9,9E9]],v5,fine,t1;",
+         [(6, "external axes are not read")]),
+        (f"MoveC {POINT},{POINT},v5,fine,t1;\nMoveC {POINT},{POINT},v5,fine,t1;",
+         [(7, "the points of an arc are on one line")]),
+        ('TPWrite "MoveL";\nStop;', [(6, "the statement tpwrite is not read"), (7, "the statement stop is not read")]),
+        ("FOR i FROM 1 TO 2 DO\nSetDO do1,1;\nENDFOR", [(6, "FOR is a statement that is not read")]),
+        ("x:=5;", [(6, "x:= is a statement that is not read")]),
+        ("SetDO do1,2;", [(6, "a digital output is 0 or 1")]),
+        (f"SetDO {'d' * 33},1;", [(6, f"{'d' * 33} is longer than 32 characters")]),
+        ("SetDO do1,1", [(7, "; expected, found 'ENDPROC'")]),
+        ("WaitTime -1;", [(6, "a wait must not be negative")]),
+        ("WaitTime 9E99;", [(6, "9E99 is larger than a num can be")]),
+        ("main;", [(6, "main is called too deeply")]),
+        ("FCPressL p,v100,5,z5,t1;", [(6, "p is not declared")]),
+        (f"FCPressL {POINT},v100,5,fine,t1;", [(6, "fcpressl without FCPress1LStart")]),
+        (f"MoveL {POINT},v5,fine,t1;\nFCPress1LStart {POINT},v5,\\Fx:=5,50,fine,t1;\nMoveL {POINT},v5,fine,t1;",
+         [(8, "movel while pressing, before FCPressEnd"), (10, "FCPressEnd is missing at the end")]),
+        (f"MoveL {POINT},v5,fine,t1;\nFCPress1LStart {POINT},v5,\\Fx:=5,50,fine,t1;\nFCPressL {POINT},v5,-5,fine,t1;\n"
+         f"FCPressEnd {POINT},v5,t1;", [(8, "fcpressl does not press in the direction of FCPress1LStart")]),
+    ],
+)  # fmt: skip
+def test_faults_by_line(body: str, faults: list[tuple[int, str]]) -> None:
+    assert [(fault.line, fault.what) for fault in read({"m.mod": module(body)}, {}).faults] == faults
+
+
+@pytest.mark.parametrize(
+    ("text", "faults"),
+    [
+        ("", [(1, "there is no PROC main")]),
+        ("MODULE m\nENDMODULE\n! tail\n5", [(4, "'5' stands outside a module"), (4, "there is no PROC main")]),
+        (f"MODULE m\nPROC main()\n{START}\n", [(3, "t1 is not declared"), (4, "ENDMODULE of m is missing"),
+                                               (4, "ENDPROC of main is missing")]),
+        (f"MODULE m\n{FRAMES}PROC main()\nMoveJ {POINT},v5,fine,t1;\nENDPROC\nENDMODULE",
+         [(5, "the first motion is movej, not MoveAbsJ")]),
+        (f"MODULE {'n' * 33}\nCONST num {'k' * 33}:=1;\nCONST num v5:=1;\nCONST num a:=b;\nCONST num b:=a;\n"
+         "PERS num c:=a;\nPROC main()\nENDPROC\nENDMODULE",
+         [(1, f"{'n' * 33} is longer than 32 characters"), (2, f"{'k' * 33} is longer than 32 characters"),
+          (3, "v5 is predefined"), (4, "a is defined by itself or through too many others"),
+          (6, "PERS c must have a literal value")]),
+        ("MODULE p\nPROC p()\nENDPROC\nPROC main()\nENDPROC\nPROC MAIN()\nENDPROC\nENDMODULE",
+         [(2, "p is global and has the name of its module"), (6, "MAIN is declared twice")]),
+    ],
+)  # fmt: skip
+def test_faults_of_modules(text: str, faults: list[tuple[int, str]]) -> None:
+    assert [(fault.line, fault.what) for fault in read({"m.mod": text}, {}).faults] == faults
+
+
+def test_whole_line_and_general_rules_read_the_same() -> None:
+    plan = pressing(pressed(0), pressed(0.3, 12.0, 1.0), pressed(0.5))
+    plan = program(*plan.body, MoveL(at(1, 2, 3), 33.0, 5.0), MoveC(at(2, 3, 3), at(3, 2, 3), 9.0))
+    text = posted(plan)[1]["plate.mod"]
+    compact, spaced = read({"a": text}, {}), read({"a": re.sub(r"([\[\],])", r" \1 ", text)}, {})
+    assert spaced.lines == compact.lines
+    assert_same(program(*compact.body), spaced, Tolerance(0, 0, 0, 0, 0, 0))
+
+
+GOOD = posted(pressing(pressed(0), pressed(0.3), Output("process", 1), Comment("x"), Wait(1)))[1]["plate.mod"]
+TOKENS = re.findall(r"\w+|[^\w\s]|\s+", GOOD)
+PIECES = [
+    *"[];,\\!\n-()é\x00\"", ":=", "9E999", "PROC x()", "ENDPROC", "MODULE y", "IF", "THEN", "%%%", "[" * 3000, "main;",
+    "CONST num q:=", "1.2.3", "TASK", "MoveL", "TRUE", "t1", "fine",
+]  # fmt: skip
+CHANGES = st.tuples(st.integers(0, len(TOKENS) - 1), st.sampled_from(PIECES), st.booleans())
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.lists(CHANGES, min_size=1, max_size=4))
+def test_no_text_breaks_the_reader(changes: list[tuple[int, str, bool]]) -> None:
+    tokens = list(TOKENS)
+    for place, piece, insert in changes:
+        tokens[place] = f"{tokens[place]} {piece} " if insert else piece
+    text = "".join(tokens)
+    reading = read({"a": text}, {})
+    assert all(1 <= fault.line <= text.count("\n") + text.count("\r") + 1 for fault in reading.faults)
+    assert len(reading.body) == len(reading.lines)
+
+
+@settings(deadline=None)
+@given(st.text(), st.text(alphabet='[]();,\\:=!"%MODULE PRCEND\n09.'))
+def test_no_text_at_all_breaks_the_reader(one: str, two: str) -> None:
+    assert read({"a": one, "b": two}, {}).faults
+
+
+@pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="the folder shared is not beside the repository")
+def test_programs_from_elsewhere_give_faults_not_errors() -> None:
+    for path in sorted((SHARED / "data" / "robot").rglob("*.*")):
+        reading = read({path.name: path.read_text(errors="replace")}, {})
+        assert reading.faults, path.name
+
+
+# The cell -------------------------------------------------------------------------------------------------------
+
+
+def test_a_sheet_is_within_reach_of_the_built_in_cell() -> None:
+    """IRB 120, tool straight down: axes 2, 3 and 5 in closed form from its link lengths (data sheet)."""
+    cell = Rapid.cell()
+    for x in (0, 200):
+        for y in (0, 75, 150):
+            for z in (-10, 50):
+                px, py, pz = cell.base_from_work.apply((x, y, z))
+                up = cell.flange_from_tool.origin[2] + 72  # wrist centre above the tool tip
+                r, h = math.hypot(px, py), pz + up - 290
+                arm, reach = math.hypot(302, 70), math.hypot(r, h)
+                inner = math.acos((270**2 + arm**2 - reach**2) / (2 * 270 * arm))
+                q3 = math.pi - math.atan2(302, 70) - inner
+                q2 = math.pi / 2 - math.atan2(h, r) - math.acos((270**2 + reach**2 - arm**2) / (2 * 270 * reach))
+                q5 = math.pi / 2 - q2 - q3
+                assert abs(math.degrees(math.atan2(py, px))) < 165
+                assert -110 < math.degrees(q2) < 110
+                assert -110 < math.degrees(q3) < 70
+                assert 5 < math.degrees(q5) < 120

@@ -1,0 +1,226 @@
+"""The two ways in which the RAPID read-back takes a statement, at once and by the general rules, say the same."""
+
+import random
+from collections.abc import Mapping
+
+import pytest
+from camgen_posts.rapid import Rapid
+from camgen_posts.readback.rapid import read, read_with
+from camgen_posts.readback.rapid.syntax import Call, Inline, parse, read_plain
+
+from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
+from camgen.post import Reading
+from camgen.post.plugins import make_post
+from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program
+
+
+def plain(value: object) -> object:
+    """Anything in a reading as what ``==`` compares."""
+    if isinstance(value, Pose):
+        return value.rotation.tolist(), value.origin
+    if isinstance(value, (MoveJ, MoveL, MoveC)):
+        return type(value), [plain(getattr(value, name)) for name in type(value).__struct_fields__]
+    return value
+
+
+def said(reading: Reading) -> list[object]:
+    body = [plain(item) for item in reading.body]
+    return [body, reading.lines, reading.faults, plain(reading.work), plain(reading.tool)]
+
+
+def both(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+    """The reading, which is the same either way."""
+    reading = read(files, options)
+    assert said(reading) == said(read_with(files, options, plain=False))
+    return reading
+
+
+def module(body: str, data: str = "") -> str:
+    """A module whose main starts to move in line 5, and whose statements begin in line 6."""
+    frames = TOOL.format("t1", 9) + WORK.format("w1", 100)
+    return f"MODULE m\n{frames}{data}PROC main()\n{START}{body}ENDPROC\nENDMODULE\n"
+
+
+def kinds(text: str) -> list[tuple[str, str]]:
+    """How each statement of a text was taken, and its name."""
+    calls: list[Call | Inline] = [call for m in parse(text, 1, True)[0] for r in m.routines for call in r.body]
+    return [("inline", c.shape.name) if isinstance(c, Inline) else ("call", c.name) for c in calls]
+
+
+# What is read at once -------------------------------------------------------------------------------------------
+
+
+def at(x: float, y: float, z: float = 0.0) -> Pose:
+    return Pose(TOOL_DOWN, (x, y, z))
+
+
+def posted(*body: Instruction, **options: object) -> str:
+    home = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 200.0)
+    post = make_post(Rapid, options)
+    prepared = post.prepare(Program("part", translation(3, 4, 5), translation(0, 0, 9), (home, *body)), 0.01)
+    return post.render(prepared)[0].text
+
+
+def test_every_motion_that_the_post_writes_with_points_is_a_small_record() -> None:
+    """The arc of 87 deg is short enough not to be halved."""
+    down = (0.0, 0.0, -1.0)
+    text = posted(
+        MoveJ(at(0, 0, 5), 50.0),
+        MoveL(at(0, 0), 20.0),
+        Output("process", 1),
+        MoveC(at(5, 2), at(10, 0), 7.5, 1.0),
+        MoveL(at(20, 0), 20.0),
+        Force(9.0, down),
+        MoveL(at(30, 0), 20.0, 0.0, 9.0, down),
+        MoveL(at(40, 0), 20.0, 0.0, 9.0, down),
+        MoveC(at(45, 2), at(50, 0), 20.0, 0.0, 9.0, down),
+        Force(0.0),
+        MoveL(at(50, 0, 9), 20.0),
+        force_arcs=True,
+    )
+    assert kinds(text) == [
+        *(("call", name) for name in ("confj", "confl", "moveabsj")),
+        ("inline", "movej"), ("inline", "movel"), ("call", "setdo"), ("inline", "movec"), ("inline", "movel"),
+        *(("inline", name) for name in ("fcpress1lstart", "fcpressl", "fcpressc", "fcpressend")),
+    ]  # fmt: skip
+    assert both({"part.mod": text}, {}).faults == ()
+
+
+def test_numbers_stand_in_their_places() -> None:
+    turned = "[0.6,0,-.8,0],[0,-1,0,0]"
+    text = module(
+        f"MoveL [[-1.25,.5,3.],[0,1,0,0],[0,0,0,0],{E9}],v100,z5,{TAIL}"
+        f"MoveC [[4,5,6],[0,0,1,0],[0,0,0,0],{E9}],\n  [[7,8,-0.001],{turned},{E9}],v5,fine,{TAIL}"
+        f"MoveL [[-9,.5,3.],[0,1,0,0],[0,0,0,0],{E9}],v100,z5,{TAIL}"
+        f"! a remark; [[1,2,3]\n\nMoveC [[1,5,7],[0,0,1,0],[0,0,0,0],{E9}],\n  [[8,8,8],{turned},{E9}],v5,fine,{TAIL}"
+    )
+    reading = both({"m.mod": text}, {})
+    assert reading.faults == ()
+    assert reading.lines == (5, 6, 7, 9, 12)
+    line, arc, again, last = reading.body[1:]
+    assert isinstance(line, MoveL)
+    assert isinstance(arc, MoveC)
+    assert isinstance(again, MoveL)
+    assert isinstance(last, MoveC)
+    assert (line.target.origin, line.speed, line.blend) == ((-1.25, 0.5, 3.0), 100.0, 5.0)
+    assert (arc.via.origin, arc.target.origin, arc.speed, arc.blend) == ((4, 5, 6), (7, 8, -0.001), 5.0, 0.0)
+    assert (again.target.origin, again.speed, again.blend) == ((-9, 0.5, 3), 100.0, 5.0)
+    assert (last.via.origin, last.target.origin) == ((1, 5, 7), (8, 8, 8))
+    # q = (0.6, 0, -0.8, 0) turns about -y by 2 acos(0.6): cos = 0.36 - 0.64, sin = 2 * 0.6 * 0.8
+    assert last.target.rotation.ravel().tolist() == pytest.approx([-0.28, 0, -0.96, 0, 1, 0, 0.96, 0, -0.28])
+    assert last.via.rotation.tolist() == [[-1, 0, 0], [0, 1, 0], [0, 0, -1]]
+
+
+def test_one_text_means_what_its_routine_sees() -> None:
+    move = f"MoveL {POINT},vOwn,zOwn,{TAIL}"
+    own = "LOCAL CONST speeddata vOwn:=[{},500,5000,1000];\nLOCAL CONST zonedata zOwn:=[FALSE,{},1,1,1,1,1];\n"
+    files = {
+        "a.mod": module(f"{move}{move}sub;\n{move}other;\nMoveL {POINT},v5,fine,{TAIL}", own.format(11, 2)),
+        "b.mod": f"MODULE b\n{own.format(22, 3)}PROC sub()\nCONST speeddata vOwn:=[33,500,5000,1000];\n{move}ENDPROC\n"
+        f"PROC other()\n{move}ENDPROC\nENDMODULE\n",
+    }
+    reading = both(files, {})
+    assert reading.faults == ()
+    moves = [item for item in reading.body if isinstance(item, MoveL)]
+    assert [(m.speed, m.blend) for m in moves] == [(11, 2), (11, 2), (33, 3), (11, 2), (22, 3), (5, 0)]
+
+
+def test_an_arc_with_one_point_by_name() -> None:
+    arc = f"MoveC [[{{}},5,1],[0,1,0,0],[0,0,0,0],{E9}],p1,v5,fine,{TAIL}"
+    text = module("".join(arc.format(x) for x in (4, 5, 6)), f"CONST robtarget p1:={POINT};\n")
+    arcs = both({"m.mod": text}, {}).body[1:]
+    assert [item.via.origin for item in arcs if isinstance(item, MoveC)] == [(4, 5, 1), (5, 5, 1), (6, 5, 1)]
+    assert [item.target.origin for item in arcs if isinstance(item, MoveC)] == [(1, 2, 3)] * 3
+
+
+NINES = f"0,{'9' * 50},0,0]"
+
+# What is not ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "faults"),
+    [
+        (f"MoveC [[1E1,2,3],[0,1,0,0],[0,0,0,0],{E9}],[[4,5,7],[0,1,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}", []),
+        (f"MoveL {POINT},v5,fine,{TAIL}%%%\nVERSION:1\n%%%\nMoveL {POINT},v5,fine,{TAIL}",
+         [(7, "a statement expected, found '%'")]),
+        (f'MoveL {POINT},v5,fine,{TAIL}TPWrite "a;MoveL {POINT},v5,fine,{TAIL[:-1]}";\n',
+         [(7, "the statement tpwrite is not read")]),
+        (f"MoveL {POINT},v5,fine,t1 ! ; \\WObj:=w1;\n\\WObj:=w1;\n", []),
+        (f"MoveL Offs(p1,1,\n2),v5,fine,{TAIL}" * 2,
+         [(6, "offs has 4 arguments, not 3"), (8, "offs has 4 arguments, not 3")]),
+        (f"MoveL {POINT},v5,fine,{TAIL}" * 2 + f"MoveL {POINT},v5,fine,t2\\WObj:=w1;\n" * 2,
+         [(8, "t2 is not declared"), (9, "t2 is not declared")]),
+        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('0,1,0,0]', '0,1,.1,0]', 1)},v5,fine,{TAIL}",
+         [(7, "a quaternion is not normalised (its square differs from 1 by 0.01)")]),
+        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('0,1,0,0]', NINES, 1)},v5,fine,{TAIL}",
+         [(7, "a number of a robtarget is larger than a num can be")]),
+        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2,3,4')},v5,fine,{TAIL}",
+         [(7, "pos has 3 components, not 4")]),
+        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2-,3')},v5,fine,{TAIL}",
+         [(7, "] expected, found '-'")]),
+        (f"MoveL {POINT},v5,fine,{TAIL}MoveL {POINT.replace('1,2,3', '1,2_0,3')},v5,fine,{TAIL}",
+         [(7, "] expected, found '_'")]),
+        (f"MoveC {POINT},{POINT},v5,fine,{TAIL}" * 3, [(7, "the points of an arc are on one line"),
+                                                       (8, "the points of an arc are on one line")]),
+        (f"FCPressL {POINT},v5,9,fine,{TAIL}" * 2, [(6, "fcpressl without FCPress1LStart"),
+                                                    (7, "fcpressl without FCPress1LStart")]),
+        (f"MoveL {POINT},v5,fine,{TAIL}FCPress1LStart {POINT},v5,\\Fx:=5,50,fine,{TAIL}"
+         + f"FCPressL {POINT},v5,5,fine,{TAIL}FCPressL {POINT},v5,-5,fine,{TAIL}MoveL {POINT},v5,fine,{TAIL}"
+         + f"FCPressEnd {POINT},v5,{TAIL}FCPressEnd {POINT},v5,{TAIL}",
+         [(9, "fcpressl does not press in the direction of FCPress1LStart"),
+          (10, "movel while pressing, before FCPressEnd"), (12, "fcpressend without FCPress1LStart")]),
+        (f"SetDO do1,1;SetDO do1,1;SetDO {POINT},1;\nsub {POINT};\n", [(6, "setdo needs the name of a signal"),
+                                                                      (7, "the statement sub is not read")]),
+    ],
+)  # fmt: skip
+def test_what_is_not_usual_is_read_by_the_general_rules(body: str, faults: list[tuple[int, str]]) -> None:
+    reading = both({"m.mod": module(body)}, {})
+    assert [(fault.line, fault.what) for fault in reading.faults] == faults
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ENDPROC", "IF a THEN b;", "CONST num n:=1;", ";", "SetDO do1,1", 'TPWrite "a";', 'TPWrite "a;', "x:=1;",
+        "MoveL Offs(p1,0,0,1),v5,fine,t1;", "SetDO ! a remark\ndo1,1;", "! a remark", f"MoveL [ {POINT[1:]},v5,fine,t1",
+        f"MoveL {POINT.replace('1,2', '1,2E0')},v5,fine,t1;", f"MoveC {POINT},{POINT},{POINT},v5,fine,t1;",
+        f"SetDO do1,{POINT};", f"SetDO{' ' * 1000}do1,1;",
+    ],
+)  # fmt: skip
+def test_what_is_left_to_the_general_rules(text: str) -> None:
+    body: list[Call | Inline] = []
+    usual = "\n  SetDO do1,1;\n ! x;\nSetDO do1,1;"
+    assert read_plain(f"{usual}{text}", 0, 7, body) == (len(usual), 10)
+    assert [(call.name, call.line) for call in body if isinstance(call, Call)] == [("setdo", 8), ("setdo", 10)]
+
+
+def test_a_routine_that_is_never_called_is_read_but_not_run() -> None:
+    spare = (
+        f"PROC spare()\nMoveL {POINT},v37,fine,{TAIL}MoveL [[1,2,3],[{'9' * 40},0,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}"
+    )
+    text = module(f"MoveL {POINT},v5,fine,{TAIL}", f"{spare}ENDPROC\n")
+    reading = both({"m.mod": text}, {})
+    assert len(reading.body) == 2
+    assert [(f.line, f.what) for f in reading.faults] == [(6, "a number of a robtarget is larger than a num can be")]
+
+
+# Texts by chance ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_texts_by_chance(seed: int) -> None:
+    chance = random.Random(seed)
+    at_once = motions = 0
+    for _ in range(20):
+        texts = program(chance)
+        for _ in range(chance.choice([0, 0, 1, 2, 4])):
+            k = chance.randrange(len(texts))
+            texts[k] = changed(chance, texts[k])
+        options = chance.choice([{}, {}, {"declare": False}, {"s4": True}, {"force_sign": -1}])
+        reading = both({f"{k}.mod": text for k, text in enumerate(texts)}, options)
+        motions += len(reading.body)
+        at_once += sum(how == "inline" for text in texts for how, _ in kinds(text))
+    assert motions > 50
+    assert at_once > 50

@@ -1,0 +1,218 @@
+"""The page's data: what is drawn, when the tool is where, and that no text of an input gets out of the data."""
+
+import base64
+import json
+import math
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+import camgen
+from camgen.build import Result
+from camgen.model.part import Contour, Note
+from camgen.model.pose import frozen
+from camgen.post.passes import circle
+from camgen.preview.curves import drawn, of_contours
+from camgen.preview.page import page
+from camgen.preview.png import png
+from camgen.preview.view import View, view
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+ROBOT = {"cell": {"robot": "IRB 2400", "base_from_work": [1000, 0, 400, 0, 0, 0]}}
+
+
+@pytest.fixture(scope="module")
+def flat() -> Result:
+    return camgen.build(PARTS / "bracket.dxf", post="gcode")
+
+
+@pytest.fixture(scope="module")
+def robot() -> Result:
+    return camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
+
+
+@pytest.fixture(scope="module")
+def solid() -> Result:
+    return camgen.build(PARTS / "rfa1.stl", post="rapid")
+
+
+def data(text: str) -> dict[str, object]:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    assert found
+    return json.loads(found[1])  # type: ignore[no-any-return]
+
+
+# -- curves
+
+coordinate = st.floats(-100, 100)
+point = st.tuples(coordinate, coordinate, coordinate)
+
+
+@given(point, point, point)
+def test_points_of_an_arc_lie_on_its_circle_and_cover_its_length(
+    a: tuple[float, float, float], b: tuple[float, float, float], c: tuple[float, float, float]
+) -> None:
+    sides = sorted([math.dist(a, b), math.dist(b, c), math.dist(a, c)])
+    if sides[0] < 1.0 or sides[0] + sides[1] - sides[2] < 0.1:
+        return
+    centre, radius, _, sweep = circle(a, b, c)
+    found = drawn(np.array([a]), np.array([b]), np.array([c]), 0.01)
+    way = np.vstack([a, found.points])
+    assert np.allclose(np.linalg.norm(way - centre, axis=1), radius, rtol=1e-7)
+    assert np.allclose(found.points[-1], c)
+    # Chords of at most 15 degrees are shorter than their arc by less than 0.3 %.
+    length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
+    assert 0.997 * radius * sweep < length <= radius * sweep * (1 + 1e-9)
+
+
+def test_a_contour_is_drawn_with_its_bulges_to_the_right_side() -> None:
+    # Two half circles counter-clockwise about (50, 25): the first runs below the centre.
+    hole = Contour(frozen([(40, 25), (60, 25)]), frozen([1, 1]), True, "L", "c1")
+    square = Contour(frozen([(0, 0), (9, 0), (9, 9)]), frozen([0, 0, 0]), False, "L", "c2")
+    chains = of_contours((hole, square), 0.01)
+    round_, rest = chains.points[: chains.counts[0]], chains.points[chains.counts[0] :]
+    assert np.allclose(np.linalg.norm(round_[:, :2] - (50, 25), axis=1), 10)
+    assert np.allclose(round_[0], round_[-1])
+    assert (round_[1:3, 1] < 25).all()
+    assert np.allclose(rest[:, :2], square.points)
+
+
+# -- the way through time
+
+
+@pytest.mark.parametrize("name", ["flat", "robot", "solid"])
+def test_the_time_is_that_of_the_report(name: str, request: pytest.FixtureRequest) -> None:
+    result = request.getfixturevalue(name)
+    way = view(result).track
+    assert round(float(way.time[-1]), 1) == result.report["time_s"]
+    assert (np.diff(way.time) >= 0).all()
+    # And so is the time that each path takes, and what is left for travel.
+    spent = np.diff(way.time, prepend=0.0)
+    owner = way.events.path[way.event]
+    for k, path in enumerate(result.report["paths"]):
+        assert spent[owner == k].sum() == pytest.approx(path["time_s"], abs=0.0051)
+    assert spent[owner < 0].sum() == pytest.approx(result.report["travel_s"], abs=0.051)
+
+
+def test_length_of_work_is_that_of_the_report(flat: Result) -> None:
+    way = view(flat).track
+    steps = np.linalg.norm(np.diff(way.position, axis=0), axis=1)
+    work = steps[way.events.path[way.event[1:]] >= 0].sum()
+    assert work == pytest.approx(sum(p["length_mm"] for p in flat.report["paths"]), rel=1e-3)  # type: ignore[attr-defined]
+
+
+def test_every_path_of_a_tour_is_worked_on_in_its_order(flat: Result) -> None:
+    order = [p for p in view(flat).track.events.path.tolist() if p >= 0]
+    assert list(dict.fromkeys(order)) == list(range(len(flat.tour.paths)))
+
+
+def test_a_robot_stands_where_the_program_is_at_the_same_time(robot: Result) -> None:
+    found = view(robot)
+    assert found.arm is not None
+    from camgen.preview.track import tool_of  # noqa: PLC0415 (only where there is an arm)
+
+    place, axis = tool_of(robot.program, found.arm.robot, found.arm.joints)
+    for k in range(3):
+        shown = (
+            np.interp(found.arm.time, found.track.time, way[:, k]) for way in (found.track.position, found.track.axis)
+        )
+        assert next(shown) == pytest.approx(place[:, k], abs=0.05)
+        assert next(shown) == pytest.approx(axis[:, k], abs=1e-3)
+
+
+# -- the page
+
+
+def test_same_result_same_bytes(flat: Result) -> None:
+    assert page(view(flat)) == page(view(flat))
+
+
+def test_columns_come_out_of_the_page_as_they_went_in(flat: Result) -> None:
+    shown: View = view(flat)
+    plain = data(page(shown))
+    track, origin = plain["track"], plain["origin"]
+    position = np.frombuffer(base64.b64decode(track["position"]), "<f4").reshape(-1, 3)  # type: ignore[index]
+    assert position + origin == pytest.approx(shown.track.position, abs=1e-4)
+    assert np.frombuffer(base64.b64decode(track["path"]), "<i4").tolist() == shown.track.events.path.tolist()  # type: ignore[index]
+
+
+EVIL = "</script><script>window.bad=1</script><!--<img src=x onerror=window.bad=2>\u2028'\""
+
+
+def poisoned(result: Result) -> View:
+    """The view of a result whose every name is hostile."""
+    part = replace(
+        result.part,
+        source=EVIL,
+        contours=tuple(replace(c, layer=EVIL) for c in result.part.contours),
+    )
+    tour = replace(result.tour, paths=tuple(replace(p, layer=EVIL) for p in result.tour.paths))
+    notes = (*result.notes, Note("skipped", EVIL + " c1", EVIL))
+    return view(replace(result, part=part, tour=tour, notes=notes))
+
+
+def test_no_text_of_an_input_ends_the_data_or_becomes_markup(flat: Result) -> None:
+    text = page(poisoned(flat))
+    assert text.count("<script") == 3
+    assert text.count("</script") == 3
+    assert "<img" not in text.split("three.js")[0].split("</head>")[1].split("<script")[1]
+    assert "\u2028" not in text.split('id="data">')[1].split("</script>")[0]
+    assert data(text)["paths"][0]["layer"] == EVIL  # type: ignore[index]
+
+
+def test_the_page_allows_no_network_and_only_its_own_scripts(flat: Result) -> None:
+    text = page(view(flat))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy
+    assert policy[1].startswith("default-src 'none'")
+    assert "unsafe" not in policy[1]
+    assert not re.search(r'(src|href)="(?!data:)', text.split("<script")[0])
+
+
+def test_the_command_line_writes_the_page(tmp_path: Path) -> None:
+    from camgen.cli import main  # noqa: PLC0415 (as the command line loads it)
+
+    target = tmp_path / "a.html"
+    assert (
+        main(
+            [
+                "build",
+                str(PARTS / "bracket.dxf"),
+                "--post",
+                "gcode",
+                "-o",
+                str(tmp_path),
+                "--preview",
+                str(target),
+                "-q",
+            ]
+        )
+        == 0
+    )
+    assert data(target.read_text(encoding="utf-8"))["title"] == "bracket.dxf, gcode"
+
+
+def test_a_png_shows_the_part_and_the_paths_from_above(flat: Result) -> None:
+    image = cv2.imdecode(np.frombuffer(png(view(flat)), np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.shape == (1200, 1600, 3)
+    # The outline runs 3 mm outside the part, which is 80 x 50 mm: 86 x 56 mm fill the width between the borders. The
+    # last path is orange, the sheet grey.
+    orange = np.argwhere(np.abs(image.astype(int) - (30, 88, 226)).max(axis=2) < 12)
+    high, wide = np.ptp(orange, axis=0)
+    assert wide == pytest.approx(1600 - 120, abs=4)
+    assert high / wide == pytest.approx(56 / 86, abs=0.005)
+    sheet = (np.abs(image.astype(int) - (236, 229, 223)).max(axis=2) < 3).sum() * (86 / wide) ** 2
+    # Area of the plate less its round corners and holes (bracket.dxf: two holes of 8 mm, a slot of 30 x 10 mm).
+    area = 80 * 50 - (4 - np.pi) * 100 - 2 * np.pi * 16 - (20 * 10 + np.pi * 25)
+    assert sheet == pytest.approx(area, rel=0.03)
+
+
+def test_same_result_same_picture(flat: Result) -> None:
+    assert png(view(flat)) == png(view(flat))

@@ -1,0 +1,289 @@
+"""The page in a real browser without a window: what is seen, and that what a hostile drawing says does nothing."""
+
+import io
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import camgen
+from camgen.preview.page import page
+from camgen.preview.view import view
+from camgen.robots.kinematics.forward import flange
+from tests.preview.test_page import PARTS, ROBOT, poisoned
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+#: A browser of the system, else the one that playwright brought.
+SYSTEM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SIZE, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+Driven = Any
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Driven]:
+    with playwright.sync_playwright() as started:
+        if not SYSTEM and not os.path.exists(started.chromium.executable_path):
+            pytest.skip("no Chromium is installed")
+        switches = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
+        opened = started.chromium.launch(executable_path=SYSTEM, args=switches)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("pages")
+    flat = camgen.build(PARTS / "bracket.dxf", post="gcode")
+    robot = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
+    solid = camgen.build(PARTS / "rfa1.stl", post="rapid")
+    views = {"flat": view(flat), "robot": view(robot), "solid": view(solid), "evil": poisoned(flat)}
+    for name, shown in views.items():
+        (folder / f"{name}.html").write_text(page(shown), encoding="utf-8")
+    return {name: folder / f"{name}.html" for name in views}
+
+
+class Opened:
+    """A page with everything that it said or asked for."""
+
+    def __init__(self, browser: Driven, file: Path, size: dict[str, int], scheme: str) -> None:
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.context = browser.new_context(viewport=size, color_scheme=scheme, has_touch=size is PHONE)
+        self.page = self.context.new_page()
+        self.page.on("console", lambda message: self.said.append(message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(file.as_uri())
+        self.page.wait_for_function("window.camgen !== undefined")
+
+    def run(self, script: str) -> Any:
+        return self.page.evaluate(script)
+
+    def picture(self) -> np.ndarray[Any, Any]:
+        """What the scene shows, (H, W, 3)."""
+        # Two frames later what was asked for is drawn.
+        self.run("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        raw = self.page.locator("#canvas").screenshot()
+        return cv2.imdecode(np.frombuffer(io.BytesIO(raw).getvalue(), np.uint8), cv2.IMREAD_COLOR)
+
+
+@pytest.fixture
+def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
+    pages: list[Opened] = []
+
+    def make(name: str, size: dict[str, int] = SIZE, scheme: str = "light") -> Opened:
+        pages.append(Opened(browser, files[name], size, scheme))
+        return pages[-1]
+
+    yield make
+    for one in pages:
+        one.context.close()
+
+
+@pytest.mark.parametrize("name", ["flat", "robot", "solid"])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_page_shows_a_picture_without_errors_and_without_a_network(opened: Any, name: str, scheme: str) -> None:
+    one = opened(name, scheme=scheme)
+    picture = one.picture()
+    background = picture[picture.shape[0] // 2, 3].astype(int)
+    assert (background.mean() > 200) == (scheme == "light")
+    shown = np.abs(picture.astype(int) - background).max(axis=2) > 24
+    # Not counting what lies over the picture: axes, legend, scale.
+    assert shown[100:-100, 100:-100].mean() > 0.01
+    assert one.said == []
+    assert [url for url in one.asked if not url.startswith(("data:", "blob:"))] == [one.page.url]
+
+
+def test_the_paths_have_the_colours_of_their_order(opened: Any) -> None:
+    one = opened("flat")
+    one.run("camgen.setScreen()")
+    picture = one.picture().astype(int)
+    # Blue first, orange last, as the legend says; colours are blue, green, red.
+    for colour in ((220, 98, 31), (30, 88, 226)):
+        assert (np.abs(picture - colour).max(axis=2) < 12).sum() > 30, colour
+
+
+def test_the_slider_moves_the_robot_to_the_joints_that_were_found(opened: Any) -> None:
+    one = opened("robot")
+    before = one.picture()
+    one.page.evaluate(
+        "s => { const e = document.getElementById('slider'); e.value = s; e.dispatchEvent(new Event('input')); }", 15.0
+    )
+    after = one.picture()
+    assert (np.abs(before.astype(int) - after.astype(int)).max(axis=2) > 30).mean() > 0.01
+    result = camgen.build(PARTS / "bracket.dxf", post="rapid", job=ROBOT)
+    arm = view(result).arm
+    assert arm is not None
+    joints = np.array([np.interp(15.0, arm.time, arm.joints[:, k]) for k in range(arm.joints.shape[1])])
+    rotation, origin = flange(arm.robot, joints[None])
+    tool = result.program.flange_from_tool
+    base = origin[0] + rotation[0] @ np.asarray(tool.origin)
+    expected = np.asarray(result.program.base_from_work.inverse().apply(base.tolist()))
+    matrix = np.array(one.run("camgen.toolGroup.matrix.elements")).reshape(4, 4).T
+    assert matrix[:3, 3] + one.run("camgen.data.origin") == pytest.approx(expected, abs=0.01)
+
+
+def test_the_list_names_and_highlights_a_path(opened: Any) -> None:
+    one = opened("flat")
+    before = one.picture()
+    rows = one.page.locator("#rows .row")
+    assert rows.count() == 4
+    rows.nth(3).click()
+    assert one.run("camgen.chosen.path") == 3
+    assert "picked" in rows.nth(3).get_attribute("class")
+    # The outline in the colour of what is chosen: it was not on the screen before.
+    marked = [(np.abs(p.astype(int) - (0, 149, 255)).max(axis=2) < 12).sum() for p in (before, one.picture())]
+    assert marked[0] == 0
+    assert marked[1] > 500
+
+
+def test_a_click_on_a_path_names_its_row(opened: Any) -> None:
+    one = opened("flat")
+    spot = one.run(
+        """() => {
+          camgen.setScreen();
+          const { event, path, position } = camgen.track;
+          const [x, y] = camgen.toScreen(position, event.findIndex((e) => path[e] === 3) + 3);
+          const area = document.getElementById("canvas").getBoundingClientRect();
+          return [x + area.left, y + area.top];
+        }"""
+    )
+    one.page.mouse.click(*spot)
+    assert one.run("camgen.chosen.path") == 3
+    assert "c1" in one.page.locator("#tip").inner_text()
+
+
+def test_keys_play_step_turn_and_measure(opened: Any) -> None:
+    one = opened("flat")
+    keys = one.page.keyboard
+    keys.press("ArrowRight")
+    first = one.run("camgen.player.time")
+    keys.press("ArrowRight")
+    assert one.run("camgen.player.time") > first > 0
+    keys.press("ArrowLeft")
+    assert one.run("camgen.player.time") == pytest.approx(first)
+    keys.press(" ")
+    one.page.wait_for_function("first => camgen.player.on && camgen.player.time > first", arg=first)
+    keys.press(" ")
+    assert not one.run("camgen.player.on")
+    keys.press("s")
+    assert one.run("camgen.look.tilt") == 0
+    keys.press("t")
+    assert one.run("camgen.look.tilt") == pytest.approx(np.pi / 2)
+    keys.press("?")
+    assert one.page.locator("#keys").is_visible()
+    keys.press("?")
+    keys.press("m")
+    assert one.run("camgen.measure.on")
+
+
+def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
+    one = opened("solid")
+    # In pixels from the middle: the box of the part and the paths, and that of the base of the robot.
+    script = """() => {
+      camgen.setScreen();
+      const { low, high } = camgen.box;
+      const corners = [];
+      for (let k = 0; k < 8; k++) corners.push([0, 1, 2].map((i) => (k >> i & 1 ? high[i] : low[i])));
+      return [...corners, camgen.arm.base.elements.slice(12, 15)].map((point) => camgen.toScreen(point, 0));
+    }"""
+
+    def seen() -> tuple[float, np.ndarray[Any, Any]]:
+        # toScreen counts from the top left of the canvas.
+        spots = np.array(one.run(script))
+        return float(np.ptp(spots[:8], axis=0).max()), spots
+
+    area = one.page.locator("#canvas").bounding_box()
+    begun, spots = seen()
+    assert (
+        np.abs((spots[:8].max(axis=0) + spots[:8].min(axis=0)) / 2 - (area["width"] / 2, area["height"] / 2)).max() < 60
+    )
+    one.page.keyboard.press("f")
+    part = seen()[0]
+    one.page.keyboard.press("F")
+    whole, spots = seen()
+    assert part > begun > whole
+    assert part > 0.7 * min(area["width"], area["height"])
+    assert (spots >= 0).all()
+    assert (spots <= (area["width"], area["height"])).all()
+
+
+def test_two_clicks_measure_a_distance_between_corners(opened: Any) -> None:
+    one = opened("flat")
+    one.page.keyboard.press("m")
+    # The straight sides of the outline end where its round corners begin: 80 x 50 mm, radius 10.
+    ends = one.run(
+        """() => {
+          camgen.setScreen();
+          const o = camgen.data.origin;
+          const area = document.getElementById("canvas").getBoundingClientRect();
+          return [[10, 50], [70, 50]].map(([x, y]) => {
+            const [u, v] = camgen.toScreen([x - o[0], y - o[1], -o[2]], 0);
+            return [u + area.left, v + area.top];
+          });
+        }"""
+    )
+    for x, y in ends:
+        one.page.mouse.click(x + 2, y - 2)
+    said = one.page.locator("#marks .card").inner_text()
+    assert said.startswith("60.000 mm")
+
+
+def test_dragging_turns_and_the_wheel_zooms(opened: Any) -> None:
+    one = opened("flat")
+    turn, height = one.run("[camgen.look.turn, camgen.look.height]")
+    one.page.mouse.move(800, 400)
+    one.page.mouse.down()
+    one.page.mouse.move(900, 430, steps=5)
+    one.page.mouse.up()
+    one.page.mouse.wheel(0, -240)
+    one.page.wait_for_function("height => camgen.look.height < height", arg=height)
+    later = one.run("[camgen.look.turn, camgen.look.height]")
+    assert later[0] < turn
+    assert later[1] < height
+    assert one.run("camgen.chosen.path") == -1
+
+
+def test_names_that_are_markup_are_shown_and_do_nothing(opened: Any) -> None:
+    one = opened("evil")
+    one.page.locator("#rows .row").first.click()
+    for tab in one.page.locator("nav button").all():
+        tab.click()
+    assert one.run("window.bad") is None
+    assert one.said == []
+    assert one.page.locator("img").count() == 0
+    assert "</script>" in one.page.locator("#title").inner_text()
+
+
+@pytest.mark.parametrize("name", ["robot", "solid"])
+def test_on_a_phone_nothing_is_wider_than_the_screen_and_nothing_overlaps(opened: Any, name: str) -> None:
+    one = opened(name, size=PHONE)
+    assert one.run("document.documentElement.scrollWidth") <= PHONE["width"]
+    boxes = one.run(
+        """["header", "main", "footer", "aside"].map((name) => {
+          const { top, bottom } = document.querySelector(name).getBoundingClientRect();
+          return [top, bottom];
+        })"""
+    )
+    assert all(boxes[k][1] <= boxes[k + 1][0] + 1 for k in range(3))
+    assert boxes[1][1] - boxes[1][0] > 250
+    legend, scale = (one.page.locator(n).bounding_box() for n in ("#legend", "#scale"))
+    assert legend["x"] + legend["width"] < scale["x"]
+
+
+def test_print_has_title_numbers_and_picture(opened: Any) -> None:
+    one = opened("solid")
+    one.run("dispatchEvent(new Event('beforeprint'))")
+    one.page.emulate_media(media="print")
+    text = one.page.locator("#print").inner_text()
+    assert "rfa1.stl, rapid" in text
+    assert "Controller" in text
+    assert "Left out" in text
+    assert one.run("document.querySelector('#print img').src.length") > 5000
+    assert not one.page.locator("footer").is_visible()

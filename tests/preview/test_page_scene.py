@@ -1,0 +1,122 @@
+"""What the page draws beside the paths: what was left out, and what stands around the part."""
+
+import base64
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.build import Result
+from camgen.model.part import Note
+from camgen.preview.page import page
+from camgen.preview.view import cut, reasons, view
+from tests.preview.test_page import PARTS, data
+
+
+@pytest.fixture(scope="module")
+def solid() -> Result:
+    return camgen.build(PARTS / "rfa1.stl", post="rapid")
+
+
+# -- what is left out
+
+
+def test_the_reason_for_a_name_is_that_of_the_first_note_about_it() -> None:
+    notes = [
+        Note("skipped", "2 contours not followed, open: c2, 2/c9 on layer A", "gap", ("c2", "2/c9")),
+        Note("skipped", "edge e7, line", "", ("e7",)),
+        Note("skipped", "contour c2", "other", ("c2",)),
+        Note("skipped", "c5 on a layer of that name", "no name of it"),
+    ]
+    assert reasons(notes) == {"c2": "gap", "2/c9": "gap", "e7": "edge e7, line"}
+
+
+def test_a_contour_without_a_path_is_shown_with_its_reason() -> None:
+    result = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}})
+    lines = {line.id: line for line in view(result).lines}
+    skipped = [line for line in lines.values() if line.state == "skipped"]
+    assert skipped
+    assert all(line.why for line in skipped)
+    assert {line.id for line in lines.values() if line.state == "done"} == {p.id for p in result.tour.paths}
+
+
+def test_contours_that_are_run_in_the_path_of_another_are_done(tmp_path: Path) -> None:
+    # A square and its diagonal are run in one path, which has the name of one of them.
+    lines = ["0", "SECTION", "2", "ENTITIES", "0", "POLYLINE", "8", "A", "66", "1", "70", "1"]
+    for x, y in ((0, 0), (10, 0), (10, 10), (0, 10)):
+        lines += ["0", "VERTEX", "8", "A", "10", str(x), "20", str(y)]
+    lines += ["0", "SEQEND", "0", "LINE", "8", "A", "10", "0", "20", "0", "11", "10", "21", "10"]
+    (tmp_path / "square.dxf").write_text("\n".join([*lines, "0", "ENDSEC", "0", "EOF\n"]))
+    result = camgen.build(tmp_path / "square.dxf", post="gcode", job={"operation": {"kind": "trace"}})
+    assert len(result.tour.paths) == 1
+    assert [line.state for line in view(result).lines] == ["done", "done"]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_an_edge_that_is_run_in_part_is_cut_beside_the_ends_of_the_work(turned: bool) -> None:
+    # An L of 10 and 5 mm; the work runs 2 mm above it, from 1 mm after its start to 2 mm before its end.
+    points = np.array([[0, 0, 0], [10, 0, 0], [10, 5, 0]], float)
+    ends = [np.array([1.0, 0, 2]), np.array([10.0, 3, 2])]
+    before, inner, after = cut(points, *(ends[::-1] if turned else ends))
+    assert before.tolist() == [[0, 0, 0], [1, 0, 0]]
+    assert inner.tolist() == [[1, 0, 0], [10, 0, 0], [10, 3, 0]]
+    assert after.tolist() == [[10, 3, 0], [10, 5, 0]]
+    whole = cut(points, points[0], points[-1])
+    assert [len(part) for part in whole] == [0, 3, 0]
+
+
+def test_ends_of_edges_that_are_not_run_are_left_out() -> None:
+    job = tomllib.loads((PARTS / "rfa2.toml").read_text())
+    result = camgen.build(PARTS / "rfa2.stl", post="rapid", job=job | {"operation": {"offset": 2, "trim": 6}})
+    lines = view(result).lines
+    left = [line for line in lines if line.state == "skipped"]
+    # Four edges of 55 mm stand on the table; the summary says which ends of them are not run.
+    assert {line.id for line in left} == {"e23", "e24", "e25", "e26"}
+    for line in left:
+        assert line.length == pytest.approx(3.0, abs=1e-6)
+        assert sum(one.length for one in lines if one.id == line.id) == pytest.approx(55, abs=1e-6)
+        assert line.why == "the whole cannot be reached"
+    assert all(not line.why for line in lines if line.state == "done")
+
+
+# -- what stands around
+
+
+def test_what_is_drawn_around_a_part_is_what_was_tested(solid: Result) -> None:
+    found = view(solid)
+    low, high = solid.part.solid.vertices.min(axis=0), solid.part.solid.vertices.max(axis=0)  # type: ignore[union-attr]
+    (table,) = found.standing
+    assert table.name == "table"
+    centre, half = np.array(table.boxes[0].link_from_box.origin), np.array(table.boxes[0].half)
+    # Half a mm below the part, 200 mm beyond it, 20 mm thick.
+    assert centre + half == pytest.approx([high[0] + 200, high[1] + 200, low[2] - 0.5])
+    assert centre - half == pytest.approx([low[0] - 200, low[1] - 200, low[2] - 20.5])
+    assert table.boxes[0].link_from_box.rotation == pytest.approx(np.eye(3))
+    assert "table" in dict(found.facts)["Collision"]
+
+
+def test_the_tool_is_drawn_as_long_as_it_is_tested_and_fixtures_that_are_meshes_with_their_triangles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(PARTS)
+    found = view(camgen.build("rfa1.stl", post="rapid", job="rfa1.toml"))
+    tool, holder = found.bodies
+    # From the tip, 120 mm from the holder along the tool (rfa1.toml: 60 deg), as wide as the tool.
+    assert tool.boxes[0].half == pytest.approx((3, 3, 60), abs=1e-3)
+    assert holder.boxes[0].half == pytest.approx((35, 35, 50))
+    ((name, mesh),) = found.meshes
+    assert name == "fixture 2"
+    assert mesh.source == "rfa1_base.stl"
+    plain = data(page(found))
+    shown = np.frombuffer(base64.b64decode(plain["meshes"][0][1]["vertices"]), "<f4").reshape(-1, 3)  # type: ignore[index]
+    assert shown + plain["origin"] == pytest.approx(mesh.vertices, abs=1e-4)
+
+
+def test_without_a_robot_fixtures_and_holder_are_drawn_as_the_job_has_them() -> None:
+    job = {"cell": {"fixtures": [[0, 0, -10, 20, 30, 0]]}, "tool": {"holder": [[-5, -5, 0, 5, 5, 40]]}}
+    found = view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job))
+    assert [(body.name, body.boxes[0].half) for body in found.bodies] == [("holder", (5, 5, 20))]
+    assert found.standing[0].boxes[0].link_from_box.origin == (10, 15, -5)
+    assert "Collision" not in dict(found.facts)

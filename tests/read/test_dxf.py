@@ -1,0 +1,510 @@
+"""What a DXF drawing says is what the contours hold: places, arcs, layers, units, and a note for all the rest."""
+
+import importlib.util
+import io
+import math
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import ezdxf
+import numpy as np
+import pytest
+from ezdxf.document import Drawing
+from ezdxf.xclip import XClip
+
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Input, Job
+from camgen.model.part import Contour, Part
+from camgen.read import dxf
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+REFUSED = sorted(FIXTURES.glob("refused/*.dxf"))
+
+
+def maker() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_dxf", FIXTURES / "make_dxf.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def new(units: int = 4, version: str = "R2010") -> tuple[Drawing, Any]:
+    document = ezdxf.new(version)
+    document.header["$INSUNITS"] = units
+    return document, document.modelspace()
+
+
+def read(document: Drawing, **settings: Any) -> Part:
+    return dxf.read_bytes("test.dxf", written(document).encode(), Input(**settings), 0.01)
+
+
+def written(document: Drawing) -> str:
+    text = io.StringIO()
+    document.write(text)
+    return text.getvalue()
+
+
+def notes(part: Part) -> list[str]:
+    return [str(n) for n in part.notes]
+
+
+def length(contour: Contour) -> float:
+    """Chords, and arcs as radius times sweep."""
+    total = 0.0
+    for i, (p, b) in enumerate(zip(contour.points, contour.bulges, strict=True)):
+        if i + 1 == len(contour.points) and not contour.closed:
+            break
+        q = contour.points[(i + 1) % len(contour.points)]
+        chord, sweep = math.dist(p, q), 4 * math.atan(abs(b))
+        total += chord if b == 0 else chord / (2 * math.sin(sweep / 2)) * sweep
+    return total
+
+
+def area(contour: Contour) -> float:
+    """Signed, by the shoelace formula plus the segments of the arcs."""
+    total = 0.0
+    for p, q, b in zip(contour.points, np.roll(contour.points, -1, axis=0), contour.bulges, strict=True):
+        total += (p[0] * q[1] - p[1] * q[0]) / 2
+        if b:
+            sweep = 4 * math.atan(b)
+            radius = math.dist(p, q) / (2 * math.sin(abs(sweep) / 2))
+            total += radius * radius * (sweep - math.sin(sweep)) / 2
+    return float(total)
+
+
+# --- the made drawings -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["bracket", "bracket_binary"])
+def test_bracket(name: str) -> None:
+    part = dxf.read(FIXTURES / "parts" / f"{name}.dxf", Job())
+    outline, hole, other, slot = part.contours
+    assert [c.layer for c in part.contours] == ["OUTLINE", "HOLES", "HOLES", "HOLES"]
+    assert all(c.closed for c in part.contours)
+    assert (part.units, part.source, part.notes) == ("mm", f"{name}.dxf", ())
+    assert length(outline) == pytest.approx(2 * 60 + 2 * 30 + 20 * math.pi)
+    assert area(outline) == pytest.approx(80 * 50 - (4 - math.pi) * 100)
+    assert length(hole) == length(other) == pytest.approx(8 * math.pi)
+    assert abs(area(slot)) == pytest.approx(20 * 10 + 25 * math.pi)
+
+
+def test_gaps() -> None:
+    part = dxf.read(FIXTURES / "parts" / "gaps.dxf", Job())
+    assert [(c.closed, len(c.points)) for c in part.contours] == [(True, 4)]
+    assert notes(part) == [
+        "repaired: dropped: 1 LINE on layer 0 (without length)",
+        "repaired: dropped: 1 LINE on layer 0 (drawn twice; each is used once)",
+        "joined: gaps closed: 1, largest 0.03 mm (ends closer than input.join = 0.05 mm meet)",
+    ]
+
+
+def test_smooth() -> None:
+    part = dxf.read(FIXTURES / "parts" / "smooth.dxf", Job())
+    t = np.linspace(0, 2 * math.pi, 200001)
+    oval, drop = part.contours
+    assert oval.closed
+    assert drop.closed
+    exact = np.hypot(*np.diff(np.column_stack([50 * np.cos(t), 20 * np.sin(t)]), axis=0).T).sum()
+    assert length(oval) == pytest.approx(exact, rel=1e-4)
+    assert area(oval) == pytest.approx(math.pi * 50 * 20, rel=1e-4)
+    u = np.linspace(0, 1, 200001)[:, None]
+    c = np.array([(100, 0), (140, 60), (60, 60), (100, 0.0)])
+    bezier = (1 - u) ** 3 * c[0] + 3 * u * (1 - u) ** 2 * c[1] + 3 * u * u * (1 - u) * c[2] + u**3 * c[3]
+    assert length(drop) == pytest.approx(np.hypot(*np.diff(bezier, axis=0).T).sum(), rel=1e-4)
+
+
+def test_blocks() -> None:
+    """Two tabs (one mirrored), one stretched twofold, six in an array; inches."""
+    part = dxf.read(FIXTURES / "parts" / "blocks.dxf", Job())
+    assert len(part.contours) == 18
+    assert {c.layer for c in part.contours} == {"CUT"}
+    tab = (0.5 + math.pi * 0.25**2 / 2) * 25.4**2
+    hole = math.pi * 0.125**2 * 25.4**2
+    areas = sorted(abs(area(c)) for c in part.contours)
+    # The stretched ones are fitted within 0.01 mm along some 80 mm of arc.
+    assert areas == pytest.approx(sorted([tab] * 8 + [hole] * 8 + [2 * tab, 2 * hole]), rel=5e-4)
+    mirrored = part.contours[2]
+    assert mirrored.points / 25.4 == pytest.approx(np.array([(4, 0), (3, 0), (3, 0.5), (4, 0.5)]))
+    assert mirrored.bulges.tolist() == pytest.approx([0, -1, 0, 0])
+    last = part.contours[-2]
+    assert last.points[0] / 25.4 == pytest.approx([10, 1])
+
+
+def test_layers() -> None:
+    path = FIXTURES / "parts" / "layers.dxf"
+    part = dxf.read(path, Job())
+    assert [c.layer for c in part.contours] == ["CUT"]
+    assert notes(part) == [
+        "skipped: 1 CIRCLE on layer HIDDEN (the layer is off)",
+        "skipped: 1 CIRCLE on layer ICE (the layer is frozen)",
+        "skipped: 1 TEXT on layer 0 (not a kind of curve that is machined)",
+    ]
+    facts = dxf.inspect(path)
+    assert facts.counts == (("CIRCLE", 2), ("LWPOLYLINE", 1), ("TEXT", 1))
+    assert [(layer.name, layer.state) for layer in facts.layers] == [
+        ("0", "used"), ("CUT", "used"), ("HIDDEN", "the layer is off"), ("ICE", "the layer is frozen"),
+    ]  # fmt: skip
+    assert (facts.version, facts.units, facts.closed, facts.open, facts.size) == (
+        "AC1015 (R2000)",
+        "mm",
+        1,
+        0,
+        (20, 20),
+    )
+    assert "contours: 1 closed, 0 open" in str(facts).splitlines()
+
+
+@pytest.mark.parametrize("path", REFUSED, ids=lambda p: p.stem)
+def test_refused(path: Path) -> None:
+    expected = path.with_suffix(".txt").read_text().splitlines()[0]
+    with pytest.raises(InputError) as caught:
+        dxf.read(path, Job())
+    assert str(caught.value) == expected
+
+
+def test_the_made_files_are_those_of_the_maker(tmp_path: Path) -> None:
+    maker().main(tmp_path)
+    made = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*.*"))
+    assert len(made) > 20
+    for path in made:
+        assert (FIXTURES / path).read_bytes() == (tmp_path / path).read_bytes()
+
+
+# --- entities --------------------------------------------------------------------------------------------------------
+
+
+def test_mirrored_by_extrusion() -> None:
+    """Under extrusion (0, 0, -1) x is mirrored: an arc from 0 to 90 degrees runs from (-15, 0) to (-10, 5)."""
+    document, space = new()
+    space.add_arc((10, 0), 5, 0, 90, dxfattribs={"extrusion": (0, 0, -1)})
+    space.add_lwpolyline([(0, 20, 1), (10, 20, 0)], format="xyb", dxfattribs={"extrusion": (0, 0, -1)})
+    arc, bow = read(document).contours
+    assert arc.points == pytest.approx(np.array([(-15, 0), (-10, 5)]), abs=1e-12)
+    assert arc.bulges[0] == pytest.approx(-math.tan(math.pi / 8))
+    assert bow.points == pytest.approx(np.array([(0, 20), (-10, 20)]))
+    assert bow.bulges[0] == pytest.approx(-1)
+
+
+def test_non_uniform_circle_is_an_ellipse() -> None:
+    document, space = new()
+    block = document.blocks.new("HOLE", base_point=(1, 1))
+    block.add_circle((1, 1), 10)
+    space.add_blockref("HOLE", (100, 50), dxfattribs={"xscale": 3, "yscale": 1, "rotation": 90})
+    (oval,) = read(document).contours
+    assert oval.closed
+    # Half axes 10 and 30, turned: each point satisfies the equation within the tolerance.
+    x, y = ((oval.points - (100, 50)) / (10, 30)).T
+    assert np.hypot(x, y) == pytest.approx(1, abs=0.01 / 10)
+    assert area(oval) == pytest.approx(math.pi * 300, rel=1e-4)
+
+
+def test_bulges_under_a_non_uniform_scale() -> None:
+    """A half disc of radius 5 stretched twofold in x: half an ellipse."""
+    document, space = new()
+    document.blocks.new("D").add_lwpolyline([(5, 0, 1), (-5, 0, 0)], format="xyb", close=True)
+    space.add_blockref("D", (0, 0), dxfattribs={"xscale": 2})
+    (shape,) = read(document).contours
+    assert area(shape) == pytest.approx(math.pi * 10 * 5 / 2, rel=5e-4)
+
+
+def test_rotated_array_with_spacing_not_scaled() -> None:
+    document, space = new()
+    document.blocks.new("P").add_circle((1, 0), 1)
+    attributes = {"rotation": 90, "xscale": 2, "yscale": 2, "row_count": 2, "column_count": 3}
+    space.add_blockref("P", (0, 0), dxfattribs={**attributes, "row_spacing": 20, "column_spacing": 10})
+    centers = sorted(tuple(np.round(c.points.mean(axis=0), 9) + 0.0) for c in read(document).contours)
+    # Columns run along the rotated x (up), rows along the rotated y (left); the circle is at 2 up from each cell.
+    assert centers == sorted((-20.0 * row, 10.0 * column + 2) for row in range(2) for column in range(3))
+
+
+def test_layer_0_in_a_block_is_the_layer_of_the_reference() -> None:
+    document, space = new()
+    for name in ("GONE", "CUT", "OWN"):
+        document.layers.add(name)
+    document.layers.get("GONE").off()
+    block = document.blocks.new("B")
+    block.add_circle((0, 0), 5)
+    block.add_circle((0, 0), 8, dxfattribs={"layer": "OWN"})
+    space.add_blockref("B", (0, 0), dxfattribs={"layer": "CUT"})
+    space.add_blockref("B", (50, 0), dxfattribs={"layer": "GONE"})
+    part = read(document)
+    assert [(c.layer, round(float(c.points[0][0]))) for c in part.contours] == [("CUT", 5), ("OWN", 8), ("OWN", 58)]
+    document.layers.get("GONE").on()
+    document.layers.get("GONE").freeze()
+    part = read(document)
+    assert len(part.contours) == 2
+    assert notes(part) == ["skipped: 1 INSERT on layer GONE (the layer is frozen)"]
+
+
+def test_references_that_cannot_be_used() -> None:
+    document, space = new()
+    space.add_circle((0, 0), 5)
+    loop = document.blocks.new("LOOP")
+    loop.add_circle((0, 0), 7)
+    loop.add_blockref("LOOP", (1, 1))
+    space.add_blockref("LOOP", (0, 0))
+    space.add_blockref("MISSING", (0, 0))
+    space.add_blockref("LOOP", (0, 0), dxfattribs={"xscale": 0.125})
+    document.add_xref_def("other.dxf", "OTHER")
+    space.add_blockref("OTHER", (0, 0))
+    # ezdxf writes no scale of 0 but reads it.
+    text = written(document).replace(" 41\n0.125\n", " 41\n0.0\n")
+    part = dxf.read_bytes("test.dxf", text.encode(), Input(), 0.01)
+    assert len(part.contours) == 2
+    assert notes(part) == [
+        "skipped: 1 INSERT on layer 0 (its block contains itself)",
+        "skipped: 1 INSERT on layer 0 (its block is missing)",
+        "skipped: 1 INSERT on layer 0 (scaled to nothing)",
+        "skipped: 1 INSERT on layer 0 (an external reference, not in this file)",
+    ]
+
+
+def test_a_clipped_reference_is_skipped() -> None:
+    document, space = new()
+    document.blocks.new("B").add_circle((0, 0), 5)
+    space.add_blockref("B", (50, 0))
+    XClip(space.add_blockref("B", (0, 0))).set_block_clipping_path([(0, 0), (4, 4)])
+    part = read(document)
+    assert len(part.contours) == 1
+    assert notes(part) == ["skipped: 1 INSERT on layer 0 (clipped (XCLIP), which cannot be honoured; explode it)"]
+
+
+def test_blocks_that_multiply_are_stopped() -> None:
+    document, space = new()
+    document.blocks.new("B0").add_circle((0, 0), 5)
+    for i in range(1, 4):
+        grid = {"row_count": 2000, "column_count": 2000, "row_spacing": 1, "column_spacing": 1}
+        document.blocks.new(f"B{i}").add_blockref(f"B{i - 1}", (0, 0), dxfattribs=grid)
+    space.add_blockref("B3", (0, 0))
+    with pytest.raises(InputError, match="a block array of 2000 x 2000"):
+        read(document)
+
+
+def test_flat_at_any_height_but_never_projected() -> None:
+    document, space = new()
+    space.add_circle((0, 0, 5), 10)
+    space.add_polyline3d([(0, 0, 2), (10, 0, 2), (10, 10, 2)], close=True)
+    space.add_line((0, 0, 0), (10, 0, 3), dxfattribs={"layer": "STEEP"})
+    space.add_circle((0, 0), 10, dxfattribs={"extrusion": (0, 1, 0)})
+    space.add_ellipse((0, 0), (10, 0, 1), 0.5)
+    space.add_spline([(0, 0, 0), (5, 5, 0), (10, 0, 1)])
+    part = read(document)
+    assert len(part.contours) == 2
+    skipped, height = notes(part)
+    assert skipped.startswith("skipped: LINE #")
+    assert "on layer STEEP leaves the plane by 3 mm; CIRCLE #" in skipped
+    assert "on layer 0 leaves the plane by 20 mm; ELLIPSE #" in skipped
+    assert skipped.count("leaves the plane") == 4
+    assert height == "assumed: curves drawn at z = 2 to 5 mm (taken as lying in the work plane)"
+
+
+def test_polylines_of_r12() -> None:
+    document, space = new(version="R12")
+    space.add_polyline2d([(0, 0, 0, 0, 1), (10, 0, 0, 0, 0)], format="xyseb", close=True)
+    fitted = space.add_polyline2d([(20, 0), (25, 5), (30, 0)], dxfattribs={"flags": 4})
+    fitted.vertices[1].dxf.flags = 16
+    space.add_polymesh((3, 3))
+    part = read(document, units="mm")
+    assert [c.points.tolist() for c in part.contours] == [[[0, 0], [10, 0]], [[20, 0], [30, 0]]]
+    assert part.contours[0].bulges.tolist() == [1, 0]
+    assert notes(part)[0] == "skipped: 1 POLYLINE on layer 0 (a mesh)"
+
+
+def test_thickness_and_width() -> None:
+    document, space = new()
+    space.add_circle((0, 0), 10, dxfattribs={"thickness": 3})
+    space.add_lwpolyline([(20, 0), (30, 0)], dxfattribs={"const_width": 2})
+    assert notes(read(document))[:2] == [
+        "assumed: with thickness: 1 CIRCLE on layer 0 (the curve itself is used)",
+        "assumed: with width: 1 LWPOLYLINE on layer 0 (the centre line is used)",
+    ]
+
+
+def test_spline_by_fit_points_runs_through_them() -> None:
+    document, space = new()
+    through = [(0, 0), (10, 8), (25, -3), (40, 5)]
+    space.add_spline(through)
+    (curve,) = read(document).contours
+    for p in through:
+        assert np.hypot(*(curve.points - p).T).min() < 5
+    assert curve.points[0] == pytest.approx(through[0])
+    assert curve.points[-1] == pytest.approx(through[-1])
+    assert length(curve) == pytest.approx(_dense_length(space[0]), rel=1e-4)
+
+
+def _dense_length(spline: Any) -> float:
+    points = np.array([p.xyz for p in spline.construction_tool().approximate(20000)])
+    return float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum())
+
+
+def test_full_turns_and_none() -> None:
+    document, space = new()
+    space.add_arc((0, 0), 10, 0, 360)
+    space.add_arc((50, 0), 10, 30, 30)
+    space.add_ellipse((100, 0), (10, 0), 1.0)
+    space.add_arc((150, 0), 10, 350, 300)
+    part = read(document)
+    assert [c.closed for c in part.contours] == [True, True, False]
+    assert [length(c) for c in part.contours] == pytest.approx([20 * math.pi, 20 * math.pi, 20 * math.pi * 310 / 360])
+    assert len(part.contours[1].points) == 2
+    assert "repaired: dropped: 1 ARC on layer 0 (without length)" in notes(part)
+
+
+def test_a_nearly_straight_arc_keeps_its_height() -> None:
+    """Chord 100, radius 1e7: the arc rises 100^2 / (8 r) = 0.000125 above the chord."""
+    document, space = new()
+    space.add_lwpolyline([(0, 0, 2 * 0.000125 / 100), (100, 0, 0)], format="xyb")
+    (arc,) = read(document).contours
+    assert arc.bulges[0] * 100 / 2 == pytest.approx(0.000125)
+
+
+def test_nothing_vanishes_silently() -> None:
+    document, space = new()
+    space.add_circle((0, 0), 5)
+    space.add_circle((0, 0), 6, dxfattribs={"invisible": 1})
+    space.add_text("A")
+    space.add_point((0, 0))
+    space.add_hatch().paths.add_polyline_path([(0, 0), (1, 0), (1, 1)])
+    document.layout("Layout1").add_circle((0, 0), 7)
+    part = read(document)
+    assert len(part.contours) == 1
+    assert notes(part) == [
+        "skipped: 1 CIRCLE on layer 0 (invisible)",
+        "skipped: 1 HATCH, 1 POINT, 1 TEXT on layer 0 (not a kind of curve that is machined)",
+        "skipped: 1 CIRCLE on layer 0 (in paper space)",
+    ]
+
+
+# --- settings --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("code", "wanted", "mm"),
+    [
+        (1, "auto", 25.4),
+        (6, "auto", 1000),
+        (5, "auto", 10),
+        (0, "auto", 1),
+        (6, "mm", 1),
+        (4, "Inch", 25.4),
+        (4, "ft", 304.8),
+    ],
+)
+def test_units(code: int, wanted: str, mm: float) -> None:
+    document, space = new(code)
+    space.add_circle((0, 0), 2)
+    part = read(document, units=wanted)
+    assert length(part.contours[0]) == pytest.approx(4 * math.pi * mm)
+    assert any(n.kind == "assumed" for n in part.notes) == (code == 0)
+    doubtful = wanted == "auto" and 4 * mm > 3000
+    assert any("is large" in n.what and "input.units" in n.why for n in part.notes) == doubtful
+
+
+def test_a_file_without_header_has_no_unit() -> None:
+    data = b"0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n10\n0\nENDSEC\n0\nEOF\n"
+    part = dxf.read_bytes("bare.dxf", data, Input(), 0.01)
+    assert length(part.contours[0]) == pytest.approx(20 * math.pi)
+    assert notes(part) == [
+        "assumed: 1 drawing unit = 1 mm (the file states no unit; set input.units if that is not meant)"
+    ]
+
+
+def test_unknown_unit() -> None:
+    document, space = new()
+    space.add_circle((0, 0), 2)
+    with pytest.raises(JobError, match=r"test.dxf: unknown unit 'inchs' \(input.units\); did you mean inch"):
+        read(document, units="inchs")
+
+
+@pytest.mark.parametrize(
+    ("globs", "radii"),
+    [
+        (["*"], [1, 2, 3]),
+        (["hole*"], [2, 3]),
+        (["!HOLES_B"], [1, 2]),
+        (["hole*", "!*_b"], [2]),
+        (["outline", "HOLES_B"], [1, 3]),
+    ],
+)
+def test_layer_globs(globs: list[str], radii: list[int]) -> None:
+    document, space = new()
+    for i, name in enumerate(("Outline", "Holes_A", "Holes_B"), start=1):
+        space.add_circle((10 * i, 0), i, dxfattribs={"layer": name})
+    part = read(document, layers=globs)
+    assert [round(length(c) / (2 * math.pi)) for c in part.contours] == radii
+    left = 3 - len(radii)
+    assert sum("left out by input.layers" in n.why and n.kind == "assumed" for n in part.notes) == (left > 0)
+
+
+@pytest.mark.parametrize("glob", ["holse*", "!holse*"])
+def test_a_glob_without_layer_is_a_slip(glob: str) -> None:
+    document, space = new()
+    space.add_circle((0, 0), 2, dxfattribs={"layer": "HOLES"})
+    with pytest.raises(JobError, match=r"no layer fits .*holse.*there are .*HOLES"):
+        read(document, layers=[glob])
+
+
+def test_names_from_the_file_stay_on_one_line() -> None:
+    data = "0\nSECTION\n2\nENTITIES\n0\nTEXT\n8\nA) M3;\u2028x\n1\nt\n"
+    data += "0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n10\n0\nENDSEC\n0\nEOF\n"
+    part = dxf.read_bytes("x.dxf", data.encode(), Input(), 0.01)
+    assert all(str(n).isprintable() for n in part.notes)
+    assert any("A_ M3_" in n.what for n in part.notes)
+
+
+# --- damage ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_file_cut_short_is_read_as_far_as_it_goes() -> None:
+    data = (FIXTURES / "parts" / "bracket.dxf").read_bytes()
+    part = dxf.read_bytes("cut.dxf", data[:1500], Input(), 0.01)
+    assert notes(part)[0] == "skipped: the file ends before its end mark (what would follow is lost)"
+    assert [c.closed for c in part.contours] == [True, True, True]
+
+
+def outcome(data: bytes) -> Part | str:
+    """What was read, or the error's line."""
+    try:
+        return dxf.read_bytes("bad.dxf", data, Input(), 0.01)
+    except (InputError, JobError) as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("name", ["bracket", "bracket_binary", "blocks", "smooth"])
+def test_no_prefix_of_a_file_is_a_fault(name: str) -> None:
+    data = (FIXTURES / "parts" / f"{name}.dxf").read_bytes()
+    for end in range(0, len(data) - 6, 41):
+        found = outcome(data[:end])
+        assert found.isprintable() if isinstance(found, str) else any("end mark" in n.what for n in found.notes)
+
+
+@pytest.mark.parametrize("value", [b"nan", b"inf", b"-1e308", b"1e300", b"", b"xyz", b"1e9", b"99999999999", b"-1"])
+@pytest.mark.parametrize("name", ["bracket", "blocks", "smooth", "layers"])
+def test_no_wrong_value_is_a_fault(name: str, value: bytes) -> None:
+    lines = (FIXTURES / "parts" / f"{name}.dxf").read_bytes().split(b"\n")
+    for i in range(1, len(lines), 12):
+        found = outcome(b"\n".join([*lines[:i], value, *lines[i + 1 :]]))
+        if isinstance(found, str):
+            assert found.isprintable()
+        else:
+            assert all(np.isfinite(c.points).all() and (np.abs(c.bulges) <= 1).all() for c in found.contours)
+
+
+def test_a_document_without_model_space() -> None:
+    document, space = new()
+    space.add_circle((0, 0), 5)
+    text = written(document).replace("\nModel\n", "\nModal\n")
+    found = outcome(text.encode())
+    assert found == (
+        "bad.dxf: damaged beyond repair: no entry 'MODEL'; open it in the CAD program and save it again as DXF"
+    )
+
+
+def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a folder"):
+        dxf.read(tmp_path, Job())
+    with pytest.raises(InputError, match="no such file"):
+        dxf.read(tmp_path / "none.dxf", Job())

@@ -1,0 +1,295 @@
+"""From a picture to a program: photos rendered with known truth, the four ways to a scale, and what is refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+import pytest
+
+import camgen
+from bench.render.board import markers
+from bench.render.optics import Lens, Shot, looking, photo_from_work
+from bench.render.parts import NAMED
+from bench.render.scene import Layer, Scene, render, written
+from bench.render.truth import offset_truth, path_error
+from camgen.build import Result
+from camgen.cli import main
+from camgen.model.errors import CamgenError
+from camgen.model.program import Joints, MoveC, MoveL
+from camgen.read import image
+from camgen.vision.boards.sheet import DICTIONARY, sheet
+
+FEW = Lens(np.array([[1300.0, 0, 402], [0, 1300, 297], [0, 0, 1]]), (-0.12, 0.05, 8e-4, -5e-4, 0), (800, 600))
+PART, BENCH = 0.25, 0.75
+PLATE = tuple(replace(loop, points=loop.points + (45 + 40j)) for loop in NAMED["plate"]())
+#: Where the corners of the part's box are in the work frame, and two points more.
+MARKS = [(-10, -10), (90, -10), (90, 75), (-10, 75), (40, -5), (-5, 35)]
+
+
+def shot(tilt: float = 10.0, seed: int = 1, **more: Any) -> Shot:
+    """A photo with 0.2 mm pixels of what lies around (45, 40) mm."""
+    rotation, origin = looking(FEW, 45 + 40j, 402 + 297j, 0.2, tilt, 30, 15)
+    return Shot(FEW, rotation, origin, blur=0.7, read=1.5, seed=seed, **more)
+
+
+def photo(folder: Path, name: str, scene: Scene, seen: Shot) -> Path:
+    file = folder / name
+    written(file, render(scene, seen))
+    return file
+
+
+def scene(part: float = PART, bench: float = BENCH, *more: Layer) -> Scene:
+    return Scene(bench, (*more, Layer(PLATE, part)))
+
+
+def camera_file(folder: Path) -> str:
+    k = FEW.matrix
+    rows = [f"data: [{', '.join(map(str, values))}]" for values in (k.ravel(), FEW.distortion)]
+    text = (
+        "image_width: 800\nimage_height: 600\ncamera_name: test\n"
+        f"camera_matrix:\n  rows: 3\n  cols: 3\n  {rows[0]}\n"
+        f"distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  {rows[1]}\n"
+    )
+    (folder / "camera.yaml").write_text(text)
+    return str(folder / "camera.yaml")
+
+
+def pairs(seen: Shot) -> dict[str, Any]:
+    px = [[float(v) for v in photo_from_work(seen, np.array(x, float), np.array(y, float))] for x, y in MARKS]
+    return {"points_px": px, "points_mm": [[float(x), float(y)] for x, y in MARKS]}
+
+
+def tool_path(result: Result) -> np.ndarray:
+    """Points of the tool centre while the signal is on, mm: the paths of the tour, arcs in between."""
+    found = []
+    for path in result.tour.paths:
+        start, via, end = path.position[:-1], path.via[1:], path.position[1:]
+        arc = ~np.isnan(via[:, 0])
+        found += [start, np.where(arc[:, None], via, (start + end) / 2)]
+    points = np.concatenate(found)
+    return points[:, 0] + 1j * points[:, 1]
+
+
+def errors(result: Result, tool: float = 6.0) -> tuple[float, float]:
+    error = path_error(tool_path(result), offset_truth(PLATE, tool / 2))
+    return error.most, error.rms
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("photos")
+
+
+@pytest.fixture(scope="module")
+def plain(folder: Path) -> tuple[Path, dict[str, Any]]:
+    """A photo with its point pairs, and the job."""
+    seen = shot()
+    return photo(folder, "plate.png", scene(), seen), {"camera": {"file": camera_file(folder), **pairs(seen)}}
+
+
+@pytest.mark.parametrize("planner", ["geometric", "image"])
+def test_the_path_is_where_it_should_be(plain: tuple[Path, dict[str, Any]], planner: str) -> None:
+    """At 0.2 mm a pixel: a quarter of a pixel at most, a sixteenth rms."""
+    source, job = plain
+    result = camgen.build(source, post="rapid", job={**job, "operation": {"planner": planner}})
+    most, rms = errors(result)
+    assert most < 0.05
+    assert rms < 0.0125
+    assert len(result.part.contours) == len(PLATE)
+
+
+def test_lines_and_arcs_are_found(plain: tuple[Path, dict[str, Any]]) -> None:
+    result = camgen.build(plain[0], post="gcode", job=plain[1])
+    pieces = sum(len(c.points) for c in result.part.contours)
+    assert pieces <= 1.5 * sum(len(loop.points) for loop in PLATE)
+
+
+def test_markers_show_where_the_plane_is(folder: Path) -> None:
+    paper = sheet("A4", 20.0)
+    rotation, origin = looking(FEW, 110 + 62j, 402 + 297j, 0.38, 8, 40, 5)
+    seen = Shot(FEW, rotation, origin, blur=0.6, read=1.0, seed=3)
+    page = (-paper.origin[0], -paper.origin[1], paper.page[0] - paper.origin[0], paper.page[1] - paper.origin[1])
+    layers = markers(page, paper.ids, paper.corners, DICTIONARY)
+    file = photo(folder, "sheet.png", Scene(0.45, (*layers, Layer(PLATE, PART))), seen)
+    result = camgen.build(file, post="rapid", job={"camera": {"file": camera_file(folder), "markers": "A4"}})
+    most, rms = errors(result)
+    assert most < 0.1
+    assert rms < 0.03
+
+
+def test_a_charuco_board_shows_where_the_plane_is(tmp_path: Path) -> None:
+    """Board of 7 x 5 squares of 20 mm, 10 px a mm; a square part of 40 mm stands to its right, 20 mm up."""
+    board = cv2.aruco.CharucoBoard((7, 5), 20.0, 15.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    pixels = np.full((1200, 2400), 205, np.uint8)
+    pixels[100:1100, 100:1500] = board.generateImage((1400, 1000), marginSize=0)
+    pixels[500:900, 1700:2100] = 50
+    cv2.imwrite(str(tmp_path / "board.png"), pixels)
+    table = {"markers": "7x5", "marker": 15.0, "square": 20.0}
+    with pytest.raises(CamgenError, match="a board on the bench looks like a part"):
+        camgen.build(tmp_path / "board.png", post="gcode", job={"camera": table})
+    job = {"camera": table, "image": {"region": [145.0, 5.0, 220.0, 90.0]}}
+    (contour,) = camgen.build(tmp_path / "board.png", post="gcode", job=job).part.contours
+    assert contour.points.min(axis=0) == pytest.approx([160, 20], abs=0.02)
+    assert contour.points.max(axis=0) == pytest.approx([200, 60], abs=0.02)
+
+
+def test_a_photo_of_the_empty_bench_tells_the_part(folder: Path) -> None:
+    seen, dim = shot(seed=5), shot(seed=6, exposure=0.85)
+    file = photo(folder, "with.png", scene(PART, BENCH), seen)
+    empty = photo(folder, "empty.png", Scene(BENCH), dim)
+    job = {"camera": {"file": camera_file(folder), **pairs(seen)}, "image": {"background": str(empty)}}
+    result = camgen.build(file, post="rapid", job=job)
+    assert any("background" in note.what for note in result.notes)
+    assert errors(result)[1] < 0.0125
+
+
+def test_coded_tones_are_turned_into_light(folder: Path) -> None:
+    """Halfway between two coded values is not halfway between two lights: the part would be seen too small."""
+    seen = shot(seed=9, coding="srgb")
+    file = photo(folder, "srgb.png", scene(), seen)
+    job = {"camera": {"file": camera_file(folder), **pairs(seen)}}
+    coded, light = (
+        errors(camgen.build(file, post="rapid", job={**job, "image": {"tones": tones}}))[1]
+        for tones in ("linear", "srgb")
+    )
+    assert coded > 0.02
+    assert light < 0.0125
+
+
+def square(file: Path, mm_per_px: float, grey: int = 60) -> None:
+    """A square of 30 mm whose lower left corner is at (10, 10) mm, seen straight from above."""
+    pixels = np.full((round(50 / mm_per_px), round(60 / mm_per_px)), 200, np.uint8)
+    low, high = round(10 / mm_per_px), round(40 / mm_per_px)
+    pixels[pixels.shape[0] - high : pixels.shape[0] - low, low:high] = grey
+    cv2.imwrite(str(file), pixels)
+
+
+@pytest.mark.parametrize("scale", [{"mm_per_px": 0.1}, {"width_mm": 60.0}], ids=["mm_per_px", "width"])
+def test_a_picture_to_scale_needs_only_that(tmp_path: Path, scale: dict[str, float]) -> None:
+    square(tmp_path / "square.png", 0.1)
+    result = camgen.build(tmp_path / "square.png", post="gcode", job={"image": scale})
+    (contour,) = result.part.contours
+    assert contour.points.min(axis=0) == pytest.approx([10, 10], abs=0.01)
+    assert contour.points.max(axis=0) == pytest.approx([40, 40], abs=0.01)
+    assert len(contour.points) == 4
+
+
+def test_a_large_picture_is_looked_at_closely_only_around_the_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plain: tuple[Path, dict[str, Any]]
+) -> None:
+    square(tmp_path / "square.png", 0.1)
+    for file, job in ((tmp_path / "square.png", {"image": {"mm_per_px": 0.1}}), plain):
+        whole = camgen.build(file, post="gcode", job=job)
+        with monkeypatch.context() as patch:
+            patch.setattr(image, "_LARGE", 1000)
+            near = camgen.build(file, post="gcode", job=job)
+        assert any("looked at closely" in note.what for note in near.notes)
+        assert not any("looked at closely" in note.what for note in whole.notes)
+        assert near.part.raster is not None
+        assert whole.part.raster is not None
+        assert near.part.raster.mask.size < 0.9 * whole.part.raster.mask.size
+        for a, b in zip(whole.part.contours, near.part.contours, strict=True):
+            assert np.ptp(a.points, axis=0) == pytest.approx(np.ptp(b.points, axis=0), abs=0.02)
+
+
+def test_force_and_its_direction_reach_the_program(plain: tuple[Path, dict[str, Any]]) -> None:
+    source, job = plain
+    more = {"process": {"force": 2.0, "feed": 5.0}, "tool": {"orient": "follow"}}
+    result = camgen.build(source, post="rapid", job={**job, **more})
+    pressing = [m for m in result.program.body if isinstance(m, (MoveL, MoveC)) and m.force > 0]
+    assert pressing
+    assert all(not isinstance(m.target, Joints) for m in pressing)
+    for motion in pressing:
+        assert motion.press == pytest.approx(tuple(motion.target.rotation[:, 0]), abs=1e-9)
+    assert "FCPressL" in result.text
+    template = {"process": {"force": 2.0}, "post": {"force": "template"}}
+    assert "2.0" in camgen.build(source, post="pacscript", job={**job, **template}).text
+
+
+def test_the_same_photo_gives_the_same_bytes_wherever_its_files_are(
+    tmp_path: Path, plain: tuple[Path, dict[str, Any]]
+) -> None:
+    source, job = plain
+    texts = []
+    for name in ("a", "b"):
+        there = tmp_path / name
+        there.mkdir()
+        camera_file(there)
+        (there / "plate.png").write_bytes(source.read_bytes())
+        table = {k: v for k, v in job["camera"].items() if k != "file"}
+        lines = [f"{key} = {json.dumps(value)}" for key, value in table.items()]
+        (there / "plate.toml").write_text("\n".join(["[camera]", 'file = "camera.yaml"', *lines]) + "\n")
+        assert main(["build", str(there / "plate.png"), "--post", "rapid", "-q", "-o", str(there / "plate.mod")]) == 0
+        texts.append((there / "plate.mod").read_text())
+    assert texts[0] == texts[1]
+
+
+def test_the_stages_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    square(tmp_path / "square.png", 0.1)
+    words = ["build", "square.png", "--post", "gcode", "--set", "image.mm_per_px=0.1", "--preview", "s.svg", "-q"]
+    assert main(words) == 0
+    root = ElementTree.parse("s.svg").getroot()
+    space = "{http://www.w3.org/2000/svg}"
+    texts = [text.text or "" for text in root.iter(f"{space}text")]
+    assert sum(text[:1].isdigit() for text in texts) == 7
+    assert len(list(root.iter(f"{space}image"))) == 7
+
+
+def test_inspect_says_what_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    square(tmp_path / "square.png", 0.1)
+    assert main(["inspect", str(tmp_path / "square.png"), "--set", "image.mm_per_px=0.1"]) == 0
+    said = capsys.readouterr().out
+    assert "picture of 600 x 500 px, grey" in said
+    assert "part: 30 x 30 mm" in said
+    assert main(["inspect", str(tmp_path / "square.png")]) == 0
+    assert "has no scale" in capsys.readouterr().out
+
+
+PAIR = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+REFUSED = [
+    ({}, "square.png: has no scale"),
+    ({"image": {"mm_per_px": 0.1, "width_mm": 60.0}}, "[image]: mm_per_px and width_mm are both given"),
+    ({"camera": {"points_px": PAIR, "points_mm": PAIR, "markers": "A4"}}, "points_px and markers are both given"),
+    ({"camera": {"points_px": PAIR}}, "points_px and points_mm belong together"),
+    ({"camera": {"plane_from": [0, 0, 500, 180, 0, 0]}}, "a pose needs the camera"),
+    ({"camera": {"file": "CAMERA"}}, "a lens without a work plane"),
+    ({"image": {"mm_per_px": 0.1}, "camera": {"markers": "A4"}}, "[image] mm_per_px: has no effect"),
+    ({"image": {"mm_per_px": 0.1}, "camera": {"height": 2.0}}, "[camera] height: has no effect"),
+    ({"image": {"mm_per_px": 0.1}, "camera": {"printed_length": 99.0}}, "[camera] printed_length: has no effect"),
+    ({"image": {"mm_per_px": 0.1, "mask": "otsu", "background": "SELF"}}, "[image] background: has no effect"),
+    ({"camera": {"file": "no.yaml"}}, "no.yaml: no such file"),
+    ({"camera": {"markers": "A4"}}, "shows 0 of the"),
+    ({"camera": {"markers": "A9"}}, "no size 'A9'"),
+    ({"image": {"mm_per_px": 0.1, "region": [0.0, 0.0, 5.0]}}, "[image] region: has 3 values"),
+    ({"image": {"mm_per_px": 0.1, "region": [900.0, 900.0, 950.0, 950.0]}}, "does not show the region"),
+    ({"image": {"mm_per_px": 0.1, "background": "none.png"}}, "none.png: no such file"),
+    ({"image": {"mm_per_px": 0.1}, "operation": {"planner": "image", "kind": "trace"}}, "cannot trace"),
+    ({"image": {"mm_per_px": 0.1}, "operation": {"planner": "image", "side": "left"}}, '"left" is not known'),
+]
+
+
+@pytest.mark.parametrize(("job", "line"), REFUSED, ids=[line for _, line in REFUSED])
+def test_what_cannot_be_meant_is_refused_in_one_line(tmp_path: Path, job: dict[str, Any], line: str) -> None:
+    square(tmp_path / "square.png", 0.1)
+    if job.get("camera", {}).get("file") == "CAMERA":
+        job = {"camera": {"file": camera_file(tmp_path)}}
+    if job.get("image", {}).get("background") == "SELF":
+        job = {"image": {**job["image"], "background": str(tmp_path / "square.png")}}
+    with pytest.raises(CamgenError) as refused:
+        camgen.build(tmp_path / "square.png", post="gcode", job=job)
+    assert line in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_pictures_are_built_alone_and_drawings_not_in_image_space(tmp_path: Path) -> None:
+    square(tmp_path / "square.png", 0.1)
+    drawing = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+    with pytest.raises(CamgenError, match=r"square\.png: a picture makes a program by itself"):
+        camgen.build([tmp_path / "square.png", drawing], post="gcode", job={"image": {"mm_per_px": 0.1}})
+    with pytest.raises(CamgenError, match='"image" plans in a picture'):
+        camgen.build(drawing, post="gcode", job={"operation": {"planner": "image"}})

@@ -1,0 +1,51 @@
+"""Every picture of the shared data: a program or one plain line, never a traceback."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.build import Result
+from camgen.model.errors import CamgenError
+
+IMAGES = Path(__file__).parents[2].parent / "shared" / "data" / "image"
+SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".bmp"}
+FILES = sorted(path for path in IMAGES.rglob("*") if path.suffix.lower() in SUFFIXES) if IMAGES.is_dir() else []
+needs_shared = pytest.mark.skipif(not FILES, reason="the shared pictures are not beside the repository")
+
+#: Outer outlines that a person counts: coins, objects on a table, one gear, one saw blade.
+PARTS = {"coins.png": 24, "stuff.jpg": 7, "horse.png": 1, "shape14.png": 1, "shape18.png": 1, "3.jpg": 1}
+
+
+def built(path: Path) -> Result | str:
+    try:
+        return camgen.build(path, post="gcode", job={"image": {"mm_per_px": 0.1}, "tool": {"diameter": 0.4}})
+    except CamgenError as error:
+        return str(error)
+
+
+@needs_shared
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_a_program_or_one_plain_line(path: Path) -> None:
+    found = built(path)
+    if isinstance(found, str):
+        assert len(found.splitlines()) == 1
+        assert len(found) < 300
+        assert path.name not in PARTS
+    elif path.name in PARTS:
+        assert sum(area(c.points) > 0 for c in found.part.contours) == PARTS[path.name]
+
+
+@needs_shared
+def test_what_is_cut_off_an_outline_is_said() -> None:
+    """The slits of the saw blade are a pixel wide: its outline touches itself there."""
+    blade = built(next(path for path in FILES if path.name == "3.jpg"))
+    assert not isinstance(blade, str)
+    assert any("cut off where it crosses itself" in note.what for note in blade.notes)
+
+
+def area(points: np.ndarray) -> float:
+    """Twice the area of a polygon, positive counter-clockwise, as outer outlines run."""
+    x, y = points.T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1))

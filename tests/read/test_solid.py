@@ -1,0 +1,42 @@
+"""3-D parts: what inspect says of them, and that no program is pretended."""
+
+from pathlib import Path
+
+import pytest
+
+from camgen.cli import main
+from camgen.model.errors import JobError
+from camgen.model.job import Input, Job
+from camgen.read import inspect, kind_of
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+
+
+def test_the_edges_of_a_mesh_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(PARTS / "rfa1.stl")]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "3-D part of 125 x 95 x 70 mm, units mm, 396 triangles"
+    assert said[1] == "edges: 21, 21 convex, 0 concave"
+    assert "e1: line, 125 mm, 39.8 deg, convex, from 0 30 70" in said
+    assert sum(line.startswith("e") and " deg, convex" in line for line in said) == 21
+
+
+def test_units_of_a_mesh_are_those_of_the_job() -> None:
+    inches = str(inspect(PARTS / "rfa1.stl", Job(input=Input(units="inch"))))
+    assert "3-D part of 3175 x 2413 x 1778 mm" in inches
+    with pytest.raises(JobError, match="unknown unit"):
+        inspect(PARTS / "rfa1.stl", Job(input=Input(units="elbow")))
+    with pytest.raises(JobError, match="states its own"):
+        inspect(PARTS / "rfa1.step", Job(input=Input(units="inch")))
+
+
+def test_a_job_file_can_be_written(tmp_path: Path) -> None:
+    (tmp_path / "part.stl").write_bytes((PARTS / "rfa1.stl").read_bytes())
+    assert main(["init", str(tmp_path / "part.stl"), "-q"]) == 0
+    assert (tmp_path / "part.toml").exists()
+
+
+@pytest.mark.parametrize(("name", "kind"), [("a.STL", "solid"), ("a.stp", "solid"), ("a.glb", "solid"), ("a", "dxf")])
+def test_kinds_by_name(tmp_path: Path, name: str, kind: str) -> None:
+    (tmp_path / name).write_bytes(b"\0")
+    assert kind_of(tmp_path / name) == kind

@@ -1,0 +1,235 @@
+"""A mesh's sharp edges are those of the part it was made of: kinds, lengths, normals and convexity."""
+
+import math
+import struct
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from camgen.model.part import Edge, Solid
+from camgen.model.pose import rotation_from_quaternion
+from camgen.read.solid import mesh
+
+Array = NDArray[np.float64]
+SHARED = Path(__file__).parents[2].parent / "shared" / "data"
+L_PROFILE = [(0, 0), (40, 0), (40, 10), (15, 10), (15, 30), (0, 30)]
+
+
+def extruded(outline: Any, height: float, holes: Any = ()) -> Array:
+    """Triangles of a prism over a polygon with holes, outline counter-clockwise, holes clockwise."""
+    polygon = shapely.Polygon(outline, holes)
+    flat = np.array([t.exterior.coords[:3] for t in shapely.constrained_delaunay_triangles(polygon).geoms])
+    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    flat = np.where((u[:, 0] * v[:, 1] > u[:, 1] * v[:, 0])[:, None, None], flat, flat[:, ::-1])
+    top = np.concatenate([flat, np.full((*flat.shape[:2], 1), height)], axis=2)
+    faces = [top, (top * [1, 1, 0])[:, ::-1]]
+    for loop in (outline, *holes):
+        a = np.column_stack([loop, np.zeros(len(loop))])
+        b, up = np.roll(a, -1, axis=0), np.array([0, 0, height])
+        faces += [np.stack([a, b, b + up], axis=1), np.stack([a, b + up, a + up], axis=1)]
+    return np.concatenate(faces)
+
+
+def ring(x: float, y: float, radius: float, sides: int) -> Array:
+    angle = np.arange(sides) * 2 * np.pi / sides
+    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
+
+
+def block() -> Array:
+    return extruded([(0, 0), (30, 0), (30, 20), (0, 20)], 10)
+
+
+def stl(path: Path, triangles: Array) -> Path:
+    rows = np.zeros(len(triangles), dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    rows["v"] = triangles
+    path.write_bytes(bytes(80) + struct.pack("<I", len(rows)) + rows.tobytes())
+    return path
+
+
+def read(tmp_path: Path, triangles: Array, **options: Any) -> Solid:
+    return mesh.read(stl(tmp_path / "part.stl", triangles), **options)
+
+
+def kinds(solid: Solid) -> Counter[tuple[str, bool]]:
+    return Counter((e.kind, e.convex) for e in solid.edges)
+
+
+def said(solid: Solid) -> str:
+    return "; ".join(map(str, solid.notes))
+
+
+def assert_sound(edge: Edge) -> None:
+    """What the doc of Edge promises, by its own geometry."""
+    along = np.diff(edge.points, axis=0)
+    assert np.allclose(np.linalg.norm(edge.normals, axis=2), 1)
+    assert np.allclose(np.linalg.norm(edge.via_normals, axis=2), 1)
+    turn = np.einsum("ni,ni->n", np.cross(edge.via_normals[:, 0], edge.via_normals[:, 1]), along)
+    assert ((turn > 0) == edge.convex).all()
+    assert edge.closed == bool((edge.points[0] == edge.points[-1]).all())
+
+
+def test_a_block_has_twelve_lines_with_its_faces_beside_them(tmp_path: Path) -> None:
+    solid = read(tmp_path, block())
+    assert kinds(solid) == {("line", True): 12}
+    assert [e.id for e in solid.edges] == [f"e{i}" for i in range(1, 13)]
+    assert sorted(round(e.length, 6) for e in solid.edges) == [10] * 4 + [20] * 4 + [30] * 4
+    for edge in solid.edges:
+        assert_sound(edge)
+        assert len(edge.points) == 2
+        assert edge.angle == pytest.approx(math.pi / 2)
+        for normal in edge.normals.reshape(-1, 3):
+            # The face with this outward normal goes through the edge: its points are as far that way as any.
+            assert np.allclose(edge.points @ normal, (solid.vertices @ normal).max(), atol=1e-5)
+    heights = [e.points[:, 2].mean() for e in solid.edges]
+    assert heights == sorted(heights, reverse=True)
+    assert solid.normals.shape == solid.faces.shape == (12, 3)
+    assert "1 unit of the mesh = 1 mm" in said(solid)
+
+
+def test_a_tessellated_cylinder_has_two_circles_of_its_own_radius(tmp_path: Path) -> None:
+    solid = read(tmp_path, extruded(ring(5, 7, 12.5, 40), 9))
+    assert kinds(solid) == {("circle", True): 2}
+    for edge in solid.edges:
+        assert_sound(edge)
+        assert edge.closed
+        assert edge.radius == pytest.approx(12.5, abs=1e-5)
+        assert edge.length == pytest.approx(2 * math.pi * 12.5, abs=1e-4)
+        for points, normals in ((edge.points, edge.normals), (edge.via, edge.via_normals)):
+            away = points - [5, 7, points[0, 2]]
+            assert np.allclose(np.linalg.norm(away, axis=1), 12.5, atol=1e-5)
+            outward = {k: normals[:, k] for k in (0, 1) if abs(normals[0, k, 2]) < 0.5}
+            (radial,) = outward.values()
+            assert np.allclose(radial, away / 12.5, atol=1e-5)
+        assert np.allclose(edge.via[0], 2 * np.array([5, 7, edge.points[0, 2]]) - edge.via[1], atol=1e-4)
+
+
+@pytest.mark.parametrize("sides", [9, 12, 36, 300])
+def test_a_hole_is_a_circle_whatever_it_is_drawn_with(tmp_path: Path, sides: int) -> None:
+    hole = ring(20, 15, 6, sides)[::-1]
+    solid = read(tmp_path, extruded([(0, 0), (40, 0), (40, 30), (0, 30)], 5, [hole]), feature_angle=math.radians(45))
+    assert kinds(solid) == {("line", True): 12, ("circle", True): 2}
+    for edge in (e for e in solid.edges if e.kind == "circle"):
+        assert edge.radius == pytest.approx(6, abs=1e-5)
+        wall = edge.normals[:, int(abs(edge.normals[0, 0, 2]) > 0.5)]
+        # Outward of the part is towards the axis.
+        assert np.allclose(wall * [6, 6, 0], [20, 15, 0] - edge.points * [1, 1, 0], atol=1e-4)
+
+
+def test_an_l_shape_has_one_concave_edge(tmp_path: Path) -> None:
+    solid = read(tmp_path, extruded(L_PROFILE, 25))
+    assert kinds(solid) == {("line", True): 17, ("line", False): 1}
+    (inner,) = (e for e in solid.edges if not e.convex)
+    assert_sound(inner)
+    assert np.allclose(inner.points[:, :2], [15, 10], atol=1e-5)
+    assert inner.angle == pytest.approx(math.pi / 2)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4), st.lists(st.floats(-80, 80), min_size=3, max_size=3))
+@settings(max_examples=15, deadline=None)
+def test_tilting_a_part_tilts_its_edges(tmp_path_factory: Any, turn: list[float], move: list[float]) -> None:
+    if math.hypot(*turn) < 0.1:
+        turn = [1.0, 0.0, 0.0, 0.0]
+    rotation = rotation_from_quaternion(turn)
+    triangles = extruded(L_PROFILE, 25, [ring(7, 22, 4, 24)[::-1]])
+    solid = read(tmp_path_factory.mktemp("tilted"), triangles @ rotation.T + move)
+    assert kinds(solid) == {("line", True): 17, ("line", False): 1, ("circle", True): 2}
+    for edge in solid.edges:
+        assert_sound(edge)
+        assert edge.angle == pytest.approx(math.pi / 2, abs=1e-4)
+    (inner,) = (e for e in solid.edges if not e.convex)
+    back = (inner.points - move) @ rotation
+    assert np.allclose(np.sort(back[:, 2]), [0, 25], atol=1e-4)
+    assert np.allclose(back[:, :2], [15, 10], atol=1e-4)
+
+
+def test_a_rounded_plate_is_lines_and_arcs(tmp_path: Path) -> None:
+    corners = [(34, 24, 0), (6, 24, 1), (6, 6, 2), (34, 6, 3)]
+    angles = np.linspace(0, np.pi / 2, 10)
+    outline = np.concatenate(
+        [[x, y] + 6 * np.column_stack([np.cos(angles + k * np.pi / 2), np.sin(angles + k * np.pi / 2)])
+         for x, y, k in corners]
+    )  # fmt: skip
+    solid = read(tmp_path, extruded(outline, 4))
+    assert kinds(solid) == {("line", True): 8, ("arc", True): 8}
+    for edge in solid.edges:
+        assert_sound(edge)
+        assert len(edge.points) == 2
+        if edge.kind == "arc":
+            assert edge.radius == pytest.approx(6, abs=1e-4)
+            assert edge.length == pytest.approx(3 * math.pi, abs=1e-4)
+        else:
+            assert edge.length == pytest.approx(28 if abs(np.ptp(edge.points[:, 0])) > 1 else 18, abs=1e-4)
+
+
+def test_the_order_of_faces_does_not_matter(tmp_path: Path) -> None:
+    triangles = extruded(L_PROFILE, 25, [ring(7, 22, 4, 24)[::-1]])
+    shuffled = np.random.default_rng(1).permutation(np.roll(triangles, 1, axis=1))
+    one, two = read(tmp_path, triangles), read(tmp_path, shuffled)
+    for a, b in zip(one.edges, two.edges, strict=True):
+        assert (a.id, a.kind, a.convex) == (b.id, b.kind, b.convex)
+        assert np.allclose(a.points, b.points, atol=1e-6)
+        assert np.allclose(a.via_normals, b.via_normals, atol=1e-6)
+
+
+def test_the_feature_angle_decides_what_is_sharp(tmp_path: Path) -> None:
+    prism = extruded(ring(0, 0, 10, 10), 5)  # its upright edges turn by 36 deg
+    assert kinds(read(tmp_path, prism)) == {("line", True): 30}
+    assert kinds(read(tmp_path, prism, feature_angle=math.radians(37))) == {("circle", True): 2}
+
+
+def test_units_scale_the_part(tmp_path: Path) -> None:
+    solid = read(tmp_path, block(), mm=25.4)
+    assert max(e.length for e in solid.edges) == pytest.approx(30 * 25.4)
+    assert "assumed: 1 unit" not in said(solid)
+
+
+@pytest.mark.parametrize(("kind", "scale"), [("obj", 1), ("ply", 1), ("off", 1), ("glb", 1000), ("3mf", 1)])
+def test_every_format_holds_the_same_edges(tmp_path: Path, kind: str, scale: float) -> None:
+    if kind == "3mf":
+        pytest.importorskip("lxml", reason="trimesh needs lxml for 3MF")
+        pytest.importorskip("networkx", reason="trimesh needs networkx for 3MF")
+    shape = trimesh.Trimesh(*_indexed(extruded(L_PROFILE, 25)))
+    shape.units = "mm"
+    path = tmp_path / f"part.{kind}"
+    shape.export(path)
+    solid = mesh.read(path)
+    assert kinds(solid) == {("line", True): 17, ("line", False): 1}
+    assert sum(e.length for e in solid.edges) == pytest.approx((2 * 140 + 6 * 25) * scale)
+
+
+def test_a_material_needs_no_package_that_is_not_there(tmp_path: Path) -> None:
+    """Two faces of one material with places on its picture, read where the package for pictures is missing."""
+    rows = ["v 0 0 0", "v 10 0 0", "v 10 10 0", "v 0 10 0", "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "usemtl brick"]
+    (tmp_path / "wall.obj").write_text("\n".join([*rows, "f 1/1 2/2 3/3", "usemtl stone", "f 1/1 3/3 4/4", ""]))
+    code = (
+        "import sys; sys.modules['PIL'] = None; from pathlib import Path; from camgen.read.solid import mesh;"
+        "print(len(mesh.read(Path('wall.obj')).faces))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("2\n", "")
+
+
+def _indexed(triangles: Array) -> tuple[Array, Any]:
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
+
+
+def test_shared_parts_have_the_circles_that_their_drawings_give_them() -> None:
+    path = SHARED / "mesh" / "trimesh" / "featuretype.STL"
+    if not path.exists():
+        pytest.skip("shared/data/mesh/trimesh/featuretype.STL is not beside the repository")
+    solid = mesh.read(path, mm=25.4)
+    circles = [e for e in solid.edges if e.kind == "circle"]
+    assert Counter(e.convex for e in circles) == {True: 26, False: 8}
+    # The radii (inch) that its exact twin featuretype.STEP states.
+    stated = sorted([0.133] * 16 + [0.1947] * 2 + [0.21875] * 16)
+    assert np.allclose(sorted(e.radius / 25.4 for e in circles), stated, atol=1e-4)

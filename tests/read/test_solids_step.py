@@ -1,0 +1,219 @@
+"""STEP: edges as exact as the file, in its units, with both faces beside them. What needs no kernel runs without it."""
+
+import math
+from collections import Counter
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from camgen.geometry.arcs import through
+from camgen.model.errors import InputError
+from camgen.model.part import Edge, Solid
+from camgen.read.solid import kernel, mesh, step
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+SHARED = Path(__file__).parents[2].parent / "shared" / "data"
+
+
+occ = kernel.part
+with_kernel = pytest.mark.skipif(find_spec("OCP") is None, reason="the extra step (the package OCP) is not installed")
+
+
+def written(path: Path, shape: Any) -> Path:
+    message = occ("Message")
+    message.Message.DefaultMessenger_s().RemovePrinters(message.Message_PrinterOStream.get_type_descriptor_s())
+    control = occ("STEPControl")
+    writer = control.STEPControl_Writer()
+    writer.Transfer(shape, control.STEPControl_StepModelType.STEPControl_AsIs)
+    writer.Write(str(path))
+    return path
+
+
+def cylinder(radius: float, height: float) -> Any:
+    return occ("BRepPrimAPI").BRepPrimAPI_MakeCylinder(radius, height).Shape()
+
+
+def box(low: tuple[float, ...], high: tuple[float, ...]) -> Any:
+    gp = occ("gp")
+    return occ("BRepPrimAPI").BRepPrimAPI_MakeBox(gp.gp_Pnt(*low), gp.gp_Pnt(*high)).Shape()
+
+
+def kinds(solid: Solid) -> Counter[tuple[str, bool]]:
+    return Counter((e.kind, e.convex) for e in solid.edges)
+
+
+def sampled(edge: Edge) -> Any:
+    """Points along the spans of an edge, 40 on each."""
+    parts = []
+    for p, via, q in zip(edge.points[:-1], edge.via, edge.points[1:], strict=True):
+        circle = through(p, via, q)
+        assert circle is not None
+        parts.append(circle.at(np.linspace(0, circle.angles(q[None])[0], 40)))
+    return np.concatenate(parts)
+
+
+def test_without_the_extra_one_line_says_which(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> Any:
+        raise ModuleNotFoundError(f"No module named OCP.{name}")
+
+    monkeypatch.setattr(kernel, "part", missing)
+    with pytest.raises(InputError, match=r"rfa1.step: STEP needs the CAD kernel; pip install 'camgen\[step\]'"):
+        step.read(PARTS / "rfa1.step")
+
+
+@with_kernel
+@pytest.mark.parametrize("name", ["rfa1", "rfa2"])
+def test_exact_and_meshed_parts_have_the_same_edges(name: str) -> None:
+    exact, meshed = step.read(PARTS / f"{name}.step"), mesh.read(PARTS / f"{name}.stl")
+    assert exact.units == "mm"
+    assert len(exact.edges) == len(meshed.edges)
+    for a, b in zip(exact.edges, meshed.edges, strict=True):
+        assert (a.id, a.kind, a.convex) == (b.id, b.kind, b.convex)
+        assert a.length == pytest.approx(b.length, abs=1e-4)
+        assert a.angle == pytest.approx(b.angle, abs=1e-5)
+        if not a.closed:
+            assert np.allclose(a.points, b.points, atol=1e-5)
+            assert np.allclose(a.via, b.via, atol=1e-5)
+            assert np.allclose(a.via_normals, b.via_normals, atol=1e-5)
+    assert np.allclose(np.ptp(exact.vertices, axis=0), np.ptp(meshed.vertices, axis=0))
+
+
+@with_kernel
+def test_the_unit_of_the_file_counts(tmp_path: Path) -> None:
+    text = (PARTS / "rfa1.step").read_text()
+    assert text.count("SI_UNIT(.MILLI.,.METRE.)") == 1
+    path = tmp_path / "big.step"
+    path.write_text(text.replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT(.CENTI.,.METRE.)"))
+    solid = step.read(path)
+    assert solid.units == "cm"
+    assert np.allclose(np.ptp(solid.vertices, axis=0), [1250, 950, 700])
+    assert max(e.radius for e in solid.edges) == pytest.approx(250)
+
+
+@with_kernel
+def test_an_ellipse_is_a_curve_within_the_tolerance(tmp_path: Path) -> None:
+    # A cylinder of radius 10 cut by the plane z = x + 30.
+    gp, build = occ("gp"), occ("BRepBuilderAPI")
+    corners = [gp.gp_Pnt(*c) for c in ((-20, -20, 10), (30, -20, 60), (-20, -20, 60))]
+    wire = build.BRepBuilderAPI_MakePolygon(*corners, True).Wire()
+    face = build.BRepBuilderAPI_MakeFace(wire, True).Face()
+    wedge = occ("BRepPrimAPI").BRepPrimAPI_MakePrism(face, gp.gp_Vec(0, 40, 0)).Shape()
+    cut = occ("BRepAlgoAPI").BRepAlgoAPI_Cut(cylinder(10, 60), wedge).Shape()
+    solid = step.read(written(tmp_path / "cut.step", cut), tolerance=0.005)
+    assert kinds(solid) == {("curve", True): 1, ("circle", True): 1}
+    edge = next(e for e in solid.edges if e.kind == "curve")
+    points = sampled(edge)
+    assert np.abs(np.hypot(points[:, 0], points[:, 1]) - 10).max() < 0.006
+    assert np.abs(points[:, 2] - points[:, 0] - 30).max() < 0.006
+    t = np.linspace(0, 2 * np.pi, 200_001)
+    perimeter = np.hypot(10 * np.cos(t), 10 * math.sqrt(2) * np.sin(t))[:-1].mean() * 2 * np.pi
+    assert edge.length == pytest.approx(perimeter, rel=1e-5)
+    slope = np.array([-1, 0, 1]) / math.sqrt(2)
+    for place, (a, b) in zip(edge.points, edge.normals, strict=True):
+        radial = place * [0.1, 0.1, 0]
+        assert (
+            min(np.abs(a - slope).max() + np.abs(b - radial).max(), np.abs(b - slope).max() + np.abs(a - radial).max())
+            < 1e-6
+        )
+
+
+@with_kernel
+def test_splines_that_are_lines_and_circles_are_found_out(tmp_path: Path) -> None:
+    ring = occ("BRepAlgoAPI").BRepAlgoAPI_Cut(box((-20, -20, 0), (20, 20, 8)), cylinder(9, 8)).Shape()
+    splines = occ("BRepBuilderAPI").BRepBuilderAPI_NurbsConvert(ring, True).Shape()
+    path = written(tmp_path / "splines.step", splines)
+    assert b"=CIRCLE" not in path.read_bytes().replace(b" ", b"")
+    solid = step.read(path)
+    assert kinds(solid) == {("line", True): 12, ("circle", True): 2}
+    for edge in solid.edges:
+        if edge.kind == "circle":
+            assert edge.radius == pytest.approx(9, abs=1e-5)
+            assert edge.length == pytest.approx(18 * math.pi, abs=1e-4)
+
+
+@with_kernel
+def test_a_fillet_leaves_no_edge_and_a_step_a_concave_one(tmp_path: Path) -> None:
+    fuse = occ("BRepAlgoAPI").BRepAlgoAPI_Fuse(box((0, 0, 0), (40, 30, 10)), box((0, 0, 10), (15, 30, 20)))
+    fuse.SimplifyResult()
+    solid = step.read(written(tmp_path / "step.step", fuse.Shape()))
+    assert kinds(solid) == {("line", True): 17, ("line", False): 1}
+    block = box((0, 0, 0), (40, 30, 10))
+    upright = next(m.edge for m in kernel.meetings(block) if abs(kernel.Curve(m.edge).tangent(0.0)[2]) > 0.5)
+    fillet = occ("BRepFilletAPI").BRepFilletAPI_MakeFillet(block)
+    fillet.Add(4.0, upright)
+    rounded = step.read(written(tmp_path / "round.step", fillet.Shape()))
+    assert kinds(rounded) == {("line", True): 11, ("arc", True): 2}
+    assert "2 below 30 deg" in "; ".join(map(str, rounded.notes))
+    for edge in (e for e in rounded.edges if e.kind == "arc"):
+        assert edge.length == pytest.approx(2 * math.pi)
+
+
+@with_kernel
+def test_an_open_shell_has_borders(tmp_path: Path) -> None:
+    build = occ("BRepBuilderAPI")
+    gp = occ("gp")
+    sewing = build.BRepBuilderAPI_Sewing()
+    for corners in (((0, 0, 0), (10, 0, 0), (10, 10, 0), (0, 10, 0)), ((0, 0, 0), (0, 0, 10), (10, 0, 10), (10, 0, 0))):
+        wire = build.BRepBuilderAPI_MakePolygon(*[gp.gp_Pnt(*c) for c in corners], True).Wire()
+        sewing.Add(build.BRepBuilderAPI_MakeFace(wire, True).Face())
+    sewing.Perform()
+    solid = step.read(written(tmp_path / "shell.step", sewing.SewedShape()))
+    assert len(solid.edges) == 1
+    assert len(solid.borders) == 6
+    assert "6 edges have a face on one side only" in "; ".join(map(str, solid.notes))
+
+
+@with_kernel
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "is no STEP file"),
+        (b"solid x\nendsolid x\n", "is no STEP file"),
+        (b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1=FOO(;\nENDSEC;\n", "is no STEP file, or damaged"),
+        (b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "is damaged: entities are missing"),
+    ],
+)
+def test_what_is_no_step_file_is_refused(tmp_path: Path, data: bytes, message: str) -> None:
+    (tmp_path / "x.step").write_bytes(data)
+    with pytest.raises(InputError, match=message) as caught:
+        step.read(tmp_path / "x.step")
+    assert "\n" not in str(caught.value)
+
+
+@with_kernel
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("", "", "damaged"),
+        ("PLANE('',", "PLAIN('',", "damaged"),
+        ("VERTEX_POINT('',#", "VERTEX_POINT('',#9", "entities cannot be read"),
+        ("LINE('',#", "LINE('',", "entities cannot be read"),
+        ("0.,0.,1.)", "0.,0.,nan)", "entities cannot be read|no faces"),
+    ],
+)
+def test_damage_is_refused_before_the_kernel_leaves_something_out(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    text = (PARTS / "rfa1.step").read_text()
+    path = tmp_path / "damaged.step"
+    assert old in text
+    path.write_text(text.replace(old, new, 1) if old else text[: int(0.6 * len(text))])
+    with pytest.raises(InputError, match=message) as caught:
+        step.read(path)
+    assert "\n" not in str(caught.value)
+
+
+@with_kernel
+def test_shared_twins_agree() -> None:
+    exact, meshed = SHARED / "step/trimesh/featuretype.STEP", SHARED / "mesh/trimesh/featuretype.STL"
+    if not exact.exists():
+        pytest.skip("shared/data/step/trimesh/featuretype.STEP is not beside the repository")
+    radii = [
+        sorted(e.radius for e in solid.edges if e.kind == "circle")
+        for solid in (step.read(exact), mesh.read(meshed, mm=25.4))
+    ]
+    assert len(radii[0]) == 34
+    assert np.allclose(*radii, atol=1e-4)

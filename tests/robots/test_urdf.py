@@ -1,0 +1,389 @@
+"""Arms from URDF files: the same frames, limits and joints as an independent reading of the text gives."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.build import build
+from camgen.cli import main
+from camgen.model.errors import CamgenError, NoSafeProgram
+from camgen.robots.catalogue import robot
+from camgen.robots.kinematics import iterative as damped
+from camgen.robots.kinematics.arms import recognise
+from camgen.robots.kinematics.forward import flange, frames, jacobian
+from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.kinematics.joint_limits import within
+from camgen.robots.models import Robot
+from camgen.robots.urdf.xml import urdf_files
+from tests.support.urdf_arms import Arm, built_in, disguised, rpy, step, tip, turn, urdf
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+SIX, COBOT = FIXTURES / "robots" / "six.urdf", FIXTURES / "robots" / "cobot.urdf"
+KINDS = {
+    "irb120": "spherical-wrist", "irb2400": "spherical-wrist", "vipers650": "spherical-wrist",
+    "vs060": "spherical-wrist", "cobras600": "scara", "mill": "cartesian", "cobotta": "serial",
+}  # fmt: skip
+UP, LEFT, RIGHT = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
+#: Seven axes as a cobot with a turning elbow has them.
+SEVEN = Arm(
+    tuple(step((0, 0, z)) for z in (0.3, 0, 0.35, 0, 0.35, 0, 0.1)),
+    tuple(np.array(axis) for axis in (UP, LEFT, UP, RIGHT, UP, LEFT, UP)),
+    ("revolute",) * 7,
+    ((-2.9, 2.9), (-2.0, 2.0)) * 3 + ((-3.0, 3.0),),
+    (1.5,) * 7,
+    step((0, 0, 0.12)),
+)  # fmt: skip
+
+
+def written(folder: Path, text: str, name: str = "arm.urdf") -> str:
+    file = folder / name
+    file.write_text(text)
+    return str(file)
+
+
+def some(of: Robot, count: int) -> np.ndarray:
+    return np.random.default_rng(3).uniform(of.limits[:, 0], of.limits[:, 1], (count, len(of.joints)))
+
+
+def metres(of: Robot) -> np.ndarray:
+    return np.array([1e-3 if joint.sliding else 1.0 for joint in of.joints])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("stem", KINDS)
+def test_frames_limits_and_joints_are_those_of_the_text(stem: str, seed: int, tmp_path: Path) -> None:
+    """Seeds above 0: the same arm in frames that lie any way, with other zeros."""
+    arm = disguised(built_in(stem), seed) if seed else built_in(stem)
+    of = robot(written(tmp_path, urdf(arm)))
+    assert of.limits * metres(of)[:, None] == pytest.approx(np.array(arm.limits), abs=1e-12)
+    assert of.speeds * metres(of) == pytest.approx(np.array(arm.speeds), abs=1e-12)
+    joints = some(of, 100)
+    rotations, origins = flange(of, joints)
+    for row, values in enumerate(joints * metres(of)):
+        expected = tip(arm, values)
+        assert np.abs(origins[row] - 1000 * expected[:3, 3]).max() < 1e-9
+        assert np.abs(rotations[row] - expected[:3, :3]).max() < 1e-12
+    assert of.kind == KINDS[stem]
+    if of.arm is None:
+        return
+    found = inverse(of, rotations, origins)
+    count = {"spherical-wrist": {4, 8}, "scara": {2}, "cartesian": {1}}[of.kind]
+    assert set(np.isfinite(found[:, :, 0]).sum(axis=1).tolist()) <= count
+    sliding = np.array([joint.sliding for joint in of.joints])
+    apart = found - joints[:, None]
+    apart = np.abs(np.where(sliding, apart, np.remainder(apart + math.pi, math.tau) - math.pi)).max(axis=2)
+    assert np.nanmin(apart, axis=1).max() < 1e-6
+    for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
+        reached = tip(arm, found[row, column] * metres(of))
+        assert np.abs(1000 * reached[:3, 3] - origins[row]).max() < 1e-6
+        assert np.abs(reached[:3, :3] - rotations[row]).max() < 1e-9
+
+
+def test_a_built_in_robot_written_as_urdf_is_that_robot(tmp_path: Path) -> None:
+    """IRB 120 by its data sheet: 374 mm ahead at 630 mm with all joints at 0, and the same home as the built-in one."""
+    of, same = robot(written(tmp_path, urdf(built_in("irb120"), "my arm"))), robot("IRB 120")
+    assert flange(of, np.zeros((1, 6)))[1][0] == pytest.approx([374, 0, 630], abs=1e-9)
+    assert of.name == "my arm"
+    assert of.limits == pytest.approx(same.limits)
+    assert of.home == pytest.approx(same.home)
+    assert of.links[0].name == "base_link"
+    assert [link.name for link in of.links[1:]] == [f"link_{k}" for k in range(1, 7)]
+
+
+def test_an_arm_on_a_rail_and_one_on_a_column(tmp_path: Path) -> None:
+    """Slides where no closed form has them: before six axes, and before the three of a SCARA."""
+    six, scara = built_in("irb120"), built_in("cobras600")
+    rail = Arm(
+        (step((0, 0, 0)), *six.steps), (np.array(UP)[[2, 1, 0]], *six.axes), ("prismatic", *six.kinds),
+        ((-1.5, 1.5), *six.limits), (1.0, *six.speeds), six.flange,
+    )  # fmt: skip
+    order = [2, 0, 1, 3]
+    column = Arm(
+        tuple(scara.steps[k] for k in (0, 2, 1, 3)),
+        tuple(scara.axes[k] for k in order), tuple(scara.kinds[k] for k in order),
+        tuple(scara.limits[k] for k in order), tuple(scara.speeds[k] for k in order), scara.flange,
+    )  # fmt: skip
+    for arm in (rail, column):
+        of = robot(written(tmp_path, urdf(arm)))
+        assert of.kind == "serial"
+        joints = some(of, 20)
+        rotations, origins = flange(of, joints)
+        found = inverse(of, rotations, origins)
+        assert np.isfinite(found[:, 0, 0]).all()
+        for row, way in np.argwhere(np.isfinite(found[:, :, 0])):
+            reached = tip(arm, found[row, way] * metres(of))
+            assert np.abs(1000 * reached[:3, 3] - origins[row]).max() < 1e-6
+        aside = joints + 120.0 * np.array([joint.sliding for joint in of.joints])
+        assert np.isfinite(damped.refine(of, rotations, origins, aside)).all()
+
+
+@pytest.mark.parametrize("arm", [SEVEN, disguised(SEVEN, 4)], ids=["plain", "disguised"])
+def test_seven_joints_by_iteration(arm: Arm, tmp_path: Path) -> None:
+    of = robot(written(tmp_path, urdf(arm)))
+    assert of.kind == "serial"
+    joints = some(of, 20)
+    rotations, origins = flange(of, joints)
+    for row, values in enumerate(joints):
+        assert np.abs(origins[row] - 1000 * tip(arm, values)[:3, 3]).max() < 1e-9
+    found = inverse(of, rotations, origins)
+    assert np.isfinite(found[:, 0, 0]).all()
+    for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
+        reached = tip(arm, found[row, column])
+        assert np.abs(1000 * reached[:3, 3] - origins[row]).max() < 1e-6
+        assert np.abs(reached[:3, :3] - rotations[row]).max() < 1e-9
+
+
+def test_the_jacobian_holds_for_axes_that_lie_any_way(tmp_path: Path) -> None:
+    of = robot(written(tmp_path, urdf(disguised(built_in("cobotta"), 7))))
+    joints = some(of, 1)
+    moved, _, origin = jacobian(of, joints)
+    for k in range(6):
+        other = joints.copy()
+        other[0, k] += 1e-6
+        assert moved[0, :3, k] == pytest.approx((flange(of, other)[1] - origin)[0] / 1e-6, abs=2e-3)
+
+
+def cobot_by_hand(q: np.ndarray) -> np.ndarray:
+    """What fixtures/robots/cobot.urdf says, typed once more, m."""
+    quarter = math.pi / 2
+    at = np.eye(4)
+    rows = [
+        ((0, 0, 0.15), 0.0), ((0, 0, 0), quarter), ((-0.41, 0, 0), 0.0), ((-0.38, 0, 0.12), 0.0),
+        ((0, -0.1, 0), quarter), ((0, 0.09, 0), -quarter),
+    ]  # fmt: skip
+    for (xyz, roll), value in zip(rows, q.tolist(), strict=True):
+        at = at @ step(xyz, rpy(roll, 0, 0)) @ step((0, 0, 0), turn((0, 0, 1), value))
+    return at
+
+
+def test_a_cobot_without_a_spherical_wrist() -> None:
+    of = robot(str(COBOT))
+    assert of.kind == "serial"
+    assert of.convention == "The joints of the URDF, from link world to link tool0."
+    joints = np.random.default_rng(0).uniform(-math.pi, math.pi, (60, 6))
+    rotations, origins = flange(of, joints)
+    for row, values in enumerate(joints):
+        assert np.abs(origins[row] - 1000 * cobot_by_hand(values)[:3, 3]).max() < 1e-9
+    found = inverse(of, rotations, origins)
+    apart = np.abs(np.remainder(found - joints[:, None] + math.pi, math.tau) - math.pi).max(axis=2)
+    assert np.nanmin(apart, axis=1).max() < 1e-6
+    for row, column in np.argwhere(np.isfinite(found[:, :, 0])):
+        assert np.abs(1000 * cobot_by_hand(found[row, column])[:3, 3] - origins[row]).max() < 1e-6
+
+
+def test_what_is_assumed_is_said() -> None:
+    assert robot(str(COBOT)).notes == (
+        "wrist_3_joint has no limits: -360 to 360 deg are taken",
+        "finger moves by itself: it is left out",
+        "3 angles were taken as the multiples of 90 deg that they are rounded from",
+        "wrist_1 and wrist_3 overlap in every posture: they are not tested against each other",
+    )
+    assert robot(str(SIX)).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "angle"),
+    [
+        ("1.5708", math.pi / 2), ("-1.57", -math.pi / 2), ("3.1415", math.pi), ("3.14159265", math.pi),
+        ("1.5707963267948966", math.pi / 2), ("6.2832", math.tau), ("1.571e0", math.pi / 2), ("157.08e-2", math.pi / 2),
+        ("1.58", 1.58), ("1.6", 1.6), ("1.5718", 1.5718), ("1.57080", math.pi / 2), ("0.001", 0.001), ("-0", 0.0),
+        ("1", 1.0), ("2", 2.0),
+    ],
+)  # fmt: skip
+def test_angles_rounded_from_multiples_of_90_deg(text: str, angle: float, tmp_path: Path) -> None:
+    """1.57080 has one digit more than 1.5708 and is a rounding too; 1.5718 is 0.06 deg away, and meant."""
+    arm = urdf(SEVEN).replace('rpy="0 -0 0"', f'rpy="{text} 0 0"', 1)
+    assert text in arm
+    of = robot(written(tmp_path, arm))
+    assert np.abs(of.joints[0].previous_from_joint.rotation - turn((1, 0, 0), angle)).max() < 1e-15
+
+
+def test_rounded_angles_leave_the_closed_form(tmp_path: Path) -> None:
+    text = SIX.read_text().replace("1.57079632679", "1.5708")
+    assert "1.5708" in text
+    assert robot(written(tmp_path, text)).kind == "spherical-wrist"
+
+
+def test_rpy_turns_about_fixed_axes_and_the_axis_is_x_where_none_is_stated(tmp_path: Path) -> None:
+    text = (
+        '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="revolute"><parent link="b"/>'
+        '<child link="c"/><origin rpy="0.1 0.2 0.3" xyz="1 2 3"/><limit lower="-1" upper="1" velocity="2"/></joint>'
+        "</robot>"
+    )
+    of = robot(written(tmp_path, text))
+    assert of.joints[0].previous_from_joint.origin == (1000, 2000, 3000)
+    assert of.joints[0].axis == (1, 0, 0)
+    # y of the child under Rz(0.3) Ry(0.2) Rx(0.1): written out.
+    sx, cx, sy, sz, cz = math.sin(0.1), math.cos(0.1), math.sin(0.2), math.sin(0.3), math.cos(0.3)
+    expected = [cz * sy * sx - sz * cx, sz * sy * sx + cz * cx, math.cos(0.2) * sx]
+    assert of.joints[0].previous_from_joint.rotation[:, 1] == pytest.approx(expected, abs=1e-15)
+
+
+def joint(name: str, parent: str, child: str, kind: str = "fixed", more: str = "") -> str:
+    limit = '<limit lower="-1" upper="1" velocity="1"/>' if kind == "revolute" else ""
+    ends = f'<parent link="{parent}"/><child link="{child}"/>'
+    return f'<joint name="{name}" type="{kind}">{ends}{limit}{more}</joint>'
+
+
+def tree(*joints: str, links: str = "abcdef") -> str:
+    return (
+        "<robot>" + "".join(f'<link name="{name}"/>' for name in links.split() or links) + "".join(joints) + "</robot>"
+    )
+
+
+FORK = (
+    joint("j1", "root", "a", "revolute"),
+    joint("j2", "a", "left", "revolute"),
+    joint("j3", "a", "right", "revolute"),
+)
+
+
+def test_the_tip_is_the_flange_the_longest_or_the_one_that_is_named(tmp_path: Path) -> None:
+    fork = written(tmp_path, tree(*FORK, links="root a left right"))
+    with pytest.raises(CamgenError, match="it is not clear which link is the flange: left, right"):
+        robot(fork)
+    assert robot(f"{fork}#right").joints[1].name == "j3"
+    assert robot(f"{fork}#a").convention == "The joints of the URDF, from link root to link a."
+    longer = written(tmp_path, tree(*FORK, joint("j4", "left", "hand", "revolute"), links="root a left right hand"))
+    of = robot(longer)
+    assert [one.name for one in of.joints] == ["j1", "j2", "j4"]
+    assert "the tip is hand, farthest from root, not right" in of.notes
+    flanged = written(tmp_path, tree(*FORK, joint("f", "right", "my_tool0"), links="root a left right my_tool0"))
+    assert [one.name for one in robot(flanged).joints] == ["j1", "j3"]
+
+
+def test_the_controllers_base_is_the_base(tmp_path: Path) -> None:
+    """REP 199: a link named base is the frame in which the controller counts, wherever the root is."""
+    lift = joint("stand", "world", "base_link", more='<origin xyz="0 0 0.5"/>')
+    seat = joint("seat", "base_link", "base", more='<origin xyz="0 0 0.1" rpy="0 0 3.14159265359"/>')
+    arm = joint("j1", "base_link", "tip", "revolute", more='<origin xyz="0.2 0 0.3"/><axis xyz="0 0 1"/>')
+    of = robot(written(tmp_path, tree(lift, seat, arm, links="world base_link base tip")))
+    assert flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([-200, 0, 200], abs=1e-9)
+    assert of.convention == "The joints of the URDF, from link base to link tip."
+    of = robot(written(tmp_path, tree(lift, arm, links="world base_link tip")))
+    assert flange(of, np.zeros((1, 1)))[1][0] == pytest.approx([200, 0, 800], abs=1e-9)
+
+
+def test_fixed_joints_are_folded_in_and_keep_their_boxes() -> None:
+    of = robot(str(COBOT))
+    assert [len(link.boxes) for link in of.links] == [2, 2, 2, 2, 1, 1, 3]
+    gripper = of.links[6].boxes[2]
+    assert gripper.link_from_box.origin == pytest.approx((0, 0, 30))
+    assert gripper.half == pytest.approx((30, 50, 30))
+
+
+def test_home_is_not_singular() -> None:
+    for name in (SIX, COBOT):
+        of = robot(str(name))
+        assert within(of, of.home)
+        moved = jacobian(of, of.home[None])[0][0]
+        moved[:3] /= of.lever
+        assert np.linalg.svd(moved, compute_uv=False)[-1] > 0.05
+
+
+def test_the_recognised_arm_is_the_chain(tmp_path: Path) -> None:
+    """A wrist whose axes miss each other by a hundredth of a millimetre is none, and is solved by iteration."""
+    arm = built_in("irb120")
+    off = list(arm.steps)
+    off[5] = off[5] @ step((0, 0, 1e-5))
+    of = robot(written(tmp_path, urdf(arm._replace(steps=tuple(off)))))
+    assert recognise(of.joints, of.flange) is None
+    joints = some(of, 10)
+    rotations, origins = flange(of, joints)
+    found = inverse(of, rotations, origins)
+    apart = np.abs(np.remainder(found - joints[:, None] + math.pi, math.tau) - math.pi).max(axis=2)
+    assert np.nanmin(apart, axis=1).max() < 1e-6
+
+
+def bracket(name: str, home: list[float], **more: object) -> camgen.Result:
+    cell = {"robot": name, "base_from_work": [300, -60, -50, 0, 0, 0], "flange_from_tool": [0, 0, 100, 0, 0, 0]}
+    return build(FIXTURES / "parts" / "bracket.dxf", post="rapid", job={"cell": {**cell, "home": home, **more}})
+
+
+@pytest.mark.parametrize(("name", "home"), [(SIX, [0, -100, 0, 0, 30, 0]), (COBOT, [180, -90, 100, -100, -90, 0])])
+def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
+    made = bracket(str(name), home)
+    assert made.reach is not None
+    assert made.reach.robot == name.stem
+    of = robot(str(name))
+    assert np.all(within(of, made.reach.joints))
+    said = [str(note) for note in made.notes if name.name in note.what]
+    assert said[:-1] == [f"assumed: {name.name}: {note}" for note in of.notes]
+    assert said[-1] == (
+        f"warning: {name.name}: home and posture are in the joint values of the URDF (their zeros and signs need not "
+        "be the controller's: compare one pose with the teach pendant)"
+    )
+
+
+def test_what_the_arm_cannot_reach_is_refused() -> None:
+    with pytest.raises(NoSafeProgram, match=r"six cannot run path c\d+ at .* mm: out of reach by"):
+        bracket(str(SIX), [0, -100, 0, 0, 30, 0], base_from_work=[900, 0, 0, 0, 0, 0])
+
+
+def test_a_job_file_names_the_arm_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell = tmp_path / "cell"
+    cell.mkdir()
+    (cell / "arm.urdf").write_text(COBOT.read_text())
+    (cell / "part.dxf").write_bytes((FIXTURES / "parts" / "bracket.dxf").read_bytes())
+    (cell / "part.toml").write_text(
+        '[cell]\nrobot = "arm.urdf#tool0"\nbase_from_work = [300, -60, -50, 0, 0, 0]\n'
+        "flange_from_tool = [0, 0, 100, 0, 0, 0]\nhome = [180, -90, 100, -100, -90, 0]\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert main(["build", "cell/part.dxf", "--post", "rapid"]) == 0
+    said = capsys.readouterr().err
+    assert "arm.urdf: wrist_3_joint has no limits: -360 to 360 deg are taken" in said
+    assert (tmp_path / "part.mod").is_file()
+
+
+def hashed(folder: Path, text: str, mesh: bytes) -> str:
+    meshes = folder / "six_description" / "meshes"
+    meshes.mkdir(parents=True, exist_ok=True)
+    (meshes / "turn.stl").write_bytes(mesh)
+    (meshes / "upper.stl").write_bytes((SIX.parent / "six_description" / "meshes" / "upper.stl").read_bytes())
+    (folder / "six.urdf").write_text(text)
+    return next(
+        line for line in bracket(str(folder / "six.urdf"), [0, -100, 0, 0, 30, 0]).text.split("\n") if "job" in line
+    )
+
+
+def test_the_job_hash_covers_the_urdf_and_its_meshes_wherever_they_lie(tmp_path: Path) -> None:
+    text, mesh = SIX.read_text(), (SIX.parent / "six_description" / "meshes" / "turn.stl").read_bytes()
+    first = hashed(tmp_path / "a", text, mesh)
+    assert hashed(tmp_path / "b", text, mesh) == first
+    assert hashed(tmp_path / "c", text.replace('velocity="3', 'velocity="4', 1), mesh) != first
+    assert hashed(tmp_path / "d", text, b"other".ljust(80) + mesh[80:]) != first
+    assert [path.name for path in urdf_files(str(SIX))] == ["six.urdf", "turn.stl", "upper.stl"]
+
+
+def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robots", str(COBOT)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:3] == [
+        "cobot",
+        "The joints of the URDF, from link world to link tool0.",
+        "joints by iteration: no spherical wrist",
+    ]
+    assert lines[6].split() == ["elbow", "forearm", "-180", "deg", "180", "deg", "179.909/s", "-30", "2"]
+    assert "note: wrist_3_joint has no limits: -360 to 360 deg are taken" in lines
+    assert main(["robots", "IRB 120"]) == 0
+    assert "spherical wrist, 8 branches" in capsys.readouterr().out
+
+
+def test_every_link_has_its_frame(tmp_path: Path) -> None:
+    """Link frames, which carry the boxes, are those of the URDF's links."""
+    arm = disguised(built_in("irb120"), 2)
+    of = robot(written(tmp_path, urdf(arm)))
+    joints = some(of, 5)
+    rotations, origins = frames(of, joints)
+    for row, values in enumerate(joints):
+        for k in range(1, 7):
+            shorter = Arm(*(column[:k] for column in arm[:5]), np.eye(4))
+            expected = tip(shorter, values[:k])
+            assert np.abs(origins[row, k] - 1000 * expected[:3, 3]).max() < 1e-9
+            assert np.abs(rotations[row, k] - expected[:3, :3]).max() < 1e-12

@@ -1,0 +1,293 @@
+"""A URDF that is damaged, or that is no arm, is refused in one line that names the place."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.cli import main
+from camgen.model.errors import CamgenError
+from camgen.model.job_tables import split_name
+from camgen.robots.catalogue import robot
+
+ROBOTS = Path(__file__).parents[2] / "fixtures" / "robots"
+COBOT = (ROBOTS / "cobot.urdf").read_text()
+#: The least arm there is.
+ARM = (
+    '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="revolute"><parent link="b"/>'
+    '<child link="c"/><origin xyz="0 0 0.1" rpy="0 0 0"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="1" velocity="2"/></joint></robot>'
+)
+SECOND = '<joint name="k" type="fixed"><parent link="{}"/><child link="{}"/></joint></robot>'
+BOMB = (
+    '<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "lol"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">'
+    '<!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;"><!ENTITY d "&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;">]><robot name="&d;"/>'
+)
+OUTSIDE = '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/hostname">]><robot name="&x;"/>'
+
+
+def changed(old: str, new: str, text: str = ARM) -> str:
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+def more(*parts: str) -> str:
+    return changed("</robot>", "".join(parts) + "</robot>")
+
+
+BAD = {
+    "empty": ("", "is not XML: no element found (line 1, column 0)"),
+    "cut": (ARM[:100], f"is not XML: unclosed token (line 1, column {ARM[:100].rfind(chr(60))})"),
+    "text": ("a robot", "is not XML: syntax error (line 1, column 0)"),
+    "bomb": (BOMB, "declares a DOCTYPE, which a URDF does not need; remove it"),
+    "outside": (OUTSIDE, "declares a DOCTYPE, which a URDF does not need; remove it"),
+    "sdf": ("<sdf/>", "describes no robot: its root is sdf"),
+    "nothing": ("<robot/>", "has no links"),
+    "encoding": (
+        '<?xml version="1.0" encoding="klingon"?><robot/>',
+        "is not XML: unknown encoding: klingon; save it as UTF-8",
+    ),
+    "still": ('<robot><link name="b"/></robot>', "nothing moves between b and b; name another tip: FILE.urdf#LINK"),
+    "xacro": (
+        '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
+        "is xacro, from which a URDF is made; expand it: xacro arm.xacro > arm.urdf",
+    ),
+    "loop": (
+        more(
+            '<link name="d"/><link name="e"/>',
+            SECOND.format("d", "e")[:-8],
+            '<joint name="l" type="fixed"><parent link="e"/><child link="d"/></joint>',
+        ),
+        "links hang on each other in a loop: d, e; camgen moves chains",
+    ),
+    "all in a loop": (
+        changed("</robot>", SECOND.format("c", "b")),
+        "links hang on each other in a loop: b, c; camgen moves chains",
+    ),
+    "itself": (
+        more('<link name="d"/>', SECOND.format("d", "d")[:-8]),
+        "links hang on each other in a loop: d; camgen moves chains",
+    ),
+    "two parents": (
+        more('<link name="d"/>', SECOND.format("b", "d")[:-8], SECOND.format("c", "d").replace('"k"', '"m"')[:-8]),
+        "link d hangs on two joints (joints k and m); camgen moves chains, no loops",
+    ),
+    "two roots": (more('<link name="d"/>'), "has 2 roots: b, d; join them, or remove what is loose"),
+    "two links": (more('<link name="c"/>'), "there are two links c; rename one"),
+    "two joints": (
+        more('<link name="d"/>', SECOND.format("c", "d").replace('"k"', '"j"')[:-8]),
+        "there are two joints j; rename one",
+    ),
+    "no link": (changed('child link="c"', 'child link="x"'), "there is no link x (joint j)"),
+    "no name": (changed('<link name="c"/>', "<link/>"), 'link has no name; give it name="..."'),
+    "long name": (
+        changed('joint name="j"', f'joint name="{"j" * 600}"'),
+        f"joint {'j' * 20}... has a name of 600 letters; shorten it",
+    ),
+    "bell": (changed('joint name="j"', 'joint name="j&#x9b;2J"'), "joint has a name that cannot be printed; rename it"),
+    "no type": (changed(' type="revolute"', ""), 'joint has no type (joint j); give it type="..."'),
+    "type": (
+        changed("revolute", "screw"),
+        '"screw" is not a type of joint (joint j); known are revolute, continuous, prismatic, fixed, floating, planar',
+    ),
+    "floating": (
+        changed("revolute", "floating"),
+        "a floating joint is none of an arm (joint j); make it fixed, or name another tip",
+    ),
+    "planar": (
+        changed("revolute", "planar"),
+        "a planar joint is none of an arm (joint j); make it fixed, or name another tip",
+    ),
+    "no parent": (changed('<parent link="b"/>', ""), 'it has no parent (joint j); give it <parent link="..."/>'),
+    "mimic": (
+        changed("</joint>", '<mimic joint="q"/></joint>'),
+        "it follows joint q (mimic) (joint j); camgen moves each joint by itself: use a built-in robot",
+    ),
+    "nan": (changed("0 0 0.1", "0 0 nan"), '"nan" is not a number (joint j, xyz)'),
+    "inf": (changed('upper="1"', 'upper="inf"'), '"inf" is not a number (joint j, limit, upper)'),
+    "far": (changed("0 0 0.1", "0 0 1e300"), "1e300 is beyond all measure (joint j, xyz); lengths are m, angles rad"),
+    "huge": (changed("0 0 0.1", "0 0 1e999"), "1e999 is beyond all measure (joint j, xyz); lengths are m, angles rad"),
+    "comma": (changed("0 0 0.1", "0,0,0.1"), "three numbers are needed, not 1 (joint j, xyz)"),
+    "two numbers": (changed('rpy="0 0 0"', 'rpy="0 0"'), "three numbers are needed, not 2 (joint j, rpy)"),
+    "no numbers": (changed('rpy="0 0 0"', 'rpy=""'), "three numbers are needed, not 0 (joint j, rpy)"),
+    "underscore": (changed("0 0 0.1", "0 0 1_0"), '"1_0" is not a number (joint j, xyz)'),
+    "other digits": (changed("0 0 0.1", "0 0 ٣"), '"٣" is not a number (joint j, xyz)'),
+    "formula": (changed("0 0 0.1", "0 0 ${h}"), '"${h}" is not a number (joint j, xyz)'),
+    "no axis": (changed("0 0 1", "0 0 0"), "the axis has no direction (joint j); give axis xyz, of length 1"),
+    "no limit": (
+        changed('<limit lower="-1" upper="1" velocity="2"/>', ""),
+        'it states no speed (joint j); give <limit velocity="..."/>, rad/s',
+    ),
+    "no limits": (
+        changed('lower="-1" upper="1"', ""),
+        'it states no limits (joint j); give <limit lower="..." upper="..."/>, rad',
+    ),
+    "half a limit": (
+        changed('lower="-1"', ""),
+        'it states no limits (joint j); give <limit lower="..." upper="..."/>, rad',
+    ),
+    "no speed": (
+        changed('velocity="2"', 'velocity="0"'),
+        'it states no speed (joint j); give <limit velocity="..."/>, rad/s',
+    ),
+    "no room": (
+        changed('lower="-1" upper="1"', 'lower="0" upper="0"'),
+        'its limits leave it no room: 0 to 0 rad (joint j); mend them, or make it type="fixed"',
+    ),
+    "crossed": (
+        changed('lower="-1"', 'lower="2"').replace("revolute", "prismatic"),
+        'its limits leave it no room: 2000 to 1000 mm (joint j); mend them, or make it type="fixed"',
+    ),
+    "many turns": (
+        changed('upper="1"', 'upper="9000"'),
+        'its limits are more than four turns away (joint j); make it type="continuous"',
+    ),
+    "shape": (
+        changed('<link name="c"/>', '<link name="c"><visual/></link>'),
+        "visual needs one shape, box, cylinder, sphere, mesh (link c)",
+    ),
+    "flat": (
+        changed('<link name="c"/>', '<link name="c"><visual><geometry><sphere radius="0"/></geometry></visual></link>'),
+        "a sphere has no size (link c); give lengths above 0, m",
+    ),
+    "box": (
+        changed('<link name="c"/>', '<link name="c"><visual><geometry><box size="1 2"/></geometry></visual></link>'),
+        "three numbers are needed, not 2 (link c, box, size)",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_file_is_refused_in_one_line(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text, expected = BAD[name]
+    file = tmp_path / "arm.urdf"
+    file.write_text(text)
+    assert main(["robots", str(file)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err == f"camgen: error: {file}: {expected}\n"
+
+
+def test_the_least_arm_is_one(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM)
+    assert len(robot(str(file)).joints) == 1
+
+
+def test_a_doctype_is_found_in_every_encoding(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    for encoding in ("utf-16", "utf-8-sig"):
+        file.write_bytes(BOMB.removeprefix('<?xml version="1.0"?>').encode(encoding))
+        with pytest.raises(CamgenError, match="declares a DOCTYPE"):
+            robot(str(file))
+        file.write_bytes(ARM.encode(encoding))
+        assert robot(str(file)).name == "a"
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(
+        CamgenError, match=r"none\.urdf: no such file \(cell\.robot\); a job file names it from its own"
+    ):
+        robot(str(tmp_path / "none.urdf"))
+    folder = tmp_path / "folder.urdf"
+    folder.mkdir()
+    with pytest.raises(CamgenError, match=r"folder\.urdf: is not a file"):
+        robot(str(folder))
+    with pytest.raises(CamgenError, match="cannot be read: embedded null"):
+        robot("a\0.urdf")
+    pipe = tmp_path / "pipe.urdf"
+    os.mkfifo(pipe)
+    with pytest.raises(CamgenError, match=r"pipe\.urdf: is not a file"):
+        robot(str(pipe))
+
+
+def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
+    file = tmp_path / "large.urdf"
+    with file.open("wb") as stream:
+        stream.truncate(8_000_001)
+    with pytest.raises(CamgenError, match="is larger than 8 MB: no description of a robot"):
+        robot(str(file))
+
+
+def test_xacro_is_refused_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf.xacro"
+    file.write_text("<robot><xacro:macro/></robot>")
+    with pytest.raises(
+        CamgenError, match=r"is xacro, from which a URDF is made; expand it: xacro arm\.xacro > arm\.urdf"
+    ):
+        robot(str(file))
+
+
+def test_an_unknown_tip_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM)
+    with pytest.raises(CamgenError, match=r"there is no link gripper; there are b, c$"):
+        robot(f"{file}#gripper")
+
+
+def test_deep_and_wide_files_end_soon(tmp_path: Path) -> None:
+    deep = tmp_path / "deep.urdf"
+    deep.write_text("<robot>" + "<a>" * 200_000 + "</a>" * 200_000 + "</robot>")
+    with pytest.raises(CamgenError, match="has no links"):
+        robot(str(deep))
+    names = [f"l{k}" for k in range(20_000)]
+    joints = [
+        f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>' for k in range(19_999)
+    ]
+    long = tmp_path / "long.urdf"
+    long.write_text("<robot>" + "".join(f'<link name="{name}"/>' for name in names) + "".join(joints) + "</robot>")
+    with pytest.raises(CamgenError, match="nothing moves between l0 and l19999"):
+        robot(str(long))
+
+
+@pytest.mark.parametrize("count", [13, 8])
+def test_arms_with_too_many_joints_or_turns(count: int, tmp_path: Path) -> None:
+    links = "".join(f'<link name="l{k}"/>' for k in range(count + 1))
+    joints = "".join(
+        f'<joint name="j{k}" type="continuous"><parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="0.1 0 0"/>'
+        f'<axis xyz="0 {k % 2} 1"/><limit velocity="1"/></joint>'
+        for k in range(count)
+    )
+    file = tmp_path / "snake.urdf"
+    file.write_text(f"<robot>{links}{joints}</robot>")
+    expected = {13: "has 13 joints between l0 and l13, 12 at most", 8: "its joints can make too many whole turns"}
+    with pytest.raises(CamgenError, match=expected[count]):
+        robot(str(file))
+
+
+@given(data=st.data())
+@settings(max_examples=150, deadline=None)
+def test_damage_anywhere_is_one_line_or_an_arm(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
+    raw = bytearray(COBOT.encode())
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(raw) - 1))
+        kind = data.draw(st.sampled_from(["set", "cut", "drop"]))
+        if kind == "set":
+            raw[at] = data.draw(st.integers(0, 255))
+        elif kind == "cut":
+            del raw[at : at + data.draw(st.integers(1, 200))]
+        else:
+            del raw[at]
+    file = tmp_path_factory.getbasetemp() / "damaged.urdf"
+    file.write_bytes(bytes(raw))
+    said = refused(file)
+    assert said is None or (said.startswith(str(file)) and "\n" not in said)
+
+
+def refused(file: Path) -> str | None:
+    try:
+        robot(str(file))
+    except CamgenError as error:
+        return str(error)
+    return None
+
+
+def test_names_of_files_and_of_robots() -> None:
+    assert split_name("a/b.urdf") == ("a/b.urdf", "")
+    assert split_name("a#b.urdf") == ("a#b.urdf", "")
+    assert split_name("a#b.urdf#c#d") is None
+    assert split_name("a.urdf#flange") == ("a.urdf", "flange")
+    assert split_name("IRB 2400") is None
+    assert split_name("") is None

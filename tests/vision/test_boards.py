@@ -1,0 +1,158 @@
+"""Boards in rendered photos with known truth: how exact their corners are, and what does not pass for a board."""
+
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from camgen.model.errors import JobError
+from camgen.model.pose import frozen
+from camgen.vision.boards import corners as boards
+from camgen.vision.boards.corners import Seen, seen
+from camgen.vision.camera.camera import Camera
+from tests.support.board_photos import BENCH, View, charuco, chess, photo, poses
+
+CAMERA = Camera(
+    matrix=frozen([[600, 0, 318], [0, 602, 243], [0, 0, 1]]),
+    distortion=frozen([-0.28, 0.1, 0.001, -0.0007, 0.0]),
+    size=(640, 480),
+    name="rendered",
+)
+CHESS = boards.chessboard(9, 6, 25)
+DICTIONARY = cv2.aruco.DICT_4X4_50
+KINDS: dict[str, dict[str, float]] = {"sharp": {}, "blurred": {"blur": 2.0, "noise": 5.0}, "shaded": {"shading": 0.7}}
+
+
+@cache
+def chess_photo(kind: str, index: int, fill: float = 0.6, columns: int = 9, rows: int = 6) -> View:
+    size = ((columns - 1) * 25.0, (rows - 1) * 25.0)
+    pose = poses(CAMERA, size, index + 1, seed=7, fill=fill)[index]
+    return photo(CAMERA, chess(columns, rows, 25), pose, seed=index, **KINDS[kind])
+
+
+def off(found: Seen | None, view: View, columns: int) -> np.ndarray:
+    """Distance of each corner from where the corner of its place truly is, px."""
+    assert found is not None
+    column, row = np.rint(found.places / 25).astype(int).T
+    return np.linalg.norm(found.corners - view.corners[row * columns + column], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fill", "limit"),
+    [("sharp", 0.6, 0.02), ("sharp", 0.35, 0.02), ("blurred", 0.6, 0.05), ("shaded", 0.6, 0.02)],
+)
+def test_corners_are_exact_and_better_than_opencv(kind: str, fill: float, limit: float) -> None:
+    own, opencv = [], []
+    for index in range(3):
+        view = chess_photo(kind, index, fill)
+        found = seen(view.pixels, CHESS)
+        assert found is not None
+        assert (len(found.corners), found.of) == (54, 54)
+        own.append(off(found, view, 9))
+        _, rough = cv2.findChessboardCorners(view.pixels, (9, 6))
+        until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)
+        for window in (5, 11):
+            fine = cv2.cornerSubPix(view.pixels, rough.copy(), (window, window), (-1, -1), until).reshape(-1, 2)
+            opencv.append(min(np.linalg.norm(fine[::s] - view.corners, axis=1).mean() for s in (1, -1)))
+    rms = np.sqrt(np.mean(np.concatenate(own) ** 2))
+    assert rms < limit
+    assert np.mean(np.concatenate(own)) < 0.8 * np.mean(opencv)
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(9, 6), (6, 9)])
+def test_a_corner_has_the_same_number_however_the_camera_is_held(columns: int, rows: int) -> None:
+    target = boards.chessboard(columns, rows, 25)
+    view = chess_photo("sharp", 1, 0.6, columns, rows)
+    upright = seen(view.pixels, target)
+    turned = seen(np.ascontiguousarray(view.pixels[::-1, ::-1]), target)
+    assert upright is not None
+    assert turned is not None
+    # The drawing is black inside of its first corner: (0, 0) mm is that corner.
+    assert off(upright, view, columns).max() < 0.1
+    assert np.array_equal(turned.places, upright.places)
+    assert np.abs(np.array([639, 479]) - turned.corners - upright.corners).max() < 0.02
+
+
+def test_colour_and_size_make_no_difference() -> None:
+    view = chess_photo("sharp", 0)
+    plain = seen(view.pixels, CHESS)
+    colour = seen(np.dstack([view.pixels] * 3), CHESS)
+    # Four times as large: 4.9 megapixels, so that the board is sought in a reduced picture.
+    large = seen(cv2.resize(view.pixels, (2560, 1920), interpolation=cv2.INTER_CUBIC), CHESS)
+    assert plain is not None
+    assert colour is not None
+    assert large is not None
+    assert np.abs(colour.corners - plain.corners).max() < 1e-6
+    assert np.abs((large.corners + 0.5) / 4 - 0.5 - plain.corners).max() < 0.1
+
+
+def test_what_is_no_such_board() -> None:
+    view = chess_photo("sharp", 0)
+    assert seen(view.pixels, boards.chessboard(10, 7, 25)) is None
+    assert seen(np.full((480, 640), BENCH, np.uint8), CHESS) is None
+    half = view.pixels.copy()
+    half[:, 300:] = int(BENCH)
+    assert seen(half, CHESS) is None
+
+
+def test_a_corner_under_a_bright_spot_is_left_out() -> None:
+    view = chess_photo("sharp", 2)
+    spot = view.pixels.copy()
+    at = view.corners[31]
+    cv2.circle(spot, tuple(np.rint(at).astype(int).tolist()), 4, 235, -1)
+    found = seen(spot, CHESS)
+    assert found is not None
+    assert len(found.corners) == 53
+    assert np.linalg.norm(found.corners - at, axis=1).min() > 5
+    assert off(found, view, 9).max() < 0.3
+
+
+@pytest.mark.parametrize(("columns", "rows", "marker", "covered"), [(7, 5, 20.0, False), (6, 8, 17.5, True)])
+def test_charuco_boards_may_be_partly_covered(columns: int, rows: int, marker: float, covered: bool) -> None:
+    drawn = charuco(columns, rows, 25, marker, DICTIONARY)
+    pose = poses(CAMERA, (columns * 25.0, rows * 25.0), 1, seed=3, fill=0.8)[0]
+    view = photo(CAMERA, drawn, pose)
+    pixels = view.pixels.copy()
+    if covered:
+        pixels[:, : int(np.median(view.corners[:, 0]))] = int(BENCH)
+    found = seen(pixels, boards.charuco(columns, rows, 25, marker))
+    assert found is not None
+    corners = (columns - 1) * (rows - 1)
+    assert found.of == corners
+    assert len(found.corners) == corners if not covered else 6 <= len(found.corners) < corners
+    column, row = (np.rint(found.places / 25).astype(int)).T
+    truth = view.corners[row * (columns - 1) + column]
+    assert np.sqrt(np.mean(np.sum((found.corners - truth) ** 2, axis=1))) < 0.04
+
+
+def test_charuco_boards_as_opencv_drew_them_before() -> None:
+    """With an even number of rows the colours were the other way round until OpenCV 4.6."""
+    drawn = cv2.aruco.CharucoBoard((5, 6), 25, 20, cv2.aruco.getPredefinedDictionary(DICTIONARY))
+    drawn.setLegacyPattern(True)
+    picture = cv2.copyMakeBorder(drawn.generateImage((400, 480)), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255)
+    found = seen(cv2.GaussianBlur(picture, (0, 0), 0.8), boards.charuco(5, 6, 25, 20))
+    assert found is not None
+    # Squares of 80 px from (40, 40) on; the border of a pixel is half a pixel before its centre.
+    assert np.abs(found.corners - (found.places / 25 * 80 + 120 - 0.5)).max() < 0.02
+    assert len(found.corners) == 20
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: boards.chessboard(2, 6, 25), "--board: 2x6 inner corners cannot be found"),
+        (lambda: boards.chessboard(9, 6, 0), "--square: 0 is no length in mm"),
+        (lambda: boards.chessboard(9, 6, float("nan")), "--square: nan is no length"),
+        (lambda: boards.charuco(7, 5, 25, 25), "--marker: markers of 25 mm do not fit into squares of 25 mm"),
+        (lambda: boards.charuco(7, 5, 25, -3), "--marker: -3 is no length"),
+        (lambda: boards.charuco(7, 5, 25, 18, "9X9"), "--dictionary: there is no '9X9'; give one of 4X4_100,"),
+        (lambda: boards.charuco(20, 20, 25, 18), "4X4_50 has 50 markers, a board of 20x20 needs 200"),
+        (lambda: boards.charuco(2, 5, 25, 18), "--board: 2x5 squares cannot be used"),
+    ],
+)
+def test_boards_that_cannot_be(make: object, says: str) -> None:
+    assert callable(make)
+    with pytest.raises(JobError) as caught:
+        make()
+    assert says in str(caught.value)

@@ -1,0 +1,364 @@
+"""Pictures: what is decoded, turned, blended, scaled and refused. Files are made byte by byte where OpenCV cannot."""
+
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.model.errors import InputError
+from camgen.vision.image import Header, Picture, header, load
+
+SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image"
+shared = pytest.mark.skipif(not SHARED.is_dir(), reason="the developer data set is not beside the repository")
+
+CORNER = (200, 100, 0)  # blue, green, red of the upper left corner in every picture below
+
+
+def drawn() -> np.ndarray:
+    """30 x 20 pixels, grey but for the upper left 8 x 5."""
+    picture = np.full((20, 30, 3), 90, np.uint8)
+    picture[:5, :8] = CORNER
+    return picture
+
+
+def encoded(suffix: str, pixels: np.ndarray) -> bytes:
+    done, data = cv2.imencode(suffix, pixels)
+    assert done
+    return data.tobytes()
+
+
+def loaded(folder: Path, data: bytes, name: str = "p.png") -> Picture:
+    (folder / name).write_bytes(data)
+    return load(folder / name)
+
+
+def refusal(folder: Path, data: bytes, name: str = "p.png") -> str:
+    with pytest.raises(InputError) as caught:
+        loaded(folder, data, name)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(name + ": ")
+    return str(caught.value)
+
+
+def exif(entries: list[tuple[int, int, int | tuple[int, int]]], order: str = "<", camera: bool = False) -> bytes:
+    """A TIFF structure with one directory; a pair is a ratio, put after it. camera: with a FocalLength."""
+    entries = [*entries, *([(0x8769, 4, 0)] if camera else [])]
+    after = 8 + 2 + 12 * len(entries) + 4
+    rows, tail = b"", b""
+    for tag, kind, value in entries:
+        if isinstance(value, tuple):
+            rows += struct.pack(order + "HHII", tag, kind, 1, after + len(tail))
+            tail += struct.pack(order + "II", *value)
+        else:
+            packed = struct.pack(order + ("HH" if kind == 3 else "I"), *((value, 0) if kind == 3 else (value,)))
+            rows += struct.pack(order + "HHI", tag, kind, 1) + packed
+    if camera:
+        at = after + len(tail)
+        rows = rows[:-4] + struct.pack(order + "I", at)
+        tail += struct.pack(order + "H", 1) + struct.pack(order + "HHII", 0x920A, 5, 1, at + 18)
+        tail += struct.pack(order + "I", 0) + struct.pack(order + "II", 85, 10)
+    magic = b"II*\0" if order == "<" else b"MM\0*"
+    return magic + struct.pack(order + "I", 8) + struct.pack(order + "H", len(entries)) + rows + b"\0" * 4 + tail
+
+
+def jpeg(parts: list[tuple[int, bytes]], pixels: np.ndarray | None = None) -> bytes:
+    """A JPEG with these segments in front, and OpenCV's own JFIF segment taken out."""
+    data = encoded(".jpg", drawn() if pixels is None else pixels)
+    assert data[2:4] == b"\xff\xe0"
+    rest = data[4 + struct.unpack(">H", data[4:6])[0] :]
+    return b"\xff\xd8" + b"".join(struct.pack(">BBH", 255, m, len(b) + 2) + b for m, b in parts) + rest
+
+
+def jfif(unit: int, x: int, y: int) -> tuple[int, bytes]:
+    return 0xE0, b"JFIF\0" + struct.pack(">HBHHBB", 0x0102, unit, x, y, 0, 0)
+
+
+def app1(data: bytes) -> tuple[int, bytes]:
+    return 0xE1, b"Exif\0\0" + data
+
+
+def png(chunks: list[tuple[bytes, bytes]], pixels: np.ndarray | None = None) -> bytes:
+    """A PNG with these chunks after its IHDR."""
+    data = encoded(".png", drawn() if pixels is None else pixels)
+    made = b"".join(
+        struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
+    )
+    return data[:33] + made + data[33:]
+
+
+def per_metre(x: int, y: int, unit: int = 1) -> list[tuple[bytes, bytes]]:
+    return [(b"pHYs", struct.pack(">IIB", x, y, unit))]
+
+
+# -- pixels
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".bmp"])
+def test_pixels_are_those_that_were_saved(suffix: str, tmp_path: Path) -> None:
+    picture = loaded(tmp_path, encoded(suffix, drawn()), "p" + suffix)
+    assert np.array_equal(picture.pixels, drawn())
+    assert picture.pixels.dtype == np.uint8
+    assert not picture.pixels.flags.writeable
+    assert (picture.name, picture.turned, picture.notes) == ("p" + suffix, False, ())
+
+
+def test_jpeg_and_grey(tmp_path: Path) -> None:
+    assert np.abs(loaded(tmp_path, jpeg([])).pixels[16:].astype(int) - 90).max() <= 3
+    grey = np.arange(200, dtype=np.uint8).reshape(10, 20)
+    assert np.array_equal(loaded(tmp_path, encoded(".png", grey)).pixels, grey)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_sixteen_bits_are_scaled_by_the_bits_in_use(bits: int, tmp_path: Path) -> None:
+    most = 2**bits - 1
+    deep = np.linspace(0, most, 600).astype(np.uint16).reshape(20, 30)
+    picture = loaded(tmp_path, encoded(".tif", deep), "p.tif")
+    assert picture.pixels.dtype == np.uint8
+    assert np.abs(picture.pixels - deep * (255 / most)).max() <= 0.5
+    assert f"{bits} bits are in use" in str(picture.notes[0])
+
+
+def test_transparent_pixels_become_white(tmp_path: Path) -> None:
+    clear = np.dstack([drawn(), np.full((20, 30), 255, np.uint8)])
+    clear[10, 3] = (10, 20, 30, 0)
+    clear[11, 3] = (0, 100, 200, 128)
+    picture = loaded(tmp_path, encoded(".png", clear))
+    assert picture.pixels[10, 3].tolist() == [255, 255, 255]
+    # value * alpha + white * (1 - alpha), alpha = 128 / 255
+    assert picture.pixels[11, 3].tolist() == [127, 177, 227]
+    assert np.array_equal(picture.pixels[:10], drawn()[:10])
+    assert [str(n) for n in picture.notes] == ["assumed: 2 transparent pixels blended onto white"]
+
+
+def test_an_opaque_alpha_says_nothing(tmp_path: Path) -> None:
+    picture = loaded(tmp_path, encoded(".png", np.dstack([drawn(), np.full((20, 30), 255, np.uint8)])))
+    assert np.array_equal(picture.pixels, drawn())
+    assert picture.notes == ()
+
+
+#: Exif 2.3, tag 274: where row 0 and column 0 of the stored picture are in the upright one.
+CORNERS = {1: (0, 0), 2: (0, -1), 3: (-1, -1), 4: (-1, 0), 5: (0, 0), 6: (0, -1), 7: (-1, -1), 8: (-1, 0)}
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("kind", ["jpeg", "png", "tiff"])
+def test_orientation_is_honoured(orientation: int, kind: str, tmp_path: Path) -> None:
+    said = exif([(274, 3, orientation)], ">")
+    if kind == "tiff":
+        data = tiff([(274, orientation)])
+    else:
+        data = jpeg([app1(said)]) if kind == "jpeg" else png([(b"eXIf", said)])
+    picture = loaded(tmp_path, data)
+    (tmp_path / "as-stored").write_bytes(data)
+    stored = load(tmp_path / "as-stored", sensor=True)
+    assert stored.turned == (kind == "tiff" and orientation != 1)
+    assert kind == "tiff" or stored.pixels.shape[:2] == (20, 30)
+    assert picture.pixels.shape[:2] == ((20, 30) if orientation < 5 else (30, 20))
+    blue = picture.pixels[CORNERS[orientation]]
+    assert np.abs(blue.astype(int) - CORNER).max() < 12
+    # A mirrored corner would be in the right place and still be 5 x 8 instead of 8 x 5.
+    assert np.count_nonzero(picture.pixels[CORNERS[orientation][0], :, 0] > 150) == (8 if orientation < 5 else 5)
+    assert picture.turned == (orientation != 1)
+    assert bool(picture.notes) == picture.turned
+
+
+def tiff(tags: list[tuple[int, int]] | None = None, density: tuple[int, int] | None = None, pages: int = 1) -> bytes:
+    """An uncompressed RGB TIFF of the drawn picture, written by hand."""
+    rows = drawn()[..., ::-1].tobytes()
+    given = {256: 30, 257: 20, 259: 1, 262: 2, 273: 8, 277: 3, 278: 20, 279: len(rows), **dict(tags or [])}
+    at = 8 + len(rows)
+    entries = [(tag, 3 if tag not in (273, 279) else 4, value) for tag, value in given.items()]
+    size = 2 + 12 * (len(entries) + 1 + (3 if density else 0)) + 4
+    tail = struct.pack("<HHH", 8, 8, 8)
+    done = [struct.pack("<HHI", t, k, 1) + struct.pack("<I", v) for t, k, v in entries]
+    done.append(struct.pack("<HHII", 258, 3, 3, at + size))
+    if density:
+        done += [struct.pack("<HHII", tag, 5, 1, at + size + 6) for tag in (282, 283)]
+        done.append(struct.pack("<HHII", 296, 3, 1, density[1]))
+        tail += struct.pack("<II", density[0], 1)
+    done.sort(key=lambda e: struct.unpack("<H", e[:2])[0])
+    following = 8 + len(rows) if pages > 1 else 0  # the same directory once more
+    made = struct.pack("<H", len(done)) + b"".join(done) + struct.pack("<I", following)
+    return b"II*\0" + struct.pack("<I", at) + rows + made + tail
+
+
+def test_only_the_first_page_is_read_and_a_note_says_so(tmp_path: Path) -> None:
+    assert loaded(tmp_path, tiff()).notes == ()
+    assert [n.kind for n in loaded(tmp_path, tiff(pages=2)).notes] == ["skipped"]
+
+
+# -- density
+
+
+@pytest.mark.parametrize(
+    ("data", "dpi"),
+    [
+        (png(per_metre(11811, 11811)), 299.9994),
+        (png(per_metre(23622, 23622)), 599.9988),
+        (png([(b"eXIf", exif([(282, 5, (300, 1)), (283, 5, (300, 1)), (296, 3, 2)]))]), 300),
+        (jpeg([jfif(1, 300, 300)]), 300),
+        (jpeg([jfif(2, 118, 118)]), 299.72),
+        (jpeg([app1(exif([(282, 5, (6000, 10)), (283, 5, (6000, 10)), (296, 3, 2)], ">"))]), 600),
+        (jpeg([jfif(1, 72, 72), app1(exif([(282, 5, (200, 1)), (283, 5, (200, 1)), (296, 3, 3)]))]), 508),
+        (tiff(density=(400, 2)), 400),
+        (tiff(density=(100, 3)), 254),
+    ],
+)
+def test_density_in_dots_per_inch(data: bytes, dpi: float, tmp_path: Path) -> None:
+    picture = loaded(tmp_path, data)
+    assert picture.dpi == pytest.approx(dpi, abs=1e-6)
+    assert picture.notes == ()
+
+
+def test_density_of_a_bmp(tmp_path: Path) -> None:
+    data = bytearray(encoded(".bmp", drawn()))
+    data[38:46] = struct.pack("<ii", 11811, 11811)
+    assert loaded(tmp_path, bytes(data)).dpi == pytest.approx(299.9994)
+
+
+@pytest.mark.parametrize(
+    "data", [png([]), png(per_metre(3000, 3000, unit=0)), jpeg([]), jpeg([jfif(0, 300, 300)]), tiff(density=(400, 1))]
+)
+def test_a_file_without_density_has_none(data: bytes, tmp_path: Path) -> None:
+    picture = loaded(tmp_path, data)
+    assert picture.dpi is None
+    assert picture.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [
+        (png(per_metre(2835, 2835)), "programs write it"),  # 72
+        (png(per_metre(3780, 3780)), "programs write it"),  # 96
+        (jpeg([jfif(1, 72, 72)]), "programs write it"),
+        (jpeg([jfif(2, 72, 72)]), "programs write it"),  # 72 per cm: the same slip, 182.88 per inch
+        (jpeg([jfif(1, 1, 1)]), "no scanner has it"),
+        (jpeg([jfif(1, 0, 0)]), "no scanner has it"),
+        (png(per_metre(2**31, 2**31)), "no scanner has it"),
+        (jpeg([jfif(1, 300, 600)]), "it is 600 DPI in the other direction"),
+        (jpeg([app1(exif([(282, 5, (300, 0)), (283, 5, (300, 0)), (296, 3, 2)]))]), "no scanner has it"),
+        (jpeg([app1(exif([(282, 5, (300, 1)), (283, 5, (300, 1)), (296, 3, 2)], camera=True))]), "a camera does not"),
+    ],
+)
+def test_a_density_that_is_no_scale_is_named_and_not_used(data: bytes, why: str, tmp_path: Path) -> None:
+    picture = loaded(tmp_path, data)
+    assert picture.dpi is None
+    (note,) = picture.notes
+    assert "is not used as a scale" in note.what
+    assert why in note.why
+
+
+def test_the_way_out_of_a_screen_default_is_in_the_note(tmp_path: Path) -> None:
+    (note,) = loaded(tmp_path, jpeg([jfif(1, 72, 72)])).notes
+    assert "[image] mm_per_px = 0.35278" in note.why  # 25.4 / 72
+
+
+# -- refused
+
+
+@pytest.mark.parametrize("kind", ["png", "jpeg", "tiff", "bmp"])
+def test_a_file_that_is_cut_off_is_refused(kind: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    rng = np.random.default_rng(1)
+    pixels = cv2.GaussianBlur(rng.integers(0, 255, (120, 160, 3), dtype=np.uint8), (0, 0), 2)
+    data = encoded({"png": ".png", "jpeg": ".jpg", "tiff": ".tif", "bmp": ".bmp"}[kind], pixels)
+    loaded(tmp_path, data)
+    cuts = [1, 4, 10, 30, 60, len(data) // 3, len(data) - 40]
+    for cut in [*cuts, *([len(data) - 3] if kind != "tiff" else [])]:  # OpenCV's TIFF ends with a directory
+        refusal(tmp_path, data[:cut])
+    assert capfd.readouterr() == ("", "")  # libjpeg and libpng keep quiet
+
+
+def test_a_jpeg_that_the_decoder_would_fill_with_grey_is_refused(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    pixels = cv2.GaussianBlur(rng.integers(0, 255, (200, 300), dtype=np.uint8), (0, 0), 1)
+    data = encoded(".jpg", pixels)
+    half = len(data) // 2
+    for broken in (data[:half] + b"\xff\xd9", data[:half] + b"\0" * 60 + data[half + 60 :]):
+        assert cv2.imdecode(np.frombuffer(broken, np.uint8), cv2.IMREAD_UNCHANGED) is not None
+        assert "is damaged: Corrupt JPEG data" in refusal(tmp_path, broken, "half.jpg")
+
+
+def test_bytes_before_the_end_mark_do_no_harm(tmp_path: Path) -> None:
+    data = jpeg([])
+    picture = loaded(tmp_path, data[:-2] + b"\x12" * 7 + data[-2:])  # libjpeg has read the first few ahead
+    assert np.array_equal(picture.pixels, loaded(tmp_path, data).pixels)
+    assert [n.kind for n in picture.notes] == ["warning"]
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (b"", "is empty"),
+        (b"hello world, this is text", "is not a PNG, JPEG, TIFF or BMP image"),
+        (b"GIF89a" + bytes(100), "is not a PNG"),
+        (b"\x89PNG\r\n\x1a\n", "is not a PNG"),
+    ],
+)
+def test_what_is_no_picture(data: bytes, what: str, tmp_path: Path) -> None:
+    assert what in refusal(tmp_path, data)
+
+
+def test_a_huge_picture_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    data = bytearray(encoded(".png", drawn()))
+    data[16:24] = struct.pack(">II", 60_000, 60_000)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    assert "60000 x 60000 pixels, more than 200 million" in refusal(tmp_path, bytes(data))
+
+
+def test_float_pixels_are_refused(tmp_path: Path) -> None:
+    assert "float32" in refusal(tmp_path, encoded(".tif", np.zeros((9, 9), np.float32)), "f.tif")
+
+
+def test_no_file_and_a_folder(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.png", tmp_path):
+        with pytest.raises(InputError, match="cannot be read"):
+            load(path)
+
+
+def test_without_a_standard_error_pictures_load_all_the_same(tmp_path: Path) -> None:
+    (tmp_path / "p.png").write_bytes(encoded(".png", drawn()))
+    kept = os.dup(2)
+    os.close(2)
+    try:
+        picture = load(tmp_path / "p.png")
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+    assert picture.pixels.shape == (20, 30, 3)
+
+
+@given(st.sampled_from([png(per_metre(9, 9)), jpeg([jfif(1, 9, 9), app1(exif([(274, 3, 3)]))]), tiff()]), st.data())
+def test_the_head_of_a_spoilt_file_never_raises(data: bytes, draw: st.DataObject) -> None:
+    spoilt = bytearray(data[: draw.draw(st.integers(0, len(data)))])
+    for at in draw.draw(st.lists(st.integers(0, max(len(spoilt) - 1, 0)), max_size=6)):
+        if spoilt:
+            spoilt[at] = draw.draw(st.integers(0, 255))
+    assert isinstance(header(bytes(spoilt)), Header | None)
+
+
+# -- the developer data set
+
+
+@shared
+@pytest.mark.parametrize("path", sorted(SHARED.glob("*/*")) if SHARED.is_dir() else [], ids=lambda p: p.name)
+def test_every_picture_of_the_data_set(path: Path) -> None:
+    if path.name == "truncated.jpg":
+        with pytest.raises(InputError, match=r"^truncated.jpg: is "):
+            load(path)
+        return
+    picture = load(path)
+    assert picture.pixels.ndim == 2 or picture.pixels.shape[2] == 3
+    assert picture.dpi is None  # all of them say nothing or a screen default
+
+
+@shared
+def test_the_deep_board_of_the_data_set_keeps_its_contrast() -> None:
+    picture = load(SHARED / "scikit-image" / "chessboard_GRAY_U16.tif")
+    assert (picture.pixels.min(), picture.pixels.max()) == (0, 255)
+    assert "8 bits are in use" in str(picture.notes[0])

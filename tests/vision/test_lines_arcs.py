@@ -1,0 +1,344 @@
+"""Outlines to lines and arcs: the drawing comes back, in mm, closed, in the right direction."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.geometry.segments import flatten, from_contours
+from camgen.model.errors import InputError
+from camgen.model.part import Contour
+from camgen.vision.lines_arcs.contours import Fit, primitives
+from camgen.vision.lines_arcs.fit import circles, joined, lines, moved, summed
+from camgen.vision.lines_arcs.polish import Chain, polished, to_arcs
+from camgen.vision.outline import Outline, outlines
+from tests.support.outline_pictures import Drawn, disc, drawn, gear, mask_of, picture, plate, with_holes
+
+#: mm are pixels, y up.
+PIXELS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def recovered(
+    part: Drawn, height: int, width: int, blur: float = 0.7, noise: float = 2.0
+) -> tuple[tuple[Contour, ...], tuple[Fit, ...]]:
+    grey = picture(part, height, width, blur, noise)
+    contours, fits, notes = primitives(outlines(grey, mask_of(grey))[0], PIXELS)
+    assert not notes
+    return contours, fits
+
+
+def walked(contours: tuple[Contour, ...]) -> np.ndarray:
+    """Places on the contours, at most half a pixel apart, as u + i v."""
+    points, owner = flatten(from_contours(contours), 1e-4)
+    found = []
+    for k in range(len(contours)):
+        a = points[owner == k] @ np.array([1, -1j])
+        chord = np.roll(a, -1) - a
+        count = np.maximum(np.ceil(np.abs(chord) * 2), 1).astype(int)
+        place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        found.append(np.repeat(a, count) + np.repeat(chord / count, count) * place)
+    return np.concatenate(found)
+
+
+def errors(part: Drawn, contours: tuple[Contour, ...], reach: float = 4.0) -> np.ndarray:
+    """Distances to the drawing and back, px, without what is near sharp corners."""
+    places = walked(contours)
+    there = part.gaps(places[~part.near_corner(places, reach)])
+    drawing = np.concatenate(part.loops)
+    drawing = drawing[~part.near_corner(drawing, reach)]
+    # The other way: a place on the contours at most a quarter of a pixel along.
+    tree = shapely.STRtree(shapely.points(places.real, places.imag))
+    near = tree.nearest(shapely.points(drawing.real, drawing.imag))
+    back = np.sqrt(np.maximum(np.abs(places[near] - drawing) ** 2 - 0.25**2, 0))
+    return np.concatenate([there, back])
+
+
+def corners(contours: tuple[Contour, ...]) -> np.ndarray:
+    return np.concatenate([c.points for c in contours]) @ np.array([1, -1j])
+
+
+def off(part: Drawn, contours: tuple[Contour, ...]) -> np.ndarray:
+    """The distance (N,) px from each sharp corner of the drawing to the nearest one found."""
+    return np.abs(part.sharp[:, None] - corners(contours)).min(axis=1)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def areas(contours: tuple[Contour, ...]) -> list[float]:
+    found = []
+    for c in contours:
+        points, _ = flatten(from_contours([c]), 1e-4)
+        x, y = points.T
+        found.append(float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum() / 2))
+    return found
+
+
+def radii(contour: Contour) -> np.ndarray:
+    segments = from_contours([contour])
+    return np.asarray(segments.radius[segments.is_arc])
+
+
+@pytest.mark.parametrize("blur", [0.5, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("radius", [5.0, 12.0, 60.0])
+def test_a_disc_is_two_arcs_of_a_circle(radius: float, blur: float) -> None:
+    side = int(2 * radius) + 30
+    centre = side / 2 + 0.21 + 1j * (side / 2 - 0.37)
+    (circle,), (fit,) = recovered(disc(radius).placed(0, centre), side, side, blur)
+    assert circle.bulges.tolist() == [1.0, 1.0]
+    a, b = circle.points @ np.array([1, -1j])
+    # Noise of 0.03 px per point; a radius is a mean over all of them.
+    assert abs((a + b) / 2 - centre) < 0.2 / np.sqrt(radius)
+    assert abs(a - b) / 2 == pytest.approx(radius, abs=0.025)
+    assert (fit.lines, fit.arcs, fit.doubtful) == (0, 2, 0)
+    assert fit.rms_mm < 0.06
+
+
+@pytest.mark.parametrize(("blur", "most"), [(0.5, 0.05), (0.7, 0.05), (1.0, 0.08)])
+def test_the_plate_comes_back(blur: float, most: float) -> None:
+    part = plate().placed(0.3, 300.3 + 250.1j)
+    contours, fits = recovered(part, 500, 600, blur)
+    assert [len(c.points) for c in contours[:1]] == [12]
+    assert sorted(len(c.points) for c in contours[1:])[:4] == [2, 2, 2, 2]
+    error = errors(part, contours)
+    assert error.max() < most
+    assert rms(error) < 0.015
+    assert off(part, contours).max() < 0.06
+    assert sorted(radii(contours[0])) == pytest.approx([5, 12, 30], abs=0.25)
+    assert all(fit.doubtful == 0 for fit in fits)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_rectified_view_whose_noise_is_interpolated(seed: int) -> None:
+    # Neighbours share the noise then; taken for shape, it would break lines into arcs.
+    rng = np.random.default_rng(seed)
+    part = plate().placed(rng.uniform(0, 2 * np.pi), 300 + 300j)
+    grey = picture(part, 600, 600, 0.7, 2.0)
+    spin = rng.uniform(1.0, 1.1) * np.exp(1j * rng.uniform(-0.3, 0.3))
+    shift = 330 + 330j - spin * (300 + 300j)
+    matrix = np.array([[spin.real, -spin.imag, shift.real], [spin.imag, spin.real, shift.imag]])
+    view = cv2.warpAffine(grey, matrix, (660, 660), flags=cv2.INTER_LINEAR, borderValue=60)
+    drawn_there = Drawn([spin * loop + shift for loop in part.loops], spin * part.sharp + shift)
+    contours, _, notes = primitives(outlines(view, mask_of(view))[0], PIXELS)
+    assert not notes
+    assert len(contours[0].points) == 12
+    error = errors(drawn_there, contours)
+    assert error.max() < 0.1
+    assert rms(error) < 0.02
+    assert off(drawn_there, contours).max() < 0.1
+
+
+def test_contours_are_in_mm_and_their_directions_right() -> None:
+    part = plate().placed(0.3, 300 + 250j)
+    grey = picture(part, 500, 600, 0.7, 2.0)
+    loops = outlines(grey, mask_of(grey))[0]
+    scale = 0.143
+    view = np.array([[scale, 0.0, 10.0], [0.0, -scale, 80.0]])
+    contours, fits, _ = primitives(loops, view, "part")
+    assert [c.id for c in contours] == [f"c{k + 1}" for k in range(6)]
+    assert {(c.layer, c.closed) for c in contours} == {("part", True)}
+    found = areas(contours)
+    assert [area > 0 for area in found] == [not loop.hole for loop in loops]
+    slot, holes = np.pi * 12**2 + 24 * 96, [np.pi * r**2 for r in (5, 10, 25, 40)]
+    assert sorted(-a for a in found if a < 0) == pytest.approx(sorted(scale**2 * a for a in [slot, *holes]), rel=0.008)
+    hole = min(contours, key=lambda c: np.abs(c.bulges - -1).sum() + abs(np.hypot(*np.ptp(c.points, axis=0)) - 2.86))
+    # The hole of radius 10 px is drawn at (-60, -90) px.
+    centre = (-60 - 90j) * np.exp(0.3j) + 300 + 250j
+    assert hole.points.mean(axis=0) == pytest.approx([10 + scale * centre.real, 80 - scale * centre.imag], abs=0.005)
+    assert max(fit.rms_mm for fit in fits) < 0.03 * 1.3 * scale
+
+
+def test_a_view_that_is_not_mirrored_gives_the_same_directions() -> None:
+    grey = picture(plate().placed(0.3, 300 + 250j), 500, 600, 0.7, 2.0)
+    loops = outlines(grey, mask_of(grey))[0]
+    mirrored, plain = (primitives(loops, view)[0] for view in (PIXELS, np.abs(PIXELS)))
+    assert areas(plain) == pytest.approx(areas(mirrored), rel=1e-9)
+    for a, b in zip(mirrored, plain, strict=True):
+        assert walked((a,)).conj().sum() == pytest.approx(walked((b,)).sum(), rel=1e-6)
+
+
+def test_fillets_are_tangential_and_corners_are_not() -> None:
+    part = plate().placed(0.3, 300 + 250j)
+    contours, _ = recovered(part, 500, 600)
+    segments = from_contours(contours[:1])
+    half = segments.sweep / 2
+    chord = (segments.end - segments.start) @ np.array([1, 1j])
+    begin, end = np.angle(chord) - half, np.angle(chord) + half
+    turn = np.abs((np.roll(begin, -1) - end + np.pi) % (2 * np.pi) - np.pi)
+    arc = segments.is_arc
+    at_arc = arc | np.roll(arc, -1)
+    assert turn[at_arc].max() < 1e-4
+    assert np.degrees(np.sort(turn[~at_arc])) == pytest.approx([36.87, 53.13, 90, 90, 90, 90], abs=0.2)
+
+
+@pytest.mark.parametrize("blur", [0.5, 0.7, 1.0])
+def test_gear_teeth_survive(blur: float) -> None:
+    part = gear(30, 150, 190).placed(0.1, 200 + 200j)
+    contours, fits = recovered(part, 400, 400, blur)
+    assert (fits[0].lines, fits[0].arcs) == (120, 0)
+    error = errors(part, contours)
+    assert error.max() < 0.12
+    assert rms(error) < 0.02
+    assert off(part, contours).max() < 0.35
+
+
+def test_a_slot_is_two_lines_and_two_half_circles() -> None:
+    slot = [(-60.0, -12.0, 12.0), (60.0, -12.0, 12.0), (60.0, 12.0, 12.0), (-60.0, 12.0, 12.0)]
+    around = [(-90.0, -40.0, 0.0), (90.0, -40.0, 0.0), (90.0, 40.0, 0.0), (-90.0, 40.0, 0.0)]
+    part = drawn(around, slot).placed(0.7, 110 + 110j)
+    contours, fits = recovered(part, 220, 220)
+    assert fits[1].lines == 2
+    assert radii(contours[1]) == pytest.approx(12.0, abs=0.08)
+    assert np.abs(from_contours(contours[1:]).sweep).sum() == pytest.approx(2 * np.pi, abs=0.01)
+
+
+def test_arcs_of_more_than_half_a_circle_are_divided() -> None:
+    # A keyhole: a disc with a narrow slit.
+    ring, slit = 40 * np.exp(1j * np.linspace(0.125, 2 * np.pi - 0.125, 2000)), np.array([10 - 4.99j, 10 + 4.99j])
+    part = Drawn([np.concatenate([ring, slit])], np.concatenate([ring[[0, -1]], slit])).placed(0.4, 60 + 60j)
+    contours, fits = recovered(part, 120, 120)
+    assert np.abs(contours[0].bulges).max() <= 1.0
+    assert (fits[0].lines, fits[0].arcs) == (3, 2)
+    assert errors(part, contours).max() < 0.1
+
+
+@pytest.mark.parametrize("radius", [3.0, 4.0, 6.0])
+def test_small_radii_are_not_taken_for_the_rounding_of_the_picture(radius: float) -> None:
+    # Sharp, such a corner would be 0.41 of the radius off.
+    part = drawn([(-40, -30, 0), (40, -30, radius), (40, 30, radius), (-40, 30, 0)]).placed(0.4, 60 + 60.3j)
+    contours, fits = recovered(part, 120, 120)
+    assert (fits[0].lines, fits[0].arcs) == (4, 2)
+    assert errors(part, contours).max() < 0.15
+    assert radii(contours[0]) == pytest.approx(radius, abs=0.6)
+
+
+def test_a_free_curve_is_followed_by_arcs() -> None:
+    t = 2 * np.pi * np.arange(4000) / 4000
+    curve = (100 * np.cos(t) + 60j * np.sin(t)) * np.exp(0.3j) + 6 * np.exp(5j * t) + 130 + 130j
+    part = Drawn([curve], np.zeros(0, complex))
+    contours, fits = recovered(part, 260, 260)
+    error = errors(part, contours)
+    assert error.max() < 0.2
+    assert rms(error) < 0.04
+    assert fits[0].lines + fits[0].arcs < 60
+
+
+def test_contours_do_not_cross_themselves_however_ragged() -> None:
+    rng = np.random.default_rng(5)
+    for k in range(6):
+        t = 2 * np.pi * np.arange(300) / 300
+        curve = (50 + rng.normal(0, 1 + k, 300)) * np.exp(1j * t) + 80 + 80j
+        grey = picture(Drawn([curve], curve), 160, 160, 0.7, 4.0)
+        loops = outlines(grey, mask_of(grey))[0]
+        contours, fits, notes = primitives(loops, PIXELS)
+        assert len(contours) == len(fits)
+        assert len(loops) - len(contours) == sum(note.kind == "skipped" for note in notes)
+        for contour in contours:
+            points, _ = flatten(from_contours([contour]), 0.02)
+            assert shapely.is_valid(shapely.Polygon(points))
+
+
+def test_an_outline_that_nothing_fits_keeps_its_points_and_says_so() -> None:
+    eight = np.column_stack([30 * np.sin(np.linspace(0, 2 * np.pi, 200)), 20 * np.sin(np.linspace(0, 4 * np.pi, 200))])
+    contours, fits, notes = primitives([Outline(eight, eight, False, 0.03, 0.7)], PIXELS)
+    assert (contours, fits) == ((), ())
+    assert [note.kind for note in notes] == ["skipped"]
+    assert "crosses itself" in notes[0].what
+
+
+def test_what_no_line_or_arc_follows_keeps_its_points_within_the_rest() -> None:
+    # A saw of teeth as small as the blur along one side of a square.
+    saw = [(-40 + 1.5 * k, -40 + (1.2 if k % 2 else 0.0), 0.0) for k in range(54)]
+    part = drawn([*saw, (40, 40, 0), (-40, 40, 0)]).placed(0.2, 70 + 70j)
+    grey = picture(part, 140, 140, 0.5, 1.0)
+    contours, fits, notes = primitives(outlines(grey, mask_of(grey))[0], PIXELS)
+    assert len(contours) == 1
+    assert bool(notes) == bool(fits[0].doubtful)
+    side = (-40 + 40j) * np.exp(0.2j) + 70 + 70j
+    assert np.abs(corners(contours) - side).min() < 0.1
+    assert part.gaps(walked(contours)).max() < 1.2
+
+
+def test_a_view_out_of_scale_is_refused() -> None:
+    with pytest.raises(InputError, match="not to scale"):
+        primitives([], np.array([[1.0, 0, 0], [0, 1.1, 0]]))
+    assert primitives([], PIXELS) == ((), (), ())
+
+
+def test_the_same_picture_gives_the_same_numbers() -> None:
+    grey = picture(plate().placed(0.3, 300 + 250j), 500, 600, 0.7, 2.0)
+    first, second = (primitives(outlines(grey, mask_of(grey))[0], PIXELS)[0] for _ in range(2))
+    assert all(np.array_equal(a.points, b.points) for a, b in zip(first, second, strict=True))
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    turn=st.floats(0, 2 * math.pi), u=st.floats(-0.5, 0.5), v=st.floats(-0.5, 0.5), width=st.floats(25, 60),
+    height=st.floats(25, 60), radius=st.floats(5, 8),
+)  # fmt: skip
+def test_any_rectangle_with_a_hole(turn: float, u: float, v: float, width: float, height: float, radius: float) -> None:
+    a, b = width / 2, height / 2
+    part = with_holes(drawn([(-a, -b, 0), (a, -b, 0), (a, b, 0), (-a, b, 0)]), (0, radius))
+    part = part.placed(turn, complex(55 + u, 55 + v))
+    contours, fits = recovered(part, 110, 110, 0.7, 1.0)
+    # One side in some thousand shows a bend of 0.05 px beside a corner.
+    assert fits[0].lines + fits[0].arcs in (4, 5)
+    assert (fits[1].lines, fits[1].arcs) == (0, 2)
+    assert off(part, contours).max() < 0.15
+    assert errors(part, contours).max() < 0.1
+
+
+def test_rectangles_are_four_lines() -> None:
+    part = drawn([(-40, -25, 0), (40, -25, 0), (40, 25, 0), (-40, 25, 0)])
+    for turn in np.linspace(0, np.pi / 2, 31):
+        contours, fits = recovered(part.placed(turn, 55.2 + 54.9j), 110, 110)
+        assert [(fit.lines, fit.arcs) for fit in fits] == [(4, 0)]
+        assert off(part.placed(turn, 55.2 + 54.9j), contours).max() < 0.1
+
+
+def test_sums_can_be_moved_and_joined() -> None:
+    rng = np.random.default_rng(1)
+    points = 300 + 200j + rng.normal(0, 5, 30) + 1j * rng.normal(0, 5, 30)
+    parts = summed(points, np.ones(30), np.array([0, 12]))
+    whole = summed(points, np.ones(30), np.array([0]))
+    both = moved(joined(parts.take(np.array([0])), parts.take(np.array([1]))), whole.origin)
+    assert both.sums == pytest.approx(whole.sums, rel=1e-9, abs=1e-6)
+
+
+def test_a_line_and_a_circle_are_found_exactly() -> None:
+    t = np.linspace(0, 1, 9)
+    points = np.concatenate([100 + 50j + 40 * np.exp(1j * (0.3 + 0.4 * t)), 5 + 3j + t * (30 + 40j)])
+    runs = summed(points, np.ones(18), np.array([0, 9]))
+    round_ = circles(runs)
+    assert 1 / abs(round_.curvature[0]) == pytest.approx(40, rel=1e-6)
+    assert np.abs(round_.distances(np.array([100 + 90j, 35 + 43j]))).max() < 1e-6
+    straight = lines(runs)
+    assert straight.sse[1] == pytest.approx(0, abs=1e-18)
+    assert np.abs(straight.distances(np.array([0j, 5 + 3j + 4 - 3j]))[1]) == pytest.approx(5.0)
+
+
+def test_distances_to_arcs_do_not_care_for_flatness() -> None:
+    a, b = np.array([0j] * 3), np.array([10 + 0j] * 3)
+    # A half circle below the chord, one almost flat, a line; the point is 2 to the left of the chord's middle.
+    found = to_arcs(np.array([5 + 2j] * 3), a, b, np.array([1.0, 1e-9, 0.0]))
+    assert found == pytest.approx([2 - 5, -2, -2], abs=1e-7)
+
+
+def test_a_long_chain_is_polished_to_its_points() -> None:
+    # 60 corners: the fit is solved in overlapping windows.
+    corner = np.where(np.arange(60) % 2, 80.0, 100.0) * np.exp(2j * np.pi * np.arange(60) / 60)
+    t = np.linspace(0.1, 0.9, 12)
+    points = (corner[:, None] + (np.roll(corner, -1) - corner)[:, None] * t).ravel()
+    rng = np.random.default_rng(2)
+    start = corner + rng.normal(0, 0.5, 60) + 1j * rng.normal(0, 0.5, 60)
+    straight = np.ones(60, dtype=bool)
+    chain = Chain(start, np.zeros(60), straight, ~straight)
+    found = polished(chain, points, np.repeat(np.arange(60), 12), np.ones(720))
+    assert np.abs(found.corners - corner).max() < 1e-3

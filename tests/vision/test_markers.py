@@ -1,0 +1,404 @@
+"""Marker sheets: what is printed, and what a photo of it says. Photos are rendered from the sheet's own drawing."""
+
+import re
+import xml.etree.ElementTree as ET
+from argparse import Namespace
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from camgen.cli import markers as cli_markers
+from camgen.cli.say import voice
+from camgen.model.errors import InputError, JobError
+from camgen.model.pose import Pose, frozen
+from camgen.vision.boards.find import _detected, _measured, find
+from camgen.vision.boards.sheet import SIZES, Board, drawn_pdf, drawn_svg, sheet
+from camgen.vision.camera.camera import Camera, undistorted
+from camgen.vision.image import Picture
+from camgen.vision.plane import mapped, plane_from_pose
+from tests.vision.test_plane import error_mm, looking, seen
+
+#: 1280 x 920 px, a lens with the distortion of a good industrial one; 4 px/mm from 430 mm.
+CAMERA = Camera(
+    matrix=frozen([[1500.0, 0, 641], [0, 1501, 458], [0, 0, 1]]),
+    distortion=frozen([-0.11, 0.09, 0.0006, -0.0004, -0.02]),
+    size=(1280, 920),
+    name="bench",
+)
+A4 = sheet("A4")
+INSIDE = np.array([(x, y) for x in (0.0, 60, 150, 220) for y in (0.0, 50, 120)])
+
+
+def rectangles_of_pdf(data: bytes) -> tuple[np.ndarray, tuple[float, float]]:
+    """All rectangles (left, low, width, height) in points and the page, read by the operators of PDF alone."""
+    text = data.decode("ascii")
+    start = int(re.search(r"startxref\n(\d+)", text)[1])  # type: ignore[index]
+    assert text[start:].startswith("xref\n")
+    places = [int(m) for m in re.findall(r"(\d{10}) 00000 n ", text[start:])]
+    for number, place in enumerate(places, 1):
+        assert text[place:].startswith(f"{number} 0 obj\n")
+    length, stream = re.search(r"/Length (\d+) >>\nstream\n(.*)\nendstream", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    assert int(length) == len(stream)
+    box = re.search(r"/MediaBox \[0 0 (\S+) (\S+)\]", text).groups()  # type: ignore[union-attr]
+    a, b, c, d, e, f = map(float, stream.split(" cm")[0].split())
+    assert (a, b, c, e, f) == (d, 0, 0, 0, 0)
+    found = np.array([m.split()[:4] for m in stream.splitlines() if m.endswith(" re")], float) * a
+    return found, (float(box[0]), float(box[1]))
+
+
+def rectangles_of_svg(data: bytes) -> tuple[np.ndarray, tuple[float, float]]:
+    """All rectangles (left, low, width, height) in mm and the page in mm, read from the paths."""
+    root = ET.fromstring(data)
+    size = [float(root.attrib[k].removesuffix("mm")) for k in ("width", "height")]
+    assert root.attrib["viewBox"] == f"0 0 {size[0]:g} {size[1]:g}"
+    found = []
+    for path in root.iter("{http://www.w3.org/2000/svg}path"):
+        for x, y, w, h, back in re.findall(r"M(\S+) (\S+)h(\S+?)v(\S+?)h(-\S+?)z", path.attrib["d"]):
+            assert float(back) == -float(w)
+            found.append([float(x), size[1] - float(y) - float(h), float(w), float(h)])
+    return np.array(found), (size[0], size[1])
+
+
+def painted(rectangles: np.ndarray, page: tuple[float, float], per_unit: float) -> np.ndarray:
+    """The page as pixels: white, the rectangles black."""
+    width, height = (round(v * per_unit) for v in page)
+    paper = np.full((height, width), 255, np.uint8)
+    for x, y, w, h in rectangles * per_unit:
+        paper[round(height - y - h) : round(height - y), round(x) : round(x + w)] = 0
+    return paper
+
+
+@cache
+def paper(size: str, marker: float) -> np.ndarray:
+    """The sheet at 18 px/mm: 60 px for every module of a 20 mm marker."""
+    return painted(*rectangles_of_svg(drawn_svg(sheet(size, marker))), 18)
+
+
+def pixels_of(camera: Camera) -> np.ndarray:
+    v, u = np.mgrid[: camera.size[1], : camera.size[0]].astype(float)
+    return np.column_stack([u.ravel(), v.ravel()])
+
+
+@cache
+def rays_of_the_lens() -> np.ndarray:
+    return undistorted(CAMERA, pixels_of(CAMERA))
+
+
+def photo(
+    camera: Camera, pose: Pose, page: np.ndarray, origin: tuple[float, float], blur: float = 0.7, noise: float = 2
+) -> Picture:
+    """A photo of the page (18 px/mm, its ``origin`` from its lower left corner is the work frame).
+
+    Sixteen rays per pixel; between the pixel centres the map is linear, to 1e-4 px.
+    """
+    width, height = camera.size
+    rays = rays_of_the_lens() if camera is CAMERA else pixels_of(camera)
+    seen_mm = mapped(plane_from_pose(camera, pose).work_from_pixel, rays) + origin
+    places = np.stack([seen_mm[:, 0] * 18 - 0.5, page.shape[0] - 0.5 - seen_mm[:, 1] * 18])
+    places = places.reshape(2, height, width)
+    down, right = np.gradient(places, axis=(1, 2))
+    grey = cv2.blur(np.where(page == 0, 30, 225).astype(np.uint8), (3, 3))
+    looked = np.zeros((height, width))
+    for dv in (np.arange(4) - 1.5) / 4:
+        for du in (np.arange(4) - 1.5) / 4:
+            column, row = (places + dv * down + du * right).astype(np.float32)
+            looked += cv2.remap(grey, column, row, cv2.INTER_LINEAR, borderValue=120)
+    looked = cv2.GaussianBlur(looked / 16, (0, 0), blur) + np.random.default_rng(7).normal(0, noise, looked.shape)
+    return Picture("bench.png", np.clip(np.rint(looked), 0, 255).astype(np.uint8))
+
+
+@cache
+def sheet_photo(tilt: float, blur: float = 0.7) -> tuple[Pose, Picture]:
+    pose = looking(tilt, about=0, at=(112, 60), height=420)
+    return pose, photo(CAMERA, pose, paper("A4", 20.0), A4.origin, blur)
+
+
+def with_grey(picture: Picture, pixels: np.ndarray) -> Picture:
+    return Picture(picture.name, np.ascontiguousarray(pixels))
+
+
+# -- the sheet
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("marker", [12.0, 20.0, 30.0])
+def test_markers_have_white_around_them_and_leave_the_middle_free(size: str, marker: float) -> None:
+    what = sheet(size, marker)
+    assert 8 <= len(what.ids) == len(set(what.ids)) <= 50
+    assert max(what.ids) < 50  # as many as the dictionary has
+    left, low = what.corners[:, 3].T
+    assert np.allclose(what.corners[:, 1] - what.corners[:, 3], marker)  # square, upright, corners in their order
+    assert np.allclose(what.corners[:, 0] - what.corners[:, 3], (0, marker))
+    # Apart by more than a module in x or in y, from each other, from the free area, from the paper's edge.
+    gap_x, gap_y = np.abs(left[:, None] - left) - marker, np.abs(low[:, None] - low) - marker
+    assert np.all((np.maximum(gap_x, gap_y) > marker / 6) | np.eye(len(left), dtype=bool))
+    outside = np.maximum.reduce([left - what.free[0], -left - marker, low - what.free[1], -low - marker])
+    assert outside.min() > marker / 6
+    page = np.array([left + what.origin[0], low + what.origin[1]])
+    assert page.min() >= 10 - 1e-9
+    assert np.all(page + marker <= np.array(what.page)[:, None] - 10 + 1e-9)
+
+
+def test_sizes_of_the_a4_sheet() -> None:
+    assert A4.page == (297, 210)
+    assert A4.free == (297 - 2 * 38, 210 - 38 - 48)
+    assert len(A4.ids) == 28
+
+
+@pytest.mark.parametrize(
+    ("drawn", "read", "unit"), [(drawn_svg, rectangles_of_svg, 1.0), (drawn_pdf, rectangles_of_pdf, 25.4 / 72)]
+)
+@pytest.mark.parametrize("size", ["A4", "letter"])
+def test_what_is_drawn_is_what_the_sheet_says(drawn: object, read: object, unit: float, size: str) -> None:
+    """Painted from the file and looked at by OpenCV: every marker upright and in its place, to 0.06 mm."""
+    what = sheet(size)
+    rectangles, page = read(drawn(what))  # type: ignore[operator]
+    assert np.allclose(np.array(page) * unit, SIZES[size.upper()], atol=1e-3)
+    pixels = painted(rectangles * unit, what.page, 10)
+    seen_there = _detected(pixels, 0)
+    measured = _measured(pixels, np.array([place for _, place in seen_there]), None)
+    found = {number: place for (number, _), place in zip(seen_there, measured, strict=True)}
+    assert sorted(found) == list(what.ids)
+    for number, corners in zip(what.ids, what.corners, strict=True):
+        mm = np.column_stack([found[number][:, 0] + 0.5, pixels.shape[0] - 0.5 - found[number][:, 1]]) / 10
+        assert np.abs(mm - what.origin - corners).max() < 0.06  # painted in whole pixels
+    # The ruler: the lowest group of rectangles is 100 mm over all.
+    ruler = (rectangles * unit)[rectangles[:, 1] * unit < 14]
+    assert ruler[:, 0].min() == pytest.approx(10, abs=1e-3)
+    assert (ruler[:, 0] + ruler[:, 2]).max() == pytest.approx(110, abs=1e-3)
+    # The two strokes that meet in the origin, and nothing inside the free area.
+    ends = (rectangles * unit)[:, :2] + (rectangles * unit)[:, 2:]
+    assert np.allclose(ends[-2:], what.origin, atol=1e-3)
+    begins = (rectangles * unit)[:, :2] - what.origin
+    assert not np.any(np.all((ends - what.origin > 0.01) & (begins < np.array(what.free) - 0.01), axis=1))
+
+
+def test_the_pdf_asks_for_no_scaling_and_says_what_to_measure() -> None:
+    text = drawn_pdf(A4).decode("ascii")
+    assert "/PrintScaling /None" in text
+    assert "(Measure this: 100 mm over all." in text
+    assert "Measure this: 100 mm" in drawn_svg(A4).decode()
+    assert drawn_pdf(A4) == drawn_pdf(sheet("a4"))
+
+
+def test_a_printed_length_scales_everything() -> None:
+    small = sheet("A4", printed=99.4)
+    for name in ("page", "origin", "free", "marker", "corners"):
+        assert np.allclose(np.array(getattr(small, name)), np.array(getattr(A4, name)) * 0.994)
+
+
+@pytest.mark.parametrize(
+    ("given", "what"),
+    [
+        ({"size": "A7"}, "no size 'A7'; give one of A4, A3"),
+        ({"marker": 3.0}, "markers of 3 mm do not fit on A4; give 8 to 57.1 mm"),
+        ({"marker": 80.0}, "markers of 80 mm do not fit"),
+        ({"marker": float("nan")}, "do not fit"),
+        ({"printed": 9.94}, "cannot have printed as 9.94 mm"),
+        ({"printed": float("inf")}, "cannot have printed"),
+    ],
+)
+def test_sheets_that_cannot_be(given: dict[str, object], what: str) -> None:
+    with pytest.raises(JobError) as caught:
+        sheet(**given)  # type: ignore[arg-type]
+    assert what in str(caught.value)
+
+
+# -- found in a photo
+
+
+@pytest.mark.parametrize("tilt", [0, 18, 35])
+@pytest.mark.parametrize("blur", [0.7, 1.5])
+def test_corners_are_found_to_a_tenth_of_a_pixel(tilt: float, blur: float) -> None:
+    pose, picture = sheet_photo(tilt, blur)
+    found = _detected(picture.pixels, len(A4.ids))
+    assert len(found) >= (28 if tilt < 30 else 20)
+    corners = _measured(picture.pixels, np.array([place for _, place in found]), CAMERA)
+    true = np.array([seen(CAMERA, pose, A4.corners[number]) for number, _ in found])
+    off = np.linalg.norm(corners - true, axis=2)
+    assert off.max() < 0.1
+    assert np.sqrt(np.mean(off**2)) < 0.04
+
+
+@pytest.mark.parametrize("tilt", [0, 18, 35])
+def test_the_plane_of_a_sheet(tilt: float) -> None:
+    pose, picture = sheet_photo(tilt)
+    plane = find(picture, CAMERA, A4)
+    assert error_mm(plane, CAMERA, pose, INSIDE) < 0.01  # 0.28 mm per pixel
+    assert plane.rms_mm < 0.015
+    assert plane.notes == ()
+    assert len(plane.residuals_px) >= 80
+
+
+def test_in_colour_and_without_a_camera() -> None:
+    pinhole = Camera(matrix=CAMERA.matrix, distortion=frozen([]), size=CAMERA.size, name="pinhole")
+    pose = looking(12, about=0, at=(112, 60), height=420)
+    grey = photo(pinhole, pose, paper("A4", 20.0), A4.origin)
+    colour = with_grey(grey, np.dstack([grey.pixels] * 3))
+    plane = find(colour, None, A4)
+    assert error_mm(plane, pinhole, pose, INSIDE) < 0.01
+    assert np.allclose(plane.pixel_from_work, find(grey, None, A4).pixel_from_work)
+
+
+def test_the_sheet_may_lie_turned_in_the_photo() -> None:
+    pose, picture = sheet_photo(18)
+    turned = with_grey(picture, picture.pixels[::-1, ::-1])
+    plain = Camera(matrix=CAMERA.matrix, distortion=frozen([]), size=CAMERA.size, name="plain")
+    there, here = find(picture, None, A4), find(turned, None, A4)
+    px = mapped(there.pixel_from_work, INSIDE)
+    assert np.abs(mapped(here.pixel_from_work, INSIDE) - (np.array(plain.size) - 1 - px)).max() < 0.02
+    assert pose.origin[2] > 0
+
+
+def test_a_sheet_that_printed_small_makes_the_part_smaller() -> None:
+    _, picture = sheet_photo(0)
+    small, full = find(picture, CAMERA, sheet("A4", printed=99.0)), find(picture, CAMERA, A4)
+    px = np.array([[640.0, 460], [900, 500]])
+    assert np.allclose(mapped(small.work_from_pixel, px), mapped(full.work_from_pixel, px) * 0.99)
+
+
+def test_a_part_that_stands_above_the_sheet() -> None:
+    """The paper is 12 mm below the top face: the plane of the face, against cv2.projectPoints at z = 0."""
+    pose, picture = sheet_photo(18)
+    up = Pose(pose.rotation, pose.apply((0, 0, 12)))
+    plane = find(picture, CAMERA, A4, height=12)
+    assert error_mm(plane, CAMERA, up, INSIDE) < 0.03
+    assert error_mm(find(picture, CAMERA, A4), CAMERA, up, INSIDE) > 2
+
+
+def test_a_covered_corner_is_left_out_with_its_marker() -> None:
+    pose, picture = sheet_photo(0)
+    spoilt = picture.pixels.copy()
+    # A white strip of 1.2 mm over the right side of marker 3: still recognised, its side is elsewhere.
+    upper, lower = A4.corners[3, 1], A4.corners[3, 2]
+    strip = np.array([upper, upper, lower, lower])
+    strip += [(-1.2, 1), (1, 1), (1, -1), (-1.2, -1)]
+    cv2.fillConvexPoly(spoilt, np.rint(seen(CAMERA, pose, strip)).astype(np.int32), 225)
+    plane = find(with_grey(picture, spoilt), CAMERA, A4)
+    (note,) = plane.notes
+    assert note.kind == "warning"
+    assert note.what == "marker 3 left out"
+    assert error_mm(plane, CAMERA, pose, INSIDE) < 0.02
+
+
+def covered(picture: Picture, pose: Pose, numbers: list[int]) -> Picture:
+    """The photo with these markers under white paper."""
+    pixels = picture.pixels.copy()
+    for number in numbers:
+        cv2.fillConvexPoly(pixels, np.rint(seen(CAMERA, pose, A4.corners[number])).astype(np.int32), 225)
+    return with_grey(picture, pixels)
+
+
+def test_few_markers() -> None:
+    pose, picture = sheet_photo(0)
+    two = find(covered(picture, pose, [n for n in A4.ids if n not in (0, 14)]), CAMERA, A4)
+    assert "only 2 of 28 markers found" in two.notes[0].what
+    assert error_mm(two, CAMERA, pose, INSIDE) < 0.1
+    with pytest.raises(InputError) as caught:
+        find(covered(picture, pose, list(A4.ids[1:])), CAMERA, A4)
+    assert "bench.png: shows 1 of the 28 markers of the camgen A4 marker sheet" in str(caught.value)
+
+
+def test_no_markers_at_all() -> None:
+    with pytest.raises(InputError, match="shows 0 of the 28 markers"):
+        find(Picture("p.png", np.full((920, 1280), 128, np.uint8)), CAMERA, A4)
+
+
+def test_markers_of_another_sheet_and_doubles_are_named() -> None:
+    pose, picture = sheet_photo(0)
+    pixels = picture.pixels.copy()
+    inside = np.rint(seen(CAMERA, pose, np.array([[60.0, 60], [120, 60]]))).astype(int)
+    for number, (u, v) in zip((41, 5), inside, strict=True):
+        stamp = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), number, 72)
+        pixels[v : v + 100, u : u + 100] = 225
+        pixels[v + 14 : v + 86, u + 14 : u + 86] = np.clip(stamp, 30, 225)
+    plane = find(with_grey(picture, pixels), CAMERA, A4)
+    assert [(n.what, n.why) for n in plane.notes] == [
+        ("marker 41 ignored", "not on this sheet"),
+        ("marker 5 ignored", "in the photo more than once"),
+    ]
+    assert error_mm(plane, CAMERA, pose, INSIDE) < 0.01
+
+
+def test_the_wrong_sheet_contradicts_itself() -> None:
+    _, picture = sheet_photo(0)
+    with pytest.raises(JobError) as caught:
+        find(picture, CAMERA, sheet("A4", 15.0))
+    assert "contradict each other" in str(caught.value)
+    assert "bench.png: camgen A4 marker sheet, markers 15 mm: " in str(caught.value)
+
+
+def test_a_mirrored_photo_is_refused() -> None:
+    """Some markers of the dictionary are another one's mirror image, nearly: those contradict each other."""
+    _, picture = sheet_photo(0)
+    with pytest.raises((InputError, JobError), match=r"shows \d of|contradict each other"):
+        find(with_grey(picture, picture.pixels[:, ::-1]), None, A4)
+
+
+def test_a_large_photo_is_searched_reduced_and_measured_in_full() -> None:
+    """The photo three times as large, over the limit of pixels: corners as exact, in its own pixels."""
+    pose, picture = sheet_photo(0)
+    large = cv2.resize(picture.pixels, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
+    camera = Camera(
+        matrix=frozen([[4500.0, 0, 641 * 3 + 1], [0, 4503, 458 * 3 + 1], [0, 0, 1]]),
+        distortion=CAMERA.distortion,
+        size=(3840, 2760),
+        name="large",
+    )
+    plane = find(with_grey(picture, large), camera, A4)
+    assert len(plane.residuals_px) == 112
+    assert error_mm(plane, camera, pose, INSIDE) < 0.01
+
+
+# -- ChArUco board
+
+
+BOARD = Board(8, 6, 15.0, 11.0, "5X5_100")
+
+
+@cache
+def board_page() -> np.ndarray:
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    drawn = cv2.aruco.CharucoBoard((8, 6), 15.0, 11.0, dictionary)
+    return drawn.generateImage((8 * 15 * 18, 6 * 15 * 18))
+
+
+@pytest.mark.parametrize("tilt", [0, 20])
+def test_the_plane_of_a_charuco_board(tilt: float) -> None:
+    """OpenCV's own drawing of the board, its lower left corner is the origin."""
+    pose = looking(tilt, about=0, at=(60, 45), height=300)
+    plane = find(photo(CAMERA, pose, board_page(), (0, 0)), CAMERA, BOARD)
+    places = np.array([(0.0, 0), (120, 0), (120, 90), (0, 90), (60, 45)])
+    assert error_mm(plane, CAMERA, pose, places) < 0.02  # 0.2 mm per pixel
+    assert plane.rms_mm < 0.02
+
+
+def test_a_board_that_is_not_there() -> None:
+    with pytest.raises(InputError, match="shows 0 corners of the ChArUco board 8x6"):
+        find(Picture("p.png", np.full((920, 1280), 128, np.uint8)), CAMERA, BOARD)
+    with pytest.raises(JobError, match="no dictionary '9X9'"):
+        find(Picture("p.png", np.full((920, 1280), 128, np.uint8)), CAMERA, Board(8, 6, 15, 11, "9X9"))
+
+
+# -- command
+
+
+@pytest.mark.parametrize("name", ["sheet.pdf", "sheet.SVG"])
+def test_the_command_writes_the_sheet(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / name
+    arguments = Namespace(output=str(target), size="A3", marker=25.0)
+    assert cli_markers.run(arguments, voice(quiet=False, verbose=0)) == 0
+    what = sheet("A3", 25.0)
+    assert target.read_bytes() == (drawn_pdf(what) if name.endswith("pdf") else drawn_svg(what))
+    said = capsys.readouterr().err
+    assert "A3 landscape, " in said
+    assert "it must be 100 mm" in said
+
+
+def test_the_command_refuses_other_kinds_of_file(tmp_path: Path) -> None:
+    with pytest.raises(JobError, match=r"end the name in \.pdf or \.svg"):
+        cli_markers.run(Namespace(output=str(tmp_path / "s.png"), size="A4", marker=20.0), voice(True, 0))
+    assert list(tmp_path.iterdir()) == []

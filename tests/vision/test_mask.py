@@ -1,0 +1,509 @@
+"""Masks, judged by drawn pictures whose shape, tones, light and noise are known exactly."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from camgen.model.errors import CamgenError, InputError, JobError
+from camgen.model.job import Image
+from camgen.model.pose import frozen
+from camgen.vision.image import load
+from camgen.vision.mask.cells import cells_of
+from camgen.vision.mask.channel import strips
+from camgen.vision.mask.clean import cleaned
+from camgen.vision.mask.level import spread_out
+from camgen.vision.mask.part_mask import Mask
+from camgen.vision.mask.part_mask import part_mask as masked
+from camgen.vision.to_scale import View, already_to_scale
+
+WIDTH, HEIGHT = 620, 480
+#: u, v, radius in px: a disc, and a hole in it.
+DISC, HOLE = (300.3, 230.7, 160.0), (340.8, 190.2, 41.5)
+SCALE = 0.2
+#: BGR of the same grey, 0.114 b + 0.587 g + 0.299 r = 116.
+RED, GREEN = (60.0, 71.5, 224.7), (104.0, 140.0, 73.5)
+
+
+def covered(circle: tuple[float, float, float]) -> np.ndarray:
+    """Part of each pixel that the circle covers, by 12 x 12 points along its edge."""
+    u, v, radius = circle
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    far = np.hypot(x - u, y - v)
+    share = (far < radius).astype(np.float32)
+    edge = np.abs(far - radius) < 1
+    at = (np.arange(12) + 0.5) / 12 - 0.5
+    fine = np.hypot((x[edge] - u)[:, None, None] + at, (y[edge] - v)[:, None, None] + at[:, None]) < radius
+    share[edge] = fine.mean(axis=(1, 2))
+    return share
+
+
+SHAPE = covered(DISC) - covered(HOLE)
+
+
+def light(slope: float) -> np.ndarray:
+    """1 at the left, 1 - slope at the right, a bit less at the bottom."""
+    across, down = np.linspace(0, 1, WIDTH), np.linspace(0, 1, HEIGHT)[:, None]
+    return 1 - slope * across - 0.1 * slope * down
+
+
+def scene(
+    part: object, bench: object, slope: float = 0.0, noise: float = 2.0, blur: float = 0.8, shape: np.ndarray = SHAPE
+) -> np.ndarray:
+    """The picture of the part on the bench; tones are numbers, BGR or whole pictures."""
+    part, bench = np.asarray(part, np.float64), np.asarray(bench, np.float64)
+    colours = max(part.ndim, bench.ndim) in (1, 3)
+    share = shape[..., None] if colours else shape
+    shade = light(slope)[..., None] if colours else light(slope)
+    picture = cv2.GaussianBlur((bench + (part - bench) * share) * shade, (0, 0), blur)
+    picture += np.random.default_rng(3).normal(0, noise, picture.shape)
+    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+
+
+def seen(pixels: np.ndarray, valid: np.ndarray | None = None) -> View:
+    affine = frozen([[SCALE, 0, SCALE / 2], [0, -SCALE, (len(pixels) - 0.5) * SCALE]])
+    return View(pixels, affine, SCALE, valid)
+
+
+def part_mask(view: View, background: View | None = None, name: str = "picture", **settings: object) -> Mask:
+    return masked(view, msgspec.convert(settings, Image), background, name)
+
+
+def overlap(mask: Mask, shape: np.ndarray = SHAPE) -> float:
+    """Intersection over union."""
+    found, true = mask.pixels > 0, shape > 0.5
+    return np.count_nonzero(found & true) / np.count_nonzero(found | true)
+
+
+def off_circle(mask: Mask, circle: tuple[float, float, float], sectors: int = 1) -> tuple[np.ndarray, float]:
+    """Mean distance of the level's crossings outside the circle, by sector, and their spread, px.
+
+    The grey value is interpolated along 360 rays.
+    """
+    u, v, radius = circle
+    angles = (np.arange(360) + 0.5) * np.pi / 180
+    steps = np.arange(-4, 4.01, 0.1)
+    x = (u + np.cos(angles)[:, None] * (radius + steps)).astype(np.float32)
+    y = (v + np.sin(angles)[:, None] * (radius + steps)).astype(np.float32)
+    level = np.full(mask.grey.shape, mask.level, np.float32) if isinstance(mask.level, float) else mask.level
+    above = cv2.remap(mask.grey.astype(np.float32) - level, x, y, cv2.INTER_LINEAR)
+    crossed = above[:, :-1] * above[:, 1:] <= 0
+    assert crossed.any(axis=1).all()
+    # Noise crosses the level more than once: the middle of the crossings.
+    places = [
+        np.mean([np.interp(0, *pair(row, steps, k)) for k in np.flatnonzero(c)])
+        for row, c in zip(above, crossed, strict=True)
+    ]
+    off = np.array(places)
+    return off.reshape(sectors, -1).mean(axis=1), float(off.std())
+
+
+def pair(row: np.ndarray, steps: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    order = np.argsort(row[k : k + 2])
+    return row[k : k + 2][order], steps[k : k + 2][order]
+
+
+def rule(mask: Mask, at: int = 0) -> str:
+    return str(mask.notes[at])
+
+
+@pytest.mark.parametrize("method", ["auto", "otsu", "adaptive", "threshold"])
+@pytest.mark.parametrize(("part", "bench"), [(60, 200), (200, 60), (20, 240), (90, 130), (0, 255)])
+def test_even_light(method: str, part: float, bench: float) -> None:
+    """Halfway within a hundredth of the contrast, hence the edge within 0.025 px."""
+    threshold = (part + bench) / 2 if method == "threshold" else None
+    mask = part_mask(seen(scene(part, bench)), mask=method, threshold=threshold)
+    assert isinstance(mask.level, float)
+    assert mask.level == pytest.approx((part + bench) / 2, abs=0.01 * abs(part - bench) + 0.3)
+    assert mask.dark == (part < bench)
+    assert mask.method == ("otsu" if method == "auto" else method)
+    assert overlap(mask) > 0.998
+    assert mask.notes == ()
+    for circle in (DISC, HOLE):
+        assert np.abs(off_circle(mask, circle, sectors=8)[0]).max() < 0.03
+
+
+@pytest.mark.parametrize("method", ["auto", "adaptive"])
+@pytest.mark.parametrize(("part", "bench"), [(60, 230), (230, 80), (120, 170)])
+def test_the_level_follows_light_of_two_to_one(method: str, part: float, bench: float) -> None:
+    mask = part_mask(seen(scene(part, bench, slope=0.5)), mask=method)
+    assert mask.method == "adaptive"
+    halfway = light(0.5) * (part + bench) / 2
+    edge = (SHAPE > 0) & (SHAPE < 1)
+    assert np.abs(mask.level - halfway)[edge].max() < 0.02 * 0.5 * abs(part - bench)
+    assert overlap(mask) > 0.997
+    for circle in (DISC, HOLE):
+        assert np.abs(off_circle(mask, circle, sectors=8)[0]).max() < 0.05
+    # One number would be off by so much more: this test can fail.
+    assert np.ptp(halfway[edge]) > 0.2 * abs(part - bench)
+
+
+def test_otsu_in_mildly_uneven_light_has_a_local_level() -> None:
+    mask = part_mask(seen(scene(60, 200, slope=0.12)))
+    assert mask.method == "otsu"
+    assert not isinstance(mask.level, float)
+    assert np.abs(off_circle(mask, DISC, sectors=8)[0]).max() < 0.03
+
+
+@pytest.mark.parametrize(("part", "bench"), [(110, 130), (130, 110)])
+@pytest.mark.parametrize("slope", [0.0, 0.1])
+def test_low_contrast(part: float, bench: float, slope: float) -> None:
+    mask = part_mask(seen(scene(part, bench, slope, noise=4.0)))
+    assert overlap(mask) > 0.99
+    assert mask.grey.dtype == np.float32
+    said = re.fullmatch(
+        r"assumed: picture smoothed by 0\.[89] px \(its noise is ([\d.]+), part and bench are (\d+) apart\)", rule(mask)
+    )
+    assert said is not None
+    assert float(said[1]) == pytest.approx(4.0, abs=0.3)
+    assert float(said[2]) == pytest.approx(20, abs=2)
+    for circle in (DISC, HOLE):
+        means, spread = off_circle(mask, circle)
+        assert abs(means[0]) < 0.06
+        assert spread < 0.35
+
+
+def test_a_vignette_and_two_to_one_together() -> None:
+    across, down = np.linspace(-1, 1, WIDTH), np.linspace(-0.8, 0.8, HEIGHT)[:, None]
+    fall = (1 - 0.25 * (across**2 + down**2)) / light(0.0)
+    mask = part_mask(seen(scene(70 * fall, 220 * fall, slope=0.4)))
+    assert overlap(mask) > 0.997
+    assert np.abs(off_circle(mask, DISC, sectors=8)[0]).max() < 0.05
+
+
+def test_a_shiny_part_is_all_part() -> None:
+    """A third of it is 200 on a bench of 250, the rest 60: halfway is not the same everywhere."""
+    tones = np.where(np.arange(WIDTH)[None, :] < 245, 200.0, 60.0) * np.ones((HEIGHT, 1))
+    mask = part_mask(seen(scene(tones, 250)))
+    assert overlap(mask) > 0.995
+
+
+def test_colour_where_grey_shows_nothing() -> None:
+    pixels = scene(RED, GREEN)
+    grey = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+    assert abs(float(grey[SHAPE == 1].mean()) - float(grey[SHAPE == 0].mean())) < 1
+    with pytest.raises(InputError):
+        part_mask(seen(grey))
+    for asked in ({}, {"mask": "color"}, {"color": list(GREEN[::-1])}, {"color": list(RED[::-1])}):
+        mask = part_mask(seen(pixels), **asked)
+        assert mask.method == "color"
+        assert overlap(mask) > 0.998
+        assert np.abs(off_circle(mask, DISC, sectors=8)[0]).max() < 0.03
+        assert np.abs(off_circle(mask, HOLE, sectors=4)[0]).max() < 0.03
+    assert part_mask(seen(pixels)).why.startswith("part and bench differ in colour more clearly than in grey; ")
+
+
+def test_colour_in_light_of_two_to_one() -> None:
+    mask = part_mask(seen(scene(RED, GREEN, slope=0.5)), mask="color")
+    assert overlap(mask) > 0.997
+    assert np.abs(off_circle(mask, DISC, sectors=8)[0]).max() < 0.06
+
+
+def test_a_part_of_two_colours_one_of_the_benchs_grey() -> None:
+    left = (np.arange(WIDTH) < 300)[None, :, None] * np.ones((HEIGHT, 1, 1))
+    mask = part_mask(seen(scene(np.where(left, RED, (40.0, 40.0, 40.0)), GREEN)))
+    assert mask.method == "color"
+    assert mask.why.startswith("colour shows more of the part than grey does; ")
+    assert overlap(mask) > 0.99
+    assert np.abs(off_circle(mask, HOLE, sectors=4)[0]).max() < 0.25
+
+
+def wood(seed: int) -> np.ndarray:
+    """A bench with grain and stains as dark as the part."""
+    rng = np.random.default_rng(seed)
+    grain = cv2.GaussianBlur(rng.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), sigmaX=12, sigmaY=1.5)
+    picture = 150 + 12 * grain / grain.std()
+    for u, v in ((80, 90), (560, 300), (90, 400)):
+        cv2.circle(picture, (u, v), 25, 70.0, -1)
+    return cv2.GaussianBlur(picture, (0, 0), 2)
+
+
+@pytest.mark.parametrize("part", [70.0, 240.0])
+def test_background_with_changed_light(part: float) -> None:
+    empty = scene(0, wood(5), shape=np.zeros_like(SHAPE))
+    changed = light(0.35) * 0.95
+    picture = wood(5) * changed + 12
+    now = scene(np.full_like(picture, part) * changed + 12, picture)
+    mask = part_mask(seen(now), seen(empty))
+    assert mask.method == "background"
+    assert mask.why == "a photo of the empty bench is given"
+    assert mask.dark == (part < 100)
+    assert overlap(mask) > 0.99
+    assert np.abs(off_circle(mask, DISC)[0]).max() < 0.1
+
+
+@pytest.mark.parametrize("tint", [(1.0,), (0.5, 0.8, 1.0)])
+def test_background_and_a_part_darker_here_and_lighter_there(tint: tuple[float, ...]) -> None:
+    empty = scene(0.0, np.dstack([wood(6) * k for k in tint]), shape=np.zeros_like(SHAPE)).reshape(HEIGHT, WIDTH, -1)
+    tones = np.where((np.arange(WIDTH) < 250)[None, :, None], 20.0, 250.0) * np.ones((HEIGHT, 1, len(tint)))
+    now = scene(tones, empty.astype(np.float64) * 0.9, noise=1.0).reshape(empty.shape)
+    mask = part_mask(seen(now.squeeze()), seen(empty.squeeze()))
+    assert overlap(mask) > 0.98
+    assert np.abs(off_circle(mask, HOLE)[0]).max() < 0.1
+
+
+def test_the_mask_is_the_side_of_the_level() -> None:
+    for pixels in (scene(60, 200), scene(200, 70, slope=0.5), scene(RED, GREEN)):
+        mask = part_mask(seen(pixels))
+        side = mask.grey < mask.level if mask.dark else mask.grey > mask.level
+        assert not mask.notes
+        assert np.array_equal(mask.pixels == 255, side)
+        assert set(np.unique(mask.pixels)) == {0, 255}
+
+
+def test_same_picture_same_mask_and_nothing_can_be_written() -> None:
+    pixels = scene(60, 200, slope=0.5)
+    before = pixels.copy()
+    one, two = part_mask(seen(pixels)), part_mask(seen(pixels))
+    assert np.array_equal(one.pixels, two.pixels)
+    assert np.array_equal(one.level, two.level)
+    assert np.array_equal(pixels, before)
+    for array in (one.pixels, one.level):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1
+
+
+def test_turned_pictures_have_turned_masks() -> None:
+    pixels = scene(60, 200, slope=0.5)
+    straight = part_mask(seen(pixels)).pixels
+    for turn in (1, 2, 3):
+        turned = part_mask(seen(np.ascontiguousarray(np.rot90(pixels, turn)))).pixels
+        assert np.count_nonzero(np.rot90(turned, -turn) != straight) < 0.0005 * np.count_nonzero(straight)
+
+
+def test_specks_and_small_holes_are_counted() -> None:
+    pixels = scene(60, 200, noise=0.0, blur=0.3)
+    for k in range(5):
+        pixels[20:24, 40 + 60 * k : 45 + 60 * k] = 60  # 20 px of 0.04 mm2 each
+    for k in range(3):
+        pixels[300:304, 230 + 40 * k : 234 + 40 * k] = 200
+    mask = part_mask(seen(pixels))
+    assert [str(note) for note in mask.notes] == [
+        "assumed: 5 specks below 1 mm2 left out, 4 mm2 in all (set [image] min_area lower if they are more than dirt,"
+        " glare or noise)",
+        "assumed: 3 holes below 1 mm2 filled, 1.92 mm2 in all (set [image] min_area lower if they are more than dirt,"
+        " glare or noise)",
+    ]
+    assert overlap(mask) > 0.9999
+    kept = part_mask(seen(pixels), min_area=0.6)
+    assert kept.notes == ()
+    assert cv2.connectedComponents(kept.pixels)[0] - 1 == 6
+    assert cv2.connectedComponents(cv2.bitwise_not(kept.pixels), connectivity=4)[0] - 1 == 1 + 1 + 3
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_cleaning_against_labels(seed: int) -> None:
+    """Contours and Pick's theorem against counting labelled pixels, on blobs of every shape."""
+    rng = np.random.default_rng(seed)
+    noise = cv2.GaussianBlur(rng.normal(0, 1, (240, 300)), (0, 0), 0.7 + 0.5 * seed)
+    mask = np.where(noise > noise.std() * (0.1 * seed - 0.3), 255, 0).astype(np.uint8)
+    mask[:2], mask[-2:], mask[:, :2], mask[:, -2:] = 0, 0, 0, 0
+    least = 40
+    wanted = mask.copy()
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    specks = [k for k in range(1, count) if stats[k, 4] < least]
+    wanted[np.isin(labels, specks)] = 0
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(cv2.bitwise_not(wanted), connectivity=4)
+    holes = [k for k in range(1, count) if stats[k, 4] < least]
+    wanted[np.isin(labels, holes)] = 255
+    notes = " ".join(map(str, cleaned(mask, seen(mask.copy()), least * SCALE**2 * 0.999, "noise.png")))
+    assert np.array_equal(mask, wanted)
+    assert specks or holes
+    assert not specks or f"{len(specks)} speck" in notes
+    assert not holes or f"{len(holes)} hole" in notes
+
+
+def test_a_thin_ring_is_a_speck_but_what_it_holds_is_not() -> None:
+    mask = np.zeros((200, 200), np.uint8)
+    cv2.circle(mask, (100, 100), 80, 255, 1)
+    cv2.circle(mask, (100, 100), 40, 255, -1)
+    disc = np.count_nonzero(mask[100 - 45 : 100 + 46, 100 - 45 : 100 + 46])
+    (note,) = cleaned(mask, seen(mask.copy()), 1000 * SCALE**2, "ring.png")
+    assert np.count_nonzero(mask) == disc
+    assert note.what.startswith("1 speck below 40 mm2 left out")
+
+
+def test_what_the_photo_does_not_show_is_neither() -> None:
+    pixels = scene(60, 200)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    valid = (x + y > 140) & (x - y < 500)
+    pixels[~valid] = 0
+    mask = part_mask(seen(pixels, valid))
+    assert overlap(mask) > 0.998
+    assert not mask.pixels[~valid].any()
+    assert np.abs(off_circle(mask, DISC, sectors=8)[0]).max() < 0.03
+    cut = x < 440
+    pixels[~cut] = 200
+    with pytest.raises(InputError, match=r"^part\.png: the part, or something .* touches the border"):
+        part_mask(seen(pixels, cut), name="part.png")
+
+
+def test_invert_takes_the_other_side_and_the_note_says_so() -> None:
+    two = covered((120.0, 240.0, 70.0)), covered((430.0, 240.0, 90.0))
+    pixels = scene(0, 128 + 110 * two[0] - 100 * two[1], shape=np.zeros_like(SHAPE))
+    mask = part_mask(seen(pixels))
+    assert mask.dark
+    assert overlap(mask, two[1]) > 0.997
+    assert rule(mask).startswith("warning: what is lighter than the bench is not taken for the part (it is 5")
+    other = part_mask(seen(pixels), invert=True)
+    assert overlap(other, two[0]) > 0.997
+    assert not other.dark
+
+
+def test_a_given_threshold_off_the_middle_is_kept_and_noted() -> None:
+    mask = part_mask(seen(scene(60, 200)), threshold=160)
+    assert (mask.method, mask.level) == ("threshold", 160.0)
+    assert rule(mask) == (
+        "warning: the threshold 160 is not halfway between part and bench (130) (the outline lies beside the edge,"
+        " by a part of its blur)"
+    )
+
+
+BLANK = "part.png: shows no part: nothing in it stands out from the bench along its border; put the part on a bench of"
+OUTSIDE = "; leave bench all round the part, crop or cover what is no part"
+
+
+@pytest.mark.parametrize(
+    ("picture", "line"),
+    [
+        (
+            lambda: scene(0, 150, shape=np.zeros_like(SHAPE)),
+            f"{BLANK} another colour, in even light, or choose another [image] mask",
+        ),
+        (
+            lambda: np.full((HEIGHT, WIDTH), 150, np.uint8),
+            f"{BLANK} another colour, in even light, or choose another [image] mask",
+        ),
+        (
+            lambda: np.ascontiguousarray(scene(60, 200)[:, 200:]),
+            "part.png: the part, or something as dark or bright, touches the border of the picture"
+            " (near x 0.1, y 74.5 mm)" + OUTSIDE,
+        ),
+        (
+            lambda: np.ascontiguousarray(scene(60, 200, shape=covered((60.0, 240.0, 12.0)), noise=0.0)[:, :60]),
+            "part.png: the part, or something as dark or bright, touches the border of the picture"
+            " (near x 11.9, y 45.7 mm)" + OUTSIDE,
+        ),
+        (
+            lambda: scene(60, 200, shape=covered((300.0, 240.0, 2.5))),
+            "part.png: shows no part of 1 mm2 or more, only 1 speck of 0.84 mm2 in all; check its scale, set [image]"
+            " min_area lower, or choose another [image] mask",
+        ),
+    ],
+)
+def test_refusals(picture: object, line: str) -> None:
+    with pytest.raises(InputError) as refused:
+        part_mask(seen(picture()), name="part.png")
+    assert str(refused.value) == line
+
+
+def test_a_frame_or_a_part_all_over() -> None:
+    pixels = scene(60, 200)
+    pixels[:8], pixels[-8:], pixels[:, :8], pixels[:, -8:] = 60, 60, 60, 60
+    with pytest.raises(InputError) as refused:
+        part_mask(seen(pixels), threshold=130, invert=True, name="part.png")
+    assert str(refused.value) == (
+        "part.png: the part fills the picture, or a frame runs round it; leave bench all round the part, crop what is"
+        " no bench"
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        ({"mask": "threshold"}, '[image] mask: "threshold" needs [image] threshold; give it, or choose another'),
+        ({"mask": "background"}, '[image] mask: "background" needs [image] background; give it, or choose another'),
+        (
+            {"color": [1, 2, 300]},
+            "[image] color: [1.0, 2.0, 300.0] is no colour; give [red, green, blue], each 0 to 255",
+        ),
+        (
+            {"background": seen(np.zeros((10, 20), np.uint8))},
+            "[image] background: its picture and the photo differ: 20 x 10 px in grey and 620 x 480 px in grey; take"
+            " both with the same camera and settings, and treat both alike",
+        ),
+    ],
+)
+def test_settings_that_make_no_sense(settings: dict, line: str) -> None:
+    with pytest.raises(JobError) as refused:
+        part_mask(seen(scene(60, 200)), **settings)
+    assert str(refused.value) == line
+
+
+def test_color_needs_colour() -> None:
+    with pytest.raises(InputError) as refused:
+        part_mask(seen(scene(60, 200)), mask="color", name="part.png")
+    assert str(refused.value) == 'part.png: is grey; [image] mask = "color" needs a picture in colour'
+
+
+def test_a_bench_of_one_tone_and_a_large_part() -> None:
+    """Where the gain cannot be told from the offset, and the part covers a third."""
+    mask = part_mask(seen(scene(60, 190, shape=covered((310.0, 240.0, 190.0)))), seen(scene(0, 200, shape=0 * SHAPE)))
+    assert overlap(mask, covered((310.0, 240.0, 190.0))) > 0.998
+    assert np.abs(off_circle(mask, (310.0, 240.0, 190.0), sectors=8)[0]).max() < 0.03
+
+
+def test_another_bench_is_refused() -> None:
+    """Everything is different, also along the border."""
+    rng = np.random.default_rng(9)
+    one, other = (cv2.GaussianBlur(rng.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 8) for _ in range(2))
+    pictures = [np.clip(128 + 50 * p / p.std(), 0, 255).astype(np.uint8) for p in (one, other)]
+    with pytest.raises(InputError) as refused:
+        part_mask(seen(pictures[0]), seen(pictures[1]), name="part.png")
+    assert str(refused.value) == (
+        "part.png: the photo of the empty bench shows another place, or the camera was moved; take both with the"
+        " camera fixed, or choose another [image] mask"
+    )
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (3, 5), (40, 3)])
+@pytest.mark.parametrize("method", ["auto", "otsu", "adaptive", "color"])
+def test_tiny_pictures_give_one_line(shape: tuple[int, int], method: str) -> None:
+    rng = np.random.default_rng(1)
+    for pixels in (np.zeros((*shape, 3), np.uint8), rng.integers(0, 255, (*shape, 3)).astype(np.uint8)):
+        with pytest.raises(CamgenError):
+            part_mask(seen(pixels), mask=method)
+
+
+def test_cells_and_tiles_lie_where_their_pixels_are() -> None:
+    """A ramp comes back as itself from cells and tiles, at every pixel but for the last half cell."""
+    y, x = np.mgrid[:700, :1501]
+    ramp = (x * 0.1 + y * 0.05).astype(np.float32)
+    cells = cells_of(np.dstack([ramp] * 3).astype(np.uint8), None)
+    assert cells.size == 2
+    exact = cv2.resize(ramp[:, :1500], (750, 350), interpolation=cv2.INTER_AREA)
+    for rows, values in strips(exact, 2, ramp.shape):
+        assert np.abs(values - ramp[rows])[1:-1, 1:-2].max() < 1e-4
+    tiles = cv2.resize(ramp[:, :1500], (15, 7), interpolation=cv2.INTER_AREA)
+    assert np.abs(spread_out(tiles, 100, (700, 1500)) - ramp[:, :1500])[50:-50, 50:-50].max() < 1e-3
+
+
+IMAGES = Path(__file__).parents[2].parent / "shared" / "data" / "image"
+#: What is in the pictures, as their list says: parts, at least and at most (shadows and dots count).
+COUNTS = {
+    "scikit-image/coins.png": (24, 24),
+    "scikit-image/horse.png": (1, 1),
+    "mexopencv/bw.png": (4, 4),
+    "mexopencv/shape14.png": (1, 1),
+    "mexopencv/shape18.png": (1, 1),
+    "mexopencv/pic3.png": (4, 4),
+    "mexopencv/pic1.png": (6, 7),
+    "mexopencv/acircles_pattern.png": (44, 44),
+    "ideas-simple_gear_tooth_counter/3.jpg": (1, 1),
+    "ideas-simple_gear_tooth_counter/6.jpg": (1, 1),
+    "aulas/engrenagem1.jpg": (1, 4),
+    "Measuring-size-of-objects-in-an-image/sizes.jpg": (6, 6),
+}
+
+
+@pytest.mark.skipif(not IMAGES.exists(), reason="the shared pictures are not beside the repository")
+@pytest.mark.parametrize("name", COUNTS)
+def test_parts_of_shared_pictures(name: str) -> None:
+    mask = part_mask(already_to_scale(load(IMAGES / name), mm_per_px=0.1))
+    least, most = COUNTS[name]
+    assert least <= cv2.connectedComponents(mask.pixels)[0] - 1 <= most

@@ -1,0 +1,213 @@
+"""Sub-pixel outlines against drawn parts: bias, noise, what disturbs a threshold, order and orientation."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.model.errors import InputError
+from camgen.vision.loops import loops_of
+from camgen.vision.outline import Outline, outlines
+from tests.support.outline_pictures import Drawn, disc, drawn, mask_of, picture, plate, with_holes
+
+#: A pixel is a box: it blurs like a Gaussian of this sigma.
+BOX = np.sqrt(1 / 12)
+
+
+def found(grey: np.ndarray, mask: np.ndarray | None = None) -> tuple[Outline, ...]:
+    loops, notes = outlines(grey, mask_of(grey) if mask is None else mask)
+    assert not notes
+    return loops
+
+
+def places(loops: tuple[Outline, ...]) -> np.ndarray:
+    return np.concatenate([loop.points for loop in loops]) @ np.array([1, 1j])
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def area(loop: Outline) -> float:
+    """Positive where the loop runs counter-clockwise, seen with v upwards."""
+    u, v = loop.points[:, 0], -loop.points[:, 1]
+    return float((u * np.roll(v, -1) - np.roll(u, -1) * v).sum() / 2)
+
+
+def outwards(loop: Outline, centre: complex, radius: float) -> np.ndarray:
+    return np.abs(loop.points @ np.array([1, 1j]) - centre) - radius
+
+
+@pytest.mark.parametrize("blur", [0.5, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("radius", [5, 10, 40, 200])
+def test_a_disc_is_as_large_as_drawn(radius: int, blur: float) -> None:
+    side, centre = 2 * radius + 40, radius + 20.13 + 1j * (radius + 20.37)
+    (loop,) = found(picture(disc(radius).placed(0, centre), side, side, blur))
+    error = outwards(loop, centre, radius)
+    # Without the shift s^2 / (2 r) it would be 0.03 for r = 10 and blur 0.7, and 0.23 for r = 5 and blur 1.5.
+    assert abs(error.mean()) < 0.02
+    assert rms(error) < 0.03
+    assert loop.blur == pytest.approx(np.hypot(blur, BOX), rel=0.15 if blur < 0.7 else 0.05)
+
+
+@pytest.mark.parametrize("degrees", [0, 7, 22.5, 30, 45, 60, 81])
+def test_straight_edges_at_any_angle(degrees: float) -> None:
+    square = drawn([(-60, -60, 0), (60, -60, 0), (60, 60, 0), (-60, 60, 0)])
+    part = square.placed(np.radians(degrees), 99.7 + 100.2j)
+    points = places(found(picture(part, 200, 200, 0.7, 2.0)))
+    away = points[~part.near_corner(points, 4)]
+    error = part.gaps(away) * np.where(inside(part, away), -1, 1)
+    # The best that noise 2 on a contrast of 120 allows a single row across the edge is 0.027 px.
+    assert rms(error) < 0.032
+    assert abs(error.mean()) < 0.006
+
+
+def inside(part: Drawn, points: np.ndarray) -> np.ndarray:
+    ring = np.column_stack([part.loops[0].real, part.loops[0].imag])
+    return np.asarray(shapely.contains_xy(shapely.Polygon(ring), points.real, points.imag))
+
+
+def test_the_noise_told_is_the_noise_there_is() -> None:
+    for noise in (1.0, 2.0, 4.0):
+        (loop,) = found(picture(disc(150).placed(0, 200 + 200j), 400, 400, 0.7, noise))
+        assert loop.sigma == pytest.approx(rms(outwards(loop, 200 + 200j, 150)), rel=0.15)
+
+
+def test_noise_of_neighbours_is_their_own() -> None:
+    (loop,) = found(picture(disc(180).placed(0, 200 + 200j), 400, 400, 0.7, 4.0))
+    error = outwards(loop, 200 + 200j, 180)
+    assert abs((error * np.roll(error, 1)).mean()) < 0.15 * (error**2).mean()
+
+
+@pytest.mark.parametrize("level", [80.0, 160.0])
+def test_a_wrong_threshold_does_not_move_the_edge(level: float) -> None:
+    grey = picture(disc(60).placed(0, 80.2 + 79.9j), 160, 160, 1.0, 2.0)
+    (loop,) = found(grey, mask_of(grey, level))
+    assert abs(outwards(loop, 80.2 + 79.9j, 60).mean()) < 0.01
+
+
+def test_shading_does_not_move_the_edge() -> None:
+    grey = picture(disc(60).placed(0, 80 + 80j), 160, 160, 0.7).astype(np.float32)
+    shaded = np.rint(grey * np.linspace(0.7, 1.1, 160)).astype(np.uint8)
+    (loop,) = found(shaded, mask_of(grey))
+    error = outwards(loop, 80 + 80j, 60)
+    assert abs(error.mean()) < 0.005
+    assert rms(error) < 0.025
+
+
+def test_a_dark_part_on_a_light_bench() -> None:
+    grey = 240 - picture(plate().placed(0.3, 300 + 250j), 500, 600, 0.7, 2.0)
+    light = found(240 - grey)
+    dark = found(grey, 255 - mask_of(grey))
+    assert [loop.hole for loop in dark] == [loop.hole for loop in light]
+    both = zip(sorted(map(area, dark)), sorted(map(area, light)), strict=True)
+    assert all(a == pytest.approx(b, rel=1e-4, abs=0.2) for a, b in both)
+
+
+def test_outer_borders_run_counter_clockwise_and_holes_clockwise() -> None:
+    loops = found(picture(plate().placed(0.3, 300 + 250j), 500, 600, 0.7, 2.0))
+    assert sorted(loop.hole for loop in loops) == [False] + [True] * 5
+    assert all((area(loop) < 0) == loop.hole for loop in loops)
+    round_holes = sorted(-area(loop) for loop in loops if loop.hole)
+    slot = np.pi * 12**2 + 24 * 96
+    # Chords of a pixel cut off 1 % of the smallest.
+    assert round_holes == pytest.approx(sorted([np.pi * r**2 for r in (5, 10, 25, 40)] + [slot]), rel=0.013)
+
+
+def test_points_go_ahead_one_per_pixel_and_do_not_cross() -> None:
+    for noise in (0.0, 4.0):
+        for loop in found(picture(plate().placed(0.3, 300 + 250j), 500, 600, 1.0, noise)):
+            step = np.hypot(*(np.roll(loop.points, -1, axis=0) - loop.points).T)
+            assert step.min() > 0.3
+            assert step.max() < 3.5
+            assert shapely.is_valid(shapely.Polygon(loop.points))
+
+
+@pytest.mark.parametrize("width", [3, 4, 6])
+def test_narrow_slots_and_webs(width: int) -> None:
+    # The plateau is hardly reached: what the other edge disturbs must not count.
+    outline = [(-50, -30, 0), (50, -30, 0), (50, 30, 0), (-50, 30, 0)]
+    slots = [[(-35, v, 0), (35, v, 0), (35, v + width, 0), (-35, v + width, 0)] for v in (-10, -10 + 2 * width)]
+    part = drawn(outline, *slots).placed(0.2, 80 + 60j)
+    grey = picture(part, 120, 160, 0.7, 1.0)
+    points = places(found(grey))
+    away = points[~part.near_corner(points, 4)]
+    assert rms(part.gaps(away)) < 0.05
+    assert part.gaps(away).max() < 0.2
+
+
+def test_a_part_told_by_colour_alone_takes_the_border_of_the_mask() -> None:
+    part = disc(50).placed(0.1, 70.2 + 69.7j)
+    mask = mask_of(picture(part, 140, 140, 0.7))
+    grey = picture(part, 140, 140, 0.7, 3.0, low=120.0, high=120.5)
+    loops, notes = outlines(grey, mask)
+    assert [note.what for note in notes] == ["1 of 1 outlines taken from the mask alone"]
+    error = outwards(loops[0], 70.2 + 69.7j, 50)
+    assert abs(error.mean()) < 0.05
+    assert rms(error) < 0.16
+    assert loops[0].sigma == pytest.approx(rms(error), rel=0.3)
+
+
+def test_small_borders_are_counted_and_nothing_is_no_part() -> None:
+    grey = picture(disc(20).placed(0, 40 + 40j), 80, 80)
+    mask = mask_of(grey)
+    mask[5, 5] = mask[5, 6] = 255
+    loops, notes = outlines(grey, mask)
+    assert len(loops) == 1
+    assert notes[-1].kind == "skipped"
+    assert notes[-1].what == "1 borders of fewer than 8 points"
+    none, notes = outlines(grey, np.zeros_like(mask))
+    assert none == ()
+    assert notes[0].what == "no part in the mask"
+
+
+def test_pictures_that_do_not_fit_are_refused() -> None:
+    mask = np.zeros((20, 30), np.uint8)
+    with pytest.raises(InputError, match=r"has shape \(30, 20\)"):
+        outlines(np.zeros((30, 20), np.uint8), mask)
+    with pytest.raises(InputError, match="mask: has shape"):
+        outlines(np.zeros((20, 30), np.uint8), mask.astype(bool))
+    with pytest.raises(InputError, match="float64"):
+        outlines(np.zeros((20, 30)), mask)
+
+
+def test_float_pictures_say_the_same() -> None:
+    grey = picture(disc(30).placed(0, 50 + 50j), 100, 100, 0.7, 2.0)
+    for a, b in zip(found(grey), found(grey.astype(np.float32)), strict=True):
+        assert np.array_equal(a.points, b.points)
+        assert not a.points.flags.writeable
+
+
+def test_sums_around_a_loop_go_over_its_end() -> None:
+    loops = loops_of(np.array([5, 2]))
+    values = np.array([1.0, 2, 3, 4, 5, 10, 20])
+    assert loops.around(values, 1).tolist() == [8, 6, 9, 12, 10, 50, 40]
+    assert loops.beside(-1).tolist() == [4, 0, 1, 2, 3, 6, 5]
+    assert loops.mean(values).tolist() == [3, 15]
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    radius=st.floats(5, 30), u=st.floats(-0.5, 0.5), v=st.floats(-0.5, 0.5), blur=st.floats(0.5, 1.2),
+    hole=st.booleans(),
+)  # fmt: skip
+def test_any_disc_and_any_hole(radius: float, u: float, v: float, blur: float, hole: bool) -> None:
+    centre = complex(50 + u, 50 + v)
+    around = drawn([(-45, -45, 0), (45, -45, 0), (45, 45, 0), (-45, 45, 0)])
+    part = (with_holes(around, (0, radius)) if hole else disc(radius)).placed(0, centre)
+    loops = [loop for loop in found(picture(part, 100, 100, blur, 1.0)) if loop.hole == hole]
+    error = outwards(loops[0], centre, radius)
+    assert abs(error.mean()) < 0.02
+    assert np.abs(error).max() < 0.12
+
+
+def test_a_picture_is_left_as_it_was() -> None:
+    grey = picture(disc(20).placed(0, 40 + 40j), 80, 80)
+    mask = mask_of(grey)
+    before = (grey.copy(), mask.copy())
+    outlines(grey, mask)
+    assert cv2.countNonZero(cv2.absdiff(grey, before[0])) == cv2.countNonZero(cv2.absdiff(mask, before[1])) == 0

@@ -1,0 +1,329 @@
+"""Views: what is where, judged by smooth patterns whose grey value at every photo pixel is known by formula."""
+
+import cv2
+import numpy as np
+import pytest
+
+from camgen.model.errors import InputError, JobError
+from camgen.model.pose import frozen
+from camgen.vision.camera.camera import Camera, distorted
+from camgen.vision.image import Picture
+from camgen.vision.plane import mapped, plane_from_points, plane_from_pose
+from camgen.vision.to_scale import (
+    View,
+    already_to_scale,
+    mm_per_pixel,
+    photo_from_work,
+    photo_grid,
+    rectify,
+    remapped,
+    shown_by,
+    work_from_photo,
+)
+from tests.vision.test_plane import LENS, MATRIX, PINHOLE, looking, seen
+
+#: A small camera with the strong distortion of a cheap lens.
+SMALL = Camera(
+    matrix=frozen([[800.0, 0, 321], [0, 802, 236], [0, 0, 1]]),
+    distortion=frozen([-0.28, 0.1, 0.001, -0.0006, -0.02]),
+    size=(640, 480),
+    name="small",
+)
+
+
+def places(view: View) -> np.ndarray:
+    """mm of every view pixel, (H, W, 2)."""
+    v, u = np.mgrid[: view.pixels.shape[0], : view.pixels.shape[1]]
+    return np.dstack([u, v]) @ view.work_from_view[:, :2].T + view.work_from_view[:, 2]
+
+
+def photo_of(camera: Camera, values: np.ndarray) -> Picture:
+    return Picture("photo.png", np.ascontiguousarray(values.reshape(camera.size[1], camera.size[0]).astype(np.uint8)))
+
+
+#: The big camera of the plane's tests with a quarter of its pixels.
+QUARTER = Camera(
+    matrix=frozen(MATRIX * [[0.25], [0.25], [1]]), distortion=LENS.distortion, size=(960, 687), name="quarter"
+)
+
+
+@pytest.mark.parametrize(
+    ("camera", "height", "region"),
+    [
+        (SMALL, 110, None),
+        (QUARTER, 700, (100, 60, 320, 240)),
+        (LENS, 700, (380, 100, 460, 150)),  # a corner of the photo, where the distortion bends most
+        (LENS, 700, (150, 100, 260, 160)),
+    ],
+)
+@pytest.mark.parametrize("tilt", [0, 25])
+def test_every_view_pixel_comes_from_its_place_in_the_photo(
+    camera: Camera, height: float, region: tuple[float, float, float, float] | None, tilt: float
+) -> None:
+    """The map of the view against cv2.projectPoints, at 20000 pixels: off by less than 0.002 px."""
+    pose = looking(tilt, height=height)
+    plane = plane_from_pose(camera, pose)
+    view = rectify(blank(camera), camera, plane, region)
+    # A float photo whose values are u and v: interpolating them linearly gives back the place itself. Three channels,
+    # since OpenCV quantises two to 1/32 px.
+    v, u = np.mgrid[: camera.size[1], : camera.size[0]].astype(np.float32)
+    rows, columns = view.pixels.shape[:2]
+    shown, valid = remapped(
+        np.dstack([u, v, u]),  # type: ignore[arg-type]
+        shown_by(camera, plane, camera.size),
+        view.work_from_view,
+        (columns, rows),
+    )
+    rng = np.random.default_rng(0)
+    row, column = rng.integers(0, rows, 20_000), rng.integers(0, columns, 20_000)
+    usable = valid[row, column]
+    mm = places(view)[row, column][usable]
+    assert len(mm) > 3000
+    assert np.abs(shown[row, column][usable][:, :2] - seen(camera, pose, mm)).max() < 0.002
+
+
+@pytest.mark.parametrize("camera", [SMALL, PINHOLE])
+def test_a_smooth_pattern_keeps_its_place(camera: Camera) -> None:
+    """A pattern of 12 mm waves drawn into the photo by formula: phases in the view are off by less than 0.005 px."""
+    small = Camera(matrix=SMALL.matrix, distortion=camera.distortion, size=SMALL.size, name="")
+    pose = looking(15, height=440)
+    plane = plane_from_pose(small, pose)
+    mm = work_from_photo(shown_by(small, plane, small.size), photo_grid_all(small.size))
+    waves = 127 + 60 * np.sin(mm[:, 0] * 2 * np.pi / 12) + 60 * np.cos(mm[:, 1] * 2 * np.pi / 12)
+    view = rectify(photo_of(small, np.rint(waves)), small, plane)
+    x, y = np.moveaxis(places(view), 2, 0) * 2 * np.pi / 12
+    use = view.valid if view.valid is not None else np.ones(x.shape, bool)
+    columns = np.stack([np.sin(x), np.cos(x), np.sin(y), np.cos(y), np.ones(x.shape)], axis=-1)[use]
+    fit = np.linalg.lstsq(columns, view.pixels[use].astype(float))[0]
+    # Offsets of the waves in mm, then in photo px (0.55 mm each).
+    off = np.array([np.arctan2(fit[1], fit[0]), np.arctan2(-fit[2], fit[3])]) * 12 / (2 * np.pi)
+    assert np.abs(off).max() / 0.55 < 0.005
+    assert np.hypot(fit[0], fit[1]) == pytest.approx(60, rel=0.05)
+
+
+def photo_grid_all(size: tuple[int, int]) -> np.ndarray:
+    v, u = np.mgrid[: size[1], : size[0]].astype(float)
+    return np.column_stack([u.ravel(), v.ravel()])
+
+
+def test_points_found_in_the_view_are_where_they_were_drawn() -> None:
+    """The whole way by dots: drawn into the photo by cv2.projectPoints, found in the view by their centres."""
+    pose = looking(18)
+    px = seen(SMALL, looking(18, at=(20, 15), height=110), DOTS)
+    v, u = np.mgrid[:480, :640]
+    photo = np.full((480, 640), 220.0)
+    for a, b in px:
+        photo -= 200 * np.exp(-((u - a) ** 2 + (v - b) ** 2) / (2 * 2.5**2))
+    pose = looking(18, at=(20, 15), height=110)
+    view = rectify(photo_of(SMALL, np.rint(photo)), SMALL, plane_from_pose(SMALL, pose))
+    where = places(view)
+    for dot in DOTS:
+        near = np.hypot(*np.moveaxis(where - dot, 2, 0)) < 1.2
+        weight = 220.0 - view.pixels[near]
+        assert np.linalg.norm((where[near] * weight[:, None]).sum(axis=0) / weight.sum() - dot) < 0.01
+
+
+DOTS = np.array([(5.0, 6), (35, 6), (34, 25), (6, 26), (20, 15)])
+
+
+# -- scale, region, what is shown
+
+
+@pytest.mark.parametrize("tilt", [0, 10, 25])
+@pytest.mark.parametrize("camera", [QUARTER, SMALL])
+def test_the_view_is_nowhere_coarser_than_the_photo(camera: Camera, tilt: float) -> None:
+    """One pixel of the view is at most one of the photo, in any direction, by finite differences of projectPoints."""
+    height = 700 if camera is QUARTER else 110
+    pose = looking(tilt, height=height)
+    view = rectify(blank(camera), camera, plane_from_pose(camera, pose))
+    mm = places(view)[::37, ::29].reshape(-1, 2)
+    valid = np.ones(len(mm), bool) if view.valid is None else view.valid[::37, ::29].ravel()
+    longest = 0.0
+    for angle in np.linspace(0, np.pi, 12, endpoint=False):
+        step = view.mm_per_px * np.array([np.cos(angle), np.sin(angle)])
+        moved = np.linalg.norm(seen(camera, pose, mm[valid] + step) - seen(camera, pose, mm[valid]), axis=1)
+        longest = max(longest, float(moved.max()))
+    assert 0.97 < longest < 1.003  # the finest place is between the samples
+    assert f"{view.mm_per_px:.3g}" == f"{view.mm_per_px:g}"  # three digits
+
+
+def blank(camera: Camera) -> Picture:
+    return Picture("photo.png", np.full((camera.size[1], camera.size[0]), 200, np.uint8))
+
+
+def test_axes_of_the_view() -> None:
+    view = rectify(blank(QUARTER), QUARTER, plane_from_pose(QUARTER, looking(10)))
+    s = view.mm_per_px
+    assert view.work_from_view[:, :2].tolist() == [[s, 0], [0, -s]]  # x right, y up
+    # Pixel centres lie on whole multiples of the scale.
+    assert np.allclose(view.work_from_view[:, 2] / s, np.rint(view.work_from_view[:, 2] / s))
+    assert not view.pixels.flags.writeable
+
+
+def test_all_of_the_photo_is_in_the_view_and_only_that_is_valid() -> None:
+    pose = looking(20, about=50)
+    plane = plane_from_pose(QUARTER, pose)
+    view = rectify(blank(QUARTER), QUARTER, plane)
+    corners = work_from_photo(shown_by(QUARTER, plane, QUARTER.size), photo_grid(QUARTER.size, 40))
+    first, last = places(view)[-1, 0], places(view)[0, -1]
+    assert np.all(corners.min(axis=0) >= first)
+    assert np.all(corners.max(axis=0) <= last)
+    mm = places(view)[::31, ::29]
+    px = seen(QUARTER, pose, mm.reshape(-1, 2))
+    margin = np.minimum(px, np.array(QUARTER.size) - 1 - px).min(axis=1).reshape(mm.shape[:2])
+    assert view.valid is not None
+    valid = view.valid[::31, ::29]
+    assert np.all(valid[margin > 0.01])
+    assert not np.any(valid[margin < -0.01])
+    pixels = view.pixels[::31, ::29]
+    assert np.all(pixels[valid] == 200)
+    assert np.all(pixels[margin < -1.01] == 0)
+
+
+@pytest.mark.parametrize("focal", [800.0, 560.0])
+def test_a_lens_model_that_turns_back_shows_nothing_twice(focal: float) -> None:
+    """With k1 = -0.5 the seen radius is greatest at sqrt(2 / 3): places beyond would be found inside the photo again.
+
+    With the shorter focal length the photo's own corners lie further out than the model shows anything.
+    """
+    matrix = frozen([[focal, 0, 321], [0, focal, 236], [0, 0, 1]])
+    folding = Camera(matrix=matrix, distortion=frozen([-0.5, 0, 0, 0, 0]), size=(640, 480), name="folding")
+    far = np.array([[1.2, 0, 1.0]])
+    turned = cv2.projectPoints(far, np.zeros(3), np.zeros(3), folding.matrix, folding.distortion)[0].ravel()
+    assert 0 < turned[0] < 640  # OpenCV's formula finds it in the photo: the trap is there
+    assert np.isnan(distorted(folding, np.array([[321 + 1.2 * focal, 236]]))).all()
+    plane = plane_from_pose(folding, looking(0, height=110, at=(200, 150)))
+    shown = shown_by(folding, plane, folding.size)
+    seen_mm = work_from_photo(shown, photo_grid(folding.size, 20))
+    assert np.isnan(seen_mm).any() == (focal < 700)
+    region = (108.0, 58.0, 292.0, 242.0)
+    view = rectify(blank(folding), folding, plane, region)
+    where = places(view)
+    assert view.valid is not None
+    assert 0.05 < view.valid.mean() < 0.9
+    ideal = (mapped(plane.pixel_from_work, where[view.valid]) - folding.matrix[:2, 2]) / focal
+    radius = np.linalg.norm(ideal, axis=1)
+    assert radius.max() < np.sqrt(2 / 3)
+    px = ideal * (1 - 0.5 * radius**2)[:, None] * focal + folding.matrix[:2, 2]
+    assert np.all((px > -0.1) & (px < np.array(folding.size) - 0.9))
+    assert radius.max() > (0.55 if focal > 700 else 0.78)  # and nearly all that the photo shows is there
+
+
+def test_a_region_is_cut_out_and_may_be_finer() -> None:
+    pose = looking(25)
+    plane = plane_from_pose(QUARTER, pose)
+    whole = rectify(blank(QUARTER), QUARTER, plane)
+    part = rectify(blank(QUARTER), QUARTER, plane, (150, 100, 250, 160))
+    assert part.valid is None
+    assert part.mm_per_px >= whole.mm_per_px
+    first, last = places(part)[-1, 0], places(part)[0, -1]
+    assert np.all(np.abs(first - (150, 100)) < part.mm_per_px)
+    assert np.all(np.abs(last - (250, 160)) < part.mm_per_px)
+
+
+def test_a_region_partly_or_wholly_outside_of_the_photo() -> None:
+    plane = plane_from_pose(SMALL, looking(0, height=110, at=(20, 15)))
+    view = rectify(blank(SMALL), SMALL, plane, (20, 15, 90, 75))
+    assert view.valid is not None
+    assert 0.1 < view.valid.mean() < 0.9
+    with pytest.raises(InputError, match=r"does not show the region \(\[500, 500, 510, 510\] mm\)"):
+        rectify(blank(SMALL), SMALL, plane, (500, 500, 510, 510))
+    for bad in ((0.0, 0, 0, 5), (0.0, 0, float("nan"), 5), (5.0, 0, 1, 5)):
+        with pytest.raises(JobError, match="is no rectangle"):
+            rectify(blank(SMALL), SMALL, plane, bad)
+
+
+@pytest.mark.parametrize("camera", [SMALL, None])
+def test_a_horizon_in_the_photo_does_not_make_an_endless_view(camera: Camera | None) -> None:
+    pose = looking(75, about=0, height=110, at=(20, 15))
+    plane = plane_from_pose(SMALL, pose)
+    view = rectify(blank(SMALL), camera, plane)
+    assert view.pixels.size <= 6 * 640 * 480
+    (note,) = view.notes
+    assert "of the photo left out of the view" in note.what
+    # What is left is not much coarser than the finest place.
+    fine, coarse = mm_per_pixel(shown_by(camera, plane, SMALL.size), places(view)[view.valid][::50])
+    assert coarse.max() < 4.6 * fine.min()
+
+
+def test_a_view_far_larger_than_the_photo_is_refused() -> None:
+    plane = plane_from_pose(SMALL, looking(0, height=110, at=(20, 15)))
+    with pytest.raises(InputError, match=r"its view would have \d+ x \d+ pixels, over 6 times"):
+        rectify(blank(SMALL), SMALL, plane, (0, 0, 900, 900))
+
+
+def test_without_a_camera() -> None:
+    pose = looking(15, height=110, at=(20, 15))
+    pinhole = Camera(matrix=SMALL.matrix, distortion=frozen([]), size=SMALL.size, name="pinhole")
+    plane = plane_from_points(None, seen(pinhole, pose, DOTS), DOTS)
+    shown = shown_by(None, plane, SMALL.size)
+    assert np.abs(photo_from_work(shown, DOTS) - seen(pinhole, pose, DOTS)).max() < 1e-6
+    view = rectify(blank(SMALL), None, plane)
+    corners = mapped(plane.work_from_pixel, np.array([[0.0, 0], [639, 0], [0, 479], [639, 479]]))
+    assert np.abs(corners.min(axis=0) - places(view)[-1, 0]).max() < view.mm_per_px
+    assert np.abs(corners.max(axis=0) - places(view)[0, -1]).max() < view.mm_per_px
+
+
+def test_colour_stays() -> None:
+    photo = np.zeros((480, 640, 3), np.uint8)
+    photo[:] = (10, 120, 240)
+    view = rectify(Picture("p", photo), SMALL, plane_from_pose(SMALL, looking(0, height=110, at=(20, 15))))
+    assert view.pixels.shape[2] == 3
+    assert view.pixels[view.pixels.shape[0] // 2, view.pixels.shape[1] // 2].tolist() == [10, 120, 240]
+
+
+def test_a_photo_that_the_camera_cannot_have_taken_is_refused() -> None:
+    plane = plane_from_pose(SMALL, looking(0, height=110))
+    with pytest.raises(InputError, match="is 480 x 640 px, camera small was calibrated with 640 x 480"):
+        rectify(Picture("p.jpg", np.zeros((640, 480), np.uint8)), SMALL, plane)
+    with pytest.raises(InputError, match="turned by its Exif orientation"):
+        rectify(Picture("p.jpg", np.zeros((480, 640), np.uint8), turned=True), SMALL, plane)
+
+
+# -- already to scale
+
+
+def test_the_origin_of_a_picture_to_scale_is_its_lower_left_corner() -> None:
+    picture = Picture("scan.png", np.zeros((20, 30), np.uint8))
+    view = already_to_scale(picture, mm_per_px=0.5)
+    assert np.allclose(places(view)[-1, 0], (0.25, 0.25))
+    assert np.allclose(places(view)[0, -1], (30 * 0.5 - 0.25, 20 * 0.5 - 0.25))
+    assert view.pixels is picture.pixels
+    assert (view.valid, view.notes) == (None, ())
+
+
+@pytest.mark.parametrize(
+    ("given", "scale"),
+    [({"mm_per_px": 0.2}, 0.2), ({"width_mm": 60.0}, 2.0), ({"dpi": 254.0}, 0.1), ({}, 25.4 / 300)],
+)
+def test_ways_to_give_a_scale(given: dict[str, float], scale: float) -> None:
+    picture = Picture("scan.png", np.zeros((20, 30), np.uint8), dpi=300.0)
+    view = already_to_scale(picture, **given)
+    assert view.mm_per_px == pytest.approx(scale)
+    assert bool(view.notes) == (not given)
+
+
+def test_without_a_scale_the_ways_are_listed() -> None:
+    with pytest.raises(InputError) as caught:
+        already_to_scale(Picture("scan.png", np.zeros((20, 30), np.uint8)))
+    for way in ("[image] mm_per_px", "width_mm", "DPI", "points_px", "plane_from", "markers"):
+        assert way in str(caught.value)
+
+
+@pytest.mark.parametrize("given", [{"mm_per_px": 0.0}, {"width_mm": -3.0}, {"dpi": float("nan")}])
+def test_scales_that_are_none(given: dict[str, float]) -> None:
+    with pytest.raises(JobError, match="no positive number"):
+        already_to_scale(Picture("scan.png", np.zeros((20, 30), np.uint8)), **given)
+
+
+def test_two_scales_are_one_too_many() -> None:
+    with pytest.raises(JobError, match="mm_per_px and width_mm are both given"):
+        already_to_scale(Picture("scan.png", np.zeros((20, 30), np.uint8)), mm_per_px=0.1, width_mm=50)
+
+
+def test_linear_interpolation_of_this_opencv_is_exact_enough() -> None:
+    """What the view rests on: cv2.remap, linear, of a float ramp gives back the place to 0.001 px."""
+    u = np.tile(np.arange(500, dtype=np.float32), (4, 1))
+    at = np.linspace(1, 498, 4000, dtype=np.float32)[None]
+    found = cv2.remap(u, at, np.full_like(at, 1.3), cv2.INTER_LINEAR)
+    assert np.abs(found - at).max() < 0.001
