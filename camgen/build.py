@@ -310,7 +310,7 @@ def build(
     reading = readback({file.name: file.text for file in files}, settings.post)
     deviation = compare(program, reading, poster.tolerance(), poster.carried(), files[0].name)
     motions, pace = sum_up(program.columns), pace_of(poster, settings)
-    time = cycle(program, tour, pace, reach, arm)
+    time = cycle(program, pace, reach, arm)
     made = (part, settings, poster, cell, tour, notes, program, files, deviation, motions, time, reach, clear)
     return Result(*made, planned.coverage, arm, where)
 

@@ -20,7 +20,6 @@ import camgen
 from bench.machine import machine
 from camgen.check.report import sum_up
 from camgen.check.time import cycle, timed
-from camgen.model.path import Tour
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import MoveC, MoveJ, MoveL, Program
 from camgen.post.plugins import find_post, make_post
@@ -92,7 +91,7 @@ def main() -> None:
             pace, took = make_post(find_post(post), {}).pace(), []
             for _ in range(3):
                 begun = time.perf_counter()
-                cycle(one, Tour((), 0.0, "as-drawn"), pace)
+                cycle(one, pace)
                 took.append(time.perf_counter() - begun)
             print(f"{count} lines, {post}: {statistics.median(took):.2f} s")
 

@@ -10,7 +10,7 @@ from camgen.collision.cell import Surroundings
 from camgen.collision.motion import motion
 from camgen.collision.scene import told
 from camgen.model.errors import NoSafeProgram
-from camgen.model.program import Comment, Program
+from camgen.model.program import Program
 from camgen.order.edges import STEP
 
 #: Rows that are tested together: bounds the memory.
@@ -39,12 +39,6 @@ def collided(where: Surroundings, program: Program, reach: Reach, file: str) -> 
         if hit:
             at, pair, scene = min(hit, key=lambda one: one[0])
             index = int(reach.owner[begin + int(np.ceil(at))])
-            what = f"{reach.robot} collides on {_path(program, index)}: {told(scene, pair)}"
+            what = f"{reach.robot} collides on {program.place_of(index)}: {told(scene, pair)}"
             raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
     return Clear(least)
-
-
-def _path(program: Program, index: int) -> str:
-    """The path that an instruction belongs to, as the comment before it says."""
-    said = [item.text for item in program.body[: index + 1] if isinstance(item, Comment)]
-    return " ".join(said[-1].split()[:2]) if said else "the way to the first path"

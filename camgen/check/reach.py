@@ -8,7 +8,6 @@ more than 30 deg from one to the next.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from camgen.geometry.arcs import arc_middles
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.pose import FloatArray
-from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, Program
+from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
 from camgen.plan.edges.ways import Index, Way, counts, divided, rows
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
@@ -178,7 +177,7 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
         raise JobError("job", f"is beyond the limits of {robot.name}", "cell.home", "give joint values within them")
     for place in beyond[:1].tolist():
         index = int(columns.at[place])
-        what = f"{robot.name} cannot run {_path(program.body, index)}: joint values beyond its limits"
+        what = f"{robot.name} cannot run {program.place_of(index)}: joint values beyond its limits"
         raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
     return anchors
 
@@ -221,7 +220,7 @@ def _followed(program: Program, robot: Robot, file: str, found: Rows, anchors: F
 def _refusal(program: Program, robot: Robot, file: str, found: Rows, row: int, text: str) -> NoSafeProgram:
     index = int(program.columns.at[found.motion[row]])
     place = " ".join(short(v, 1) for v in found.way.position[row].tolist())
-    what = f"{robot.name} cannot run {_path(program.body, index)} at {place} mm: {text}"
+    what = f"{robot.name} cannot run {program.place_of(index)} at {place} mm: {text}"
     return NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
 
 
@@ -243,9 +242,3 @@ def _filled(program: Program, robot: Robot, joints: FloatArray) -> Program:
     for motion, index in zip(np.flatnonzero(posed).tolist(), columns.at[posed].tolist(), strict=True):
         body[index] = replace(body[index], joints=Joints(values[motion]), posture=named[motion])
     return program.with_body(tuple(body))
-
-
-def _path(body: Sequence[Instruction], index: int) -> str:
-    """The path that an instruction belongs to, as the comment before it says."""
-    said = [item.text for item in body[: index + 1] if isinstance(item, Comment)]
-    return " ".join(said[-1].split()[:2]) if said else "the way to the first path"

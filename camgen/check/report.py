@@ -160,6 +160,8 @@ def _path(path: ToolPath, length: float, seconds: float, time: float, travel: fl
     return {
         "id": path.id,
         "layer": clean(path.layer),
+        "contours": [clean(ident) for ident in path.contours],
+        "operation": path.operation,
         "closed": path.closed,
         "length_mm": round(length, 3),
         "feed": round(length / seconds if seconds > 0 else float(path.feed[0]), 3),

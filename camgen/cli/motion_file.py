@@ -26,6 +26,7 @@ from camgen.model.program import (
     MoveC,
     MoveJ,
     MoveL,
+    Origin,
     Output,
     Posture,
     Program,
@@ -49,6 +50,8 @@ class _MoveJ(_Line, frozen=True, tag="movej"):
     blend: float | None = None
     posture: tuple[float, ...] | None = None
     called: Posture | None = None
+    path: int = -1
+    work: bool = False
 
 
 class _MoveL(_Line, frozen=True, tag="movel"):
@@ -60,6 +63,8 @@ class _MoveL(_Line, frozen=True, tag="movel"):
     press: Vec3 | None = None
     posture: tuple[float, ...] | None = None
     called: Posture | None = None
+    path: int = -1
+    work: bool = False
 
 
 class _MoveC(_Line, frozen=True, tag="movec"):
@@ -73,6 +78,8 @@ class _MoveC(_Line, frozen=True, tag="movec"):
     press: Vec3 | None = None
     posture: tuple[float, ...] | None = None
     called: Posture | None = None
+    path: int = -1
+    work: bool = False
 
 
 class _Output(_Line, frozen=True, tag="output"):
@@ -101,8 +108,8 @@ class _Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rotation: int
 
 
-class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    format: Literal["camgen-plan 1"]
+class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    format: Literal["camgen-plan 1", "camgen-plan 2"]
     post: str
     options: dict[str, Any]
     chord_mm: float
@@ -111,10 +118,11 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     flange_from_tool: _Frame
     header: tuple[str, ...]
     rotations: tuple[Matrix, ...]
+    paths: tuple[Origin, ...] = ()
     body: tuple[_Any, ...]
 
 
-class Plan(Struct, frozen=True, eq=False):
+class MotionFile(Struct, frozen=True, eq=False):
     """What a plan file holds. options: of ``[post]``. chord: mm that a replacement of an arc may deviate."""
 
     program: Program
@@ -145,7 +153,7 @@ def encode(program: Program, post: str, options: Mapping[str, object], chord: fl
     frames = [_Frame(pose.origin, known.place(pose.rotation)) for pose in (work, tool)]
     body = [_line(item, known) for item in program.body]
     head = _File(
-        format="camgen-plan 1",
+        format="camgen-plan 2",
         post=post,
         options=dict(options),
         chord_mm=chord,
@@ -154,6 +162,7 @@ def encode(program: Program, post: str, options: Mapping[str, object], chord: fl
         flange_from_tool=frames[1],
         header=tuple(clean(line) for line in program.header),
         rotations=tuple(known.matrices),
+        paths=tuple(_cleaned(origin) for origin in program.paths),
         body=(),
     )
     encoder = msgspec.json.Encoder(order="deterministic")
@@ -162,14 +171,23 @@ def encode(program: Program, post: str, options: Mapping[str, object], chord: fl
     return start + b"[\n" + b",\n".join(lines) + b"\n]}\n"
 
 
+def _cleaned(origin: Origin) -> Origin:
+    contours = tuple(clean(ident) for ident in origin.contours)
+    return Origin(clean(origin.id), clean(origin.layer), contours, origin.operation)
+
+
 def _line(item: Instruction, known: _Rotations) -> _Any:
     match item:
         case MoveJ():
-            posture = item.joints.values if item.joints else None
+            posture, owner = item.joints.values if item.joints else None, (item.path, item.work)
             if isinstance(item.target, Joints):
-                return _MoveJ(item.speed, None, -1, item.target.values, item.blend or None, posture, item.posture)
+                return _MoveJ(
+                    item.speed, None, -1, item.target.values, item.blend or None, posture, item.posture, *owner
+                )
             place = known.place(item.target.rotation)
-            return _MoveJ(item.speed, item.target.origin, place, None, item.blend or None, posture, item.posture)
+            return _MoveJ(
+                item.speed, item.target.origin, place, None, item.blend or None, posture, item.posture, *owner
+            )
         case MoveL():
             place = known.place(item.target.rotation)
             return _MoveL(item.target.origin, place, item.speed, *_tail(item))
@@ -186,16 +204,17 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
             return _Comment(clean(item.text))
 
 
-_Tail = tuple[float | None, float | None, Vec3 | None, tuple[float, ...] | None, Posture | None]
+_Tail = tuple[float | None, float | None, Vec3 | None, tuple[float, ...] | None, Posture | None, int, bool]
 
 
 def _tail(item: MoveL | MoveC) -> _Tail:
-    """Blend, force, press, posture and its names, each None where there is none: such fields are not written."""
+    """Blend, force, press, posture and its names, None where there is none, and the path."""
     press = item.press if any(item.press) else None
-    return item.blend or None, item.force or None, press, item.joints.values if item.joints else None, item.posture
+    joints = item.joints.values if item.joints else None
+    return item.blend or None, item.force or None, press, joints, item.posture, item.path, item.work
 
 
-def load(file: Path) -> Plan:
+def load(file: Path) -> MotionFile:
     """The plan in ``file``. JobError when it cannot be read or is no plan."""
     try:
         return decode(file.read_bytes())
@@ -206,7 +225,7 @@ def load(file: Path) -> Plan:
         raise JobError(str(file), f"is not a plan: {reason}", remedy="write one with camgen build --plan") from error
 
 
-def decode(data: bytes) -> Plan:
+def decode(data: bytes) -> MotionFile:
     """The plan that ``encode`` wrote. ValueError (msgspec's included) when it is none; Refused as ``ir.Program``."""
     file = msgspec.json.decode(data, type=_File)
     rotations = [_rotation(matrix) for matrix in file.rotations]
@@ -219,7 +238,8 @@ def decode(data: bytes) -> Plan:
     body = tuple(_instruction(line, pose) for line in file.body)
     work = pose(file.base_from_work.origin, file.base_from_work.rotation)
     tool = pose(file.flange_from_tool.origin, file.flange_from_tool.rotation)
-    return Plan(Program(file.name, work, tool, body, file.header), file.post, file.options, file.chord_mm)
+    program = Program(file.name, work, tool, body, file.header, file.paths)
+    return MotionFile(program, file.post, file.options, file.chord_mm)
 
 
 def _rotation(matrix: Matrix) -> FloatArray:
@@ -232,12 +252,12 @@ def _rotation(matrix: Matrix) -> FloatArray:
 def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
     match line:
         case _MoveJ():
-            posture = Joints(line.posture) if line.posture else None
+            posture, owner = Joints(line.posture) if line.posture else None, (line.path, line.work)
             if line.joints is not None:
-                return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called)
+                return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called, *owner)
             if line.to is None:
                 raise ValueError("a movej has neither joints nor to")
-            return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called)
+            return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called, *owner)
         case _MoveL():
             return MoveL(pose(line.to, line.rotation), line.speed, *_end(line))
         case _MoveC():
@@ -253,6 +273,6 @@ def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
             return Comment(line.text)
 
 
-def _end(line: _MoveL | _MoveC) -> tuple[float, float, Vec3, Joints | None, Posture | None]:
+def _end(line: _MoveL | _MoveC) -> tuple[float, float, Vec3, Joints | None, Posture | None, int, bool]:
     posture = Joints(line.posture) if line.posture else None
-    return line.blend or 0.0, line.force or 0.0, line.press or _NO_PRESS, posture, line.called
+    return line.blend or 0.0, line.force or 0.0, line.press or _NO_PRESS, posture, line.called, line.path, line.work

@@ -20,7 +20,7 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, Process
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen, pose_from_values, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program, Wait
 
 # How far a tool that turns with the contour winds up, and where it is turned back: in the air, between two paths.
 
@@ -102,7 +102,12 @@ def lower(tour: Tour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) 
     if job.process.spindle > 0:
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, job.process.travel))
-    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header)
+    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header, origins(tour.paths))
+
+
+def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
+    """What the motions of a program over ``paths`` are there for."""
+    return tuple(Origin(path.id, path.layer, path.contours, path.operation) for path in paths)
 
 
 def placed(cell: Cell, job: Job) -> Cell:
@@ -157,11 +162,12 @@ def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
 
 
 class _Run(Struct, frozen=True):
-    """One pass. linked: it starts where the run before it ended, so that nothing lies between them but the plunge.
-    down: it is reached straight from there, without a lift.
+    """One pass. number: of its path in the tour. linked: it starts where the run before it ended, so that nothing lies
+    between them but the plunge. down: it is reached straight from there, without a lift.
     """
 
     path: ToolPath
+    number: int
     depth: float
     linked: bool
     down: bool = False
@@ -172,7 +178,7 @@ def _runs(tour: Tour, winds: bool) -> list[_Run]:
     runs = []
     for index, path in enumerate(tour.paths):
         first, *deeper = path.depths
-        runs.append(_Run(path, first, False, index in tour.down))
+        runs.append(_Run(path, index, first, False, index in tour.down))
         if not deeper:
             continue
         meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < _SAME
@@ -180,7 +186,7 @@ def _runs(tour: Tour, winds: bool) -> list[_Run]:
         ways = (path, path.reversed()) if zigzag else (path, path)
         # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
         linked = (zigzag or (meets and not winds)) and not path.force.any()
-        runs += [_Run(ways[k % 2], depth, linked) for k, depth in enumerate(deeper, start=1)]
+        runs += [_Run(ways[k % 2], index, depth, linked) for k, depth in enumerate(deeper, start=1)]
     return runs
 
 
@@ -285,25 +291,25 @@ def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian
     yield Comment(f"path {one.path.id} layer {one.path.layer}")
     if one.down:
         if not _same(table.position[table.last[run - 1]], contact):
-            yield MoveL(Pose(rotation, contact), process.travel)
+            yield MoveL(Pose(rotation, contact), process.travel, path=one.number)
         return
     if not one.linked:
         above, near = table.above_start[run], table.near[run]
         turned = table.unwound[run]
         if from_home:
-            yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel)
-            yield from (_rapid(cartesian, Pose(back, above), process.travel, 0.0) for back in turned[1:])
+            yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel, path=one.number)
+            yield from (_rapid(cartesian, Pose(back, above), process.travel, 0.0, one.number) for back in turned[1:])
         else:
             left = table.above_end[run - 1]
-            yield from (_rapid(cartesian, Pose(back, left), process.travel, 0.0) for back in turned)
+            yield from (_rapid(cartesian, Pose(back, left), process.travel, 0.0, one.number) for back in turned)
             if not _same(left, above):
                 way = math.dist(left, above), math.dist(above, contact if _same(above, near) else near)
-                yield _rapid(cartesian, Pose(rotation, above), process.travel, _zone(process, *way))
+                yield _rapid(cartesian, Pose(rotation, above), process.travel, _zone(process, *way), one.number)
         if not _same(above, near):
-            yield _rapid(cartesian, Pose(rotation, near), process.travel, 0.0)
+            yield _rapid(cartesian, Pose(rotation, near), process.travel, 0.0, one.number)
         if _same(near, contact):
             return
-    yield MoveL(Pose(rotation, contact), feed)
+    yield MoveL(Pose(rotation, contact), feed, path=one.number)
 
 
 def _leave(table: _Table, run: int, process: Process, cartesian: bool) -> Iterator[Instruction]:
@@ -318,12 +324,13 @@ def _leave(table: _Table, run: int, process: Process, cartesian: bool) -> Iterat
     if not last and not table.unwound[following]:
         zone = _zone(process, math.dist(table.position[row], up), math.dist(up, table.above_start[following]))
     if not _same(table.position[row], up):
-        yield _rapid(cartesian, target, process.travel, zone)
+        yield _rapid(cartesian, target, process.travel, zone, table.runs[run].number)
 
 
-def _rapid(cartesian: bool, target: Pose, speed: float, blend: float) -> MoveJ | MoveL:
+def _rapid(cartesian: bool, target: Pose, speed: float, blend: float, path: int) -> MoveJ | MoveL:
     """Travel: robots keep to the line, machines whose axes are the coordinates have a rapid motion for it."""
-    return MoveJ(target, speed, blend) if cartesian else MoveL(target, speed, blend)
+    kind = MoveJ if cartesian else MoveL
+    return kind(target, speed, blend, path=path)
 
 
 def _zone(process: Process, *neighbours: float) -> float:
@@ -360,14 +367,14 @@ def _work(table: _Table, run: int, process: Process) -> Iterator[Instruction]:
     if name:
         yield Output(name, 1.0)
         yield from dwell(process)
-    yield from _segments(table, range(first + 1, last + 1), pressing)
+    yield from _segments(table, range(first + 1, last + 1), pressing, table.runs[run].number)
     if name:
         yield Output(name, 0.0)
     if last > first and table.force[last] > 0:
         yield Force(0.0)
 
 
-def _segments(table: _Table, rows: range, pressing: bool) -> Iterator[Instruction]:
+def _segments(table: _Table, rows: range, pressing: bool, path: int) -> Iterator[Instruction]:
     """One motion a segment; force is switched where it begins or ends, the tool turned where its orientation jumps."""
     position, feed, blend, forces = table.position, table.feed, table.blend, table.force
     ends, vias = table.orientations.ends, table.orientations.vias
@@ -382,12 +389,14 @@ def _segments(table: _Table, rows: range, pressing: bool) -> Iterator[Instructio
             end = (0.0, 0.0, 0.0)
         if table.turns[row]:
             held, press = (force, begin) if wanted and pressing else (0.0, (0.0, 0.0, 0.0))
-            yield MoveL(Pose(table.orientations.begins[row], position[row - 1]), feed[row], 0.0, held, press)
+            turned = Pose(table.orientations.begins[row], position[row - 1])
+            yield MoveL(turned, feed[row], 0.0, held, press, None, None, path, True)
         if wanted and not pressing:
             yield Force(force, begin)
         pressing = wanted
         target = Pose(ends[row], position[row])
         if table.arc[row]:
-            yield MoveC(Pose(vias[row], table.via[row]), target, feed[row], blend[row], force, end)
+            via = Pose(vias[row], table.via[row])
+            yield MoveC(via, target, feed[row], blend[row], force, end, None, None, path, True)
         else:
-            yield MoveL(target, feed[row], blend[row], force, end)
+            yield MoveL(target, feed[row], blend[row], force, end, None, None, path, True)

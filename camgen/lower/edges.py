@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.lower import dwell, signal
 from camgen.model.cell import Cell
 from camgen.model.job import Job, Process
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program
 from camgen.order.edges.links import Along, Piece, Turn
 from camgen.order.edges.route import Route
 from camgen.plan.edges.motion import Reached, feed_of
@@ -27,18 +28,26 @@ def lower_edges(
     body: list[Instruction] = [MoveJ(cell.home, process.travel)]
     if process.spindle > 0:
         body += [Output("spindle", process.spindle), *dwell(process)]
-    for leg, length in zip(route.legs, lengths, strict=True):
+    for number, (leg, length) in enumerate(zip(route.legs, lengths, strict=True)):
         body.append(Comment(f"edge {leg.motion.id}"))
-        body += _linked(leg.link, process)
+        link = [*_linked(leg.link, process)]
         if isinstance(leg.link[-1], Turn):
-            body += _stated(leg.motion.way, process)
-        body += _work(leg.motion, feed_of(leg.motion, length, process), process)
+            link += _stated(leg.motion.way, process)
+        body += _belonging(link, number, False)
+        body += _belonging(_work(leg.motion, feed_of(leg.motion, length, process), process), number, True)
     body.append(Comment("back to home"))
     body += _linked(route.back[:-1], process)
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, process.travel))
-    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header)
+    found = tuple(Origin(leg.motion.id, "", (leg.motion.id,), "edges") for leg in route.legs)
+    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header, found)
+
+
+def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[Instruction]:
+    """``items`` with the path of the motions among them."""
+    for item in items:
+        yield replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
 
 
 def _linked(link: Sequence[Piece], process: Process) -> Iterator[Instruction]:

@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from msgspec.structs import replace
 
+from camgen.lower import origins
 from camgen.lower.columns import ZONES
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -37,20 +39,28 @@ def check(job: Job) -> None:
 
 def tour_of(part: Recorded) -> Tour:
     """The program's motions at feed as paths, from one rapid motion to the next, in its order."""
-    kept = _moving(part.run.body)
-    columns = Columns(kept)
+    columns = Columns(_moving(part.run.body))
     ends, vias, speed = columns.ends, columns.vias, columns.speed
-    rapid = columns.moves_are(MoveJ)
     steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
     lines = dict(zip(map(id, part.run.body), part.run.lines, strict=True))
-    paths: list[ToolPath] = []
-    cuts = [*np.flatnonzero(rapid).tolist(), len(ends)]
-    for before, after in pairwise(cuts):
-        if after - before > 1:
-            rows = slice(before, after)
-            line = lines[id(columns.moves[before + 1])]
-            paths.append(_path(len(paths) + 1, line, ends[rows], vias[rows], speed[rows]))
-    return Tour(tuple(paths), math.fsum(steps[rapid[1:]].tolist()), "as-drawn")
+    paths = [
+        _path(number, lines[id(columns.moves[low + 1])], *(column[low:high] for column in (ends, vias, speed)))
+        for number, (low, high) in enumerate(_stretches(columns), 1)
+    ]
+    return Tour(tuple(paths), math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist()), "as-drawn")
+
+
+def _stretches(columns: Columns) -> list[tuple[int, int]]:
+    """The motions at feed between two rapid ones, from the rapid one before to the one after, which is not of them."""
+    cuts = [*np.flatnonzero(columns.moves_are(MoveJ)).tolist(), len(columns.moves)]
+    return [(low, high) for low, high in pairwise(cuts) if high - low > 1]
+
+
+def _owners(columns: Columns) -> list[int]:
+    """(M,) the path that each motion belongs to: rapid motions to the next one, -1 behind the last."""
+    ends = np.array([high for _, high in _stretches(columns)], dtype=np.int64)
+    owner = np.searchsorted(ends, np.arange(len(columns.moves)), side="right")
+    return np.where(owner < len(ends), owner, -1).tolist()  # type: ignore[no-any-return]  # numpy: any nesting
 
 
 def _path(number: int, line: int, ends: FloatArray, vias: FloatArray, speed: FloatArray) -> ToolPath:
@@ -68,6 +78,7 @@ def _path(number: int, line: int, ends: FloatArray, vias: FloatArray, speed: Flo
         feed=frozen(feed),
         closed=bool(count > 2 and np.linalg.norm(ends[0] - ends[-1]) < _SAME),
         reversible=False,
+        operation="replay",
     )
 
 
@@ -79,37 +90,42 @@ def replayed(part: Recorded, cell: Cell, job: Job, name: str, header: tuple[str,
     cartesian, travel = isinstance(cell.home, Pose), job.process.travel
     body = _moving(part.run.body)
     first = next(k for k, item in enumerate(body) if isinstance(item, MoveJ))
+    columns = Columns(body)
+    path, *owners = _owners(columns)
     out: list[Instruction] = [MoveJ(cell.home, travel), *body[:first]]
-    out += _arrive(body[first], cartesian, job, part.run.entry)  # type: ignore[arg-type]  # a MoveJ, found above
-    blend = iter(_blends(Columns(body), job.tolerance.chord).tolist()[1:])
+    arrival = _arrive(body[first], cartesian, job, part.run.entry)  # type: ignore[arg-type]  # a MoveJ, found above
+    out += [replace(item, path=path) for item in arrival]
+    manner = zip(_blends(columns, job.tolerance.chord).tolist()[1:], owners, strict=True)
     last: MoveJ | MoveL | MoveC = body[first]  # type: ignore[assignment]
     for item in body[first + 1 :]:
         if isinstance(item, MoveJ):
-            next(blend)
-            out.append(_rapid(item.target, cartesian, travel))  # type: ignore[arg-type]  # recorded in poses
+            _, path = next(manner)
+            out.append(replace(_rapid(item.target, cartesian, travel), path=path))  # type: ignore[arg-type]  # poses
             last = item
         elif isinstance(item, MoveL):
-            out.append(MoveL(item.target, item.speed, next(blend)))
+            blend, path = next(manner)
+            out.append(MoveL(item.target, item.speed, blend, path=path, work=True))
             last = item
         elif isinstance(item, MoveC):
-            out.append(MoveC(item.via, item.target, item.speed, next(blend)))
+            blend, path = next(manner)
+            out.append(MoveC(item.via, item.target, item.speed, blend, path=path, work=True))
             last = item
         else:
             out.append(item)
     out += _leave(last.target, cartesian, job)  # type: ignore[arg-type]
     out.append(MoveJ(cell.home, travel))
-    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(out), header)
+    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(out), header, origins(tour_of(part).paths))
 
 
 def _rapid(target: Pose, cartesian: bool, speed: float) -> MoveJ | MoveL:
     return MoveJ(target, speed) if cartesian else MoveL(target, speed)
 
 
-def _arrive(first: MoveJ, cartesian: bool, job: Job, entry: float) -> list[Instruction]:
+def _arrive(first: MoveJ, cartesian: bool, job: Job, entry: float) -> list[MoveJ | MoveL]:
     """From home to where the program begins. entry: the feed of the last way down, where the start was assumed."""
     x, y, z = first.target.origin  # type: ignore[union-attr]  # recorded in poses
     speed, high = job.process.travel, job.process.clearance
-    arrival: list[Instruction] = [MoveJ(Pose(TOOL_DOWN, (x, y, max(z, high))), speed)]
+    arrival: list[MoveJ | MoveL] = [MoveJ(Pose(TOOL_DOWN, (x, y, max(z, high))), speed)]
     if z < high - _SAME:
         down = Pose(TOOL_DOWN, (x, y, z))
         arrival.append(MoveL(down, min(entry, speed)) if entry else _rapid(down, cartesian, speed))

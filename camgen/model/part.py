@@ -92,7 +92,8 @@ class Contour(Struct, frozen=True, eq=False):
 
     points: (N, 2), no point repeated at the end of a closed chain. bulges: (N,); ``bulges[i]`` shapes the segment
     that leaves point i, the last one counts only where ``closed``. |bulge| <= 1. id: the place in ``Part.contours``
-    as users see it, e.g. ``c12``.
+    as users see it, e.g. ``c12``. sources: ids of the contours that it was
+    made of, where it is none of the input.
     """
 
     points: FloatArray
@@ -100,6 +101,7 @@ class Contour(Struct, frozen=True, eq=False):
     closed: bool
     layer: str
     id: str = ""
+    sources: tuple[str, ...] = ()
 
 
 class Raster(Struct, frozen=True, eq=False):

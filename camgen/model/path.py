@@ -22,7 +22,8 @@ class ToolPath(Struct, frozen=True, eq=False):
     towards the surface at the start and at the end of the segment, zero where there is no surface (traced lines).
     force: (N,) N along press, zero where contact is not expected. feed: (N,) of the tool centre.
     closed: the last position is the first again. reversible: may be run backwards. parent: index of the path that
-    encloses this one in the same plan, -1 if none. depths: mm below ``position`` of each pass, in order.
+    encloses this one in the same plan, -1 if none. depths: mm below ``position`` of each pass, in order. contours: ids
+    of the contours that it works on, or of one edge. operation: what it does there.
     """
 
     id: str
@@ -37,6 +38,8 @@ class ToolPath(Struct, frozen=True, eq=False):
     reversible: bool = True
     parent: int = -1
     depths: tuple[float, ...] = (0.0,)
+    contours: tuple[str, ...] = ()
+    operation: str = ""
 
     def reversed(self) -> ToolPath:
         """The same path run backwards."""

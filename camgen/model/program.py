@@ -40,9 +40,20 @@ class Posture(Struct, frozen=True, gc=False, omit_defaults=True):
     switches: tuple[str, ...] = ()
 
 
+class Origin(Struct, frozen=True):
+    """What a motion is there for: the path ``id``, which works on ``contours`` (ids of contours, or of one edge) of
+    ``layer`` by ``operation``.
+    """
+
+    id: str
+    layer: str = ""
+    contours: tuple[str, ...] = ()
+    operation: str = ""
+
+
 class MoveJ(Struct, frozen=True, eq=False, gc=False):
     """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s. joints and
-    posture: of the arm at a target that is a pose, where a robot is known.
+    posture: of the arm at a target that is a pose, where a robot is known. path: see ``MoveL``.
     """
 
     target: Pose | Joints
@@ -50,12 +61,15 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
     blend: float = 0.0
     joints: Joints | None = None
     posture: Posture | None = None
+    path: int = -1
+    work: bool = False
 
 
 class MoveL(Struct, frozen=True, eq=False, gc=False):
     """Straight line of the TCP. target: work_from_tcp. blend: radius in mm within which the corner may be rounded, 0
     = exact stop. force: N to press with during this motion, while a ``Force`` is on. press: its direction at the
-    target, unit vector in the work frame from the tool towards the surface.
+    target, unit vector in the work frame from the tool towards the surface. path: place in ``Program.paths`` of the one
+    that this motion belongs to, the ways there and up from it included, -1: none. work: it runs along that path.
     """
 
     target: Pose
@@ -65,6 +79,8 @@ class MoveL(Struct, frozen=True, eq=False, gc=False):
     press: tuple[float, float, float] = (0.0, 0.0, 0.0)
     joints: Joints | None = None
     posture: Posture | None = None
+    path: int = -1
+    work: bool = False
 
 
 class MoveC(Struct, frozen=True, eq=False, gc=False):
@@ -78,6 +94,8 @@ class MoveC(Struct, frozen=True, eq=False, gc=False):
     press: tuple[float, float, float] = (0.0, 0.0, 0.0)
     joints: Joints | None = None
     posture: Posture | None = None
+    path: int = -1
+    work: bool = False
 
 
 class Output(Struct, frozen=True, gc=False):
@@ -202,6 +220,16 @@ class Columns:
         force[pressing] = column(taken(self.moves, pressing), "force")
         return force
 
+    @cached_property
+    def path(self) -> Indices:
+        """(M,): the place in ``Program.paths`` of the path that each motion belongs to, -1: none."""
+        return np.fromiter(map(attrgetter("path"), self.moves), np.intp, len(self.moves))
+
+    @cached_property
+    def works(self) -> Mask:
+        """(M,): which motions run along their path."""
+        return np.fromiter(map(attrgetter("work"), self.moves), np.bool_, len(self.moves))
+
     def _spread(self, where: Mask, name: str) -> FloatArray:
         places = np.full((len(where), 3), np.nan)
         places[where] = numbers(taken(self.moves, where), name, 3)
@@ -260,14 +288,15 @@ def shared(items: Sequence[Any], name: str) -> list[Any]:
 _BLENDS = "a motion before an output, a wait or a force change must not blend"
 
 
-def check(columns: Columns) -> None:
-    """Raises Refused for the first instruction of a body that breaks a rule of ``Program``."""
+def check(columns: Columns, paths: int = 0) -> None:
+    """Raises Refused for the first instruction of a body that breaks a rule of ``Program`` with so many ``paths``."""
     at, speed, blend = columns.at, columns.speed, columns.blend
     waits = np.flatnonzero(columns.are(Wait))
     broken = [
         *_first(at[:1][~columns.moves_are(MoveJ)[:1]], "the first motion must be joint-interpolated"),
         *_not_finite(columns),
         *_first(at[~(speed > 0) | (blend < 0)], "a speed must be positive and a blend not negative"),
+        *_first(at[(columns.path < -1) | (columns.path >= paths)], "a motion belongs to a path that there is none of"),
         *_first(waits[column(columns.of(Wait), "seconds") < 0], "a wait must not be negative"),
         *_blending(columns),
         *_pressing(columns),
@@ -355,9 +384,10 @@ def _pressing(columns: Columns) -> Iterator[tuple[int, str]]:
 class Program(Struct, frozen=True, eq=False, dict=True):
     """A whole program in one work frame.
 
-    base_from_work and flange_from_tool: the frames that the poses are in. header: remarks for its top, in order.
-    Construction raises Refused unless the first motion is joint-interpolated, every number is finite, every speed
-    positive, and no motion before an output, a wait, a force change or the end blends.
+    base_from_work and flange_from_tool: the frames that the poses are in. header: remarks for its top, in order. paths:
+    what the motions are there for, see ``path_of``. Construction raises Refused unless the first motion is
+    joint-interpolated, every number is finite, every speed positive, every path known, and no motion before an output,
+    a wait, a force change or the end blends.
     """
 
     name: str
@@ -365,16 +395,31 @@ class Program(Struct, frozen=True, eq=False, dict=True):
     flange_from_tool: Pose
     body: tuple[Instruction, ...]
     header: tuple[str, ...] = ()
+    paths: tuple[Origin, ...] = ()
 
     def __post_init__(self) -> None:
         for frame in (self.base_from_work, self.flange_from_tool):
             check_frame(frame)
-        check(self.columns)
+        check(self.columns, len(self.paths))
 
     @cached_property
     def columns(self) -> Columns:
         """The body by column."""
         return Columns(self.body)
+
+    def path_of(self, index: int) -> Origin | None:
+        """What the motion at ``index`` of the body is there for, or the one before it where that is none."""
+        motion = int(np.searchsorted(self.columns.at, index, side="right")) - 1
+        path = int(self.columns.path[motion]) if motion >= 0 else -1
+        return self.paths[path] if path >= 0 else None
+
+    def place_of(self, index: int) -> str:
+        """Where the motion at ``index`` of the body is, in words."""
+        origin = self.path_of(index)
+        if origin is not None:
+            return f"{'edge' if origin.operation == 'edges' else 'path'} {origin.id}"
+        begun = self.columns.path[: int(np.searchsorted(self.columns.at, index, side="right"))] >= 0
+        return "the way home" if begun.any() else "the way to the first path"
 
     def with_body(self, body: tuple[Instruction, ...]) -> Program:
         """The same program with another body."""

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from typing import Any
+
 from camgen.model.pose import Pose, quaternion, rotation_from_quaternion
 from camgen.model.program import (
     Comment,
@@ -12,6 +16,7 @@ from camgen.model.program import (
     MoveC,
     MoveJ,
     MoveL,
+    Origin,
     Output,
     Posture,
     Program,
@@ -29,6 +34,7 @@ def dump(program: Program) -> str:
     lines.append("work " + _pose_text(program.base_from_work))
     lines.append("tool " + _pose_text(program.flange_from_tool))
     lines += [f"# {harmless(line, 200)}" for line in program.header]
+    lines += ["path " + json.dumps([one.id, one.layer, one.operation, *one.contours]) for one in program.paths]
     lines.append("body")
     rotations: dict[bytes, str] = {}
     lines += [_line(item, rotations) for item in program.body]
@@ -74,6 +80,8 @@ def _tail(item: Motion) -> str:
         text += f" blend {short(item.blend, _DIGITS)}"
     if not isinstance(item, MoveJ) and (item.force or any(item.press)):
         text += f" force {short(item.force, _DIGITS)} press {_numbers(item.press, _ANGLE_DIGITS)}"
+    if item.path >= 0:
+        text += f" path {item.path}" + (" work" if item.work else "")
     if item.joints is not None:
         text += " at " + _numbers(item.joints.values, _ANGLE_DIGITS)
     return text if item.posture is None else text + _posture_text(item.posture)
@@ -90,32 +98,33 @@ def parse(text: str) -> Program:
     lines = text.splitlines()
     if not lines or lines[0] != "camgen-ir 1":
         raise ValueError("line 1: not a camgen-ir 1 text")
-    name, work, tool = "", Pose(*_NEUTRAL), Pose(*_NEUTRAL)
-    header: list[str] = []
+    head: dict[str, list[Any]] = {word: [] for word in _HEAD}
     body: list[Instruction] = []
     in_body = False
     for number, line in enumerate(lines[1:], start=2):
         word, _, rest = line.partition(" ")
         try:
-            if word == "name":
-                name = rest
-            elif word == "work":
-                work = _parse_pose(rest.split())
-            elif word == "tool":
-                tool = _parse_pose(rest.split())
-            elif word == "body":
+            if word == "body":
                 in_body = True
-            elif word == "#" and not in_body:
-                header.append(rest)
+            elif word in _HEAD and not in_body:
+                head[word].append(_HEAD[word](rest))
             elif word:
                 body.append(_parse_instruction(word, rest))
         except (ValueError, IndexError, KeyError, ZeroDivisionError) as error:
             raise ValueError(f"line {number}: {line!r}: {error}") from error
-    return Program(name, work, tool, tuple(body), tuple(header))
+    name, work, tool = (head[word][-1] if head[word] else _NEUTRAL[word] for word in ("name", "work", "tool"))
+    return Program(name, work, tool, tuple(body), tuple(head["#"]), tuple(head["path"]))
 
 
-_NEUTRAL = (rotation_from_quaternion((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
-_TAIL_WORDS = ("speed", "blend", "force", "press", "at", "confdata", "figure", "switches")
+def _parse_origin(rest: str) -> Origin:
+    ident, layer, operation, *contours = json.loads(rest)
+    return Origin(ident, layer, tuple(contours), operation)
+
+
+_HERE = Pose(rotation_from_quaternion((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
+#: What stands for a word of the head that is not there.
+_NEUTRAL: dict[str, Any] = {"name": "", "work": _HERE, "tool": _HERE}
+_TAIL_WORDS = ("speed", "blend", "force", "press", "at", "path", "confdata", "figure", "switches")
 
 
 def _parse_pose(words: list[str]) -> Pose:
@@ -123,6 +132,16 @@ def _parse_pose(words: list[str]) -> Pose:
     if words[3] != "q" or len(words) != 8:
         raise ValueError("a pose is x y z q w x y z")
     return Pose(rotation_from_quaternion([float(w) for w in words[4:8]]), (x, y, z))
+
+
+#: How the words before ``body`` are read.
+_HEAD: dict[str, Callable[[str], Any]] = {
+    "name": str,
+    "work": lambda rest: _parse_pose(rest.split()),
+    "tool": lambda rest: _parse_pose(rest.split()),
+    "#": str,
+    "path": _parse_origin,
+}
 
 
 def _split(words: list[str]) -> tuple[list[str], dict[str, list[str]]]:
@@ -156,12 +175,14 @@ def _parse_instruction(word: str, rest: str) -> Instruction:
     blend = float(tail.get("blend", ["0"])[0])
     joints = Joints(tuple(map(float, tail["at"]))) if "at" in tail else None
     posture = _posture(tail)
+    index, *work = tail.get("path", ["-1"])
+    owner = int(index), bool(work)
     if word == "movej":
         target = Joints(tuple(float(w) for w in head[1:])) if head[0] == "joints" else _parse_pose(head)
-        return MoveJ(target, speed, blend, joints, posture)
+        return MoveJ(target, speed, blend, joints, posture, *owner)
     force = float(tail.get("force", ["0"])[0])
     x, y, z = map(float, tail.get("press", ["0"] * 3))
-    manner = (speed, blend, force, (x, y, z), joints, posture)
+    manner = (speed, blend, force, (x, y, z), joints, posture, *owner)
     if word == "movel":
         return MoveL(_parse_pose(head), *manner)
     if word == "movec":

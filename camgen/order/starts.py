@@ -214,7 +214,7 @@ def _cut(paths: Sequence[ToolPath], columns: dict[str, FloatArray], ends: IntArr
     return [
         ToolPath(
             path.id, path.layer, position[a:b], via[a:b], axis[a:b], press[a:b], force[a:b], feed[a:b],
-            path.closed, path.reversible, path.parent, path.depths,
+            path.closed, path.reversible, path.parent, path.depths, path.contours, path.operation,
         )
         for path, (a, b) in zip(paths, pairwise([0, *ends.tolist()]), strict=True)
     ]  # fmt: skip

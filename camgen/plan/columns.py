@@ -13,13 +13,14 @@ from camgen.model.pose import FloatArray
 
 
 class Label(Struct, frozen=True):
-    """What a path is called and how it may be run."""
+    """What a path is called, the ids of the contours that it works on, and how it may be run."""
 
     id: str
     layer: str
     closed: bool
     reversible: bool
     parent: int
+    contours: tuple[str, ...]
 
 
 def tool_paths(
@@ -29,6 +30,7 @@ def tool_paths(
     force: FloatArray,
     feed: FloatArray,
     depths: tuple[float, ...],
+    operation: str,
 ) -> tuple[ToolPath, ...]:
     """A path per owner of ``segments``, in order; the tool straight down, z = 0 at the top face.
 
@@ -73,6 +75,8 @@ def tool_paths(
                 reversible=label.reversible,
                 parent=label.parent,
                 depths=depths,
+                contours=label.contours,
+                operation=operation,
             )
         )
     return tuple(paths)

@@ -34,13 +34,14 @@ _LEAST_PX = 4.0
 
 
 class Hole(Struct, frozen=True):
-    """x, y: mm, work frame. diameter: mm, 0 for a mark."""
+    """x, y: mm, work frame. diameter: mm, 0 for a mark. contours: the id of the circle in a drawing."""
 
     x: float
     y: float
     diameter: float
     layer: str
     id: str
+    contours: tuple[str, ...] = ()
 
 
 def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
@@ -127,7 +128,7 @@ def _in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
         inner = _innermost(centre[rows], radius[rows])
         pads, other = len(rows) - len(inner), other - len(rows)
         chosen = rows[inner].tolist()
-        found = [_hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id) for k in chosen]
+        found = [_hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id, closed[k].id) for k in chosen]
     notes = []
     if pads:
         what = f"{pads} circles around holes taken for pads"
@@ -137,9 +138,9 @@ def _in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
     return found, notes
 
 
-def _hole(centre: FloatArray, diameter: float, layer: str, name: str) -> Hole:
+def _hole(centre: FloatArray, diameter: float, layer: str, name: str, *contours: str) -> Hole:
     x, y = centre.tolist()
-    return Hole(x, y, float(diameter), layer, name)
+    return Hole(x, y, float(diameter), layer, name, contours)
 
 
 def _fitted(points: FloatArray, owner: IntArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -208,6 +209,8 @@ def _path(hole: Hole, job: Job) -> ToolPath:
         feed=frozen(feed),
         closed=False,
         reversible=False,
+        contours=hole.contours,
+        operation="drill",
     )
 
 

@@ -250,7 +250,7 @@ def _labels(
         if around >= 0 and loops.depth[main[order[around]]] >= loops.depth[k]:
             around = -1
         reversible = job.operation.direction == "any" and not closed
-        labels.append(Label(name, contours[k].layer, closed, reversible, around))
+        labels.append(Label(name, contours[k].layer, closed, reversible, around, (contours[k].id,)))
     return labels, order
 
 
@@ -353,4 +353,4 @@ def _paths(curve: Beside, source: Segments, labels: list[Label], order: IntArray
         feed, force, side = feed[back], force[back], -1
     press = sideways(segments, side)
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    return tool_paths(segments, labels, press, force, feed, depths)
+    return tool_paths(segments, labels, press, force, feed, depths, "follow")

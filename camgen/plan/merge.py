@@ -239,7 +239,7 @@ def merged(
             after += len(made)
             for k in chosen:
                 result[members[k]] = []
-            result[members[chosen[0]]] = _named(made)
+            result[members[chosen[0]]] = _named(made, tuple(ids[-len(chosen) :]))
     if not ids:
         return tuple(contours), ()
     why = f"lines that meet within input.join = {short(tolerance, 6)} mm are run with the fewest lifts"
@@ -247,13 +247,14 @@ def merged(
     return tuple(one for k in range(len(contours)) for one in result[k]), (note,)
 
 
-def _named(made: list[Contour]) -> list[Contour]:
+def _named(made: list[Contour], sources: tuple[str, ...]) -> list[Contour]:
     """Each trail has the name of the contour that it begins with; the second one of a name and so on are counted."""
     seen: dict[str, int] = {}
     named = []
     for contour in made:
         seen[contour.id] = count = seen.get(contour.id, 0) + 1
-        named.append(contour if count == 1 else replace(contour, id=f"{contour.id}.{count}"))
+        name = contour.id if count == 1 else f"{contour.id}.{count}"
+        named.append(replace(contour, id=name, sources=sources))
     return named
 
 

@@ -19,14 +19,14 @@ def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
     contours = part.contours
     segments = from_contours(contours)
     parent = _parents(part)
-    labels = [Label(c.id, c.layer, c.closed, True, parent[k]) for k, c in enumerate(contours)]
+    labels = [Label(c.id, c.layer, c.closed, True, parent[k], c.sources or (c.id,)) for k, c in enumerate(contours)]
     press = sideways(segments, 0)
     if job.process.force:
         press[:, :, 2] = -1.0
     force = np.full(len(segments), job.process.force)
     feed = np.full(len(segments), job.process.feed)
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    return tool_paths(segments, labels, press, force, feed, depths)
+    return tool_paths(segments, labels, press, force, feed, depths, "trace")
 
 
 def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:

@@ -30,9 +30,11 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     poses = along(start, arc, [k / count for k in range(1, count)])
     presses = _turned(arc.press, axis, sweep, count)
     lines: list[MoveL | MoveC] = [
-        MoveL(pose, arc.speed, blend, arc.force, press) for pose, press in zip(poses, presses, strict=True)
+        MoveL(pose, arc.speed, blend, arc.force, press, None, None, arc.path, arc.work)
+        for pose, press in zip(poses, presses, strict=True)
     ]
-    lines.append(MoveL(arc.target, arc.speed, arc.blend, arc.force, arc.press, arc.joints, arc.posture))
+    last = (arc.speed, arc.blend, arc.force, arc.press, arc.joints, arc.posture, arc.path, arc.work)
+    lines.append(MoveL(arc.target, *last))
     return lines
 
 

@@ -45,8 +45,7 @@ class _Sheet(Struct, frozen=True):
 
 def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
     """The picture as SVG text, sized in mm, legible on light and dark. It is drawn to scale, with a scale bar."""
-    # A contour that gives several paths gives them its id with a number: c7.1, c7.2.
-    followed = {path.id.partition(".")[0] for path in tour.paths}
+    followed = {ident for path in tour.paths for ident in path.contours}
     used = [c for c in part.contours if c.id in followed]
     unused = [c for c in part.contours if c.id not in followed]
     sheet = _sheet(part, tour)

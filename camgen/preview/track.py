@@ -137,8 +137,8 @@ class _Stations(Struct, frozen=True, eq=False):
 def track(result: Result, sag: float) -> tuple[Track, Arm | None]:
     """The way of the program, arcs in pieces within ``sag`` mm, and that of the robot where its joints are known."""
     program, reach, robot = result.program, result.reach, result.arm
-    seconds, ends = timed(program, pace_of(result.post, result.job), reach, robot)
-    found = events(program, robot, worked(result.tour, ends), seconds)
+    seconds, _ = timed(program, pace_of(result.post, result.job), reach, robot)
+    found = events(program, robot, worked(program), seconds)
     stations = _stations(found, sag)
     seconds, arm = found.seconds, None
     if reach is not None and robot is not None and len(reach.joints):

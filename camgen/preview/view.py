@@ -190,9 +190,7 @@ def _lines(result: Result, sag: float) -> tuple[tuple[Line, ...], Chains]:
     names = [(c.id, c.layer, c.closed) for c in contours]
     names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
     why = reasons([note for note in result.notes if note.kind == "skipped"])
-    # A contour with several paths gives them its id and a number; a network of contours is run as few paths.
-    done = {path.id.partition(".")[0] for path in result.tour.paths}
-    done |= {ident for note in result.notes if note.kind == "joined" for ident in note.ids} - why.keys()
+    done = {ident for path in result.tour.paths for ident in path.contours}
     lines = [
         Line(
             id=clean(ident),

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 import camgen
 from camgen.check.reach import reached
 from camgen.cli import main
 from camgen.model.errors import CamgenError, NoSafeProgram
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, translation
-from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Program
+from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Origin, Program
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 
@@ -26,8 +27,13 @@ def down(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*motions: MoveJ | MoveL | MoveC, home: Joints = HOME, base: Pose = BASE) -> Program:
-    body = (MoveJ(home, 100.0), Comment("path c1 layer 0"), *motions, MoveJ(home, 100.0))
-    return Program("part", base, TOOL, body)
+    body = (
+        MoveJ(home, 100.0),
+        Comment("path c1"),
+        *(replace(motion, path=0) for motion in motions),
+        MoveJ(home, 100.0),
+    )
+    return Program("part", base, TOOL, body, paths=(Origin("c1"),))
 
 
 def test_the_joints_lead_where_the_program_says() -> None:
@@ -65,7 +71,7 @@ def test_a_line_whose_ends_alone_are_in_reach_is_refused() -> None:
 def test_the_tool_counts() -> None:
     near = program(MoveJ(down(120, 0, 0), 100.0))
     assert reached(near, robot("IRB 120"), "part").owner.tolist()[-1] == 3
-    long = Program("part", BASE, translation(0, 0, 600), near.body)
+    long = Program("part", BASE, translation(0, 0, 600), near.body, paths=near.paths)
     with pytest.raises(NoSafeProgram):
         reached(long, robot("IRB 120"), "part")
 

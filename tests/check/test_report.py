@@ -69,7 +69,8 @@ def tool_path(ident: str, feeds: list[float], force: list[float], depths: tuple[
     axis = frozen(np.tile([0.0, 0.0, -1.0], (n, 1)))
     via, press = frozen(np.full((n, 3), np.nan)), frozen(np.zeros((n, 2, 3)))
     return ToolPath(
-        ident, "cut", position, via, axis, press, frozen(force), frozen(feeds), closed=False, depths=depths
+        ident, "cut", position, via, axis, press, frozen(force), frozen(feeds), closed=False, depths=depths,
+        contours=(ident,), operation="follow",
     )  # fmt: skip
 
 
@@ -99,7 +100,8 @@ def test_the_report_has_the_keys_of_the_contract() -> None:
     # 20 mm in 1 s + 2 s
     assert found["paths"] == [
         {
-            "id": "c1", "layer": "cut", "closed": False, "length_mm": 20.0, "feed": 6.667, "force": 4.0,
+            "id": "c1", "layer": "cut", "contours": ["c1"], "operation": "follow",
+            "closed": False, "length_mm": 20.0, "feed": 6.667, "force": 4.0,
             "time_s": 3.2, "travel_s": 0.56,
         }
     ]  # fmt: skip

@@ -2,18 +2,22 @@
 
 import math
 import re
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import camgen
-from camgen.check.time import cycle, worked
+from camgen.check.time import cycle
 from camgen.cli import main
+from camgen.lower import lower
 from camgen.model.cell import Pace
+from camgen.model.job import Job
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, translation
-from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Origin, Output, Program, Wait
+from camgen.post.plugins import find_post
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
 PACE = Pace(acceleration=1000.0)
@@ -44,24 +48,24 @@ def tool_path(ident: str, points: list[tuple[float, float]], depths: tuple[float
 
 
 def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
-    tour = Tour((tool_path("a", [(0, 0), (50, 0)]), tool_path("b", [(50, 40), (0, 40)])), 40.0, "as-drawn")
     body: tuple[Instruction, ...] = (
         MoveJ(at(0, 0, 10), 100.0),
         Wait(0.25),  # before the first path: travel
-        MoveL(at(0, 0), 10.0),
+        MoveL(at(0, 0), 10.0, path=0),
         Output("process", 1.0),
         Wait(0.5),  # the signal is on: on the path
-        MoveL(at(50, 0), 10.0),
+        MoveL(at(50, 0), 10.0, path=0, work=True),
         Output("process", 0.0),
         Comment("path b"),
-        MoveL(at(50, 40), 100.0),
+        MoveL(at(50, 40), 100.0, path=1),
         Output("process", 1.0),
         Wait(0.5),
-        MoveL(at(0, 40), 10.0),
+        MoveL(at(0, 40), 10.0, path=1, work=True),
         Output("process", 0.0),
         MoveJ(at(0, 40, 10), 100.0),
     )
-    found = cycle(Program("p", translation(0, 0, 0), translation(0, 0, 0), body), tour, PACE)
+    here = translation(0, 0, 0)
+    found = cycle(Program("p", here, here, body, paths=(Origin("a"), Origin("b"))), PACE)
     work, plunge = 50 / 10 + 10 / 1000, 10 / 10 + 10 / 1000
     link, back = 40 / 100 + 100 / 1000, 2 * math.sqrt(10 / 1000)
     assert found.paths.tolist() == pytest.approx([work + 0.5, work + 0.5])
@@ -70,23 +74,14 @@ def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
     assert found.total == pytest.approx(2 * (work + 0.5) + found.travel)
 
 
-def test_every_pass_counts_and_a_path_may_have_points_in_between() -> None:
-    tour = Tour((tool_path("a", [(0, 0), (10, 0), (20, 0)], (1.0, 2.0)),), 0.0, "as-drawn")
-    first = [(0, 0, 5), (0, 0, -1), (10, 0, -1), (15, 0, -1), (20, 0, -1)]
-    ends = np.array([*first, (20, 0, -2), (10, 0, -2), (0, 0, -2), (0, 0, 5)], float)
-    assert worked(tour, ends).tolist() == [-1, -1, 0, 0, 0, -1, 0, 0, -1]
-
-
-def test_a_path_that_is_not_found_is_travel_and_spoils_no_other() -> None:
-    tour = Tour((tool_path("a", [(0, 0), (1, 1)]), tool_path("b", [(5, 0), (6, 0)])), 0.0, "as-drawn")
-    ends = np.array([(9, 9, 9)] * 100 + [(0, 0, 0), (5, 0, 0), (6, 0, 0)], float)
-    assert worked(tour, ends).tolist() == [-1] * 102 + [1]
-
-
-def test_a_touched_start_does_not_begin_a_path() -> None:
-    tour = Tour((tool_path("a", [(0, 0), (1, 0), (2, 0)]),), 0.0, "as-drawn")
-    ends = np.array([(0, 0, 0), (7, 7, 0), (0, 0, 0), (1, 0, 0), (2, 0, 0)], float)
-    assert worked(tour, ends).tolist() == [-1, -1, -1, 0, 0]
+def test_every_pass_works_on_its_path_and_what_is_between_them_does_not() -> None:
+    paths = (tool_path("a", [(0, 0), (10, 0), (20, 0)], (1.0, 2.0)), tool_path("b", [(5, 9), (6, 9)]))
+    program = lower(Tour(paths, 0.0, "as drawn"), find_post("gcode").cell(), Job(), "p", ())
+    ends, owner, works = program.columns.ends, program.columns.path, program.columns.works
+    assert [origin.id for origin in program.paths] == ["a", "b"]
+    assert ends[works & (owner == 0)].tolist() == [[10, 0, -1], [20, 0, -1], [10, 0, -2], [0, 0, -2]]
+    assert ends[works & (owner == 1)].tolist() == [[6, 9, 0]]
+    assert [k for k, _ in groupby(owner.tolist())] == [-1, 0, 1, -1]  # home, the paths with their ways, home
 
 
 @pytest.mark.parametrize("post", ["rapid", "pacscript", "vplus", "gcode", "grbl"])

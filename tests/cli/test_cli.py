@@ -469,7 +469,7 @@ def test_a_plan_reads_back_to_the_last_bit() -> None:
     assert move.target.origin == turned.origin
     assert (move.target.rotation == turned.rotation).all()
     loaded = json.loads(data)
-    assert loaded["format"] == "camgen-plan 1"
+    assert loaded["format"] == "camgen-plan 2"
     assert [line["do"] for line in loaded["body"]] == [type(item).__name__.lower() for item in body]
 
 

@@ -71,20 +71,22 @@ SQUARE = path([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)], closed=True)
 def test_a_square_becomes_the_written_sequence():
     job = Job(process=Process(dwell=0.25), tool=Tool(length=80.0))
     assert dump(program(SQUARE, job=job)) == (
-        "camgen-ir 1\nname part\nwork 100 0 0 q 1 0 0 0\ntool 0 0 80 q 1 0 0 0\n# made for a test\nbody\n"
+        "camgen-ir 1\nname part\nwork 100 0 0 q 1 0 0 0\ntool 0 0 80 q 1 0 0 0\n# made for a test\n"
+        'path ["c1", "cut", ""]\n'
+        "body\n"
         "movej joints 0 0.1 0.2 0 0.3 0 speed 100\n"
         "# path c1 layer cut\n"
-        "movej 0 0 20 q 0 1 0 0 speed 100\n"
-        "movel 0 0 2 q 0 1 0 0 speed 100\n"
-        "movel 0 0 0 q 0 1 0 0 speed 20\n"
+        "movej 0 0 20 q 0 1 0 0 speed 100 path 0\n"
+        "movel 0 0 2 q 0 1 0 0 speed 100 path 0\n"
+        "movel 0 0 0 q 0 1 0 0 speed 20 path 0\n"
         "output process 1\n"
         "wait 0.25\n"
-        "movel 40 0 0 q 0 1 0 0 speed 20\n"
-        "movel 40 30 0 q 0 1 0 0 speed 20\n"
-        "movel 0 30 0 q 0 1 0 0 speed 20\n"
-        "movel 0 0 0 q 0 1 0 0 speed 20\n"
+        "movel 40 0 0 q 0 1 0 0 speed 20 path 0 work\n"
+        "movel 40 30 0 q 0 1 0 0 speed 20 path 0 work\n"
+        "movel 0 30 0 q 0 1 0 0 speed 20 path 0 work\n"
+        "movel 0 0 0 q 0 1 0 0 speed 20 path 0 work\n"
         "output process 0\n"
-        "movel 0 0 20 q 0 1 0 0 speed 100\n"
+        "movel 0 0 20 q 0 1 0 0 speed 100 path 0\n"
         "movej joints 0 0.1 0.2 0 0.3 0 speed 100\n"
     )
 

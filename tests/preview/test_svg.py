@@ -28,7 +28,8 @@ def path(position: list[tuple[float, float]], via: dict[int, tuple[float, float]
     flat: FloatArray = frozen(np.zeros(n))
     down = frozen(np.tile([0.0, 0.0, -1.0], (n, 1)))
     feed = frozen(np.full(n, 20.0))
-    return ToolPath(ident, "holes", frozen(columns), frozen(tops), down, frozen(np.zeros((n, 2, 3))), flat, feed, True)
+    columns_ = (frozen(columns), frozen(tops), down, frozen(np.zeros((n, 2, 3))), flat, feed)
+    return ToolPath(ident, "holes", *columns_, True, contours=(ident.partition(".")[0],))
 
 
 def ring(x: float, y: float, r: float, ident: str = "c1") -> ToolPath:

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from camgen.check.reach import Reach, reached
 from camgen.model.errors import CamgenError, NoSafeProgram
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, rotation_about, translation
-from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Program
+from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Program
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics import continuity
 from camgen.robots.kinematics.forward import flange
@@ -25,7 +26,9 @@ def down(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*motions: Instruction) -> Program:
-    return Program("part", BASE, TOOL, (MoveJ(HOME, 100.0), Comment("edge e1"), *motions, MoveJ(HOME, 100.0)))
+    own = (replace(one, path=0) if isinstance(one, (MoveJ, MoveL, MoveC)) else one for one in motions)
+    body = (MoveJ(HOME, 100.0), Comment("edge e1"), *own, MoveJ(HOME, 100.0))
+    return Program("part", BASE, TOOL, body, paths=(Origin("e1", operation="edges"),))
 
 
 def solution(pose: Pose, flip: bool, near: float = 0.0) -> Joints:

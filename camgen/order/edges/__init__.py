@@ -155,6 +155,8 @@ def _path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
         force=frozen(np.full(count, job.process.force)),
         feed=frozen(np.full(count, feed)),
         closed=edge.closed,
+        contours=(edge.id,),
+        operation="edges",
     )
 
 

@@ -19,7 +19,7 @@ from camgen.geometry.rings import ComplexArray, latest, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.errors import InputError
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import short
@@ -216,7 +216,7 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     field = ground(part, job.tool.diameter / 2)
     kinds = _strokes(field, job.tool.diameter / 2 / field.mm_per_px, job)
     region = _regions(field)
-    paths = _paths(field, kinds, _layers(part, field, region), region, job)
+    paths = _paths(field, kinds, _borders(part, field, region), region, job)
     coverage = covered_by(field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.diameter / 2)
     return paths, (*_open(part), *_rules(kinds, region, job)), coverage
 
@@ -264,22 +264,22 @@ def _region_of(points: ComplexArray, region: IntArray) -> IntArray:
     return np.asarray(np.where(middle > 0, middle, np.max(around, axis=0)))
 
 
-def _layers(part: Part, field: Ground, region: IntArray) -> dict[int, str]:
-    """The layer of each region: that of the longest border around it."""
-    layers = [part.contours[k].layer for k in field.contour.tolist()]
-    if len(set(layers)) == 1:
-        return dict.fromkeys(range(int(region.max()) + 1), layers[0])
+def _borders(part: Part, field: Ground, region: IntArray) -> dict[int, list[Contour]]:
+    """The contours around each region, the longest first."""
     table = field.edge.table
-    found: dict[int, str] = {}
-    for k in np.argsort(table.count, kind="stable").tolist():
-        rows = slice(int(table.first[k]), int(table.first[k] + table.count[k]))
-        inside = _region_of(field.edge.points[rows], region)
-        found[int(np.bincount(inside).argmax())] = layers[k]
+    regions = int(region.max()) + 1
+    beside = np.bincount(
+        table.loop * regions + _region_of(field.edge.points, region), minlength=len(table.count) * regions
+    )
+    of = beside.reshape(-1, regions).argmax(axis=1).tolist()
+    found: dict[int, list[Contour]] = {}
+    for k in np.argsort(table.count, kind="stable")[::-1].tolist():
+        found.setdefault(of[k], []).append(part.contours[int(field.contour[k])])
     return found
 
 
 def _paths(
-    field: Ground, kinds: Sequence[Kind], layers: dict[int, str], region: IntArray, job: Job
+    field: Ground, kinds: Sequence[Kind], borders: dict[int, list[Contour]], region: IntArray, job: Job
 ) -> tuple[ToolPath, ...]:
     lines = [line for kind in kinds for line in kind.lines]
     if not lines:
@@ -297,12 +297,13 @@ def _paths(
     force, feed = np.full(len(flat), job.process.force), np.full(len(flat), job.process.feed)
     for column in (position, via, axis, press, force, feed):
         column.flags.writeable = False
+    some = borders[min(borders)]
     names = [(f"{kind.mark}{k}", closed) for kind in kinds for k, closed in enumerate(kind.closed, 1)]
     rows = [slice(a, a + n) for a, n in zip(low.tolist(), counts.tolist(), strict=True)]
     return tuple(
         ToolPath(
             id=name,
-            layer=layers.get(at, layers[min(layers)]),
+            layer=borders.get(at, some)[0].layer,
             position=position[own],
             via=via[own],
             axis=axis[own],
@@ -311,6 +312,8 @@ def _paths(
             feed=feed[own],
             closed=closed,
             depths=pass_depths(job.operation.depth, job.operation.passes),
+            contours=tuple(dict.fromkeys(contour.id for contour in borders.get(at, ()))),
+            operation="fill",
         )
         for (name, closed), at, own in zip(names, where, rows, strict=True)
     )

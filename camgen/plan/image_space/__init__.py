@@ -81,7 +81,7 @@ def labels(main: IntArray, parent: IntArray, sound: BoolArray) -> list[Label | N
         around = int(parent[k])
         while around >= 0 and place[around] < 0:
             around = int(parent[around])
-        result.append(Label(name, _LAYER, True, False, place[around] if around >= 0 else -1))
+        result.append(Label(name, _LAYER, True, False, place[around] if around >= 0 else -1, (f"c{on + 1}",)))
     return result
 
 
@@ -301,4 +301,5 @@ def _paths(chain: _Chain, names: list[Label | None], work_from_field: FloatArray
         segments, back = backwards(segments)
         press, feed, force = press[back][:, ::-1], feed[back], force[back]
     depths = pass_depths(job.operation.depth, job.operation.passes)
-    return tool_paths(segments, [name for name in names if name is not None], press, force, feed, depths)
+    labels_ = [name for name in names if name is not None]
+    return tool_paths(segments, labels_, press, force, feed, depths, "follow")
