@@ -8,7 +8,6 @@ from __future__ import annotations
 import gc
 import hashlib
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property, partial
@@ -25,10 +24,9 @@ from camgen.check.time import cycle
 from camgen.lower import lower, placed
 from camgen.model.cell import Cell, Pace
 from camgen.model.errors import InputError, JobError, NoSafeProgram
-from camgen.model.files import readable
 from camgen.model.job import Job
-from camgen.model.job_tables import from_mapping, load, split_name
-from camgen.model.part import Note, Part
+from camgen.model.job_tables import split_name
+from camgen.model.part import Note, Part, Solid
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.program import Program
@@ -43,7 +41,9 @@ from camgen.post import OutputFile, Post
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import Deviation, compare
 from camgen.read import read
+from camgen.read.files import Files, identity
 from camgen.read.gcode.interpreter import Recorded
+from camgen.read.job_file import from_mapping, load
 
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
@@ -62,21 +62,30 @@ def unwatched(_: str) -> None:
     """Nobody watches: then nobody can stop a search but with all the rest."""
 
 
-class Planned(Struct, frozen=True, eq=False):
-    """What will be done. arm: the robot that the program is checked with. lowered: the program, from its name and
-    header. coverage: of a fill.
+class Inputs(Struct, frozen=True, eq=False):
+    """What was read; no file is opened after it. digest: of all its bytes and the settings. arm: the robot that the
+    program is checked with. meshes: fixtures that are meshes with their names, work frame.
     """
+
+    digest: str
+    part: Part
+    arm: Robot | None
+    meshes: tuple[tuple[str, Solid], ...]
+
+
+class Planned(Struct, frozen=True, eq=False):
+    """What will be done. lowered: the program, from its name and header. coverage: of a fill."""
 
     tour: Tour
     notes: tuple[Note, ...]
-    arm: Robot | None
     lowered: Callable[[str, tuple[str, ...]], Program]
     where: Surroundings | None = None
     coverage: Coverage | None = None
 
 
-def _flat(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
+def _flat(found: Inputs, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
     """The tour of the paths of a flat part."""
+    part = found.part
     watch("planning")
     no_idle(job, "a drawing" if part.raster is None else "a picture")
     planned = plan(part, job)
@@ -86,21 +95,10 @@ def _flat(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Plann
     tour, lead_notes = _toured(planned.paths, part, job, cell, watch)
     notes += lead_notes
     _insist(part, notes, bool(tour.paths), strict)
-    arm = _arm(job.cell.robot)
-    run = partial(lower, tour, cell, job)
-    return Planned(tour, notes, arm, run, coverage=planned.coverage)
+    return Planned(tour, notes, partial(lower, tour, cell, job), coverage=planned.coverage)
 
 
-def _arm(name: str) -> Robot | None:
-    """The robot of this name, none without one."""
-    if not name:
-        return None
-    from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
-
-    return robot(name)
-
-
-def way(part: Part, job: Job) -> Callable[[Part, Job, Cell, bool, Watch], Planned]:
+def way(part: Part, job: Job) -> Callable[[Inputs, Job, Cell, bool, Watch], Planned]:
     """How a part becomes a program: by contours, by edges, or by the motions that it holds."""
     if isinstance(part, Recorded):
         return _replay
@@ -109,36 +107,35 @@ def way(part: Part, job: Job) -> Callable[[Part, Job, Cell, bool, Watch], Planne
     return _flat if part.solid is None else _edges
 
 
-def _replay(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
+def _replay(found: Inputs, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
     """The motions of a program that was read, as they stand in it."""
     from camgen.lower.replay import check, replayed, tour_of  # noqa: PLC0415 (the interpreter, only for what needs it)
 
+    part = found.part
     assert isinstance(part, Recorded)
     watch("planning")
     check(job)
     tour = tour_of(part)
     _insist(part, part.notes, bool(tour.paths), strict)
-    arm = _arm(job.cell.robot)
-    return Planned(tour, part.notes, arm, lambda title, header: replayed(part, cell, job, title, header))
+    return Planned(tour, part.notes, lambda title, header: replayed(part, cell, job, title, header))
 
 
-def _edges(part: Part, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
+def _edges(found: Inputs, job: Job, cell: Cell, strict: bool, watch: Watch) -> Planned:
     """The route over the edges of a 3-D part."""
     from camgen.lower.edges import lower_edges  # noqa: PLC0415
     from camgen.order.edges import finished  # noqa: PLC0415 (fcl is loaded only by what needs it)
 
+    part = found.part
     watch("planning")
     assert part.solid is not None
-    if not cell.robot:
+    if found.arm is None:
         raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
-    arm = _arm(cell.robot)
-    assert arm is not None
-    done = finished(part.solid, job, arm, cell, watch)
+    done = finished(part.solid, job, found.arm, cell, found.meshes, watch)
     notes = part.notes + done.notes
     _insist(part, notes, True, strict)
     route, lengths = done.route, done.lengths
     return Planned(
-        done.tour, notes, arm, lambda title, header: lower_edges(route, lengths, cell, job, title, header), done.where
+        done.tour, notes, lambda title, header: lower_edges(route, lengths, cell, job, title, header), done.where
     )
 
 
@@ -181,32 +178,57 @@ def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) ->
         raise NoSafeProgram(part.source, what, skipped[0].why, "mend the input, or build without --strict")
 
 
-# The files that a job reads: their bytes, and the digest that stands for them and for the settings.
+# The files that a job reads: what is in them, and the digest that stands for them and for the settings.
 
 
-def digest_of(job: Job, sources: Sequence[Path]) -> str:
+def _inputs(paths: Sequence[Path], job: Job, builtin: str, files: Files) -> Inputs:
+    """All that is read. builtin: the robot of the post, which 3-D parts have where the job names none."""
+    digest = digest_of(job, paths, files)
+    part = joined([_read(path, job, files) for path in paths])
+    arm = _arm(job.cell.robot or (builtin if part.solid is not None else ""), files)
+    return Inputs(digest, part, arm, _meshes(job, files))
+
+
+def _arm(name: str, files: Files) -> Robot | None:
+    """The robot of this name, none without one."""
+    if not name:
+        return None
+    from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
+
+    return robot(name, files)
+
+
+def _meshes(job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
+    """Fixtures that are meshes, with their names, work frame."""
+    if not any(isinstance(one, str) for one in job.cell.fixtures or ()):
+        return ()
+    from camgen.read.solid import read_fixtures  # noqa: PLC0415 (only for what needs it)
+
+    return read_fixtures(job, files)
+
+
+def digest_of(job: Job, paths: Sequence[Path], files: Files) -> str:
     """Twelve hex digits that stand for the settings and the bytes of all files that are read."""
-    if not sources:
+    if not paths:
         raise InputError("input", "none is given")
     total = hashlib.sha256(msgspec.json.encode(_own(job), order="deterministic"))
-    seen: dict[str, Path] = {}
-    for source in sources:
-        data = readable(source)
-        real = os.path.realpath(source)
-        if real in seen:
-            raise InputError(str(source), "is given twice", remedy="name every input once")
-        seen[real] = source
+    seen: set[str] = set()
+    for path in paths:
+        data = files.read(path).data
+        if identity(path) in seen:
+            raise InputError(str(path), "is given twice", remedy="name every input once")
+        seen.add(identity(path))
         total.update(b"%d:" % len(data))
         total.update(data)
     arm: Sequence[Path] = ()
     if described := split_name(job.cell.robot):
         from camgen.robots.urdf.xml import urdf_files  # noqa: PLC0415 (only arms from a URDF need it)
 
-        arm = urdf_files(described[0])
+        arm = urdf_files(described[0], files)
     meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
     for name in (job.image.background, job.camera.file, *map(str, arm), *meshes):
         if name:
-            total.update(readable(Path(name)))
+            total.update(files.read(name).data)
     return total.hexdigest()[:12]
 
 
@@ -237,6 +259,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     replaced where the controller has none. files: the text with LF line ends. deviation: of the text read back.
     motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot found, None where there
     is none. coverage: of a fill. arm, where: the robot and what it was tested against, None where there is none.
+    meshes: fixtures that are meshes with their names, work frame.
     """
 
     part: Part
@@ -255,6 +278,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     coverage: Coverage | None = None
     arm: Robot | None = None
     where: Surroundings | None = None
+    meshes: tuple[tuple[str, Solid], ...] = ()
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -278,41 +302,43 @@ def build(
     name: str = "",
     strict: bool = False,
     watch: Watch = unwatched,
+    files: Files | None = None,
 ) -> Result:
     """A checked program for the controller ``post`` from one or several drawings in one work frame.
 
     job: tables as in a job file, the path of one, or nothing: the defaults (no file is looked for). name: of the
     program, the first input's name without suffix when empty. strict: what was skipped is an error. watch: is told
-    the stages. Raises a CamgenError.
+    the stages. files: what has been read already. Raises a CamgenError.
     """
+    files = files or Files()
     sources = [Path(inputs)] if isinstance(inputs, (str, Path)) else [Path(one) for one in inputs]
-    settings = _settings(job)
+    settings = _settings(job, files)
     poster = _poster(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
     watch("reading")
-    digest = digest_of(settings, sources)
-    part = _thinned(on_page(joined([_read(source, settings) for source in sources]), settings), settings)
-    cell = placed(poster.cell(), settings)
-    planned = way(part, settings)(part, settings, cell, strict, watch)
+    found = _inputs(sources, settings, poster.cell().robot, files)
+    part, arm = _thinned(on_page(found.part, settings), settings), found.arm
+    cell = placed(poster.cell(), settings, arm)
+    planned = way(part, settings)(replace(found, part=part), settings, cell, strict, watch)
     watch("programming")
-    header = _header(sources, part, poster, settings, cell, digest)
+    header = _header(sources, part, poster, settings, cell, found.digest)
     title = poster.program or name or part.name
     program = poster.prepare(planned.lowered(title, header), settings.tolerance.chord)
-    tour, notes, arm = planned.tour, planned.notes, planned.arm
+    tour, notes = planned.tour, planned.notes
     notes += _of_urdf(settings.cell.robot, arm)
     if arm:
         watch("checking")
     reach = _reach(program, arm, part.source) if arm else None
     program = reach.program if reach else program
-    where, clear = _clear(part, settings, cell, planned, reach) if reach else (None, None)
-    files = poster.render(program)
+    where, clear = _clear(found, settings, cell, planned, reach) if reach else (None, None)
+    posted = poster.render(program)
     watch("verifying")
-    reading = readback({file.name: file.text for file in files}, settings.post)
-    deviation = compare(program, reading, poster.tolerance(), poster.carried(), files[0].name)
+    reading = readback({file.name: file.text for file in posted}, settings.post)
+    deviation = compare(program, reading, poster.tolerance(), poster.carried(), posted[0].name)
     motions, pace = sum_up(program.columns), pace_of(poster, settings)
     time = cycle(program, pace, reach, arm)
-    made = (part, settings, poster, cell, tour, notes, program, files, deviation, motions, time, reach, clear)
-    return Result(*made, planned.coverage, arm, where)
+    made = (part, settings, poster, cell, tour, notes, program, posted, deviation, motions, time, reach, clear)
+    return Result(*made, planned.coverage, arm, where, found.meshes)
 
 
 def pace_of(post: Post, job: Job) -> Pace:
@@ -340,22 +366,22 @@ def joined(parts: Sequence[Part]) -> Part:
     )
 
 
-def _read(source: Path, job: Job) -> Part:
+def _read(path: Path, job: Job, files: Files) -> Part:
     """A reader knows its file by name only; the user is told the path that he gave."""
     try:
-        return read(source, job)
+        return read(path, job, files)
     except InputError as error:
-        if error.file != source.name:
+        if error.file != path.name:
             raise
-        raise InputError(str(source), error.what, error.where, error.remedy) from error
+        raise InputError(str(path), error.what, error.where, error.remedy) from error
 
 
-def _settings(job: Mapping[str, object] | Job | str | Path | None) -> Job:
+def _settings(job: Mapping[str, object] | Job | str | Path | None, files: Files) -> Job:
     if isinstance(job, Job):
         return job
     if isinstance(job, Mapping):
-        return from_mapping(job)
-    return load(None if job is None else Path(job))
+        return from_mapping(job, files)
+    return load(None if job is None else Path(job), files=files)
 
 
 def _poster(name: str, job: Job, origin: str) -> Post:
@@ -381,14 +407,14 @@ def _reach(program: Program, arm: Robot, file: str) -> Reach:
     return reached(program, arm, file)
 
 
-def _clear(part: Part, job: Job, cell: Cell, planned: Planned, reach: Reach) -> tuple[Surroundings, Clear]:
+def _clear(found: Inputs, job: Job, cell: Cell, planned: Planned, reach: Reach) -> tuple[Surroundings, Clear]:
     """What there is to run into, and the test of the whole program, links included, for collisions."""
     from camgen.check.collide import collided  # noqa: PLC0415 (fcl is loaded only by what needs it)
     from camgen.collision.cell import around  # noqa: PLC0415
 
-    assert planned.arm is not None
-    where = planned.where or around(job, planned.arm, cell, None)
-    return where, collided(where, reach.program, reach, part.source)
+    assert found.arm is not None
+    where = planned.where or around(job, found.arm, cell, None, found.meshes)
+    return where, collided(where, reach.program, reach, found.part.source)
 
 
 def _of_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from bench.machine import machine
 from camgen.model.pose import frozen
+from camgen.read.files import Files
 from camgen.vision.boards.corners import chessboard, seen
 from camgen.vision.camera.calibrate import calibrate
 from camgen.vision.camera.camera import Camera
@@ -95,7 +96,7 @@ def judged(folder: Path, board: tuple[int, int]) -> bool:
         results.append(by_opencv(greys, board, way))
         print(row(name, *results[-1], time.perf_counter() - begun), flush=True)
     begun = time.perf_counter()
-    own = calibrate(paths, chessboard(*board, 25), "own", lambda _: None)
+    own = calibrate([Files().read(path) for path in paths], chessboard(*board, 25), "own", lambda _: None)
     numbers = own.camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
     print(row("**camgen**", len(own.used), own.rms, numbers, time.perf_counter() - begun))
     most = max(count for count, _, _ in results)

@@ -17,6 +17,7 @@ import numpy as np
 
 from bench.machine import machine
 from camgen.model.errors import CamgenError
+from camgen.read.files import Files
 from camgen.vision.image import load
 from camgen.vision.mask.part_mask import Mask, part_mask
 from camgen.vision.to_scale import View, already_to_scale
@@ -100,7 +101,7 @@ def main() -> int:
     for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in ENDS):
         name = path.relative_to(folder).as_posix()
         try:
-            view = already_to_scale(load(path), mm_per_px=0.1)
+            view = already_to_scale(load(Files().read(path)), mm_per_px=0.1)
         except CamgenError as error:
             print(f"| {name} | | refused | | | | | {error} | | |")
             continue

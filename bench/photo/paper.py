@@ -11,9 +11,10 @@ import numpy as np
 
 from bench.render.truth import Truth
 from camgen.model.job import Job
-from camgen.model.job_tables import load as load_job
 from camgen.model.pose import pose_from_values
 from camgen.plan.image_space import image_space
+from camgen.read.files import Files
+from camgen.read.job_file import load as load_job
 from camgen.vision.boards.find import find
 from camgen.vision.boards.sheet import sheet
 from camgen.vision.camera.camera import Camera, read_camera
@@ -32,8 +33,8 @@ def paper_route(folder: Path, name: str, photo: str, truth: Truth) -> np.ndarray
     the paper's background model would do no better.
     """
     job = load_job(folder / f"{name}.toml")
-    picture = load(folder / photo)
-    camera = read_camera(folder / f"{name}.yaml")
+    picture = load(Files().read(folder / photo))
+    camera = read_camera(Files().read(folder / f"{name}.yaml"))
     plane = _plane(job, picture, camera)
     x, y = truth.points.real, truth.points.imag
     view = rectify(picture, camera, plane, (x.min() - ROOM, y.min() - ROOM, x.max() + ROOM, y.max() + ROOM))

@@ -230,7 +230,7 @@ def speed(folder: Path, names: list[str]) -> int:
 def _inside(folder: Path, name: str, photo: str, planner: str) -> float:
     """The best time of a build from the photo to the checked program, everything imported."""
     import camgen  # noqa: PLC0415 (only where it is timed)
-    from camgen.model.job_tables import load  # noqa: PLC0415
+    from camgen.read.job_file import load  # noqa: PLC0415
 
     job = load(folder / f"{name}.toml", [f"operation.planner={planner}"])
     times = []

@@ -23,8 +23,8 @@ from bench.render.photos import photos, write
 from bench.render.shapes import Loop
 from bench.render.truth import Truth, offset_truth, path_error
 from camgen.cli import main as run
-from camgen.model.job_tables import load
 from camgen.preview.photo_stages import svg
+from camgen.read.job_file import load
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 #: mm: half the height of a row of the error picture; what counts as near a sharp corner.

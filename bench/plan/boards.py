@@ -18,13 +18,13 @@ import numpy as np
 from msgspec import Struct
 
 from bench.machine import machine
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Contour, Part, Raster
 from camgen.model.pose import frozen
 from camgen.plan.fill import fill
 from camgen.plan.image_space.border import between_pixels
 from camgen.plan.image_space.field import chains
 from camgen.read import read
+from camgen.read.job_file import from_mapping
 from camgen.vision.crosses import crosses
 
 DPI = 300

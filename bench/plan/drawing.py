@@ -19,13 +19,13 @@ from bench.machine import machine
 from camgen.cli import main
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import CamgenError
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Contour, Part
 from camgen.order import order, travel
 from camgen.plan.page import on_page
 from camgen.plan.simplify import simplified
 from camgen.plan.trace import trace
 from camgen.read import read
+from camgen.read.job_file import from_mapping
 from camgen.vision.plane import scale_of
 
 DEFAULT = Path(__file__).parents[3] / "shared" / "data" / "image"

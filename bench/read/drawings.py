@@ -19,6 +19,7 @@ from camgen.model.errors import CamgenError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
 from camgen.read import dxf
+from camgen.read.files import Files
 from camgen.read.units import INSUNITS, MM
 
 DEFAULT = Path(__file__).parents[3] / "shared" / "data"
@@ -57,7 +58,7 @@ def verdict(part: Part, truth: dict[str, object]) -> str:
 def row(path: Path, truth: dict[str, object]) -> str:
     start = time.perf_counter()
     try:
-        part = dxf.read(path, Job())
+        part = dxf.read(Files().read(path), Job(), Files())
     except CamgenError as error:
         return f"| {path.parent.name}/{path.name} | - | - | - | refused: {error} |"
     seconds = time.perf_counter() - start

@@ -22,6 +22,7 @@ import numpy as np
 from bench.machine import machine
 from camgen.model.errors import CamgenError
 from camgen.model.part import FEATURE_ANGLE, Solid
+from camgen.read.files import Files
 from camgen.read.solid import mesh, step
 from camgen.read.solid import mesh_file as mesh_load
 
@@ -55,7 +56,7 @@ def convex_length(path: Path, solid: Solid) -> float:
     """mm, of the sharp sides of a mesh, of the edges of a STEP part."""
     if path.suffix.lower() in step.SUFFIXES:
         return sum(e.length for e in solid.edges if e.convex)
-    surface, _ = mesh.surface(path)
+    surface, _ = mesh.surface(Files().read(path))
     sides = surface.sides(FEATURE_ANGLE)
     along = surface.vertices[sides.end] - surface.vertices[sides.start]
     return float(np.linalg.norm(along[sides.convex], axis=1).sum())
@@ -73,7 +74,7 @@ def row(path: Path, truth: dict[str, Any]) -> str:
     exact = path.suffix.lower() in step.SUFFIXES
     start = time.perf_counter()
     try:
-        solid = step.read(path) if exact else mesh.read(path)
+        solid = (step if exact else mesh).read(Files().read(path))
     except CamgenError as error:
         return f"| {path.name} | - | - | - | - | - | refused: {error} |"
     seconds = time.perf_counter() - start

@@ -20,6 +20,7 @@ import trimesh
 from bench.machine import machine
 from camgen.localize import localize
 from camgen.model.errors import CamgenError
+from camgen.read.files import Files
 from camgen.read.solid import mesh as solids
 from tests.support.clouds import ASIDE, DOWN, ROUND, errors, placed, scan
 
@@ -40,7 +41,7 @@ PATHS = {name: ROOT / "fixtures" / "parts" / f"{name}.stl" for name in ("rfa1", 
 
 
 def own(name: str) -> Way:
-    surface, _ = solids.surface(PATHS[name])
+    surface, _ = solids.surface(Files().read(PATHS[name]))
 
     def run(points: Array) -> tuple[Array, Array]:
         pose = localize("scan", (surface.vertices, surface.faces), points).base_from_work

@@ -31,6 +31,7 @@ from camgen.model.part import Solid
 from camgen.model.pose import Pose, pose_from_values, rotation_about
 from camgen.model.program import Program
 from camgen.post.plugins import find_readback
+from camgen.read.files import Files
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from camgen.robots.models import Box, Link
@@ -158,7 +159,7 @@ def main() -> int:
         for part in RAISED:
             path = Path(folder) / f"{part}.stl"
             path.write_bytes((PARTS / path.name).read_bytes())
-            solid = mesh.read(path)
+            solid = mesh.read(Files().read(path))
             for name in CELLS:
                 bad += row(path, solid, name)
     return 1 if bad else 0

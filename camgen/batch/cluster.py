@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace
@@ -16,8 +15,8 @@ from msgspec.structs import replace
 from camgen.batch.perform import carried_names, perform
 from camgen.batch.state import Outcome, Task, fault
 from camgen.model.errors import CamgenError, JobError
-from camgen.model.files import readable
 from camgen.model.job_tables import split_name
+from camgen.read.files import Files
 
 #: Seconds until a cluster that does not answer is given up.
 _PATIENCE = 10
@@ -76,6 +75,7 @@ def _packed(task: Task) -> Task | Outcome:
             what = "an arm from a URDF file does not travel to a cluster"
             raise JobError(task.job_file, what, "cell.robot", "build without --dask")
         names = [str(task.source), *carried_names(task.job)]
-        return replace(task, carried=tuple((name, readable(Path(name))) for name in names))
+        files = Files()
+        return replace(task, carried=tuple((name, files.read(name).data) for name in names))
     except CamgenError as error:
         return Outcome(error.exit_code, str(error))

@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from camgen.batch.state import NAME
 from camgen.model.errors import JobError
+from camgen.read.files import identity
 
 #: What lies beside drawings and is none.
 _NO_INPUTS = (".toml", NAME)
@@ -34,11 +35,6 @@ def found(patterns: Sequence[str]) -> list[Input]:
         for path, folder in _matches(pattern):
             inputs.setdefault(identity(path), Input(path, folder))
     return sorted(inputs.values(), key=lambda one: one.source.as_posix())
-
-
-def identity(path: Path) -> str:
-    """The same text for two names of one file."""
-    return os.path.normcase(os.path.realpath(path))
 
 
 def _matches(pattern: str) -> list[tuple[Path, PurePath]]:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from msgspec import Struct
 
-from camgen.batch.inputs import Input, identity
+from camgen.batch.inputs import Input
 from camgen.batch.state import Outcome, Record, Task, unchanged
 from camgen.build import digest_of
 from camgen.model.errors import CamgenError, JobError
-from camgen.model.files import readable
-from camgen.model.job_tables import beside, load
+from camgen.model.plugins import entries
 from camgen.model.version import __version__
 from camgen.post.plugins import POSTS, find_post
+from camgen.read.files import Files, identity
+from camgen.read.job_file import beside, load
 
 
 class Order(Struct, frozen=True):
@@ -65,11 +65,12 @@ def looked_at(
 def _part(place: int, one: Input, order: Order, suffix: str, made_by: str) -> Part:
     name = one.source.stem
     job_file = None
+    files = Files()  # of this part alone: its bytes are not kept while the others are looked at
     try:
         job_file = beside(order.job, one.source)
-        job = load(job_file, order.sets)
+        job = load(job_file, order.sets, files)
         name = str(job.post.get("program") or name)
-        total = f"{made_by} {one.source.name} {name} {order.strict} {digest_of(job, [one.source])}"
+        total = f"{made_by} {one.source.name} {name} {order.strict} {digest_of(job, [one.source], files)}"
     except CamgenError as error:
         return Part(one, (one.folder / (name + suffix)).as_posix(), "", outcome=Outcome(error.exit_code, str(error)))
     task = Task(place, one.source, order.post, job, str(job_file or "job"), order.strict, __version__)
@@ -87,6 +88,6 @@ def _unless_there(part: Part, folder: Path, records: Mapping[str, Record]) -> Pa
 def _maker(post: str) -> str:
     """What the text depends on beside the job: camgen's version, and that of the post."""
     if post.endswith(".py"):
-        return f"{__version__} {hashlib.sha256(readable(Path(post))).hexdigest()}"
-    (entry,) = entry_points(group=POSTS, name=post)
+        return f"{__version__} {hashlib.sha256(Files().read(post).data).hexdigest()}"
+    (entry,) = (one for one in entries(POSTS) if one.name == post)
     return f"{__version__} {post} {entry.dist.name} {entry.dist.version}" if entry.dist else f"{__version__} {post}"

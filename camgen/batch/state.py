@@ -13,8 +13,8 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
+from camgen.batch.writing import write_all
 from camgen.model.errors import JobError
-from camgen.model.files import write_all
 from camgen.model.job import Job
 
 # What travels between the batch and whoever builds a part: a task there, an outcome back.

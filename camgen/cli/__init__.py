@@ -144,8 +144,9 @@ def _batch(sub: _Parser) -> None:
 
 
 def _inspect(sub: _Parser) -> None:
-    sub.add_argument("input", metavar="INPUT", help="drawing, picture, 3-D part or G-code")
+    sub.add_argument("input", metavar="INPUT", help="drawing, picture, 3-D part or G-code; -: stdin")
     _job(sub)
+    sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
 
 
 def _robots(sub: _Parser) -> None:

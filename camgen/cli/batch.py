@@ -17,12 +17,12 @@ from camgen.batch import cluster, pool, state
 from camgen.batch.inputs import found
 from camgen.batch.parts import Order, Part, looked_at
 from camgen.batch.state import Outcome, Sums, Task
+from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import clean
 from camgen.cli.say import Voice, counted, duration, out, table
 from camgen.model.errors import JobError, one_line
-from camgen.model.files import check_targets, write_all
-from camgen.model.job_tables import load
 from camgen.post.plugins import find_post, find_readback
+from camgen.read.job_file import load
 
 #: Of several exit codes of parts the first of these is the one of the batch: a fault, a text that does not say what was
 #: planned, no safe program, a bad input.

@@ -5,30 +5,28 @@ from __future__ import annotations
 import gc
 import math
 import os
-import sys
-import tempfile
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 
 import msgspec
 from msgspec import Struct, field
 
+from camgen.batch.writing import check_targets, write_all
 from camgen.build import Result, build, no_collector, program_files
 from camgen.check.report import clean, path_sums
+from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
 from camgen.cli.say import Voice, counted, duration, grouped, length, listed, size
 from camgen.model.errors import JobError, told_as
-from camgen.model.files import check_targets, write_all
-from camgen.model.job_tables import beside, load
 from camgen.model.part import Note, NoteKind
 from camgen.model.path import Tour
 from camgen.model.pose import Pose
 from camgen.model.text import short
 from camgen.read import meant
 from camgen.read.gcode.interpreter import Recorded
+from camgen.read.job_file import beside, load
 
 # The summary of a build: one line each for what was read, left out, planned, proved and written.
 
@@ -190,17 +188,19 @@ class _Stages(Struct):
 def run(arguments: Namespace, says: Voice) -> int:
     """Builds, writes, sums up."""
     stages = _Stages(says)
-    with no_collector(), _inputs(arguments) as inputs:
+    with no_collector(), open_inputs(arguments.inputs, arguments.format) as (inputs, files):
         job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
         read = [*inputs, *([job_file] if job_file else [])]
         folder, program = _place(arguments.output)
         extra = [Path(p) for p in (arguments.plan, arguments.report, arguments.preview) if p]
         check_targets([*([program] if program else []), *extra], read)
         _check_preview(arguments.preview)
-        job = load(job_file, arguments.sets)
+        job = load(job_file, arguments.sets, files)
         name = program.stem if program else ""
         with told_as("job", str(job_file or "job")):
-            result = build(inputs, post=arguments.post, job=job, name=name, strict=arguments.strict, watch=stages)
+            result = build(
+                inputs, post=arguments.post, job=job, name=name, strict=arguments.strict, watch=stages, files=files
+            )
         stages("writing")
         programs = program_files(result, folder, program)
         check_targets([*(path for path, _ in programs), *extra], read)
@@ -269,22 +269,3 @@ def _drawing(result: Result) -> bytes:
 
 #: What draws a preview, by the ending of its name.
 _PREVIEWS = {".html": _page, ".svg": _drawing, ".png": _picture}
-
-
-@contextmanager
-def _inputs(arguments: Namespace) -> Iterator[list[Path]]:
-    """The inputs as files; standard input becomes one for as long as this lasts."""
-    names: list[str] = arguments.inputs
-    if "-" not in names:
-        if arguments.format:
-            raise JobError("--format", "is for standard input", remedy="leave it out, or give - as the input")
-        yield [Path(name) for name in names]
-        return
-    kind = (arguments.format or "").lstrip(".")
-    if not kind.isalnum():
-        raise JobError("-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf")
-    with tempfile.TemporaryDirectory(prefix="camgen-") as folder:
-        file = Path(folder) / f"stdin.{kind}"
-        file.write_bytes(sys.stdin.buffer.read())
-        with told_as(str(file), "-"):
-            yield [file if name == "-" else Path(name) for name in names]

@@ -7,10 +7,11 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
+from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice, counted, out, table
 from camgen.model.errors import JobError
-from camgen.model.files import check_targets, write_all
 from camgen.model.text import short
+from camgen.read.files import Files
 from camgen.vision.boards.corners import Target, charuco, chessboard
 from camgen.vision.boards.sheet import DICTIONARY
 from camgen.vision.camera.calibrate import Calibration, calibrate
@@ -29,16 +30,17 @@ def run(arguments: Namespace, says: Voice) -> int:
     if preview is not None and preview.suffix.lower() != ".svg":
         raise JobError(str(preview), "is no kind of picture that camgen calibrate draws", remedy="end the name in .svg")
     check_targets([camera_file, *([preview] if preview else [])], paths)
-    found = calibrate(paths, target, camera_file.stem, says.stage)
+    files = Files()
+    found = calibrate([files.read(path) for path in paths], target, camera_file.stem, says.stage)
     says.clear()
-    files = [(camera_file, camera_info(found.camera).encode())]
+    written = [(camera_file, camera_info(found.camera).encode())]
     if preview is not None:
-        files.append((preview, svg(found, f"{target.label}: {camera_file.name}").encode()))
-    write_all(files)
+        written.append((preview, svg(found, f"{target.label}: {camera_file.name}").encode()))
+    write_all(written)
     if not says.quiet:
         out(_errors(found))
     says.rows(_summary(found, target))
-    says.rows([("written", str(path), "good") for path, _ in files])
+    says.rows([("written", str(path), "good") for path, _ in written])
     return 0
 
 

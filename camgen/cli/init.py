@@ -6,28 +6,29 @@ import dataclasses
 import json
 import textwrap
 from argparse import Namespace
-from pathlib import Path
 
+from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
 from camgen.model.errors import JobError
-from camgen.model.files import check_targets, readable, write_all
 from camgen.model.job import Job
 from camgen.model.job_tables import settings, tables
 from camgen.post import Post
 from camgen.post.plugins import find_post, installed
-from camgen.read import kind_of, read
+from camgen.read import find_reader
+from camgen.read.files import Files
 
 
 def run(arguments: Namespace, says: Voice) -> int:
     """Writes the job file beside the input, never over one that exists."""
-    source = Path(arguments.input)
-    readable(source)
-    target = source.with_suffix(".toml")
+    files = Files()
+    source = files.read(arguments.input)
+    target = source.path.with_suffix(".toml")
     if target.exists():
         raise JobError(str(target), "exists", remedy="rename it, or delete it to get a new one")
-    check_targets([target], [source])
+    check_targets([target], [source.path])
     says.stage("reading")
-    units = read(source, Job()).units if kind_of(source) in ("dxf", "svg") else ""
+    reader = find_reader(source)
+    units = reader.read(source, Job(), files).units if reader.makes == "drawing" else ""
     write_all([(target, template(source.name, units).encode())])
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])

@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from pathlib import Path
 
+from camgen.cli.inputs import open_inputs
 from camgen.cli.say import Voice, out
-from camgen.model.files import readable
+from camgen.model.files import Source
 from camgen.model.job import Job
-from camgen.model.job_tables import beside, load
-from camgen.read import inspect, kind_of, meant
+from camgen.read import find_reader, meant
+from camgen.read.files import Files
+from camgen.read.job_file import beside, load
 
 
 def run(arguments: Namespace, says: Voice) -> int:
     """Prints the summary of a drawing, read with the ``[input]`` of the job."""
-    path = Path(arguments.input)
-    readable(path)
-    job = load(beside(arguments.job, path), arguments.sets)
-    says.stage("reading")
-    found = str(_found(path, job))
+    with open_inputs([arguments.input], arguments.format) as (paths, files):
+        source = files.read(paths[0])
+        job = load(beside(arguments.job, None if arguments.input == "-" else paths[0]), arguments.sets, files)
+        says.stage("reading")
+        found = str(_inspect(source, job, files))
     says.clear()
     out(found.rstrip("\n") + "\n")
     return 0
 
 
-def _found(path: Path, job: Job) -> object:
+def _inspect(source: Source, job: Job, files: Files) -> object:
     """What is in the file, or what the job makes of a picture that it takes for a drawing."""
-    if kind_of(path) == "image":
+    reader = find_reader(source)
+    if reader.makes == "picture" and meant(job):
         from camgen.plan.page import inspect as inspect_drawing  # noqa: PLC0415 (only for pictures)
 
-        if meant(job):
-            return inspect_drawing(path, job)
-    return inspect(path, job)
+        return inspect_drawing(reader.read(source, job, files), job)
+    return reader.inspect(source, job, files)

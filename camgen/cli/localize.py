@@ -9,15 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
+from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice, counted, grouped, out
 from camgen.localize import Location, localize
+from camgen.localize.scans import open_scan
 from camgen.localize.scans import read as read_scan
 from camgen.model.errors import JobError
-from camgen.model.files import check_targets, write_all
+from camgen.model.files import Source
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray, Pose, fixed_xyz, pose_from_values
 from camgen.model.text import fixed, harmless, short
 from camgen.model.version import __version__
+from camgen.read.files import Files
 from camgen.read.solid import mesh, step
 from camgen.read.units import MM
 
@@ -32,9 +35,10 @@ def run(arguments: Namespace, says: Voice) -> int:
     mm, start = _unit(arguments.units), _start(arguments.start)
     check_targets([target], [model, scan])
     says.stage(f"reading {model.name}")
-    vertices, faces, notes = _part(model)
+    files = Files()
+    vertices, faces, notes = _part(files.read(model))
     says.stage(f"reading {scan.name}")
-    seen = read_scan(scan, mm)
+    seen = read_scan(open_scan(scan, files), mm)
     found = localize(scan.name, (vertices, faces), seen.points, start, says.stage)
     says.clear()
     names = (model.name, scan.name)
@@ -69,12 +73,12 @@ def _start(text: str | None) -> Pose | None:
     return pose_from_values(values)
 
 
-def _part(path: Path) -> tuple[FloatArray, IntArray, list[Note]]:
+def _part(source: Source) -> tuple[FloatArray, IntArray, list[Note]]:
     """The triangles of the model, mm, and what was mended. What is said of its edges does not matter here."""
-    if path.suffix.lower() in step.SUFFIXES:
-        solid = step.read(path)
+    if source.suffix in step.SUFFIXES:
+        solid = step.read(source)
         return solid.vertices, solid.faces, [note for note in solid.notes if note.kind == "assumed"]
-    surface, notes = mesh.surface(path)
+    surface, notes = mesh.surface(source)
     return surface.vertices, surface.faces, [note for note in notes if note.kind == "repaired"]
 
 

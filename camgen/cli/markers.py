@@ -5,9 +5,9 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
+from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice, counted
 from camgen.model.errors import JobError
-from camgen.model.files import check_targets, write_all
 from camgen.model.text import short
 from camgen.vision.boards.sheet import drawn_pdf, drawn_svg, sheet
 

@@ -32,6 +32,7 @@ from camgen.model.program import (
     Program,
     Wait,
 )
+from camgen.read.files import Files
 
 Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
@@ -214,10 +215,10 @@ def _tail(item: MoveL | MoveC) -> _Tail:
     return item.blend or None, item.force or None, press, joints, item.posture, item.path, item.work
 
 
-def load(file: Path) -> MotionFile:
+def load(file: Path, files: Files) -> MotionFile:
     """The plan in ``file``. JobError when it cannot be read or is no plan."""
     try:
-        return decode(file.read_bytes())
+        return decode(files.open(file).data)
     except OSError as error:
         raise JobError(str(file), f"cannot be read: {error.strerror}") from error
     except (msgspec.DecodeError, UnicodeDecodeError, ValueError, CamgenError) as error:

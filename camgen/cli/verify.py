@@ -11,12 +11,13 @@ from camgen.check.report import Motions, sum_up
 from camgen.cli.motion_file import load as load_plan
 from camgen.cli.say import Voice, counted, duration, grouped, length, out, table
 from camgen.model.errors import InputError
-from camgen.model.job_tables import beside, load
 from camgen.model.program import Columns
 from camgen.model.text import short
 from camgen.post import Fault, Remark
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
+from camgen.read.files import Files, reason
+from camgen.read.job_file import beside, load
 
 _NAMES = {
     "MoveJ": "joint motion",
@@ -34,22 +35,23 @@ def run(arguments: Namespace, says: Voice) -> int:
     A remark is a fault only where the program is compared with a plan: our own leave nothing open.
     """
     paths = [Path(name) for name in arguments.programs]
-    plan = load_plan(Path(arguments.plan)) if arguments.plan else None
-    job = load(beside(arguments.job, None if plan else paths[0]), arguments.sets)
+    files = Files()
+    plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
+    job = load(beside(arguments.job, None if plan else paths[0]), arguments.sets, files)
     options = (plan.options if plan else {}) | job.post
     post = make_post(find_post(arguments.post), options)
     says.stage("reading")
-    files = _texts(paths)
-    reading = find_readback(arguments.post)(files, options)
+    texts = _texts(paths, files)
+    reading = find_readback(arguments.post)(texts, options)
     says.clear()
-    rows = _rows(sum_up(Columns(reading.body)), sum(text.count("\n") for text in files.values()))
-    told = _faults(reading.faults, files)
+    rows = _rows(sum_up(Columns(reading.body)), sum(text.count("\n") for text in texts.values()))
+    told = _faults(reading.faults, texts)
     serious = [fault for fault in reading.faults if plan or not isinstance(fault, Remark)]
     if serious:
         out(table(rows) + told)
         first = serious[0]
         what = f"{counted(len(serious), 'fault')}, first: {first.what}"
-        raise InputError(str(paths[0]), what, _place(first.line, files), "mend the program")
+        raise InputError(str(paths[0]), what, _place(first.line, texts), "mend the program")
     if not reading.body:
         raise InputError(str(paths[0]), f"holds no instruction of {post.name}", remedy="name its own post with --post")
     if plan:
@@ -63,15 +65,14 @@ def run(arguments: Namespace, says: Voice) -> int:
     return 0
 
 
-def _texts(paths: Sequence[Path]) -> Mapping[str, str]:
+def _texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
     """The texts by file name, in order, with LF line ends."""
     texts: dict[str, str] = {}
     for path in paths:
         try:
-            data = path.read_bytes()
+            data = files.open(path).data
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(str(path), f"cannot be read: {reason}") from error
+            raise InputError(str(path), f"cannot be read: {reason(error)}") from error
         if not data.strip() or b"\0" in data:
             raise InputError(str(path), "is empty" if not data.strip() else "is not a text", remedy="give a program")
         if path.name in texts:

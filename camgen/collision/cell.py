@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
@@ -17,7 +16,6 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose, translation
-from camgen.read.solid import mesh
 from camgen.robots.models import Box, Link, Robot
 
 #: mm between the lowest point of a part and a table that is assumed, its size beyond the part, and how thick it is.
@@ -53,15 +51,19 @@ class Surroundings(Struct, frozen=True, eq=False):
     meshes: tuple[tuple[str, Solid], ...]
 
 
-def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None) -> Surroundings:
+#: Fixtures that are meshes, each with its name, work frame.
+Meshes = Sequence[tuple[str, Solid]]
+
+
+def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None, meshes: Meshes) -> Surroundings:
     """The scene of ``cell`` with ``robot``, the tool, holder and fixtures of ``job`` and the part ``solid``.
+    meshes: of the fixtures those that are meshes.
 
     Without fixtures a 3-D part is taken to stand on a table. JobError for boxes that are none.
     """
     fixtures, notes = _fixtures(job, solid)
     standing = tuple(Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures)
-    shapes = mesh_fixtures(job)
-    meshes = tuple((name, meshed(shape), cell.base_from_work) for name, shape in shapes)
+    walls = tuple((name, meshed(shape), cell.base_from_work) for name, shape in meshes)
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
     bodies = [Link("tool", (_shaft(job, cell, holder),))]
     if holder:
@@ -71,17 +73,17 @@ def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None) -> Surroundi
     contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.diameter / 2 * 0.99)
     overlaps = _overlaps(robot, tool)
-    made = scene(robot, tool, standing, part, cell.base_from_work, contact, overlaps, meshes)
+    made = scene(robot, tool, standing, part, cell.base_from_work, contact, overlaps, walls)
     work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part")]
     rest = [k for k in range(len(made.pairs)) if k not in work]
     notes += tuple(Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home") for a, b in overlaps)
     points = solid.vertices if solid is not None else np.zeros((1, 3))
     low, high = _extent(cell.base_from_work, points)
     tops = [high[2], *(_top(box) for link in standing if link.name != "table" for box in link.boxes)]
-    tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in shapes]
+    tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in meshes]
     room = _width(job, holder) / 2 + job.cell.safety
     scenes = made, narrowed(made, rest), narrowed(made, work)
-    return Surroundings(*scenes, max(tops) + room, room, low, high, notes, tool, standing, tuple(shapes))
+    return Surroundings(*scenes, max(tops) + room, room, low, high, notes, tool, standing, tuple(meshes))
 
 
 def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:
@@ -111,12 +113,6 @@ def _fixtures(
     table = np.array([*(low[:2] - _BEYOND), top - _THICK]), np.array([*(high[:2] + _BEYOND), top])
     note = Note("assumed", "the part stands on a table", "say what it stands on: cell.fixtures, [] for nothing")
     return [("table", table)], (note,)
-
-
-def mesh_fixtures(job: Job) -> list[tuple[str, Solid]]:
-    """Fixtures that are meshes, with their names, work frame."""
-    named = [(f"fixture {k}", Path(one)) for k, one in enumerate(job.cell.fixtures or (), 1) if isinstance(one, str)]
-    return [(name, mesh.read(path, tolerance=job.tolerance.chord)) for name, path in named]
 
 
 def corners_of(key: str, values: Sequence[float]) -> Corners:

@@ -11,8 +11,10 @@ from msgspec import Struct
 
 from camgen.localize.model import spread
 from camgen.model.errors import InputError, one_line
+from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
+from camgen.read.files import Files, reason
 from camgen.read.solid.mesh_file import load
 
 # Points of PLY and PCD files: a head that says what a record holds, then records as text or as bytes.
@@ -174,12 +176,26 @@ class Scan(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def read(path: Path, mm: float = 1.0) -> Scan:
-    """The points in ``path``; one unit of the file is ``mm``. ``InputError`` if there are none that could be used."""
-    name, kind = path.name, path.suffix.lower()
+def open_scan(path: Path, files: Files) -> Source:
+    """The file of a scan. ``InputError`` where there is none."""
+    try:
+        return files.open(path)
+    except IsADirectoryError:
+        raise InputError(path.name, "is a folder", "", "name a point cloud in it") from None
+    except FileNotFoundError:
+        raise InputError(path.name, "there is no such file") from None
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        raise InputError(path.name, f"cannot be read: {one_line(reason(error))}") from error
+
+
+def read(source: Source, mm: float = 1.0) -> Scan:
+    """The points in ``source``; one unit of the file is ``mm``. ``InputError`` if there are none that could be used."""
+    name, kind = source.name, source.suffix
     if kind not in SUFFIXES:
         raise InputError(name, "is no kind of point cloud that camgen reads", "", f"give one of {', '.join(SUFFIXES)}")
-    data = _content(path)
+    data = source.data
+    if not data.strip():
+        raise InputError(name, "the file is empty")
     notes: list[Note] = []
     if kind == ".pcd":
         points = pcd(name, data)
@@ -190,22 +206,8 @@ def read(path: Path, mm: float = 1.0) -> Scan:
     elif kind == ".obj" and not _FACE.search(data):
         points = _text(name, b"\n".join(line[2:] for line in data.splitlines() if line.startswith(b"v ")))
     else:
-        points = _meshed(path, notes)
+        points = _meshed(source, notes)
     return Scan(_usable(name, points * mm, notes), tuple(notes))
-
-
-def _content(path: Path) -> bytes:
-    try:
-        data = path.read_bytes()
-    except IsADirectoryError:
-        raise InputError(path.name, "is a folder", "", "name a point cloud in it") from None
-    except FileNotFoundError:
-        raise InputError(path.name, "there is no such file") from None
-    except OSError as error:
-        raise InputError(path.name, f"cannot be read: {one_line(error.strerror or str(error))}") from error
-    if not data.strip():
-        raise InputError(path.name, "the file is empty")
-    return data
 
 
 def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
@@ -254,13 +256,13 @@ def _is_row(line: bytes) -> bool:
     return len(words) >= 3 and all(_NUMBER.match(word) for word in words[:3])
 
 
-def _meshed(path: Path, notes: list[Note]) -> FloatArray:
+def _meshed(source: Source, notes: list[Note]) -> FloatArray:
     """Points spread over the faces of a mesh, which weighs each place alike, however coarse the triangles are."""
-    soup = load(path)
+    soup = load(source)
     notes.extend(soup.notes)
     corners = soup.vertices[soup.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     if not area.any():
-        raise InputError(path.name, "has no face with an area", "", AGAIN)
+        raise InputError(source.name, "has no face with an area", "", AGAIN)
     notes.append(Note("assumed", f"{_SPREAD} points were spread over the {len(corners)} faces of the scan"))
     return spread(corners, _SPREAD)[0]

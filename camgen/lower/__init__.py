@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -21,6 +22,9 @@ from camgen.model.job import Job, Process
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen, pose_from_values, translation
 from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program, Wait
+
+if TYPE_CHECKING:
+    from camgen.robots.models import Robot
 
 # How far a tool that turns with the contour winds up, and where it is turned back: in the air, between two paths.
 
@@ -110,8 +114,10 @@ def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
     return tuple(Origin(path.id, path.layer, path.contours, path.operation) for path in paths)
 
 
-def placed(cell: Cell, job: Job) -> Cell:
+def placed(cell: Cell, job: Job, arm: Robot | None = None) -> Cell:
     """``cell`` with the frames and the home position of ``job``. The built-in tool is as long as ``tool.length``.
+
+    arm: the robot that the job names; without a home in the job its own is used.
 
     A home of joint values is given in deg, of sliding joints in mm; that of a machine whose home is a pose is x, y, z
     in mm, work frame, tool down. Raises JobError for a wrong count or value.
@@ -124,8 +130,8 @@ def placed(cell: Cell, job: Job) -> Cell:
     if table.flange_from_tool is not None:
         tool = pose_from_values(_values("flange_from_tool", table.flange_from_tool, 6))
     home = cell.home
-    if isinstance(home, Joints) and table.robot and table.home is None:
-        home = _own_home(table.robot, cell, home)
+    if isinstance(home, Joints) and table.robot and arm is not None and table.home is None:
+        home = _own_home(arm, cell, home)
     if table.home is not None and isinstance(home, Pose):
         x, y, z = _values("home", table.home, 3)
         home = Pose(TOOL_DOWN, (x, y, z))
@@ -143,11 +149,10 @@ def _named(robot: str) -> str:
     return robot.replace("\\", "/").rpartition("/")[2]
 
 
-def _own_home(name: str, cell: Cell, builtin: Joints) -> Joints:
-    """The home of the robot ``name``; the one of the built-in cell keeps that cell's."""
+def _own_home(own: Robot, cell: Cell, builtin: Joints) -> Joints:
+    """The home of the robot ``own``; the one of the built-in cell keeps that cell's."""
     from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
 
-    own = robot(name)
     if cell.robot and own.name == robot(cell.robot).name:
         return builtin
     return Joints(tuple(own.home.tolist()))

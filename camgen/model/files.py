@@ -1,153 +1,32 @@
-"""The bytes of a file that a user has named."""
+"""An input file as a value: what the user called it, and its bytes."""
 
 from __future__ import annotations
 
-import difflib
-import itertools
-import os
-import shutil
-import stat
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from msgspec import Struct
 
-from camgen.model.errors import InputError, JobError
 
+class Source(Struct, frozen=True, eq=False):
+    """One input. path: as the user gave it, for messages; nobody opens it again. data: all its bytes."""
 
-def readable(source: Path) -> bytes:
-    """The bytes of an input. InputError when there are none: missing, a folder, not to be read."""
-    try:
-        mode = source.stat().st_mode
-        if stat.S_ISDIR(mode):
-            raise InputError(str(source), "is a folder", remedy="name the files in it")
-        if not stat.S_ISREG(mode):
-            raise InputError(str(source), "is not a regular file", remedy="copy it to a file, or use - with --format")
-        data = source.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(str(source), "no such file", remedy=_nearest(source)) from error
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(str(source), f"cannot be read: {reason}") from error
-    return data
+    path: Path
+    data: bytes
 
+    @property
+    def name(self) -> str:
+        """Without its folder."""
+        return self.path.name
 
-def _nearest(source: Path) -> str:
-    try:
-        stems = {Path(name).stem: name for name in sorted(os.listdir(source.parent))}
-    except OSError:
-        return "its folder does not exist"
-    near = difflib.get_close_matches(source.stem, stems, 1)
-    return f"nearest is {source.parent / stems[near[0]]}" if near else ""
+    @property
+    def stem(self) -> str:
+        """The name without its suffix: what a part is called."""
+        return self.path.stem
 
+    @property
+    def suffix(self) -> str:
+        """In small letters, with its dot; "" without one."""
+        return self.path.suffix.lower()
 
-# Files that appear whole or not at all: each is written beside its target and renamed, several together or none.
-
-
-class _Staged(Struct, frozen=True):
-    """One file on its way. asked: as the user wrote it; target: links followed; fresh: what is written; old: where the
-    former file is kept meanwhile, if it ``existed``.
-    """
-
-    asked: Path
-    target: Path
-    fresh: Path
-    old: Path
-    existed: bool
-
-
-def write_all(files: Sequence[tuple[Path, bytes]]) -> None:
-    """Writes all files or none: whatever goes wrong, the folder is as it was before. JobError names the file."""
-    staged: list[_Staged] = []
-    try:
-        for asked, data in files:
-            with _named(asked):
-                staged.append(_staged(asked))
-                _write(staged[-1], data)
-        for one in staged:
-            with _named(one.asked):
-                os.replace(one.fresh, one.target)
-    except BaseException:
-        # An interrupt must leave the folder as it was, too; the error goes on to whoever reports it.
-        for one in staged:
-            _undo(one)
-        raise
-    for one in staged:
-        one.old.unlink(missing_ok=True)
-
-
-def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
-    """JobError for a target that cannot be written as a file, is one of the sources, or is named twice."""
-    taken = {_identity(path): f"would overwrite {path}, which is read" for path in sources}
-    for target in targets:
-        with _named(target):
-            _check_target(target)
-        identity = _identity(target)
-        if identity in taken:
-            raise JobError(str(target), taken[identity], remedy="give another name")
-        taken[identity] = "is named for two outputs"
-
-
-def _check_target(target: Path) -> None:
-    if target.name in ("", ".", "..", "-"):
-        raise JobError(str(target), "is not a file name", remedy="give a file or an existing folder")
-    if not target.parent.is_dir():
-        raise JobError(str(target), "its folder does not exist", str(target.parent), "make the folder first")
-    try:
-        mode = target.stat().st_mode
-    except FileNotFoundError:
-        return
-    if not stat.S_ISREG(mode):
-        kind = "is a folder" if stat.S_ISDIR(mode) else "is not a regular file"
-        raise JobError(str(target), kind, remedy="give a file name")
-
-
-def _identity(path: Path) -> str:
-    """The same text for two names of one file, as far as links and (on such systems) case go."""
-    return os.path.normcase(os.path.realpath(path))
-
-
-def _staged(asked: Path) -> _Staged:
-    target = Path(os.path.realpath(asked))
-    return _Staged(asked, target, _free(target, "new"), _free(target, "old"), target.exists())
-
-
-def _free(target: Path, use: str) -> Path:
-    """A name in the target's folder that nothing has; short, since the target's own may be as long as allowed."""
-    names = (target.parent / f".camgen-{os.getpid()}-{i}.{use}" for i in itertools.count())
-    return next(name for name in names if not os.path.lexists(name))
-
-
-def _write(one: _Staged, data: bytes) -> None:
-    """The new file, on the disk and with the access rights of the old one, which is kept under a second name."""
-    # Exclusive creation: never through a link that somebody else put there.
-    with one.fresh.open("xb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-    if one.existed:
-        shutil.copymode(one.target, one.fresh)
-        try:
-            os.link(one.target, one.old)
-        except OSError:  # a file system without hard links
-            shutil.copy2(one.target, one.old)
-
-
-def _undo(one: _Staged) -> None:
-    """Back to how it was. What happened is read from the folder, since an interrupt may fall between any two steps."""
-    if one.existed and one.old.exists() and not one.fresh.exists():
-        os.replace(one.old, one.target)
-    for path in (one.old, one.fresh) if one.existed else (one.target, one.fresh):
-        with suppress(OSError):  # it was never made, or its folder is no folder
-            path.unlink()
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Turns an error of the system into one that names ``path``."""
-    try:
-        yield
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
-        reason = getattr(error, "strerror", None) or str(error)
-        raise JobError(str(path), f"cannot be written: {reason}") from error
+    def __repr__(self) -> str:
+        return f"Source({str(self.path)!r}, {len(self.data)} bytes)"

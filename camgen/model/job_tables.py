@@ -1,24 +1,19 @@
-"""The names by which a job asks for a robot that is described in a file: ``arm.urdf``, ``arm.urdf#tool0``."""
+"""The settings of a job as a list: their names, defaults and meanings, and which of them name a file."""
 
 from __future__ import annotations
 
-import difflib
 import json
-import math
-import re
-import tomllib
-from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Struct
 
-from camgen.model.errors import JobError
 from camgen.model.job import Job
 
+#: The settings that name a file; cell.robot only where it ends in .urdf.
+FILES = (("image", "background"), ("camera", "file"), ("cell", "file"), ("cell", "robot"))
 #: xacro is a language that makes URDF, and is refused where the file is read.
 _SUFFIXES = (".urdf", ".xacro")
 
@@ -33,14 +28,6 @@ def split_name(name: str) -> tuple[str, str] | None:
     if mark and file.lower().endswith(_SUFFIXES):
         return file, tip
     return (name, "") if name.lower().endswith(_SUFFIXES) else None
-
-
-# Job files and ``--set``: TOML or plain mappings to a checked ``Job``, and the list of all settings.
-
-Tree = dict[str, dict[str, object]]
-
-#: The settings that name a file; cell.robot only where it ends in .urdf.
-FILES = (("image", "background"), ("camera", "file"), ("cell", "file"), ("cell", "robot"))
 
 
 class Setting(Struct, frozen=True):
@@ -75,176 +62,6 @@ def tables() -> dict[str, str]:
     return about | {"post": "options of the chosen post."}
 
 
-def load(file: Path | None, sets: Sequence[str] = ()) -> Job:
-    """The job of a TOML file (defaults without one) with ``table.key=value`` settings, which win. JobError."""
-    tree: Tree = {}
-    origins: dict[tuple[str, str], str] = {}
-    if file is not None:
-        tree = _tables_of(_toml(file), str(file))
-        _from_its_folder(tree, file.parent)
-        origins = {(table, key): str(file) for table, keys in tree.items() for key in keys}
-    for text in sets:
-        table, key, value = _assignment(text)
-        tree.setdefault(table, {})[key] = value
-        origins[table, key] = f"--set {text}"
-    _cell_filled(tree, origins)
-    return _convert(tree, origins, str(file) if file else "job")
-
-
-def _cell_filled(tree: Tree, origins: dict[tuple[str, str], str]) -> None:
-    """What ``cell.file`` says and the job does not; the name of the file itself is then of no more use."""
-    cell = tree.get("cell", {})
-    name = cell.pop("file", "")
-    if not isinstance(name, str):
-        raise JobError(origins.get(("cell", "file"), "job"), f"file must be a text, not {_shown(name)}", "[cell]")
-    if not name:
-        return
-    other = _tables_of(_toml(Path(name)), name)
-    for table in other:
-        if table != "cell":
-            raise JobError(name, f"[{table}] stands in the file of a cell", remedy="keep [cell] alone in it")
-    if "file" in other.get("cell", {}):
-        raise JobError(name, "names a file itself", "[cell]", "put all of the cell into one file")
-    _from_its_folder(other, Path(name).parent)
-    for key, value in other.get("cell", {}).items():
-        if key not in cell:
-            cell[key] = value
-            origins["cell", key] = name
-
-
-def _from_its_folder(tree: Tree, folder: Path) -> None:
-    """Files that a job file names lie beside it."""
-    for table, key in FILES:
-        name = tree.get(table, {}).get(key)
-        if isinstance(name, str) and name and ((table, key) != ("cell", "robot") or split_name(name)):
-            tree[table][key] = str(folder / name)
-    fixtures = tree.get("cell", {}).get("fixtures")
-    if isinstance(fixtures, list):
-        tree["cell"]["fixtures"] = [str(folder / one) if isinstance(one, str) else one for one in fixtures]
-
-
-def beside(file: str | None, source: Path | None) -> Path | None:
-    """The job file to use: the one named, else ``STEM.toml`` beside the input where there is one."""
-    if file is not None or source is None:
-        return None if file is None else Path(file)
-    try:
-        found = source.with_suffix(".toml")
-        return found if found.is_file() and found != source else None
-    except (OSError, ValueError):  # a name that no file can have: reading it says so
-        return None
-
-
-def from_mapping(tables: Mapping[str, object]) -> Job:
-    """The job of nested mappings, as ``camgen.build`` takes it. JobError."""
-    tree = _tables_of({name: _plain(content) for name, content in tables.items()}, "job")
-    origins: dict[tuple[str, str], str] = {}
-    _cell_filled(tree, origins)
-    return _convert(tree, origins, "job")
-
-
-def _plain(value: object) -> object:
-    """``value`` with the numbers and lists of numpy as those of Python."""
-    if isinstance(value, Mapping):
-        return {key: _plain(content) for key, content in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    return value.tolist() if hasattr(value, "tolist") else value
-
-
-def _toml(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise JobError(str(file), f"cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise JobError(str(file), "is not UTF-8 text", f"line {line}", "save it as UTF-8") from error
-    except tomllib.TOMLDecodeError as error:
-        what, _, where = str(error).partition(" (at ")
-        raise JobError(str(file), f"is not TOML: {what}", where.rstrip(")"), "mend this line") from error
-    except RecursionError as error:
-        raise JobError(str(file), "is nested too deeply") from error
-
-
-def _tables_of(tree: Mapping[str, object], origin: str) -> Tree:
-    """``tree`` with its tables checked to be known and to be tables."""
-    result: Tree = {}
-    for name, content in tree.items():
-        if name not in tables():
-            raise _unknown_table(name, origin, content)
-        if not isinstance(content, Mapping):
-            raise JobError(origin, f"{name} must be a table, not {_shown(content)}", remedy=f"write [{name}]")
-        result[name] = dict(content)
-    return result
-
-
-def _unknown_table(name: str, origin: str, content: object) -> JobError:
-    homes = [s.table for s in settings() if s.key == name]
-    if homes and not isinstance(content, Mapping):
-        return JobError(origin, f"{_quoted(name)} stands outside its table", remedy=f"it belongs to [{homes[0]}]")
-    near = difflib.get_close_matches(str(name), tables(), 1, 0)
-    return JobError(origin, f"unknown table [{_clean(name)}]", remedy=f"nearest is [{near[0]}]")
-
-
-def _assignment(text: str) -> tuple[str, str, object]:
-    name, equals, raw = text.partition("=")
-    table, dot, key = (part.strip() for part in name.partition("."))
-    origin = f"--set {text}"
-    if not (equals and dot and table and key):
-        names = [f"{s.table}.{s.key}" for s in settings()]
-        near = [n for n in names if n.endswith(f".{table}")] or difflib.get_close_matches(name, names, 1, 0)
-        raise JobError(origin, "is not table.key=value", remedy=f"nearest is {near[0]}")
-    if table not in tables():
-        raise _unknown_table(table, origin, {})
-    return table, key, _value(raw)
-
-
-def _value(raw: str) -> object:
-    """``raw`` as TOML, else as the text it is."""
-    try:
-        parsed = tomllib.loads(f"value = {raw}")
-    except (tomllib.TOMLDecodeError, RecursionError):
-        return raw
-    return parsed["value"] if len(parsed) == 1 else raw
-
-
-def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) -> Job:
-    known = {(s.table, s.key): s for s in settings()}
-    for table, keys in tree.items():
-        for key, value in keys.items():
-            origin = origins.get((table, key), source)
-            if table != "post" and (table, key) not in known:
-                raise _unknown_key(table, key, origin)
-            if not all(math.isfinite(number) for number in _floats(value)):
-                raise JobError(origin, f"{key} must be finite, not {_shown(value)}", f"[{table}]")
-    try:
-        return msgspec.convert(tree, Job)
-    except msgspec.ValidationError as error:
-        place = re.search(r"`\$\.(\w+)\.(\w+)", str(error))
-        if place is None:
-            raise JobError(source, str(error)) from error
-        table, key = place.groups()
-        what = f"{key} must be {known[table, key].allowed}, not {_shown(tree[table][key])}"
-        raise JobError(origins.get((table, key), source), what, f"[{table}]") from error
-
-
-def _unknown_key(table: str, key: str, origin: str) -> JobError:
-    elsewhere = [s.table for s in settings() if s.key == key]
-    near = difflib.get_close_matches(str(key), [s.key for s in settings() if s.table == table], 1, 0)
-    remedy = f"it belongs to [{elsewhere[0]}]" if elsewhere else f"nearest is {near[0]}"
-    return JobError(origin, f"unknown key {_quoted(key)}", f"[{table}]", remedy)
-
-
-def _floats(value: object) -> Iterator[float]:
-    if isinstance(value, float):
-        yield value
-    elif isinstance(value, (list, tuple)):
-        for item in value:
-            yield from _floats(item)
-    elif isinstance(value, Mapping):
-        yield from _floats(list(value.values()))
-
-
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 _PLURALS: dict[object, str] = {
     float: "numbers",
@@ -273,16 +90,3 @@ def _allowed(hint: Any) -> str:
 
 def _number(value: float) -> str:
     return f"{value:g}"
-
-
-def _shown(value: object) -> str:
-    text = json.dumps(value, default=str, ensure_ascii=False)
-    return text if len(text) <= 40 else text[:37] + "..."
-
-
-def _quoted(name: object) -> str:
-    return f'"{_clean(name)}"'
-
-
-def _clean(name: object) -> str:
-    return str(name)[:60]

@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
@@ -19,7 +18,6 @@ from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.plan.simplify import simplified
-from camgen.read import read
 from camgen.read.units import MM
 from camgen.vision.plane import scale_of
 
@@ -174,9 +172,8 @@ class Facts(Struct, frozen=True):
         return "\n".join(lines)
 
 
-def inspect(path: Path, job: Job) -> Facts:
-    """What ``job`` makes of the picture ``path``, which it takes for a drawing. Errors as of a build."""
-    raw = read(path, job)
+def inspect(raw: Part, job: Job) -> Facts:
+    """What ``job`` makes of a picture that was read as a drawing. Errors as of a build."""
     assert raw.raster is not None
     part = simplified(on_page(raw, job), job)
     segments = from_contours(part.contours)

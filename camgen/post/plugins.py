@@ -7,7 +7,6 @@ import difflib
 import importlib.util
 import sys
 from collections.abc import Mapping
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import get_type_hints
 
@@ -15,9 +14,11 @@ import msgspec
 from msgspec import Struct
 
 from camgen.model.errors import JobError
+from camgen.model.plugins import entries, find, load, origin
 from camgen.post import Post, Readback
 
 POSTS, READBACKS = "camgen.posts", "camgen.readbacks"
+_LISTS = "camgen posts lists them"
 
 
 class Installed(Struct, frozen=True):
@@ -34,7 +35,7 @@ def find_post(name: str) -> type[Post]:
     """The post class called ``name``, or defined in the file ``name`` (a path that ends in .py). JobError if none."""
     if name.endswith(".py"):
         return _only(name)
-    post = _load(_entry(POSTS, name, "post"))
+    post = load(find(entries(POSTS), name, "post", _LISTS))
     if not (isinstance(post, type) and issubclass(post, Post)):
         raise JobError(f"post {name}", "is not a camgen.post.Post", remedy="mend or remove its package")
     return post
@@ -47,22 +48,21 @@ def find_readback(name: str) -> Readback:
         if not callable(read):
             raise JobError(name, "has no function read(files, options)", remedy="a post is posted with its read-back")
         return read  # type: ignore[no-any-return]
-    return _load(_entry(READBACKS, name, "read-back"))  # type: ignore[return-value]
+    return load(find(entries(READBACKS), name, "read-back", _LISTS))  # type: ignore[return-value]
 
 
 def installed() -> list[Installed]:
     """All posts by name; a broken one is listed with its reason."""
     found = []
-    readbacks = {entry.name for entry in entry_points(group=READBACKS)}
-    for entry in sorted(entry_points(group=POSTS), key=lambda e: e.name):
-        origin = f"{entry.dist.name} {entry.dist.version}" if entry.dist else "unknown"
+    readbacks = {entry.name for entry in entries(READBACKS)}
+    for entry in entries(POSTS):
         try:
             post = find_post(entry.name)
         except JobError as error:
-            found.append(Installed(entry.name, origin, "", "", str(error)))
+            found.append(Installed(entry.name, origin(entry), "", "", str(error)))
             continue
         missing = "" if entry.name in readbacks else "has no read-back (entry point camgen.readbacks)"
-        found.append(Installed(entry.name, origin, post.about, post.suffix, missing))
+        found.append(Installed(entry.name, origin(entry), post.about, post.suffix, missing))
     return found
 
 
@@ -80,24 +80,6 @@ def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
         except msgspec.ValidationError as error:
             raise JobError(where, str(error)) from error
     return post(**options)  # type: ignore[arg-type]  # checked above, against the post's own annotations
-
-
-def _entry(group: str, name: str, kind: str) -> EntryPoint:
-    entries = {entry.name: entry for entry in entry_points(group=group)}
-    if name not in entries:
-        near = difflib.get_close_matches(name, entries, 1, 0)
-        remedy = f"nearest is {near[0]}; camgen posts lists them" if near else "camgen posts lists them"
-        raise JobError(f"{kind} {name}", "is not installed", remedy=remedy)
-    return entries[name]
-
-
-def _load(entry: EntryPoint) -> object:
-    # A foreign package may fail in any way at all while it is imported; whatever it is, the user is told its reason.
-    try:
-        return entry.load()
-    except Exception as error:
-        what = f"cannot be loaded: {type(error).__name__}: {error}"
-        raise JobError(f"plug-in {entry.name}", what, entry.value, "mend or remove its package") from error
 
 
 def _module(path: str) -> object:

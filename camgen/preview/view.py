@@ -50,12 +50,12 @@ def _untested(result: Result) -> Around:
     job = result.job
     if not job.cell.fixtures and not job.tool.holder:
         return Around((), (), ())
-    from camgen.collision.cell import box_between, corners_of, mesh_fixtures  # noqa: PLC0415 (loads fcl)
+    from camgen.collision.cell import box_between, corners_of  # noqa: PLC0415 (loads fcl)
 
     holder = tuple(box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ())
     named = [(f"fixture {k}", box) for k, box in enumerate(job.cell.fixtures or (), 1) if not isinstance(box, str)]
     standing = [Link(name, (box_between(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named]
-    return Around((Link("holder", holder),), tuple(standing), tuple(mesh_fixtures(job)))
+    return Around((Link("holder", holder),), tuple(standing), result.meshes)
 
 
 # Edges of which only a part is run: cut where the work begins and ends.

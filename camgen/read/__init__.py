@@ -1,14 +1,131 @@
-"""Readers: a file's bytes to a Part, with notes on all that was skipped, mended or assumed."""
+"""Readers: a file's bytes to a Part, with notes on all that was skipped, mended or assumed.
+
+Which formats there are is an open table: the entry points ``camgen.readers``, of camgen and of other packages alike
+(docs/writing-a-reader.md).
+"""
 
 from __future__ import annotations
 
-from importlib import import_module
+from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from typing import Literal
 
-from camgen.model.errors import InputError
+from msgspec import Struct
+
+from camgen.model.errors import InputError, JobError
+from camgen.model.files import Source
 from camgen.model.job import Camera, Job
 from camgen.model.part import Part
+from camgen.model.plugins import entries, load, origin
+from camgen.read.files import Files
+
+READERS = "camgen.readers"
+#: Bytes from the beginning of a file by which a format is recognised.
+HEAD = 256
+
+_DEFAULTS = Job()
+
+
+def recognise_none(_head: bytes) -> bool:
+    """For formats that have no mark at their beginning: only the suffix tells."""
+    return False
+
+
+class Reader(Struct, frozen=True):
+    """One format. name: that of its entry point. about: what it is, for a sentence: "a DXF drawing". suffixes: in small
+    letters with their dot, "" for a name without one. makes: what kind of part.
+
+    read: the part in the bytes of a file, in mm, as the job asks; InputError if it has none. inspect: what is in it,
+    as a value whose ``str`` is a page to print. Both open other files that the job or the input names through the
+    ``Files`` that they are given. recognise: whether a file that begins like this is of this format.
+    """
+
+    name: str
+    about: str
+    suffixes: tuple[str, ...]
+    makes: Literal["drawing", "picture", "solid", "program"]
+    read: Callable[[Source, Job, Files], Part]
+    inspect: Callable[[Source, Job, Files], object]
+    recognise: Callable[[bytes], bool] = recognise_none
+
+
+class Installed(Struct, frozen=True):
+    """One line of the table. broken: why the reader cannot be used, empty when it can."""
+
+    name: str
+    origin: str
+    reader: Reader | None
+    broken: str
+
+
+def installed() -> list[Installed]:
+    """All readers by name; a broken one is listed with its reason."""
+    found = []
+    for entry in entries(READERS):
+        try:
+            reader = load(entry)
+        except JobError as error:
+            found.append(Installed(entry.name, origin(entry), None, str(error)))
+            continue
+        if isinstance(reader, Reader) and reader.name == entry.name:
+            found.append(Installed(entry.name, origin(entry), reader, ""))
+        else:
+            what = f"is called {reader.name}" if isinstance(reader, Reader) else "is not a camgen.read.Reader"
+            why = JobError(f"reader {entry.name}", what, entry.value, "mend or remove its package")
+            found.append(Installed(entry.name, origin(entry), None, str(why)))
+    return found
+
+
+def find_reader(source: Source) -> Reader:
+    """The reader for this input: by how it begins, else by its suffix. InputError where none or more than one is."""
+    table = installed()
+    readers = [one.reader for one in table if one.reader is not None]
+    head = source.data[:HEAD]
+    fit = [one for one in readers if one.recognise(head)] or [one for one in readers if source.suffix in one.suffixes]
+    if len(fit) == 1:
+        return fit[0]
+    if fit:
+        names = " and ".join(one.name for one in fit)
+        raise InputError(source.name, f"is claimed by the readers {names}", remedy="remove the package of one of them")
+    broken = "".join(f"; {one.broken}" for one in table if one.broken)
+    remedy = f"give {', '.join(one.about for one in readers)}{broken}"
+    raise InputError(source.name, "is not a kind of file that camgen reads", remedy=remedy)
+
+
+def find_suffix(name: str) -> str:
+    """The suffix of files of the format ``name``, which is a reader or one of its suffixes. JobError if neither is."""
+    table = installed()
+    for one in table:
+        if one.name == name and one.broken:
+            raise JobError("--format", one.broken)
+        if one.reader is not None and f".{name}" in one.reader.suffixes:
+            return f".{name}"
+    for one in table:
+        if one.reader is not None and one.name == name:
+            return next((suffix for suffix in one.reader.suffixes if suffix), "")
+    names = ", ".join(one.name for one in table)
+    raise JobError("--format", f"no reader is called {name}", remedy=f"give one of {names}, or a suffix")
+
+
+def read(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> Part:
+    """The part in the file ``path``, in mm, read as ``job`` asks. InputError if it has none.
+
+    files: what has been read already.
+    """
+    files = files or Files()
+    source = files.read(path)
+    return find_reader(source).read(source, job, files)
+
+
+def inspect(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> object:
+    """What is in the file ``path``; its ``str`` is the page that ``camgen inspect`` prints. InputError if nothing is.
+
+    files: what has been read already.
+    """
+    files = files or Files()
+    source = files.read(path)
+    return find_reader(source).inspect(source, job, files)
+
 
 # Whether a picture is a drawing, or a photo of a part: the settings of the job tell.
 
@@ -20,54 +137,3 @@ def meant(job: Job) -> bool:
     kind = job.operation.kind
     drawing = kind in _KINDS or (kind == "auto" and bool(job.page.size))
     return drawing and job.camera == Camera() and job.image.mask in ("auto", "otsu", "threshold")
-
-
-_IMAGES = (b"\x89PNG", b"\xff\xd8\xff", b"II*\x00", b"MM\x00*", b"BM")
-_SUFFIXES = {
-    "": "dxf", ".dxf": "dxf", ".svg": "svg",
-    ".png": "image", ".jpg": "image", ".jpeg": "image", ".tif": "image", ".tiff": "image", ".bmp": "image",
-    ".stl": "solid", ".obj": "solid", ".ply": "solid", ".off": "solid", ".3mf": "solid", ".glb": "solid",
-    ".step": "solid", ".stp": "solid",
-    ".nc": "gcode", ".ngc": "gcode", ".gcode": "gcode", ".tap": "gcode",
-}  # fmt: skip
-
-
-def read(path: Path, job: Job) -> Part:
-    """The part in the file ``path``, in mm, read as ``job`` asks. InputError if it has none."""
-    part: Part = _reader(path, job).read(path, job)
-    return part
-
-
-def inspect(path: Path, job: Job) -> object:
-    """What is in the file ``path``; its ``str`` is the page that ``camgen inspect`` prints."""
-    found: object = _reader(path).inspect(path, job)
-    return found
-
-
-def _reader(path: Path, job: Job | None = None) -> ModuleType:
-    """The module for this kind of file: ezdxf, OpenCV and trimesh are loaded only by what needs them."""
-    kind = kind_of(path)
-    if kind == "image" and job is not None and meant(job):
-        kind = "artwork"
-    return import_module(f"camgen.read.{kind}")
-
-
-def kind_of(path: Path) -> str:
-    """Which reader is for this file: by how it begins first, then by its name. InputError for others."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(64)
-    except OSError:
-        head = b""  # the reader says what is wrong with it
-    if head.startswith(_IMAGES):
-        return "image"
-    if head.startswith(b"AutoCAD Binary DXF") or head.split()[:2] == [b"0", b"SECTION"]:
-        return "dxf"
-    if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"<?xml", b"<svg")):
-        return "svg"
-    kind = _SUFFIXES.get(path.suffix.lower())
-    if kind is None:
-        what = "is not a kind of file that camgen reads"
-        remedy = "give a DXF or SVG drawing, a PNG, JPEG, TIFF or BMP picture, a 3-D part, or G-code"
-        raise InputError(path.name, what, remedy=remedy)
-    return kind

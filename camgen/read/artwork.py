@@ -6,33 +6,33 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from camgen.model.errors import InputError, JobError
+from camgen.model.files import Source
 from camgen.model.job import Image, Job
 from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import frozen
 from camgen.model.text import short
+from camgen.read.files import Files
 from camgen.vision.image import Picture, load
 from camgen.vision.ink import borders, ink_of
 from camgen.vision.to_scale import View, already_to_scale
 
 
-def read(path: Path, job: Job) -> Part:
-    """The ink in the picture ``path``: closed contours of one point per pixel of border, lines between them.
+def read(source: Source, job: Job, _files: Files) -> Part:
+    """The ink in the picture ``source``: closed contours of one point per pixel of border, lines between them.
 
     InputError if the picture has no ink or no scale, JobError for settings that a drawing has no use for.
     """
     _nothing_unused(job)
-    picture = load(path)
+    picture = load(source)
     view = _view(picture, job)
     threshold = job.image.threshold
     ink = ink_of(picture.pixels, threshold, job.image.invert)
     if ink is None:
         what = "has no ink: it is of one grey value" + ("" if threshold is None else f" beside {short(threshold, 1)}")
-        raise InputError(path.name, what, remedy="draw dark on light, or set [image] threshold")
+        raise InputError(source.name, what, remedy="draw dark on light, or set [image] threshold")
     found = borders(ink)
     # Pixel (0, 0) of what was found is the paper around the picture.
     matrix = np.column_stack([view.work_from_view[:, :2], view.work_from_view @ (-1.0, -1.0, 1.0)])
@@ -58,7 +58,7 @@ def read(path: Path, job: Job) -> Part:
         *view.notes,
         Note("assumed", f"ink told from paper by {ink.why}", "image.invert swaps them"),
     )
-    return Part(path.stem, path.name, f"{short(view.mm_per_px, 5)} mm/px", tuple(contours), notes, raster)
+    return Part(source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", tuple(contours), notes, raster)
 
 
 def _view(picture: Picture, job: Job) -> View:

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.errors import InputError, JobError
+from camgen.model.files import Source
 from camgen.model.job import Camera as CameraTable
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, Raster
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import short
+from camgen.read.files import Files
 from camgen.vision.boards.find import find
 from camgen.vision.boards.sheet import RULER, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
@@ -67,9 +68,9 @@ class _Seen(Struct, frozen=True):
     mask: Mask
 
 
-def read(path: Path, job: Job) -> Part:
-    """The part in the picture ``path``. InputError if it shows none, JobError for settings that contradict another."""
-    seen = _seen(path, job)
+def read(source: Source, job: Job, files: Files) -> Part:
+    """The part in a picture. InputError if it shows none, JobError for settings that contradict another."""
+    seen = _seen(source, job, files)
     found, notes = outlines(seen.mask.grey, seen.mask.pixels)
     drawn, fits, more = primitives(found, seen.view.work_from_view)
     raster = Raster(
@@ -80,7 +81,9 @@ def read(path: Path, job: Job) -> Part:
         mask=seen.mask.pixels,
         borders=tuple(outline.points for outline in found),
     )
-    return Part(path.stem, path.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_fitted(fits)), raster)
+    return Part(
+        source.stem, source.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_fitted(fits)), raster
+    )
 
 
 def _fitted(fits: Sequence[Fit]) -> tuple[Note, ...]:
@@ -93,13 +96,13 @@ def _fitted(fits: Sequence[Fit]) -> tuple[Note, ...]:
     return (Note("assumed", what, f"they leave the measured edge by {most:.3f} mm at most, {rms:.3f} mm rms"),)
 
 
-def inspect(path: Path, job: Job) -> Facts:
-    """What is in the picture ``path``, as far as its scale is known."""
-    picture = load(path)
+def inspect(source: Source, job: Job, files: Files) -> Facts:
+    """What is in the picture ``source``, as far as its scale is known."""
+    picture = load(source)
     height, width = picture.pixels.shape[:2]
     colour = picture.pixels.ndim == 3
     try:
-        part = read(path, job)
+        part = read(source, job, files)
     except (InputError, JobError) as error:
         known = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
         return Facts((width, height), colour, known, str(error), picture.notes)
@@ -110,16 +113,16 @@ def inspect(path: Path, job: Job) -> Facts:
     return Facts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
 
 
-def _seen(path: Path, job: Job) -> _Seen:
+def _seen(source: Source, job: Job, files: Files) -> _Seen:
     # A lens belongs to the sensor's pixels. Points were read off the picture as a viewer shows it, turned.
     sensor = bool(job.camera.file) and job.camera.points_px is None
     _nothing_unused(job)
-    picture = _light(load(path, sensor=sensor), job)
-    camera = read_camera(Path(job.camera.file)) if job.camera.file else None
+    picture = _light(load(source, sensor=sensor), job)
+    camera = read_camera(files.read(job.camera.file)) if job.camera.file else None
     way = _Way(camera, _plane(picture, camera, job.camera), job)
     empty = None
     if job.image.background:
-        empty = _light(load(Path(job.image.background), sensor=sensor), job)
+        empty = _light(load(files.read(job.image.background), sensor=sensor), job)
         if empty.pixels.shape[:2] != picture.pixels.shape[:2]:
             remedy = "take both with the same camera from the same place"
             raise InputError(empty.name, "differs in size from the photo of the part", "[image] background", remedy)

@@ -26,6 +26,7 @@ from msgspec import Struct
 from camgen.model.errors import JobError
 from camgen.model.job_tables import split_name
 from camgen.model.pose import FloatArray, Vec3, frozen, pose_from_values, translation
+from camgen.read.files import Files
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import recognise
 from camgen.robots.models import Box, Link, Robot, Triple, Trust
@@ -71,15 +72,16 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
     rod: _Rod | None = None
 
 
-def robot(name: str) -> Robot:
+def robot(name: str, files: Files | None = None) -> Robot:
     """The robot ``name``; capitals, spaces and hyphens do not matter. JobError with the nearest name if none has it.
 
     A name that ends in .urdf, or in .urdf#LINK for another tip than the flange, is a file; InputError if it is no arm.
+    files: what has been read already.
     """
     if described := split_name(name):
         from camgen.robots.urdf import read_urdf  # noqa: PLC0415 (it makes a Robot, and few jobs name a file)
 
-        return read_urdf(*described)
+        return read_urdf(*described, files or Files())
     known = _by_key()
     if _key(name) not in known:
         near = difflib.get_close_matches(_key(name), known, 1, 0)[0]

@@ -21,7 +21,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import BinaryIO, Literal
 
 import numpy as np
@@ -30,6 +29,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.model.errors import InputError, one_line
+from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.text import short
 
@@ -255,24 +255,28 @@ class Picture(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...] = ()
 
 
-def load(path: Path, *, sensor: bool = False) -> Picture:
+def load(source: Source, *, sensor: bool = False) -> Picture:
     """The picture in a PNG, JPEG, TIFF or BMP file. InputError if it is none, damaged, cut off or too large.
 
     sensor: its pixels as the sensor delivered them, whatever the Exif orientation says, for use with a calibrated lens.
     """
-    data = _read(path)
+    name, data = source.name, source.data
+    if len(data) > _MOST_BYTES:
+        raise InputError(name, f"has {len(data)} bytes, too many for a picture", remedy="crop it")
+    if not data:
+        raise InputError(name, "is empty")
     head = header(data)
     if head is None:
         what = "is not a PNG, JPEG, TIFF or BMP image, or cut off in its first bytes"
-        raise InputError(path.name, what, remedy="give a photo or a scan in one of these formats")
+        raise InputError(name, what, remedy="give a photo or a scan in one of these formats")
     if head.width * head.height > _MOST_PIXELS:
         what = f"has {head.width} x {head.height} pixels, more than {_MOST_PIXELS // 1_000_000} million"
-        raise InputError(path.name, what, remedy="crop it or scan with fewer DPI")
+        raise InputError(name, what, remedy="crop it or scan with fewer DPI")
     notes: list[Note] = []
-    stored = _decoded(data, path.name, head, notes)
+    stored = _decoded(data, name, head, notes)
     if head.pages > 1:
         notes.append(Note("skipped", "all pages but the first", "camgen reads one picture from a file"))
-    pixels = _opaque(_eight_bits(stored, path.name, notes), notes)
+    pixels = _opaque(_eight_bits(stored, name, notes), notes)
     # OpenCV has turned a TIFF already.
     turned = head.orientation != 1 and not (sensor and head.kind != "TIFF")
     if turned:
@@ -280,21 +284,7 @@ def load(path: Path, *, sensor: bool = False) -> Picture:
         notes.append(Note("assumed", f"picture turned by its Exif orientation {head.orientation}"))
     pixels = np.ascontiguousarray(pixels)
     pixels.flags.writeable = False
-    return Picture(path.name, pixels, _dpi(head, notes), turned, tuple(notes))
-
-
-def _read(path: Path) -> bytes:
-    try:
-        size = path.stat().st_size
-        if size > _MOST_BYTES:
-            raise InputError(path.name, f"has {size} bytes, too many for a picture", remedy="crop it")
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(path.name, f"cannot be read: {reason}") from error
-    if not data:
-        raise InputError(path.name, "is empty")
-    return data
+    return Picture(name, pixels, _dpi(head, notes), turned, tuple(notes))
 
 
 def _decoded(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[np.generic]:

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from bench.plan.boards import MM, board, marks, part_of
-from camgen.model.job_tables import from_mapping
 from camgen.plan.fill import fill
 from camgen.plan.fill.cover import coverage_map
+from camgen.read.job_file import from_mapping
 from camgen.vision.crosses import crosses
 
 #: Blue, green, red.

@@ -17,11 +17,12 @@ from bench.render.photos import photos, write
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, area, box, circle, hole, pieces, rounded, slot
 from bench.render.truth import offset_truth, path_error
-from camgen.model.job_tables import load
 from camgen.model.pose import pose_from_values
+from camgen.read.job_file import load
 from camgen.vision.boards.sheet import sheet
 from camgen.vision.camera.camera import distorted, read_camera
 from camgen.vision.plane import mapped, plane_from_points, plane_from_pose
+from tests.support.files import source
 
 PINHOLE = Lens(np.array([[800.0, 0, 79.5], [0, 801, 59.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (160, 120))
 #: 2 % to 6 % of distortion in so small a photo, radial and tangential.
@@ -336,7 +337,7 @@ def test_plans_are_read_with_their_arcs(tmp_path: Path) -> None:
 @pytest.mark.parametrize("photo", photos(6, 1), ids=lambda photo: f"{photo.name}-{photo.way}")
 def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     write(tmp_path, photo)
-    job, camera = load(tmp_path / f"{photo.name}.toml"), read_camera(tmp_path / f"{photo.name}.yaml")
+    job, camera = load(tmp_path / f"{photo.name}.toml"), read_camera(source(tmp_path / f"{photo.name}.yaml"))
     assert np.array_equal(camera.matrix, photo.shot.lens.matrix)
     outline = np.concatenate([loop.points for loop in photo.loops])
     mm = np.column_stack([outline.real, outline.imag])

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 import camgen.cli.say
+from camgen.batch.writing import check_targets, write_all
 from camgen.cli import main
 from camgen.cli.motion_file import decode, encode
 from camgen.model.errors import JobError
-from camgen.model.files import check_targets, write_all
 from camgen.model.pose import TOOL_DOWN, Pose, rotation_from_fixed_xyz, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.program_text import dump

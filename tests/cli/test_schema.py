@@ -11,8 +11,9 @@ from camgen.cli import main
 from camgen.cli.init import template
 from camgen.cli.schema import schema
 from camgen.model.errors import JobError
-from camgen.model.job_tables import from_mapping, settings, tables
+from camgen.model.job_tables import settings, tables
 from camgen.post.plugins import find_post, installed, make_post
+from camgen.read.job_file import from_mapping
 
 POSTS = [post.name for post in installed()]
 jsonschema = pytest.importorskip("jsonschema", reason="jsonschema of the extra dev is not installed")

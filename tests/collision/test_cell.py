@@ -15,13 +15,15 @@ from camgen.lower import placed
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.program import Joints
-from camgen.read.solid import mesh
+from camgen.read.files import Files
+from camgen.read.job_file import from_mapping
+from camgen.read.solid import mesh, read_fixtures
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.inverse import inverse
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARM = robot("IRB 1200")
@@ -29,12 +31,12 @@ ARM = robot("IRB 1200")
 
 @pytest.fixture(scope="module")
 def solid() -> Solid:
-    return mesh.read(PARTS / "rfa1.stl")
+    return mesh.read(source(PARTS / "rfa1.stl"))
 
 
 def made(tool: dict[str, object], cell: dict[str, object], solid: Solid | None) -> Surroundings:
     job = from_mapping({"tool": tool, "cell": {"robot": "IRB 1200", **cell}})
-    return around(job, ARM, placed(Rapid.cell(), job), solid)
+    return around(job, ARM, placed(Rapid.cell(), job), solid, read_fixtures(job, Files()))
 
 
 def boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
@@ -117,10 +119,10 @@ def test_wrist_boxes_that_reach_past_the_flange_are_said() -> None:
     """Link 4 of an IRB 2400 has a box around its fork that meets what is at the flange when the wrist is straight."""
     arm = robot("IRB 2400")
     cell = Cell("cell", pose_from_values([1000.0, 0, 0, 0, 0, 0]), pose_from_values([0.0, 0, 100, 0, 0, 0]), Joints(()))
-    where = around(Job(), arm, cell, None)
+    where = around(Job(), arm, cell, None, ())
     assert [note.what for note in where.notes] == ["link 4 and tool do not meet"]
     assert hits(where.scene, arm.home[None])[0] < 0
-    assert not around(Job(), ARM, cell, None).notes
+    assert not around(Job(), ARM, cell, None, ()).notes
 
 
 @pytest.mark.parametrize(
@@ -145,5 +147,5 @@ def test_a_fixture_that_is_no_mesh_is_told_by_its_name(tmp_path: Path) -> None:
 def test_the_job_is_not_changed(solid: Solid) -> None:
     job = from_mapping({"cell": {"robot": "IRB 1200", "fixtures": [[0, 0, -50, 1, 1, -40]]}})
     before = replace(job)
-    around(job, ARM, placed(Rapid.cell(), job), solid)
+    around(job, ARM, placed(Rapid.cell(), job), solid, read_fixtures(job, Files()))
     assert job == before

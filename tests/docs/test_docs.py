@@ -11,8 +11,9 @@ import pytest
 
 from camgen.cli import parsers
 from camgen.model.errors import CamgenError
-from camgen.model.job_tables import from_mapping, load, settings, tables
+from camgen.model.job_tables import settings, tables
 from camgen.post.plugins import find_post, make_post
+from camgen.read.job_file import from_mapping, load
 from camgen.robots.catalogue import robot
 from docs.make import pages
 from docs.make.pictures import PICTURES, Shown, drawn

@@ -14,6 +14,7 @@ from camgen.localize.scans import read
 from camgen.model.errors import InputError
 from camgen.model.pose import pose_from_values
 from tests.support.clouds import ROUND, scan
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "cloud"
@@ -156,7 +157,7 @@ KINDS = ["a.xyz", "b.csv", "c.txt", "d.pcd", "e.pcd", "f.pcd", "g.ply", "h.ply",
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_format_holds_the_same_points(kind, tmp_path):
     (tmp_path / kind).write_bytes(written(kind, a_cloud()))
-    found = read(tmp_path / kind, 10.0)
+    found = read(source(tmp_path / kind), 10.0)
     assert found.points == pytest.approx(a_cloud() * 10.0, rel=1e-6)
     assert found.notes == ()
 
@@ -164,7 +165,7 @@ def test_every_format_holds_the_same_points(kind, tmp_path):
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj"])
 def test_a_scan_that_is_a_mesh_is_spread_over_its_faces(suffix, tmp_path):
     trimesh.creation.box((10, 20, 30)).export(tmp_path / f"box{suffix}")
-    found = read(tmp_path / f"box{suffix}")
+    found = read(source(tmp_path / f"box{suffix}"))
     assert np.abs(np.abs(found.points) / [5, 10, 15]).max(axis=1) == pytest.approx(np.ones(len(found.points)))
     assert "were spread over the 12 faces" in str(found.notes[-1])
 
@@ -175,7 +176,7 @@ def test_what_a_scanner_did_not_see_is_left_out_and_counted(tmp_path):
     points[5, 1] = np.inf
     points[10:14] = 0
     (tmp_path / "a.ply").write_bytes(written("h.ply", points))
-    found = read(tmp_path / "a.ply")
+    found = read(source(tmp_path / "a.ply"))
     assert len(found.points) == 194
     assert [note.what.split()[0] for note in found.notes] == ["2", "4"]
 
@@ -185,7 +186,7 @@ def test_a_cloud_that_breaks_off_is_damaged(kind, tmp_path):
     data = written(kind, a_cloud())
     (tmp_path / kind).write_bytes(data[: len(data) - 900])
     with pytest.raises(InputError, match=f"{kind}: is damaged or no "):
-        read(tmp_path / kind)
+        read(source(tmp_path / kind))
 
 
 @pytest.mark.parametrize(
@@ -224,11 +225,11 @@ def test_a_model_without_faces_is_refused(tmp_path, capsys):
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data is not beside the repository")
 def test_real_clouds_are_read():
     """Bounds and counts as the list of the data states them, measured with other software."""
-    milk = read(SHARED / "data" / "milk.pcd").points
+    milk = read(source(SHARED / "data" / "milk.pcd")).points
     assert milk.shape == (12575, 3)
     assert milk.min(axis=0) == pytest.approx([0.17866, -0.21077, -0.82682], abs=1e-5)
     assert milk.max(axis=0) == pytest.approx([0.32538, 9e-05, -0.63615], abs=1e-5)
-    assert read(SHARED / "data" / "samp24-utm.pcd").points.shape == (7492, 3)
-    assert read(SHARED / "data" / "lamppost.pcd").points.shape == (1771, 3)
+    assert read(source(SHARED / "data" / "samp24-utm.pcd")).points.shape == (7492, 3)
+    assert read(source(SHARED / "data" / "lamppost.pcd")).points.shape == (1771, 3)
     with pytest.raises(InputError, match="has 5 usable points"):
-        read(SHARED / "trimesh" / "points_ascii_with_lists.ply")
+        read(source(SHARED / "trimesh" / "points_ascii_with_lists.ply"))

@@ -16,6 +16,7 @@ from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Output
 from camgen.read.solid import mesh
 from tests.support.arm_models import by_hand
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 #: A plate of 60 x 40 x 10 mm before an IRB 120, its four upper edges.
@@ -61,7 +62,7 @@ def test_all_edges_of_the_papers_first_part_are_run(built: Result) -> None:
 
 def test_the_tool_runs_along_the_edges_at_the_offset(built: Result) -> None:
     """Between process on and off the TCP keeps 2 mm from its edge, all the way from one end to the other."""
-    edges = {edge.id: edge for edge in mesh.read(PARTS / "rfa1.stl").edges}
+    edges = {edge.id: edge for edge in mesh.read(source(PARTS / "rfa1.stl")).edges}
     on, name, here, seen = False, "", np.zeros(3), set()
     for item in built.program.body:
         if isinstance(item, Comment) and item.text.startswith("edge"):

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from camgen.build import build
 from camgen.lower import lower, placed
 from camgen.model.errors import NoSafeProgram
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
@@ -18,6 +17,7 @@ from camgen.order import order
 from camgen.plan.trace import trace
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
+from camgen.read.job_file import from_mapping
 
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
 #: By signal and height, by height alone, with pressure, by signal alone on a clearance of a hair.

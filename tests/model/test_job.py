@@ -13,9 +13,10 @@ from camgen.build import joined
 from camgen.cli.init import reference, template, toml
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
-from camgen.model.job_tables import beside, from_mapping, load, settings
+from camgen.model.job_tables import settings
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import frozen
+from camgen.read.job_file import beside, from_mapping, load
 
 ROOT = Path(__file__).parents[2]
 PLATE = (

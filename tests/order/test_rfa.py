@@ -13,7 +13,6 @@ from camgen.collision.cell import around
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.lower import placed
-from camgen.model.job_tables import load
 from camgen.model.pose import FloatArray, Pose
 from camgen.order.edges import room_of, setup_of
 from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, steps
@@ -23,9 +22,11 @@ from camgen.plan.edges.motion import Freedom, Reached, Setup
 from camgen.plan.edges.reach import reach
 from camgen.plan.edges.select import select
 from camgen.plan.edges.ways import Way
+from camgen.read.job_file import load
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
 from tests.support.arm_models import by_hand
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARM = robot("IRB 2400")
@@ -33,8 +34,8 @@ ARM = robot("IRB 2400")
 
 @cache
 def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
-    solid, job = mesh.read(PARTS / f"{part}.stl"), load(PARTS / f"{part}.toml")
-    where = around(job, ARM, placed(Rapid.cell(), job), solid)
+    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
+    where = around(job, ARM, placed(Rapid.cell(), job), solid, ())
     setup = setup_of(ARM, placed(Rapid.cell(), job), where.scene)
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
@@ -45,7 +46,7 @@ def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
 @cache
 def routed(part: str, best: bool = True) -> Route:
     setup, room, motions = cell(part)
-    return route(setup, room, motions, mesh.read(PARTS / f"{part}.stl").edges, ARM.home, 100.0, best)
+    return route(setup, room, motions, mesh.read(source(PARTS / f"{part}.stl")).edges, ARM.home, 100.0, best)
 
 
 def matrix(pose: Pose) -> FloatArray:
@@ -95,13 +96,13 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
 
 @cache
 def scene_of(part: str) -> Scene:
-    solid, job = mesh.read(PARTS / f"{part}.stl"), load(PARTS / f"{part}.toml")
-    return around(job, ARM, placed(Rapid.cell(), job), solid).scene
+    solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
+    return around(job, ARM, placed(Rapid.cell(), job), solid, ()).scene
 
 
 def test_the_level_is_half_the_holder_and_the_safety_above_the_part() -> None:
-    solid, job = mesh.read(PARTS / "rfa1.stl"), load(PARTS / "rfa1.toml")
-    where = around(job, ARM, placed(Rapid.cell(), job), solid)
+    solid, job = mesh.read(source(PARTS / "rfa1.stl")), load(PARTS / "rfa1.toml")
+    where = around(job, ARM, placed(Rapid.cell(), job), solid, ())
     top = 640.0 + 70.0  # the part stands at 640 mm and is 70 mm high
     assert where.level == pytest.approx(top + math.hypot(70, 70) / 2 + 10.0)
 
@@ -228,14 +229,14 @@ def test_edges_that_share_a_corner_are_linked_at_it() -> None:
     assert (Turn,) in kinds
     for before, leg in zip(made.legs, made.legs[1:], strict=False):
         if [type(piece) for piece in leg.link] == [Turn]:
-            edges = {e.id: e for e in mesh.read(PARTS / "rfa1.stl").edges}
+            edges = {e.id: e for e in mesh.read(source(PARTS / "rfa1.stl")).edges}
             a, b = edges[before.motion.id], edges[leg.motion.id]
             assert min(np.linalg.norm(p - q) for p in a.points[[0, -1]] for q in b.points[[0, -1]]) < 1e-3
 
 
 def test_where_a_force_presses_every_link_leaves_the_part() -> None:
     setup, room, motions = cell("rfa1")
-    edges = mesh.read(PARTS / "rfa1.stl").edges
+    edges = mesh.read(source(PARTS / "rfa1.stl")).edges
     made = route(setup, room, motions, edges, ARM.home, 100.0, best=True, lifted=True)
     for leg in made.legs[1:]:
         assert isinstance(leg.link[0], Along)
@@ -253,7 +254,7 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
         pairs = [two and tuple(np.round(rows[0], 9)) not in free for two, rows in zip(pairs, several, strict=True)]
         return [text or ("wall" if two else "") for text, two in zip(said, pairs, strict=True)]
 
-    edges = mesh.read(PARTS / "rfa2.stl").edges
+    edges = mesh.read(source(PARTS / "rfa2.stl")).edges
     made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, 100.0, best=True)
     assert len(made.legs) == len(motions)
     assert made.seconds > routed("rfa2").seconds

@@ -13,12 +13,12 @@ from hypothesis.extra.numpy import arrays
 from camgen.cli import main
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import InputError, JobError
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.plan.page import on_page
 from camgen.plan.simplify import simplified
 from camgen.read import read
+from camgen.read.job_file import from_mapping
 from camgen.vision.ink import borders, ink_of
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image"

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 import camgen
 from bench.plan.boards import CENTRE, MM, mark_errors, marks, part_of
 from camgen.model.errors import InputError, JobError
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.model.program import MoveJ, MoveL
 from camgen.plan import Plan, plan
+from camgen.read.job_file import from_mapping
 from camgen.vision.crosses import crosses
 
 

@@ -20,6 +20,7 @@ from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.joint_limits import within
 from tests.support.arm_models import by_hand
 from tests.support.edge_shapes import rim, straight
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARM = robot("IRB 2400")
@@ -222,7 +223,7 @@ def test_an_obstacle_half_way_is_passed_by_tilting_there_only() -> None:
 
 @pytest.mark.parametrize("name", ["e6", "e11"])
 def test_a_rim_that_winds_the_wrist_up_is_unwound_by_rolling_along_it(name: str) -> None:
-    solid = mesh.read(PARTS / "rfa2.stl")
+    solid = mesh.read(source(PARTS / "rfa2.stl"))
     edge = next(e for e in solid.edges if e.id == name)
     arm = robot("IRB 2000")
     cell = Setup(arm, pose_from_values((1050, -50, 500, 0, 0, 45)), pose_from_values((60, 0, 240, 0, 45, 0)))

@@ -8,10 +8,11 @@ import pytest
 from camgen.model.errors import JobError
 from camgen.plan.edges.select import select
 from camgen.read.solid import mesh
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
-RFA1 = mesh.read(PARTS / "rfa1.stl")
-RFA2 = mesh.read(PARTS / "rfa2.stl")
+RFA1 = mesh.read(source(PARTS / "rfa1.stl"))
+RFA2 = mesh.read(source(PARTS / "rfa2.stl"))
 
 
 def ids(*numbers: int) -> tuple[str, ...]:

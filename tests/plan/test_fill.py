@@ -14,7 +14,6 @@ from bench.plan.boards import GOALS, board, part_of
 from camgen.geometry.rings import rings
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Contour, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
@@ -22,6 +21,7 @@ from camgen.plan import Plan, plan
 from camgen.plan.fill import fill
 from camgen.plan.fill.cover import measured, painted
 from camgen.read import read
+from camgen.read.job_file import from_mapping
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image" / "DeepPCB"
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from camgen.geometry.segments import bounds, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Page
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.plan.page import on_page, page_size
+from camgen.read.job_file import from_mapping
 
 
 def part_of(

@@ -14,9 +14,12 @@ from ezdxf.document import Drawing
 from ezdxf.xclip import XClip
 
 from camgen.model.errors import InputError, JobError
-from camgen.model.job import Input, Job
+from camgen.model.files import Source
+from camgen.model.job import Input, Job, Tolerance
 from camgen.model.part import Contour, Part
 from camgen.read import dxf
+from camgen.read.files import Files
+from tests.support.files import source
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 REFUSED = sorted(FIXTURES.glob("refused/*.dxf"))
@@ -37,8 +40,13 @@ def new(units: int = 4, version: str = "R2010") -> tuple[Drawing, Any]:
     return document, document.modelspace()
 
 
+def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
+    job = Job(input=settings, tolerance=Tolerance(chord=chord))
+    return dxf.read(Source(Path(name), data), job, Files())
+
+
 def read(document: Drawing, **settings: Any) -> Part:
-    return dxf.read_bytes("test.dxf", written(document).encode(), Input(**settings), 0.01)
+    return read_bytes("test.dxf", written(document).encode(), Input(**settings), 0.01)
 
 
 def written(document: Drawing) -> str:
@@ -80,7 +88,7 @@ def area(contour: Contour) -> float:
 
 @pytest.mark.parametrize("name", ["bracket", "bracket_binary"])
 def test_bracket(name: str) -> None:
-    part = dxf.read(FIXTURES / "parts" / f"{name}.dxf", Job())
+    part = dxf.read(source(FIXTURES / "parts" / f"{name}.dxf"), Job(), Files())
     outline, hole, other, slot = part.contours
     assert [c.layer for c in part.contours] == ["OUTLINE", "HOLES", "HOLES", "HOLES"]
     assert all(c.closed for c in part.contours)
@@ -92,7 +100,7 @@ def test_bracket(name: str) -> None:
 
 
 def test_gaps() -> None:
-    part = dxf.read(FIXTURES / "parts" / "gaps.dxf", Job())
+    part = dxf.read(source(FIXTURES / "parts" / "gaps.dxf"), Job(), Files())
     assert [(c.closed, len(c.points)) for c in part.contours] == [(True, 4)]
     assert notes(part) == [
         "repaired: dropped: 1 LINE on layer 0 (without length)",
@@ -102,7 +110,7 @@ def test_gaps() -> None:
 
 
 def test_smooth() -> None:
-    part = dxf.read(FIXTURES / "parts" / "smooth.dxf", Job())
+    part = dxf.read(source(FIXTURES / "parts" / "smooth.dxf"), Job(), Files())
     t = np.linspace(0, 2 * math.pi, 200001)
     oval, drop = part.contours
     assert oval.closed
@@ -118,7 +126,7 @@ def test_smooth() -> None:
 
 def test_blocks() -> None:
     """Two tabs (one mirrored), one stretched twofold, six in an array; inches."""
-    part = dxf.read(FIXTURES / "parts" / "blocks.dxf", Job())
+    part = dxf.read(source(FIXTURES / "parts" / "blocks.dxf"), Job(), Files())
     assert len(part.contours) == 18
     assert {c.layer for c in part.contours} == {"CUT"}
     tab = (0.5 + math.pi * 0.25**2 / 2) * 25.4**2
@@ -135,14 +143,14 @@ def test_blocks() -> None:
 
 def test_layers() -> None:
     path = FIXTURES / "parts" / "layers.dxf"
-    part = dxf.read(path, Job())
+    part = dxf.read(source(path), Job(), Files())
     assert [c.layer for c in part.contours] == ["CUT"]
     assert notes(part) == [
         "skipped: 1 CIRCLE on layer HIDDEN (the layer is off)",
         "skipped: 1 CIRCLE on layer ICE (the layer is frozen)",
         "skipped: 1 TEXT on layer 0 (not a kind of curve that is machined)",
     ]
-    facts = dxf.inspect(path)
+    facts = dxf.inspect(source(path), Job(), Files())
     assert facts.counts == (("CIRCLE", 2), ("LWPOLYLINE", 1), ("TEXT", 1))
     assert [(layer.name, layer.state) for layer in facts.layers] == [
         ("0", "used"), ("CUT", "used"), ("HIDDEN", "the layer is off"), ("ICE", "the layer is frozen"),
@@ -161,7 +169,7 @@ def test_layers() -> None:
 def test_refused(path: Path) -> None:
     expected = path.with_suffix(".txt").read_text().splitlines()[0]
     with pytest.raises(InputError) as caught:
-        dxf.read(path, Job())
+        dxf.read(source(path), Job(), Files())
     assert str(caught.value) == expected
 
 
@@ -252,7 +260,7 @@ def test_references_that_cannot_be_used() -> None:
     space.add_blockref("OTHER", (0, 0))
     # ezdxf writes no scale of 0 but reads it.
     text = written(document).replace(" 41\n0.125\n", " 41\n0.0\n")
-    part = dxf.read_bytes("test.dxf", text.encode(), Input(), 0.01)
+    part = read_bytes("test.dxf", text.encode(), Input(), 0.01)
     assert len(part.contours) == 2
     assert notes(part) == [
         "skipped: 1 INSERT on layer 0 (its block contains itself)",
@@ -405,7 +413,7 @@ def test_units(code: int, wanted: str, mm: float) -> None:
 
 def test_a_file_without_header_has_no_unit() -> None:
     data = b"0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n10\n0\nENDSEC\n0\nEOF\n"
-    part = dxf.read_bytes("bare.dxf", data, Input(), 0.01)
+    part = read_bytes("bare.dxf", data, Input(), 0.01)
     assert length(part.contours[0]) == pytest.approx(20 * math.pi)
     assert notes(part) == [
         "assumed: 1 drawing unit = 1 mm (the file states no unit; set input.units if that is not meant)"
@@ -450,7 +458,7 @@ def test_a_glob_without_layer_is_a_slip(glob: str) -> None:
 def test_names_from_the_file_stay_on_one_line() -> None:
     data = "0\nSECTION\n2\nENTITIES\n0\nTEXT\n8\nA) M3;\u2028x\n1\nt\n"
     data += "0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n10\n0\nENDSEC\n0\nEOF\n"
-    part = dxf.read_bytes("x.dxf", data.encode(), Input(), 0.01)
+    part = read_bytes("x.dxf", data.encode(), Input(), 0.01)
     assert all(str(n).isprintable() for n in part.notes)
     assert any("A_ M3_" in n.what for n in part.notes)
 
@@ -460,7 +468,7 @@ def test_names_from_the_file_stay_on_one_line() -> None:
 
 def test_a_file_cut_short_is_read_as_far_as_it_goes() -> None:
     data = (FIXTURES / "parts" / "bracket.dxf").read_bytes()
-    part = dxf.read_bytes("cut.dxf", data[:1500], Input(), 0.01)
+    part = read_bytes("cut.dxf", data[:1500], Input(), 0.01)
     assert notes(part)[0] == "skipped: the file ends before its end mark (what would follow is lost)"
     assert [c.closed for c in part.contours] == [True, True, True]
 
@@ -468,7 +476,7 @@ def test_a_file_cut_short_is_read_as_far_as_it_goes() -> None:
 def outcome(data: bytes) -> Part | str:
     """What was read, or the error's line."""
     try:
-        return dxf.read_bytes("bad.dxf", data, Input(), 0.01)
+        return read_bytes("bad.dxf", data, Input(), 0.01)
     except (InputError, JobError) as error:
         return str(error)
 
@@ -505,6 +513,6 @@ def test_a_document_without_model_space() -> None:
 
 def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a folder"):
-        dxf.read(tmp_path, Job())
+        dxf.read(source(tmp_path), Job(), Files())
     with pytest.raises(InputError, match="no such file"):
-        dxf.read(tmp_path / "none.dxf", Job())
+        dxf.read(source(tmp_path / "none.dxf"), Job(), Files())

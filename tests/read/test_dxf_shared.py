@@ -12,7 +12,9 @@ from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Contour
 from camgen.read import dxf
+from camgen.read.files import Files
 from camgen.read.units import INSUNITS, MM
+from tests.support.files import source
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 FILES = sorted(p for p in DATA.glob("dxf/*/*") if p.suffix.lower() == ".dxf")
@@ -71,7 +73,7 @@ def test_all_drawings_are_there() -> None:
 @pytest.mark.parametrize("path", [p for p in FILES if p.name not in REFUSED], ids=lambda p: p.name)
 def test_length_is_the_measured_one(path: Path) -> None:
     entry = TRUTH[str(path.relative_to(DATA))]
-    part = dxf.read(path, Job())
+    part = dxf.read(source(path), Job(), Files())
     expected = (entry["visible_exact"] - TWICE.get(path.name, 0) + MISSING.get(path.name, 0)) * scale(entry)
     assert sum(map(length, part.contours)) == pytest.approx(expected, rel=0.005)
     assert all(str(n).isprintable() for n in part.notes)
@@ -80,7 +82,7 @@ def test_length_is_the_measured_one(path: Path) -> None:
 @pytest.mark.parametrize("path", [p for p in FILES if p.name in REFUSED], ids=lambda p: p.name)
 def test_refused_in_one_line(path: Path) -> None:
     with pytest.raises(InputError) as caught:
-        dxf.read(path, Job())
+        dxf.read(source(path), Job(), Files())
     assert str(caught.value).startswith(f"{path.name}: {REFUSED[path.name]}")
     assert str(caught.value).isprintable()
 
@@ -92,7 +94,7 @@ NOT_COUNTED = {"cycloidal.dxf", "BlockClippedBasicTransform.dxf", "TransformedBl
 @pytest.mark.parametrize("path", [p for p in FILES if p.name not in NOT_COUNTED], ids=lambda p: p.name)
 def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
     """At least: the measurement leaves out what is damaged and what it cannot expand."""
-    found = dict(dxf.inspect(path).counts)
+    found = dict(dxf.inspect(source(path), Job(), Files()).counts)
     measured = TRUTH[str(path.relative_to(DATA))].get("curves", {})
     assert all(found.get(kind, 0) >= count for kind, count in measured.items())
 
@@ -103,4 +105,4 @@ def test_inspect_counts_at_least_what_was_measured(path: Path) -> None:
 )
 def test_loops(name: str, loops: int) -> None:
     path = next(p for p in FILES if p.name == name)
-    assert [c.closed for c in dxf.read(path, Job()).contours] == [True] * loops
+    assert [c.closed for c in dxf.read(source(path), Job(), Files()).contours] == [True] * loops

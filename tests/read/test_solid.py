@@ -7,7 +7,8 @@ import pytest
 from camgen.cli import main
 from camgen.model.errors import JobError
 from camgen.model.job import Input, Job
-from camgen.read import inspect, kind_of
+from camgen.read import find_reader, inspect
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
@@ -39,4 +40,4 @@ def test_a_job_file_can_be_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("name", "kind"), [("a.STL", "solid"), ("a.stp", "solid"), ("a.glb", "solid"), ("a", "dxf")])
 def test_kinds_by_name(tmp_path: Path, name: str, kind: str) -> None:
     (tmp_path / name).write_bytes(b"\0")
-    assert kind_of(tmp_path / name) == kind
+    assert find_reader(source(tmp_path / name)).name == kind

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Solid
 from camgen.read.solid import mesh
+from tests.support.files import source
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ def stl(path: Path, triangles: Array) -> Path:
 
 
 def read(tmp_path: Path, triangles: Array, **options: Any) -> Solid:
-    return mesh.read(stl(tmp_path / "part.stl", triangles), **options)
+    return mesh.read(source(stl(tmp_path / "part.stl", triangles)), **options)
 
 
 def block() -> Array:
@@ -129,7 +130,7 @@ def test_two_blocks_that_share_an_edge_keep_the_others(tmp_path: Path) -> None:
 def test_bytes_after_the_last_face_are_left_out(tmp_path: Path) -> None:
     path = stl(tmp_path / "part.stl", block())
     path.write_bytes(b"solid of a program that lies" + path.read_bytes()[28:] + b"\x00")
-    solid = mesh.read(path)
+    solid = mesh.read(source(path))
     assert_is_the_block(solid)
     assert "1 bytes after the last face" in said(solid)
 
@@ -145,7 +146,7 @@ def ascii_stl(corner: str) -> str:
 
 def test_a_text_stl_reads_like_a_binary_one(tmp_path: Path) -> None:
     (tmp_path / "part.stl").write_text(" " + ascii_stl(""))
-    assert_is_the_block(mesh.read(tmp_path / "part.stl"))
+    assert_is_the_block(mesh.read(source(tmp_path / "part.stl")))
 
 
 def nan_binary() -> bytes:
@@ -178,7 +179,7 @@ def test_what_cannot_be_read_is_refused_in_one_line(tmp_path: Path, name: str) -
     data, message = REFUSED[name]
     (tmp_path / name).write_bytes(data)
     with pytest.raises(InputError) as caught:
-        mesh.read(tmp_path / name)
+        mesh.read(source(tmp_path / name))
     text = str(caught.value)
     assert message in text
     assert text.startswith(name)
@@ -188,6 +189,6 @@ def test_what_cannot_be_read_is_refused_in_one_line(tmp_path: Path, name: str) -
 def test_folders_and_missing_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "folder.stl").mkdir()
     with pytest.raises(InputError, match="is a folder"):
-        mesh.read(tmp_path / "folder.stl")
+        mesh.read(source(tmp_path / "folder.stl"))
     with pytest.raises(InputError, match="no such file"):
-        mesh.read(tmp_path / "none.stl")
+        mesh.read(source(tmp_path / "none.stl"))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from camgen.model.part import Edge, Solid
 from camgen.model.pose import rotation_from_quaternion
 from camgen.read.solid import mesh
+from tests.support.files import source
 
 Array = NDArray[np.float64]
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
@@ -57,7 +58,7 @@ def stl(path: Path, triangles: Array) -> Path:
 
 
 def read(tmp_path: Path, triangles: Array, **options: Any) -> Solid:
-    return mesh.read(stl(tmp_path / "part.stl", triangles), **options)
+    return mesh.read(source(stl(tmp_path / "part.stl", triangles)), **options)
 
 
 def kinds(solid: Solid) -> Counter[tuple[str, bool]]:
@@ -202,7 +203,7 @@ def test_every_format_holds_the_same_edges(tmp_path: Path, kind: str, scale: flo
     shape.units = "mm"
     path = tmp_path / f"part.{kind}"
     shape.export(path)
-    solid = mesh.read(path)
+    solid = mesh.read(source(path))
     assert kinds(solid) == {("line", True): 17, ("line", False): 1}
     assert sum(e.length for e in solid.edges) == pytest.approx((2 * 140 + 6 * 25) * scale)
 
@@ -212,8 +213,9 @@ def test_a_material_needs_no_package_that_is_not_there(tmp_path: Path) -> None:
     rows = ["v 0 0 0", "v 10 0 0", "v 10 10 0", "v 0 10 0", "vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "usemtl brick"]
     (tmp_path / "wall.obj").write_text("\n".join([*rows, "f 1/1 2/2 3/3", "usemtl stone", "f 1/1 3/3 4/4", ""]))
     code = (
-        "import sys; sys.modules['PIL'] = None; from pathlib import Path; from camgen.read.solid import mesh;"
-        "print(len(mesh.read(Path('wall.obj')).faces))"
+        "import sys; sys.modules['PIL'] = None; from camgen.read.files import Files;"
+        "from camgen.read.solid import mesh;"
+        "print(len(mesh.read(Files().read('wall.obj')).faces))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ("2\n", "")
@@ -227,7 +229,7 @@ def test_shared_parts_have_the_circles_that_their_drawings_give_them() -> None:
     path = SHARED / "mesh" / "trimesh" / "featuretype.STL"
     if not path.exists():
         pytest.skip("shared/data/mesh/trimesh/featuretype.STL is not beside the repository")
-    solid = mesh.read(path, mm=25.4)
+    solid = mesh.read(source(path), mm=25.4)
     circles = [e for e in solid.edges if e.kind == "circle"]
     assert Counter(e.convex for e in circles) == {True: 26, False: 8}
     # The radii (inch) that its exact twin featuretype.STEP states.

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from camgen.read.solid import mesh
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
 
 def test_rfa1_has_21_convex_edges_15_of_them_above_the_bottom() -> None:
-    solid = mesh.read(PARTS / "rfa1.stl")
+    solid = mesh.read(source(PARTS / "rfa1.stl"))
     assert np.allclose(np.ptp(solid.vertices, axis=0), [125, 95, 70])
     assert len(solid.edges) == 21
     assert all(e.convex for e in solid.edges)
@@ -28,7 +29,7 @@ def test_rfa1_has_21_convex_edges_15_of_them_above_the_bottom() -> None:
 
 
 def test_rfa2_has_24_convex_edges_20_of_them_above_the_bottom() -> None:
-    solid = mesh.read(PARTS / "rfa2.stl")
+    solid = mesh.read(source(PARTS / "rfa2.stl"))
     assert np.allclose(np.ptp(solid.vertices, axis=0), [200, 150, 100])
     assert Counter((e.kind, e.convex) for e in solid.edges) == {
         ("line", True): 18, ("circle", True): 6, ("circle", False): 6
@@ -47,7 +48,7 @@ def test_rfa2_has_24_convex_edges_20_of_them_above_the_bottom() -> None:
     ],
 )  # fmt: skip
 def test_the_meshes_are_closed_and_hold_what_they_should(name: str, volume: float) -> None:
-    solid = mesh.read(PARTS / f"{name}.stl")
+    solid = mesh.read(source(PARTS / f"{name}.stl"))
     assert [n.kind for n in solid.notes] == ["assumed", "joined"]
     corners = solid.vertices[solid.faces]
     held = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6

@@ -13,6 +13,7 @@ from camgen.geometry.arcs import through
 from camgen.model.errors import InputError
 from camgen.model.part import Edge, Solid
 from camgen.read.solid import kernel, mesh, step
+from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
@@ -61,13 +62,13 @@ def test_without_the_extra_one_line_says_which(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(kernel, "part", missing)
     with pytest.raises(InputError, match=r"rfa1.step: STEP needs the CAD kernel; pip install 'camgen\[step\]'"):
-        step.read(PARTS / "rfa1.step")
+        step.read(source(PARTS / "rfa1.step"))
 
 
 @with_kernel
 @pytest.mark.parametrize("name", ["rfa1", "rfa2"])
 def test_exact_and_meshed_parts_have_the_same_edges(name: str) -> None:
-    exact, meshed = step.read(PARTS / f"{name}.step"), mesh.read(PARTS / f"{name}.stl")
+    exact, meshed = step.read(source(PARTS / f"{name}.step")), mesh.read(source(PARTS / f"{name}.stl"))
     assert exact.units == "mm"
     assert len(exact.edges) == len(meshed.edges)
     for a, b in zip(exact.edges, meshed.edges, strict=True):
@@ -87,7 +88,7 @@ def test_the_unit_of_the_file_counts(tmp_path: Path) -> None:
     assert text.count("SI_UNIT(.MILLI.,.METRE.)") == 1
     path = tmp_path / "big.step"
     path.write_text(text.replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT(.CENTI.,.METRE.)"))
-    solid = step.read(path)
+    solid = step.read(source(path))
     assert solid.units == "cm"
     assert np.allclose(np.ptp(solid.vertices, axis=0), [1250, 950, 700])
     assert max(e.radius for e in solid.edges) == pytest.approx(250)
@@ -102,7 +103,7 @@ def test_an_ellipse_is_a_curve_within_the_tolerance(tmp_path: Path) -> None:
     face = build.BRepBuilderAPI_MakeFace(wire, True).Face()
     wedge = occ("BRepPrimAPI").BRepPrimAPI_MakePrism(face, gp.gp_Vec(0, 40, 0)).Shape()
     cut = occ("BRepAlgoAPI").BRepAlgoAPI_Cut(cylinder(10, 60), wedge).Shape()
-    solid = step.read(written(tmp_path / "cut.step", cut), tolerance=0.005)
+    solid = step.read(source(written(tmp_path / "cut.step", cut)), tolerance=0.005)
     assert kinds(solid) == {("curve", True): 1, ("circle", True): 1}
     edge = next(e for e in solid.edges if e.kind == "curve")
     points = sampled(edge)
@@ -126,7 +127,7 @@ def test_splines_that_are_lines_and_circles_are_found_out(tmp_path: Path) -> Non
     splines = occ("BRepBuilderAPI").BRepBuilderAPI_NurbsConvert(ring, True).Shape()
     path = written(tmp_path / "splines.step", splines)
     assert b"=CIRCLE" not in path.read_bytes().replace(b" ", b"")
-    solid = step.read(path)
+    solid = step.read(source(path))
     assert kinds(solid) == {("line", True): 12, ("circle", True): 2}
     for edge in solid.edges:
         if edge.kind == "circle":
@@ -138,13 +139,13 @@ def test_splines_that_are_lines_and_circles_are_found_out(tmp_path: Path) -> Non
 def test_a_fillet_leaves_no_edge_and_a_step_a_concave_one(tmp_path: Path) -> None:
     fuse = occ("BRepAlgoAPI").BRepAlgoAPI_Fuse(box((0, 0, 0), (40, 30, 10)), box((0, 0, 10), (15, 30, 20)))
     fuse.SimplifyResult()
-    solid = step.read(written(tmp_path / "step.step", fuse.Shape()))
+    solid = step.read(source(written(tmp_path / "step.step", fuse.Shape())))
     assert kinds(solid) == {("line", True): 17, ("line", False): 1}
     block = box((0, 0, 0), (40, 30, 10))
     upright = next(m.edge for m in kernel.meetings(block) if abs(kernel.Curve(m.edge).tangent(0.0)[2]) > 0.5)
     fillet = occ("BRepFilletAPI").BRepFilletAPI_MakeFillet(block)
     fillet.Add(4.0, upright)
-    rounded = step.read(written(tmp_path / "round.step", fillet.Shape()))
+    rounded = step.read(source(written(tmp_path / "round.step", fillet.Shape())))
     assert kinds(rounded) == {("line", True): 11, ("arc", True): 2}
     assert "2 below 30 deg" in "; ".join(map(str, rounded.notes))
     for edge in (e for e in rounded.edges if e.kind == "arc"):
@@ -160,7 +161,7 @@ def test_an_open_shell_has_borders(tmp_path: Path) -> None:
         wire = build.BRepBuilderAPI_MakePolygon(*[gp.gp_Pnt(*c) for c in corners], True).Wire()
         sewing.Add(build.BRepBuilderAPI_MakeFace(wire, True).Face())
     sewing.Perform()
-    solid = step.read(written(tmp_path / "shell.step", sewing.SewedShape()))
+    solid = step.read(source(written(tmp_path / "shell.step", sewing.SewedShape())))
     assert len(solid.edges) == 1
     assert len(solid.borders) == 6
     assert "6 edges have a face on one side only" in "; ".join(map(str, solid.notes))
@@ -179,7 +180,7 @@ def test_an_open_shell_has_borders(tmp_path: Path) -> None:
 def test_what_is_no_step_file_is_refused(tmp_path: Path, data: bytes, message: str) -> None:
     (tmp_path / "x.step").write_bytes(data)
     with pytest.raises(InputError, match=message) as caught:
-        step.read(tmp_path / "x.step")
+        step.read(source(tmp_path / "x.step"))
     assert "\n" not in str(caught.value)
 
 
@@ -202,7 +203,7 @@ def test_damage_is_refused_before_the_kernel_leaves_something_out(
     assert old in text
     path.write_text(text.replace(old, new, 1) if old else text[: int(0.6 * len(text))])
     with pytest.raises(InputError, match=message) as caught:
-        step.read(path)
+        step.read(source(path))
     assert "\n" not in str(caught.value)
 
 
@@ -213,7 +214,7 @@ def test_shared_twins_agree() -> None:
         pytest.skip("shared/data/step/trimesh/featuretype.STEP is not beside the repository")
     radii = [
         sorted(e.radius for e in solid.edges if e.kind == "circle")
-        for solid in (step.read(exact), mesh.read(meshed, mm=25.4))
+        for solid in (step.read(source(exact)), mesh.read(source(meshed), mm=25.4))
     ]
     assert len(radii[0]) == 34
     assert np.allclose(*radii, atol=1e-4)

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 from camgen.geometry.segments import bounds, flatten, from_contours
 from camgen.model.errors import InputError, JobError
-from camgen.model.job_tables import from_mapping
 from camgen.model.part import Part
-from camgen.read import inspect, kind_of, read
+from camgen.read import find_reader, inspect, read
+from camgen.read.job_file import from_mapping
 from camgen.read.svg.path import tracks
 from camgen.read.svg.values import Malformed, fitted, transform, view_box
+from tests.support.files import source
 
 HEAD = (
     'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
@@ -403,7 +404,7 @@ def test_a_doctype_without_entities_is_read(tmp_path: Path) -> None:
     path = tmp_path / "plain.xyz"
     doctype = '<!DOCTYPE svg PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/Graphics/SVG/1.1/DTD/svg11.dtd">'
     path.write_text(f'<?xml version="1.0"?>{doctype}<svg {HEAD} {PAGE}><path d="M0 0h9"/></svg>')
-    assert kind_of(path) == "svg"
+    assert find_reader(source(path)).name == "svg"
     assert lengths(read(path, from_mapping({}))) == [9.0]
 
 

@@ -10,6 +10,7 @@ import camgen
 from camgen.build import build
 from camgen.cli import main
 from camgen.model.errors import CamgenError, NoSafeProgram
+from camgen.read.files import Files
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.arms import recognise
@@ -358,7 +359,7 @@ def test_the_job_hash_covers_the_urdf_and_its_meshes_wherever_they_lie(tmp_path:
     assert hashed(tmp_path / "b", text, mesh) == first
     assert hashed(tmp_path / "c", text.replace('velocity="3', 'velocity="4', 1), mesh) != first
     assert hashed(tmp_path / "d", text, b"other".ljust(80) + mesh[80:]) != first
-    assert [path.name for path in urdf_files(str(SIX))] == ["six.urdf", "turn.stl", "upper.stl"]
+    assert [path.name for path in urdf_files(str(SIX), Files())] == ["six.urdf", "turn.stl", "upper.stl"]
 
 
 def test_camgen_robots_says_what_was_understood(capsys: pytest.CaptureFixture[str]) -> None:

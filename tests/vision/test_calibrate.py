@@ -18,6 +18,7 @@ from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, calibr
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.camera.residuals import svg
 from tests.support.board_photos import charuco, chess, photo, poses, projected
+from tests.support.files import source
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "calib" / "opencv-left"
 CAMERA = Camera(
@@ -194,7 +195,7 @@ def test_from_files_to_files(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert said.out.count("54 of 54") == 6
     assert "left out  photo6.png: chessboard 9x6 not found" in said.err
     assert "6 of 7 photos, 324 corners" in said.err
-    camera = read_camera(tmp_path / "camera.yaml")
+    camera = read_camera(source(tmp_path / "camera.yaml"))
     assert np.all(np.abs(four(camera) / four(HALF) - 1) < 0.003)
     assert camera.name == "camera"
     first = (tmp_path / "camera.yaml").read_bytes()
@@ -212,18 +213,18 @@ def test_from_charuco_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     arguments = options(tmp_path, paths, board="7x5", marker=20.0, dictionary="5X5_100")
     assert cli_calibrate.run(arguments, voice(quiet=False, verbose=0)) == 0
     assert "ChArUco board 7x5, squares of 25 mm" in capsys.readouterr().err
-    assert np.all(np.abs(four(read_camera(tmp_path / "camera.yaml")) / four(CAMERA) - 1) < 0.005)
+    assert np.all(np.abs(four(read_camera(source(tmp_path / "camera.yaml"))) / four(CAMERA) - 1) < 0.005)
 
 
 def test_a_board_given_by_its_squares_is_recognised(tmp_path: Path) -> None:
     paths = [Path(name) for name in written(tmp_path, rendered()[:3])]
     with pytest.raises(InputError, match="they show a chessboard 9x6: give --board 9x6"):
-        calibrate(paths, chessboard(10, 7, 25), "x", lambda _: None)
+        calibrate([source(path) for path in paths], chessboard(10, 7, 25), "x", lambda _: None)
     cv2.imwrite(str(tmp_path / "bench.png"), np.full((480, 640), 120, np.uint8))
     with pytest.raises(
         InputError, match=r"bench\.png: no photo shows the chessboard 9x6; --board counts inner corners"
     ):
-        calibrate([tmp_path / "bench.png"], BOARD, "x", lambda _: None)
+        calibrate([source(tmp_path / "bench.png")], BOARD, "x", lambda _: None)
 
 
 def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
@@ -233,7 +234,7 @@ def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
     exif = b"\xff\xe1" + (len(tag) + 8).to_bytes(2, "big") + b"Exif\0\0" + tag
     (tmp_path / "plain.jpg").write_bytes(plain)
     (tmp_path / "phone.jpg").write_bytes(plain[:2] + exif + plain[2:])
-    seen = [photographed(tmp_path / name, BOARD) for name in ("plain.jpg", "phone.jpg")]
+    seen = [photographed(source(tmp_path / name), BOARD) for name in ("plain.jpg", "phone.jpg")]
     assert seen[0].size == seen[1].size
     assert seen[0].seen is not None
     assert seen[1].seen is not None
@@ -279,7 +280,7 @@ def test_the_picture_shows_every_corner_and_every_photo() -> None:
 def test_real_photos_against_opencv() -> None:
     """cornerSubPix with a window of 7 is the best that OpenCV does on these: 0.183 px."""
     paths = sorted(SHARED.glob("*.jpg"))
-    found = calibrate(paths, BOARD, "left", lambda _: None)
+    found = calibrate([source(path) for path in paths], BOARD, "left", lambda _: None)
     assert len(found.used) == 13
     greys = [cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths]
     until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-4)

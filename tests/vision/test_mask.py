@@ -21,6 +21,7 @@ from camgen.vision.mask.level import spread_out
 from camgen.vision.mask.part_mask import Mask
 from camgen.vision.mask.part_mask import part_mask as masked
 from camgen.vision.to_scale import View, already_to_scale
+from tests.support.files import source
 
 WIDTH, HEIGHT = 620, 480
 #: u, v, radius in px: a disc, and a hole in it.
@@ -504,6 +505,6 @@ COUNTS = {
 @pytest.mark.skipif(not IMAGES.exists(), reason="the shared pictures are not beside the repository")
 @pytest.mark.parametrize("name", COUNTS)
 def test_parts_of_shared_pictures(name: str) -> None:
-    mask = part_mask(already_to_scale(load(IMAGES / name), mm_per_px=0.1))
+    mask = part_mask(already_to_scale(load(source(IMAGES / name)), mm_per_px=0.1))
     least, most = COUNTS[name]
     assert least <= cv2.connectedComponents(mask.pixels)[0] - 1 <= most

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.cell import Surroundings, around
+from camgen.collision.cell import Meshes, Surroundings, around
 from camgen.collision.hits import hits
 from camgen.collision.motion import motions
 from camgen.collision.scene import Scene, told
@@ -44,15 +44,17 @@ class Finished(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def finished(solid: Solid, job: Job, robot: Robot, cell: Cell, watch: Callable[[str], None]) -> Finished:
+def finished(
+    solid: Solid, job: Job, robot: Robot, cell: Cell, meshes: Meshes, watch: Callable[[str], None]
+) -> Finished:
     """The route over the selected edges of ``solid`` with ``robot`` from and back to the home of ``cell``.
 
-    watch: is told the stages. InputError for a part without edges, JobError for settings that do not go together,
-    NoSafeProgram where no edge is left.
+    meshes: fixtures that are meshes. watch: is told the stages. InputError for a part without edges, JobError for
+    settings that do not go together, NoSafeProgram where no edge is left.
     """
     _check(job, cell)
     edges = _chosen(solid, job)
-    where = around(job, robot, cell, solid)
+    where = around(job, robot, cell, solid, meshes)
     home = _home(robot, cell, where.scene)
     setup = setup_of(robot, cell, where.scene)
     freedom = Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric)

@@ -10,14 +10,13 @@ import re
 import struct
 from collections import Counter
 from io import BytesIO, TextIOWrapper
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
-from camgen.model.files import readable
+from camgen.model.files import Source
 from camgen.model.job import Input, Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.text import harmless, short
@@ -25,6 +24,7 @@ from camgen.read import join, units
 from camgen.read.dxf.entities import REPAIRED, Drawn, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
+from camgen.read.files import Files
 from camgen.read.pieces import tally
 
 if TYPE_CHECKING:
@@ -119,7 +119,6 @@ def _plain(error: Exception) -> str:
     return text[:120] if text else type(error).__name__
 
 
-_DEFAULTS = Job()
 #: So many curves out of the plane are named one by one, the rest is counted.
 _NAMED = 5
 #: Layers that every document has, whether the file names them or not.
@@ -175,27 +174,23 @@ class _Read(Struct, frozen=True):
         return self.about_file + self.left
 
 
-def read(path: Path, job: Job) -> Part:
-    """The drawing at ``path``, read with ``[input]``; ellipses and splines within ``tolerance.chord``.
+def read(source: Source, job: Job, _files: Files) -> Part:
+    """The drawing in ``source``, read with ``[input]``; ellipses and splines within ``tolerance.chord``.
 
     ``InputError`` if it cannot be read or holds nothing to machine, ``JobError`` for unknown units or layers.
     """
-    return read_bytes(path.name, readable(path), job.input, job.tolerance.chord)
-
-
-def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
-    """``read`` for the bytes of a file called ``name``."""
-    found = _read(name, data, settings, chord)
+    name = source.name
+    found = _read(source, job.input, job.tolerance.chord)
     if not found.contours:
         damage = [n.what for n in found.about_file if n.kind in {"repaired", "skipped", "warning"}]
         left = "; ".join([*damage, *(f"{n.what}: {n.why}" for n in found.left)])
         raise InputError(name, "nothing to machine", left or "the drawing is empty", "draw curves on a visible layer")
-    return Part(Path(name).stem, name, found.units, found.contours, found.notes)
+    return Part(source.stem, name, found.units, found.contours, found.notes)
 
 
-def inspect(path: Path, job: Job = _DEFAULTS) -> Facts:
-    """What is in the file at ``path``. ``InputError`` if it cannot be read, ``JobError`` as for ``read``."""
-    found = _read(path.name, readable(path), job.input, job.tolerance.chord)
+def inspect(source: Source, job: Job, _files: Files) -> Facts:
+    """What is in the drawing. ``InputError`` if it cannot be read, ``JobError`` as for ``read``."""
+    found = _read(source, job.input, job.tolerance.chord)
     drawn = found.drawn
     kinds: Counter[str] = Counter()
     by_layer: dict[str, Counter[str]] = {name: Counter() for name in drawn.layers.names}
@@ -220,7 +215,8 @@ def inspect(path: Path, job: Job = _DEFAULTS) -> Facts:
     )
 
 
-def _read(name: str, data: bytes, settings: Input, chord: float) -> _Read:
+def _read(source: Source, settings: Input, chord: float) -> _Read:
+    name, data = source.name, source.data
     document, notes = load(name, data)
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(name, settings.units, *_stated(document, data))

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.errors import InputError
+from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.model.text import short
+from camgen.read.files import Files
 from camgen.read.gcode.arcs import LINUXCNC
 from camgen.read.gcode.interpreter import Recorded, Run, interpret
 
@@ -51,22 +51,22 @@ class Facts(Struct, frozen=True):
         return "\n".join(rows)
 
 
-def read(path: Path, job: Job) -> Recorded:
-    """The program in ``path``. InputError for a line that is not replayed, and for a program without a motion."""
-    run = interpret(_lines(path), replace(LINUXCNC, helix=job.tolerance.chord))
+def read(source: Source, job: Job, _files: Files) -> Recorded:
+    """The program in ``source``. InputError for a line that is not replayed, and for a program without a motion."""
+    run = interpret(_lines(source), replace(LINUXCNC, helix=job.tolerance.chord))
     if run.stopped:
         line, what = run.stopped
-        raise InputError(path.name, what, f"line {line}", "mend the line, or build from the drawing")
+        raise InputError(source.name, what, f"line {line}", "mend the line, or build from the drawing")
     if not any(isinstance(item, (MoveL, MoveC)) for item in run.body):
         raise InputError(
-            path.name, "holds no motion at feed (G1, G2, G3 or a cycle)", remedy="give a program that cuts"
+            source.name, "holds no motion at feed (G1, G2, G3 or a cycle)", remedy="give a program that cuts"
         )
-    return Recorded(name=path.stem, source=path.name, units=run.units, contours=(), notes=_notes(run), run=run)
+    return Recorded(name=source.stem, source=source.name, units=run.units, contours=(), notes=_notes(run), run=run)
 
 
-def inspect(path: Path, job: Job) -> Facts:
-    """What is in the program in ``path``, also where it cannot be replayed to its end. InputError if it is no text."""
-    lines = _lines(path)
+def inspect(source: Source, job: Job, _files: Files) -> Facts:
+    """What is in the program, also where it cannot be replayed to its end. InputError if it is no text."""
+    lines = _lines(source)
     run = interpret(lines, replace(LINUXCNC, helix=job.tolerance.chord))
     columns = Columns(run.body)
     working = ~columns.moves_are(MoveJ)
@@ -96,12 +96,11 @@ def _notes(run: Run) -> tuple[Note, ...]:
     return (*notes, Note("assumed", "the program ends with its file", "neither M2 nor M30 stands in it"))
 
 
-def _lines(path: Path) -> list[str]:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path.name, f"cannot be read: {error.strerror}") from error
+def _lines(source: Source) -> list[str]:
+    data = source.data
     if not data.strip() or b"\0" in data:
-        raise InputError(path.name, "is empty" if not data.strip() else "is not a text", remedy="give a G-code program")
+        raise InputError(
+            source.name, "is empty" if not data.strip() else "is not a text", remedy="give a G-code program"
+        )
     # Comments may hold any byte; nothing else in a program does, so each byte is a character.
     return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import JobError
+from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Edge, Note, Part, Solid
 from camgen.model.text import harmless, short
+from camgen.read.files import Files
 from camgen.read.solid import mesh, step
 from camgen.read.units import MM
 
@@ -46,27 +47,33 @@ def _told(edge: Edge) -> str:
     return f"{edge.id}: {edge.kind}{radius}, {size}, {sort}, from {start}"
 
 
-def inspect(path: Path, job: Job) -> Facts:
-    """What is in the 3-D part at ``path``. InputError if there is none."""
-    found = solid(path, job)
+def inspect(source: Source, job: Job, _files: Files) -> Facts:
+    """What is in the 3-D part. InputError if there is none."""
+    found = solid(source, job)
     low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
     x, y, z = np.subtract(high, low).tolist()
     return Facts(harmless(found.units), (x, y, z), len(found.faces), found.edges, found.notes)
 
 
-def read(path: Path, job: Job) -> Part:
-    """The 3-D part at ``path``. InputError if there is none."""
-    found = solid(path, job)
+def read(source: Source, job: Job, _files: Files) -> Part:
+    """The 3-D part in ``source``. InputError if there is none."""
+    found = solid(source, job)
     return Part(found.name, found.source, found.units, (), found.notes, solid=found)
 
 
-def solid(path: Path, job: Job) -> Solid:
-    """The 3-D part at ``path``, its units taken from ``input.units`` where the file has none."""
+def solid(source: Source, job: Job) -> Solid:
+    """The 3-D part in ``source``, its units taken from ``input.units`` where the file has none."""
     wanted = job.input.units.strip().lower()
-    if path.suffix.lower() in step.SUFFIXES:
+    if source.suffix in step.SUFFIXES:
         if wanted != "auto":
             raise JobError("[input] units", "a STEP file states its own", remedy='set input.units to "auto"')
-        return step.read(path, job.tolerance.chord)
+        return step.read(source, job.tolerance.chord)
     if wanted != "auto" and wanted not in MM:
         raise JobError("[input] units", f"unknown unit {harmless(wanted)!r}", remedy="give mm, cm, m, inch, ...")
-    return mesh.read(path, None if wanted == "auto" else MM[wanted], job.tolerance.chord)
+    return mesh.read(source, None if wanted == "auto" else MM[wanted], job.tolerance.chord)
+
+
+def read_fixtures(job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
+    """The fixtures of ``job`` that are meshes, with their names, work frame. InputError for a file that is none."""
+    named = [(f"fixture {k}", one) for k, one in enumerate(job.cell.fixtures or (), 1) if isinstance(one, str)]
+    return tuple((name, mesh.read(files.read(file), tolerance=job.tolerance.chord)) for name, file in named)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
-from pathlib import Path
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from msgspec import Struct
 
 from camgen.geometry.arcs import cross
 from camgen.model.errors import InputError
+from camgen.model.files import Source
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 
@@ -38,26 +39,26 @@ def part(name: str) -> Any:
     return import_module(f"OCP.{name}")
 
 
-def load(path: Path) -> Any:
+def load(source: Source) -> Any:
     """The shape in a STEP file, all roots as one. ``InputError`` if there is none."""
     try:
         control = part("STEPControl")
     except ImportError as error:
-        raise InputError(path.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'") from error
+        raise InputError(source.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'") from error
     message = part("Message")
     # OCCT prints what it finds odd; the command line alone prints.
     message.Message.DefaultMessenger_s().RemovePrinters(message.Message_PrinterOStream.get_type_descriptor_s())
     reader = control.STEPControl_Reader()
     failure = part("Standard").Standard_Failure
     try:
-        if reader.ReadFile(str(path)).name != "IFSelect_RetDone":
-            raise InputError(path.name, "is no STEP file, or damaged", "", _SAVE_AGAIN)
-        _insist_on_sound(path.name, reader.StepModel())
+        if reader.ReadStream(source.name, BytesIO(source.data)).name != "IFSelect_RetDone":
+            raise InputError(source.name, "is no STEP file, or damaged", "", _SAVE_AGAIN)
+        _insist_on_sound(source.name, reader.StepModel())
         shape = reader.OneShape() if reader.TransferRoots() else None
     except (failure, *STUMBLES) as error:
-        raise InputError(path.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN) from error
+        raise InputError(source.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN) from error
     if shape is None or shape.IsNull():
-        raise InputError(path.name, "holds no shape", "", _SAVE_AGAIN)
+        raise InputError(source.name, "holds no shape", "", _SAVE_AGAIN)
     return shape
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError
+from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.read.solid import topology as welding
@@ -88,13 +87,15 @@ class Surface(Struct, frozen=True, eq=False):
         return segments(self.vertices, self.faces, self.normals, self.pairs, feature_angle)
 
 
-def read(path: Path, mm: float | None = None, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE) -> Solid:
-    """The solid in the mesh file ``path``. ``InputError`` if there is none.
+def read(
+    source: Source, mm: float | None = None, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE
+) -> Solid:
+    """The solid in a mesh file. ``InputError`` if there is none.
 
     mm: length of one unit of the file, None for its own, which is 1 mm for formats without one. tolerance: mm, what
     vertices may be off the arcs recognised. feature_angle: rad, sharp edges are those above it.
     """
-    mesh, notes = surface(path, mm)
+    mesh, notes = surface(source, mm)
     borders = _borders(mesh.vertices, mesh.faces, mesh.pairs, notes)
     sides = mesh.sides(feature_angle)
     limit = min(tolerance, _FINE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
@@ -104,17 +105,17 @@ def read(path: Path, mm: float | None = None, tolerance: float = 0.01, feature_a
         what = f"{convex} convex and {len(sides) - convex} concave sides of triangles are {len(edges)} edges"
         notes.append(Note("joined", what, f"arcs where vertices lie on one within {limit:.3g} mm"))
     return Solid(
-        path.stem, path.name, mesh.units, mesh.vertices, mesh.faces, mesh.normals, edges, borders, tuple(notes)
+        source.stem, source.name, mesh.units, mesh.vertices, mesh.faces, mesh.normals, edges, borders, tuple(notes)
     )
 
 
-def surface(path: Path, mm: float | None = None) -> tuple[Surface, list[Note]]:
-    """The mesh in ``path``, cleaned, and what was done to it. ``mm`` as in ``read``."""
-    soup = load(path)
+def surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note]]:
+    """The mesh in ``source``, cleaned, and what was done to it. ``mm`` as in ``read``."""
+    soup = load(source)
     notes = list(soup.notes)
     if mm is None and not soup.unit:
         notes.append(Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}"))
-    vertices, faces = _clean(path.name, soup, soup.mm if mm is None else mm, notes)
+    vertices, faces = _clean(source.name, soup, soup.mm if mm is None else mm, notes)
     pairs = paired(faces)
     useless = dangling(vertices, faces, pairs)
     if useless.any():

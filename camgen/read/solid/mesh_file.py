@@ -6,14 +6,13 @@ import logging
 import struct
 import zlib
 from io import BytesIO
-from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
-from camgen.model.files import readable
+from camgen.model.files import Source
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 
@@ -49,12 +48,14 @@ class Soup(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def load(path: Path) -> Soup:
-    """The triangles in ``path``. ``InputError`` if it is no mesh, has no faces, or holds numbers that are none."""
-    name, kind = path.name, path.suffix.lower()
+def load(source: Source) -> Soup:
+    """The triangles in ``source``. ``InputError`` if it is no mesh, has no faces, or holds numbers that are none."""
+    name, kind = source.name, source.suffix
     if kind not in SUFFIXES:
         raise InputError(name, "is not a kind of mesh that camgen reads", "", f"give one of {', '.join(SUFFIXES)}")
-    data, notes = _content(path), tuple[Note, ...]()
+    data, notes = source.data, tuple[Note, ...]()
+    if not data.strip():
+        raise InputError(name, "the file is empty")
     if kind == ".stl":
         data, notes = _stl(name, data)
     vertices, faces, unit = _parsed(name, data, kind)
@@ -67,13 +68,6 @@ def load(path: Path) -> Soup:
         what = f"{len(wrong)} faces have coordinates that are not numbers, or beyond all measure"
         raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", _SAVE_AGAIN)
     return Soup(vertices, faces, unit, _MM.get(unit, 1.0), notes)
-
-
-def _content(path: Path) -> bytes:
-    data = readable(path)
-    if not data.strip():
-        raise InputError(path.name, "the file is empty")
-    return data
 
 
 def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.arcs import Circle, cross, fitted, span_lengths, through
 from camgen.model.errors import InputError, one_line
-from camgen.model.files import readable
+from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.read.solid import kernel
@@ -250,14 +249,14 @@ _SI = re.compile(rb"SI_UNIT\s*\(\s*(\$|\.\w+\.)\s*,\s*\.METRE\.")
 _PREFIX = {b"$": "m", b".MILLI.": "mm", b".CENTI.": "cm", b".DECI.": "dm", b".MICRO.": "um", b".KILO.": "km"}
 
 
-def read(path: Path, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE) -> Solid:
-    """The solid in the STEP file ``path``. ``InputError`` if there is none, or the extra is not installed.
+def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE_ANGLE) -> Solid:
+    """The solid in a STEP file. ``InputError`` if there is none, or the extra is not installed.
 
     tolerance: mm, what arcs and lines may leave the ellipses and splines they stand for. feature_angle: rad, sharp
     edges are those above it.
     """
-    units, notes = _units(path)
-    shape = kernel.load(path)
+    units, notes = _units(source)
+    shape = kernel.load(source)
     failure = kernel.part("Standard").Standard_Failure
     try:
         edges, borders = _edges(shape, tolerance, feature_angle, notes)
@@ -265,22 +264,24 @@ def read(path: Path, tolerance: float = 0.01, feature_angle: float = FEATURE_ANG
         vertices, faces = welding.merged(*kernel.triangles(shape, deflection, _ANGLE))
     except (failure, *kernel.STUMBLES) as error:
         again = "export it again from the CAD program"
-        raise InputError(path.name, "the CAD kernel stumbles over its faces", "", again) from error
+        raise InputError(source.name, "the CAD kernel stumbles over its faces", "", again) from error
     faces, _ = welding.welded(vertices, welding.without_degenerate(faces))
     faces = welding.without_duplicates(welding.without_degenerate(faces))
     if not len(faces):
-        raise InputError(path.name, "has no faces", "curves or points only", "export the part as a solid")
+        raise InputError(source.name, "has no faces", "curves or points only", "export the part as a solid")
     vertices, faces = welding.used(vertices, faces)
     normals, _ = face_normals(vertices, faces, paired(faces))
     faces.flags.writeable = False
-    return Solid(path.stem, path.name, units, frozen(vertices), faces, frozen(normals), edges, borders, tuple(notes))
+    return Solid(
+        source.stem, source.name, units, frozen(vertices), faces, frozen(normals), edges, borders, tuple(notes)
+    )
 
 
-def _units(path: Path) -> tuple[str, list[Note]]:
+def _units(source: Source) -> tuple[str, list[Note]]:
     """The units of length that the shapes of the file are in. The kernel converts them; this is for the user."""
-    data = readable(path)
+    data = source.data
     if not data[:4096].lstrip().startswith(b"ISO-10303-21"):
-        raise InputError(path.name, "is no STEP file", "it does not begin with ISO-10303-21")
+        raise InputError(source.name, "is no STEP file", "it does not begin with ISO-10303-21")
     lengths = dict(_INSTANCE.findall(data))
     used = {ref.strip(b" \t\r\n#") for refs in _CONTEXT.findall(data) for ref in refs.split(b",")}
     names = sorted({_unit(lengths[ref]) for ref in used if ref in lengths})

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError
+from camgen.model.files import Source
 from camgen.model.job import Input, Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless, short
 from camgen.read import join, units
 from camgen.read.dxf.layers import NOT_ASKED, Layers
+from camgen.read.files import Files
 from camgen.read.pieces import tally
 from camgen.read.svg.flatten import flatten
 from camgen.read.svg.tree import Drawn, walk
@@ -135,7 +136,6 @@ def _made(matrix: FloatArray, height: float, view: tuple[float, float], name: st
     return Page(combined(up, matrix), view, name, told, not known, notes)
 
 
-_DEFAULTS = Job()
 _MOST_BYTES = 200_000_000
 
 
@@ -171,21 +171,21 @@ class _Read(Struct, frozen=True):
     notes: tuple[Note, ...]
 
 
-def read(path: Path, job: Job) -> Part:
-    """The drawing at ``path``, read with ``[input]``; curves within ``tolerance.chord``.
+def read(source: Source, job: Job, _files: Files) -> Part:
+    """The drawing in ``source``, read with ``[input]``; curves within ``tolerance.chord``.
 
     ``InputError`` if it cannot be read or holds nothing to draw, ``JobError`` for unknown units or layers.
     """
-    found = _read(path, job.input, job.tolerance.chord)
+    found = _read(source, job.input, job.tolerance.chord)
     if not found.contours:
         left = "; ".join(f"{n.what}: {n.why}" for n in found.notes if n.kind in ("skipped", "repaired"))
-        raise InputError(path.name, "nothing to machine", left or "the drawing is empty", "draw paths or shapes")
-    return Part(path.stem, path.name, found.units, found.contours, found.notes)
+        raise InputError(source.name, "nothing to machine", left or "the drawing is empty", "draw paths or shapes")
+    return Part(source.stem, source.name, found.units, found.contours, found.notes)
 
 
-def inspect(path: Path, job: Job = _DEFAULTS) -> Facts:
-    """What is in the file at ``path``. Errors as of ``read``, but a drawing may be empty."""
-    found = _read(path, job.input, job.tolerance.chord)
+def inspect(source: Source, job: Job, _files: Files) -> Facts:
+    """What is in the drawing. Errors as of ``read``, but a drawing may be empty."""
+    found = _read(source, job.input, job.tolerance.chord)
     kinds: Counter[str] = Counter()
     by_layer: dict[str, Counter[str]] = {}
     for (kind, layer), count in found.drawn.met.items():
@@ -200,41 +200,37 @@ def inspect(path: Path, job: Job = _DEFAULTS) -> Facts:
     return Facts(found.units, found.page, layers, _listed(kinds), closed, opened, (width, height), found.notes)
 
 
-def _read(path: Path, settings: Input, chord: float) -> _Read:
-    root = _parsed(path)
-    page = page_of(path.name, root.attrib, settings.units)
+def _read(source: Source, settings: Input, chord: float) -> _Read:
+    root = _parsed(source.name, source.data)
+    page = page_of(source.name, root.attrib, settings.units)
     layers = Layers({}, {}, tuple(g.strip().casefold() for g in settings.layers))
     # Damaged files hold infinities; what comes of them is found and told.
     with np.errstate(all="ignore"):
-        drawn = walk(path.name, root, page.matrix, page.view, layers)
-        layers.check(path.name)
+        drawn = walk(source.name, root, page.matrix, page.view, layers)
+        layers.check(source.name)
         contours, joints = join.contours(flatten(drawn, chord), settings.join)
     contours, notes = _from_corner(contours) if page.open else (contours, ())
     return _Read(page.units, page.told, drawn, contours, (*page.notes, *notes, *_left(drawn), *joints))
 
 
-def _parsed(path: Path) -> ElementTree.Element:
+def _parsed(name: str, data: bytes) -> ElementTree.Element:
     """The root element. A document that defines entities is refused: they can make any file of one."""
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(path.name, f"has more than {_MOST_BYTES:,} bytes", remedy="split the drawing")
-        data = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
-        raise InputError(path.name, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(data) > _MOST_BYTES:
+        raise InputError(name, f"has more than {_MOST_BYTES:,} bytes", remedy="split the drawing")
     if data[:2] == b"\x1f\x8b":
-        raise InputError(path.name, "is compressed (.svgz)", remedy="decompress it with gzip")
+        raise InputError(name, "is compressed (.svgz)", remedy="decompress it with gzip")
     if not data.strip():
-        raise InputError(path.name, "is empty")
+        raise InputError(name, "is empty")
     if b"<!ENTITY" in data.replace(b"\0", b""):
         what = "defines entities in its DOCTYPE, which camgen does not expand"
-        raise InputError(path.name, what, remedy="save it as plain SVG")
+        raise InputError(name, what, remedy="save it as plain SVG")
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # LookupError: an encoding nobody knows
-        raise InputError(path.name, f"is not well-formed XML: {error}", remedy="save it again") from error
+        raise InputError(name, f"is not well-formed XML: {error}", remedy="save it again") from error
     if root.tag != "{http://www.w3.org/2000/svg}svg":
         what = "has no namespace of SVG" if root.tag == "svg" else f"is XML, but no SVG: <{harmless(root.tag, 60)}>"
-        raise InputError(path.name, what, remedy='the first element is <svg xmlns="http://www.w3.org/2000/svg">')
+        raise InputError(name, what, remedy='the first element is <svg xmlns="http://www.w3.org/2000/svg">')
     return root
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
 from camgen.model.pose import FloatArray, frozen
+from camgen.read.files import Files
 from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.kinematics.joint_limits import turns
@@ -31,16 +32,16 @@ _MOST = 12
 _BEND, _CLEAR = math.radians(30), 0.05
 
 
-def read_urdf(file: str, tip: str = "") -> Robot:
+def read_urdf(file: str, tip: str, files: Files) -> Robot:
     """The arm that the URDF ``file`` describes, from its base to the link ``tip``, "": to its flange.
 
     InputError with the link or joint that is wrong, or that camgen cannot move.
     """
-    described = read_description(Path(file))
+    described = read_description(Path(file), files)
     chain = chain_of(described, tip)
     if len(chain.joints) > _MOST:
         raise InputError(file, f"has {len(chain.joints)} joints between {chain.base} and {chain.tip}, {_MOST} at most")
-    links, notes = _links(described, chain)
+    links, notes = _links(described, chain, files)
     arm = _bare(described, chain, links, notes)
     if len(turns(arm)) > _TURNS:
         remedy = "narrow the limits of some: half of what is stated is enough for most paths"
@@ -56,14 +57,14 @@ def _spared(robot: Robot) -> Robot:
     return replace(robot, notes=(*robot.notes, *said))
 
 
-def _links(described: Description, chain: Chain) -> tuple[tuple[Link, ...], list[str]]:
+def _links(described: Description, chain: Chain, files: Files) -> tuple[tuple[Link, ...], list[str]]:
     """What moves together, with its boxes, and notes on what has none."""
     links, notes = [], []
     names = [chain.base, *(joint.child for joint in chain.raw)]
     for name, body in zip(names, chain.bodies, strict=True):
         boxes: list[Box] = []
         for part, body_from_part in body.items():
-            own, said = boxes_of(part, described.links[part], Path(described.file).parent)
+            own, said = boxes_of(part, described.links[part], Path(described.file).parent, files)
             boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in own]
             notes += said
         links.append(Link(name, tuple(boxes)))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen
+from camgen.read.files import Files
 from camgen.read.solid.mesh_file import load
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Robot
@@ -27,7 +28,7 @@ _THIN = 0.01
 _CROSS = math.sqrt(0.5)
 
 
-def boxes_of(link: str, shapes: tuple[Shape, ...], folder: Path) -> tuple[tuple[Box, ...], list[str]]:
+def boxes_of(link: str, shapes: tuple[Shape, ...], folder: Path, files: Files) -> tuple[tuple[Box, ...], list[str]]:
     """Cuboids around the shapes, in the frame of the link, and notes on what has none. folder: of the URDF."""
     boxes: list[Box] = []
     notes = []
@@ -40,7 +41,7 @@ def boxes_of(link: str, shapes: tuple[Shape, ...], folder: Path) -> tuple[tuple[
             notes.append(f"link {link} has no boxes of its mesh {shape.mesh}: there is no such file near the URDF")
             continue
         try:
-            soup = load(path)
+            soup = load(files.read(path))
         except InputError as error:
             notes.append(f"link {link} has no boxes of its mesh {error}")
             continue

@@ -17,6 +17,7 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.pose import Pose, Vec3, rotation_from_fixed_xyz
+from camgen.read.files import Files, reason
 
 # Numbers, places and names in the elements of a URDF, in mm and rad.
 
@@ -178,9 +179,9 @@ class Description(Struct, frozen=True, eq=False):
     rounded: int
 
 
-def read_description(path: Path) -> Description:
+def read_description(path: Path, files: Files) -> Description:
     """The links and joints in the file ``path``. InputError with the element that is wrong."""
-    root = _parsed(str(path), _content(path))
+    root = _parsed(str(path), _content(path, files))
     try:
         return _described(path, root)
     except Wrong as wrong:
@@ -274,7 +275,7 @@ class _Builder(TreeBuilder):
         raise _DeclaredError
 
 
-def _content(path: Path) -> bytes:
+def _content(path: Path, files: Files) -> bytes:
     file = str(path)
     try:
         state = path.stat()
@@ -282,11 +283,11 @@ def _content(path: Path) -> bytes:
             raise InputError(file, "is not a file", "cell.robot", "name the URDF file of the arm")
         if state.st_size > _LARGEST:
             raise InputError(file, f"is larger than {_LARGEST // 1_000_000} MB: no description of a robot")
-        return path.read_bytes()
+        return files.open(path).data
     except FileNotFoundError as error:
         raise InputError(file, "no such file", "cell.robot", "a job file names it from its own folder") from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        raise InputError(file, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise InputError(file, f"cannot be read: {reason(error)}") from error
 
 
 def _parsed(file: str, data: bytes) -> Element:
@@ -315,9 +316,9 @@ def _parsed(file: str, data: bytes) -> Element:
 _FAR_UP = 6
 
 
-def urdf_files(file: str) -> tuple[Path, ...]:
+def urdf_files(file: str, files: Files) -> tuple[Path, ...]:
     """The URDF and the meshes that it names and that are there. InputError for a URDF that cannot be read."""
-    described = read_description(Path(file))
+    described = read_description(Path(file), files)
     names = dict.fromkeys(shape.mesh for shapes in described.links.values() for shape in shapes if shape.mesh)
     found = [mesh_path(name, Path(file).parent) for name in names]
     return (Path(file), *(path for path in found if path))

@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.errors import InputError
+from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
@@ -230,24 +230,24 @@ class Calibration(Struct, frozen=True, eq=False):
         return rms(self.used)
 
 
-def calibrate(paths: Sequence[Path], target: Target, name: str, stage: Callable[[str], None]) -> Calibration:
+def calibrate(sources: Sequence[Source], target: Target, name: str, stage: Callable[[str], None]) -> Calibration:
     """The camera ``name`` that took these photos of the board. ``stage`` is told what is being done.
 
     InputError for a photo that cannot be read, is turned or of another size than most, and for too few good ones.
     """
     photos: list[Photo] = []
-    for path in paths:
-        stage(f"photo {len(photos) + 1} of {len(paths)}")
-        photos.append(photographed(path, target))
+    for source in sources:
+        stage(f"photo {len(photos) + 1} of {len(sources)}")
+        photos.append(photographed(source, target))
     stage("calibrating")
     if not any(photo.seen for photo in photos):
-        raise InputError(_together(photos), f"no photo shows the {target.label}", remedy=_other_board(paths, target))
+        raise InputError(_together(photos), f"no photo shows the {target.label}", remedy=_other_board(sources, target))
     return calibrated(photos, target, name)
 
 
-def photographed(path: Path, target: Target) -> Photo:
-    """The board in the photo of this file. InputError if it cannot be read, or was turned by its Exif orientation."""
-    picture = load(path, sensor=True)
+def photographed(source: Source, target: Target) -> Photo:
+    """The board in a photo. InputError if it cannot be read, or was turned by its Exif orientation."""
+    picture = load(source, sensor=True)
     if picture.turned:
         what = "is a TIFF turned by its Exif orientation, a lens calibration belongs to the pixels of the sensor"
         raise InputError(picture.name, what, remedy="save the photos without the orientation, or leave this one out")
@@ -298,12 +298,12 @@ def _distinct(photos: Sequence[Photo], target: Target) -> tuple[list[tuple[str, 
     return good, left_out
 
 
-def _other_board(paths: Sequence[Path], target: Target) -> str:
+def _other_board(sources: Sequence[Source], target: Target) -> str:
     """What to do where no photo shows the board: it may be that squares were counted, not corners."""
     if isinstance(target, Chessboard):
         if min(target.columns, target.rows) > 3:
             fewer = Chessboard(target.columns - 1, target.rows - 1, target.square)
-            if any(photographed(path, fewer).seen for path in paths[:LEAST_PHOTOS]):
+            if any(photographed(source, fewer).seen for source in sources[:LEAST_PHOTOS]):
                 return f"they show a {fewer.label}: give --board {fewer.columns}x{fewer.rows}, the inner corners"
         return "--board counts inner corners, one fewer than squares each way; a board with markers needs --marker"
     return "--board counts the squares of a ChArUco board; check --dictionary, and the light"

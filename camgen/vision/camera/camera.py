@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError
+from camgen.model.files import Source
 from camgen.model.pose import FloatArray, frozen
 from camgen.vision.camera.lens import COUNTS, bent, straight
 
@@ -288,21 +288,21 @@ def _onto(camera: Camera, points: FloatArray) -> FloatArray:
     return moved
 
 
-def read_camera(path: Path) -> Camera:
+def read_camera(source: Source) -> Camera:
     """The camera in a file, by content. InputError says what is missing or cannot be meant, and what to do."""
+    name = source.name
+    if len(source.data) > _MOST_BYTES:
+        raise InputError(name, "is too large for a camera file", remedy="give the file of a calibration")
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(path.name, "is too large for a camera file", remedy="give the file of a calibration")
-        text = path.read_bytes().decode("utf-8-sig")
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in a name, or no text at all
-        reason = "not a text file" if isinstance(error, UnicodeDecodeError) else getattr(error, "strerror", str(error))
+        text = source.data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         remedy = "give camera_info YAML or OpenCV YAML, XML or JSON"
-        raise InputError(path.name, f"cannot be read as a camera: {reason}", remedy=remedy) from error
+        raise InputError(name, "cannot be read as a camera: not a text file", remedy=remedy) from error
     if not text.strip():
-        raise InputError(path.name, "is empty", remedy=_LOOKS)
+        raise InputError(name, "is empty", remedy=_LOOKS)
     stored = text.lstrip().startswith(("%YAML:", "<", "{")) or "!!opencv-matrix" in text
     read: Callable[[str, str], Data] = from_storage if stored else from_camera_info
-    return _checked(read(path.name, text), path)
+    return _checked(read(name, text), source)
 
 
 def camera_info(camera: Camera) -> str:
@@ -338,8 +338,8 @@ def _quoted(name: str) -> str:
     return f'"{escaped}"'
 
 
-def _checked(data: Data, path: Path) -> Camera:
-    file = path.name
+def _checked(data: Data, source: Source) -> Camera:
+    file = source.name
     model = data.model or _RATIONAL
     if model not in _MODELS:
         what = f"has the lens model {model!r}, camgen knows {' and '.join(_MODELS)}"
@@ -359,7 +359,7 @@ def _checked(data: Data, path: Path) -> Camera:
     if not (0 < width <= _MOST_PX and 0 < height <= _MOST_PX):
         remedy = "give the width and height of the calibrated photos in pixels"
         raise InputError(file, f"image size {width} x {height} cannot be", remedy=remedy)
-    return Camera(matrix=frozen(matrix), distortion=frozen(lens), size=(width, height), name=data.name or path.stem)
+    return Camera(matrix=frozen(matrix), distortion=frozen(lens), size=(width, height), name=data.name or source.stem)
 
 
 def _array(file: str, key: str, values: FloatArray) -> FloatArray:

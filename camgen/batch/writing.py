@@ -1,0 +1,119 @@
+"""Files that appear whole or not at all: each is written beside its target and renamed, several together or none."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import stat
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from msgspec import Struct
+
+from camgen.model.errors import JobError
+from camgen.read.files import identity
+
+
+class _Staged(Struct, frozen=True):
+    """One file on its way. asked: as the user wrote it; target: links followed; fresh: what is written; old: where the
+    former file is kept meanwhile, if it ``existed``.
+    """
+
+    asked: Path
+    target: Path
+    fresh: Path
+    old: Path
+    existed: bool
+
+
+def write_all(files: Sequence[tuple[Path, bytes]]) -> None:
+    """Writes all files or none: whatever goes wrong, the folder is as it was before. JobError names the file."""
+    staged: list[_Staged] = []
+    try:
+        for asked, data in files:
+            with _named(asked):
+                staged.append(_staged(asked))
+                _write(staged[-1], data)
+        for one in staged:
+            with _named(one.asked):
+                os.replace(one.fresh, one.target)
+    except BaseException:
+        # An interrupt must leave the folder as it was, too; the error goes on to whoever reports it.
+        for one in staged:
+            _undo(one)
+        raise
+    for one in staged:
+        one.old.unlink(missing_ok=True)
+
+
+def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
+    """JobError for a target that cannot be written as a file, is one of the sources, or is named twice."""
+    taken = {identity(path): f"would overwrite {path}, which is read" for path in sources}
+    for target in targets:
+        with _named(target):
+            _check_target(target)
+        same = identity(target)
+        if same in taken:
+            raise JobError(str(target), taken[same], remedy="give another name")
+        taken[same] = "is named for two outputs"
+
+
+def _check_target(target: Path) -> None:
+    if target.name in ("", ".", "..", "-"):
+        raise JobError(str(target), "is not a file name", remedy="give a file or an existing folder")
+    if not target.parent.is_dir():
+        raise JobError(str(target), "its folder does not exist", str(target.parent), "make the folder first")
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return
+    if not stat.S_ISREG(mode):
+        kind = "is a folder" if stat.S_ISDIR(mode) else "is not a regular file"
+        raise JobError(str(target), kind, remedy="give a file name")
+
+
+def _staged(asked: Path) -> _Staged:
+    target = Path(os.path.realpath(asked))
+    return _Staged(asked, target, _free(target, "new"), _free(target, "old"), target.exists())
+
+
+def _free(target: Path, use: str) -> Path:
+    """A name in the target's folder that nothing has; short, since the target's own may be as long as allowed."""
+    names = (target.parent / f".camgen-{os.getpid()}-{i}.{use}" for i in itertools.count())
+    return next(name for name in names if not os.path.lexists(name))
+
+
+def _write(one: _Staged, data: bytes) -> None:
+    """The new file, on the disk and with the access rights of the old one, which is kept under a second name."""
+    # Exclusive creation: never through a link that somebody else put there.
+    with one.fresh.open("xb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
+    if one.existed:
+        shutil.copymode(one.target, one.fresh)
+        try:
+            os.link(one.target, one.old)
+        except OSError:  # a file system without hard links
+            shutil.copy2(one.target, one.old)
+
+
+def _undo(one: _Staged) -> None:
+    """Back to how it was. What happened is read from the folder, since an interrupt may fall between any two steps."""
+    if one.existed and one.old.exists() and not one.fresh.exists():
+        os.replace(one.old, one.target)
+    for path in (one.old, one.fresh) if one.existed else (one.target, one.fresh):
+        with suppress(OSError):  # it was never made, or its folder is no folder
+            path.unlink()
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Turns an error of the system into one that names ``path``."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
+        reason = getattr(error, "strerror", None) or str(error)
+        raise JobError(str(path), f"cannot be written: {reason}") from error

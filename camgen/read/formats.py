@@ -1,0 +1,96 @@
+"""The formats that camgen comes with, as its entry points name them.
+
+ezdxf, OpenCV, trimesh and the interpreter of G-code are loaded only by what needs them: all readers are looked at for
+every input, hence the modules that do the work are named here and imported when their turn comes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+
+from camgen.model.files import Source
+from camgen.model.job import Job
+from camgen.model.part import Part
+from camgen.read import Reader, meant
+from camgen.read.files import Files
+
+_PICTURES = (b"\x89PNG", b"\xff\xd8\xff", b"II*\x00", b"MM\x00*", b"BM")
+
+
+def _is_dxf(head: bytes) -> bool:
+    return head.startswith(b"AutoCAD Binary DXF") or head.split()[:2] == [b"0", b"SECTION"]
+
+
+def _is_picture(head: bytes) -> bool:
+    return head.startswith(_PICTURES)
+
+
+def _is_svg(head: bytes) -> bool:
+    return head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith((b"<?xml", b"<svg"))
+
+
+def _read_with(module: str) -> Callable[[Source, Job, Files], Part]:
+    def read(source: Source, job: Job, files: Files) -> Part:
+        part: Part = import_module(module).read(source, job, files)
+        return part
+
+    return read
+
+
+def _inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
+    def inspect(source: Source, job: Job, files: Files) -> object:
+        found: object = import_module(module).inspect(source, job, files)
+        return found
+
+    return inspect
+
+
+def _read_picture(source: Source, job: Job, files: Files) -> Part:
+    """The ink of a drawing, or the part in a photo."""
+    return _read_with("camgen.read.artwork" if meant(job) else "camgen.read.image")(source, job, files)
+
+
+DXF = Reader(
+    name="dxf",
+    about="a DXF drawing",
+    suffixes=(".dxf", ""),
+    makes="drawing",
+    read=_read_with("camgen.read.dxf"),
+    inspect=_inspect_with("camgen.read.dxf"),
+    recognise=_is_dxf,
+)
+SVG = Reader(
+    name="svg",
+    about="an SVG drawing",
+    suffixes=(".svg",),
+    makes="drawing",
+    read=_read_with("camgen.read.svg"),
+    inspect=_inspect_with("camgen.read.svg"),
+    recognise=_is_svg,
+)
+IMAGE = Reader(
+    name="image",
+    about="a PNG, JPEG, TIFF or BMP picture",
+    suffixes=(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"),
+    makes="picture",
+    read=_read_picture,
+    inspect=_inspect_with("camgen.read.image"),
+    recognise=_is_picture,
+)
+SOLID = Reader(
+    name="solid",
+    about="a 3-D part",
+    suffixes=(".stl", ".obj", ".ply", ".off", ".3mf", ".glb", ".step", ".stp"),
+    makes="solid",
+    read=_read_with("camgen.read.solid"),
+    inspect=_inspect_with("camgen.read.solid"),
+)
+GCODE = Reader(
+    name="gcode",
+    about="G-code",
+    suffixes=(".nc", ".ngc", ".gcode", ".tap"),
+    makes="program",
+    read=_read_with("camgen.read.gcode"),
+    inspect=_inspect_with("camgen.read.gcode"),
+)
