@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.model.cell import Pace
+from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import (
@@ -265,11 +265,11 @@ class GCode(Rs274):
         scale = self.force_scale if self.force == "analog" else 1.0
         return replace(super().tolerance(), force=0.5e-4 / scale)
 
-    def pace(self) -> Pace:
+    def pace(self) -> Dynamics:
         """A small mill; G64 P rounds every corner, G61 none. The shares are LinuxCNC's (docs/cycle-time.md)."""
         rounded = self.path_tolerance
         last = 0.5 if rounded else 1.0
-        return Pace(acceleration=500.0, corner="arc", deviation=rounded, across=0.866, along=0.5, last=last)
+        return Dynamics(acceleration=500.0, corner="arc", deviation=rounded, across=0.866, along=0.5, last=last)
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Rs274``; drops force where the user said so, and makes cycles of holes."""

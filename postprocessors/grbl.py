@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from camgen.model.cell import Pace
+from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError, Refused
 from camgen.model.program import Output, Program
 from camgen.model.text import short
@@ -45,9 +45,9 @@ class Grbl(Rs274):
         if not 0 < self.power <= 99_999:
             raise JobError("[post] power", f"{self.power:g} is not more than 0 and at most 99999")
 
-    def pace(self) -> Pace:
+    def pace(self) -> Dynamics:
         """A small mill or plotter. Corners by the junction deviation, $11, as the firmware has it: 0.01 mm."""
-        return Pace(acceleration=500.0, corner="junction", deviation=0.01)
+        return Dynamics(acceleration=500.0, corner="junction", deviation=0.01)
 
     def prepare(self, program: Program, chord: float) -> Program:
         """See ``Rs274``; drops force where the user said so, and keeps the spindle line to one use."""

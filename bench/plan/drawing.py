@@ -20,7 +20,7 @@ from camgen.cli import main
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import CamgenError
 from camgen.model.part import Contour, Part
-from camgen.order import order, travel
+from camgen.order.arrange import arrange, measure_travel
 from camgen.plan.page import on_page
 from camgen.plan.simplify import simplified
 from camgen.plan.trace import trace
@@ -66,7 +66,7 @@ def row(path: Path) -> str:
     before, after = (sum(len(c.points) for c in part.contours) for part in (raw, drawn))
     arcs = sum(int((c.bulges != 0).sum()) for c in drawn.contours)
     paths = trace(drawn, JOB)
-    ways = [travel(order(paths, method, (0.0, 0.0), False).paths, (0.0, 0.0)) / 1000 for method in METHODS]
+    ways = [measure_travel(arrange(paths, method, (0.0, 0.0), False).paths, (0.0, 0.0)) / 1000 for method in METHODS]
     far = apart(raw, drawn, px / 4) / px
     told = " | ".join(f"{way:.2f}" for way in ways)
     return f"| {path.name} | {len(paths)} | {before} | {after} | {arcs} | {far:.2f} | {told} | {seconds:.2f} |"

@@ -31,7 +31,7 @@ def million() -> None:
     """Loose segments in no order, some drawn twice, joined to chains and ordered."""
     from camgen.model.job import Job, Operation  # noqa: PLC0415
     from camgen.model.part import Part  # noqa: PLC0415
-    from camgen.order import order  # noqa: PLC0415
+    from camgen.order.arrange import arrange  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read.join import contours  # noqa: PLC0415
 
@@ -43,7 +43,7 @@ def million() -> None:
     part, merged = with_few_lifts(Part("", "", "mm", made, notes), job)
     paths = trace(part, job)
     clock.append(time.perf_counter())
-    tour = order(paths, "best", None, inside_first=True)
+    tour = arrange(paths, "best", None, inside_first=True)
     clock.append(time.perf_counter())
     spent = [b - a for a, b in itertools.pairwise(clock)]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
@@ -94,7 +94,7 @@ def row(file: Path, tool: str | None) -> str | None:
     from bench.tours.search import between, measured  # noqa: PLC0415
     from camgen.model.errors import CamgenError  # noqa: PLC0415
     from camgen.model.job import Job, Operation  # noqa: PLC0415
-    from camgen.order import order, travel  # noqa: PLC0415
+    from camgen.order.arrange import arrange, measure_travel  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read import read  # noqa: PLC0415
 
@@ -107,12 +107,12 @@ def row(file: Path, tool: str | None) -> str | None:
         return None
     paths = trace(part, job)
     merged = trace(with_few_lifts(part, job)[0], job)
-    found = [travel(paths, None)]
-    found += [order(paths, method, None, inside_first=False).travel for method in ("nearest", "best")]
+    found = [measure_travel(paths, None)]
+    found += [arrange(paths, method, None, inside_first=False).travel for method in ("nearest", "best")]
     begun = time.perf_counter()
-    last = order(merged, "best", None, inside_first=False)
+    last = arrange(merged, "best", None, inside_first=False)
     took = time.perf_counter() - begun
-    found += [last.travel, order(merged, "best", None, inside_first=False, seconds=1.0).travel]
+    found += [last.travel, arrange(merged, "best", None, inside_first=False, seconds=1.0).travel]
     if tool:
         with tempfile.TemporaryDirectory() as folder:
             scene, result = Path(folder) / "scene.svg", Path(folder) / "result.svg"

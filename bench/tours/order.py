@@ -13,7 +13,7 @@ import numpy as np
 from bench.machine import machine
 from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
-from camgen.order import order
+from camgen.order.arrange import arrange
 
 SIZES = (1_000, 10_000, 35_000, 100_000)
 HOME = (0.0, 0.0)
@@ -75,10 +75,10 @@ def main() -> None:
     for name, scene in SCENES.items():
         for count in SIZES:
             paths = scene(count, random.Random(count))
-            drawn = order(paths, "as-drawn", HOME, inside_first=False).travel
+            drawn = arrange(paths, "as-drawn", HOME, inside_first=False).travel
             gc.collect()  # what the last scene left is not part of this one's time
             begun = time.perf_counter()
-            nearest = order(paths, "nearest", HOME, inside_first=False).travel
+            nearest = arrange(paths, "nearest", HOME, inside_first=False).travel
             seconds = time.perf_counter() - begun
             metres = f"{drawn / 1000:.1f} | {nearest / 1000:.2f} | {100 * nearest / drawn:.2f} %"
             print(f"| {name} | {count:,} | {metres} | {seconds:.2f} |", flush=True)

@@ -33,16 +33,18 @@ Row = tuple[str, float, float, float, float | None]
 def child(count: int, method: str, seconds: float, plain: bool) -> None:
     """One order of one scene; prints travel, seconds of the call, seconds before it, bound."""
     from bench.tours.order import scattered  # noqa: PLC0415 (numpy is not to be held by the parent)
-    from camgen.order import order  # noqa: PLC0415
+    from camgen.order.arrange import arrange  # noqa: PLC0415
     from camgen.order.solver import plane, speed  # noqa: PLC0415
 
     if plain:
         plane._WORTH = 10**18
     elif seconds and speed.available():
-        order(scattered(50, random.Random(1)), "best", None, inside_first=False, seconds=0.1)  # loads what is compiled
+        arrange(
+            scattered(50, random.Random(1)), "best", None, inside_first=False, seconds=0.1
+        )  # loads what is compiled
     paths = scattered(count, random.Random(count))
     begun = time.perf_counter()
-    tour = order(paths, method, None, inside_first=False, seconds=seconds)
+    tour = arrange(paths, method, None, inside_first=False, seconds=seconds)
     print(tour.travel, time.perf_counter() - begun, tour.bound)
 
 

@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from camgen.batch.inputs import Input
 from camgen.batch.state import Outcome, Record, Task, unchanged
-from camgen.build import digest_of
+from camgen.build.inputs import digest_of
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.plugins import entries
 from camgen.model.version import __version__

@@ -1,1 +1,45 @@
 """What is checked of a program before it is posted: reach, collisions, time, and what it amounts to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from camgen.model.cell import Cell
+from camgen.model.job import Job
+from camgen.model.program import Program
+from camgen.robots.workcell import Workcell
+
+if TYPE_CHECKING:
+    from camgen.check.collide import Clear
+    from camgen.check.reach import Reach
+    from camgen.collision.cell import Surroundings
+
+
+class Checks(Struct, frozen=True, eq=False):
+    """What was found. program: with joints and posture where an arm is known. where: what there is to run into. All
+    None where the cell has no arm.
+    """
+
+    program: Program
+    reach: Reach | None = None
+    clear: Clear | None = None
+    where: Surroundings | None = None
+
+
+def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = None, name: str = "") -> Checks:
+    """Whether the arm of ``cell`` can run ``program``, links included, and meets nothing.
+
+    where: what there is to run into, where it is known already. name: of the input, for messages. NoSafeProgram with
+    the motion, the place and the reason, JobError for an arm that the program is not for.
+    """
+    if not isinstance(cell, Workcell) or cell.arm is None:
+        return Checks(program)
+    from camgen.check.collide import collided  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+    from camgen.check.reach import reached  # noqa: PLC0415
+    from camgen.collision.cell import around  # noqa: PLC0415
+
+    reach = reached(program, cell.arm, name or program.name)
+    where = where or around(job, cell.arm, cell, None, cell.meshes)
+    return Checks(reach.program, reach, collided(where, reach.program, reach, name or program.name), where)

@@ -11,7 +11,7 @@ from camgen.collision.motion import motion
 from camgen.collision.scene import told
 from camgen.model.errors import NoSafeProgram
 from camgen.model.program import Program
-from camgen.order.edges import STEP
+from camgen.plan.edges import STEP
 
 #: Rows that are tested together: bounds the memory.
 _ROWS = 2000

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.check.report import Cycle
 from camgen.geometry.arcs import arc_lengths
-from camgen.model.cell import Pace
+from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, taken
 
@@ -39,7 +39,7 @@ class Corners(Struct, frozen=True, eq=False):
     fast: FloatArray
 
 
-def passed(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+def passed(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
     """Squared speed (K,) in each corner, infinite where nothing limits it, and how far (K,) before and behind the
     corner it holds, mm.
     """
@@ -51,19 +51,19 @@ def passed(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
     return np.where(straight, np.inf, square), np.where(straight, 0.0, reach)
 
 
-def _zone(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+def _zone(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
     """A parabola from d before the corner to d behind it, run with one acceleration: 2 v sin(h) in the time 2 d / v."""
     reach = np.minimum(corners.blend, corners.room)
     return pace.acceleration * reach / np.sin(corners.half), reach
 
 
-def _overlap(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+def _overlap(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
     """The next motion speeds up while the one before slows down, v^2 / 2a before the corner, whatever its angle."""
     square = np.minimum(2 * pace.acceleration * corners.room, corners.fast**2)
     return square, square / (2 * pace.acceleration)
 
 
-def _arc(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+def _arc(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
     """An arc that stays within ``pace.deviation`` and within its room: v^2 = a r, e = r (1 / cos(h) - 1)."""
     cosine = np.cos(corners.half)
     within = pace.deviation * cosine / (1 - cosine)
@@ -71,13 +71,13 @@ def _arc(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
     return pace.across * pace.acceleration * radius, np.zeros(len(radius))
 
 
-def _junction(corners: Corners, pace: Pace) -> tuple[FloatArray, FloatArray]:
+def _junction(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
     """As for such an arc, but the machine stays on the lines, so that no room is needed."""
     cosine = np.cos(corners.half)
     return pace.acceleration * pace.deviation * cosine / (1 - cosine), np.zeros(len(cosine))
 
 
-_WAYS: dict[str, Callable[[Corners, Pace], tuple[FloatArray, FloatArray]]] = {
+_WAYS: dict[str, Callable[[Corners, Dynamics], tuple[FloatArray, FloatArray]]] = {
     "zone": _zone,
     "overlap": _overlap,
     "arc": _arc,
@@ -253,7 +253,7 @@ class _Pieces(Struct, frozen=True, eq=False):
     gain: FloatArray
 
 
-def timed(program: Program, pace: Pace, found: Reach | None, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
+def timed(program: Program, pace: Dynamics, found: Reach | None, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
     """Seconds (M,) of the motions of ``program``, and where they end, (M, 3) mm, NaN where it is not known.
 
     found, arm: the robot and its joints along the program; without them a joint motion is the straight line between
@@ -288,13 +288,13 @@ def _rows(program: Program, found: Reach, arm: Robot) -> _Arm:
     return _Arm(owner, step, np.linalg.norm(np.diff(place, axis=0), axis=1))
 
 
-def _joints(rows: _Arm, count: int, pace: Pace) -> FloatArray:
+def _joints(rows: _Arm, count: int, pace: Dynamics) -> FloatArray:
     """Seconds (M,) of the slowest joint from rest to rest."""
     ways = np.stack([_sums(rows.motion, step, count) for step in rows.step.T])
     return np.asarray(from_rest(ways, 1.0, 1.0 / pace.ramp).max(axis=0))
 
 
-def _pieces(program: Program, shape: Shape, pace: Pace, going: Mask, rows: _Arm | None) -> _Pieces:
+def _pieces(program: Program, shape: Shape, pace: Dynamics, going: Mask, rows: _Arm | None) -> _Pieces:
     """The motions that are ``going`` with what limits their speed, row by row where the joints are known.
 
     That is their feed, what the tool can turn meanwhile, and on arcs the acceleration across: v^2 = a r.
@@ -317,7 +317,7 @@ def _pieces(program: Program, shape: Shape, pace: Pace, going: Mask, rows: _Arm 
         return _Pieces(owner, piece, np.minimum(most[place], piece / slowest), gain[place])
 
 
-def _corners(program: Program, shape: Shape, pace: Pace, going: Mask) -> tuple[FloatArray, FloatArray]:
+def _corners(program: Program, shape: Shape, pace: Dynamics, going: Mask) -> tuple[FloatArray, FloatArray]:
     """Squared speed allowed at the end of each motion that is ``going``, and how far around it that holds, (G,) each.
 
     The machine stands before and after all that is no line or arc, and where something is switched. A blend of 0 is a
@@ -378,7 +378,7 @@ def worked(program: Program) -> NDArray[np.int64]:
     return np.where(program.columns.works, program.columns.path, -1)
 
 
-def cycle(program: Program, pace: Pace, found: Reach | None = None, arm: Robot | None = None) -> Cycle:
+def cycle(program: Program, pace: Dynamics, found: Reach | None = None, arm: Robot | None = None) -> Cycle:
     """The time of ``program``, in all and by path. found, arm: see ``timed``."""
     columns = program.columns
     seconds, _ = timed(program, pace, found, arm)

@@ -8,21 +8,23 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.lower import dwell, signal
+from camgen.lower.contours import dwell, origins, signal
 from camgen.model.cell import Cell
 from camgen.model.job import Job, Process
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
+from camgen.order import EdgeTour
 from camgen.order.edges.links import Along, Piece, Turn
-from camgen.order.edges.route import Route
 from camgen.plan.edges.motion import Reached, feed_of
 from camgen.plan.edges.ways import Way, between
 
 
-def lower_edges(
-    route: Route, lengths: Sequence[float], cell: Cell, job: Job, name: str, header: tuple[str, ...]
-) -> Program:
-    """The program that runs the legs of ``route`` from and back to home. lengths: mm of each leg's edge on the part."""
+def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
+    """The program that runs the route of ``tour`` from and back to the home position of ``cell``.
+
+    name, header: of the program.
+    """
+    route, lengths = tour.route, tour.lengths
     process = job.process
     assert isinstance(cell.home, Joints)
     body: list[Instruction] = [MoveJ(cell.home, process.travel)]
@@ -40,8 +42,7 @@ def lower_edges(
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, process.travel))
-    found = tuple(Origin(leg.motion.id, "", (leg.motion.id,), "edges") for leg in route.legs)
-    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header, found)
+    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header, origins(tour.paths))
 
 
 def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[Instruction]:

@@ -26,7 +26,7 @@ class Cell(Struct, frozen=True):
     robot: str = ""
 
 
-class Pace(Struct, frozen=True):
+class Dynamics(Struct, frozen=True):
     """What a machine is taken to do where the time of a program is worked out. Nothing of it is in the text.
 
     acceleration: mm/s2 of the TCP. turning: rad/s of the tool. ramp: s in which a joint, or the tool where it turns at

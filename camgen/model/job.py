@@ -6,7 +6,7 @@ These structures are the one place where a setting has a name, a type, a default
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, field
 
@@ -97,6 +97,7 @@ class Operation(Table, frozen=True):
             "replay: what a G-code program does; auto: by the input"
         ),
     ] = "auto"
+    options: Annotated[dict[str, Any], Meta(description="settings of an operation that another package brings")] = {}
     side: Annotated[
         Literal["auto", "outside", "inside", "left", "right", "on"],
         Meta(description="auto: outer loops outside, holes inside; left, right, on: seen along the drawn direction"),

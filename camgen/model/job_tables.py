@@ -81,6 +81,8 @@ def _allowed(hint: Any) -> str:
         return _allowed(base) + " and".join(bounds)
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(json.dumps(value) for value in get_args(hint))
+    if get_origin(hint) is dict:
+        return "a table"
     if get_origin(hint) is list:
         return "a list of " + _PLURALS[get_args(hint)[0]]
     if get_origin(hint) in (Union, UnionType):  # a value or nothing, or one of several kinds

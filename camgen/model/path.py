@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 
 
@@ -83,7 +84,7 @@ class Tour(Struct, frozen=True, eq=False):
     travel: mm between the end of each path and the start of the next, from and back to the home position if given.
     bound: mm, no order, directions and starts of these paths travel less; None where it is not known.
     down: indices of the paths that are reached from the one before without a lift. stopped: the search for it was ended
-    before it was done.
+    before it was done. notes: on what was left out or done otherwise on the way.
     """
 
     paths: tuple[ToolPath, ...]
@@ -92,6 +93,7 @@ class Tour(Struct, frozen=True, eq=False):
     bound: float | None = None
     down: frozenset[int] = frozenset()
     stopped: bool = False
+    notes: tuple[Note, ...] = ()
 
 
 def joined(paths: Sequence[ToolPath]) -> ToolPath:

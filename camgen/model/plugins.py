@@ -8,6 +8,9 @@ from importlib.metadata import EntryPoint, entry_points
 
 from camgen.model.errors import JobError
 
+#: The group of the operations: whoever reads a job knows their names, whoever plans loads them.
+OPERATIONS = "camgen.operations"
+
 
 def entries(group: str) -> list[EntryPoint]:
     """What is registered in ``group``, by name."""

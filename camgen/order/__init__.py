@@ -1,200 +1,57 @@
-"""The order of the paths of a plan: as drawn, the nearest next one, or a search that begins with that.
-
-The nearest next one ("Following a continuous path", section 3.1):
-
-from where the tool is, the nearest start comes next. An open path may begin at either end, a closed one at any point
-of any of its segments: the paper takes vertices only, but with long lines and arcs most of the gain is between them.
-"""
+"""Ordering: from a plan to one tour, as short as it gets, with leads, and down where nothing is in between."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from msgspec.structs import replace
 
-import numpy as np
-from msgspec import Struct
+from camgen.model.cell import Cell
+from camgen.model.job import Job
+from camgen.model.part import Note
+from camgen.model.path import Tour
+from camgen.model.pose import Pose
+from camgen.order.arrange import arrange, measure_travel
+from camgen.order.tours import EdgeTour, ReplayTour
+from camgen.plan import EdgePlan, Plan, ReplayPlan, Watch, unwatched
 
-from camgen.model.path import ToolPath, Tour
-from camgen.order.search import Choices, bounded, looks, lower_bound, sampled, searched
-from camgen.order.solver.plane import Tell
-from camgen.order.starts import Starts, ends_of, reversed_each, starting_at, starting_each, starts
-from camgen.order.tree import Tree
-
-__all__ = ["order", "starting_at", "travel"]
-
-#: The methods and what the summary calls them.
-_METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "local search"}
+__all__ = ["EdgeTour", "ReplayTour", "order"]
 
 
-def order(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
-    paths: Sequence[ToolPath],
-    method: str,
-    start: tuple[float, float] | None,
-    inside_first: bool,
-    seconds: float = 0.0,
-    seed: int = 0,
-    layers: Sequence[str] = (),
-    seam: str = "any",
-    tell: Tell | None = None,
-) -> Tour:
-    """The paths in the order in which they are run, each once.
+def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = unwatched) -> Tour:
+    """The paths of ``plan`` in the order in which they are run, from and back to the home of ``cell`` if there is one.
 
-    method: "as-drawn" keeps the order and the paths as they are, whatever ``inside_first`` says; "nearest" takes the
-    nearest next start; "best" shortens that by a search. start: x, y (work frame, mm) where the tool comes from and
-    goes back to; without it the leftmost start is the first of "nearest". inside_first: a path is run after all the
-    paths that it encloses. seconds: budget of the search in seconds of its compiled form, counted in looks at a path
-    and not by a clock; 0: a short one, none for thousands of paths. seed: of its shuffles. Distances are measured in
-    the plane, and arcs are taken to lie in it. ``parent`` keeps the index in ``paths`` as given. ValueError for another
-    method, or parents that enclose each other.
+    watch: is told how far a search is. NoSafeProgram where no free way leads to any edge of a 3-D part.
     """
-    if method not in _METHODS:
-        raise ValueError(f"unknown method {method!r}")
-    if not paths:
-        return Tour((), 0.0, _METHODS[method], 0.0)
-    where = starts(paths, seam)
-    ranks = _ranks(paths, layers)
-    waits_for = _waits_for(paths, ranks) if inside_first else [-1] * len(paths)
-    budget = looks(seconds, len(paths))
-    known = sampled(paths, where, waits_for, ranks) if budget or bounded(seconds, len(paths)) else None
-    arranged = [paths[i] for i in sorted(range(len(paths)), key=ranks.__getitem__)]
-    stopped = False
-    if method != "as-drawn":
-        first = _nearest_neighbour(paths, where, start, waits_for, ranks)
-        arranged = _arranged(paths, first)
-        if method == "best" and not budget:
-            method = "nearest"
-        if method == "best" and known and len(paths) > 1:
-            found = searched(known, first, start, budget, seed, tell)
-            stopped = not found.whole
-            better = _arranged(paths, found)
-            # A short search from samples may end above the first tour, whose starts lie anywhere.
-            arranged = min(arranged, better, key=lambda tour: travel(tour, start))
-    length = travel(arranged, start)
-    seconds = 0.0 if stopped else seconds
-    bound = lower_bound(known, start, length, seconds) if known and bounded(seconds, len(paths)) else None
-    return Tour(tuple(arranged), length, _METHODS[method], bound, stopped=stopped)
+    if isinstance(plan, ReplayPlan):
+        return ReplayTour(plan.paths, plan.travel, "as-drawn", run=plan.run)
+    if isinstance(plan, EdgePlan):
+        from camgen.order.edges import order_edges  # noqa: PLC0415 (fcl is loaded only by what needs it)
+
+        return order_edges(plan, job, cell, watch)
+    watch("ordering")
+    return _order_paths(plan, job, cell, watch)
 
 
-def travel(paths: Sequence[ToolPath], start: tuple[float, float] | None) -> float:
-    """Distance in the plane, mm, from each path's end to the next one's start, from and back to ``start`` if given."""
-    if not paths:
-        return 0.0
-    begins, ends = ends_of(paths)
-    gaps = begins[1:] - ends[:-1]
-    if start is not None:
-        gaps = np.concatenate([gaps, begins[:1] - start, ends[-1:] - start])
-    return math.fsum(np.hypot(gaps[:, 0], gaps[:, 1]).tolist())
+def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
+    """The paths of a flat part with their leads."""
+    from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely is loaded only by what needs it)
+    from camgen.order.stay_down import stay_down  # noqa: PLC0415
 
+    start = cell.home.origin[:2] if cell is not None and isinstance(cell.home, Pose) else None
+    choice, inside, operation = job.tour, job.operation.inside_first, job.operation
 
-def _ranks(paths: Sequence[ToolPath], layers: Sequence[str]) -> list[int]:
-    """The place of each path's layer among ``layers``."""
-    places = {name: place for place, name in reversed(list(enumerate(layers)))}
-    return [places.get(path.layer, len(layers)) for path in paths]
+    def tell(part: float) -> None:
+        watch(f"ordering {part:.0%}, Ctrl-C takes the best tour so far")
 
-
-def _waits_for(paths: Sequence[ToolPath], ranks: Sequence[int]) -> list[int]:
-    """For each path the nearest one around it of its own rank, which comes later; -1 if there is none.
-
-    Between ranks the order of layers decides, also where it takes what is around before what is inside.
-    """
-    found = []
-    for path, rank in zip(paths, ranks, strict=True):
-        parent, steps = path.parent, 0
-        while parent >= 0 and ranks[parent] != rank and steps < len(paths):
-            parent, steps = paths[parent].parent, steps + 1
-        found.append(parent)
-    return found
-
-
-class _Walk(Struct, frozen=True, eq=False):
-    """What a walk from path to path knows. waits_for: by path, the one that comes later, or -1. ranks: by path.
-
-    waits: by path, how many have to come before it; that and ``tree`` and ``chosen`` change on the way. begins, ends:
-    by path, x, y mm.
-    """
-
-    paths: Sequence[ToolPath]
-    where: Starts
-    tree: Tree
-    waits_for: Sequence[int]
-    ranks: Sequence[int]
-    waits: list[int]
-    begins: list[tuple[float, float]]
-    ends: list[tuple[float, float]]
-    chosen: Choices
-
-
-def _nearest_neighbour(
-    paths: Sequence[ToolPath],
-    where: Starts,
-    start: tuple[float, float] | None,
-    waits_for: Sequence[int],
-    ranks: Sequence[int],
-) -> Choices:
-    """The nearest next path of all whose turn it is: those with nothing left inside, rank by rank."""
-    begins, ends = (column.tolist() for column in ends_of(paths))
-    chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
-    walk = _Walk(paths, where, Tree(where), waits_for, ranks, _enclosed(waits_for), begins, ends, chosen)
-    turns = sorted(set(ranks))
-    ready = [not count and rank == turns[0] for count, rank in zip(walk.waits, ranks, strict=True)]
-    for index, may in enumerate(ready):
-        if not may:
-            walk.tree.remove(index)
-    at = where.leftmost(ready) if start is None else (walk.tree.nearest(*start), *start)
-    for turn in turns:
-        if turn != turns[0]:
-            for index, count in enumerate(walk.waits):
-                if not count and ranks[index] == turn:
-                    walk.tree.add(index)
-            at = (walk.tree.nearest(*at[1:], near=at[0]), *at[1:])
-        at = _walked(walk, turn, at)
-    if len(chosen.order) != len(paths):
-        raise ValueError("paths enclose each other in a circle")
-    return chosen
-
-
-def _walked(walk: _Walk, turn: int, at: tuple[int, float, float]) -> tuple[int, float, float]:
-    """All paths of one rank, from the start ``at``: its number and where the tool is; the last start and place."""
-    where, tree, chosen, waits = walk.where, walk.tree, walk.chosen, walk.waits
-    path_of, row_of, low, span = (column.tolist() for column in (where.path, where.row, where.low, where.span))
-    number, x, y = at
-    last = max(number, 0)
-    while number >= 0:
-        index, row = path_of[number], row_of[number]
-        fraction, x, y = tree.project(number, x, y)
-        chosen.order.append(index)
-        chosen.row[index], chosen.fraction[index] = row, low[number] + fraction * span[number]
-        if not walk.paths[index].closed:
-            x, y = walk.begins[index] if row else walk.ends[index]
-            number = where.other_end(number)
-        tree.remove(index)
-        parent = walk.waits_for[index]
-        if parent >= 0:
-            waits[parent] -= 1
-            if not waits[parent] and walk.ranks[parent] == turn:
-                tree.add(parent)
-        last, number = number, tree.nearest(x, y, near=number)
-    return last, x, y
-
-
-def _enclosed(waits_for: Sequence[int]) -> list[int]:
-    """How many paths each one has to wait for."""
-    counts = [0] * len(waits_for)
-    for parent in waits_for:
-        if parent >= 0:
-            counts[parent] += 1
-    return counts
-
-
-def _arranged(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
-    """The chosen paths, reversed where they begin at their end, closed ones begun where they were met."""
-    loops = [i for i, path in enumerate(paths) if path.closed and len(path.position) > 1]
-    turned = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]
-    begun = starting_each(
-        [paths[i] for i in loops], [chosen.row[i] for i in loops], [chosen.fraction[i] for i in loops]
-    )
-    back = reversed_each([paths[i] for i in turned])
-    result = list(paths)
-    for i, path in zip([*loops, *turned], [*begun, *back], strict=True):
-        result[i] = path
-    return [result[i] for i in chosen.order]
+    told = None if watch is unwatched else tell
+    wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)
+    found = arrange(plan.paths, *wish, told)
+    led, notes = add_leads(found.paths, plan.part, job)
+    if found.stopped:
+        why = "the best tour so far is used; the same job gives another one when its search is not interrupted"
+        notes = [*notes, Note("warning", "the search for a short tour was stopped", why)]
+    # Leads move the ends of a path by no more than their lengths.
+    moved = len(plan.paths) * (operation.lead_in + operation.lead_out + operation.overlap)
+    bound = None if found.bound is None else max(0.0, found.bound - moved)
+    tour = replace(found, paths=tuple(led), travel=measure_travel(led, start), bound=bound)
+    tour, saved = stay_down(tour, plan.part, job)
+    return replace(tour, notes=(*notes, *saved))

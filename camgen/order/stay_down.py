@@ -20,7 +20,7 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
 
-__all__ = ["staying_down"]
+__all__ = ["stay_down"]
 
 #: By how much (mm) a link may be nearer than the tool's radius: a path keeps its distance within this.
 _SLACK = 0.005
@@ -28,7 +28,7 @@ _SLACK = 0.005
 _SAME = 1e-6
 
 
-def staying_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]:
+def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]:
     """The tour with the paths that are reached without a lift, and a note on how many; nothing unless the job asks.
 
     Only one pass beside a contour, without force, with the tool straight down and not turned with the contour, is left

@@ -1,63 +1,147 @@
-"""Planners: a Part to ToolPaths. One function per file."""
+"""Planning: from a part to tool paths. One function an operation; which operations there are is an open table.
+
+The entry points ``camgen.operations`` name them, those of camgen and those of other packages alike
+(docs/writing-an-operation.md).
+"""
 
 from __future__ import annotations
 
-from msgspec import Struct
-from msgspec.structs import replace
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal, TypeVar
 
+import msgspec
+from msgspec import Struct
+
+from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
+from camgen.model.plugins import OPERATIONS, entries, find, load
 from camgen.plan.fill.cover import Coverage
+from camgen.plan.page import on_page
+from camgen.read.gcode.interpreter import Recorded
+
+if TYPE_CHECKING:
+    from camgen.collision.cell import Surroundings
+    from camgen.model.part import Edge
+    from camgen.plan.edges.motion import Reached, Unreached
+    from camgen.read.gcode.interpreter import Run
+
+#: What is called when a stage begins or has got somewhere: what the user is told.
+Watch = Callable[[str], None]
+Kind = Literal["drawing", "picture", "solid", "program"]
+Options = TypeVar("Options")
 
 
-class Plan(Struct, frozen=True):
-    """The paths of a part in the order of its contours, and what the planner left out or wants known.
+def unwatched(_: str) -> None:
+    """Nobody watches: then nobody can stop a search but with all the rest."""
 
-    coverage: of what is to be filled, None for other operations.
+
+class Plan(Struct, frozen=True, eq=False):
+    """What will be done. part: as it is worked on, on its page and with as few points as it needs. paths: in the order
+    of its contours. notes: what the reader and the planner left out, mended or want known. coverage: of what is to be
+    filled, None for other operations.
     """
 
+    part: Part
     paths: tuple[ToolPath, ...]
     notes: tuple[Note, ...]
     coverage: Coverage | None = None
 
 
-def _in_image_space(part: Part, job: Job) -> Plan:
-    if part.raster is None:
-        what = '"image" plans in a picture, and this is none'
-        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
-    if job.operation.kind not in ("auto", "follow"):
-        what = f"the image-space planner follows contours, it cannot {job.operation.kind}"
-        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
-    from camgen.plan.image_space import image_space  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
+    """The processing motions along edges that the arm reaches, a path each. edges: all that were asked for, mm.
+    unreached: those without a motion. where: what there is to run into.
+    """
 
-    raster = part.raster
-    return Plan(*image_space(raster.mask, raster.work_from_view, job, borders=raster.borders))
+    edges: tuple[Edge, ...]
+    motions: tuple[Reached, ...]
+    unreached: tuple[Unreached, ...]
+    where: Surroundings
 
 
-def plan(part: Part, job: Job) -> Plan:
-    """The tool paths of ``part`` as ``job`` asks for them."""
-    from camgen.plan.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
-    from camgen.plan.recover import recover  # noqa: PLC0415
-    from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
+class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
+    """The motions of a program that was read, as they stand in it. travel: mm of its rapid motions."""
 
-    if job.operation.planner == "image":
-        return _in_image_space(part, job)
-    if job.operation.kind == "fill":
-        from camgen.plan.fill import fill  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+    run: Run
+    travel: float
 
-        return Plan(*fill(part, job))
-    if job.operation.kind == "drill":
-        from camgen.plan.drill import drill  # noqa: PLC0415
 
-        return Plan(*drill(part, job))
-    contours, recovered = recover(part.contours, job.tolerance.arc_fit)
-    part = replace(part, contours=contours)
-    # What is laid on a page is a drawing.
-    drawing = job.operation.kind == "auto" and bool(job.page.size)
-    if drawing or job.operation.kind == "trace" or job.operation.side == "on":
-        part, merged = with_few_lifts(part, job)
-        return Plan(trace(part, job), recovered + merged)
-    paths, notes = follow(part, job)
-    return Plan(paths, recovered + notes)
+class Operation(Struct, frozen=True):
+    """One operation. name: that of its entry point, and of ``operation.kind``. about: a line for the user. takes: the
+    kinds of parts that it is for. plan: from a part, its job, the cell and who watches to what will be done; raises
+    InputError or JobError where it cannot.
+    """
+
+    name: str
+    about: str
+    takes: tuple[Kind, ...]
+    plan: Callable[[Part, Job, Cell | None, Watch], Plan]
+
+
+def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = unwatched) -> Plan:
+    """The tool paths of ``part`` as ``job`` asks for them. cell: where the program will run; edges of solids need it.
+
+    Raises JobError for settings that do not go together, InputError for a part that holds nothing for the operation.
+    """
+    part = _simplified(on_page(part, job), job)
+    watch("planning")
+    return find_operation(part, job).plan(part, job, cell, watch)
+
+
+def find_operation(part: Part, job: Job) -> Operation:
+    """The operation that the job names, or the usual one for what the part is. JobError if it is not for such parts."""
+    kind = kind_of(part)
+    name = job.operation.kind if job.operation.kind != "auto" else _usual(kind, job)
+    found = load(find(entries(OPERATIONS), name, "operation", "see docs/operations.md"))
+    if not isinstance(found, Operation):
+        raise JobError(f"operation {name}", "is not a camgen.plan.Operation", remedy="mend or remove its package")
+    if kind not in found.takes:
+        raise _not_for(kind, name, part)
+    return found
+
+
+def kind_of(part: Part) -> Kind:
+    """What a part is: a drawing, a picture, a solid, or a program that was read."""
+    if isinstance(part, Recorded):
+        return "program"
+    return "solid" if part.solid is not None else "drawing" if part.raster is None else "picture"
+
+
+def _usual(kind: Kind, job: Job) -> str:
+    """What is done where the job does not say it. What is laid on a page is a drawing, and is drawn."""
+    if kind in ("solid", "program"):
+        return {"solid": "edges", "program": "replay"}[kind]
+    return "trace" if job.page.size and job.operation.planner != "image" else "follow"
+
+
+def _not_for(kind: Kind, name: str, part: Part) -> JobError:
+    if kind == "program":
+        what, remedy = (
+            f"G-code is replayed, it cannot be used to {name}",
+            'set operation.kind to "replay" or leave it out',
+        )
+    elif kind == "solid":
+        what, remedy = f'"{name}" is for flat parts, this is a 3-D part', 'set operation.kind to "edges"'
+    elif name == "replay":
+        what, remedy = f'"replay" is for G-code, {part.source} is none', "leave it out"
+    else:
+        what, remedy = f'"{name}" is not for a {kind}', "leave it out"
+    return JobError("job", what, "operation.kind", remedy)
+
+
+def read_options(job: Job, settings: type[Options]) -> Options:
+    """``operation.options`` as the operation's own table, a msgspec Struct. JobError for what does not fit."""
+    try:
+        return msgspec.convert(job.operation.options, settings, strict=True)
+    except msgspec.ValidationError as error:
+        raise JobError("job", str(error), "operation.options", "see the page of the operation") from error
+
+
+def _simplified(part: Part, job: Job) -> Part:
+    if part.raster is None and not job.tolerance.simplify and not job.input.min_length:
+        return part
+    from camgen.plan.simplify import simplified  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+
+    return simplified(part, job)

@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.cell import Cell, Pace
+from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
 from camgen.model.pose import Pose
 from camgen.model.program import (
@@ -189,9 +189,9 @@ class Post(ABC):
         """How exactly the read-back must agree."""
         return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 0.01, 0.01, 0.001)
 
-    def pace(self) -> Pace:
+    def pace(self) -> Dynamics:
         """What the time of a program is worked out with: an assumption, an average machine of its kind."""
-        return Pace()
+        return Dynamics()
 
     def carried(self) -> frozenset[str]:
         """What the text carries with these options: ``carries``, and "work" and "tool" if it states these frames."""

@@ -12,8 +12,11 @@ from typing import get_type_hints
 
 import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
+from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError
+from camgen.model.job import Job
 from camgen.model.plugins import entries, find, load, origin
 from camgen.post import Post, Readback
 
@@ -109,3 +112,9 @@ def _only(path: str) -> type[Post]:
     if len(found) != 1:
         raise JobError(path, f"defines {len(found)} posts", remedy="a post file defines exactly one")
     return found[0]
+
+
+def dynamics_of(post: Post, job: Job) -> Dynamics:
+    """What the post takes its machine to do, with the acceleration of the job."""
+    own, pace = job.process.acceleration, post.pace()
+    return replace(pace, acceleration=own) if own else pace

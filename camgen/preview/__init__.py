@@ -1,1 +1,50 @@
 """What a build made, to look at: one view as a value, and the page, the pictures and the drawings of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from camgen.model.job import Job
+from camgen.model.part import Note, Part
+from camgen.model.path import Tour
+from camgen.model.program import Program
+from camgen.post import Post
+from camgen.robots.workcell import Workcell
+
+if TYPE_CHECKING:
+    from camgen.check.collide import Clear
+    from camgen.check.reach import Reach
+    from camgen.check.report import Cycle, Motions
+    from camgen.collision.cell import Surroundings
+    from camgen.post.verify import Deviation
+
+
+class Built(Protocol):
+    """What a preview needs of the result of a build (``camgen.build.Result``)."""
+
+    @property
+    def part(self) -> Part: ...  # noqa: D102 (as in Result)
+    @property
+    def job(self) -> Job: ...  # noqa: D102
+    @property
+    def post(self) -> Post: ...  # noqa: D102
+    @property
+    def cell(self) -> Workcell: ...  # noqa: D102
+    @property
+    def tour(self) -> Tour: ...  # noqa: D102
+    @property
+    def notes(self) -> tuple[Note, ...]: ...  # noqa: D102
+    @property
+    def program(self) -> Program: ...  # noqa: D102
+    @property
+    def deviation(self) -> Deviation: ...  # noqa: D102
+    @property
+    def motions(self) -> Motions: ...  # noqa: D102
+    @property
+    def cycle(self) -> Cycle: ...  # noqa: D102
+    @property
+    def reach(self) -> Reach | None: ...  # noqa: D102
+    @property
+    def clear(self) -> Clear | None: ...  # noqa: D102
+    @property
+    def where(self) -> Surroundings | None: ...  # noqa: D102

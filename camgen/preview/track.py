@@ -10,10 +10,11 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.build import Result, pace_of
 from camgen.check.time import timed, worked
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program, Wait, column
+from camgen.post.plugins import dynamics_of
+from camgen.preview import Built
 from camgen.preview.curves import drawn
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
@@ -134,10 +135,10 @@ class _Stations(Struct, frozen=True, eq=False):
     axis: FloatArray
 
 
-def track(result: Result, sag: float) -> tuple[Track, Arm | None]:
+def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     """The way of the program, arcs in pieces within ``sag`` mm, and that of the robot where its joints are known."""
-    program, reach, robot = result.program, result.reach, result.arm
-    seconds, _ = timed(program, pace_of(result.post, result.job), reach, robot)
+    program, reach, robot = result.program, result.reach, result.cell.arm
+    seconds, _ = timed(program, dynamics_of(result.post, result.job), reach, robot)
     found = events(program, robot, worked(program), seconds)
     stations = _stations(found, sag)
     seconds, arm = found.seconds, None

@@ -9,11 +9,11 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.build import Result
 from camgen.check.report import clean, path_sums
 from camgen.model.part import Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import short
+from camgen.preview import Built
 from camgen.preview.curves import Chains, of_contours, of_spans
 from camgen.preview.track import Arm, Track, track
 from camgen.robots.models import Box, Link
@@ -33,7 +33,7 @@ class Around(Struct, frozen=True, eq=False):
     meshes: tuple[tuple[str, Solid], ...]
 
 
-def around(result: Result) -> Around:
+def around(result: Built) -> Around:
     """As it was tested; without a robot nothing is, and it is what the job says. JobError for boxes that are none."""
     where = result.where
     if where is None:
@@ -46,7 +46,7 @@ def around(result: Result) -> Around:
     return Around(where.bodies, tuple(standing), where.meshes)
 
 
-def _untested(result: Result) -> Around:
+def _untested(result: Built) -> Around:
     job = result.job
     if not job.cell.fixtures and not job.tool.holder:
         return Around((), (), ())
@@ -55,7 +55,7 @@ def _untested(result: Result) -> Around:
     holder = tuple(box_between(_HERE, *corners_of("tool.holder", box)) for box in job.tool.holder or ())
     named = [(f"fixture {k}", box) for k, box in enumerate(job.cell.fixtures or (), 1) if not isinstance(box, str)]
     standing = [Link(name, (box_between(_HERE, *corners_of("cell.fixtures", box)),)) for name, box in named]
-    return Around((Link("holder", holder),), tuple(standing), result.meshes)
+    return Around((Link("holder", holder),), tuple(standing), result.cell.meshes)
 
 
 # Edges of which only a part is run: cut where the work begins and ends.
@@ -141,7 +141,7 @@ class View(Struct, frozen=True, eq=False):
     skipped: tuple[Note, ...]
 
 
-def view(result: Result) -> View:
+def view(result: Built) -> View:
     """What the preview of ``result`` shows."""
     part, program = result.part, result.program
     skipped = tuple(note for note in result.notes if note.kind == "skipped")
@@ -173,7 +173,7 @@ def reasons(skipped: Sequence[Note]) -> dict[str, str]:
     return {ident: clean(note.why or note.what) for note in reversed(skipped) for ident in note.ids}
 
 
-def _sag(result: Result) -> float:
+def _sag(result: Built) -> float:
     """How far a drawn arc may be from the true one, mm."""
     ends = [result.program.columns.ends, *(path.position for path in result.tour.paths)]
     points = np.concatenate(ends)
@@ -181,7 +181,7 @@ def _sag(result: Result) -> float:
     return max(float(np.linalg.norm(np.ptp(points, axis=0))) * _FINE, 1e-4) if len(points) else 1e-3
 
 
-def _lines(result: Result, sag: float) -> tuple[tuple[Line, ...], Chains]:
+def _lines(result: Built, sag: float) -> tuple[tuple[Line, ...], Chains]:
     """The contours and edges of the part, and how they are drawn."""
     contours = tuple(c for c in result.part.contours if len(c.points) > 1)
     edges = result.part.solid.edges if result.part.solid else ()
@@ -205,7 +205,7 @@ def _lines(result: Result, sag: float) -> tuple[tuple[Line, ...], Chains]:
     return _trimmed(result, lines, chains) if edges else (tuple(lines), chains)
 
 
-def _trimmed(result: Result, lines: Sequence[Line], chains: Chains) -> tuple[tuple[Line, ...], Chains]:
+def _trimmed(result: Built, lines: Sequence[Line], chains: Chains) -> tuple[tuple[Line, ...], Chains]:
     """Edges that are run without their ends, with these as lines of their own."""
     work = {path.id: path.position for path in result.tour.paths}
     pieces: list[tuple[Line, FloatArray]] = []
@@ -233,7 +233,7 @@ def _lengths(chains: Chains) -> list[float]:
     return list(map(float, sums.tolist()))
 
 
-def _rows(result: Result) -> tuple[Row, ...]:
+def _rows(result: Built) -> tuple[Row, ...]:
     paths = result.tour.paths
     lengths, seconds = path_sums(paths)
     return tuple(
@@ -252,7 +252,7 @@ def _rows(result: Result) -> tuple[Row, ...]:
     )
 
 
-def _facts(result: Result, seconds: float) -> tuple[tuple[str, str], ...]:
+def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
     part, tour = result.part, result.tour
     work = math.fsum(path_sums(tour.paths)[0].tolist())
     feeds, force = result.motions.speeds, result.motions.force

@@ -30,7 +30,7 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "Posts and read-backs",
         "camgen.post",
-        ("Post", "Cell", "OutputFile", "Tolerance", "Pace", "Reading", "Fault", "Remark"),
+        ("Post", "Cell", "OutputFile", "Tolerance", "Dynamics", "Reading", "Fault", "Remark"),
     ),
     ("Plug-ins", "camgen.post.plugins", ("installed", "find_post", "find_readback", "make_post", "Installed")),
     ("Comparison", "camgen.post.verify", ("compare", "Deviation")),

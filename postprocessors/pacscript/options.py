@@ -7,7 +7,7 @@ import string
 from dataclasses import dataclass, field
 from typing import Literal
 
-from camgen.model.cell import Pace
+from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError
 from camgen.post import Post
 
@@ -75,9 +75,9 @@ class PacScriptOptions(Post):
         _check_template("force_change", self.force_change, {"x", "y", "z"})
         _check_template("force_off", self.force_off, set())
 
-    def pace(self) -> Pace:
+    def pace(self) -> Dynamics:
         """``Accel`` as a share of 10 m/s2. @P leaves the corner to speed and acceleration."""
-        return Pace(acceleration=100.0 * self.accel, corner="overlap" if self.pass_mark == "P" else "zone")
+        return Dynamics(acceleration=100.0 * self.accel, corner="overlap" if self.pass_mark == "P" else "zone")
 
 
 def _legal(name: str) -> bool:

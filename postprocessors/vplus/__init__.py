@@ -13,7 +13,7 @@ from typing import ClassVar, Literal
 
 from msgspec.structs import replace
 
-from camgen.model.cell import Cell, Pace
+from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import FloatArray, Pose, translation
 from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
@@ -103,9 +103,9 @@ class VPlus(Post):
         speed = 0.5 * 10**-SPEED_DIGITS * max(1.0, self.rated / 100)
         return replace(super().tolerance(), speed=speed)
 
-    def pace(self) -> Pace:
+    def pace(self) -> Dynamics:
         """Corners by speed and acceleration, whatever the blend."""
-        return Pace(corner="overlap")
+        return Dynamics(corner="overlap")
 
     # -- legality ------------------------------------------------------------------------------------------------
 

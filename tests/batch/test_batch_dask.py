@@ -23,7 +23,7 @@ CIRCLE = "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\nrings\n10\n50\n20\n25\n40\n{rad
 SLOW = """
 import time
 from importlib import import_module
-build = import_module("camgen.build")
+build = import_module("camgen.build.inputs")
 read = build.read
 def _slow(*arguments):
     time.sleep(0.4)

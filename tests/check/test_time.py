@@ -11,24 +11,24 @@ from msgspec.structs import replace
 
 from camgen.check.reach import reached
 from camgen.check.time import durations, squares, timed
-from camgen.model.cell import Pace
+from camgen.model.cell import Dynamics
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
 from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post.plugins import find_post, make_post
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 
-PACE = Pace(acceleration=1000.0, turning=math.radians(500), ramp=0.2)
+PACE = Dynamics(acceleration=1000.0, turning=math.radians(500), ramp=0.2)
 FRAME = translation(0, 0, 0)
 #: Large enough for its ramps to take no time.
-INSTANT = Pace(acceleration=1e12, turning=1e9, ramp=1e-12)
+INSTANT = Dynamics(acceleration=1e12, turning=1e9, ramp=1e-12)
 
 
 def at(x: float, y: float, z: float = 0.0) -> Pose:
     return Pose(TOOL_DOWN, (x, y, z))
 
 
-def seconds(*body: Instruction, pace: Pace = PACE, start: Pose | None = None) -> list[float]:
+def seconds(*body: Instruction, pace: Dynamics = PACE, start: Pose | None = None) -> list[float]:
     """Of each motion after the first, which ends at the origin."""
     program = Program("p", FRAME, FRAME, (MoveJ(start or at(0, 0), 100.0), *body))
     found: list[float] = timed(program, pace, None, None)[0].tolist()
@@ -240,7 +240,7 @@ ARM = robot("IRB 120")
 READY = (0.0, 0.3, 0.2, 0.0, 1.07, 0.0)  # the tool straight down: 0.3 + 0.2 + 1.07 = pi / 2
 
 
-def with_arm(*body: Instruction, pace: Pace = INSTANT) -> list[float]:
+def with_arm(*body: Instruction, pace: Dynamics = INSTANT) -> list[float]:
     program = Program("p", FRAME, FRAME, (MoveJ(Joints(READY), 100.0), *body))
     found = reached(program, ARM, "p")
     return [float(value) for value in timed(found.program, pace, found, ARM)[0]]

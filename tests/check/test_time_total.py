@@ -12,7 +12,7 @@ import camgen
 from camgen.check.time import cycle
 from camgen.cli import main
 from camgen.lower import lower
-from camgen.model.cell import Pace
+from camgen.model.cell import Dynamics
 from camgen.model.job import Job
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, translation
@@ -20,7 +20,7 @@ from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Origin, Out
 from camgen.post.plugins import find_post
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
-PACE = Pace(acceleration=1000.0)
+PACE = Dynamics(acceleration=1000.0)
 
 
 def at(x: float, y: float, z: float = 0.0) -> Pose:

@@ -11,7 +11,6 @@ from msgspec.structs import replace
 from camgen.collision.cell import Surroundings, around
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene, told
-from camgen.lower import placed
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -23,6 +22,7 @@ from camgen.read.job_file import from_mapping
 from camgen.read.solid import mesh, read_fixtures
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.inverse import inverse
+from camgen.robots.workcell import equip
 from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -36,7 +36,7 @@ def solid() -> Solid:
 
 def made(tool: dict[str, object], cell: dict[str, object], solid: Solid | None) -> Surroundings:
     job = from_mapping({"tool": tool, "cell": {"robot": "IRB 1200", **cell}})
-    return around(job, ARM, placed(Rapid.cell(), job), solid, read_fixtures(job, Files()))
+    return around(job, ARM, equip(Rapid.cell(), job), solid, read_fixtures(job, Files()))
 
 
 def boxes(scene: Scene, name: str) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
@@ -147,5 +147,5 @@ def test_a_fixture_that_is_no_mesh_is_told_by_its_name(tmp_path: Path) -> None:
 def test_the_job_is_not_changed(solid: Solid) -> None:
     job = from_mapping({"cell": {"robot": "IRB 1200", "fixtures": [[0, 0, -50, 1, 1, -40]]}})
     before = replace(job)
-    around(job, ARM, placed(Rapid.cell(), job), solid, read_fixtures(job, Files()))
+    around(job, ARM, equip(Rapid.cell(), job), solid, read_fixtures(job, Files()))
     assert job == before

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.lower import lower, placed
+from camgen.lower import lower
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import CellTable, Job, Process, Tolerance, Tool
@@ -18,6 +18,7 @@ from camgen.model.pose import TOOL_DOWN, Pose, angle_between, frozen, pose_from_
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.program_text import dump
 from camgen.post.passes import circle, corner_blend
+from camgen.robots.workcell import equip
 
 ROBOT = Cell("arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0)))
 MILL = Cell("mill", translation(0, 0, 0), translation(0, 0, 0), Pose(TOOL_DOWN, (0.0, 0.0, 50.0)))
@@ -58,7 +59,8 @@ def path(points, bulges=None, press=None, force=None, feed=20.0, **more):
 
 
 def program(*paths, cell=ROBOT, job=None) -> Program:
-    return lower(Tour(tuple(paths), 0.0, "as-drawn"), cell, job or Job(), "part", ("made for a test",))
+    job = job or Job()
+    return lower(Tour(tuple(paths), 0.0, "as-drawn"), equip(cell, job), job, "part", ("made for a test",))
 
 
 def kinds(body):
@@ -432,25 +434,25 @@ def test_any_program(paths, cell, orient, spindle):
 
 def test_the_job_goes_before_the_cell():
     table = CellTable(base_from_work=[1, 2, 3, 0, 0, 90], flange_from_tool=[0, 0, 9, 0, 180, 0], home=[90, 0, -90])
-    cell = placed(ROBOT, Job(cell=table))
+    cell = equip(ROBOT, Job(cell=table))
     assert cell.base_from_work.origin == (1, 2, 3)
     assert angle_between(cell.base_from_work.rotation, rotation_about(2, math.pi / 2)) < 1e-12
     assert angle_between(cell.flange_from_tool.rotation, rotation_about(1, math.pi)) < 1e-12
     assert cell.home == Joints((math.pi / 2, 0.0, -math.pi / 2))
-    again = placed(cell, Job(cell=table))
+    again = equip(cell, Job(cell=table))
     assert again.home == cell.home
     assert again.flange_from_tool.origin == pose_from_values([0, 0, 9, 0, 180, 0]).origin
 
 
 def test_without_a_cell_the_tool_is_as_long_as_it_is():
-    cell = placed(ROBOT, Job(tool=Tool(length=42.0)))
+    cell = equip(ROBOT, Job(tool=Tool(length=42.0)))
     assert cell.flange_from_tool.origin == (0, 0, 42)
     assert cell.home is ROBOT.home
     assert cell.base_from_work is ROBOT.base_from_work
 
 
 def test_the_home_of_a_mill_is_a_place():
-    home = placed(MILL, Job(cell=CellTable(home=[1, 2, 30]))).home
+    home = equip(MILL, Job(cell=CellTable(home=[1, 2, 30]))).home
     assert home.origin == (1, 2, 30)
     assert home.rotation is TOOL_DOWN
 
@@ -469,12 +471,12 @@ def test_the_home_of_a_mill_is_a_place():
 def test_wrong_numbers_in_the_cell_are_named(cell, table):
     (key,) = table
     with pytest.raises(JobError, match=f"cell.{key}"):
-        placed(cell, Job(cell=CellTable(**table)))
+        equip(cell, Job(cell=CellTable(**table)))
 
 
 def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
     cell = Cell("scara", translation(0, 0, 0), translation(0, 0, 0), Joints((0.0, 0.0, 50.0, 0.0)), frozenset({2}))
-    home = placed(cell, Job(cell=CellTable(home=[0.0, 90.0, 40.0, 180.0]))).home
+    home = equip(cell, Job(cell=CellTable(home=[0.0, 90.0, 40.0, 180.0]))).home
     assert isinstance(home, Joints)
     assert home.values == pytest.approx((0.0, math.pi / 2, 40.0, math.pi))
 

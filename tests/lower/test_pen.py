@@ -8,16 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.build import build
-from camgen.lower import lower, placed
+from camgen.lower import lower
 from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
-from camgen.order import order
+from camgen.order.arrange import arrange
 from camgen.plan.trace import trace
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
 from camgen.read.job_file import from_mapping
+from camgen.robots.workcell import equip
 
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
 #: By signal and height, by height alone, with pressure, by signal alone on a clearance of a hair.
@@ -98,8 +99,8 @@ def test_the_pen_is_up_on_the_way_between_lines(
     job = from_mapping({"operation": {"kind": "trace"}, "process": way, "post": options})
     part = part_of(drawing)
     post = make_post(find_post(name), job.post)
-    tour = order(trace(part, job), "nearest", None, False)
-    program = post.prepare(lower(tour, placed(post.cell(), job), job, "drawing", ()), job.tolerance.chord)
+    tour = arrange(trace(part, job), "nearest", None, False)
+    program = post.prepare(lower(tour, equip(post.cell(), job), job, "drawing", ()), job.tolerance.chord)
     files = post.render(program)
     reading = find_readback(name)({file.name: file.text for file in files}, job.post)
     compare(program, reading, post.tolerance(), post.carried(), files[0].name)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import camgen
-from camgen.build import joined
+from camgen.build.inputs import join_parts
 from camgen.cli.init import reference, template, toml
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
@@ -276,11 +276,11 @@ def test_several_inputs_are_one_program_with_distinct_ids(plate: Path) -> None:
 def test_joined_parts_say_where_a_note_comes_from() -> None:
     contour = Contour(frozen([[0, 0], [1, 1]]), frozen([0, 0]), False, "", "c1")
     parts = [Part(n, f"{n}.dxf", u, (contour,), (Note("joined", "2 ends"),)) for n, u in (("a", "mm"), ("b", "inch"))]
-    both = joined(parts)
+    both = join_parts(parts)
     assert [c.id for c in both.contours] == ["1/c1", "2/c1"]
     assert [n.what for n in both.notes] == ["a.dxf: 2 ends", "b.dxf: 2 ends"]
     assert (both.name, both.source, both.units) == ("a", "a.dxf + b.dxf", "mm + inch")
-    assert joined(parts[:1]) is parts[0]
+    assert join_parts(parts[:1]) is parts[0]
 
 
 def test_an_input_twice_is_refused(plate: Path) -> None:

@@ -12,12 +12,11 @@ from msgspec.structs import replace
 from camgen.collision.cell import around
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
-from camgen.lower import placed
 from camgen.model.pose import FloatArray, Pose
-from camgen.order.edges import room_of, setup_of
 from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, steps
 from camgen.order.edges.retract import Retraction, Room, retractions
 from camgen.order.edges.route import Route, route
+from camgen.plan.edges import room_of, setup_of
 from camgen.plan.edges.motion import Freedom, Reached, Setup
 from camgen.plan.edges.reach import reach
 from camgen.plan.edges.select import select
@@ -25,6 +24,7 @@ from camgen.plan.edges.ways import Way
 from camgen.read.job_file import load
 from camgen.read.solid import mesh
 from camgen.robots.catalogue import robot
+from camgen.robots.workcell import equip
 from tests.support.arm_models import by_hand
 from tests.support.files import source
 
@@ -35,8 +35,8 @@ ARM = robot("IRB 2400")
 @cache
 def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
-    where = around(job, ARM, placed(Rapid.cell(), job), solid, ())
-    setup = setup_of(ARM, placed(Rapid.cell(), job), where.scene)
+    where = around(job, ARM, equip(Rapid.cell(), job), solid, ())
+    setup = setup_of(ARM, equip(Rapid.cell(), job), where.scene)
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
     found = reach(edges, setup, 2.0, "mean", Freedom(math.radians(15), roll=True))
@@ -97,12 +97,12 @@ def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> N
 @cache
 def scene_of(part: str) -> Scene:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
-    return around(job, ARM, placed(Rapid.cell(), job), solid, ()).scene
+    return around(job, ARM, equip(Rapid.cell(), job), solid, ()).scene
 
 
 def test_the_level_is_half_the_holder_and_the_safety_above_the_part() -> None:
     solid, job = mesh.read(source(PARTS / "rfa1.stl")), load(PARTS / "rfa1.toml")
-    where = around(job, ARM, placed(Rapid.cell(), job), solid, ())
+    where = around(job, ARM, equip(Rapid.cell(), job), solid, ())
     top = 640.0 + 70.0  # the part stands at 640 mm and is 70 mm high
     assert where.level == pytest.approx(top + math.hypot(70, 70) / 2 + 10.0)
 

@@ -16,7 +16,7 @@ from camgen.model.job import CellTable, Job, Operation, Process, Tool
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
-from camgen.order.stay_down import staying_down
+from camgen.order.stay_down import stay_down
 
 
 @settings(max_examples=40, deadline=None)
@@ -126,7 +126,7 @@ def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
 
 def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     rng = random.Random(5)
-    from camgen.order import order  # noqa: PLC0415
+    from camgen.order.arrange import arrange  # noqa: PLC0415
     from camgen.plan.follow import follow  # noqa: PLC0415
 
     cells = rng.sample([(x, y) for x in range(8) for y in range(8)], 30)
@@ -134,8 +134,8 @@ def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     part = Part("p", "p.dxf", "mm", contours, ())
     job = Job(operation=Operation(depth=1.0), tool=Tool(diameter=3.0), process=Process(stay_down=True),
               cell=CellTable())  # fmt: skip
-    tour = order(follow(part, job)[0], "best", (0.0, 0.0), True)
-    led, _ = staying_down(tour, part, job)
+    tour = arrange(follow(part, job)[0], "best", (0.0, 0.0), True)
+    led, _ = stay_down(tour, part, job)
     assert 5 < len(led.down) < 30
     t = np.linspace(0, 1, 801)[:, None]
     for index in range(1, 30):

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
-from camgen.order import order, travel
+from camgen.order.arrange import arrange, measure_travel
 from camgen.order.starts import SEAM, reversed_each, starting_at
 
 XY = tuple[float, float]
@@ -152,7 +152,7 @@ def encloses(paths: list[ToolPath], outer: int, inner: int) -> bool:
 
 
 def check_nearest_neighbour(paths: list[ToolPath], start: XY | None, inside_first: bool) -> None:
-    tour = order(paths, "nearest", start, inside_first)
+    tour = arrange(paths, "nearest", start, inside_first)
     assert sorted(p.id for p in tour.paths) == sorted(p.id for p in paths)
     assert tour.method == "nearest neighbour"
     left = list(range(len(paths)))
@@ -194,7 +194,7 @@ def test_each_step_takes_the_nearest_of_the_allowed_starts(
 def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neighbour(
     paths: list[ToolPath], start: XY | None, inside_first: bool, seed: int
 ) -> None:
-    tour = order(paths, "best", start, inside_first, seed=seed)
+    tour = arrange(paths, "best", start, inside_first, seed=seed)
     ran = [int(path.id[1:]) for path in tour.paths]
     assert sorted(ran) == list(range(len(paths)))
     for k, index in enumerate(ran):
@@ -202,20 +202,22 @@ def test_the_search_keeps_every_path_and_rule_between_the_bound_and_nearest_neig
         begin, ends = complex(*tour.paths[k].position[0, :2]), choices(paths[index])
         assert np.abs(ends - begin).min() < (1.5 if paths[index].closed else 1e-9)
         assert tour.paths[k].length == pytest.approx(paths[index].length, abs=1e-6)
-    assert tour.travel == travel(tour.paths, start)
+    assert tour.travel == measure_travel(tour.paths, start)
     assert tour.bound is not None
     assert 0 <= tour.bound <= tour.travel + 1e-6
-    nearest = order(paths, "nearest", start, inside_first)
+    nearest = arrange(paths, "nearest", start, inside_first)
     assert tour.travel <= nearest.travel
     assert nearest.bound is not None
     # No tour is below the bound, whatever tour it was worked out beside.
     assert nearest.bound <= tour.travel + 1e-6
-    assert order(paths, "as-drawn", start, inside_first).bound <= tour.travel + 1e-6
+    assert arrange(paths, "as-drawn", start, inside_first).bound <= tour.travel + 1e-6
 
 
 def test_the_search_finds_the_shortest_way_over_a_circle() -> None:
     # From home round a circle to a line: the best start of the circle is where a ray would be reflected, (5, -3).
-    tour = order(ids([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)]), "best", (0, -8), inside_first=False)
+    tour = arrange(
+        ids([circle(5, 0, 3), line((10, -8), (0, -9), reversible=False)]), "best", (0, -8), inside_first=False
+    )
     assert [p.id for p in tour.paths] == ["c0", "c1"]
     assert tour.paths[0].position[0, :2].tolist() == pytest.approx([5, -3], abs=0.02)
     assert tour.travel == pytest.approx(2 * math.hypot(5, 5) + 1, abs=1e-4)
@@ -225,10 +227,10 @@ def test_a_thousand_are_searched_without_being_asked_and_thousands_only_with_a_b
     rng = random.Random(3)
     many = ids([line((x, y), (x + 1, y)) for x, y in ((rng.uniform(0, 900), rng.uniform(0, 900)) for _ in range(1300))])
     few = many[:300]
-    assert order(few, "best", None, False).travel < 0.9 * order(few, "nearest", None, False).travel
-    nearest = order(many, "best", None, False)
+    assert arrange(few, "best", None, False).travel < 0.9 * arrange(few, "nearest", None, False).travel
+    nearest = arrange(many, "best", None, False)
     assert nearest.method == "nearest neighbour"
-    found = order(many, "best", None, False, seconds=0.01)
+    found = arrange(many, "best", None, False, seconds=0.01)
     assert found.method == "local search"
     assert found.travel < 0.95 * nearest.travel
     assert found.bound is not None
@@ -258,7 +260,7 @@ def test_each_step_takes_the_nearest_start_in_a_crowd(kind: str, seed: int) -> N
 def test_reverses_and_starts_between_vertices() -> None:
     far = line((100, 0), (20, 10))
     square = make([(0, 5), (10, 5), (10, 15), (0, 15), (0, 5)], [None] * 4, True)
-    tour = order(ids([far, square, circle(50, -30, 10)]), "nearest", (4, 0), inside_first=True)
+    tour = arrange(ids([far, square, circle(50, -30, 10)]), "nearest", (4, 0), inside_first=True)
     assert [p.id for p in tour.paths] == ["c1", "c0", "c2"]
     # The square begins right above the start, the line at its end, the circle towards where the line leaves the tool.
     assert tour.paths[0].position[:, :2].tolist() == [[4, 5], [10, 5], [10, 15], [0, 15], [0, 5], [4, 5]]
@@ -268,33 +270,33 @@ def test_reverses_and_starts_between_vertices() -> None:
     assert tour.paths[2].position[0].tolist() == pytest.approx([x, y, 0])
     legs = 5 + math.hypot(16, 5) + reach - 10 + math.hypot(x - 4, y)
     assert tour.travel == pytest.approx(legs)
-    assert travel(tour.paths, None) == pytest.approx(math.hypot(16, 5) + reach - 10)
+    assert measure_travel(tour.paths, None) == pytest.approx(math.hypot(16, 5) + reach - 10)
 
 
 def test_a_one_way_path_is_entered_at_its_start() -> None:
-    tour = order([line((50, 0), (1, 0), reversible=False)], "nearest", (0, 0), inside_first=False)
+    tour = arrange([line((50, 0), (1, 0), reversible=False)], "nearest", (0, 0), inside_first=False)
     assert tour.paths[0].position[0].tolist() == [50, 0, 0]
     assert tour.travel == pytest.approx(51)
 
 
 def test_without_a_start_the_leftmost_comes_first() -> None:
-    tour = order(ids([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))]), "nearest", None, False)
+    tour = arrange(ids([line((0, 0), (5, 0)), circle(6, 40, 10), line((9, 9), (-3, 9))]), "nearest", None, False)
     assert [p.id for p in tour.paths] == ["c1", "c2", "c0"]
     assert tour.paths[0].position[0].tolist() == pytest.approx([-4, 40, 0])
     twins = ids([line((0, 0), (1, 0)), line((0, 0), (1, 0))])
-    assert [p.id for p in order(twins, "nearest", None, False).paths] == ["c0", "c1"]
+    assert [p.id for p in arrange(twins, "nearest", None, False).paths] == ["c0", "c1"]
 
 
 def test_holes_come_before_the_outline_around_them() -> None:
     island, hole, outline = circle(0, 0, 2, parent=1), circle(0, 0, 5, parent=2), circle(0, 0, 9)
     paths = ids([island, hole, outline])
-    assert [p.id for p in order(paths, "nearest", (20, 0), inside_first=False).paths] == ["c2", "c1", "c0"]
-    assert [p.id for p in order(paths, "nearest", (20, 0), inside_first=True).paths] == ["c0", "c1", "c2"]
+    assert [p.id for p in arrange(paths, "nearest", (20, 0), inside_first=False).paths] == ["c2", "c1", "c0"]
+    assert [p.id for p in arrange(paths, "nearest", (20, 0), inside_first=True).paths] == ["c0", "c1", "c2"]
 
 
 def test_as_drawn_changes_nothing() -> None:
     paths = ids([circle(0, 0, 9), circle(0, 0, 2, parent=0), line((9, 9), (20, 9))])
-    tour = order(paths, "as-drawn", (0, 0), inside_first=True)
+    tour = arrange(paths, "as-drawn", (0, 0), inside_first=True)
     assert list(tour.paths) == paths
     assert tour.method == "as drawn"
     assert tour.travel == pytest.approx(9 + 7 + math.hypot(7, 9) + math.hypot(20, 9))
@@ -302,18 +304,18 @@ def test_as_drawn_changes_nothing() -> None:
 
 def test_nothing_to_order() -> None:
     for method in ("nearest", "as-drawn"):
-        tour = order([], method, (1, 1), inside_first=True)
+        tour = arrange([], method, (1, 1), inside_first=True)
         assert (tour.paths, tour.travel) == ((), 0.0)
 
 
 def test_refuses_what_it_cannot_order() -> None:
     with pytest.raises(ValueError, match="unknown method"):
-        order([circle(0, 0, 1)], "shortest", None, inside_first=False)
+        arrange([circle(0, 0, 1)], "shortest", None, inside_first=False)
     ring = [circle(0, 0, 1, parent=1), circle(0, 0, 2, parent=0), circle(9, 0, 1)]
     for paths in (ring, ring[:2]):
         for start in (None, (0.0, 0.0)):
             with pytest.raises(ValueError, match="enclose each other"):
-                order(paths, "nearest", start, inside_first=True)
+                arrange(paths, "nearest", start, inside_first=True)
 
 
 @settings(max_examples=200, deadline=None)
@@ -414,7 +416,7 @@ def test_many_are_reversed_as_one_is(paths: list[ToolPath]) -> None:
 def test_thousands_at_one_point_are_ordered_in_time_that_does_not_explode() -> None:
     # Quadratic, this is 10^9 distances: minutes. It takes half a second.
     fan = [line((0, 0), (math.cos(i), math.sin(i))) for i in range(30_000)]
-    assert len(order(fan, "nearest", (0, 0), inside_first=False).paths) == 30_000
+    assert len(arrange(fan, "nearest", (0, 0), inside_first=False).paths) == 30_000
 
 
 def test_no_heavy_import() -> None:

@@ -1,173 +1,49 @@
-"""The edges of a 3-D part: which the arm reaches, the route over them, and the tool paths (RFA paper)."""
+"""The order of the edges of a 3-D part: one route over all processing motions, every link proved (RFA paper)."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from msgspec import Struct
 
-from camgen.collision.cell import Meshes, Surroundings, around
-from camgen.collision.hits import hits
-from camgen.collision.motion import motions
-from camgen.collision.scene import Scene, told
 from camgen.model.cell import Cell
-from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.model.part import Edge, Note, Solid
-from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import FloatArray, frozen
-from camgen.model.program import Joints
+from camgen.model.part import Note
+from camgen.model.pose import FloatArray
 from camgen.model.text import short
 from camgen.order.edges.links import Along, Turn
-from camgen.order.edges.retract import Room
 from camgen.order.edges.route import Route, route
-from camgen.plan.edges.motion import Freedom, Reached, Setup, Unreached, feed_of
-from camgen.plan.edges.reach import reach
-from camgen.plan.edges.select import select
-from camgen.plan.unused import no_idle
+from camgen.order.tours import EdgeTour
+from camgen.plan import EdgePlan, Watch
+from camgen.plan.edges import edge_path, freedom_of, home_of, left_out, none_left, room_of, setup_of
+from camgen.plan.edges.motion import Freedom, Reached, Setup, Unreached
 from camgen.robots.kinematics.forward import flange
-from camgen.robots.models import Robot
-
-#: mm: what two bodies may enter each other before a motion in between is found to collide.
-STEP = 2.0
+from camgen.robots.workcell import Workcell
 
 
-class Finished(Struct, frozen=True, eq=False):
-    """where: the cell. route: its legs. lengths: mm of each leg's edge on the part. tour: the legs as tool paths."""
+def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> EdgeTour:
+    """The route over the motions of ``plan`` from and back to the home of ``cell``.
 
-    where: Surroundings
-    route: Route
-    lengths: tuple[float, ...]
-    tour: Tour
-    notes: tuple[Note, ...]
-
-
-def finished(
-    solid: Solid, job: Job, robot: Robot, cell: Cell, meshes: Meshes, watch: Callable[[str], None]
-) -> Finished:
-    """The route over the selected edges of ``solid`` with ``robot`` from and back to the home of ``cell``.
-
-    meshes: fixtures that are meshes. watch: is told the stages. InputError for a part without edges, JobError for
-    settings that do not go together, NoSafeProgram where no edge is left.
+    NoSafeProgram where no free way leads to any of them.
     """
-    _check(job, cell)
-    edges = _chosen(solid, job)
-    where = around(job, robot, cell, solid, meshes)
-    home = _home(robot, cell, where.scene)
-    setup = setup_of(robot, cell, where.scene)
-    freedom = Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric)
-    watch("reaching")
-    found = reach(edges.values(), setup, job.operation.offset, job.operation.offset_along, freedom, job.operation.trim)
-    room = room_of(where)
-    found = _clear_between(found, room)
-    good = [one for one in found if isinstance(one, Reached)]
+    if not isinstance(cell, Workcell) or cell.arm is None:
+        raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
+    edges = {edge.id: edge for edge in plan.edges}
+    setup = setup_of(cell.arm, cell, plan.where.scene)
+    home = home_of(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
-    made = route(setup, room, good, tuple(edges.values()), home, job.process.travel, best, lifted)
-    lost = [*(one for one in found if isinstance(one, Unreached)), *made.dropped]
+    room, travel = room_of(plan.where), job.process.travel
+    made = route(setup, room, plan.motions, plan.edges, home, travel, best, lifted)
+    lost = [*plan.unreached, *made.dropped]
     if not made.legs:
-        raise NoSafeProgram(solid.source, f"none of {len(edges)} edges can be processed: {lost[0].id}", lost[0].text)
+        raise none_left(plan.part, len(edges), lost[0])
     lengths = tuple(edges[leg.motion.id].length - sum(leg.motion.trimmed) for leg in made.legs)
-    paths = tuple(_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
-    tour = Tour(paths, _travel(made, setup, home), "best found" if best else "nearest neighbour")
-    notes = (*where.notes, *_skipped(lost, edges), *_advice(lost, freedom), *_freed(made), *_said(made))
-    return Finished(where, made, lengths, tour, notes)
-
-
-def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
-    """``found``, without the motions that collide between two of the places where they were looked at."""
-    said = iter(room.hits([one.dense for one in found if isinstance(one, Reached)]))
-    result: list[Reached | Unreached] = []
-    for one in found:
-        hit = next(said) if isinstance(one, Reached) else ""
-        result.append(Unreached(one.id, "collision", f"collision, {hit}, on the way along it") if hit else one)
-    return tuple(result)
-
-
-def _chosen(solid: Solid, job: Job) -> dict[str, Edge]:
-    """The selected edges by their ids."""
-    if not solid.edges:
-        raise InputError(solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it")
-    chosen = set(select(solid, [job.input.select]))
-    if not chosen:
-        what = f"picks none of the {len(solid.edges)} edges"
-        raise JobError("job", what, "input.select", "camgen inspect lists them")
-    return {edge.id: edge for edge in solid.edges if edge.id in chosen}
-
-
-def _check(job: Job, cell: Cell) -> None:
-    if job.operation.kind not in ("auto", "edges"):
-        what = f'"{job.operation.kind}" is for flat parts, this is a 3-D part'
-        raise JobError("job", what, "operation.kind", 'set operation.kind to "edges"')
-    if job.tour.method == "as-drawn":
-        raise JobError("job", "the edges of a part have no drawn order", "tour.method", 'set it to "best" or "nearest"')
-    if not isinstance(cell.home, Joints):
-        raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
-    no_idle(job, "a 3-D part")
-
-
-def _home(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
-    assert isinstance(cell.home, Joints)
-    home = frozen(cell.home.values)
-    if len(home) != len(robot.joints):
-        what = f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}"
-        raise JobError("job", what, "cell.home", "give home for this robot")
-    pair = int(hits(scene, home[None])[0])
-    if pair >= 0:
-        raise NoSafeProgram("job", f"home collides: {told(scene, pair)}", "cell.home", "give another, or move the part")
-    return home
-
-
-def setup_of(robot: Robot, cell: Cell, scene: Scene) -> Setup:
-    """What motions along edges are tried in."""
-    return Setup(
-        robot,
-        cell.base_from_work,
-        cell.flange_from_tool,
-        lambda joints: hits(scene, joints) < 0,
-        lambda joints: told(scene, int(hits(scene, joints[None])[0])),
-    )
-
-
-def room_of(where: Surroundings) -> Room:
-    """What links are tried in."""
-
-    def found(several: Sequence[FloatArray]) -> list[str]:
-        if not several:
-            return []
-        return [told(where.scene, c.pair) if c.pair >= 0 else "" for c in motions(where.scene, several, STEP)]
-
-    return Room(where.level, where.low, where.high, where.room, found)
-
-
-def _path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
-    way, count = motion.way, len(motion.way)
-    axis = frozen(way.rotation[:, :, 2])
-    press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
-    feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
-    return ToolPath(
-        id=motion.id,
-        layer=edge.kind,
-        position=way.position,
-        via=way.via,
-        axis=axis,
-        press=frozen(press),
-        force=frozen(np.full(count, job.process.force)),
-        feed=frozen(np.full(count, feed)),
-        closed=edge.closed,
-        contours=(edge.id,),
-        operation="edges",
-    )
-
-
-def _skipped(lost: Sequence[Unreached], edges: dict[str, Edge]) -> list[Note]:
-    found = [(one, edges[one.id]) for one in lost]
-    return [
-        Note("skipped", f"edge {one.id}, {edge.kind} of {short(edge.length, 1)} mm", one.text, (one.id,))
-        for one, edge in found
-    ]
+    paths = tuple(edge_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
+    method = "best found" if best else "nearest neighbour"
+    notes = (*left_out(made.dropped, edges), *_advice(lost, freedom_of(job)), *_freed(made), *_said(made))
+    return EdgeTour(paths, _travel(made, setup, home), method, notes=notes, route=made, lengths=lengths)
 
 
 def _advice(lost: Sequence[Unreached], freedom: Freedom) -> list[Note]:

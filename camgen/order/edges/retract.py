@@ -7,13 +7,13 @@ the link before it is too. Where such a way collides or breaks a limit, others a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
-from camgen.plan.edges.motion import JUMP, MARGIN, Setup, dense_parts, flange_poses
+from camgen.plan.edges.motion import JUMP, MARGIN, Room, Setup, dense_parts, flange_poses
 from camgen.plan.edges.ways import Way, divided, rows
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.forward import flange, frames
@@ -26,19 +26,6 @@ _STEEP = 0.15
 _LEAST = 1.0
 #: Directions round the vertical that are tried, all 45 deg up.
 _AROUND = 8
-
-
-class Room(Struct, frozen=True, eq=False):
-    """Where it is free, base frame. level: z, mm, above which tool and holder are free. low, high: (3,) corners of the
-    part's box. beside: mm from that box within which the holder may meet it. hits: what each of some motions (D, J)
-    collides with, empty: nothing.
-    """
-
-    level: float
-    low: FloatArray
-    high: FloatArray
-    beside: float
-    hits: Callable[[Sequence[FloatArray]], list[str]]
 
 
 class Retraction(Struct, frozen=True, eq=False):

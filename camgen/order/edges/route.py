@@ -15,9 +15,9 @@ from msgspec import Struct
 from camgen.model.part import BoolArray, Edge, IntArray
 from camgen.model.pose import FloatArray
 from camgen.order.edges import links
-from camgen.order.edges.retract import Retraction, Room, retractions
+from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.solver import matrix
-from camgen.plan.edges.motion import Reached, Setup, Unreached
+from camgen.plan.edges.motion import Reached, Room, Setup, Unreached
 from camgen.plan.edges.ways import Way
 
 #: Ends of edges nearer than this are one vertex, mm.

@@ -1,1 +1,163 @@
-"""Processing motions along the edges of a 3-D part: which edges, the poses along them, the joints that reach them."""
+"""Edges of a 3-D part: which are asked for, and the processing motions along those that the arm reaches (RFA paper)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from camgen.collision.cell import Surroundings, around
+from camgen.collision.hits import hits
+from camgen.collision.motion import motions
+from camgen.collision.scene import Scene, told
+from camgen.model.cell import Cell
+from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.job import Job
+from camgen.model.part import Edge, Note, Part, Solid
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.program import Joints
+from camgen.model.text import short
+from camgen.plan import EdgePlan, Watch
+from camgen.plan.edges.motion import Freedom, Reached, Room, Setup, Unreached, feed_of
+from camgen.plan.edges.reach import reach
+from camgen.plan.edges.select import select
+from camgen.plan.unused import no_idle
+from camgen.robots.models import Robot
+from camgen.robots.workcell import Workcell
+
+#: mm: what two bodies may enter each other before a motion in between is found to collide.
+STEP = 2.0
+
+
+def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:
+    """The processing motions along the selected edges of ``part`` that the arm of ``cell`` reaches.
+
+    InputError for a part without edges, JobError for settings that do not go together and a cell without an arm,
+    NoSafeProgram where no edge can be processed.
+    """
+    solid = part.solid
+    if not isinstance(cell, Workcell) or cell.arm is None or solid is None:
+        raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
+    robot = cell.arm
+    _check(job, cell)
+    edges = _chosen(solid, job)
+    where = around(job, robot, cell, solid, cell.meshes)
+    home_of(robot, cell, where.scene)
+    watch("reaching")
+    setup = setup_of(robot, cell, where.scene)
+    operation = job.operation
+    found = reach(edges.values(), setup, operation.offset, operation.offset_along, freedom_of(job), operation.trim)
+    found = _clear_between(found, room_of(where))
+    good = tuple(one for one in found if isinstance(one, Reached))
+    lost = tuple(one for one in found if isinstance(one, Unreached))
+    if not good:
+        raise none_left(part, len(edges), lost[0])
+    paths = tuple(edge_path(motion, edges[motion.id], job) for motion in good)
+    notes = (*part.notes, *where.notes, *left_out(lost, edges))
+    return EdgePlan(part, paths, notes, edges=tuple(edges.values()), motions=good, unreached=lost, where=where)
+
+
+def freedom_of(job: Job) -> Freedom:
+    """What the job leaves free of the tool's orientation."""
+    return Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric)
+
+
+def none_left(part: Part, count: int, first: Unreached) -> NoSafeProgram:
+    """The error where none of ``count`` edges can be processed."""
+    return NoSafeProgram(part.source, f"none of {count} edges can be processed: {first.id}", first.text)
+
+
+def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
+    """``found``, without the motions that collide between two of the places where they were looked at."""
+    said = iter(room.hits([one.dense for one in found if isinstance(one, Reached)]))
+    result: list[Reached | Unreached] = []
+    for one in found:
+        hit = next(said) if isinstance(one, Reached) else ""
+        result.append(Unreached(one.id, "collision", f"collision, {hit}, on the way along it") if hit else one)
+    return tuple(result)
+
+
+def _chosen(solid: Solid, job: Job) -> dict[str, Edge]:
+    """The selected edges by their ids."""
+    if not solid.edges:
+        raise InputError(solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it")
+    chosen = set(select(solid, [job.input.select]))
+    if not chosen:
+        what = f"picks none of the {len(solid.edges)} edges"
+        raise JobError("job", what, "input.select", "camgen inspect lists them")
+    return {edge.id: edge for edge in solid.edges if edge.id in chosen}
+
+
+def _check(job: Job, cell: Cell) -> None:
+    if job.tour.method == "as-drawn":
+        raise JobError("job", "the edges of a part have no drawn order", "tour.method", 'set it to "best" or "nearest"')
+    if not isinstance(cell.home, Joints):
+        raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
+    no_idle(job, "a 3-D part")
+
+
+def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
+    """The joint values (J,) at home. JobError for another count, NoSafeProgram where they collide."""
+    assert isinstance(cell.home, Joints)
+    home = frozen(cell.home.values)
+    if len(home) != len(robot.joints):
+        what = f"{robot.name} has {len(robot.joints)} joints, home has {len(home)}"
+        raise JobError("job", what, "cell.home", "give home for this robot")
+    pair = int(hits(scene, home[None])[0])
+    if pair >= 0:
+        raise NoSafeProgram("job", f"home collides: {told(scene, pair)}", "cell.home", "give another, or move the part")
+    return home
+
+
+def setup_of(robot: Robot, cell: Cell, scene: Scene) -> Setup:
+    """What motions along edges are tried in."""
+    return Setup(
+        robot,
+        cell.base_from_work,
+        cell.flange_from_tool,
+        lambda joints: hits(scene, joints) < 0,
+        lambda joints: told(scene, int(hits(scene, joints[None])[0])),
+    )
+
+
+def room_of(where: Surroundings) -> Room:
+    """What links are tried in."""
+
+    def found(several: Sequence[FloatArray]) -> list[str]:
+        if not several:
+            return []
+        return [told(where.scene, c.pair) if c.pair >= 0 else "" for c in motions(where.scene, several, STEP)]
+
+    return Room(where.level, where.low, where.high, where.room, found)
+
+
+def edge_path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
+    """The motion along ``edge`` as a tool path."""
+    way, count = motion.way, len(motion.way)
+    axis = frozen(way.rotation[:, :, 2])
+    press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
+    feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
+    return ToolPath(
+        id=motion.id,
+        layer=edge.kind,
+        position=way.position,
+        via=way.via,
+        axis=axis,
+        press=frozen(press),
+        force=frozen(np.full(count, job.process.force)),
+        feed=frozen(np.full(count, feed)),
+        closed=edge.closed,
+        contours=(edge.id,),
+        operation="edges",
+    )
+
+
+def left_out(lost: Sequence[Unreached], edges: Mapping[str, Edge]) -> list[Note]:
+    """Notes on edges without a motion."""
+    found = [(one, edges[one.id]) for one in lost]
+    return [
+        Note("skipped", f"edge {one.id}, {edge.kind} of {short(edge.length, 1)} mm", one.text, (one.id,))
+        for one, edge in found
+    ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -31,6 +31,19 @@ class Setup(Struct, frozen=True, eq=False):
     flange_from_tool: Pose
     clear: Callable[[FloatArray], NDArray[np.bool_]] = _all_clear
     hit: Callable[[FloatArray], str] = lambda _: "something"
+
+
+class Room(Struct, frozen=True, eq=False):
+    """Where it is free, base frame. level: z, mm, above which tool and holder are free. low, high: (3,) corners of the
+    part's box. beside: mm from that box within which the holder may meet it. hits: what each of some motions (D, J)
+    collides with, empty: nothing.
+    """
+
+    level: float
+    low: FloatArray
+    high: FloatArray
+    beside: float
+    hits: Callable[[Sequence[FloatArray]], list[str]]
 
 
 class Freedom(Struct, frozen=True):

@@ -1,0 +1,160 @@
+"""All that a build reads: the part, the cell with its arm and fixtures, and the digest that stands for them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from msgspec import Struct
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from camgen.model.cell import Cell
+from camgen.model.errors import InputError
+from camgen.model.job import Job
+from camgen.model.job_tables import split_name
+from camgen.model.part import Note, Part, Solid
+from camgen.read import read
+from camgen.read.files import Files, identity
+from camgen.read.gcode.interpreter import Recorded
+from camgen.robots.models import Robot
+from camgen.robots.workcell import Workcell, equip
+
+
+class Inputs(Struct, frozen=True, eq=False):
+    """What was read; no file is opened after it. digest: of all its bytes and the settings."""
+
+    digest: str
+    part: Part
+    cell: Workcell
+
+
+def read_inputs(sources: Sequence[Path | Part], job: Job, cell: Cell, files: Files) -> Inputs:
+    """All that ``job`` needs. cell: of the post; 3-D parts have its robot where the job names none."""
+    digest = digest_of(job, sources, files)
+    part = join_parts([one if isinstance(one, Part) else _read(one, job, files) for one in sources])
+    return Inputs(digest, part, read_cell(part, job, cell, files))
+
+
+def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
+    """The cell of ``job`` on the base of ``cell``, that of a post, with the arm that ``part`` is checked with."""
+    arm = _arm(job.cell.robot or (cell.robot if part is not None and part.solid is not None else ""), files)
+    return equip(cell, job, arm, _meshes(job, files))
+
+
+def join_parts(parts: Sequence[Part]) -> Part:
+    """Several parts in one work frame as one. Contour ids get the place of their input in front: ``2/c7``."""
+    if len(parts) == 1:
+        return parts[0]
+    alone = [part for part in parts if part.raster is not None or part.solid is not None or isinstance(part, Recorded)]
+    if alone:
+        what = "picture" if alone[0].raster is not None else "program" if alone[0].solid is None else "3-D part"
+        raise InputError(alone[0].source, f"a {what} makes a program by itself", remedy="build it alone")
+    contours = [replace(c, id=f"{k}/{c.id}") for k, part in enumerate(parts, 1) for c in part.contours]
+    notes = [replace(note, what=f"{part.source}: {note.what}") for part in parts for note in part.notes]
+    return Part(
+        name=parts[0].name,
+        source=" + ".join(part.source for part in parts),
+        units=" + ".join(dict.fromkeys(part.units for part in parts)),
+        contours=tuple(contours),
+        notes=tuple(notes),
+    )
+
+
+def _read(path: Path, job: Job, files: Files) -> Part:
+    """A reader knows its file by name only; the user is told the path that he gave."""
+    try:
+        return read(path, job, files)
+    except InputError as error:
+        if error.file != path.name:
+            raise
+        raise InputError(str(path), error.what, error.where, error.remedy) from error
+
+
+def _arm(name: str, files: Files) -> Robot | None:
+    """The robot of this name, none without one."""
+    if not name:
+        return None
+    from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
+
+    return robot(name, files)
+
+
+def _meshes(job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:
+    """Fixtures that are meshes, with their names, work frame."""
+    if not any(isinstance(one, str) for one in job.cell.fixtures or ()):
+        return ()
+    from camgen.read.solid import read_fixtures  # noqa: PLC0415 (only for what needs it)
+
+    return read_fixtures(job, files)
+
+
+def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
+    """Twelve hex digits that stand for the settings and the bytes of all files that are read."""
+    if not sources:
+        raise InputError("input", "none is given")
+    total = hashlib.sha256(msgspec.json.encode(_own(job), order="deterministic"))
+    seen: set[str] = set()
+    for source in sources:
+        if isinstance(source, Part):
+            total.update(_bytes_of(source))
+            continue
+        data = files.read(source).data
+        if identity(source) in seen:
+            raise InputError(str(source), "is given twice", remedy="name every input once")
+        seen.add(identity(source))
+        total.update(b"%d:" % len(data))
+        total.update(data)
+    arm: Sequence[Path] = ()
+    if described := split_name(job.cell.robot):
+        from camgen.robots.urdf.xml import urdf_files  # noqa: PLC0415 (only arms from a URDF need it)
+
+        arm = urdf_files(described[0], files)
+    meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
+    for name in (job.image.background, job.camera.file, *map(str, arm), *meshes):
+        if name:
+            total.update(files.read(name).data)
+    return total.hexdigest()[:12]
+
+
+def _bytes_of(part: Part) -> bytes:
+    """What stands for a part that was made in code."""
+    columns: list[NDArray[Any]] = [column for c in part.contours for column in (c.points, c.bulges)]
+    if part.solid is not None:
+        columns += [part.solid.vertices, part.solid.faces]
+    names = [(c.id, c.layer, c.closed) for c in part.contours]
+    return msgspec.json.encode(names) + b"".join(column.tobytes() for column in columns)
+
+
+def _own(job: Job) -> dict[str, object]:
+    """What the job sets differently from the defaults: a new setting leaves the programs of old jobs as they are."""
+    image, camera, cell = job.image, job.camera, job.cell
+    # Of a file its bytes count, wherever it lies.
+    image = replace(image, background=Path(image.background).name)
+    camera = replace(camera, file=Path(camera.file).name)
+    if described := split_name(cell.robot):
+        cell = replace(cell, robot="#".join((Path(described[0]).name, described[1])))
+    if cell.fixtures:
+        fixtures = [Path(one).name if isinstance(one, str) else one for one in cell.fixtures]
+        cell = replace(cell, fixtures=fixtures)
+    tables = msgspec.to_builtins(replace(job, image=image, camera=camera, cell=cell))
+    defaults = msgspec.to_builtins(Job())
+    return {
+        name: {key: value for key, value in table.items() if value != defaults[name].get(key)}
+        for name, table in tables.items()
+        if table != defaults[name]
+    }
+
+
+def note_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:
+    """What was assumed of an arm that a URDF describes; the built-in ones are described to the end."""
+    described = split_name(name)
+    if not (described and arm):
+        return ()
+    file = Path(described[0]).name
+    why = "their zeros and signs need not be the controller's: compare one pose with the teach pendant"
+    notes = [Note("assumed", f"{file}: {note}") for note in arm.notes]
+    return (*notes, Note("warning", f"{file}: home and posture are in the joint values of the URDF", why))

@@ -1,0 +1,354 @@
+"""From a tour to a program: approach, process on, the segments of the path, process off, retract, travel.
+
+Every path becomes the same sequence, so that a reader of the program knows it after the first one. Columns are
+computed once over the rows of all paths (numpy), the instructions are then written in one loop over plain lists.
+A *run* is one pass along a path at one depth; a path with three depths gives three runs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.lower import columns as lower_rows
+from camgen.lower.columns import ZONES, Orientations, Rows
+from camgen.model.cell import Cell
+from camgen.model.errors import JobError, NoSafeProgram
+from camgen.model.job import Job, Process
+from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program, Wait
+
+if TYPE_CHECKING:
+    pass
+
+# How far a tool that turns with the contour winds up, and where it is turned back: in the air, between two paths.
+
+#: The tool may be turned by so much from how it stands at home, to either side, rad.
+MOST = 2 * math.pi
+#: A turn between two orientations that is larger has no sense of its own for sure; steps are no larger, rad.
+_SURE, _STEP = math.radians(150.0), math.radians(120.0)
+
+
+def twists(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The angles (N,) by which the tool turns about its own z from rotations a to b (N, 3, 3), rad in -pi..pi."""
+    turn = np.einsum("nji,njk->nik", a, b)
+    return np.asarray(np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1]))
+
+
+def unwound(rows: Rows, orientations: Orientations) -> list[list[FloatArray]]:
+    """For each run the rotations (3, 3) to go through in the air before it: none, or up to that of its start.
+
+    The tool is taken to be straight down and not wound up at home. Within a run nothing can be turned back: one that
+    winds up by more than ``MOST`` to one side is begun so that it does so by as much to both.
+    """
+    begins, ends, vias = (np.stack(column) for column in (orientations.begins, orientations.ends, orientations.vias))
+    before = np.roll(ends, 1, axis=0)
+    along = np.where(rows.arc, twists(begins, vias) + twists(vias, ends), twists(begins, ends))
+    step = twists(before, begins) + along
+    step[rows.first] = 0.0
+    total = np.cumsum(step)
+    stands = np.concatenate([TOOL_DOWN[None], ends[rows.last[:-1]]])
+    travel = twists(stands, ends[rows.first])
+    wound, result = 0.0, []
+    for k, (first, last) in enumerate(zip(rows.first.tolist(), rows.last.tolist(), strict=True)):
+        run = total[first : last + 1] - total[first]
+        low, high = float(run.min()), float(run.max())
+        turn = float(travel[k])
+        start = wound + turn
+        if start + low < -MOST - 1e-9 or start + high > MOST + 1e-9:
+            turn -= 2 * math.pi * round((start + (low + high) / 2) / (2 * math.pi))
+        result.append(_steps(stands[k], ends[first], turn) if abs(turn) > _SURE else [])
+        wound += turn + float(run[-1])
+    return result
+
+
+def _steps(a: FloatArray, b: FloatArray, turn: float) -> list[FloatArray]:
+    """From ``a`` to ``b`` (3, 3), turning about tool z by ``turn``, in steps; the last one is ``b``."""
+    count = math.ceil(abs(turn) / _STEP - 1e-9)
+    angles = [turn * k / count for k in range(1, count)]
+    return [*(frozen(a @ _about_z(angle)) for angle in angles), frozen(b)]
+
+
+def _about_z(angle: float) -> FloatArray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+#: Nearer than this two points are one, mm.
+_SAME = 1e-6
+
+
+def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
+    """The program that runs the paths of ``tour`` in order, from and back to the home position.
+
+    cell: with the frames and the home of ``job``. name, header: of the program.
+    Raises JobError for settings that do not go together, NoSafeProgram when there is no path.
+    """
+    if not tour.paths:
+        raise NoSafeProgram(name, "no path to run")
+    body: list[Instruction] = [MoveJ(cell.home, job.process.travel)]
+    if job.process.spindle > 0:
+        body += [Output("spindle", job.process.spindle), *dwell(job.process)]
+    # A machine without joints has no axis that winds up.
+    winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
+    runs = _runs(tour, winds)
+    table = _table(runs, job, winds)
+    for run in range(len(runs)):
+        body += _enter(table, run, job.process, run == 0, isinstance(cell.home, Pose))
+        body += _work(table, run, job.process)
+        body += _leave(table, run, job.process, isinstance(cell.home, Pose))
+    if job.process.spindle > 0:
+        body.append(Output("spindle", 0.0))
+    body.append(MoveJ(cell.home, job.process.travel))
+    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header, origins(tour.paths))
+
+
+def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
+    """What the motions of a program over ``paths`` are there for."""
+    return tuple(Origin(path.id, path.layer, path.contours, path.operation) for path in paths)
+
+
+class _Run(Struct, frozen=True):
+    """One pass. number: of its path in the tour. linked: it starts where the run before it ended, so that nothing lies
+    between them but the plunge. down: it is reached straight from there, without a lift.
+    """
+
+    path: ToolPath
+    number: int
+    depth: float
+    linked: bool
+    down: bool = False
+
+
+def _runs(tour: Tour, winds: bool) -> list[_Run]:
+    """winds: the tool turns with the contour, once round for every pass, and has to be turned back in the air."""
+    runs = []
+    for index, path in enumerate(tour.paths):
+        first, *deeper = path.depths
+        runs.append(_Run(path, index, first, False, index in tour.down))
+        if not deeper:
+            continue
+        meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < _SAME
+        zigzag = path.reversible and not meets
+        ways = (path, path.reversed()) if zigzag else (path, path)
+        # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
+        linked = (zigzag or (meets and not winds)) and not path.force.any()
+        runs += [_Run(ways[k % 2], index, depth, linked) for k, depth in enumerate(deeper, start=1)]
+    return runs
+
+
+class _Table(Struct, frozen=True, eq=False):
+    """What the instructions are made of, as plain lists: by row (segment i ends in row i), then by run.
+
+    above_start, above_end: at the height of travel. near: where the feed begins. unwound: the orientations to go
+    through before a run, where the one before it ended, at the height of travel.
+    """
+
+    runs: list[_Run]
+    position: list[Vec3]
+    via: list[Vec3]
+    arc: list[bool]
+    feed: list[float]
+    force: list[float]
+    press: list[tuple[Vec3, Vec3]]
+    blend: list[float]
+    orientations: Orientations
+    turns: list[bool]
+    first: list[int]
+    last: list[int]
+    above_start: list[Vec3]
+    near: list[Vec3]
+    above_end: list[Vec3]
+    unwound: list[list[FloatArray]]
+
+
+def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
+    rows = lower_rows.gather([run.path for run in runs], [run.depth for run in runs])
+    if job.tool.orient == "follow":
+        for row in lower_rows.unfollowed(rows)[:1].tolist():
+            path = runs[int(np.searchsorted(rows.last, row))].path
+            what = f'"follow" needs a followed contour, path {path.id} has no surface beside it'
+            raise JobError("job", what, "tool.orient", 'set tool.orient to "fixed"')
+        rows = lower_rows.halved(rows)
+        orientations = lower_rows.follow(rows)
+    else:
+        orientations = lower_rows.fixed(rows)
+    blend = lower_rows.blends(rows, job.tolerance.chord)
+    blend[np.flatnonzero(orientations.turns) - 1] = 0.0
+    above_start, near, above_end = _heights(rows, runs, job.process)
+    press = (_points(rows.press[:, k]) for k in (0, 1) if (rows.force > 0).any())
+    return _Table(
+        runs=runs,
+        position=_points(rows.position),
+        via=_points(rows.via),
+        arc=rows.arc.tolist(),
+        feed=rows.feed.tolist(),
+        force=rows.force.tolist(),
+        press=list(zip(*press, strict=True)),
+        blend=blend.tolist(),
+        orientations=orientations,
+        turns=orientations.turns.tolist(),
+        first=rows.first.tolist(),
+        last=rows.last.tolist(),
+        above_start=_points(above_start),
+        near=_points(near),
+        above_end=_points(above_end),
+        unwound=unwound(rows, orientations) if winds else [[] for _ in runs],
+    )
+
+
+def _points(column: FloatArray) -> list[Vec3]:
+    return list(zip(*column.T.tolist(), strict=True))
+
+
+def _heights(rows: Rows, runs: list[_Run], process: Process) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Above the start, where the feed begins, above the end: (R, 3) each.
+
+    All of them are measured from where the path was planned, not from its depth: the material of the first pass is
+    still there. With the tool straight down the travel height is z = clearance, else it is clearance along the axis.
+    """
+    depth = np.array([run.depth for run in runs])
+    top = np.zeros((len(runs), 3))
+    top[:, 2] = depth
+    start, end = rows.position[rows.first] + top, rows.position[rows.last] + top
+    up_start, up_end = -rows.axis[rows.first], -rows.axis[rows.last]
+    near = start + up_start * process.approach
+    room = _lift(start, up_start, process.clearance)
+    low = np.flatnonzero(room < process.approach - _SAME)
+    low = np.append(low, np.flatnonzero(_lift(end, up_end, process.clearance) < -_SAME))
+    if len(low):
+        what = f"{process.clearance:g} mm is below where the tool approaches path {runs[int(low[0])].path.id}"
+        raise JobError("job", what, "process.clearance", "raise process.clearance or lower process.approach")
+    above_end = end + up_end * _lift(end, up_end, process.clearance)[:, None]
+    return start + up_start * room[:, None], near, above_end
+
+
+def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
+    """The way (R,) from each point along ``up`` to the height of travel."""
+    straight = up[:, 2] > 1 - 1e-12
+    return np.where(straight, clearance - point[:, 2], clearance)
+
+
+def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
+    """From the end of the run before to the start of this one, process off."""
+    one, row = table.runs[run], table.first[run]
+    rotation, contact = table.orientations.ends[row], table.position[row]
+    # A path that starts on an outer corner is faster there than the feed; the plunge before it must not be.
+    feed = min(table.feed[row], process.feed)
+    yield Comment(f"path {one.path.id} layer {one.path.layer}")
+    if one.down:
+        if not _same(table.position[table.last[run - 1]], contact):
+            yield MoveL(Pose(rotation, contact), process.travel, path=one.number)
+        return
+    if not one.linked:
+        above, near = table.above_start[run], table.near[run]
+        turned = table.unwound[run]
+        if from_home:
+            yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel, path=one.number)
+            yield from (_rapid(cartesian, Pose(back, above), process.travel, 0.0, one.number) for back in turned[1:])
+        else:
+            left = table.above_end[run - 1]
+            yield from (_rapid(cartesian, Pose(back, left), process.travel, 0.0, one.number) for back in turned)
+            if not _same(left, above):
+                way = math.dist(left, above), math.dist(above, contact if _same(above, near) else near)
+                yield _rapid(cartesian, Pose(rotation, above), process.travel, _zone(process, *way), one.number)
+        if not _same(above, near):
+            yield _rapid(cartesian, Pose(rotation, near), process.travel, 0.0, one.number)
+        if _same(near, contact):
+            return
+    yield MoveL(Pose(rotation, contact), feed, path=one.number)
+
+
+def _leave(table: _Table, run: int, process: Process, cartesian: bool) -> Iterator[Instruction]:
+    """Up to the height of travel, unless the next run starts where this one ended."""
+    following = run + 1
+    last = following == len(table.runs)
+    if not last and (table.runs[following].linked or table.runs[following].down):
+        return
+    row = table.last[run]
+    up, target = table.above_end[run], Pose(table.orientations.ends[row], table.above_end[run])
+    zone = 0.0
+    if not last and not table.unwound[following]:
+        zone = _zone(process, math.dist(table.position[row], up), math.dist(up, table.above_start[following]))
+    if not _same(table.position[row], up):
+        yield _rapid(cartesian, target, process.travel, zone, table.runs[run].number)
+
+
+def _rapid(cartesian: bool, target: Pose, speed: float, blend: float, path: int) -> MoveJ | MoveL:
+    """Travel: robots keep to the line, machines whose axes are the coordinates have a rapid motion for it."""
+    kind = MoveJ if cartesian else MoveL
+    return kind(target, speed, blend, path=path)
+
+
+def _zone(process: Process, *neighbours: float) -> float:
+    """The blend at a corner of travel: it stays in the upper half of the clearance and of its two neighbours."""
+    room = min(process.clearance, *neighbours) / 2 + 1e-9
+    return next((zone for zone in ZONES if zone <= room), 0.0)
+
+
+def _same(a: Vec3, b: Vec3) -> bool:
+    return math.dist(a, b) < _SAME
+
+
+def dwell(process: Process) -> list[Instruction]:
+    """The wait after something is switched on."""
+    return [Wait(process.dwell)] if process.dwell > 0 else []
+
+
+def signal(process: Process) -> str:
+    """The output that is on along a path, empty: none. JobError."""
+    if process.signal == "auto":
+        return "" if process.spindle > 0 else "process"
+    if process.signal == "spindle":
+        raise JobError("job", '"spindle" is the spindle', "process.signal", "set process.spindle to its rpm")
+    return process.signal
+
+
+def _work(table: _Table, run: int, process: Process) -> Iterator[Instruction]:
+    """The segments of a run between force on, process on and process off, force off."""
+    first, last = table.first[run], table.last[run]
+    name = signal(process)
+    pressing = last > first and table.force[first + 1] > 0
+    if pressing:
+        yield Force(table.force[first + 1], table.press[first + 1][0])
+    if name:
+        yield Output(name, 1.0)
+        yield from dwell(process)
+    yield from _segments(table, range(first + 1, last + 1), pressing, table.runs[run].number)
+    if name:
+        yield Output(name, 0.0)
+    if last > first and table.force[last] > 0:
+        yield Force(0.0)
+
+
+def _segments(table: _Table, rows: range, pressing: bool, path: int) -> Iterator[Instruction]:
+    """One motion a segment; force is switched where it begins or ends, the tool turned where its orientation jumps."""
+    position, feed, blend, forces = table.position, table.feed, table.blend, table.force
+    ends, vias = table.orientations.ends, table.orientations.vias
+    for row in rows:
+        force = forces[row]
+        end = (0.0, 0.0, 0.0)
+        wanted = force > 0
+        if wanted or pressing:
+            begin, end = table.press[row]
+        if pressing and not wanted:
+            yield Force(0.0)
+            end = (0.0, 0.0, 0.0)
+        if table.turns[row]:
+            held, press = (force, begin) if wanted and pressing else (0.0, (0.0, 0.0, 0.0))
+            turned = Pose(table.orientations.begins[row], position[row - 1])
+            yield MoveL(turned, feed[row], 0.0, held, press, None, None, path, True)
+        if wanted and not pressing:
+            yield Force(force, begin)
+        pressing = wanted
+        target = Pose(ends[row], position[row])
+        if table.arc[row]:
+            via = Pose(vias[row], table.via[row])
+            yield MoveC(via, target, feed[row], blend[row], force, end, None, None, path, True)
+        else:
+            yield MoveL(target, feed[row], blend[row], force, end, None, None, path, True)

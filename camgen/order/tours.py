@@ -1,0 +1,24 @@
+"""Tours that know more than their paths: how an arm gets from edge to edge, what a program did between its cuts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from camgen.model.path import Tour
+
+if TYPE_CHECKING:
+    from camgen.order.edges.route import Route
+    from camgen.read.gcode.interpreter import Run
+
+
+class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
+    """Edges of a 3-D part. route: the motions with the links that lead to them. lengths: mm of each leg's edge."""
+
+    route: Route
+    lengths: tuple[float, ...]
+
+
+class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
+    """The paths of a program that was read, and what it does."""
+
+    run: Run

@@ -1,0 +1,102 @@
+"""The operations of camgen itself, as the entry points ``camgen.operations`` name them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from msgspec.structs import replace
+
+from camgen.model.cell import Cell
+from camgen.model.errors import JobError
+from camgen.model.job import Job
+from camgen.model.part import Note, Part
+from camgen.plan import Operation, Plan, Watch, kind_of
+from camgen.plan.unused import no_idle
+
+
+def _plan_flat(make: Callable[[Part, Job], Plan]) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
+    """The plan of an operation that needs nothing but the part and its job."""
+
+    def planned(part: Part, job: Job, _cell: Cell | None, _watch: Watch) -> Plan:
+        no_idle(job, f"a {kind_of(part)}")
+        if job.operation.planner == "image":
+            return _plan_in_image(part, job)
+        return make(part, job)
+
+    return planned
+
+
+def _plan_in_image(part: Part, job: Job) -> Plan:
+    if part.raster is None:
+        what = '"image" plans in a picture, and this is none'
+        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
+    if job.operation.kind not in ("auto", "follow"):
+        what = f"the image-space planner follows contours, it cannot {job.operation.kind}"
+        raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
+    from camgen.plan.image_space import image_space  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+
+    raster = part.raster
+    paths, notes = image_space(raster.mask, raster.work_from_view, job, borders=raster.borders)
+    return Plan(part, paths, (*part.notes, *notes))
+
+
+def _follow(part: Part, job: Job) -> Plan:
+    if job.operation.side == "on":
+        return _trace(part, job)
+    from camgen.plan.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+    recovered, notes = _recovered(part, job)
+    paths, more = follow(recovered, job)
+    return Plan(part, paths, (*part.notes, *notes, *more))
+
+
+def _trace(part: Part, job: Job) -> Plan:
+    from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+    recovered, notes = _recovered(part, job)
+    merged, more = with_few_lifts(recovered, job)
+    return Plan(part, trace(merged, job), (*part.notes, *notes, *more))
+
+
+def _recovered(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
+    """The part with its arcs found again where they were drawn as many short lines."""
+    from camgen.plan.recover import recover  # noqa: PLC0415 (only for what needs it)
+
+    contours, notes = recover(part.contours, job.tolerance.arc_fit)
+    return replace(part, contours=contours), notes
+
+
+def _fill(part: Part, job: Job) -> Plan:
+    from camgen.plan.fill import fill  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+
+    paths, notes, coverage = fill(part, job)
+    return Plan(part, paths, (*part.notes, *notes), coverage)
+
+
+def _drill(part: Part, job: Job) -> Plan:
+    from camgen.plan.drill import drill  # noqa: PLC0415 (only for what needs it)
+
+    paths, notes = drill(part, job)
+    return Plan(part, paths, (*part.notes, *notes))
+
+
+def _edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
+    from camgen.plan.edges import plan_edges  # noqa: PLC0415 (fcl is loaded only by what needs it)
+
+    return plan_edges(part, job, cell, watch)
+
+
+def _replay(part: Part, job: Job, _cell: Cell | None, _watch: Watch) -> Plan:
+    from camgen.plan.replay import plan_replay  # noqa: PLC0415 (the interpreter, only for what needs it)
+
+    return plan_replay(part, job)
+
+
+FOLLOW = Operation(
+    "follow", "beside the contours, outer loops outside, holes inside", ("drawing", "picture"), _plan_flat(_follow)
+)
+TRACE = Operation("trace", "on the drawn lines", ("drawing", "picture"), _plan_flat(_trace))
+FILL = Operation("fill", "strokes that cover what closed contours enclose", ("drawing", "picture"), _plan_flat(_fill))
+DRILL = Operation("drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat(_drill))
+EDGES = Operation("edges", "along the sharp edges of a 3-D part", ("solid",), _edges)
+REPLAY = Operation("replay", "the motions of a program that was read", ("program",), _replay)

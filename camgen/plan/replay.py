@@ -1,0 +1,85 @@
+"""Old programs: the motions at feed of a program that was read, as tool paths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from camgen.model.job import Job
+from camgen.model.part import Part
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.program import Columns, Instruction, MoveC, MoveJ, taken
+from camgen.plan import ReplayPlan
+from camgen.plan.unused import no_idle
+from camgen.read.gcode.interpreter import Recorded
+
+#: Nearer than this two points are one, mm: a motion between them is none.
+_SAME = 1e-6
+
+
+def plan_replay(part: Part, job: Job) -> ReplayPlan:
+    """The program's motions at feed as paths, from one rapid motion to the next, in its order. JobError for a setting
+    that would have no effect.
+    """
+    assert isinstance(part, Recorded)
+    no_idle(job, "a replay")
+    columns = Columns(moving(part.run.body))
+    ends, vias, speed = columns.ends, columns.vias, columns.speed
+    steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+    lines = dict(zip(map(id, part.run.body), part.run.lines, strict=True))
+    paths = tuple(
+        _path(number, lines[id(columns.moves[low + 1])], *(column[low:high] for column in (ends, vias, speed)))
+        for number, (low, high) in enumerate(_stretches(columns), 1)
+    )
+    travel = math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist())
+    return ReplayPlan(part, paths, part.notes, run=part.run, travel=travel)
+
+
+def _stretches(columns: Columns) -> list[tuple[int, int]]:
+    """The motions at feed between two rapid ones, from the rapid one before to the one after, which is not of them."""
+    cuts = [*np.flatnonzero(columns.moves_are(MoveJ)).tolist(), len(columns.moves)]
+    return [(low, high) for low, high in pairwise(cuts) if high - low > 1]
+
+
+def owners(columns: Columns) -> list[int]:
+    """(M,) the path that each motion belongs to: rapid motions to the next one, -1 behind the last."""
+    ends = np.array([high for _, high in _stretches(columns)], dtype=np.int64)
+    owner = np.searchsorted(ends, np.arange(len(columns.moves)), side="right")
+    return np.where(owner < len(ends), owner, -1).tolist()  # type: ignore[no-any-return]  # numpy: any nesting
+
+
+def _path(number: int, line: int, ends: FloatArray, vias: FloatArray, speed: FloatArray) -> ToolPath:
+    count = len(ends)
+    via, feed = vias.copy(), speed.copy()
+    via[0], feed[0] = np.nan, speed[1]
+    return ToolPath(
+        id=f"n{number}",
+        layer=f"line {line}",
+        position=frozen(ends),
+        via=frozen(via),
+        axis=frozen(np.broadcast_to([0.0, 0.0, -1.0], (count, 3))),
+        press=frozen(np.zeros((count, 2, 3))),
+        force=frozen(np.zeros(count)),
+        feed=frozen(feed),
+        closed=bool(count > 2 and np.linalg.norm(ends[0] - ends[-1]) < _SAME),
+        reversible=False,
+        operation="replay",
+    )
+
+
+def moving(body: Sequence[Instruction]) -> list[Instruction]:
+    """The body without motions to where the tool already is; the first one stays."""
+    columns = Columns(body)
+    ends = columns.ends
+    still = np.zeros(len(ends), np.bool_)
+    still[1:] = np.abs(np.diff(ends, axis=0)).max(axis=1, initial=0.0) < _SAME
+    still &= ~columns.moves_are(MoveC)
+    if not still.any():
+        return list(body)
+    keep = np.ones(len(body), np.bool_)
+    keep[columns.at[still]] = False
+    return taken(body, keep)

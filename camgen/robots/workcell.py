@@ -1,0 +1,78 @@
+"""The cell of a job: that of the post with the frames, home, arm and fixtures that the job names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from camgen.model.cell import Cell
+from camgen.model.errors import JobError
+from camgen.model.job import Job
+from camgen.model.part import Solid
+from camgen.model.pose import TOOL_DOWN, Pose, pose_from_values, translation
+from camgen.model.program import Joints
+from camgen.robots.models import Robot
+
+#: Fixtures that are meshes with their names, work frame.
+Meshes = tuple[tuple[str, Solid], ...]
+
+
+class Workcell(Cell, frozen=True, eq=False):
+    """arm: the robot with which programs are checked, None where none is. meshes: fixtures that are meshes."""
+
+    arm: Robot | None = None
+    meshes: Meshes = ()
+
+
+def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -> Workcell:
+    """``cell`` with the frames and the home position of ``job``. The built-in tool is as long as ``tool.length``.
+
+    arm: the robot that is checked; without a home in the job the one that the job names has its own. meshes: of the
+    fixtures.
+
+    A home of joint values is given in deg, of sliding joints in mm; that of a machine whose home is a pose is x, y, z
+    in mm, work frame, tool down. Raises JobError for a wrong count or value.
+    """
+    table = job.cell
+    work = cell.base_from_work
+    if table.base_from_work is not None:
+        work = pose_from_values(_values("base_from_work", table.base_from_work, 6))
+    tool = translation(0.0, 0.0, job.tool.length)
+    if table.flange_from_tool is not None:
+        tool = pose_from_values(_values("flange_from_tool", table.flange_from_tool, 6))
+    home = cell.home
+    if isinstance(home, Joints) and table.robot and arm is not None and table.home is None:
+        home = _own_home(arm, cell, home)
+    if table.home is not None and isinstance(home, Pose):
+        x, y, z = _values("home", table.home, 3)
+        home = Pose(TOOL_DOWN, (x, y, z))
+    elif table.home is not None:
+        count = len(table.home) or len(cell.home.values) if isinstance(cell.home, Joints) else 0
+        # Another count is another arm than the built-in one: the six-axis arms that the posts know only turn.
+        sliding = cell.sliding if isinstance(cell.home, Joints) and count == len(cell.home.values) else frozenset()
+        values = enumerate(_values("home", table.home, count))
+        home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
+    name, robot = _named(table.robot) or cell.name, table.robot or cell.robot
+    return Workcell(name, work, tool, home, cell.sliding, robot, arm, meshes)
+
+
+def _named(robot: str) -> str:
+    """The name of ``cell.robot`` for messages: of a URDF that of the file."""
+    return robot.replace("\\", "/").rpartition("/")[2]
+
+
+def _own_home(own: Robot, cell: Cell, builtin: Joints) -> Joints:
+    """The home of the robot ``own``; the one of the built-in cell keeps that cell's."""
+    from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
+
+    if cell.robot and own.name == robot(cell.robot).name:
+        return builtin
+    return Joints(tuple(own.home.tolist()))
+
+
+def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
+    if len(values) != count:
+        raise JobError("job", f"has {len(values)} values", f"cell.{key}", f"give {count} values")
+    if not all(math.isfinite(v) for v in values):
+        raise JobError("job", "has a value that is not a finite number", f"cell.{key}", "give numbers")
+    return values
