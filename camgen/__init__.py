@@ -1,4 +1,8 @@
-"""camgen: checked robot and machine programs from drawings, photos and models."""
+"""camgen: checked robot and machine programs from drawings, photos and models.
+
+``build`` does all of it in one call. ``read``, ``plan``, ``order``, ``lower``, ``check``, ``post`` and ``verify`` are
+its stages, with the values between them; docs/python.md shows them at work.
+"""
 
 import sys
 from importlib import import_module
@@ -9,17 +13,65 @@ from camgen.model.version import __version__
 
 if TYPE_CHECKING:
     from camgen.build import Result, build
+    from camgen.build.stages import (
+        cell,
+        check,
+        job,
+        lower,
+        order,
+        page,
+        part,
+        plan,
+        post,
+        preview,
+        read,
+        read_back,
+        verify,
+    )  # fmt: skip
+    from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, Refused, VerifyError
+    from camgen.model.job import Job
+    from camgen.model.part import Contour, Edge, Note, Part, Solid
+    from camgen.model.path import ToolPath, Tour
+    from camgen.model.pose import Pose
+    from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program, Wait
+    from camgen.plan import Operation, Plan
+    from camgen.post import Post, Reading
+    from camgen.read import Reader
+    from camgen.robots.workcell import Workcell
 
 #: What this package offers, and the module that each name comes from when it is first asked for: their imports take
 #: longer than ``--help`` may.
-_HOMES = {"Result": "build", "build": "build"}
+_HOMES = {
+    name: home
+    for home, names in {
+        "build": "Result build",
+        "build.stages": "cell check job lower order page part plan post preview read read_back verify",
+        "model.errors": "CamgenError InputError JobError NoSafeProgram Refused VerifyError",
+        "model.job": "Job",
+        "model.part": "Contour Edge Note Part Solid",
+        "model.path": "ToolPath Tour",
+        "model.pose": "Pose",
+        "model.program": "Comment Force Joints MoveC MoveJ MoveL Origin Output Program Wait",
+        "plan": "Operation Plan",
+        "post": "Post Reading",
+        "read": "Reader",
+        "robots.workcell": "Workcell",
+    }.items()
+    for name in names.split()
+}
 
-__all__ = ["Result", "__version__", "build"]
+__all__ = [
+    "CamgenError", "Comment", "Contour", "Edge", "Force", "InputError", "Job", "JobError", "Joints", "MoveC", "MoveJ",
+    "MoveL", "NoSafeProgram", "Note", "Operation", "Origin", "Output", "Part", "Plan", "Pose", "Post", "Program",
+    "Reader", "Reading", "Refused", "Result", "Solid", "ToolPath", "Tour", "VerifyError", "Wait", "Workcell",
+    "__version__", "build", "cell", "check", "job", "lower", "order", "page", "part", "plan", "post", "preview",
+    "read", "read_back", "verify",
+]  # fmt: skip
 
 
 class _Door(ModuleType):
-    """A package whose functions go before its folders of the same name: ``camgen.build`` is the function, also after
-    Python has imported the module and would bind it to that name.
+    """A package whose functions go before its folders of the same name: ``camgen.plan`` is the function, also after
+    Python has imported the folder and would bind that to the name.
     """
 
     def __setattr__(self, name: str, value: object) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
 from camgen.check import check
 from camgen.check.report import Cycle, Motions, sum_up
@@ -22,13 +23,14 @@ from camgen.check.report import report as report_of
 from camgen.check.time import cycle
 from camgen.lower import lower
 from camgen.model.cell import Cell
+from camgen.model.drawing import draw_svg
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import Tour
 from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.program import Program
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.model.version import __version__
 from camgen.order import order
 from camgen.plan import EdgePlan, Watch, plan, unwatched
@@ -90,6 +92,13 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         """The program: the text of all its files, one after the other."""
         return "".join(file.text for file in self.files)
 
+    def __repr__(self) -> str:
+        files = ", ".join(file.name for file in self.files)
+        return f"Result({files}, {counted(len(self.tour.paths), 'path')}, {self.cycle.total:.1f} s)"
+
+    def _repr_svg_(self) -> str | None:
+        return draw_svg(self.tour)
+
 
 def build(
     inputs: Input | Sequence[Input],
@@ -108,7 +117,7 @@ def build(
     the stages. files: what has been read already. Raises a CamgenError.
     """
     files = files or Files()
-    sources = _sources(inputs)
+    sources = path_or_part(inputs)
     settings = settings_of(job, files)
     poster = poster_of(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
@@ -152,7 +161,8 @@ def build(
     )
 
 
-def _sources(inputs: Input | Sequence[Input]) -> list[Path | Part]:
+def path_or_part(inputs: Input | Sequence[Input]) -> list[Path | Part]:
+    """The inputs as a list, whatever way they are given."""
     listed = [inputs] if isinstance(inputs, (str, Path, Part)) else inputs
     return [one if isinstance(one, Part) else Path(one) for one in listed]
 

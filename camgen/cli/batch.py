@@ -19,8 +19,9 @@ from camgen.batch.parts import Order, Part, looked_at
 from camgen.batch.state import Outcome, Sums, Task
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import clean
-from camgen.cli.say import Voice, counted, duration, out, table
+from camgen.cli.say import Voice, duration, out, table
 from camgen.model.errors import JobError, one_line
+from camgen.model.text import counted
 from camgen.post.plugins import find_post, find_readback
 from camgen.read.job_file import load
 

@@ -18,13 +18,13 @@ from camgen.build import Result, build, no_collector, program_files
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
-from camgen.cli.say import Voice, counted, duration, grouped, length, listed, size
+from camgen.cli.say import Voice, duration, length, listed, size
 from camgen.model.errors import JobError, told_as
 from camgen.model.part import Note, NoteKind
 from camgen.model.path import Tour
 from camgen.model.pose import Pose
-from camgen.model.text import short
-from camgen.read import meant
+from camgen.model.text import counted, grouped, short
+from camgen.preview.drawings import check_preview, draw
 from camgen.read.gcode.interpreter import Recorded
 from camgen.read.job_file import beside, load
 
@@ -194,7 +194,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         folder, program = _place(arguments.output)
         extra = [Path(p) for p in (arguments.plan, arguments.report, arguments.preview) if p]
         check_targets([*([program] if program else []), *extra], read)
-        _check_preview(arguments.preview)
+        check_preview(arguments.preview)
         job = load(job_file, arguments.sets, files)
         name = program.stem if program else ""
         with told_as("job", str(job_file or "job")):
@@ -222,12 +222,6 @@ def _place(output: str | None) -> tuple[Path, Path | None]:
     return Path(output).parent, Path(output)
 
 
-def _check_preview(name: str | None) -> None:
-    if name and Path(name).suffix.lower() not in _PREVIEWS:
-        what = "a preview is a page (HTML) or a drawing (SVG, PNG)"
-        raise JobError(name, what, remedy="give a name that ends in .html, .svg or .png")
-
-
 def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Iterator[tuple[Path, bytes]]:
     """Plan, report and preview, where asked for."""
     if arguments.plan:
@@ -239,33 +233,4 @@ def _extras(arguments: Namespace, result: Result, files: Sequence[str]) -> Itera
         yield Path(arguments.report), msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
     if arguments.preview:
         target = Path(arguments.preview)
-        yield target, _PREVIEWS[target.suffix.lower()](result)
-
-
-def _page(result: Result) -> bytes:
-    from camgen.preview.page import page  # noqa: PLC0415 (only where a page is asked for)
-    from camgen.preview.view import view  # noqa: PLC0415
-
-    return page(view(result)).encode("utf-8")
-
-
-def _picture(result: Result) -> bytes:
-    from camgen.preview.png import png  # noqa: PLC0415 (only where a picture is asked for)
-    from camgen.preview.view import view  # noqa: PLC0415
-
-    return png(view(result))
-
-
-def _drawing(result: Result) -> bytes:
-    from camgen.preview import drawing_stages, photo_stages, svg  # noqa: PLC0415 (only where a picture is asked for)
-
-    part, title = result.part, f"{result.part.source}, {result.post.name}"
-    if part.raster is not None and meant(result.job):
-        return drawing_stages.svg(part, part.raster, result.tour, result.notes, result.job, title).encode("utf-8")
-    if part.raster is not None:
-        return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
-    return svg.svg(part, result.tour, result.notes, title).encode("utf-8")
-
-
-#: What draws a preview, by the ending of its name.
-_PREVIEWS = {".html": _page, ".svg": _drawing, ".png": _picture}
+        yield target, draw(result, target)

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice, counted, out, table
+from camgen.cli.say import Voice, out, table
 from camgen.model.errors import JobError
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.vision.boards.corners import Target, charuco, chessboard
 from camgen.vision.boards.sheet import DICTIONARY

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice, counted, grouped, out
+from camgen.cli.say import Voice, out
 from camgen.localize import Location, localize
 from camgen.localize.scans import open_scan
 from camgen.localize.scans import read as read_scan
@@ -18,7 +18,7 @@ from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray, Pose, fixed_xyz, pose_from_values
-from camgen.model.text import fixed, harmless, short
+from camgen.model.text import counted, fixed, grouped, harmless, short
 from camgen.model.version import __version__
 from camgen.read.files import Files
 from camgen.read.solid import mesh, step

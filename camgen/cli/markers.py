@@ -6,9 +6,9 @@ from argparse import Namespace
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice, counted
+from camgen.cli.say import Voice
 from camgen.model.errors import JobError
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.vision.boards.sheet import drawn_pdf, drawn_svg, sheet
 
 _DRAWN = {".pdf": drawn_pdf, ".svg": drawn_svg}

@@ -85,16 +85,6 @@ def listed(names: Sequence[str], limit: int = 6) -> str:
     return ", ".join(names[:limit]) + (f" and {more} more" if more > 0 else "")
 
 
-def counted(number: int, one: str, many: str = "") -> str:
-    """``1 path``, ``1 200 paths``."""
-    return f"{grouped(number)} {one if number == 1 else many or one + 's'}"
-
-
-def grouped(number: int) -> str:
-    """A whole number in groups of three digits."""
-    return f"{number:,}".replace(",", " ")
-
-
 def length(mm: float) -> str:
     """A length for people: mm below 10 m, else m."""
     return f"{mm:.1f} mm" if mm < 10_000 else f"{mm / 1000:.2f} m"

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from camgen.check.report import Motions, sum_up
 from camgen.cli.motion_file import load as load_plan
-from camgen.cli.say import Voice, counted, duration, grouped, length, out, table
+from camgen.cli.say import Voice, duration, length, out, table
 from camgen.model.errors import InputError
 from camgen.model.program import Columns
-from camgen.model.text import short
+from camgen.model.text import counted, grouped, short
 from camgen.post import Fault, Remark
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare

@@ -8,7 +8,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.model.drawing import draw_svg
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 
 #: ``skipped`` is what --strict turns into an error: something of the input that the program will not do.
 NoteKind = Literal["assumed", "repaired", "joined", "skipped", "warning"]
@@ -65,6 +67,9 @@ class Edge(Struct, frozen=True, eq=False):
     radius: float
     length: float
 
+    def __repr__(self) -> str:
+        return f"Edge({self.id!r}, {self.kind}, {self.length:.3f} mm, {'convex' if self.convex else 'concave'})"
+
 
 class Solid(Struct, frozen=True, eq=False):
     """A 3-D part. ``source`` is the file's name without folder, ``units`` says what one unit of the file was.
@@ -82,6 +87,9 @@ class Solid(Struct, frozen=True, eq=False):
     edges: tuple[Edge, ...]
     borders: tuple[FloatArray, ...]
     notes: tuple[Note, ...]
+
+    def __repr__(self) -> str:
+        return f"Solid({self.name!r}, {counted(len(self.faces), 'face')}, {counted(len(self.edges), 'edge')})"
 
 
 # What a reader returns: contours or a solid, and notes on what was skipped, mended or assumed on the way.
@@ -102,6 +110,9 @@ class Contour(Struct, frozen=True, eq=False):
     layer: str
     id: str = ""
     sources: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Contour({self.id!r}, {counted(len(self.points), 'point')}, {'closed' if self.closed else 'open'})"
 
 
 class Raster(Struct, frozen=True, eq=False):
@@ -133,3 +144,10 @@ class Part(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
     raster: Raster | None = None
     solid: Solid | None = None
+
+    def __repr__(self) -> str:
+        what = counted(len(self.contours), "contour") if self.solid is None else repr(self.solid)
+        return f"Part({self.name!r}, {what}, {counted(len(self.notes), 'note')})"
+
+    def _repr_svg_(self) -> str | None:
+        return draw_svg(self)

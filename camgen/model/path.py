@@ -8,8 +8,10 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.model.drawing import draw_svg
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 
 
 class ToolPath(Struct, frozen=True, eq=False):
@@ -77,6 +79,9 @@ class ToolPath(Struct, frozen=True, eq=False):
         """Path length of one pass, mm, arcs exact."""
         return float(segment_lengths(self.position, self.via).sum())
 
+    def __repr__(self) -> str:
+        return f"ToolPath({self.id!r}, {self.operation or 'path'}, {self.length:.3f} mm)"
+
 
 class Tour(Struct, frozen=True, eq=False):
     """The paths in the order and direction in which they are run, each rotated to its start.
@@ -94,6 +99,13 @@ class Tour(Struct, frozen=True, eq=False):
     down: frozenset[int] = frozenset()
     stopped: bool = False
     notes: tuple[Note, ...] = ()
+
+    def __repr__(self) -> str:
+        name = type(self).__name__
+        return f"{name}({counted(len(self.paths), 'path')}, {self.method}, travel {self.travel:.1f} mm)"
+
+    def _repr_svg_(self) -> str | None:
+        return draw_svg(self)
 
 
 def joined(paths: Sequence[ToolPath]) -> ToolPath:

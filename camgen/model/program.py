@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose
+from camgen.model.text import counted
 
 
 class Joints(Struct, frozen=True, gc=False):
@@ -424,6 +425,10 @@ class Program(Struct, frozen=True, eq=False, dict=True):
     def with_body(self, body: tuple[Instruction, ...]) -> Program:
         """The same program with another body."""
         return replace(self, body=body)
+
+    def __repr__(self) -> str:
+        moves = counted(len(self.columns.moves), "motion")
+        return f"Program({self.name!r}, {counted(len(self.body), 'instruction')}, {moves})"
 
 
 def motions(body: tuple[Instruction, ...]) -> Iterator[tuple[int, Motion]]:

@@ -1,4 +1,4 @@
-"""Numbers and names as text: the one float formatter, and the cleaner for text that comes from a file."""
+"""Numbers and names as text: the one float formatter, numbers with their nouns, the cleaner for text from a file."""
 
 from __future__ import annotations
 
@@ -56,3 +56,21 @@ def harmless(text: str, limit: int = 72) -> str:
     'holes_ M3 _x'
     """
     return _UNSAFE.sub("_", text)[:limit].rstrip()
+
+
+def counted(number: int, one: str, many: str = "") -> str:
+    """A number and its noun; what else depends on the number, such as the verb, goes with the noun.
+
+    >>> counted(1, "hole"), counted(1200, "hole"), counted(2, "edge is", "edges are")
+    ('1 hole', '1 200 holes', '2 edges are')
+    """
+    return f"{grouped(number)} {one if number == 1 else many or one + 's'}"
+
+
+def grouped(number: int) -> str:
+    """A whole number in groups of three digits.
+
+    >>> grouped(12345)
+    '12 345'
+    """
+    return f"{number:,}".replace(",", " ")

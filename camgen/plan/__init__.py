@@ -18,6 +18,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, entries, find, load
+from camgen.model.text import counted
 from camgen.plan.fill.cover import Coverage
 from camgen.plan.page import on_page
 from camgen.read.gcode.interpreter import Recorded
@@ -48,6 +49,10 @@ class Plan(Struct, frozen=True, eq=False):
     paths: tuple[ToolPath, ...]
     notes: tuple[Note, ...]
     coverage: Coverage | None = None
+
+    def __repr__(self) -> str:
+        name, paths = type(self).__name__, counted(len(self.paths), "path")
+        return f"{name}({self.part.name!r}, {paths}, {counted(len(self.notes), 'note')})"
 
 
 class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):

@@ -95,7 +95,19 @@ def read(
     mm: length of one unit of the file, None for its own, which is 1 mm for formats without one. tolerance: mm, what
     vertices may be off the arcs recognised. feature_angle: rad, sharp edges are those above it.
     """
-    mesh, notes = surface(source, mm)
+    return make_solid(load(source), source.stem, source.name, mm, tolerance, feature_angle)
+
+
+def make_solid(
+    soup: Soup,
+    stem: str,
+    name: str,
+    mm: float | None = None,
+    tolerance: float = 0.01,
+    feature_angle: float = FEATURE_ANGLE,
+) -> Solid:
+    """The solid of triangles, wherever they are from. stem: the part's name. name: in messages. Else as ``read``."""
+    mesh, notes = _surface(soup, name, mm)
     borders = _borders(mesh.vertices, mesh.faces, mesh.pairs, notes)
     sides = mesh.sides(feature_angle)
     limit = min(tolerance, _FINE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
@@ -104,18 +116,19 @@ def read(
         convex = int(np.count_nonzero(sides.convex))
         what = f"{convex} convex and {len(sides) - convex} concave sides of triangles are {len(edges)} edges"
         notes.append(Note("joined", what, f"arcs where vertices lie on one within {limit:.3g} mm"))
-    return Solid(
-        source.stem, source.name, mesh.units, mesh.vertices, mesh.faces, mesh.normals, edges, borders, tuple(notes)
-    )
+    return Solid(stem, name, mesh.units, mesh.vertices, mesh.faces, mesh.normals, edges, borders, tuple(notes))
 
 
 def surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note]]:
     """The mesh in ``source``, cleaned, and what was done to it. ``mm`` as in ``read``."""
-    soup = load(source)
+    return _surface(load(source), source.name, mm)
+
+
+def _surface(soup: Soup, name: str, mm: float | None) -> tuple[Surface, list[Note]]:
     notes = list(soup.notes)
     if mm is None and not soup.unit:
         notes.append(Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}"))
-    vertices, faces = _clean(source.name, soup, soup.mm if mm is None else mm, notes)
+    vertices, faces = _clean(name, soup, soup.mm if mm is None else mm, notes)
     pairs = paired(faces)
     useless = dangling(vertices, faces, pairs)
     if useless.any():

@@ -1,0 +1,50 @@
+"""A preview by the ending of its name: a page, a picture, or a drawing of what the input was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from camgen.model.errors import JobError
+from camgen.preview import Built
+from camgen.read import meant
+
+
+def check_preview(name: str | None) -> None:
+    """JobError for a name whose ending is that of no preview."""
+    if name and Path(name).suffix.lower() not in _PREVIEWS:
+        what = "a preview is a page (HTML) or a drawing (SVG, PNG)"
+        raise JobError(name, what, remedy="give a name that ends in .html, .svg or .png")
+
+
+def draw(result: Built, target: Path) -> bytes:
+    """The preview of ``result`` for the file ``target``."""
+    return _PREVIEWS[target.suffix.lower()](result)
+
+
+def _page(result: Built) -> bytes:
+    from camgen.preview.page import page  # noqa: PLC0415 (only where a page is asked for)
+    from camgen.preview.view import view  # noqa: PLC0415
+
+    return page(view(result)).encode("utf-8")
+
+
+def _picture(result: Built) -> bytes:
+    from camgen.preview.png import png  # noqa: PLC0415 (only where a picture is asked for)
+    from camgen.preview.view import view  # noqa: PLC0415
+
+    return png(view(result))
+
+
+def _drawing(result: Built) -> bytes:
+    from camgen.preview import drawing_stages, photo_stages, svg  # noqa: PLC0415 (only where a picture is asked for)
+
+    part, title = result.part, f"{result.part.source}, {result.post.name}"
+    if part.raster is not None and meant(result.job):
+        return drawing_stages.svg(part, part.raster, result.tour, result.notes, result.job, title).encode("utf-8")
+    if part.raster is not None:
+        return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")
+    return svg.svg(part, result.tour, result.notes, title).encode("utf-8")
+
+
+#: What draws a preview, by the ending of its name.
+_PREVIEWS = {".html": _page, ".svg": _drawing, ".png": _picture}

@@ -1,0 +1,128 @@
+"""The door: the stages called by hand give what ``build`` gives, and every noun is there."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+import camgen
+
+PARTS = Path(__file__).parents[1] / "fixtures" / "parts"
+JOB = {"tool": {"diameter": 4.0}, "operation": {"lead_in": 2.0}}
+
+
+@pytest.mark.parametrize(("source", "job"), [("bracket.dxf", JOB), ("rfa1.stl", {})])
+def test_the_stages_give_what_a_build_gives(source: str, job: dict[str, object]) -> None:
+    built = camgen.build(PARTS / source, post="rapid", job=job)
+    part = camgen.read(PARTS / source, job)
+    plan = camgen.plan(part, job, "rapid")
+    cell = camgen.cell("rapid", job, part)
+    tour = camgen.order(plan, job, cell)
+    program = camgen.lower(tour, job, cell, part.name, built.program.header)
+    checks = camgen.check(program, job, cell, plan)
+    files = camgen.post(checks.program, "rapid", job)
+    assert [file.text for file in files] == [file.text for file in built.files]
+    assert camgen.verify(files, checks.program, "rapid", job) == built.deviation
+    assert not camgen.read_back(files, "rapid", job).faults
+
+
+def test_a_text_that_says_something_else_is_told() -> None:
+    tour = camgen.order(camgen.plan(camgen.part([(0, 0), (40, 0), (40, 20), (0, 0)])))
+    program = camgen.lower(tour, cell="gcode")
+    (file,) = camgen.post(program, "gcode")
+    assert camgen.verify([file], program, "gcode").max_mm < 1e-3
+    changed = {file.name: file.text.replace("X43", "X44", 1)}
+    assert changed[file.name] != file.text
+    with pytest.raises(camgen.VerifyError):
+        camgen.verify([type(file)(file.name, changed[file.name])], program, "gcode")
+
+
+SQUARE = [(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)]
+OTHER = [*SQUARE[:3], (0, 31), (0, 0)]
+
+
+@pytest.mark.parametrize(
+    ("shape", "closed", "points"),
+    [
+        (SQUARE, [True], [4]),
+        (np.array(SQUARE, dtype=float), [True], [4]),
+        (SQUARE[:4], [False], [4]),
+        ([SQUARE, [(5, 5), (9, 9)]], [True, False], [4, 2]),
+        (shapely.box(0, 0, 40, 30).difference(shapely.box(10, 10, 20, 20)), [True, True], [4, 4]),
+        (shapely.MultiLineString([[(0, 0), (1, 1)], [(2, 2), (3, 3), (3, 3), (4, 5)]]), [False, False], [2, 3]),
+        (camgen.Contour(np.array([[0.0, 0], [10, 0]]), np.ones(2), True, "holes"), [True], [2]),
+    ],
+)
+def test_a_part_is_made_of_points_and_shapes(shape: object, closed: list[bool], points: list[int]) -> None:
+    part = camgen.part(shape)
+    assert [c.closed for c in part.contours] == closed
+    assert [len(c.points) for c in part.contours] == points
+    assert [c.id for c in part.contours] == [f"c{k}" for k in range(1, len(closed) + 1)]
+
+
+def test_the_path_of_a_part_in_code_runs_where_it_was_asked() -> None:
+    result = camgen.build(camgen.part(SQUARE), post="gcode", job={"operation": {"kind": "trace"}})
+    assert sum(path.length for path in result.tour.paths) == pytest.approx(140.0)
+
+
+def test_a_part_is_made_of_a_mesh() -> None:
+    part = camgen.part(trimesh.creation.box((40, 30, 20)), "block")
+    assert part.solid is not None
+    assert sorted(edge.length for edge in part.solid.edges) == pytest.approx([20.0] * 4 + [30.0] * 4 + [40.0] * 4)
+    assert all(edge.convex for edge in part.solid.edges)
+
+
+@pytest.mark.parametrize("shape", [[], "square", 7, shapely.Point(1, 2), [(0, 0), (float("nan"), 1)], [(1, 1), (1, 1)]])
+def test_what_is_no_shape_is_refused(shape: object) -> None:
+    with pytest.raises(camgen.InputError):
+        camgen.part(shape)
+
+
+def test_the_same_part_in_code_gives_the_same_digest_and_another_one_another() -> None:
+    one, same, other = (camgen.build(camgen.part(s), post="gcode").text for s in (SQUARE, SQUARE, OTHER))
+    assert one == same
+    digests = [re.findall(r"job ([0-9a-f]{12})", text) for text in (one, other)]
+    assert digests[0] != digests[1]
+    assert [len(found) for found in digests] == [1, 1]
+
+
+def test_every_name_is_there_and_dir_shows_them() -> None:
+    assert set(dir(camgen)) == set(camgen.__all__)
+    for name in camgen.__all__:
+        assert getattr(camgen, name) is not None
+    with pytest.raises(AttributeError):
+        camgen.nothing  # noqa: B018
+
+
+def test_a_function_stays_one_after_its_folder_was_imported() -> None:
+    code = (
+        "import camgen, camgen.plan, camgen.read.dxf, camgen.build.stages\n"
+        "from camgen.order import order\n"
+        "print(camgen.plan.__module__, camgen.read.__module__, camgen.order.__module__, callable(camgen.build))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.split() == ["camgen.build.stages"] * 3 + ["True"]
+
+
+def test_values_are_short_to_print_and_draw_themselves() -> None:
+    result = camgen.build(PARTS / "bracket.dxf", post="rapid")
+    solid = camgen.read(PARTS / "rfa1.stl")
+    values = [result.part, *result.part.contours, result.tour, *result.tour.paths, result.program, result, solid]
+    assert all(len(repr(value)) < 100 for value in values)
+    assert repr(result.part).startswith("Part('bracket', ")
+    for drawn in (result.part, result.tour, result, solid):
+        svg = drawn._repr_svg_()
+        assert svg is not None
+        assert svg.startswith("<svg ")
+        assert "nan" not in svg
+        assert svg.count("<path") > 0
+
+
+def test_importing_the_package_loads_none_of_the_heavy_ones() -> None:
+    code = "import camgen, sys; print([m for m in ('numpy', 'cv2', 'ezdxf', 'shapely', 'msgspec') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
