@@ -3,10 +3,11 @@ import os
 import pytest
 from hypothesis import settings
 
-# The same examples in every CI run: a run that fails can be run again. At a desk new ones are tried each time.
-settings.register_profile("ci", derandomize=True)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
+# No deadline: how long an example takes depends on what else the machine does. In CI every run tries the same examples,
+# so one that fails can be run again. At a desk new ones are tried each time.
+settings.register_profile("desk", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "desk")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -88,7 +88,7 @@ def test_a_full_ellipse_takes_some_tens_of_arcs() -> None:
     st.floats(-7, 7), st.floats(0.01, math.tau), st.floats(0.01, 200), st.floats(0.01, 200), st.floats(-3, 3),
     st.booleans(),
 )  # fmt: skip
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_any_elliptical_arc(start: float, sweep: float, a: float, b: float, skew: float, back: bool) -> None:
     u, v = np.array([a, skew]), np.array([-skew, b])
     end = start - sweep if back else start + sweep

@@ -130,7 +130,7 @@ stars = st.integers(5, 12).flatmap(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(shape=stars, distance=st.sampled_from([1.0, 3.0, 6.35, 11.0]), inside=st.booleans())
 def test_any_shape_agrees_with_geos(shape: Contour, distance: float, inside: bool) -> None:
     points, _ = flatten(from_contours([shape]), 1e-4)
@@ -147,7 +147,7 @@ def test_any_shape_agrees_with_geos(shape: Contour, distance: float, inside: boo
         assert worst([shape], curve, distance) < 2e-3
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(shape=stars, shift=st.integers(0, 11), inside=st.booleans())
 def test_the_start_vertex_does_not_matter(shape: Contour, shift: int, inside: bool) -> None:
     shape = clockwise(shape) if inside else shape

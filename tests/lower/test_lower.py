@@ -248,7 +248,7 @@ def test_a_single_point_is_touched():
 # Blends.
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.tuples(st.floats(-3.1, 3.1), st.floats(0.05, 40.0)), min_size=2, max_size=8),
     st.sampled_from([0.001, 0.01, 0.3]),
@@ -393,7 +393,7 @@ def tours(draw):
     return paths
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=120)
 @given(tours(), st.sampled_from([ROBOT, MILL]), st.sampled_from(["fixed", "follow"]), st.sampled_from([0.0, 8000.0]))
 def test_any_program(paths, cell, orient, spindle):
     job = Job(tool=Tool(orient=orient), process=Process(spindle=spindle, signal="on"))

@@ -89,7 +89,7 @@ def arc_length(start: np.ndarray, arc: MoveC) -> float:
 
 
 @pytest.mark.parametrize("name", POSTS)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(drawing=drawings, way=st.sampled_from(WAYS))
 def test_the_pen_is_up_on_the_way_between_lines(
     name: str, drawing: list[tuple[list[tuple[int, int]], bool, bool]], way: dict[str, object]

@@ -171,7 +171,7 @@ def same(a, b):
     return type(a) is type(b) and all(same(getattr(a, name), getattr(b, name)) for name in a.__struct_fields__)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(BODIES, POSES, POSES, st.lists(WORDS, max_size=3))
 def test_parse_is_the_inverse_of_dump(body, work, tool, header):
     one = Program("a name", work, tool, body, tuple(header))

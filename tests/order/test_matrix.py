@@ -49,7 +49,7 @@ def least(tables: Tables) -> float:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.sampled_from([0.0, 0.3, 0.8]))
 def test_nothing_is_shorter_among_all_orders(seed: int, count: int, holes: float) -> None:
     costs = tables(random.Random(seed), count, holes)

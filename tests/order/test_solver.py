@@ -80,7 +80,7 @@ def check_rules(items: Items, tour: Start) -> None:
     assert (np.diff(items.rank[tour.order]) >= 0).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(1, 40), st.booleans(), st.booleans())
 def test_a_search_keeps_all_items_and_rules_and_never_lengthens(seed: int, count: int, rules: bool, at: bool) -> None:
     items = scene(random.Random(seed), count, rules=rules)
@@ -90,7 +90,7 @@ def test_a_search_keeps_all_items_and_rules_and_never_lengthens(seed: int, count
     assert travel(items, tour, home) <= travel(items, drawn(items), home) + 1e-6
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.booleans(), st.booleans())
 def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(seed: int, count: int, rules: bool, at: bool) -> None:
     items = scene(random.Random(seed), count, rules=rules)
@@ -109,7 +109,7 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(seed: int, count
         assert travel(items, tour, home) <= best * 1.1 + 1.0
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(2, 60), st.booleans())
 def test_the_bound_is_below_every_tour_found(seed: int, count: int, at: bool) -> None:
     items = scene(random.Random(seed), count, spread=random.Random(seed).choice([0.5, 20.0, 200.0]))
@@ -158,7 +158,7 @@ def test_compiled_and_plain_searches_find_the_same_tour(rules: bool, monkeypatch
     assert travel(items, plain, HOME) < 0.5 * travel(items, drawn(items), HOME)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(4, 40), st.booleans())
 def test_a_shuffle_is_undone_and_every_change_is_what_it_says(seed: int, count: int, rules: bool) -> None:
     items = scene(random.Random(seed), count, rules=rules)
@@ -186,7 +186,7 @@ def test_a_shuffle_is_undone_and_every_change_is_what_it_says(seed: int, count: 
     assert run.marks[DICE] != seed
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 90), st.integers(1, 3), st.sampled_from([0.0, 1.0, 30.0]))
 def test_the_nearest_items_are_those_of_a_plain_search(seed: int, count: int, each: int, size: float) -> None:
     rng = np.random.default_rng(seed)

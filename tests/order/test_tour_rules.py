@@ -43,7 +43,7 @@ def square(x: float, y: float, side: float) -> ToolPath:
     return make(ring, [None] * 4, True)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 40), st.sampled_from(["nearest", "best", "as-drawn"]), st.booleans())
 def test_layers_come_in_the_order_that_is_named_and_what_is_inside_first_among_equals(
     seed: int, count: int, method: str, at: bool
@@ -82,7 +82,7 @@ def corner_gap(path: ToolPath) -> float:
     return float(np.linalg.norm(corners - path.position[0, :2], axis=1).min())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 30), st.sampled_from(["nearest", "best"]))
 def test_smooth_seams_are_off_the_corners(seed: int, count: int, method: str) -> None:
     rng = random.Random(seed)

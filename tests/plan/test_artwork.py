@@ -64,7 +64,7 @@ def area(points: np.ndarray) -> float:
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(arrays(np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.sampled_from([0, 255])))
 def test_borders_hold_the_ink(pixels: np.ndarray) -> None:
     """Against flood fill: as many outer borders as joined pieces of ink, as many holes as pieces of paper inside."""
@@ -148,7 +148,7 @@ def test_a_turned_square_is_four_lines_with_sharp_corners(tmp_path: Path) -> Non
     assert off.max() < 0.8  # px, at corners of 90 deg that no pixel shows whole
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(arrays(np.uint8, (14, 14), elements=st.sampled_from([0, 255])), st.sampled_from([0.02, 0.05, 0.1, 0.3]))
 def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(pixels: np.ndarray, tolerance: float) -> None:
     """Noise is the hardest there is: every pixel a corner."""

@@ -58,7 +58,7 @@ def by_trying_all(states: States) -> float:
     return least
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6))
 def test_no_chain_is_cheaper(seed: int) -> None:
     states = drawn(seed)

@@ -419,7 +419,7 @@ def test_specks_and_single_pixels_do_no_harm() -> None:
     assert "too narrow: c4" in notes[0].what
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(
     st.integers(0, 40),
     st.integers(0, 40),

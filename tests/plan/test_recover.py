@@ -70,7 +70,7 @@ def test_arcs_and_circles_stay_themselves() -> None:
 
 
 @example([5.5625], 2.15923, 18, 0.01)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     radii=st.lists(st.floats(2.0, 40.0), min_size=1, max_size=4),
     sweep=st.floats(0.6, 3.0),

@@ -17,7 +17,7 @@ from camgen.post.plugins import find_post, find_readback, make_post
 from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
-SLOW = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+SLOW = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 S = 10 / math.sqrt(2)
 
 
@@ -618,7 +618,7 @@ def test_helices_are_read_as_lines_close_to_them():
 # Nothing that a file may hold makes the reader fail.
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.randoms(use_true_random=False))
 def test_changed_texts_never_raise(chance: random.Random):
     text = list(TEXT)
@@ -633,7 +633,7 @@ def test_changed_texts_never_raise(chance: random.Random):
     assert [f.line for f in reading.faults] == sorted(f.line for f in reading.faults)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.one_of(st.text(), st.text("GMXYZIJKRFSTPQ0123456789.-+ \n%()/;", max_size=200)))
 def test_any_text_gives_a_reading(text):
     reading = read(text)
@@ -688,7 +688,7 @@ def test_found_programs_have_the_length_that_linuxcnc_gives(name):
     assert read_length == pytest.approx(true_length, rel=1e-4)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     st.lists(
         st.tuples(

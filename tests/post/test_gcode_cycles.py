@@ -114,7 +114,7 @@ def drilled(chosen) -> list[Instruction]:
 
 
 @needs_rs274
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.lists(
         st.tuples(

@@ -14,7 +14,7 @@ from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
 from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
 
-SLOW = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+SLOW = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 S = 10 / math.sqrt(2)
 #: The letters and codes of GRBL 1.1 that the firmware's parser takes, from its documentation of supported G-code.
 KNOWN = re.compile(
@@ -297,7 +297,7 @@ def test_every_line_matters():
             assert difference(PART, left, grbl().tolerance()), line
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.randoms(use_true_random=False))
 def test_changed_texts_never_raise(chance: random.Random):
     text = list(TEXT)
@@ -309,7 +309,7 @@ def test_changed_texts_never_raise(chance: random.Random):
     assert len(reading.body) == len(reading.lines)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.one_of(st.text(), st.text("GMXYZIJKRFSTPQ0123456789.-+ \n%()/;", max_size=200)))
 def test_any_text_gives_a_reading(text):
     reading = read(text)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from camgen_posts.pacscript import PacScript
 from camgen_posts.readback.pacscript import read
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
@@ -609,7 +609,6 @@ OPTIONS: list[dict[str, object]] = [
 ]
 
 
-@settings(deadline=None)
 @given(bodies(), st.sampled_from(OPTIONS))
 def test_round_trip(body: tuple[Instruction, ...], options: dict[str, object]) -> None:
     if "rated" in options:
@@ -837,7 +836,6 @@ WORDS = [
 ]  # fmt: skip
 
 
-@settings(deadline=None)
 @given(st.data())
 def test_damaged_program_never_ends_in_an_exception(data: st.DataObject) -> None:
     text = text_of(pressed(), force="template", max_lines=4, define=True)

@@ -77,7 +77,7 @@ def files_of(text: str, chance: random.Random) -> dict[str, str]:
     return {"a.pcs": text[:at], "Other.pcs": chance.choice(["", "Sub Main\n", "Sub Main(h)\n"]) + text[at:]}
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.randoms(use_true_random=True), st.sampled_from(TEXTS), st.sampled_from([None, None, None, 5, 17, 30]))
 def test_damaged_texts_are_read_alike(
     chance: random.Random, source: tuple[str, dict[str, object]], steps: int | None

@@ -405,7 +405,7 @@ def proper(start: Pose, arc: MoveC) -> bool:
     return float(u @ w) < 0 and sine > 1e-3
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.lists(instructions, max_size=12), st.integers(0, 6), st.sampled_from([0, 3]))
 def test_post_then_read_back_is_the_identity(body: list[Instruction], decimals: int, max_lines: int) -> None:
     options: dict[str, object] = {"decimals": decimals, "max_lines": max_lines}
@@ -554,7 +554,7 @@ PIECES = [
 CHANGES = st.tuples(st.integers(0, len(TOKENS) - 1), st.sampled_from(PIECES), st.booleans())
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.lists(CHANGES, min_size=1, max_size=4))
 def test_no_text_breaks_the_reader(changes: list[tuple[int, str, bool]]) -> None:
     tokens = list(TOKENS)
@@ -566,7 +566,6 @@ def test_no_text_breaks_the_reader(changes: list[tuple[int, str, bool]]) -> None
     assert len(reading.body) == len(reading.lines)
 
 
-@settings(deadline=None)
 @given(st.text(), st.text(alphabet='[]();,\\:=!"%MODULE PRCEND\n09.'))
 def test_no_text_at_all_breaks_the_reader(one: str, two: str) -> None:
     assert read({"a": one, "b": two}, {}).faults

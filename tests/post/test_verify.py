@@ -225,7 +225,7 @@ def test_degenerate_arcs_have_a_middle():
     assert middles == pytest.approx(np.array([[1.0, 0, 0], [3, 0, 0], [1, 1, 0], [0, 2, 0]]))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.floats(0.001, math.pi), st.floats(0.01, 0.99), st.sampled_from([1e-2, 1.0, 1e3, 1e6]), st.integers(0, 999))
 def test_the_middle_of_an_arc_agrees_with_turning_about_its_centre(sweep, fraction, radius, seed):
     random = np.random.default_rng(seed)
@@ -272,7 +272,7 @@ def test_the_bound_of_arcs_holds_for_texts_with_a_via_and_for_texts_with_a_centr
     assert 2.0 < worst_centre < ARC_SLACK
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.integers(0, 10_000), st.floats(0.5, 3.1))
 def test_rounded_programs_are_accepted(seed, sweep):
     """Lines and arcs anywhere, each number rounded to three digits: never a false alarm."""

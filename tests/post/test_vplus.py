@@ -339,7 +339,6 @@ def test_a_given_name_is_not_cut() -> None:
     assert render(source, {"program": "outline_of_part"})[1].startswith(".PROGRAM outline_of_part()\n")
 
 
-@settings(deadline=None)
 @given(st.text(max_size=30))
 def test_any_input_name_becomes_a_name_of_its_own(name: str) -> None:
     _, text = render(Program(name, CELL.base_from_work, CELL.flange_from_tool, (HOME,)))
@@ -409,19 +408,18 @@ def settled(items: list[Instruction]) -> tuple[Instruction, ...]:
     return tuple(items)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(bodies(ANY, HOME6), st.sampled_from([0, 5, 2000]))
 def test_what_is_printed_is_read_six_axes(body: tuple[Instruction, ...], max_lines: int) -> None:
     round_trip(program(*body, header=("any",)), {"max_lines": max_lines})
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(bodies(STRAIGHT, HOME))
 def test_what_is_printed_is_read_scara(body: tuple[Instruction, ...]) -> None:
     round_trip(program(*body), {"posture": ["RIGHTY"], "rated": 7600})
 
 
-@settings(deadline=None)
 @given(st.text(max_size=80), ANY, st.tuples(NUMBERS, NUMBERS, NUMBERS))
 def test_any_remark_and_any_frame(remark: str, rotation: FloatArray, origin: tuple[float, float, float]) -> None:
     frame = Pose(rotation, origin)
@@ -514,7 +512,6 @@ def test_locations(text: str, origin: tuple[float, ...]) -> None:
     assert (found.work @ move.target).origin == pytest.approx(origin, abs=1e-12)
 
 
-@settings(deadline=None)
 @given(ANGLES, st.floats(0, 180) | DEGENERATE, ANGLES)
 def test_trans_turns_about_z_y_z(yaw: float, pitch: float, roll: float) -> None:
     found = reading(f"MOVE TRANS(0,0,0,{yaw:.9f},{pitch:.9f},{roll:.9f})")
@@ -723,8 +720,7 @@ EDITS = st.lists(
 )
 
 
-# The deadline is the point: no text may keep the reader busy.
-@settings(max_examples=500, deadline=20_000)
+@settings(max_examples=500)
 @given(EDITS)
 def test_no_text_breaks_the_reader(edits: list[tuple[int, int, str]]) -> None:
     text = GOOD
@@ -740,7 +736,6 @@ def test_no_text_breaks_the_reader(edits: list[tuple[int, int, str]]) -> None:
             assert np.isfinite(item.target.rotation).all()
 
 
-@settings(deadline=None)
 @given(st.text(max_size=200))
 def test_nonsense_is_a_fault(text: str) -> None:
     assert read({"a": text}, {}).faults

@@ -87,7 +87,7 @@ def files_of(text: str, chance: random.Random) -> dict[str, str]:
     return {"a": text} if chance.random() < 0.7 else {"a": text[:at], "b": text[at:]}
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.randoms(use_true_random=True), st.sampled_from(TEXTS), st.sampled_from([None, None, None, -60, -15, 0, 30]))
 def test_damaged_texts_are_read_alike(
     chance: random.Random, source: tuple[str, dict[str, object]], looped: int | None

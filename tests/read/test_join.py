@@ -64,7 +64,7 @@ def test_a_square_of_lines() -> None:
 
 
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(3, 9), st.sampled_from([0.0, 0.02]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_order_and_direction_of_the_pieces_do_not_matter(seed: int, count: int, corners: int, jitter: float) -> None:
     """Random star-shaped polygons, shuffled and reversed, with ends up to ``jitter`` apart."""
     rng = random.Random(seed)

@@ -136,7 +136,7 @@ def test_an_l_shape_has_one_concave_edge(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4), st.lists(st.floats(-80, 80), min_size=3, max_size=3))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_tilting_a_part_tilts_its_edges(tmp_path_factory: Any, turn: list[float], move: list[float]) -> None:
     if math.hypot(*turn) < 0.1:
         turn = [1.0, 0.0, 0.0, 0.0]

@@ -30,7 +30,7 @@ def kinds(runs: list[Run]) -> list[str]:
     st.floats(0.5, 500), st.floats(20, 350), st.integers(10, 60), st.tuples(*[st.floats(-3, 3)] * 3),
     st.tuples(*[st.floats(-300, 300)] * 3),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_an_arc_anywhere_in_space_is_one_arc(
     radius: float, sweep: float, sides: int, turn: tuple[float, float, float], move: tuple[float, float, float]
 ) -> None:

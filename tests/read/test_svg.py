@@ -105,7 +105,7 @@ def test_y_runs_up_from_the_lower_edge_of_the_page(tmp_path: Path) -> None:
     assert part.contours[0].points.tolist() == [[10.0, 80.0], [30.0, 40.0]]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(
         st.tuples(st.sampled_from("LHVCSQTA"), st.lists(st.integers(-50, 50), min_size=7, max_size=7)),

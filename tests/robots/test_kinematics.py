@@ -59,7 +59,7 @@ def configurations(draw: st.DrawFn, of: Robot) -> np.ndarray:
 
 @pytest.mark.parametrize("of", CLOSED, ids=lambda of: of.name)
 @given(data=st.data())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_joints_are_found_again(of: Robot, data: st.DataObject) -> None:
     joints = data.draw(configurations(of))
     rotations, origins = flange(of, joints[None])

@@ -258,7 +258,7 @@ def test_arms_with_too_many_joints_or_turns(count: int, tmp_path: Path) -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_damage_anywhere_is_one_line_or_an_arm(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
     raw = bytearray(COBOT.encode())
     for _ in range(data.draw(st.integers(1, 3))):

@@ -71,7 +71,7 @@ def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
     assert np.isnan(straight(lens, np.array([[0.5444, 0]]))).all()
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), st.floats(-0.01, 0.01), st.floats(-0.01, 0.01), st.floats(-0.2, 0.2))
 def test_what_is_answered_is_right(k1: float, k2: float, p1: float, p2: float, k3: float) -> None:
     """Any lens: an ideal point that is returned is seen at the place asked for, and lies before the fold."""

@@ -278,7 +278,7 @@ def test_the_same_picture_gives_the_same_numbers() -> None:
     assert all(np.array_equal(a.points, b.points) for a, b in zip(first, second, strict=True))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     turn=st.floats(0, 2 * math.pi), u=st.floats(-0.5, 0.5), v=st.floats(-0.5, 0.5), width=st.floats(25, 60),
     height=st.floats(25, 60), radius=st.floats(5, 8),

@@ -190,7 +190,7 @@ def test_sums_around_a_loop_go_over_its_end() -> None:
     assert loops.mean(values).tolist() == [3, 15]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     radius=st.floats(5, 30), u=st.floats(-0.5, 0.5), v=st.floats(-0.5, 0.5), blur=st.floats(0.5, 1.2),
     hole=st.booleans(),
