@@ -1,8 +1,11 @@
-"""`camgen calibrate` beside OpenCV's own ways: python -m bench.photo.calibrate [folder of a photo set, board as 9x6]
+"""`camgen calibrate` beside OpenCV's own ways.
 
-Photo sets: each way finds the corners of all photos and cv2.calibrateCamera does the rest. OpenCV's best is the way
-with the least error among those that find the board in the most photos. Rendered boards: the corners against the
-truth. Prints tables for docs/benchmarks.md and exits with 1 when a figure misses its goal.
+    python -m bench.photo.calibrate [FOLDER, BOARD as 9x6] [PHOTOS, 8]
+
+FOLDER holds photos of a board: each way finds the corners of all of them and cv2.calibrateCamera does the rest.
+OpenCV's best is the way with the least error among those that find the board in the most photos. Rendered boards,
+PHOTOS of each kind: the corners against the truth. Prints tables for docs/benchmarks.md and exits with 1 when a figure
+misses its goal.
 """
 
 from __future__ import annotations
@@ -110,14 +113,17 @@ def judged(folder: Path, board: tuple[int, int]) -> bool:
     return good
 
 
-def rendered() -> None:
+def rendered(count: int) -> None:
     """The corners against the truth, rms of the distance in px."""
     columns, rows = 9, 6
-    print("\nRendered boards of 9x6, 640 x 480 px, 8 photos each: rms of the corners' distance from the truth, px\n")
+    print(
+        f"\nRendered boards of 9x6, 640 x 480 px, {count} photos each: rms of the corners' distance "
+        "from the truth, px\n"
+    )
     print(f"| photos | {' | '.join(WAYS)} | **camgen** |\n|---|{'---|' * (len(WAYS) + 1)}")
     for kind, (options, fill) in KINDS.items():
         errors: dict[str, list[np.ndarray]] = {name: [] for name in (*WAYS, "camgen")}
-        for i, pose in enumerate(poses(CAMERA, (200, 125), 8, seed=7, fill=fill)):
+        for i, pose in enumerate(poses(CAMERA, (200, 125), count, seed=7, fill=fill)):
             view = photo(CAMERA, chess(columns, rows, 25), pose, seed=i, **options)
             own = seen(view.pixels, chessboard(columns, rows, 25))
             found = {name: way(view.pixels, (columns, rows)) for name, way in WAYS.items()}
@@ -129,7 +135,7 @@ def rendered() -> None:
         cells = [
             f"{np.sqrt(np.mean(np.sum(np.concatenate(e) ** 2, axis=1))):.3f}" if e else "-" for e in errors.values()
         ]
-        lost = [f" ({8 - len(e)} not found)" if len(e) < 8 else "" for e in errors.values()]
+        lost = [f" ({count - len(e)} not found)" if len(e) < count else "" for e in errors.values()]
         print(f"| {kind} | {' | '.join(c + n for c, n in zip(cells, lost, strict=True))} |", flush=True)
 
 
@@ -141,7 +147,7 @@ def main() -> int:
         sets = {Path(sys.argv[1]): (int(columns), int(rows))}
     print(machine())
     good = [judged(path, board) for path, board in sets.items()]
-    rendered()
+    rendered(int(sys.argv[3]) if len(sys.argv) > 3 else 8)
     return 0 if all(good) else 1
 
 

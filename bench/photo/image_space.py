@@ -1,4 +1,4 @@
-"""The image-space planner on drawn masks: python -m bench.photo.image_space [parts]
+"""The image-space planner on drawn masks: python -m bench.photo.image_space [PARTS, 20] [RUNS, 7]
 
 A part with sharp and round corners, a notch, a slot and holes lies at random in the view. Points of the tool's path,
 0.1 mm apart, are measured against the drawn outline (shapely); what is within 1 mm of where a sharp corner acts is told
@@ -8,7 +8,8 @@ apart. `ideal`: a pixel is part where its centre is. `photo`: the share of each 
 Routes: `pixels`, the paper's whole pixels and the gradient of the distance image; `mask`, the iso-line found from the
 mask alone; `border`, the iso-line around the drawn outline, as if the photo had told it without error.
 
-Then seconds at 10.5 megapixels, beside the OpenCV calls that are needed in any case, and the peak memory.
+Then the best seconds of RUNS at 10.5 megapixels (0: none), beside the OpenCV calls that are needed in any case, and
+the peak memory.
 """
 
 from __future__ import annotations
@@ -52,10 +53,11 @@ class Drawn(NamedTuple):
     reach: np.ndarray
 
 
-def main(count: int) -> None:
+def main(count: int, runs: int) -> None:
     print(f"{machine()}, OpenCV {cv2.__version__}\n")
     accuracy(count)
-    speed()
+    if runs:
+        speed(runs)
 
 
 def accuracy(count: int) -> None:
@@ -189,7 +191,7 @@ def feeling(points: np.ndarray, part: Drawn) -> np.ndarray:
     return (np.abs(points[:, None] - part.sharp) < part.reach).any(axis=1)
 
 
-def speed() -> None:
+def speed(runs: int) -> None:
     """A plate of 3400 x 2400 px with 40 holes in a view of 3840 x 2748."""
     loops = [np.exp(2j * np.pi * np.arange(720) / 720) * 50 + complex(400 * i + 700, 400 * j + 500) for i in range(7)
              for j in range(5)]  # fmt: skip
@@ -200,13 +202,14 @@ def speed() -> None:
     view = np.array([[0.143, 0.0, 0.0], [0.0, -0.143, 0.0]])
     tool = Tool(diameter=2 * RADIUS)
     jobs = {"": Job(tool=tool), ", corner radius 2": Job(tool=tool, operation=Operation(corner_radius=2.0))}
-    print("\n| 10.5 megapixels, 36 paths | best of 7, s |\n|---|---|")
-    print(f"| cv2.distanceTransform and cv2.findContours alone | {best(bare, pixels):.3f} |")
+    print(f"\n| 10.5 megapixels, 36 paths | best of {runs}, s |\n|---|---|")
+    print(f"| cv2.distanceTransform and cv2.findContours alone | {best(runs, bare, pixels):.3f} |")
     before = peak()
     for name, exact in (("pixels", False), ("mask", True)):
         for what, job in jobs.items():
             print(
-                f"| route {name}{what} | {best(partial(image_space, exact=exact), pixels, view, job):.3f} |", flush=True
+                f"| route {name}{what} | {best(runs, partial(image_space, exact=exact), pixels, view, job):.3f} |",
+                flush=True,
             )
     print(f"\nPeak memory {peak():.0f} MB, of which {before:.0f} MB before the planner ran")
 
@@ -216,9 +219,9 @@ def bare(pixels: np.ndarray) -> None:
     cv2.findContours(cv2.compare(far, RADIUS / 0.143, cv2.CMP_LE), cv2.RETR_TREE, cv2.CHAIN_APPROX_NONE)
 
 
-def best(call: Callable[..., object], *values: object) -> float:
+def best(runs: int, call: Callable[..., object], *values: object) -> float:
     seconds = []
-    for _ in range(7):
+    for _ in range(runs):
         begun = time.perf_counter()
         call(*values)
         seconds.append(time.perf_counter() - begun)
@@ -230,4 +233,4 @@ def peak() -> float:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20)
+    main(*(int(word) for word in (*sys.argv[1:3], *("20", "7")[len(sys.argv[1:3]) :])))

@@ -1,7 +1,8 @@
-"""Outlines and their lines and arcs against drawn parts: python -m bench.photo.outlines [parts per row]
+"""Outlines and their lines and arcs against drawn parts: python -m bench.photo.outlines [PARTS, 5] [RUNS, 7] [SHAPE]
 
-Each part lies at random in a grey picture, 60 beside it and 180 on it: the share of each pixel that the part covers,
-blurred by a Gaussian, with noise, in whole grey values, and cut half-way for the mask. All in pixels.
+Each part, or that named SHAPE, lies PARTS times at random in a grey picture, 60 beside it and 180 on it: the share of
+each pixel that the part covers, blurred by a Gaussian, with noise, in whole grey values, and cut half-way for the mask.
+All in pixels.
 
 - `pixels`: the centres of the part's outermost pixels, as cv2.findContours gives them; `points`:
   camgen.vision.outline; `lines and arcs`: camgen.vision.lines_arcs, points 0.25 px apart on them, and for the largest
@@ -9,7 +10,7 @@ blurred by a Gaussian, with noise, in whole grey values, and cut half-way for th
 - What is within 4 px of a sharp corner is left out, and told by the distance from drawn to found corners.
 - `pieces`: how many lines and arcs were found, whole circles being two, and how many were drawn.
 
-Then seconds at 10.5 megapixels, beside bare cv2.findContours.
+Then the best seconds of RUNS at 10.5 megapixels (0: none), beside bare cv2.findContours.
 """
 
 from __future__ import annotations
@@ -52,15 +53,16 @@ SHAPES = {
 }
 
 
-def main(count: int) -> None:
+def main(count: int, runs: int, names: list[str]) -> None:
     print(f"{machine()}, OpenCV {cv2.__version__}, {count} parts per row\n")
     print("| part | blur | noise | pixels max | rms | points max | rms | lines and arcs max | rms ", end="")
     print("| corners max | rms | pieces |\n|---|---|---|---|---|---|---|---|---|---|---|---|")
-    for name, shape in SHAPES.items():
+    for name in names or SHAPES:
         for blur in BLURS:
             for noise in NOISES:
-                print(f"| {name} | {blur:g} | {noise:g} | {judged(shape, blur, noise, count)} |", flush=True)
-    speed()
+                print(f"| {name} | {blur:g} | {noise:g} | {judged(SHAPES[name], blur, noise, count)} |", flush=True)
+    if runs:
+        speed(runs)
 
 
 def judged(shape: Shape, blur: float, noise: float, count: int) -> str:
@@ -117,7 +119,7 @@ def walked(contours: tuple) -> np.ndarray:
     return np.concatenate(found)
 
 
-def speed() -> None:
+def speed(runs: int) -> None:
     """The plate, six times as large, alone and with many holes of 10 px radius, in a view of 3840 x 2748."""
     loops = [loop * 6 + (1920 + 1374j) for loop in plate().loops]
     hole = 10 * np.exp(2j * np.pi * np.arange(720) / 720)
@@ -127,16 +129,16 @@ def speed() -> None:
         grey = picture(Drawn([*loops, *more], np.zeros(0, complex)), 2748, 3840, 0.7, 2.0)
         mask = mask_of(grey)
         found = outlines(grey, mask)[0]
-        bare = best(lambda mask=mask: cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE))
-        first = best(lambda grey=grey, mask=mask: outlines(grey, mask))
-        second = best(lambda found=found: primitives(found, VIEW))
+        bare = best(runs, lambda mask=mask: cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE))
+        first = best(runs, lambda grey=grey, mask=mask: outlines(grey, mask))
+        second = best(runs, lambda found=found: primitives(found, VIEW))
         count = sum(len(loop.points) for loop in found)
         print(f"| {name} | {count} | {bare:.3f} | {first:.3f} | {second:.3f} |", flush=True)
 
 
-def best(call: Callable[[], object]) -> float:
+def best(runs: int, call: Callable[[], object]) -> float:
     seconds = []
-    for _ in range(7):
+    for _ in range(runs):
         begun = time.perf_counter()
         call()
         seconds.append(time.perf_counter() - begun)
@@ -144,4 +146,5 @@ def best(call: Callable[[], object]) -> float:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 5)
+    parts, rounds = (int(word) for word in (*sys.argv[1:3], *("5", "7")[len(sys.argv[1:3]) :]))
+    main(parts, rounds, sys.argv[3:])

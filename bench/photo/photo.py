@@ -1,9 +1,10 @@
 """From photo to program, judged: rendered photos of known parts, built as a user would, measured against the drawing.
 
-    python -m bench.photo.photo render DIR [COUNT]   COUNT (20) photos of 10.5 and of 1 megapixel and the hard ones
-    python -m bench.photo.photo calibration DIR      photos of a chessboard by the large camera
-    python -m bench.photo.photo judge DIR [NAME...]  a table of path errors; exit code 1 where a goal is missed
-    python -m bench.photo.photo speed DIR            seconds and memory beside the bare OpenCV calls
+    python -m bench.photo.photo render DIR [COUNT] [SIZE]       COUNT (20) photos of 10 and of 1 megapixels and the hard
+                                                                ones; with a SIZE, 10 or 1, those of that size alone
+    python -m bench.photo.photo calibration DIR [COUNT] [SIZE]  COUNT (15) photos of a chessboard by the camera of SIZE
+    python -m bench.photo.photo judge DIR [NAME ...]            path errors; exit code 1 where a goal is missed
+    python -m bench.photo.photo speed DIR [NAME] [RUNS]         best seconds of RUNS (5), beside the bare OpenCV calls
 
 Each photo has NAME.toml (the job), NAME.yaml (the lens) and NAME.json (the truth). Points along the planned motion, 0.1
 mm apart at most, are compared with the exact offset of the drawing. Goals, away from sharp corners by 1 mm: 0.05 mm and
@@ -34,7 +35,7 @@ HARD = ("srgb", "jpeg", "dim", "faint")
 #: The integer-pixel route of the paper beside them.
 ROUTES = (*PLANNERS, "paper")
 MOST, RMS, PIXEL = 0.05, 0.015, 0.143
-TIMES, MEMORY, RUNS = 2.5, 600, 5
+TIMES, MEMORY = 2.5, 600
 _TOLD = 100
 #: An error, or the line that says why there is no path.
 Result = Error | str
@@ -50,18 +51,22 @@ def main(arguments: list[str]) -> int:
         return 0
     if what in ("render", "calibration"):
         place.mkdir(parents=True, exist_ok=True)
-        draw(what, place, int(rest[0]) if rest else 20)
+        draw(what, place, [int(word) for word in rest])
         return 0
     return {"judge": judge, "speed": speed}[what](place, rest)
 
 
-def draw(what: str, folder: Path, count: int) -> None:
-    from bench.render import photos as render_photos  # noqa: PLC0415 (speed imports nothing heavy, see speed.py)
+def draw(what: str, folder: Path, numbers: list[int]) -> None:
+    """numbers: of photos and of megapixels, as far as they are given."""
+    from bench.render import photos as render_photos  # noqa: PLC0415 (speed imports nothing heavy, see bench.speed.processes)
 
     if what == "calibration":
-        render_photos.write_calibration(folder, 10)
+        count, size = (*numbers, *(15, 10)[len(numbers) :])
+        render_photos.write_calibration(folder, size, count)
         return
-    for photo in (*render_photos.photos(count, 10), *render_photos.photos(count, 1), *render_photos.hard()):
+    count, *size = numbers or [20]
+    drawn = [photo for one in size or (10, 1) for photo in render_photos.photos(count, one)]
+    for photo in drawn if size else (*drawn, *render_photos.hard()):
         begun = time.perf_counter()
         render_photos.write(folder, photo)
         print(f"{photo.name}: {time.perf_counter() - begun:.1f} s", flush=True)
@@ -75,7 +80,7 @@ def judge(folder: Path, names: list[str]) -> int:
     print("".join(f" {route}: max, rms mm | px |" for route in ROUTES), end="")
     print(" near corners, mm | path missed |\n|---|---|---|---|" + "---|---|" * len(ROUTES) + "---|---|")
     files = [folder / f"{name}.json" for name in names] or sorted(folder.glob("*-*mp.json"))
-    files += [folder / f"{name}.json" for name in HARD if not names]
+    files += [file for name in HARD if not names and (file := folder / f"{name}.json").is_file()]
     found: dict[tuple[str, str], list[tuple[Result, float]]] = {}
     for file in files:
         facts = json.loads(file.read_text())
@@ -199,16 +204,17 @@ def _arc(start: np.ndarray, via: np.ndarray, end: np.ndarray) -> np.ndarray:
 def speed(folder: Path, names: list[str]) -> int:
     """Whole processes in turns, interpreter and imports included: the bare OpenCV calls, and both planners."""
     name = names[0] if names else "plate-10mp"
+    rounds = int(names[1]) if len(names) > 1 else 5
     photo = json.loads((folder / f"{name}.json").read_text())["file"]
     with tempfile.TemporaryDirectory() as scratch:
-        commands = {"bare OpenCV calls": [sys.executable, __file__, "bare", str(folder / photo)]}
+        commands = {"bare OpenCV calls": [sys.executable, "-m", "bench.photo.photo", "bare", str(folder / photo)]}
         for planner in PLANNERS:
             commands[f"camgen build, {planner}"] = build(folder, name, photo, Path(scratch), planner)
         values: dict[str, list[tuple[float, float]]] = {what: [] for what in commands}
-        for _ in range(RUNS):
+        for _ in range(rounds):
             for what, command in commands.items():
                 values[what].append(measured(command))
-    said = [_bare_said(folder / photo) for _ in range(RUNS)]
+    said = [_bare_said(folder / photo) for _ in range(rounds)]
     calls = min(float(lines[-1].split()[1]) for lines in said)
     print(f"{machine()}\n\nBare calls of one process, s: {', '.join(said[-1])}\n")
     print("| process | best s | range s | peak MB | times the bare process | times the bare calls |")
@@ -222,19 +228,22 @@ def speed(folder: Path, names: list[str]) -> int:
         ratios = f"{least / best:.2f} | {least / calls:.2f}"
         print(f"| {what} | {least:.2f} | {least:.2f} to {most:.2f} | {memory:.0f} | {ratios} |")
     for planner in PLANNERS:
-        print(f"\nIn a process that runs already, {planner}: {_inside(folder, name, photo, planner):.2f} s", end="")
+        print(
+            f"\nIn a process that runs already, {planner}: {_inside(folder, name, photo, planner, rounds):.2f} s",
+            end="",
+        )
     print()
     return int(failed)
 
 
-def _inside(folder: Path, name: str, photo: str, planner: str) -> float:
+def _inside(folder: Path, name: str, photo: str, planner: str, rounds: int) -> float:
     """The best time of a build from the photo to the checked program, everything imported."""
     import camgen  # noqa: PLC0415 (only where it is timed)
     from camgen.read.job_file import load  # noqa: PLC0415
 
     job = load(folder / f"{name}.toml", [f"operation.planner={planner}"])
     times = []
-    for _ in range(RUNS):
+    for _ in range(rounds):
         begun = time.perf_counter()
         camgen.build(folder / photo, post="pacscript", job=job)
         times.append(time.perf_counter() - begun)
@@ -242,7 +251,7 @@ def _inside(folder: Path, name: str, photo: str, planner: str) -> float:
 
 
 def _bare_said(photo: Path) -> list[str]:
-    command = [sys.executable, __file__, "bare", str(photo)]
+    command = [sys.executable, "-m", "bench.photo.photo", "bare", str(photo)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
 
 

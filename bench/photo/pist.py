@@ -1,4 +1,6 @@
-"""The case study of docs/pist.md: `python -m bench.photo.pist`, with `--figures` it draws the page's pictures again.
+"""The case study of docs/pist.md: python -m bench.photo.pist [--figures] [--small]
+
+--figures: the page's pictures are drawn again. --small: with a tenth of the pixels, for a try.
 
 The paper's part (3 x 2.5 in, tool 3/8 in, 5 mm/s, 2 N) is rendered as its camera would see it, and drawn as DXF. Both
 go through camgen for a Denso controller. What the planned programs do is compared with the exact path, and with the
@@ -34,8 +36,8 @@ STYLE = """.bg{fill:#fff}text{font-family:system-ui,Helvetica,Arial,sans-serif;f
 .line{stroke:#1f6feb;stroke-width:.35}@media (prefers-color-scheme:dark){.bg{fill:#17181b}text{fill:#e8eaed}}"""
 
 
-def main(figures: bool) -> None:
-    photo = photos(1, 10)[0]
+def main(figures: bool, small: bool) -> None:
+    photo = photos(1, 1 if small else 10)[0]
     truth = offset_truth(photo.loops, photo.tool / 2)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -45,7 +47,7 @@ def main(figures: bool) -> None:
             "photo, geometric planner": path(file, job, "operation.planner=geometric"),
             "photo, image-space planner": path(file, job, "operation.planner=image"),
             "photo, whole pixels as in the paper": paper_route(folder, photo.name, file.name, truth),
-            "drawing (CAD)": path(drawing(folder, photo.loops), job, "tool.orient=fixed"),
+            "drawing (CAD)": path(drawing(folder, photo.loops), without_camera(job), "tool.orient=fixed"),
         }
         seen = camgen.build(file, post="pacscript", job=load(job))
     cad = paths["drawing (CAD)"]
@@ -68,6 +70,13 @@ def path(source: Path, job: Path, setting: str) -> np.ndarray:
     if run([*words, "-o", str(source.parent), "--plan", str(plan)]):
         sys.exit(1)
     return planned(plan)
+
+
+def without_camera(job: Path) -> Path:
+    """The tables of a job that a drawing uses as well."""
+    own = job.with_name("drawing.toml")
+    own.write_text(job.read_text().partition("[camera]")[0] + "[tool]" + job.read_text().partition("[tool]")[2])
+    return own
 
 
 def drawing(folder: Path, loops: Sequence[Loop]) -> Path:
@@ -120,4 +129,4 @@ def drawn(paths: dict[str, np.ndarray], truth: Truth) -> str:
 
 
 if __name__ == "__main__":
-    main("--figures" in sys.argv)
+    main("--figures" in sys.argv, "--small" in sys.argv)

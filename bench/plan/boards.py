@@ -1,15 +1,18 @@
-"""Filling circuit boards and finding drill marks: python -m bench.plan.boards [folder of board pictures]
+"""Filling circuit boards and finding drill marks.
 
-Boards are rendered at 300 dpi, seeded: pads, tracks with bends of 45 degrees, a ground plane with clearances. Prints
-the tables of docs/benchmarks.md: what a marker covers, what it inks beside, strokes and seconds. Exits with 1 when a
-figure misses its goal.
+    python -m bench.plan.boards [FOLDER] [BOARDS, 50] [PIXELS ...]
+
+FOLDER holds pictures of boards. Others are rendered at 300 dpi, seeded: to be filled, PIXELS (1000 and 3000) a side,
+with pads, tracks with bends of 45 degrees, a ground plane with clearances; and with marks, BOARDS in each of two sets.
+Prints the tables of docs/benchmarks.md: what a marker covers, what it inks beside, strokes and seconds. Exits with 1
+when a figure misses its goal.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from statistics import median
 
@@ -134,14 +137,14 @@ def fill_row(name: str, part: Part, diameter: float, repeats: int) -> bool:
     return covered >= 100 * least and outside <= 100 * most
 
 
-def fill_table(folder: Path) -> bool:
+def fill_table(folder: Path, sizes: tuple[int, ...]) -> bool:
     head = ("board", "marker, mm", "covered", "outside", "beside thin", "copper, mm2", "bare", "outside", "thin")
     print("|", " | ".join((*head, "strokes", "points", "s")), "|")
     print(f"|{'---|' * 12}")
     good = True
     boards = [
         (f"rendered {n} x {n}{', plane' if p else ''}", part_of(board(n, s, p)))
-        for n, s, p in ((1000, 1, False), (1000, 2, True), (3000, 3, False), (3000, 4, True))
+        for s, (n, p) in enumerate(product(sizes, (False, True)), 1)
     ]
     scale = {"operation": {"kind": "fill"}, "image": {"mm_per_px": MM}}
     boards += [(path.name, read(path, from_mapping(scale))) for path in sorted(folder.glob("*_temp.jpg"))]
@@ -227,14 +230,16 @@ def mark_table(sets: dict[str, list[tuple[int, int]]]) -> bool:
     return good
 
 
-#: Seeds on which the finder of marks was made, and others in pictures of other sizes.
-MARKS = {
-    "50, seeds 0 to 49": [(seed, 500) for seed in range(50)],
-    "50, seeds 1000 to 1049": [(1000 + k, (470, 500, 620, 800)[k % 4]) for k in range(50)],
-}
+def mark_sets(count: int) -> dict[str, list[tuple[int, int]]]:
+    """``count`` boards on which the finder of marks was made, and as many others in pictures of other sizes."""
+    return {
+        f"{count}, seeds 0 to {count - 1}": [(seed, 500) for seed in range(count)],
+        f"{count}, seeds 1000 to {999 + count}": [(1000 + k, (470, 500, 620, 800)[k % 4]) for k in range(count)],
+    }
 
 
 if __name__ == "__main__":
     print(machine())
-    good = [fill_table(Path(sys.argv[1]) if len(sys.argv) > 1 else Path()), mark_table(MARKS)]
+    folder, count = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(), int(sys.argv[2]) if len(sys.argv) > 2 else 50
+    good = [fill_table(folder, tuple(map(int, sys.argv[3:])) or (1000, 3000)), mark_table(mark_sets(count))]
     sys.exit(0 if all(good) else 1)

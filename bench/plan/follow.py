@@ -1,8 +1,9 @@
-"""`follow` on real drawings, judged from the printed text: python -m bench.plan.follow [folder with dxf files]
+"""`follow` on real drawings, judged from the printed text: python -m bench.plan.follow [FOLDER | FILE DIAMETER]
 
 Every point where the tool works must lie at the tool radius from the drawing, and no point of a path nearer. The
-drawing is flattened by ezdxf, not by camgen's reader; the points come from the text of each post, read back. Prints a
-table for docs/benchmarks.md and exits with 1 when a figure misses its goal.
+drawings, FILE or those of FOLDER that are named here, are flattened by ezdxf, not by camgen's reader; the points come
+from the text of each post, read back. Prints a table for docs/benchmarks.md and exits with 1 when a figure misses its
+goal.
 """
 
 from __future__ import annotations
@@ -155,9 +156,10 @@ def main() -> int:
     print("| drawing | tool mm | paths | working points off mm | nearer than allowed mm | posts apart mm |", end="")
     print(" arcs: instr./m | chords: instr./m | |\n|---|---|---|---|---|---|---|---|---|")
     missed = 0
-    for name, diameter in DRAWINGS.items():
+    drawings = {folder.name: float(sys.argv[2])} if folder.is_file() else DRAWINGS
+    for name, diameter in drawings.items():
         try:
-            row = judged(folder / name, diameter)
+            row = judged(folder if folder.is_file() else folder / name, diameter)
         except CamgenError as error:
             row = f"| {name} | {diameter:g} | {error} | **missed** |"
         missed += "missed" in row

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.machine import machine
 from camgen.model.errors import CamgenError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Part
@@ -76,6 +77,7 @@ def main(folder: Path) -> int:
         entry = json.loads(line)
         if "file" in entry:
             measured[entry["file"]] = entry
+    print(machine(), end="\n\n")
     print("| file | used | skipped | repaired, assumed, warned | verdict |\n|---|---|---|---|---|")
     unexplained = 0
     for path in sorted((folder / "dxf").rglob("*")):

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 
+from bench.machine import machine
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.read.gcode.interpreter import Run, interpret
 
@@ -192,12 +193,12 @@ def row(path: Path) -> tuple[str, str]:
     if run.stopped:
         line, why = run.stopped
         return ("refused both" if theirs else "refused"), f"line {line}: {why}" + (
-            f" | rs274: {theirs}" if theirs else ""
+            f"; rs274: {theirs}" if theirs else ""
         )
     found = against(run, judge)
     told = f"{found.moves} motions, largest difference {found.deviation:.4f} mm, {seconds:.2f} s"
     if theirs and "percent" not in theirs:
-        return "accepted alone", f"{told} | rs274: {theirs}"
+        return "accepted alone", f"{told}; rs274: {theirs}"
     if found.fault:
         return "DIFFERS", found.fault
     return "equal" if found.moves else "no motion", told
@@ -208,13 +209,14 @@ def main() -> None:
     paths = [Path(name) for name in sys.argv[1:]]
     files = [f for p in paths for f in (sorted(p.rglob("*")) if p.is_dir() else [p])]
     counts: dict[str, int] = {}
+    print(f"{machine()}\n\n| program | | |\n|---|---|---|")
     for file in files:
         if file.suffix.lower() not in (".ngc", ".nc", ".gcode", ".tap") or not file.is_file():
             continue
         kind, told = row(file)
         counts[kind] = counts.get(kind, 0) + 1
-        print(f"{kind:14} {file.name}: {told}", flush=True)
-    print(", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
+        print(f"| {file.name} | {kind} | {told} |", flush=True)
+    print("\n" + ", ".join(f"{kind} {count}" for kind, count in sorted(counts.items())))
 
 
 if __name__ == "__main__":

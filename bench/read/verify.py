@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from time import perf_counter
 
+from bench.machine import machine
 from camgen.check.report import sum_up
 from camgen.model.program import Columns
 from camgen.post import Remark
@@ -40,6 +41,7 @@ def row(path: Path) -> str:
 
 def main() -> None:
     """The table."""
+    print(machine(), end="\n\n")
     print("| program | read as | instructions | straight mm | arcs mm | faults | remarks | first fault | ms |")
     print("|---|---|---|---|---|---|---|---|---|")
     for name in sys.argv[1:]:

@@ -1,12 +1,14 @@
 """Cycle times: length over speed beside acceleration, corners and joints; and LinuxCNC's own planner as the judge.
 
-`python -m bench.robots.cycle [FILE ...]`: fixtures, the files, and long programs. With `linuxcnc` as the file: programs
+`python -m bench.robots.cycle [FILE ...] [--lines N ...]`: fixtures, the files, and programs of N lines (50,000 and
+500,000). With `linuxcnc` as the file: programs
 run by LinuxCNC in its simulator, in real time, about a minute. That needs the package linuxcnc-uspace; run by root it
 also needs the user's number in RTAPI_UID and a path of that user's in RTAPI_FIFO_PATH, as LinuxCNC says itself.
 """
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import subprocess
 import sys
@@ -72,19 +74,26 @@ def cases() -> dict[str, Program]:
 
 def main() -> None:
     print(machine())
-    if "linuxcnc" in sys.argv[1:]:
+    arguments = argparse.ArgumentParser()
+    arguments.add_argument("files", nargs="*")
+    arguments.add_argument("--lines", nargs="*", type=int, default=(50_000, 500_000))
+    given = arguments.parse_args()
+    if "linuxcnc" in given.files:
         judged()
         return
-    print(f"{'input':26s} {'post':9s} {'length/speed':>12s} {'time':>8s} {'travel':>8s}")
-    more: dict[str, tuple[str, dict[str, object]]] = {Path(file).name: (file, {}) for file in sys.argv[1:]}
+    print("\n| input | post | length over speed, s | time, s | travel, s |\n|---|---|---|---|---|")
+    more: dict[str, tuple[str, dict[str, object]]] = {
+        Path(file).name: (str(Path(file).resolve()), {}) for file in given.files
+    }
     for name, (file, job) in (JOBS | more).items():
         for post in ("rapid", "vplus", "gcode", "grbl"):
             if post != "rapid" and ("rfa" in file or "cell" in job):
                 continue
             found = camgen.build(ROOT / "fixtures" / file, post=post, job=job)
-            times = f"{found.motions.seconds:12.1f} {found.cycle.total:8.1f} {found.cycle.travel:8.1f}"
-            print(f"{name:26s} {post:9s} {times}")
-    for count in (50_000, 500_000):
+            times = f"{found.motions.seconds:.1f} | {found.cycle.total:.1f} | {found.cycle.travel:.1f}"
+            print(f"| {name} | {post} | {times} |")
+    print("\n| lines | post | timed in, s |\n|---|---|---|")
+    for count in given.lines:
         one = polyline(wave(count + 1, count / 10), 40.0)
         one.columns.ends, one.columns.speed, one.columns.blend  # noqa: B018 (read before the clock starts)
         for post in ("rapid", "gcode"):
@@ -93,7 +102,7 @@ def main() -> None:
                 begun = time.perf_counter()
                 cycle(one, pace)
                 took.append(time.perf_counter() - begun)
-            print(f"{count} lines, {post}: {statistics.median(took):.2f} s")
+            print(f"| {count:,} | {post} | {statistics.median(took):.2f} |")
 
 
 def judged() -> None:
@@ -107,10 +116,11 @@ def judged() -> None:
             (here / f"{k}.ngc").write_text(make_post(find_post("gcode"), {}).render(one)[0].text)
         configured(here)
         subprocess.run(["linuxcnc", "-r", str(here / "mill.ini")], check=True, timeout=300, capture_output=True)
+        print("\n| program | length over speed, s | camgen, s | LinuxCNC, s | apart |\n|---|---|---|---|---|")
         for k, (name, one) in enumerate(zip(cases(), programs, strict=True)):
             ours, theirs = float(timed(one, post.pace(), None, None)[0].sum()), sampled(here / f"{k}.txt")
             naive = sum_up(one.columns).seconds
-            print(f"{name:26s} {naive:8.3f} {ours:8.3f} {theirs:8.3f} {100 * (ours / theirs - 1):+6.2f} %")
+            print(f"| {name} | {naive:.3f} | {ours:.3f} | {theirs:.3f} | {100 * (ours / theirs - 1):+.2f} % |")
 
 
 def sampled(file: Path) -> float:

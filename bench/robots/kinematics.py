@@ -1,4 +1,4 @@
-"""Joints from poses and along paths: `python -m bench.robots.kinematics`.
+"""Joints from poses and along paths: `python -m bench.robots.kinematics [POSES, 10000]`.
 
 What is found is put through another forward way.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import sys
 import time
 from collections.abc import Callable
 
@@ -22,8 +23,8 @@ from camgen.robots.kinematics.inverse import inverse
 from camgen.robots.kinematics.joint_limits import copies, theta_of, within
 from camgen.robots.models import Robot
 
-POSES, ROWS = 10_000, 10_000
-BY_ITERATION = 1_000
+#: Of a robot; one whose joints are found by iteration is asked for a tenth.
+POSES = 10_000
 CENTRES = {
     "IRB 120": (350, 0, 300), "IRB 1200": (500, 0, 300), "IRB 2000": (900, 0, 700), "IRB 2400": (900, 0, 700),
     "VS-060": (350, 0, 300), "VS-6556": (400, 0, 300), "VS-6577": (400, 0, 300), "Viper s650": (400, 0, 300),
@@ -95,11 +96,11 @@ def drawn(of: Robot, count: int) -> FloatArray:
     return np.asarray(values[within(of, values)][:count])
 
 
-def table_of_poses() -> None:
+def table_of_poses(poses: int) -> None:
     print("\n| robot | poses | branches | found again | mm | rad | us per pose | poses/s | forward, us |")
     print("|---|---|---|---|---|---|---|---|---|")
     for of in robots():
-        joints = drawn(of, POSES if of.arm else BY_ITERATION)
+        joints = drawn(of, poses if of.arm else poses // 10)
         rotations, origins = flange(of, joints)
         seconds = timed(lambda of=of, r=rotations, o=origins: inverse(of, r, o), 5 if of.arm else 1)
         forward = timed(lambda of=of, q=joints: frames(of, q))
@@ -115,7 +116,7 @@ def table_of_poses() -> None:
         )
 
 
-def table_of_oracle() -> None:
+def table_of_oracle(count: int) -> None:
     try:
         opw = importlib.import_module("py_opw_kinematics")
         transform = importlib.import_module("scipy.spatial.transform")
@@ -131,7 +132,7 @@ def table_of_oracle() -> None:
         c4 = float(np.linalg.norm(arm.flange_from_wrist.origin))
         model = opw.KinematicModel(a1=arm.a1, a2=arm.a2, b=arm.b, c1=arm.c1, c2=arm.c2, c3=arm.c3, c4=c4)
         other = opw.Robot(model, degrees=False)
-        rotations, origins = flange(of, drawn(of, POSES))
+        rotations, origins = flange(of, drawn(of, count))
         poses = transform.RigidTransform.from_components(origins, transform.Rotation.from_matrix(rotations))
         seconds = timed(lambda other=other, poses=poses: other.reach(poses), 3)
         theirs = np.asarray(other.reach(poses).joints)
@@ -144,11 +145,11 @@ def table_of_oracle() -> None:
         print(f"| {of.name} | {same.sum():,} of {n:,} | {worst:.1e} | {1e6 * seconds / n:.2f} |")
 
 
-def table_of_paths() -> None:
+def table_of_paths(count: int) -> None:
     print("\n| robot | rows of a circle | seconds | us per row | greatest step, deg or mm |\n|---|---|---|---|---|")
     for name, (x, y, z) in CENTRES.items():
         of = robot(name)
-        rows = ROWS if of.arm else ROWS // 10
+        rows = count if of.arm else count // 10
         turn = np.linspace(0, math.tau, rows)
         origins = np.column_stack([x + 50 * np.cos(turn), y + 50 * np.sin(turn), np.full(rows, z)])
         rotations = np.broadcast_to(np.diag([1.0, -1, -1]), (rows, 3, 3))
@@ -163,6 +164,6 @@ def table_of_paths() -> None:
 
 if __name__ == "__main__":
     print(machine())
-    table_of_poses()
-    table_of_oracle()
-    table_of_paths()
+    asked = int(sys.argv[1]) if len(sys.argv) > 1 else POSES
+    for table in (table_of_poses, table_of_oracle, table_of_paths):
+        table(asked)

@@ -1,6 +1,6 @@
 """The cells of the RFA paper: edges reached, time, and every pose of the program again by a plain loop over fcl.
 
-    python -m bench.robots.rfa
+    python -m bench.robots.rfa [RUNS, 5] [PART] [ROBOT]   all parts and robots, or those named
 
 The parts are those of ``fixtures/parts``, in cells of our own: the part stands upright on a table, rfa1 on its base,
 and a spindle of 6 mm leans from a holder at the flange. Of some places and tools each robot has the one from which the
@@ -45,8 +45,6 @@ CELLS = {
     "IRB 2400": (1000.0, 600.0, 0.0, 60.0, 120.0, 100.0, 35.0),
     "IRB 1200": (500.0, 0.0, 180.0, 30.0, 80.0, 100.0, 35.0),
 }
-#: Processes, of which the median counts.
-RUNS = 5
 FREE = {"axis_tilt": 15.0, "symmetric": True}
 
 
@@ -133,11 +131,11 @@ def whole(path: Path, job: dict[str, dict[str, object]]) -> float:
     return time.perf_counter() - begun
 
 
-def alone() -> float:
+def alone(runs: int) -> float:
     """Seconds of a process that loads the libraries and the mesh and does nothing."""
     read = f"import numpy, fcl, trimesh; trimesh.load_mesh({str(PARTS / 'rfa1.stl')!r})"
     times = []
-    for _ in range(RUNS):
+    for _ in range(runs):
         begun = time.perf_counter()
         subprocess.run([sys.executable, "-c", read], check=True)
         times.append(time.perf_counter() - begun)
@@ -148,24 +146,26 @@ def _toml(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
 
 
-def main() -> int:
+def main(arguments: list[str]) -> int:
+    runs = int(arguments[0]) if arguments else 5  # processes, of which the median counts
+    parts, names = arguments[1:2] or RAISED, arguments[2:3] or CELLS
     print(f"{machine()}\n")
-    print(f"A process that imports numpy, trimesh and fcl, reads rfa1 and does nothing: {alone():.2f} s.")
+    print(f"A process that imports numpy, trimesh and fcl, reads rfa1 and does nothing: {alone(runs):.2f} s.")
     print("Seconds of a build: nominal, freed.\n")
     print("| part | robot | edges | nominal | tilt, roll | links, nearest | build, s | process, s | rows | collide |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     bad = 0
     with tempfile.TemporaryDirectory() as folder:
-        for part in RAISED:
+        for part in parts:
             path = Path(folder) / f"{part}.stl"
             path.write_bytes((PARTS / path.name).read_bytes())
             solid = mesh.read(Files().read(path))
-            for name in CELLS:
-                bad += row(path, solid, name)
+            for name in names:
+                bad += row(path, solid, name, runs)
     return 1 if bad else 0
 
 
-def row(path: Path, solid: Solid, name: str) -> int:
+def row(path: Path, solid: Solid, name: str, runs: int) -> int:
     job = cell(solid, name)
     counts, built, spent = [], [], []
     lost: list[str] = []
@@ -178,9 +178,9 @@ def row(path: Path, solid: Solid, name: str) -> int:
             counts.append(len(result.tour.paths))
             lost = [f"{note.what}: {note.why}" for note in result.notes if note.kind == "skipped"]
         except NoSafeProgram as error:
-            print(f"| {solid.name} | {name} | | {error} |")
+            print(f"| {solid.name} | {name} | {error} |" + " |" * 7)
             return 1
-        spent.append(median(whole(path, own) for _ in range(RUNS)))
+        spent.append(median(whole(path, own) for _ in range(runs)))
     collide, rows = differ(result, solid)
     links = next(note.what for note in result.notes if note.what.startswith("links"))
     times = links.rpartition("; ")[2].replace("nearest neighbour ", "")
@@ -189,9 +189,9 @@ def row(path: Path, solid: Solid, name: str) -> int:
     cells = [solid.name, name, total, *counts, times, *seconds, f"{rows:,}", collide]
     print("| " + " | ".join(str(value) for value in cells) + " |")
     for text in lost:
-        print(f"|   | left out | {text} |")
+        print(f"| {solid.name} | {name} | left out: {text} |" + " |" * (len(cells) - 3))
     return int(collide > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -1,6 +1,8 @@
-"""A batch of 200 real and damaged drawings: one summary, the same programs as one by one, killed and resumed, seconds.
+"""A batch of real and damaged drawings: one summary, the same programs as one by one, killed and resumed, seconds.
 
-``python -m bench.speed.batch [FOLDER] [RUNS]``. The damaged drawings are copies of the real ones with lines
+    python -m bench.speed.batch [FOLDER] [RUNS, 3] [DRAWINGS, 200] [JOBS, 4]
+
+The damaged drawings are copies of the real ones with lines
 changed, moved, doubled and left out, by a fixed seed.
 """
 
@@ -16,11 +18,11 @@ from collections.abc import Iterator
 from multiprocessing import get_context
 from pathlib import Path
 
+from bench.machine import machine
 from camgen.batch import state
 from tests.support.damage import damaged, one_sign_changed
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "dxf"
-COUNT = 200
 SEED = 7
 SIGNS = [*"0123456789.-+eE", " ", "A", "\x00", "é"]
 STATEMENTS = [
@@ -41,13 +43,13 @@ STATEMENTS = [
 ]
 
 
-def drawings(source: Path, folder: Path) -> list[Path]:
-    """The real drawings, and as many damaged ones as are missing to ``COUNT``."""
-    real = sorted(path for path in source.rglob("*") if path.suffix.lower() == ".dxf")
+def drawings(source: Path, folder: Path, count: int) -> list[Path]:
+    """The real drawings, ``count`` at most, and as many damaged ones as are missing to it."""
+    real = sorted(path for path in source.rglob("*") if path.suffix.lower() == ".dxf")[:count]
     chance = random.Random(SEED)
     for k, path in enumerate(real):
         (folder / f"{k:03}-{path.stem}.dxf").write_bytes(path.read_bytes())
-    for k in range(len(real), COUNT):
+    for k in range(len(real), count):
         text = chance.choice(real).read_bytes().decode("latin-1")
         spoilt = damaged(text, chance, STATEMENTS, lambda line, by: one_sign_changed(line, by, SIGNS))
         (folder / f"{k:03}-damaged.dxf").write_bytes(spoilt.encode("latin-1"))
@@ -78,15 +80,15 @@ def programs(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.name != state.NAME and p.name[0] != "."}
 
 
-def killed_and_resumed(folder: Path, half: int) -> tuple[int, int, int]:
+def killed_and_resumed(folder: Path, half: int, jobs: int) -> tuple[int, int, int]:
     """How many programs were there when the batch was killed, how many the next one left alone, its exit code."""
-    first = batch(folder, "killed", 4)
+    first = batch(folder, "killed", jobs)
     while first.poll() is None and (not (folder / "killed").is_dir() or len(programs(folder / "killed")) < half):
         time.sleep(0.01)
     first.kill()
     first.wait()
     there = len(programs(folder / "killed"))
-    second = batch(folder, "killed", 4)
+    second = batch(folder, "killed", jobs)
     table = second.communicate()[0].splitlines()[1:]
     return there, sum(row.split()[1] == "unchanged" for row in table), second.returncode
 
@@ -117,19 +119,20 @@ def start_methods(workers: int) -> Iterator[str]:
 
 def main() -> None:
     source = Path(sys.argv[1]) if len(sys.argv) > 1 else SHARED
-    runs = int(sys.argv[2]) if len(sys.argv) > 2 else 3
+    runs, count, most = (int(word) for word in (*sys.argv[2:5], *("3", "200", "4")[len(sys.argv[2:5]) :]))
     sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # rows as they come, also into a file
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "parts").mkdir()
-        parts = drawings(source, folder / "parts")
+        parts = drawings(source, folder / "parts", count)
         begun = time.perf_counter()
         codes = one_by_one(folder, parts)
         alone = time.perf_counter() - begun
         truth = programs(folder / "alone")
+        print(machine(), end="\n\n")
         print("| way | seconds | exit code | programs | same as one by one |\n|---|---|---|---|---|")
         print(f"| `build`, a process for each | {alone:.1f} | {dict(sorted(codes.items()))} | {len(truth)} | |")
-        for jobs in (1, 2, 4):
+        for jobs in (one for one in (1, 2, 4) if one <= most):
             seconds = []
             for run in range(runs):
                 begun = time.perf_counter()
@@ -140,13 +143,13 @@ def main() -> None:
             row = f"{statistics.median(seconds):.1f} | {process.returncode} | {len(made)} | {made == truth}"
             print(f"| `batch --jobs {jobs}` | {row} |")
         begun = time.perf_counter()
-        again = batch(folder, f"out-4-{runs - 1}", 4)
+        again = batch(folder, f"out-{most}-{runs - 1}", most)
         again.communicate()
         print(f"| the same again | {time.perf_counter() - begun:.1f} | {again.returncode} | | |")
-        there, left, code = killed_and_resumed(folder, len(truth) // 2)
+        there, left, code = killed_and_resumed(folder, len(truth) // 2, most)
         made = programs(folder / "killed")
         print(f"| killed at {there} programs, run again: {left} unchanged | | {code} | {len(made)} | {made == truth} |")
-        print("\nUntil 4 processes can build:", ", ".join(start_methods(4)))
+        print(f"\nUntil {most} processes can build:", ", ".join(start_methods(most)))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """The preview page of the largest drawing and of one made by hand: size, seconds to a picture, frames per second.
 
-    python -m bench.speed.page [FOLDER]
+    python -m bench.speed.page [FOLDER] [SEGMENTS, 200000] [SECONDS, 4]
 
 FOLDER holds drawings (default: ``shared/data/dxf`` beside the repository). The largest is the one whose program has the
-most points on the screen. The other one has 200,000 segments. Needs playwright and a Chromium; it renders in software.
+most points on the screen. The other one has SEGMENTS segments. Both turn for SECONDS, after as long a run-in. Needs
+playwright and a Chromium; it renders in software.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 
 import camgen
+from bench.machine import machine
 from camgen.build import Result
 from camgen.model.errors import CamgenError
 from camgen.preview.page import page
@@ -27,8 +29,6 @@ from camgen.preview.view import view
 DEFAULT = Path(__file__).parents[3] / "shared" / "data" / "dxf"
 SWITCHES = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
 JOB = {"operation": {"kind": "trace"}}
-#: Seconds of turning that are measured, after as long a run-in.
-TURNING = 4.0
 ORBIT = """async (seconds) => {
   const run = async () => {
     const begin = performance.now();
@@ -82,7 +82,7 @@ def by_hand(count: int, each: int = 500) -> Result:
         return camgen.build(file, post="gcode", job=JOB)
 
 
-def measured(browser: Browser, result: Result, folder: Path) -> str:
+def measured(browser: Browser, result: Result, folder: Path, turning: float) -> str:
     begin = time.perf_counter()
     text = page(view(result))
     made = time.perf_counter() - begin
@@ -99,7 +99,7 @@ def measured(browser: Browser, result: Result, folder: Path) -> str:
         )
         first.append(time.perf_counter() - begin)
         if len(first) == 3:
-            frames, script = tab.evaluate(ORBIT, TURNING), tab.evaluate(SCRIPT)
+            frames, script = tab.evaluate(ORBIT, turning), tab.evaluate(SCRIPT)
         tab.close()
     points = len(view(result).track.time)
     size = len(text.encode()) / 1e6
@@ -110,13 +110,16 @@ def measured(browser: Browser, result: Result, folder: Path) -> str:
 
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT
-    results = [largest(folder), by_hand(200_000)]
+    segments = int(sys.argv[2]) if len(sys.argv) > 2 else 200_000
+    turning = float(sys.argv[3]) if len(sys.argv) > 3 else 4.0
+    results = [largest(folder), by_hand(segments)]
+    print(machine(), end="\n\n")
     print("| drawing | points of the program | page | made in | first picture | frames/s turning | script per frame |")
     print("|---|---|---|---|---|---|---|")
     with sync_playwright() as started, tempfile.TemporaryDirectory() as pages:
         browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=SWITCHES)
         for result in results:
-            print(measured(browser, result, Path(pages)), flush=True)
+            print(measured(browser, result, Path(pages), turning), flush=True)
         browser.close()
 
 

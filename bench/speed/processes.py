@@ -1,12 +1,13 @@
 """Time and memory of whole processes, from the command to the written program.
 
-`python -m bench.speed.processes [case ...]`.
+    python -m bench.speed.processes [CASE ...] [--runs N]   all cases, or those named: help, 251, 5,001, 100,001
 
 This process imports nothing heavy: on Linux a child's peak memory counts what its parent held when it was started.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import statistics
 import subprocess
@@ -88,10 +89,12 @@ def row(what: str, values: list[tuple[float, float]], goal: str) -> str:
     return f"| {what} | {middle} | {max(m for _, m in values):.0f} | {goal} |"
 
 
-def bench(folder: Path, name: str, case: Case) -> None:
+def bench(folder: Path, name: str, case: Case, runs: int) -> None:
     """The rows of one drawing: reading alone, then each post, taken in turns."""
     drawing = str(folder / "plate.dxf")
-    subprocess.run([sys.executable, __file__, "draw", drawing, str(case.circles), str(case.slots)], check=True)
+    subprocess.run(
+        [sys.executable, "-m", "bench.speed.processes", "draw", drawing, str(case.circles), str(case.slots)], check=True
+    )
     commands = {"ezdxf": [sys.executable, "-c", f"import ezdxf; ezdxf.readfile({drawing!r})"]}
     for post in POSTS:
         programs = folder / post
@@ -99,7 +102,7 @@ def bench(folder: Path, name: str, case: Case) -> None:
         build = ["build", drawing, "--post", post, "-q", "-o", str(programs)]
         commands[post] = [sys.executable, "-m", "camgen", *build]
     values: dict[str, list[tuple[float, float]]] = {who: [] for who in commands}
-    for _ in range(case.runs):
+    for _ in range(runs or case.runs):
         for who, command in commands.items():
             values[who].append(measured(command))
     reading = statistics.median(s for s, _ in values["ezdxf"])
@@ -110,20 +113,25 @@ def bench(folder: Path, name: str, case: Case) -> None:
         print(row(f"{name}: build --post {post}", values[post], goal), flush=True)
 
 
-def main(wanted: list[str]) -> None:
+def main(wanted: list[str], runs: int) -> None:
+    """runs: of each process; 0: as many as its case says."""
     print(machine())
     print("\n| process | median s | range s | peak MB | goal |\n|---|---|---|---|---|", flush=True)
     if not wanted or "help" in wanted:
-        calls = [measured([sys.executable, "-m", "camgen", "--help"]) for _ in range(HELP_RUNS)]
+        calls = [measured([sys.executable, "-m", "camgen", "--help"]) for _ in range(runs or HELP_RUNS)]
         print(row("camgen --help", calls, f"{HELP_GOAL} s"), flush=True)
     for name, case in CASES.items():
         if not wanted or name.split()[0] in wanted:
             with tempfile.TemporaryDirectory() as folder:
-                bench(Path(folder), name, case)
+                bench(Path(folder), name, case, runs)
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["draw"]:
         draw(sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
     else:
-        main(sys.argv[1:])
+        arguments = argparse.ArgumentParser()
+        arguments.add_argument("cases", nargs="*")
+        arguments.add_argument("--runs", type=int, default=0)
+        given = arguments.parse_args()
+        main(given.cases, given.runs)

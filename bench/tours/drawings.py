@@ -1,4 +1,7 @@
-"""Pen-up travel of real drawings, and a million segments: `python -m bench.tours.drawings FOLDER ... | million`.
+"""Pen-up travel of real drawings, and a million segments.
+
+    python -m bench.tours.drawings FOLDER ...
+    python -m bench.tours.drawings million [CHAINS, 100000]
 
 Every DXF of the folders is traced: as drawn, nearest neighbour, the default search, that with networks merged, and a
 second of the compiled search; vpype (VPYPE, or from the path) sorts the same contours, as lines within 0.01 mm. Home is
@@ -19,15 +22,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.machine import machine
+
 if TYPE_CHECKING:
     from camgen.model.path import ToolPath
     from camgen.read.pieces import Soup
 
-#: Chains of the large drawing, segments of each, and segments that are drawn twice.
-CHAINS, LINKS, TWICE = 100_000, 9, 100_000
+#: Chains of the large drawing, and segments of each; as many segments as chains are drawn twice.
+CHAINS, LINKS = 100_000, 9
 
 
-def million() -> None:
+def million(chains: int) -> None:
     """Loose segments in no order, some drawn twice, joined to chains and ordered."""
     from camgen.model.job import Job, Operation  # noqa: PLC0415
     from camgen.model.part import Part  # noqa: PLC0415
@@ -35,7 +40,8 @@ def million() -> None:
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read.join import contours  # noqa: PLC0415
 
-    soup = loose(np.random.default_rng(1))
+    print(machine(), end="\n\n")
+    soup = loose(np.random.default_rng(1), chains)
     clock = [time.perf_counter()]
     job = Job(operation=Operation(kind="trace"))
     made, notes = contours(soup, job.input.join)
@@ -47,19 +53,23 @@ def million() -> None:
     clock.append(time.perf_counter())
     spent = [b - a for a, b in itertools.pairwise(clock)]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
-    print(f"{len(soup):,} segments, {len(made):,} chains: {[note.what for note in (*notes, *merged)]}")
-    print(f"joined {spent[0]:.1f} s, planned {spent[1]:.1f} s, ordered {spent[2]:.1f} s ({tour.method}), ", end="")
-    print(f"{sum(spent):.1f} s in all, {memory:.0f} MB, travel {tour.travel / 1000:.1f} m")
+    print(
+        "| segments | chains | joined, s | planned, s | ordered, s | in all, s | peak MB | travel, m | order | notes |"
+    )
+    print("|" + "---|" * 10)
+    seconds = " | ".join(f"{value:.1f}" for value in (*spent, sum(spent)))
+    told = f"{tour.travel / 1000:.1f} | {tour.method} | {'; '.join(note.what for note in (*notes, *merged))}"
+    print(f"| {len(soup):,} | {len(made):,} | {seconds} | {memory:.0f} | {told} |")
 
 
-def loose(rng: np.random.Generator) -> Soup:
+def loose(rng: np.random.Generator, chains: int) -> Soup:
     """Segments of random walks over a square, mixed, each drawn either way."""
     from camgen.read.pieces import Soup  # noqa: PLC0415
 
-    begin = rng.uniform(0, 10 * CHAINS**0.5, (CHAINS, 1, 2))
-    walk = np.cumsum(np.concatenate([begin, rng.uniform(-2, 2, (CHAINS, LINKS, 2))], axis=1), axis=1)
+    begin = rng.uniform(0, 10 * chains**0.5, (chains, 1, 2))
+    walk = np.cumsum(np.concatenate([begin, rng.uniform(-2, 2, (chains, LINKS, 2))], axis=1), axis=1)
     ends = np.stack([walk[:, :-1], walk[:, 1:]], axis=2).reshape(-1, 2, 2)
-    ends = np.concatenate([ends, ends[rng.choice(len(ends), TWICE, replace=False)]])
+    ends = np.concatenate([ends, ends[rng.choice(len(ends), chains, replace=False)]])
     ends = rng.permutation(ends)
     turned = rng.random(len(ends)) < 0.5
     ends[turned] = ends[turned][:, ::-1]
@@ -127,8 +137,6 @@ def row(file: Path, tool: str | None) -> str | None:
 
 
 def main(folders: list[str]) -> None:
-    from bench.machine import machine  # noqa: PLC0415
-
     tool = os.environ.get("VPYPE") or shutil.which("vpype")
     print(machine(), "" if tool else "; vpype is not installed: its columns are left out")
     peers = "| vpype | --two-opt " if tool else ""
@@ -141,7 +149,7 @@ def main(folders: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["million"]:
-        million()
+    if sys.argv[1:2] == ["million"]:
+        million(int(sys.argv[2]) if len(sys.argv) > 2 else CHAINS)
     else:
         main(sys.argv[1:])

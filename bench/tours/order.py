@@ -1,10 +1,11 @@
-"""Travel and time of the order of paths on random scenes: `python -m bench.tours.order`."""
+"""Travel and time of the order of paths on random scenes: `python -m bench.tours.order [PATHS ...]`."""
 
 from __future__ import annotations
 
 import gc
 import math
 import random
+import sys
 import time
 from collections.abc import Callable
 
@@ -69,11 +70,11 @@ def clustered(count: int, rng: random.Random) -> list[ToolPath]:
 SCENES: dict[str, Callable[[int, random.Random], list[ToolPath]]] = {"scattered": scattered, "clustered": clustered}
 
 
-def main() -> None:
+def main(sizes: list[int]) -> None:
     print(machine())
     print("\n| scene | paths | as drawn, m | nearest, m | of it | seconds |\n|---|---|---|---|---|---|")
     for name, scene in SCENES.items():
-        for count in SIZES:
+        for count in sizes:
             paths = scene(count, random.Random(count))
             drawn = arrange(paths, "as-drawn", HOME, inside_first=False).travel
             gc.collect()  # what the last scene left is not part of this one's time
@@ -85,4 +86,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main([int(word) for word in sys.argv[1:]] or list(SIZES))

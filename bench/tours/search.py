@@ -2,7 +2,7 @@
 
 Scenes: evenly scattered, half open, half closed, without a home, so that both programs count the same ways. Every run
 is a process of its own. vpype is taken from the environment variable VPYPE or from the path, LKH from the package elkai
-(``tours_lkh.py``); without them their rows are left out. "best known" is the shortest of all rows, one of which is a
+(``bench.tours.lkh``); without them their rows are left out. "best known" is the shortest of all rows, one of which is a
 long search.
 """
 
@@ -20,9 +20,16 @@ import xml.etree.ElementTree as ET
 from importlib.util import find_spec
 from pathlib import Path
 
+#: Paths; 20 is a size for a try, and only taken when asked for.
 SIZES = (100, 1_000, 10_000, 100_000)
 #: tour.seconds of the compiled search, of the plain one (about 2 s of Python), and of the long run; by size.
-BUDGETS = {100: (0.2, 0.03, 2.0), 1_000: (0.3, 0.04, 10.0), 10_000: (2.0, 0.1, 60.0), 100_000: (15.0, 0.1, 30.0)}
+BUDGETS = {
+    20: (0.02, 0.02, 0.0),
+    100: (0.2, 0.03, 2.0),
+    1_000: (0.3, 0.04, 10.0),
+    10_000: (2.0, 0.1, 60.0),
+    100_000: (15.0, 0.1, 30.0),
+}
 #: Above this many paths vpype is not asked to improve its order.
 TWO_OPT = 1_000
 #: By number of paths, how many starts of a closed one LKH is given and how often it begins anew.
@@ -64,7 +71,9 @@ def measured(command: list[str]) -> tuple[str, float, float]:
 
 
 def camgen(name: str, count: int, method: str, seconds: float, plain: bool = False) -> Row:
-    text, _, memory = measured([sys.executable, __file__, "child", str(count), method, str(seconds), str(int(plain))])
+    text, _, memory = measured(
+        [sys.executable, "-m", "bench.tours.search", "child", str(count), method, str(seconds), str(int(plain))]
+    )
     travel, taken, bound = text.split()
     return name, float(travel), float(taken), memory, None if bound == "None" else float(bound)
 
@@ -119,8 +128,7 @@ def vpype(tool: str, folder: Path, options: list[str]) -> Row:
 
 def lkh(count: int) -> Row:
     points, runs = LKH[count]
-    script = str(Path(__file__).with_name("tours_lkh.py"))
-    text, _, memory = measured([sys.executable, script, str(count), str(points), str(runs)])
+    text, _, memory = measured([sys.executable, "-m", "bench.tours.lkh", str(count), str(points), str(runs)])
     travel, taken = text.split()[-2:]
     return f"LKH, {points} starts of a closed path", float(travel), float(taken), memory, None
 
@@ -137,7 +145,7 @@ def rows(count: int, tool: str | None) -> list[Row]:
         found.append(camgen(f"camgen, seconds = {long:g}, fast", count, "best", long))
     if tool:
         with tempfile.TemporaryDirectory() as name:
-            measured([sys.executable, __file__, "draw", str(Path(name) / "scene.svg"), str(count)])
+            measured([sys.executable, "-m", "bench.tours.search", "draw", str(Path(name) / "scene.svg"), str(count)])
             found.append(vpype(tool, Path(name), []))
             if count <= TWO_OPT:
                 found.append(vpype(tool, Path(name), ["--two-opt"]))

@@ -1,0 +1,161 @@
+"""Every bench runs on its smallest input and prints the tables it promises. What it measures is looked at elsewhere."""
+
+import json
+import re
+import runpy
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import pytest
+
+from bench.machine import machine
+from bench.photo.calibrate import CAMERA
+from bench.render import photos
+from tests.support.board_photos import chess, photo, poses
+
+ROOT = Path(__file__).parents[2]
+PARTS = ROOT / "fixtures" / "parts"
+PROGRAMS = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected"
+NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
+#: Modules of bench/ that others use, and no commands.
+LIBRARIES = {"machine", "photo.paper", "robots.plain_loop"}
+
+
+class Smoke(NamedTuple):
+    """A command after ``python -m bench.``, with the folder ``{here}`` of small inputs; the rows of its tables, and for
+    columns of the tables the range that all their numbers lie in. needs: why it cannot run, "" if it can. alone: in a
+    process of its own.
+    """
+
+    command: str
+    rows: tuple[int, ...]
+    within: dict[str, tuple[float, float]]
+    needs: str = ""
+    alone: bool = False
+
+
+def lacking(module: str = "", program: str = "") -> str:
+    if module and not find_spec(module):
+        return f"{module} is not installed"
+    return f"{program} is not installed" if program and not shutil.which(program) else ""
+
+
+FIGURES = {"max mm": (0.0, 1.0), "rms mm": (0.0, 0.6)}
+SMOKES = [
+    Smoke("speed.processes help 251 --runs 1", (4,), {"median s": (0.01, 120), "peak MB": (5, 2000)}),
+    # It forks, which a process with threads must not.
+    Smoke("speed.batch {here}/dxf 1 1 1", (4,), {"programs": (1, 1)}, alone=True),
+    Smoke(
+        "speed.page {here}/dxf 500 0.05", (2,), {"points of the program": (100, 5000)},
+        lacking("playwright") or lacking(program="chromium"),
+    ),
+    Smoke("tours.order 50", (2,), {"paths": (50, 50), "of it": (5, 60)}),
+    Smoke("tours.search 20", (4,), {"paths": (20, 20), "travel, m": (0.15, 0.3), "bound, m": (0.1, 0.3)}),
+    Smoke("tours.drawings {here}/dxf", (1,), {"paths": (9, 9), "as drawn": (150, 250), "default": (80, 150)}),
+    Smoke("tours.drawings million 50", (1,), {"segments": (500, 500), "chains": (50, 50)}),
+    Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),
+    Smoke("plan.follow {here}/dxf/plate.dxf 3", (1,), {"paths": (3, 3), "working points off mm": (0, 0.02)}),
+    Smoke("plan.boards {here}/none 1 400", (4, 2), {"covered": (95, 100), "invented": (0, 0), "rms, px": (0, 0.2)}),
+    Smoke("plan.drawing {here}/image", (1,), {"strokes": (8, 8), "off (px)": (0.1, 1.5)}),
+    Smoke("robots.cycle --lines 1000", (10, 2), {"length over speed, s": (1, 60), "time, s": (1, 60)}),
+    Smoke("robots.kinematics 20", (11, 11), {"found again": (100, 100), "mm": (0, 1e-3)}),
+    Smoke("robots.collision 20", (12, 6), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)}),
+    Smoke("robots.rfa 1 rfa2 'IRB 1200'", (5,), {"nominal": (16, 16), "collide": (0, 0)}),
+    Smoke("photo.image_space 1 0", (12,), FIGURES | {"waypoints/m": (500, 5000)}),
+    Smoke("photo.outlines 1 0 'disc r 5'", (12,), {"rms": (0, 1), "pieces": (2, 2)}),
+    Smoke("photo.masks {here}/image 480 1", (5,), {"parts": (1, 1), "holes": (7, 12)}),
+    Smoke("photo.photo render {here}/new 1 1", (), {}),
+    Smoke("photo.photo judge {here}/photos", (1, 3), {"built": (1, 1), "max mm": (0, 1)}),
+    Smoke("photo.photo speed {here}/photos paper-1mp 1", (3,), {"best s": (0.01, 120), "peak MB": (20, 2000)}),
+    Smoke("photo.photo calibration {here}/board 3 1", (), {}),
+    Smoke("photo.pist --small", (4,), FIGURES),
+    Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
+    Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
+    Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
+    Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
+    Smoke("read.replay {programs}", (2,), {}, lacking(program="rs274")),
+    Smoke("read.verify {programs}", (5,), {"faults": (0, 0), "arcs mm": (0, 107)}),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drawing, a mesh, a picture, what was measured of them, a photo of a part and photos of a board."""
+    folder = tmp_path_factory.mktemp("bench")
+    for name, kind in (("plate.dxf", "dxf"), ("rfa1.stl", "mesh"), ("gear.png", "image")):
+        (folder / kind).mkdir(exist_ok=True)
+        shutil.copy(PARTS / name, folder / kind)
+    (folder / "truth.jsonl").write_text(json.dumps({"file": "dxf/plate.dxf", "total_exact": 100.0}) + "\n")
+    (folder / "photos").mkdir()
+    photos.write(folder / "photos", photos.photos(1, 1)[0])
+    (folder / "boards").mkdir()
+    for k, pose in enumerate(poses(CAMERA, (200, 125), 3, seed=7, fill=0.6)):
+        cv2.imwrite(str(folder / "boards" / f"{k}.png"), photo(CAMERA, chess(9, 6, 25), pose, seed=k).pixels)
+    return folder
+
+
+def run(command: str, alone: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+    """What a bench prints. That it misses a goal (exit code 1) is no matter of a smoke run."""
+    module, *words = shlex.split(f"bench.{command}")
+    if alone:
+        done = subprocess.run(
+            [sys.executable, "-m", module, *words], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        assert done.returncode in (0, 1), done.stderr
+        return done.stdout
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(sys, "argv", [module, *words])
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "")  # what a bench unsets is set again afterwards
+    monkeypatch.delitem(sys.modules, module, raising=False)
+    code: object = 0
+    try:
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    except SystemExit as end:
+        code = end.code
+    assert code in (None, 0, 1)
+    return capsys.readouterr().out
+
+
+def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
+    """The head and the rows of every table in Markdown."""
+    found = []
+    for block in re.findall(r"(?:^\|.*\n)+", text, re.M):
+        head, rule, *rows = [
+            [cell.strip() for cell in line.strip().strip("|").split("|")] for line in block.splitlines()
+        ]
+        assert set("".join(rule)) == {"-"}, block
+        found.append((head, rows))
+    return found
+
+
+@pytest.mark.parametrize("smoke", SMOKES, ids=lambda smoke: smoke.command)
+def test_a_bench_prints_its_tables(
+    smoke: Smoke, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if smoke.needs:
+        pytest.skip(smoke.needs)
+    text = run(smoke.command.format(here=here, programs=PROGRAMS), smoke.alone, monkeypatch, capsys)
+    found = tables(text)
+    assert not found or machine() in text
+    assert tuple(len(rows) for _, rows in found) == smoke.rows, text
+    for head, rows in found:
+        assert all(len(row) == len(head) for row in rows), text
+    for column, (least, most) in smoke.within.items():
+        cells = [row[head.index(column)] for head, rows in found if column in head for row in rows]
+        numbers = [float(number[0].replace(",", "")) for cell in cells if (number := NUMBER.search(cell))]
+        assert numbers, f"{column}: {text}"
+        assert all(least <= number <= most for number in numbers), f"{column}: {text}"
+
+
+def test_every_bench_has_a_smoke_run_and_a_line_in_its_readme() -> None:
+    modules = {".".join(p.relative_to(ROOT / "bench").with_suffix("").parts) for p in (ROOT / "bench").rglob("*.py")}
+    commands = {name for name in modules if not name.startswith("render.")} - LIBRARIES
+    assert {smoke.command.split()[0] for smoke in SMOKES} == commands
+    readme = (ROOT / "bench" / "README.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"python -m bench\.([\w.]+)", readme)) == commands
