@@ -1,6 +1,6 @@
 """The generated parts of the documents, from the code: robots, API, options of the posts, what commands print.
 
-    python -m docs.make.pages        writes what is not current; tests/test_docs.py says when that is
+    python -m docs.make.pages        writes what is not current; tests/docs/test_docs.py says when that is
 
 docs/job.md is made by ``python -m camgen.cli.init``, the pictures by docs/make/pictures.py.
 """
@@ -49,7 +49,7 @@ def _ran(block: str, here: Path) -> str:
             stderr=subprocess.STDOUT,
             text=True,
             check=False,
-            timeout=120,
+            timeout=600,
         )
         if done.returncode:
             raise RuntimeError(f"{command}\n{done.stdout}")

@@ -1,0 +1,153 @@
+"""What README and documents show runs: commands on files of the names they use, and examples in Python.
+
+Commands whose files are words in capitals are only parsed, those with what they print are run by
+``docs.make.pages``; both in ``test_docs.py``.
+"""
+
+import itertools
+import re
+import shlex
+import shutil
+from contextlib import redirect_stdout, suppress
+from dataclasses import replace
+from importlib.util import find_spec
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+import ezdxf
+import numpy as np
+import pytest
+import trimesh
+
+from bench.render import photos
+from camgen.cli import main, parsers
+from camgen.model.errors import JobError
+from docs.make.pages import CONSOLES
+from tests.docs.test_docs import FILES, ROOT, USAGE, commands, name
+from tests.support.clouds import scan
+
+FIXTURES = ROOT / "fixtures"
+PARTS = FIXTURES / "parts"
+#: Files that the documents speak of, by what they are made from.
+COPIES = {
+    **dict.fromkeys(("part.dxf", "-part.dxf", "drawing.dxf", "bracket.dxf"), PARTS / "bracket.dxf"),
+    **{f"parts/{k}.dxf": PARTS / f"{k}.dxf" for k in ("bracket", "plate")},
+    **{file: PARTS / file for file in ("logo.svg", "gear.png", "rfa1.stl", "rfa1.toml", "rfa1_base.stl")},
+    **dict.fromkeys(("fixtures/parts/bracket.dxf",), PARTS / "bracket.dxf"),
+    "board.png": PARTS / "board.png",
+    "part.svg": PARTS / "logo.svg",
+    "part.stl": PARTS / "rfa1.stl",
+    "arm.urdf": FIXTURES / "robots" / "six.urdf",
+}
+#: Why a command that is whole cannot be run here.
+NOT_RUN = {
+    "tcp://host:8786": "needs a cluster, see tests/batch/test_batch_dask.py",
+    "--post wend": "needs the example package installed, see tests/post/test_kit.py",
+}
+
+
+#: A job file as a page shows it: its name at the beginning of a paragraph, then the block.
+JOB_FILE = re.compile(r"^`(\w+\.toml)`:.*?^```toml\n(.*?)^```", re.S | re.M)
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.S | re.M)
+MODULE = re.compile(r"python -m ((?:bench|docs|camgen)[\w.]*\w)")
+OLD = "G21 G90\nG0 X0 Y0 Z10\nG1 Z0 F300\nG2 X20 I10 J0\nG1 X0\nG0 Z10\nM2\n"
+PLY = "ply\nformat ascii 1.0\nelement vertex 2000\n" + "".join(f"property float {k}\n" for k in "xyz") + "end_header"
+
+
+class Shown(NamedTuple):
+    """A command, and the job files that its page has for it."""
+
+    line: str
+    jobs: tuple[tuple[str, str], ...]
+
+
+def whole_commands() -> dict[Shown, str]:
+    """Every command of the documents that stands with all it needs, once, with the first page that shows it."""
+    found: dict[Shown, str] = {}
+    parser, _ = parsers()
+    for page in FILES:
+        if page.name in CONSOLES:
+            continue
+        text = page.read_text(encoding="utf-8")
+        for line, _ in commands(text):
+            if USAGE.search(line) or any(why in line for why in NOT_RUN):
+                continue
+            with suppress(SystemExit), redirect_stdout(StringIO()):  # --version prints and leaves
+                try:
+                    parser.parse_args(words_of(line))
+                except JobError:  # spoken of, such as `camgen build`; test_docs.py says where a line is wrong
+                    continue
+            found.setdefault(Shown(line, tuple(JOB_FILE.findall(text))), name(page))
+    return found
+
+
+def words_of(line: str) -> list[str]:
+    return shlex.split(line.partition(" > ")[0], comments=True)[1:]
+
+
+@pytest.fixture(scope="session")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that the documents speak of."""
+    folder = tmp_path_factory.mktemp("desk")
+    for file, source in COPIES.items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(source, folder / file)
+    board = ezdxf.new("R2010", units=4)
+    for k in range(4):
+        board.modelspace().add_circle((5.0 * k, 0), 0.4)
+    board.saveas(folder / "board.dxf")
+    photos.write(folder, replace(photos.photos(1, 1)[0], name="photo"))
+    np.savetxt(
+        folder / "bench.ply", scan(trimesh.load_mesh(PARTS / "rfa1.stl"), 2000, 1), fmt="%.4f", header=PLY, comments=""
+    )
+    (folder / "old.ngc").write_text(OLD)
+    (folder / "frame.toml").write_text("[cell]\nbase_from_work = [400, 0, 100, 0, 0, 0]\n")
+    words = [str(folder / "part.dxf"), "--post", "rapid", "--plan", str(folder / "part.json"), "-q"]
+    assert main(["build", *words, "-o", str(folder)]) == 0
+    return folder
+
+
+@pytest.mark.parametrize("shown", whole_commands(), ids=lambda shown: shown.line)
+def test_a_command_runs(shown: Shown, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = tmp_path / "here"
+    shutil.copytree(desk, here)
+    for file, text in shown.jobs:
+        (here / file).write_text(text)
+    monkeypatch.chdir(here)
+    words = words_of(shown.line)
+    assert main(words) == 0
+    for option, file in itertools.pairwise(words):
+        if option in ("-o", "--preview", "--plan"):
+            assert Path(file).exists(), file
+
+
+def examples(page: Path) -> list[str]:
+    """The blocks of Python that begin with an import: the others are pieces of a file or what help prints."""
+    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    return [block for block in blocks if re.match(r"import |from ", block)]
+
+
+@pytest.mark.parametrize("page", [page for page in FILES if examples(page)], ids=name)
+def test_examples_in_python_run(page: Path, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one go, as a reader would type them."""
+    shutil.copytree(desk, tmp_path / "here")
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.syspath_prepend(ROOT / "docs" / "example_post")
+    names: dict[str, object] = {"__name__": "example"}
+    for block in examples(page):
+        exec(compile(block, str(page), "exec"), names)
+
+
+def test_commands_of_the_repository_exist() -> None:
+    pages = [*FILES, ROOT / "bench" / "README.md"]
+    named = {module for page in pages for module in MODULE.findall(page.read_text(encoding="utf-8"))}
+    assert len(named) > 20
+    assert not [module for module in sorted(named) if find_spec(module) is None]
+
+
+def test_a_whole_command_is_told_from_one_that_is_spoken_of() -> None:
+    lines = {shown.line for shown in whole_commands()}
+    assert len(lines) > 30
+    assert "camgen build part.dxf --post rapid" in lines
+    assert not lines & {"camgen build", "camgen verify", "camgen build INPUT... --post NAME"}
