@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,21 +13,21 @@ import pytest
 
 from camgen.batch import state
 from camgen.cli import main
+from tests.support.waiting import LONG, wait_for
 
 pytest.importorskip("distributed", reason="the extra dask is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 
 CIRCLE = "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\nrings\n10\n50\n20\n25\n40\n{radius}\n0\nENDSEC\n0\nEOF\n"
-#: Every build on the cluster takes a little, so that a worker can be killed while it builds.
-SLOW = """
-import time
+#: For a worker that begins to build and is never done, so that it can be killed while it builds.
+STUCK = """
 from importlib import import_module
-build = import_module("camgen.build.inputs")
-read = build.read
-def _slow(*arguments):
-    time.sleep(0.4)
-    return read(*arguments)
-build.read = _slow
+from pathlib import Path
+from threading import Event
+def _stuck(*arguments):
+    Path({begun!r}).touch()
+    Event().wait()
+import_module("camgen.build.inputs").read = _stuck
 """
 
 
@@ -58,11 +57,8 @@ class Cluster:
         return process
 
     def _said(self, pattern: str) -> str:
-        for _ in range(600):
-            if found := re.search(pattern, self.log.read_text()):
-                return found[1]
-            time.sleep(0.05)
-        raise AssertionError(f"{pattern} was not said within 30 s")
+        wait_for(pattern, lambda: re.search(pattern, self.log.read_text()))
+        return re.findall(pattern, self.log.read_text())[0]
 
 
 @pytest.fixture
@@ -88,21 +84,18 @@ def programs(folder: str) -> dict[str, bytes]:
 def test_a_cluster_of_which_one_worker_is_killed_midway(
     here: Path, cluster: Cluster, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (cluster.folder / "slow.py").write_text(SLOW)
-    workers = [cluster.worker(name, "--preload", str(cluster.folder / "slow.py")) for name in ("one", "two")]
+    begun, stuck = cluster.folder / "begun", cluster.folder / "stuck.py"
+    stuck.write_text(STUCK.format(begun=str(begun)))
+    worker = cluster.worker("one", "--preload", str(stuck))
+    cluster.worker("two")
     (here / "parts/bad.dxf").write_text("no drawing")
     command = [sys.executable, "-m", "camgen", "batch", "parts/*.dxf", "--post", "rapid"]
     with subprocess.Popen(
         [*command, "-o", "out", "--dask", cluster.address], stdout=subprocess.PIPE, text=True
     ) as batch:
-        for _ in range(1200):
-            if len(list(Path("out").glob("*.mod"))) >= 3:
-                break
-            time.sleep(0.05)
-        os.kill(workers[0].pid, signal.SIGKILL)
-        done = len(list(Path("out").glob("*.mod")))
-        said = batch.communicate(timeout=120)[0]
-    assert 3 <= done < 12, "the worker was killed midway"
+        wait_for("programs", lambda: begun.exists() and len(list(Path("out").glob("*.mod"))) >= 3)
+        os.kill(worker.pid, signal.SIGKILL)
+        said = batch.communicate(timeout=LONG)[0]
     assert batch.returncode == 2
     status = [line.split()[1] for line in said.splitlines()[1:]]
     assert status == ["failed", *["built"] * 12]

@@ -13,6 +13,7 @@ from camgen.cli import main, parsers
 from camgen.model.job_tables import settings
 from camgen.post.plugins import installed
 from camgen.robots.catalogue import robot
+from tests.support.waiting import LONG
 
 COMMANDS = set(parsers()[1])
 
@@ -119,14 +120,14 @@ def test_zsh(script: Path, tmp_path: Path) -> None:
 
 
 def _tabbed(typed: str, wanted: str, folder: Path) -> str:
-    """What a terminal shows after Tab, read until it shows what is wanted, for 20 s at most."""
+    """What a terminal shows after Tab, read until it shows what is wanted."""
     import pty  # noqa: PLC0415 (POSIX only)
 
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(folder)
         os.execvpe("zsh", ["zsh", "-i"], os.environ | {"ZDOTDIR": str(folder), "TERM": "vt100", "COLUMNS": "200"})
-    shown, asked, end = "", False, time.monotonic() + 20
+    shown, asked, end = "", False, time.monotonic() + LONG
     while wanted not in shown and time.monotonic() < end:
         if select.select([terminal], [], [], 0.2)[0]:
             shown += re.sub(r"[\x00\x07]|.\x08", "", os.read(terminal, 65536).decode())

@@ -16,6 +16,7 @@ from camgen.preview.page import page
 from camgen.preview.view import view
 from camgen.robots.kinematics.forward import flange
 from tests.preview.test_page import PARTS, ROBOT, poisoned
+from tests.support.waiting import LONG
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
@@ -31,7 +32,7 @@ def browser() -> Iterator[Driven]:
         if not SYSTEM and not os.path.exists(started.chromium.executable_path):
             pytest.skip("no Chromium is installed")
         switches = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
-        opened = started.chromium.launch(executable_path=SYSTEM, args=switches)
+        opened = started.chromium.launch(executable_path=SYSTEM, args=switches, timeout=1000 * LONG)
         yield opened
         opened.close()
 
@@ -55,6 +56,7 @@ class Opened:
         self.said: list[str] = []
         self.asked: list[str] = []
         self.context = browser.new_context(viewport=size, color_scheme=scheme, has_touch=size is PHONE)
+        self.context.set_default_timeout(1000 * LONG)
         self.page = self.context.new_page()
         self.page.on("console", lambda message: self.said.append(message.text))
         self.page.on("pageerror", lambda error: self.said.append(str(error)))
@@ -168,6 +170,7 @@ def test_keys_play_step_turn_and_measure(opened: Any) -> None:
     assert one.run("camgen.player.time") > first > 0
     keys.press("ArrowLeft")
     assert one.run("camgen.player.time") == pytest.approx(first)
+    one.run("camgen.player.speed = 0.01")  # so that the end is far, however long the next look takes
     keys.press(" ")
     one.page.wait_for_function("first => camgen.player.on && camgen.player.time > first", arg=first)
     keys.press(" ")

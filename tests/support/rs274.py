@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3, translation
 from camgen.model.program import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Post, Reading, Tolerance
+from tests.support.waiting import LONG
 
 RS274 = shutil.which("rs274")
 needs_rs274 = pytest.mark.skipif(RS274 is None, reason="rs274 is not installed (Debian package linuxcnc-uspace)")
@@ -64,7 +65,7 @@ def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
         # Two at once share memory by a fixed key and fail now and then.
         with (Path(tempfile.gettempdir()) / "camgen-rs274.lock").open("w") as alone:
             fcntl.flock(alone, fcntl.LOCK_EX)
-            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+            done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=LONG, check=False)
     error = "" if done.returncode == 0 else done.stderr.replace("executing\n", "") or "rs274 failed"
     return _parse(done.stdout, error)
 
