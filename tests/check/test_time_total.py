@@ -100,7 +100,9 @@ def test_a_build_adds_up(post: str) -> None:
 
 
 def test_each_path_takes_at_least_its_length_at_its_feed() -> None:
-    for path in camgen.build(BRACKET, post="rapid").report["paths"]:  # type: ignore[attr-defined]
+    paths = camgen.build(BRACKET, post="rapid").report["paths"]
+    assert len(paths) == 4  # type: ignore[arg-type]
+    for path in paths:  # type: ignore[attr-defined]
         assert path["time_s"] >= path["length_mm"] / path["feed"] - 0.006
 
 

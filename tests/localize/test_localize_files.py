@@ -76,7 +76,6 @@ def test_metres_and_a_symmetric_part(tmp_path, capsys):
     assert abs(tomllib.loads(text)["cell"]["base_from_work"][5]) == pytest.approx(180, abs=0.1)
 
 
-@pytest.mark.skipif(not PARTS.joinpath("rfa1.step").exists(), reason="fixtures/parts/rfa1.step is not there")
 def test_a_step_model(cloud, tmp_path):
     pytest.importorskip("OCP", reason="the extra step is not installed")
     np.savetxt(tmp_path / "bench.xyz", cloud, fmt="%.5f")

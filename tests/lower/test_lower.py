@@ -295,6 +295,7 @@ def slot(force=0.0):
 def test_follow_keeps_tool_x_on_the_surface():
     body = program(slot(), job=Job(tool=FOLLOW)).body
     cuts = [i for i in body if isinstance(i, (MoveL, MoveC)) and i.speed == 20]
+    assert any(isinstance(cut, MoveC) for cut in cuts)
     for cut in cuts:
         x, y, _ = cut.target.origin
         centre = np.array([min(max(x, 0.0), 40.0), 0.0, 0.0])

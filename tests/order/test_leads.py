@@ -52,6 +52,7 @@ def test_a_lead_is_a_quarter_circle_that_meets_the_path_smoothly() -> None:
 def test_leads_never_come_nearer_to_the_part_than_the_tool() -> None:
     shapes = [rectangle(0, 0, 100, 60), circle(30, 30, 12, "c2"), rectangle(60, 20, 20, 9, "c3")]
     paths, _ = led(*shapes, lead_in=5.0, lead_out=5.0)
+    assert len(paths) == 3
     obstacles = Obstacles(drawn := from_contours(shapes), np.zeros(len(drawn), dtype=np.int64))
     for path in paths:
         for row in (1, len(path.position) - 1):

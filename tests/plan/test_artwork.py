@@ -258,6 +258,7 @@ def test_small_squares_stay_squares_and_small_discs_become_circles(tmp_path: Pat
     _, thin = both(written(tmp_path, drawing), image={"mm_per_px": 1.0})
     by_place = sorted(thin.contours, key=lambda c: (c.points[:, 1].mean() < 30, c.points[:, 0].mean()))
     squares, discs = by_place[:7], by_place[7:]
+    assert len(discs) == 7
     for k, square in enumerate(squares):
         assert (len(square.points), int((square.bulges != 0).sum())) == (4, 0), k
     for k, disc in enumerate(discs):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
+import ezdxf
 import numpy as np
 import pytest
 from hypothesis import given
@@ -150,7 +151,6 @@ def test_no_peck_is_deeper_than_its_share(depth: float, passes: int, approach: f
 
 @pytest.mark.parametrize("post", ["gcode", "grbl", "vplus", "rapid", "pacscript"])
 def test_a_program_drills_every_hole_once_and_travels_above(post: str, tmp_path: Path) -> None:
-    ezdxf = pytest.importorskip("ezdxf")
     drawing = ezdxf.new(units=4)
     holes = [(5.0 + 7 * i, 5.0 + 6 * j) for i in range(4) for j in range(3)]
     for place in holes:

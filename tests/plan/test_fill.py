@@ -232,7 +232,9 @@ def test_the_stepover_is_the_distance_of_the_passes() -> None:
 
 def test_depths_and_force() -> None:
     job = from_mapping({"operation": {"kind": "fill", "depth": 0.4, "passes": 2}, "process": {"force": 3.0}})
-    for path in plan(part_with(rectangle(0, 0, 30, 20)), job).paths:
+    paths = plan(part_with(rectangle(0, 0, 30, 20)), job).paths
+    assert paths
+    for path in paths:
         assert path.depths == (0.2, 0.4)
         assert (path.force == 3.0).all()
         assert (path.press == [0, 0, -1]).all()

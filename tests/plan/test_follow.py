@@ -51,7 +51,9 @@ def test_climb_has_the_part_on_the_right(direction: str, sign: int) -> None:
 def test_press_points_to_the_contour(direction: str) -> None:
     shapes = plate()
     obstacles = Obstacles(drawn := from_contours(shapes), np.zeros(len(drawn), dtype=np.int64))
-    for path in planned(*shapes, direction=direction).paths:
+    paths = planned(*shapes, direction=direction).paths
+    assert len(paths) == 2
+    for path in paths:
         touching = path.position[1:, :2] + 3.0 * path.press[1:, 1, :2]
         gap = obstacles.nearest(touching, np.zeros(len(touching), dtype=np.int64), 1.0)
         assert gap == pytest.approx(0.0, abs=1e-9)

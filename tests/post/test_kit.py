@@ -347,7 +347,6 @@ def test_the_installed_example_is_found_and_conforms(site):
     assert rest == ["camgen-wend 1.0", ".wnd", "", []]
 
 
-@pytest.mark.skipif(not (ROOT / "camgen" / "__main__.py").exists(), reason="the command line is not there")
 def test_the_command_line_lists_the_installed_example(site):
     listing = run(site, "-m", "camgen", "posts")
     (line,) = (line for line in listing.splitlines() if line.strip().startswith("wend"))

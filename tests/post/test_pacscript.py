@@ -851,14 +851,16 @@ def test_damaged_program_never_ends_in_an_exception(data: st.DataObject) -> None
 
 @given(st.lists(st.sampled_from(WORDS), max_size=60).map(" ".join))
 def test_words_in_any_order_never_end_in_an_exception(text: str) -> None:
-    read({"a.pcs": f"Sub Main\nTakeArm\n{text}\nEnd Sub\n"}, {})
+    reading = read({"a.pcs": f"Sub Main\nTakeArm\n{text}\nEnd Sub\n"}, {})
+    assert len(reading.body) == len(reading.lines)
 
 
 @given(st.dictionaries(st.sampled_from(["rated", "signals", "force_on", "force_off"]), st.one_of(
     st.none(), st.integers(), st.text(max_size=5), st.lists(st.text(max_size=5), max_size=2),
     st.dictionaries(st.text(max_size=3), st.one_of(st.integers(), st.text(max_size=3)), max_size=2))))  # fmt: skip
 def test_options_of_any_kind_are_survived(options: dict[str, object]) -> None:
-    read({"a.pcs": SMALL}, options)
+    reading = read({"a.pcs": SMALL}, options)
+    assert len(reading.body) == len(reading.lines)
 
 
 def foreign() -> Iterator[Path]:
@@ -868,7 +870,9 @@ def foreign() -> Iterator[Path]:
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared data folder beside the repository is absent")
 def test_programs_of_other_makers_are_faults() -> None:
-    for path in foreign():
+    paths = list(foreign())
+    assert paths
+    for path in paths:
         reading = read({path.name: path.read_text(encoding="latin-1")}, {})
         assert reading.faults, path
         assert reading.body == ()

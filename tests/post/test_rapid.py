@@ -573,7 +573,9 @@ def test_no_text_at_all_breaks_the_reader(one: str, two: str) -> None:
 
 @pytest.mark.skipif(not (SHARED / "data").is_dir(), reason="the folder shared is not beside the repository")
 def test_programs_from_elsewhere_give_faults_not_errors() -> None:
-    for path in sorted((SHARED / "data" / "robot").rglob("*.*")):
+    paths = sorted((SHARED / "data" / "robot").rglob("*.*"))
+    assert paths
+    for path in paths:
         reading = read({path.name: path.read_text(errors="replace")}, {})
         assert reading.faults, path.name
 

@@ -95,9 +95,11 @@ def test_the_textbooks_arm_is_where_the_solutions_put_it() -> None:
     for name in ARMS:
         of = robot(name)
         expected = by_hand(name, [20, 15, 25, -40, 50, 60])
-        for solution in inverse(of, expected[None, :3, :3], expected[None, :3, 3])[0]:
-            if np.isfinite(solution).all():
-                assert np.abs(by_hand(name, np.degrees(solution)) - expected).max() < 1e-9
+        every = inverse(of, expected[None, :3, :3], expected[None, :3, 3])[0]
+        solutions = every[np.isfinite(every).all(axis=1)]
+        assert len(solutions)
+        for solution in solutions:
+            assert np.abs(by_hand(name, np.degrees(solution)) - expected).max() < 1e-9
 
 
 def test_all_branches_agree_with_another_program() -> None:

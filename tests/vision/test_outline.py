@@ -120,7 +120,9 @@ def test_outer_borders_run_counter_clockwise_and_holes_clockwise() -> None:
 
 def test_points_go_ahead_one_per_pixel_and_do_not_cross() -> None:
     for noise in (0.0, 4.0):
-        for loop in found(picture(plate().placed(0.3, 300 + 250j), 500, 600, 1.0, noise)):
+        loops = found(picture(plate().placed(0.3, 300 + 250j), 500, 600, 1.0, noise))
+        assert len(loops) == 6
+        for loop in loops:
             step = np.hypot(*(np.roll(loop.points, -1, axis=0) - loop.points).T)
             assert step.min() > 0.3
             assert step.max() < 3.5
