@@ -67,6 +67,8 @@ def test_bash(script: Path, tmp_path: Path) -> None:
     kinds = {"auto", "follow", "trace", "fill", "drill", "edges", "replay"}
     assert offered("build", "--set", "operation.kind", "=") == kinds
     assert offered("build", "--set", "operation.kind", "=", "f") == {"follow", "fill"}
+    assert offered("build", "--set", "=", "operation.kind", "=", "f") == {"follow", "fill"}
+    assert offered("build", "--set", "operation.kind", "=", "fill", "my") == {"my part.dxf"}
     assert "irb120" in offered("build", "--set", "cell.robot", "=", "")
     for word in offered("robots", "") - {"my part.dxf", "own.py"}:
         assert robot(word)
@@ -88,6 +90,7 @@ def test_fish(script: Path, tmp_path: Path) -> None:
 
     assert offered("camgen ") == COMMANDS
     assert offered("camgen build p") == {"part.dxf"}
+    assert offered("camgen build one.dxf p") == {"part.dxf"}
     assert offered("camgen build --pl") == {"--plan"}
     assert offered("camgen build --post r") == {"rapid"}
     assert offered("camgen build --set operation.kind=f") >= {"operation.kind=follow", "operation.kind=fill"}
@@ -100,23 +103,21 @@ def test_fish(script: Path, tmp_path: Path) -> None:
 def test_zsh(script: Path, tmp_path: Path) -> None:
     """Asked by the Tab key at the prompt of a zsh of its own."""
     (tmp_path / "part.dxf").touch()
-    lines = (
-        "autoload -U compinit",
-        "compinit -u -D",
-        f"source {script}",
-        "PROMPT='ready> '",
-        "bindkey '^I' complete-word",
-    )
-    (tmp_path / ".zshrc").write_text("\n".join(lines) + "\n")
-    for typed, wanted in (
-        ("camgen inspe", "camgen inspect"),
-        ("camgen build par", "camgen build part.dxf"),
-        ("camgen build --pl", "camgen build --plan"),
-        ("camgen build --post rap", "camgen build --post rapid"),
-        ("camgen build --set operation.ki", "camgen build --set operation.kind="),
-        ("camgen robots irb240", "camgen robots irb2400"),
+    for how, typed, wanted in (
+        ("source", "camgen inspe", "camgen inspect"),
+        ("eval", "camgen inspe", "camgen inspect"),
+        ("source", "camgen build par", "camgen build part.dxf"),
+        ("source", "camgen verify one.mod par", "camgen verify one.mod part.dxf"),
+        ("source", "camgen build one.dxf --pl", "camgen build one.dxf --plan"),
+        ("source", "camgen build --post rap", "camgen build --post rapid"),
+        ("source", "camgen build --set operation.ki", "camgen build --set operation.kind="),
+        ("source", "camgen build --set operation.kind=dr", "camgen build --set operation.kind=drill"),
+        ("source", "camgen robots irb240", "camgen robots irb2400"),
     ):
-        assert wanted in _tabbed(typed, wanted, tmp_path), typed
+        taken = {"source": f"source {script}", "eval": f'eval "$(<{script})"'}[how]
+        lines = ("autoload -U compinit", "compinit -u -D", taken, "PROMPT='ready> '", "bindkey '^I' complete-word")
+        (tmp_path / ".zshrc").write_text("\n".join(lines) + "\n")
+        assert wanted in _tabbed(typed, wanted, tmp_path), (how, typed)
 
 
 def _tabbed(typed: str, wanted: str, folder: Path) -> str:

@@ -361,6 +361,9 @@ def test_deep_nesting_is_no_problem(tmp_path: Path) -> None:
         ("M0 0h9a1 1 0 2 1 3 4", 9.0),
         ("M0 0h9x", 9.0),
         ("M0 0 3 4 5", 5.0),
+        ("M0 0h9M0 0P6 6L9 9", 9.0),
+        ("M0 0h9L1--2 3 4", 9.0),
+        ("M0 0h3v3h-3z4 4L9 9", 12.0),
     ],
 )
 def test_damaged_path_data_is_drawn_up_to_its_fault(tmp_path: Path, data: str, length: float) -> None:

@@ -68,11 +68,10 @@ def _commands(data: str) -> Iterator[tuple[str, list[float]]]:
         arc = letter in "Aa"
         found = [v for group in _ARC.findall(text) for v in group] if arc else NUMBER.findall(text)
         size = _TAKES[letter.upper()]
-        whole = len(found) if not size else len(found) // size * size
         clean = "".join(found) == text.translate(_SEPARATORS)
         if not clean:
             found = _good(_ARC if arc else _NUMBER, text)
-            whole = 0 if not size else len(found) // size * size
+        whole = len(found) // size * size if size else 0
         yield letter, [float(v) for v in found[:whole]]
         if not clean or whole != len(found) or (size and not found):
             raise Malformed(f"path data is damaged in a {letter} command")
