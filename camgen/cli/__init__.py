@@ -136,11 +136,13 @@ def _batch(sub: _Parser) -> None:
     _post(sub)
     _job(sub)
     sub.add_argument("-o", "--output", metavar="DIR", help="where the programs go (default: this folder)")
-    sub.add_argument("--jobs", metavar="N", type=int, help="so many parts at once (default: one for each processor)")
-    sub.add_argument("--timeout", metavar="S", type=float, help="stop a part after so long; 0: never (default: 600)")
+    sub.add_argument("--jobs", metavar="N", type=int, help="how many parts at once (default: one for each processor)")
+    sub.add_argument(
+        "--timeout", metavar="S", type=float, help="stop a part after so many seconds; 0: never (default: 600)"
+    )
     sub.add_argument("--dask", metavar="ADDRESS", help="build on a Dask cluster, e.g. tcp://host:8786")
     sub.add_argument("--report", metavar="FILE.json", help="write the table as data")
-    sub.add_argument("--strict", action="store_true", help="a part of which anything is left out fails")
+    sub.add_argument("--strict", action="store_true", help="a part fails when anything of it is left out")
 
 
 def _inspect(sub: _Parser) -> None:
@@ -150,7 +152,7 @@ def _inspect(sub: _Parser) -> None:
 
 
 def _robots(sub: _Parser) -> None:
-    sub.add_argument("robot", metavar="ROBOT", nargs="?", help="one of them, or FILE.urdf, FILE.urdf#LINK")
+    sub.add_argument("robot", metavar="ROBOT", nargs="?", help="a name from the list, or FILE.urdf, FILE.urdf#LINK")
 
 
 def _schema(sub: _Parser) -> None:
@@ -195,7 +197,7 @@ def _localize(sub: _Parser) -> None:
     sub.add_argument("scan", metavar="SCAN", help="the point cloud: PLY, PCD, XYZ, TXT, CSV, STL, OBJ")
     sub.add_argument("-o", "--output", metavar="FILE.toml", required=True, help="job file to write")
     sub.add_argument("--units", metavar="UNIT", default="mm", help="what one unit of the scan is (default: mm)")
-    sub.add_argument("--start", metavar="X,Y,Z,RX,RY,RZ", help="about where the part stands, mm and deg")
+    sub.add_argument("--start", metavar="X,Y,Z,RX,RY,RZ", help="roughly where the part stands, mm and deg")
 
 
 def _post(sub: _Parser) -> None:
@@ -210,5 +212,5 @@ def _job(sub: _Parser) -> None:
         action="append",
         default=[],
         dest="sets",
-        help="one setting; wins; repeatable",
+        help="one setting; wins over the job file; may be repeated",
     )

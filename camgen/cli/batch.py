@@ -203,7 +203,8 @@ def _cells(row: _Row) -> tuple[str, ...]:
     source = one_line(clean(row.source))
     if row.sums is None:
         return (source, f"failed {row.code}", "", "", _why(row))
-    notes = ", ".join(f"{number} {kind}" for kind, number in row.sums.notes.items())
+    nouns = {"warning": "warnings"}  # the other kinds are no nouns
+    notes = ", ".join(counted(number, kind, nouns.get(kind, kind)) for kind, number in row.sums.notes.items())
     return (source, row.status, str(row.sums.paths), duration(row.sums.time_s), notes)
 
 

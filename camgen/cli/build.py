@@ -64,9 +64,9 @@ def rows(
 def _cell(result: Result) -> str:
     if result.reach is None:
         return f"{result.cell.name}; reach, collision and limits not checked: no robot model"
-    samples = grouped(result.reach.samples)
+    samples = counted(result.reach.samples, "pose")
     found = f"{result.reach.robot} reaches all of it within its limits, {_posture(result)}"
-    return f"{found} ({samples} poses); no collision, {_clearance(result)}"
+    return f"{found} ({samples}); no collision, {_clearance(result)}"
 
 
 def _clearance(result: Result) -> str:

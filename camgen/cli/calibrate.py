@@ -70,7 +70,9 @@ def _summary(found: Calibration, target: Target) -> Sequence[tuple[str, str, str
     corners = sum(len(one.errors) for one in found.used)
     fx, fy, cx, cy = (camera.matrix[i, j] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
     sfx, sfy, scx, scy = found.deviations[:4].tolist()
-    photos = f"{len(found.used)} of {counted(len(found.used) + len(found.left_out), 'photo')}, {corners} corners"
+    photos = (
+        f"{len(found.used)} of {counted(len(found.used) + len(found.left_out), 'photo')}, {counted(corners, 'corner')}"
+    )
     rows = [("board", f"{target.label}, squares of {short(target.square, 3)} mm", "plain"), ("photos", photos, "plain")]
     rows += [("left out", f"{one.name}: {one.why}", "look") for one in found.left_out]
     rows += [

@@ -18,7 +18,7 @@ from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray, Pose, fixed_xyz, pose_from_values
-from camgen.model.text import counted, fixed, grouped, harmless, short
+from camgen.model.text import counted, fixed, harmless, short
 from camgen.model.version import __version__
 from camgen.read.files import Files
 from camgen.read.solid import mesh, step
@@ -102,6 +102,7 @@ def _values(pose: Pose) -> str:
 def _told(found: Location) -> Sequence[tuple[str, str, str]]:
     """What the summary says of a location, and the comments of the job file."""
     near = _percent(found.seen.near)
+    points = counted(found.used, "point that counts", "points that count")
     rows = [
         (
             "overlap",
@@ -113,7 +114,7 @@ def _told(found: Location) -> Sequence[tuple[str, str, str]]:
             f"{_percent(found.seen.all)} of the model's surface, {near} of the side that faces the scanner",
             "plain",
         ),
-        ("residual", f"{found.rms:.4f} mm rms of the {grouped(found.used)} points that count", "plain"),
+        ("residual", f"{found.rms:.4f} mm rms of the {points}", "plain"),
     ]
     if found.free:
         rows.append(("ambiguous", f"{found.free} changes nothing: the scan does not hold that", "look"))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, TextIO
 
 from camgen.model.errors import one_line
+from camgen.model.text import counted
 
 _COLOURS = {"plain": "", "good": "32", "look": "33", "bad": "31"}
 _WIDTH = 10
@@ -105,7 +106,7 @@ def duration(seconds: float) -> str:
 def size(count: int) -> str:
     """A file size for people."""
     return (
-        f"{count} bytes"
+        counted(count, "byte")
         if count < 10_000
         else f"{count / 1000:.0f} kB"
         if count < 10_000_000

@@ -16,6 +16,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose, translation
+from camgen.model.text import counted
 from camgen.robots.models import Box, Link, Robot
 
 #: mm between the lowest point of a part and a table that is assumed, its size beyond the part, and how thick it is.
@@ -118,7 +119,7 @@ def _fixtures(
 def corners_of(key: str, values: Sequence[float]) -> Corners:
     """The corners of a box that a job gives, the lower one first. JobError, with the ``key``, for what is none."""
     if len(values) != 6:
-        raise JobError("job", f"a box has {len(values)} values", key, "give two corners: [x, y, z, x, y, z]")
+        raise JobError("job", f"a box has {counted(len(values), 'value')}", key, "give two corners: [x, y, z, x, y, z]")
     ends = np.reshape(values, (2, 3)).astype(np.float64)
     low, high = ends.min(axis=0), ends.max(axis=0)
     if not np.isfinite(ends).all() or (high - low).min() <= 0:

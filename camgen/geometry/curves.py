@@ -24,6 +24,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 
 # Biarcs and arcs by their bulges, many at once: (K, 2) points, (K,) bulges, stable down to a straight line.
 
@@ -136,7 +137,9 @@ def bspline(control: FloatArray, knots: FloatArray, degree: int, weights: FloatA
     """
     count = len(control)
     if degree < 1 or count <= degree or len(knots) != count + degree + 1 or not np.all(np.diff(knots) >= 0):
-        raise ValueError(f"{count} control points, {len(knots)} knots and degree {degree} make no spline")
+        raise ValueError(
+            f"{counted(count, 'control point')}, {counted(len(knots), 'knot')} and degree {degree} make no spline"
+        )
     weight = np.ones(count) if weights is None or len(weights) != count else np.asarray(weights, dtype=np.float64)
     if not np.all(weight > 0):
         raise ValueError("a weight that is not positive")

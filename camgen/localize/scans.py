@@ -14,6 +14,7 @@ from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 from camgen.read.files import Files, reason
 from camgen.read.solid.mesh_file import load
 
@@ -100,10 +101,14 @@ def _pcd_head(data: bytes) -> _Head:
     return _Head(tuple(columns), int(said["POINTS"][0]), way, body)
 
 
+def _missing(there: int, wanted: int) -> str:
+    return counted(there, f"of {wanted} points is there", f"of {wanted} points are there")
+
+
 def _written(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     lines = [line.split() for line in body.splitlines() if line.strip()][: head.count]
     if len(lines) < head.count:
-        raise ValueError(f"{len(lines)} of {head.count} points are there")
+        raise ValueError(_missing(len(lines), head.count))
     return np.array([[float(words[k]) for k in places] for words in lines], dtype=np.float64).reshape(-1, 3)
 
 
@@ -111,7 +116,7 @@ def _recorded(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     record = np.dtype([(f"{i}", kind) for i, (_, kind) in enumerate(head.columns)])
     there = len(body) // record.itemsize
     if there < head.count:
-        raise ValueError(f"{there} of {head.count} points are there")
+        raise ValueError(_missing(there, head.count))
     rows = np.frombuffer(body, record, head.count)
     return np.column_stack([rows[f"{k}"].astype(np.float64) for k in places])
 
@@ -215,7 +220,8 @@ def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
     finite = (np.abs(points) < _FARTHEST).all(axis=1)
     if not finite.all():
         count = int(np.count_nonzero(~finite))
-        what = f"{count} points whose coordinates are no numbers, or beyond all measure, were left out"
+        which = "whose coordinates are no numbers, or beyond all measure,"
+        what = counted(count, f"point {which} was left out", f"points {which} were left out")
         notes.append(Note("repaired", what))
         points = points[finite]
     void = (points == 0).all(axis=1)
@@ -224,7 +230,7 @@ def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
         notes.append(Note("repaired", what, "scanners write that where they saw nothing"))
         points = points[~void]
     if len(points) < LEAST:
-        raise InputError(name, f"has {len(points)} usable points", "", f"a scan needs {LEAST} or more")
+        raise InputError(name, f"has {counted(len(points), 'usable point')}", "", f"a scan needs {LEAST} or more")
     return points
 
 
@@ -264,5 +270,5 @@ def _meshed(source: Source, notes: list[Note]) -> FloatArray:
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     if not area.any():
         raise InputError(source.name, "has no face with an area", "", AGAIN)
-    notes.append(Note("assumed", f"{_SPREAD} points were spread over the {len(corners)} faces of the scan"))
+    notes.append(Note("assumed", f"{_SPREAD} points were spread over the {counted(len(corners), 'face')} of the scan"))
     return spread(corners, _SPREAD)[0]

@@ -19,6 +19,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, joined, segment_lengths
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 from camgen.order.starts import starting_at
 
 #: What is tried of the length asked for, the longest first.
@@ -54,7 +55,7 @@ def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[Too
         if scale < 1.0:
             (short if scale else without).append(path.id)
     notes = [
-        Note("warning", f"{len(ids)} paths {how}: {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}", why)
+        Note("warning", f"{counted(len(ids), 'path')} {how}: {', '.join(ids[:8])}{' ...' if len(ids) > 8 else ''}", why)
         for ids, how, why in (
             (short, "with a shorter lead", "the part or a neighbour is too near"),
             (without, "without a lead", "there is no place where it would keep clear of the part"),

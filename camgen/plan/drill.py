@@ -19,7 +19,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part, Raster
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import short
+from camgen.model.text import counted, short
 
 #: A loop is a circle when it leaves one by no more than this, mm, or this share of its radius; of a picture, px.
 _OFF, _SHARE, _OFF_PX = 0.01, 0.01, 0.75
@@ -60,7 +60,8 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
         raise InputError(part.source, what, remedy="camgen inspect shows what the file holds; see operation.holes")
     if len(wanted) < len(found):
         why = f"operation.holes is {short(lowest, 3)} to {short(highest, 3)} mm"
-        notes.append(Note("assumed", f"{len(found) - len(wanted)} circles of other diameters not drilled", why))
+        what = counted(len(found) - len(wanted), "circle of another diameter", "circles of other diameters")
+        notes.append(Note("assumed", f"{what} not drilled", why))
     return tuple(_path(hole, job) for hole in wanted), (*notes, *_told(wanted, job))
 
 
@@ -109,7 +110,8 @@ def _not_round(middles: FloatArray, found: Sequence[Hole]) -> list[Note]:
     apart = np.linalg.norm(middles[:, None] - places[None], axis=2)
     count = int((apart > near).all(axis=1).sum())
     why = f"they leave one by more than {short(_OFF_PX, 2)} px"
-    return [Note("assumed", f"{count} spaces in the ink are no circles and are not drilled", why)] if count else []
+    spaces = counted(count, "space in the ink is no circle and is", "spaces in the ink are no circles and are")
+    return [Note("assumed", f"{spaces} not drilled", why)] if count else []
 
 
 def _in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
@@ -131,10 +133,11 @@ def _in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
         found = [_hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id, closed[k].id) for k in chosen]
     notes = []
     if pads:
-        what = f"{pads} circles around holes taken for pads"
+        what = f"{counted(pads, 'circle around a hole taken for a pad', 'circles around holes taken for pads')}"
         notes.append(Note("assumed", what, "the smallest of a centre is drilled"))
     if other:
-        notes.append(Note("assumed", f"{other} contours are no circles and are not drilled"))
+        what = counted(other, "contour is no circle and is", "contours are no circles and are")
+        notes.append(Note("assumed", f"{what} not drilled"))
     return found, notes
 
 
@@ -232,12 +235,14 @@ def _told(holes: Sequence[Hole], job: Job) -> list[Note]:
     """How many holes of each diameter, and which the tool does not make as wide as they are drawn."""
     sizes = Counter(round(hole.diameter / _GAUGE) * _GAUGE for hole in holes)
     shares = [
-        f"{count} of {short(size, 2)} mm" if size else f"{count} at marks" for size, count in sorted(sizes.items())
+        f"{count} of {short(size, 2)} mm" if size else counted(count, "at a mark", "at marks")
+        for size, count in sorted(sizes.items())
     ]
-    notes = [Note("assumed", f"{len(holes)} holes: {', '.join(shares)}", "sizes to 0.05 mm")]
+    notes = [Note("assumed", f"{counted(len(holes), 'hole')}: {', '.join(shares)}", "sizes to 0.05 mm")]
     other = sum(count for size, count in sizes.items() if size and abs(size - job.tool.diameter) > _GAUGE)
     if other:
         why = "choose holes with operation.holes, or another tool"
-        what = f"{other} holes are drawn wider or narrower than the tool of {short(job.tool.diameter, 3)} mm"
+        drawn = counted(other, "hole is drawn", "holes are drawn")
+        what = f"{drawn} wider or narrower than the tool of {short(job.tool.diameter, 3)} mm"
         notes.append(Note("warning", what, why))
     return notes

@@ -13,6 +13,7 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 from camgen.plan.columns import Label, pass_depths, sideways, tool_paths
 
 # The curve that a round tool runs along beside a drawing, and what it touches there.
@@ -194,8 +195,7 @@ def _not_followed(contours: list[Contour], how: str, why: str) -> Note:
     layers = ", ".join(sorted({c.layer for c in contours}))
     ids = [c.id for c in contours]
     names = ", ".join(_ranges(ids))
-    noun = "contour" if len(contours) == 1 else "contours"
-    what = f"{len(contours)} {noun} not followed, {how}: {names} on layer {layers}"
+    what = f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}"
     return Note("skipped", what, why, tuple(ids))
 
 
@@ -295,7 +295,7 @@ def _left_out(curve: Beside, source: Segments, contours: list[Contour], job: Job
         what = f"{total:.4g} mm of {float(whole.sum()):.6g} mm of contour not touched, most of it on {worst}"
         notes.append(Note("warning", what, f"inner corners and narrow places that {tool} does not reach"))
     if len(order) < len(curve.closed) and not (failed & ~touched).any():
-        what = f"{len(curve.closed) - len(order)} pieces of path left out"
+        what = f"{counted(len(curve.closed) - len(order), 'piece', 'pieces')} of path left out"
         unsound = "they did not keep their distance from the drawing; please report it"
         notes.append(Note("skipped", what, _COMMON if shared[failed].any() else unsound))
     return notes

@@ -20,7 +20,7 @@ from camgen.geometry.nearest import IntArray
 from camgen.geometry.pairing import paired
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import short
+from camgen.model.text import counted, short
 
 # A network cut at its nodes, run as few trails: ways through the nodes, circuits that become one, lifts cut out.
 
@@ -243,7 +243,9 @@ def merged(
     if not ids:
         return tuple(contours), ()
     why = f"lines that meet within input.join = {short(tolerance, 6)} mm are run with the fewest lifts"
-    note = Note("joined", f"networks of lines: {len(ids)} contours run as {after} paths", why, tuple(ids))
+    note = Note(
+        "joined", f"networks of lines: {counted(len(ids), 'contour')} run as {counted(after, 'path')}", why, tuple(ids)
+    )
     return tuple(one for k in range(len(contours)) for one in result[k]), (note,)
 
 

@@ -16,7 +16,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, Page
 from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.plan.simplify import simplified
 from camgen.read.units import MM
 from camgen.vision.plane import scale_of
@@ -164,7 +164,7 @@ class Facts(Struct, frozen=True):
         lines = [
             f"picture of {self.size[0]} x {self.size[1]} px, taken as a drawing",
             f"scale: {self.scale}, drawing {width} x {height} mm",
-            f"{what}: {self.strokes}, all closed, of {self.lines} lines and {self.arcs} arcs; "
+            f"{what}: {self.strokes}, all closed, of {counted(self.lines, 'line')} and {counted(self.arcs, 'arc')}; "
             f"{short(self.length, 1)} mm in all, the shortest {short(self.shortest, 2)} mm",
             *([self.use] if self.use else []),
             *map(str, self.notes),

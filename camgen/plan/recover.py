@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from camgen.geometry.segments import BoolArray, from_contours
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 
 #: So many lines in a row make an arc; fewer may be meant as corners.
 _LEAST = 6
@@ -31,7 +32,7 @@ def recover(contours: Sequence[Contour], tolerance: float) -> tuple[tuple[Contou
         result[k] = contour
     if not arcs:
         return tuple(contours), ()
-    what = f"{lines} short lines recognised as {arcs} arcs"
+    what = f"{counted(lines, 'short line')} recognised as {counted(arcs, 'arc')}"
     return tuple(result), (Note("assumed", what, f"within tolerance.arc_fit = {tolerance:g} mm; 0 keeps the lines"),)
 
 

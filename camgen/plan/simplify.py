@@ -16,7 +16,7 @@ from camgen.geometry.thinning import Chains, thinned
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import frozen
-from camgen.model.text import short
+from camgen.model.text import counted, grouped, short
 from camgen.plan.border_arcs import with_arcs
 from camgen.read import meant
 from camgen.vision.plane import scale_of
@@ -40,7 +40,8 @@ def simplified(part: Part, job: Job) -> Part:
         arcs_wanted = artwork and job.tolerance.arc_fit > 0 and job.operation.kind != "fill"
         contours = _thin(contours, tolerance, arcs_wanted)
         count, arcs = sum(len(c.points) for c in contours), sum(int((c.bulges != 0).sum()) for c in contours)
-        what = f"{before} points thinned out to {count}" + (f", {arcs} arcs found" if arcs_wanted else "")
+        what = f"{counted(before, 'point')} thinned out to {grouped(count)}"
+        what += f", {counted(arcs, 'arc')} found" if arcs_wanted else ""
         notes.append(Note("assumed", what, f"within tolerance.simplify = {short(tolerance, 4)} mm"))
     return replace(part, contours=contours, notes=tuple(notes))
 
@@ -50,7 +51,7 @@ def _long_enough(contours: Sequence[Contour], least: float, notes: list[Note]) -
     lengths = np.bincount(segments.owner, segments.length, minlength=len(contours))
     kept = tuple(c for c, length in zip(contours, lengths.tolist(), strict=True) if length >= least)
     if len(kept) < len(contours):
-        what = f"{len(contours) - len(kept)} contours shorter than {short(least, 3)} mm"
+        what = f"{counted(len(contours) - len(kept), 'contour')} shorter than {short(least, 3)} mm"
         notes.append(Note("skipped", what, "input.min_length"))
     return kept
 

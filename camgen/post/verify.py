@@ -49,7 +49,7 @@ from camgen.model.program import (
     numbers,
     taken,
 )
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.post import Reading, Tolerance
 
 #: What the point half-way along an arc may move per ``tolerance.mm``: see above.
@@ -157,7 +157,7 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
 def _paired(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
     """Both bodies as far as their instructions are of the same kinds, and where those read stand in their body."""
     if len(reading.body) != len(reading.lines):
-        raise ValueError(f"{len(reading.body)} instructions with {len(reading.lines)} lines")
+        raise ValueError(f"{counted(len(reading.body), 'instruction')} with {counted(len(reading.lines), 'line')}")
     plan, read = planned.columns, Columns(reading.body)
     at, read_at = (np.flatnonzero(~side.are(Comment)) for side in (plan, read))
     size = min(len(at), len(read_at))

@@ -15,7 +15,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part, Raster
 from camgen.model.path import Tour
 from camgen.model.pose import FloatArray
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.plan.fill.cover import coverage_map
 from camgen.plan.page import page_size
 from camgen.preview.draw import Page, by_order, of_contours, of_paths, path_data
@@ -31,14 +31,14 @@ def svg(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Jo
     """The picture as SVG text, sized in mm. ``job`` says how wide the pen is and how large the page."""
     crop = cropped(raster)
     height, width = raster.photo.shape[:2]
-    points = sum(len(border) for border in raster.borders)
+    points = counted(sum(len(border) for border in raster.borders), "point")
     high = WIDE * height / width
     fill = job.operation.kind == "fill"
     drawn = _filled(part, raster, tour, job, crop) if fill else [_simplified(part, raster, crop)]
     panels = [
         Panel(f"picture, {width} x {height} px", high, [image(raster.photo, WIDE, high)]),
         Panel("ink", crop.high, [shown(crop, np.bitwise_not(raster.mask), smooth=False)]),
-        Panel(f"borders of the ink, {points} points", crop.high, [faint(raster, crop), _borders(raster, crop)]),
+        Panel(f"borders of the ink, {points}", crop.high, [faint(raster, crop), _borders(raster, crop)]),
         *drawn,
         _ordered(raster, tour, job),
     ]
@@ -61,7 +61,7 @@ def _simplified(part: Part, raster: Raster, crop: Crop) -> Panel:
     # A point is a line without length and round ends: one element for all of them.
     data = "".join(f"M{x:.2f} {y:.2f}h0" for x, y in dots.tolist())
     return Panel(
-        f"lines and {arcs} arcs, {len(dots)} points",
+        f"lines and {counted(arcs, 'arc')}, {counted(len(dots), 'point')}",
         crop.high,
         [
             faint(raster, crop),

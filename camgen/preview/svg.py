@@ -14,6 +14,7 @@ from msgspec import Struct
 from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
+from camgen.model.text import counted
 from camgen.preview.draw import Page, arrows, bounds, by_order, of_contours, of_paths, path_data
 
 #: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
@@ -83,9 +84,9 @@ def _sheet(part: Part, tour: Tour) -> _Sheet:
 
 
 def _facts(part: Part, tour: Tour) -> str:
-    count = len(tour.paths)
-    noun = "path" if count == 1 else "paths"
-    return _text(f"drawing in {part.units}, {count} {noun}, {tour.method}, travel {tour.travel:.1f} mm")
+    return _text(
+        f"drawing in {part.units}, {counted(len(tour.paths), 'path')}, {tour.method}, travel {tour.travel:.1f} mm"
+    )
 
 
 def _contours(contours: Sequence[Contour], page: Page, kind: str) -> Iterator[str]:

@@ -19,7 +19,7 @@ from camgen.model.job import Camera as CameraTable
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, Raster
 from camgen.model.pose import FloatArray, pose_from_values
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.vision.boards.find import find
 from camgen.vision.boards.sheet import RULER, Board, Sheet, sheet
@@ -92,7 +92,7 @@ def _fitted(fits: Sequence[Fit]) -> tuple[Note, ...]:
         return ()
     lines, arcs = sum(fit.lines for fit in fits), sum(fit.arcs for fit in fits)
     rms, most = max(fit.rms_mm for fit in fits), max(fit.max_mm for fit in fits)
-    what = f"{lines} lines and {arcs} arcs found in the outlines"
+    what = f"{counted(lines, 'line')} and {counted(arcs, 'arc')} found in the outlines"
     return (Note("assumed", what, f"they leave the measured edge by {most:.3f} mm at most, {rms:.3f} mm rms"),)
 
 
@@ -106,7 +106,8 @@ def inspect(source: Source, job: Job, files: Files) -> Facts:
     except (InputError, JobError) as error:
         known = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
         return Facts((width, height), colour, known, str(error), picture.notes)
-    holes = f"{len(part.contours)} contours, {sum(len(c.points) for c in part.contours)} lines and arcs"
+    pieces = sum(len(c.points) for c in part.contours)
+    holes = f"{counted(len(part.contours), 'contour')}, {counted(pieces, 'line or arc', 'lines and arcs')}"
     low = np.min([c.points.min(axis=0) for c in part.contours], axis=0)
     high = np.max([c.points.max(axis=0) for c in part.contours], axis=0)
     size = " x ".join(short(v, 2) for v in (high - low).tolist())
@@ -233,7 +234,7 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
         if camera is None:
             raise JobError("[camera] plane_from", "a pose needs the camera", remedy="give [camera] file")
         if len(table.plane_from) != 6:
-            raise JobError("[camera] plane_from", f"has {len(table.plane_from)} values", remedy="give 6")
+            raise JobError("[camera] plane_from", f"has {counted(len(table.plane_from), 'value')}", remedy="give 6")
         return plane_from_pose(camera, pose_from_values(table.plane_from))
     if table.markers:
         return find(picture, camera, _target(table), height=table.height)
@@ -260,7 +261,9 @@ def _region(job: Job) -> Region | None:
             raise JobError("[camera] markers", "a board on the bench looks like a part", remedy=remedy)
         return None if target is None else (0.0, 0.0, *target.free)
     if len(values) != 4:
-        raise JobError("[image] region", f"has {len(values)} values", remedy="give [x from, y from, x to, y to], mm")
+        raise JobError(
+            "[image] region", f"has {counted(len(values), 'value')}", remedy="give [x from, y from, x to, y to], mm"
+        )
     x0, y0, x1, y1 = values
     return x0, y0, x1, y1
 

@@ -11,6 +11,7 @@ from camgen.model.job import Job
 from camgen.model.part import Solid
 from camgen.model.pose import TOOL_DOWN, Pose, pose_from_values, translation
 from camgen.model.program import Joints
+from camgen.model.text import counted
 from camgen.robots.models import Robot
 
 #: Fixtures that are meshes with their names, work frame.
@@ -72,7 +73,7 @@ def _own_home(own: Robot, cell: Cell, builtin: Joints) -> Joints:
 
 def _values(key: str, values: Sequence[float], count: int) -> Sequence[float]:
     if len(values) != count:
-        raise JobError("job", f"has {len(values)} values", f"cell.{key}", f"give {count} values")
+        raise JobError("job", f"has {counted(len(values), 'value')}", f"cell.{key}", f"give {count} values")
     if not all(math.isfinite(v) for v in values):
         raise JobError("job", "has a value that is not a finite number", f"cell.{key}", "give numbers")
     return values

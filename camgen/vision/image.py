@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
 from camgen.model.part import Note
-from camgen.model.text import short
+from camgen.model.text import counted, short
 
 # What the head of an image file says: kind, size, density, orientation. PNG, JPEG, TIFF and BMP, by their first bytes.
 
@@ -358,7 +358,7 @@ def _opaque(pixels: Pixels, notes: list[Note]) -> Pixels:
         alpha = pixels[..., 3][clear].astype(np.uint16)[:, None]
         blended = (flat[clear] * alpha + np.uint16(255) * (255 - alpha) + 127) // 255
         flat[clear] = blended.astype(np.uint8)
-        notes.append(Note("assumed", f"{count} transparent pixels blended onto white"))
+        notes.append(Note("assumed", f"{counted(count, 'transparent pixel')} blended onto white"))
     return flat
 
 

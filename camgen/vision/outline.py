@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 from camgen.vision.image import Pixels
 from camgen.vision.loops import ComplexArray, IntArray, Loops, directions, loops_of
 
@@ -244,14 +245,16 @@ def outlines(grey: Pixels | Float32, mask_pixels: Pixels) -> tuple[tuple[Outline
     if plain.any():
         edge = _mixed(loops, edge, _edge_of_mask(mask_pixels, loops, chain), plain)
         why = "the grey picture shows no edge there; their noise is about a tenth of a pixel"
-        notes.append(Note("warning", f"{int(plain.sum())} of {len(plain)} outlines taken from the mask alone", why))
+        what = f"{int(plain.sum())} of {counted(len(plain), 'outline')} taken from the mask alone"
+        notes.append(Note("warning", what, why))
     found = [
         _outline(edge.halfway[rows], edge.shift[rows], bool(hole), float(blur), _MASK_SIGMA if bare else _LEAST_SIGMA)
         for rows, hole, blur, bare in zip(_ordered(loops, edge.halfway), holes, edge.blur, plain, strict=True)
     ]
     small = sum(o is None for o in found)
     if small:
-        notes.append(Note("skipped", f"{small} borders of fewer than {_FEWEST} points", "they are smaller than 3 px"))
+        what = f"{counted(small, 'border')} of fewer than {_FEWEST} points"
+        notes.append(Note("skipped", what, "smaller than 3 px"))
     return tuple(o for o in found if o is not None), tuple(notes)
 
 

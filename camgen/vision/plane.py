@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Pose, frozen
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.vision.camera.camera import Camera, undistorted
 from camgen.vision.image import Picture
 
@@ -326,10 +326,10 @@ def _checked(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, Flo
     if image.ndim != 2 or image.shape[1] != 2 or work.ndim != 2 or work.shape[1] not in (2, 3):
         raise JobError(source, "is no list of points", remedy="give pairs of numbers, [[u, v], ...] and [[x, y], ...]")
     if len(image) != len(work):
-        what = f"{len(image)} points in the photo and {len(work)} in mm"
+        what = f"{counted(len(image), 'point')} in the photo and {len(work)} in mm"
         raise JobError(source, what, remedy="give as many of both, in the same order")
     if len(image) < 4:
-        raise JobError(source, f"{len(image)} point pairs, a plane needs four", remedy="give four or more")
+        raise JobError(source, f"{counted(len(image), 'point pair')}, a plane needs four", remedy="give four or more")
     if not (np.isfinite(image).all() and np.isfinite(work).all()):
         raise JobError(source, "holds a number that is not finite")
     if work.shape[1] == 3 and np.abs(work[:, 2]).max() > 1e-9:

@@ -15,7 +15,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import Refused
 from camgen.model.pose import IDENTITY, Pose, Vec3, angle_between, fixed_xyz, translation
 from camgen.model.program import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
-from camgen.model.text import fixed, harmless, short
+from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import circle, without_force
 
@@ -286,7 +286,8 @@ def _joints_reason(motion: MoveJ) -> str:
     if isinstance(motion.target, Pose) or len(motion.target.values) in (1, 2, 3, 5, 6, 7, 8):
         return ""
     remedy = "give a pose, or the angles of an arm that only turns"
-    return f"J() of {len(motion.target.values)} axes: four-axis arms slide on axis 3, J() ends with 8; {remedy}"
+    axes = counted(len(motion.target.values), "axis", "axes")
+    return f"J() of {axes}: four-axis arms slide on axis 3, J() ends with 8; {remedy}"
 
 
 def _times(newtons: float, press: Vec3) -> Vec3:

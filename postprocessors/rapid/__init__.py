@@ -32,7 +32,7 @@ from camgen.model.program import (
     motions,
     taken,
 )
-from camgen.model.text import fixed, fixed_each, short
+from camgen.model.text import counted, fixed, fixed_each, short
 from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
 
@@ -128,7 +128,7 @@ class Rapid(RapidOptions):
         target = motion.target
         for joints in (target, motion.joints):
             if isinstance(joints, Joints) and len(joints.values) != 6:
-                return f"{len(joints.values)} joint values; RAPID here is for arms of six axes"
+                return f"{counted(len(joints.values), 'joint value')}; RAPID here is for arms of six axes"
         if (isinstance(target, Pose) and _far(target)) or (isinstance(motion, MoveC) and _far(motion.via)):
             return f"a coordinate of more than {_FARTHEST} mm, which a num does not carry exactly"
         if not _LEAST <= motion.speed <= _FASTEST:

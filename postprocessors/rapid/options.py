@@ -11,7 +11,7 @@ import numpy as np
 
 from camgen.model.errors import JobError
 from camgen.model.program import Program
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.post import Post
 
 # Names in RAPID: which ones a controller takes, and which speeds and zones it has already.
@@ -166,7 +166,7 @@ class RapidOptions(Post):
             if not least <= value <= most:
                 raise JobError(f"[post] {option}", f"{value:g} is not {least:g} to {most:g}")
         if len(self.cog) != 3:
-            raise JobError("[post] cog", f"{len(self.cog)} numbers", remedy="give x, y, z in mm")
+            raise JobError("[post] cog", counted(len(self.cog), "number"), remedy="give x, y, z in mm")
 
     def _check_names(self) -> None:
         names = {"tool": self.tool, "work": self.work}

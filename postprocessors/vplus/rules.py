@@ -12,6 +12,7 @@ import numpy as np
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import FloatArray, Pose, Vec3, zyz
 from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, motions
+from camgen.model.text import counted
 
 Posture = Literal["LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE"]
 #: Which posture word excludes which, and which only a six-axis arm has.
@@ -131,9 +132,9 @@ def axes(program: Program, post: str) -> int:
             continue
         if len(joints.values) not in (4, 6):
             remedy = "give 4 values (SCARA: deg, deg, mm, deg) or 6 (deg)"
-            raise Refused(post, index, f"a position has {len(joints.values)} joint values", remedy)
+            raise Refused(post, index, f"a position has {counted(len(joints.values), 'joint value')}", remedy)
         if count and len(joints.values) != count:
-            what = f"a position has {len(joints.values)} joint values, another {count}"
+            what = f"a position has {counted(len(joints.values), 'joint value')}, another {count}"
             raise Refused(post, index, what, "give all for one arm")
         count = len(joints.values)
     return count

@@ -197,7 +197,7 @@ def test_short_pieces_are_dropped_and_counted() -> None:
     )
     kept = simplified(part, from_mapping({"input": {"min_length": 0.6}}))
     assert [c.id for c in kept.contours] == ["c1"]
-    assert [str(n) for n in kept.notes] == ["skipped: 1 contours shorter than 0.6 mm (input.min_length)"]
+    assert [str(n) for n in kept.notes] == ["skipped: 1 contour shorter than 0.6 mm (input.min_length)"]
 
 
 def test_what_has_no_ink_or_no_scale_is_refused(tmp_path: Path) -> None:

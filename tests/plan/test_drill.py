@@ -87,7 +87,7 @@ def test_circles_of_a_drawing_by_diameter_the_inner_of_a_pad() -> None:
     told = [note.what for note in found.notes]
     assert "4 holes: 2 of 0.8 mm, 1 of 1 mm, 1 of 3 mm" in told
     assert "2 circles around holes taken for pads" in told
-    assert "1 contours are no circles and are not drilled" in told
+    assert "1 contour is no circle and is not drilled" in told
     assert any("3 holes are drawn wider or narrower" in what for what in told)
     chosen = planned(part, 0.8, holes=[0.7, 0.9])
     assert [path.id for path in chosen.paths] == ["c1", "c2"]
@@ -120,7 +120,7 @@ def test_rings_and_marks_of_a_picture() -> None:
     got = sorted(path.position[0, :2].tolist() for path in found.paths)
     assert np.array(got) == pytest.approx(np.array(sorted(place)), abs=0.2 * MM)
     assert [path.id for path in found.paths].count("mark1") == 1
-    assert "1 at marks" in found.notes[-2].what
+    assert "1 at a mark" in found.notes[-2].what
 
 
 def test_a_hole_goes_straight_down_in_pecks_and_up() -> None:

@@ -216,7 +216,7 @@ def test_regions_keep_their_layers_and_open_contours_are_told() -> None:
     right = {p.layer for p in found.paths if p.position[0, 0] > 15}
     assert left == {"top"}
     assert right == {"pads"}
-    assert [n.what for n in found.notes if n.kind == "skipped"] == ["1 open contours not filled"]
+    assert [n.what for n in found.notes if n.kind == "skipped"] == ["1 open contour not filled"]
     assert len({p.id for p in found.paths}) == len(found.paths)
 
 

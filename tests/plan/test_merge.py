@@ -92,7 +92,7 @@ def test_a_letter_of_a_loop_and_a_tail_is_one_trail_and_the_ends_meet_within_the
     assert not one.closed
     assert sorted([one.points[0].tolist(), one.points[-1].tolist()]) == [[10, 10], [20, 30]]
     assert note.kind == "joined"
-    assert "2 contours run as 1 paths" in note.what
+    assert "2 contours run as 1 path" in note.what
     assert merged([ring, tail], [False, False], 0.02) == ((ring, tail), ())
     assert merged([ring, tail], [True, False], 0.05) == ((ring, tail), ())
 

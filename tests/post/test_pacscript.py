@@ -770,7 +770,7 @@ def test_second_file_is_called_by_its_name_and_lines_go_on() -> None:
         (("Move L, Dev(P(1), P(2))" + S,), 4, "the function dev is not evaluated"),
         (("Move C, P(1, 1, 50), @0 P(2, 2, 50)" + S,), 4, "the three points of the arc are on one line"),
         (("Move C, P(1, 1, 50), @0 P(0, 0.1, 50)" + S,), 4, "an arc of more than 180 deg"),
-        (("Move C, P(1, 1, 50)" + S,), 4, "Move C has 1 points instead of two"),
+        (("Move C, P(1, 1, 50)" + S,), 4, "Move C has 1 point instead of two"),
         (("Move P, J(1)" + S, "Move C, P(1, 1, 50), P(2, 0, 50)" + S), 5, f"an arc {NOWHERE}"),
         (("Move P, J(1)" + S, "Depart L, 5" + S), 5, f"a motion {NOWHERE}"),
         (("Move L, @P P(1)" + S, "Set IO[24]"), 5, f"an output {EARLY}"),

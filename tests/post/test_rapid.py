@@ -333,7 +333,7 @@ def test_refused(plan: Program, message: str) -> None:
         ({"force_load": "[1,[0,0]]"}, "[post] force_load"),
         ({"mass": 0.0}, "[post] mass: 0 is not 0.001 to 1000"),
         ({"mass": math.nan}, "[post] mass: nan is not 0.001 to 1000"),
-        ({"cog": [1.0]}, "[post] cog: 1 numbers; give x, y, z in mm"),
+        ({"cog": [1.0]}, "[post] cog: 1 number; give x, y, z in mm"),
         ({"decimals": 9}, "[post] decimals: 9 is not 0 to 6"),
         ({"force": "hard"}, "Invalid enum value 'hard'"),
     ],

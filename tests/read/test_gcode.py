@@ -332,7 +332,7 @@ def test_inspect_tells_what_is_in_a_program(tmp_path):
     path = file(tmp_path, "G20 G90\nG0 X0 Y0 Z1\nM3 S100\nG1 Z0 F60\nX2\nG2 X0 I-1\nG28\n", "old.tap")
     assert str(inspect(path, Job())).split("\n") == [
         "G-code of 7 lines, units inch",
-        "does: 1 rapid motions, 2 lines, 1 arcs, 1 outputs, 0 waits",
+        "does: 1 rapid motion, 2 lines, 1 arc, 1 output, 0 waits",
         "work: x 0 to 50.8, y -25.4 to 0, z 0 to 0 mm",
         "feeds: 25.4 to 25.4 mm/s",
         "outputs: spindle",

@@ -55,7 +55,7 @@ def test_duplicate_and_degenerate_faces_go(tmp_path: Path) -> None:
     solid = read(tmp_path, np.concatenate([block(), block()[2:5], block()[3:4, ::-1], line]))
     assert_is_the_block(solid)
     assert "4 faces that are there twice" in said(solid)
-    assert "1 faces that have no area" in said(solid)
+    assert "1 face that has no area" in said(solid)
     assert len(solid.faces) == 12
 
 
@@ -70,7 +70,7 @@ def test_a_flat_face_that_closes_a_gap_is_kept_and_has_no_say(tmp_path: Path) ->
     solid = read(tmp_path, np.concatenate([np.delete(block(), [4, 5], axis=0), front, sliver]))
     assert_is_the_block(solid)
     assert not solid.borders
-    assert "1 faces without width" in said(solid)
+    assert "1 face without width" in said(solid)
 
 
 def test_a_flat_face_that_closes_nothing_goes(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_a_flat_face_that_closes_nothing_goes(tmp_path: Path) -> None:
     solid = read(tmp_path, np.concatenate([block(), flap]))
     assert_is_the_block(solid)
     assert not solid.borders
-    assert "1 faces without width that close nothing" in said(solid)
+    assert "1 face without width that closes nothing" in said(solid)
 
 
 @pytest.mark.parametrize("turned", [[0], [0, 5, 7], [1, 2, 3, 4, 5, 6, 8, 9, 10, 11]])
@@ -124,7 +124,7 @@ def test_rims_that_nearly_meet_are_welded(tmp_path: Path) -> None:
 def test_two_blocks_that_share_an_edge_keep_the_others(tmp_path: Path) -> None:
     solid = read(tmp_path, np.concatenate([block(), block() + np.array([30, 20, 0])]))
     assert len(solid.edges) == 22
-    assert "skipped: 1 sides where more than two faces meet" in said(solid)
+    assert "skipped: 1 side where more than two faces meet" in said(solid)
 
 
 def test_bytes_after_the_last_face_are_left_out(tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_bytes_after_the_last_face_are_left_out(tmp_path: Path) -> None:
     path.write_bytes(b"solid of a program that lies" + path.read_bytes()[28:] + b"\x00")
     solid = mesh.read(source(path))
     assert_is_the_block(solid)
-    assert "1 bytes after the last face" in said(solid)
+    assert "1 byte after the last face" in said(solid)
 
 
 def ascii_stl(corner: str) -> str:

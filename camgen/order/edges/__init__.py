@@ -11,7 +11,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.order.edges.links import Along, Turn
 from camgen.order.edges.route import Route, route
 from camgen.order.tours import EdgeTour
@@ -50,7 +50,7 @@ def _advice(lost: Sequence[Unreached], freedom: Freedom) -> list[Note]:
     """What a user may not know that he can do about edges that are left out."""
     if freedom or not any(one.kind in ("limit", "singular", "jump", "collision") for one in lost):
         return []
-    what = f"{len(lost)} edges are out of reach of the nominal tool"
+    what = f"{counted(len(lost), 'edge is', 'edges are')} out of reach of the nominal tool"
     return [Note("warning", what, "a tilt or a free roll may reach them: tool.axis_tilt = 15, tool.symmetric = true")]
 
 
@@ -76,7 +76,8 @@ def _said(made: Route) -> list[Note]:
     free = sum(any(isinstance(p, Along) and p.kind == "approach" for p in leg.link) for leg in made.legs)
     direct = len(made.legs) - free
     what = (
-        f"links: {free} with approach from free space, {direct} direct, {kinds.count('shared edge')} edges run idle; "
+        f"links: {free} with approach from free space, {direct} direct, "
+        f"{counted(kinds.count('shared edge'), 'edge')} run idle; "
         f"{short(made.seconds, 1)} s, nearest neighbour {short(made.nearest, 1)} s"
     )
     return [Note("assumed", what)]

@@ -18,7 +18,7 @@ from camgen.model.part import Edge, Note, Part, Solid
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.motion import Freedom, Reached, Room, Setup, Unreached, feed_of
 from camgen.plan.edges.reach import reach
@@ -66,7 +66,7 @@ def freedom_of(job: Job) -> Freedom:
 
 def none_left(part: Part, count: int, first: Unreached) -> NoSafeProgram:
     """The error where none of ``count`` edges can be processed."""
-    return NoSafeProgram(part.source, f"none of {count} edges can be processed: {first.id}", first.text)
+    return NoSafeProgram(part.source, f"none of {counted(count, 'edge')} can be processed: {first.id}", first.text)
 
 
 def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
@@ -85,7 +85,7 @@ def _chosen(solid: Solid, job: Job) -> dict[str, Edge]:
         raise InputError(solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it")
     chosen = set(select(solid, [job.input.select]))
     if not chosen:
-        what = f"picks none of the {len(solid.edges)} edges"
+        what = f"picks no edge; the part has {counted(len(solid.edges), 'edge')}"
         raise JobError("job", what, "input.select", "camgen inspect lists them")
     return {edge.id: edge for edge in solid.edges if edge.id in chosen}
 

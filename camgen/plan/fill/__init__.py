@@ -22,7 +22,7 @@ from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.plan.columns import pass_depths
 from camgen.plan.fill.cover import Coverage, lines_of, measured, painted
 from camgen.plan.fill.ground import Distances, Ground, Pixels, ground
@@ -331,7 +331,7 @@ def covered_by(field: Ground, paths: Sequence[ToolPath], thin: Sequence[bool], r
 def _open(part: Part) -> tuple[Note, ...]:
     ids = tuple(c.id for c in part.contours if not c.closed)
     why = "only what is closed has an inside; join gaps with input.join, or trace them"
-    return (Note("skipped", f"{len(ids)} open contours not filled", why, ids),) if ids else ()
+    return (Note("skipped", f"{counted(len(ids), 'open contour')} not filled", why, ids),) if ids else ()
 
 
 def _rules(kinds: Sequence[Kind], region: IntArray, job: Job) -> tuple[Note, ...]:
@@ -341,9 +341,11 @@ def _rules(kinds: Sequence[Kind], region: IntArray, job: Job) -> tuple[Note, ...
     by, along = (set(_region_of(at, region).tolist()) for at in starts)
     apart = short(job.tool.diameter * job.operation.stepover, 3)
     shares = ((by - along, f"by passes {apart} mm apart"), (along - by, "by centre lines"), (by & along, "by both"))
-    what = f"{len(by | along)} regions to fill: {', '.join(f'{len(own)} {how}' for own, how in shares if own)}"
+    what = (
+        f"{counted(len(by | along), 'region')} to fill: {', '.join(f'{len(own)} {how}' for own, how in shares if own)}"
+    )
     why = (
-        f"{len(round_.lines)} passes, {len(middle.lines)} centre lines ({sum(middle.thin)} of places thinner than the "
-        f"tool), {len(rest.lines)} strokes for what they left"
+        f"{counted(len(round_.lines), 'pass', 'passes')}, {counted(len(middle.lines), 'centre line')} "
+        f"({sum(middle.thin)} of places thinner than the tool), {counted(len(rest.lines), 'stroke')} for what they left"
     )
     return (Note("assumed", what, why),)

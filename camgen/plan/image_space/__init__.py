@@ -20,6 +20,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 from camgen.plan.columns import Label, pass_depths, tool_paths
 from camgen.plan.image_space.border import Border, between_pixels, border
 from camgen.plan.image_space.field import Field, Pixels, chains, field, sampled
@@ -125,8 +126,8 @@ def not_followed(borders: IntArray, how: str, why: str) -> Note:
     """One note on borders that have no path, the first of them by name."""
     ids = [f"c{k + 1}" for k in borders.tolist()]
     names = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
-    noun = "contour" if len(borders) == 1 else "contours"
-    return Note("skipped", f"{len(ids)} {noun} not followed, {how}: {names} on layer {_LAYER}", why, tuple(ids))
+    what = f"{counted(len(ids), 'contour')} not followed, {how}: {names} on layer {_LAYER}"
+    return Note("skipped", what, why, tuple(ids))
 
 
 #: Below this many pixels the tool's radius is not resolved.

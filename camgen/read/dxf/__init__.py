@@ -19,7 +19,7 @@ from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
 from camgen.model.job import Input, Job
 from camgen.model.part import Contour, Note, Part
-from camgen.model.text import harmless, short
+from camgen.model.text import counted, harmless, short
 from camgen.read import join, units
 from camgen.read.dxf.entities import REPAIRED, Drawn, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
@@ -82,8 +82,8 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     except (DXFError, *_STUMBLES) as error:
         raise InputError(name, f"damaged beyond repair: {_plain(error)}", "", _SAVE_AGAIN) from error
     count = len(auditor.fixes) + len(auditor.errors)
-    what = f"the file is damaged and was read tolerantly, {count} faults mended" if count else "the file is damaged"
-    notes.append(Note("repaired", f"{what}: {cause}", f"compare the contours, or {_SAVE_AGAIN}"))
+    mended = f" and was read tolerantly, {counted(count, 'fault')} mended" if count else ""
+    notes.append(Note("repaired", f"the file is damaged{mended}: {cause}", f"compare the contours, or {_SAVE_AGAIN}"))
     return document, tuple(notes)
 
 

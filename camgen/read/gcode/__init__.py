@@ -11,7 +11,7 @@ from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.read.gcode.arcs import LINUXCNC
 from camgen.read.gcode.interpreter import Recorded, Run, interpret
@@ -33,10 +33,10 @@ class Facts(Struct, frozen=True):
     stopped: str
 
     def __str__(self) -> str:
-        counts = ", ".join(f"{n} {name}" for name, n in self.counts.items())
+        counts = ", ".join(counted(n, name) for name, n in self.counts.items())
         spans = zip("xyz", self.low, self.high, strict=False)
         rows = [
-            f"G-code of {self.lines} lines, units {self.units}",
+            f"G-code of {counted(self.lines, 'line')}, units {self.units}",
             f"does: {counts}",
             *(
                 ["work: " + ", ".join(f"{a} {short(b, 3)} to {short(c, 3)}" for a, b, c in spans) + " mm"]
@@ -74,7 +74,7 @@ def inspect(source: Source, job: Job, _files: Files) -> Facts:
     points = points[~np.isnan(points).any(axis=1)]
     speeds = columns.speed[working]
     names: dict[type[Instruction], str] = {
-        MoveJ: "rapid motions", MoveL: "lines", MoveC: "arcs", Output: "outputs", Wait: "waits"
+        MoveJ: "rapid motion", MoveL: "line", MoveC: "arc", Output: "output", Wait: "wait"
     }  # fmt: skip
     return Facts(
         lines=len(lines) - (lines[-1] == ""),

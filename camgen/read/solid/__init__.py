@@ -11,7 +11,7 @@ from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Edge, Note, Part, Solid
-from camgen.model.text import harmless, short
+from camgen.model.text import counted, harmless, short
 from camgen.read.files import Files
 from camgen.read.solid import mesh, step
 from camgen.read.units import MM
@@ -30,7 +30,7 @@ class Facts(Struct, frozen=True):
         convex = sum(edge.convex for edge in self.edges)
         size = " x ".join(short(v, 3) for v in self.size)
         lines = [
-            f"3-D part of {size} mm, units {self.units}, {self.faces} triangles",
+            f"3-D part of {size} mm, units {self.units}, {counted(self.faces, 'triangle')}",
             f"edges: {len(self.edges)}, {convex} convex, {len(self.edges) - convex} concave",
             *(_told(edge) for edge in self.edges),
             *map(str, self.notes),

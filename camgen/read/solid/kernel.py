@@ -19,6 +19,7 @@ from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 
 #: What a shape that is sound on paper only makes the kernel raise.
 STUMBLES = (RuntimeError, ValueError, TypeError)
@@ -67,7 +68,9 @@ def _insist_on_sound(name: str, model: Any) -> None:
     count = int(model.NbEntities())
     bad = [k for k in range(1, count + 1) if model.IsErrorEntity(k)]
     if bad:
-        raise InputError(name, f"is damaged: {len(bad)} of {count} entities cannot be read", "", _SAVE_AGAIN)
+        raise InputError(
+            name, f"is damaged: {len(bad)} of {counted(count, 'entity', 'entities')} cannot be read", "", _SAVE_AGAIN
+        )
     if model.GlobalCheck(True).HasFailed():
         raise InputError(name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN)
 

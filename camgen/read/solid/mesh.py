@@ -9,6 +9,7 @@ from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 from camgen.read.solid import topology as welding
 from camgen.read.solid.edges import edges_of, ordered
 from camgen.read.solid.mesh_file import Soup, load
@@ -114,7 +115,7 @@ def make_solid(
     edges = ordered(edges_of(chained(sides, mesh.vertices), mesh.vertices, limit))
     if edges:
         convex = int(np.count_nonzero(sides.convex))
-        what = f"{convex} convex and {len(sides) - convex} concave sides of triangles are {len(edges)} edges"
+        what = f"{convex} convex and {len(sides) - convex} concave sides of triangles are {counted(len(edges), 'edge')}"
         notes.append(Note("joined", what, f"arcs where vertices lie on one within {limit:.3g} mm"))
     return Solid(stem, name, mesh.units, mesh.vertices, mesh.faces, mesh.normals, edges, borders, tuple(notes))
 
@@ -132,12 +133,12 @@ def _surface(soup: Soup, name: str, mm: float | None) -> tuple[Surface, list[Not
     pairs = paired(faces)
     useless = dangling(vertices, faces, pairs)
     if useless.any():
-        _count(notes, int(np.count_nonzero(useless)), "faces without width that close nothing were left out")
+        _count(notes, int(np.count_nonzero(useless)), "open")
         faces = faces[~useless]
         pairs = paired(faces)
     faces, pairs = _outward(vertices, faces, pairs, notes)
     normals, flat = face_normals(vertices, faces, pairs)
-    _count(notes, flat, "faces without width lie in the face beside them")
+    _count(notes, flat, "flat")
     units = (soup.unit or "mm") if mm is None else f"{mm:g} mm"
     faces = np.array(faces)
     faces.flags.writeable = False
@@ -151,35 +152,56 @@ def _clean(name: str, soup: Soup, mm: float, notes: list[Note]) -> tuple[FloatAr
     single = welding.without_duplicates(proper)
     joined, welds = welding.welded(vertices, single)
     if welds:
-        notes.append(Note("repaired", f"{welds} vertices of rims that nearly meet were welded"))
+        many = counted(welds, "vertex of rims that nearly meet was", "vertices of rims that nearly meet were")
+        notes.append(Note("repaired", f"{many} welded"))
     whole = welding.without_duplicates(welding.without_degenerate(joined))
-    _count(notes, len(faces) - len(proper) + len(single) - len(whole), "faces that have no area were left out")
-    _count(notes, len(proper) - len(single), "faces that are there twice were left out")
+    _count(notes, len(faces) - len(proper) + len(single) - len(whole), "empty")
+    _count(notes, len(proper) - len(single), "twice")
     if not len(whole):
         raise InputError(name, "has no face with an area")
     return welding.used(vertices, whole)
 
 
+#: What is said of faces that are mended, of one and of many.
+_MENDED = {
+    "open": (
+        "face without width that closes nothing was left out",
+        "faces without width that close nothing were left out",
+    ),
+    "flat": ("face without width lies in the face beside it", "faces without width lie in the face beside them"),
+    "empty": ("face that has no area was left out", "faces that have no area were left out"),
+    "twice": ("face that is there twice was left out", "faces that are there twice were left out"),
+    "odd": (
+        "face was wound against the others of its body and turned",
+        "faces were wound against the others of their body and turned",
+    ),
+    "bodies": ("body was inside out and turned", "bodies were inside out and turned"),
+}
+
+
 def _count(notes: list[Note], count: int, what: str) -> None:
     if count:
-        notes.append(Note("repaired", f"{count} {what}"))
+        notes.append(Note("repaired", counted(count, *_MENDED[what])))
 
 
 def _outward(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[Note]) -> tuple[IntArray, Pairs]:
     """Faces wound with their normals outward, as far as that can be told."""
     wrong, odd, bodies = wrongly_wound(vertices, faces, pairs)
-    _count(notes, odd, "faces were wound against the others of their body and turned")
-    _count(notes, bodies, "bodies were inside out and turned")
+    _count(notes, odd, "odd")
+    _count(notes, bodies, "bodies")
     if wrong.any():
         faces = np.where(wrong[:, None], faces[:, ::-1], faces)
         pairs = paired(faces)
     if pairs.turned.any():
-        what = f"{int(pairs.turned.sum())} sides between faces that cannot be wound alike are no edges"
+        between = "between faces that cannot be wound alike"
+        what = counted(int(pairs.turned.sum()), f"side {between} is no edge", f"sides {between} are no edges")
         notes.append(Note("skipped", what, "inside and outside cannot be told apart there"))
     if len(pairs.crowded):
         start, end = ends(faces, pairs.crowded)
         count = len(np.unique(np.sort(np.column_stack([start, end]), axis=1), axis=0))
-        notes.append(Note("skipped", f"{count} sides where more than two faces meet are no edges"))
+        where = "where more than two faces meet"
+        what = counted(count, f"side {where} is no edge", f"sides {where} are no edges")
+        notes.append(Note("skipped", what))
     return faces, pairs
 
 
@@ -190,7 +212,8 @@ def _borders(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[No
     start, end = ends(faces, pairs.open)
     chains = _border_chains(start.tolist(), end.tolist())
     length = float(np.linalg.norm(vertices[end] - vertices[start], axis=1).sum())
-    what = f"the mesh is not closed: {len(pairs.open)} sides, {length:.6g} mm, belong to one face only"
+    sides = counted(len(pairs.open), f"side, {length:.6g} mm, belongs", f"sides, {length:.6g} mm, belong")
+    what = f"the mesh is not closed: {sides} to one face only"
     notes.append(Note("warning", what, "they are borders, not edges"))
     return tuple(frozen(vertices[chain]) for chain in chains)
 

@@ -15,6 +15,7 @@ from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb")
 
@@ -60,12 +61,16 @@ def load(source: Source) -> Soup:
         data, notes = _stl(name, data)
     vertices, faces, unit = _parsed(name, data, kind)
     if not len(faces):
-        raise InputError(name, "has no faces", "" if not len(vertices) else f"{len(vertices)} points only", _SAVE_AGAIN)
+        raise InputError(
+            name, "has no faces", "" if not len(vertices) else f"{counted(len(vertices), 'point')} only", _SAVE_AGAIN
+        )
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(name, "a face names a vertex that is not there", "", _SAVE_AGAIN)
     wrong = np.flatnonzero(~(np.abs(vertices[faces]) < _FARTHEST).all(axis=(1, 2)))
     if len(wrong):
-        what = f"{len(wrong)} faces have coordinates that are not numbers, or beyond all measure"
+        what = (
+            f"{counted(len(wrong), 'face has', 'faces have')} coordinates that are not numbers, or beyond all measure"
+        )
         raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", _SAVE_AGAIN)
     return Soup(vertices, faces, unit, _MM.get(unit, 1.0), notes)
 
@@ -78,11 +83,15 @@ def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
         raise InputError(name, "is no STL mesh", "", _SAVE_AGAIN)
     size = 84 + 50 * int(struct.unpack_from("<I", data, 80)[0])
     if len(data) < size:
-        what = f"the file ends before its last face, {(len(data) - 84) // 50} of {(size - 84) // 50} are there"
+        whole = (size - 84) // 50
+        there = counted((len(data) - 84) // 50, f"of {whole} is there", f"of {whole} are there")
+        what = f"the file ends before its last face, {there}"
         raise InputError(name, what, "", _SAVE_AGAIN)
     if len(data) == size:
         return data, ()
-    return data[:size], (Note("repaired", f"{len(data) - size} bytes after the last face were left out"),)
+    after = "after the last face"
+    what = counted(len(data) - size, f"byte {after} was left out", f"bytes {after} were left out")
+    return data[:size], (Note("repaired", what),)
 
 
 def _is_text(data: bytes) -> bool:

@@ -14,6 +14,7 @@ from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 from camgen.read.solid import kernel
 from camgen.read.solid import topology as welding
 from camgen.read.solid.edges import ordered
@@ -318,7 +319,8 @@ def _edges(
     edges = ordered(directed(e) for e in joined(found))
     _say(notes, left_out, found, len(edges), feature_angle)
     if borders:
-        notes.append(Note("warning", f"{len(borders)} edges have a face on one side only", "borders, not edges"))
+        what = f"{counted(len(borders), 'edge has', 'edges have')} a face on one side only"
+        notes.append(Note("warning", what, "borders, not edges"))
     return edges, tuple(borders)
 
 
@@ -357,9 +359,10 @@ def _say(notes: list[Note], left_out: Counter[str], found: list[Edge], whole: in
     """What became of the edges of the file, in numbers."""
     convex = sum(e.convex for e in found)
     below = f"{left_out['smooth']} below {np.degrees(feature_angle):.3g} deg"
-    others = f"{left_out['seam']} seams and {left_out['degenerate']} points"
+    others = f"{counted(left_out['seam'], 'seam')} and {counted(left_out['degenerate'], 'point')}"
     what = f"{convex} convex and {len(found) - convex} concave edges of the file are {whole}"
     notes.append(Note("joined", what, f"where one goes on as the same line or circle; {below}, {others} left out"))
     for kind, why in (("crowded", "more than two faces meet"), ("turned", "inside and outside disagree")):
         if left_out[kind]:
-            notes.append(Note("skipped", f"{left_out[kind]} edges were left out", f"{why} there"))
+            what = f"{counted(left_out[kind], 'edge was', 'edges were')} left out"
+            notes.append(Note("skipped", what, f"{why} there"))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 from camgen.read.files import Files
 from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import jacobian
@@ -77,7 +78,9 @@ def _bare(described: Description, chain: Chain, links: tuple[Link, ...], notes: 
     count = len(chain.joints)
     said = [*chain.notes, *notes]
     if described.rounded:
-        said.append(f"{described.rounded} angles were taken as the multiples of 90 deg that they are rounded from")
+        one = "angle was taken as the multiple of 90 deg that it is rounded from"
+        many = "angles were taken as the multiples of 90 deg that they are rounded from"
+        said.append(counted(described.rounded, one, many))
     return Robot(
         name=described.name,
         maker="",

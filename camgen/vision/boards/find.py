@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
 from camgen.vision.camera.camera import Camera, distorted, undistorted
 from camgen.vision.image import Picture, Pixels
@@ -118,7 +119,7 @@ def _board(picture: Picture, board: Board) -> _Found:
     corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(_grey(picture.pixels))
     if ids is None or len(ids) < 4:
         count = 0 if ids is None else len(ids)
-        what = f"shows {count} corners of the {board.label}"
+        what = f"shows {counted(count, 'corner')} of the {board.label}"
         raise InputError(picture.name, what, remedy="four are needed; check its squares, its dictionary and the light")
     owners = np.asarray(ids).ravel().astype(np.int64)
     places = np.asarray(drawn.getChessboardCorners(), dtype=np.float64)[owners, :2]

@@ -17,7 +17,7 @@ from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.vision.boards.corners import Chessboard, Seen, Target, seen
 from camgen.vision.camera.camera import Camera, undistorted
 from camgen.vision.image import load
@@ -260,7 +260,8 @@ def calibrated(photos: Sequence[Photo], target: Target, name: str) -> Calibratio
     size = _one_size(photos)
     good, left_out = _distinct(photos, target)
     if len(good) < LEAST_PHOTOS:
-        what = f"{len(good)} of {len(photos)} photos can be used with the {target.label}, {LEAST_PHOTOS} are needed"
+        usable = f"{len(good)} of {counted(len(photos), 'photo')}"
+        what = f"{usable} can be used with the {target.label}, {LEAST_PHOTOS} are needed"
         why = f" ({left_out[0].name}: {left_out[0].why})" if left_out else ""
         remedy = "take 10 to 20 different ones: the whole board, sharp, tilted, in all parts of the view"
         raise InputError(_together(photos), what + why, remedy=remedy)
@@ -277,7 +278,8 @@ def _one_size(photos: Sequence[Photo]) -> tuple[int, int]:
     most = max(dict.fromkeys(sizes), key=sizes.count)
     other = next((photo for photo in photos if photo.size != most), None)
     if other is not None:
-        what = f"is {other.size[0]} x {other.size[1]} px, {sizes.count(most)} of {len(sizes)} are {most[0]} x {most[1]}"
+        usual = counted(sizes.count(most), f"of {len(sizes)} is", f"of {len(sizes)} are")
+        what = f"is {other.size[0]} x {other.size[1]} px, {usual} {most[0]} x {most[1]}"
         raise InputError(other.name, what, remedy="a calibration is for one camera and one size; leave this photo out")
     return most
 

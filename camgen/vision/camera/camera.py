@@ -16,6 +16,7 @@ from msgspec import Struct
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 from camgen.vision.camera.lens import COUNTS, bent, straight
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ def _matrix_data(file: str, root: Mapping[str, object], key: str) -> FloatArray:
     if not isinstance(data, list):
         raise InputError(file, f"{key} has no list of data", remedy=_AGAIN)
     if len(data) != rows * columns:
-        what = f"{key} says {rows} x {columns} and holds {len(data)} numbers"
+        what = f"{key} says {rows} x {columns} and holds {counted(len(data), 'number')}"
         raise InputError(file, what, remedy=_AGAIN)
     try:
         return np.array([_number(value) for value in data], dtype=np.float64).reshape(rows, columns)
@@ -349,7 +350,7 @@ def _checked(data: Data, source: Source) -> Camera:
         raise InputError(file, f"{data.matrix_key} is {_shape(matrix)}, not 3 x 3", remedy=_LOOKS)
     counts = _MODELS[model]
     if len(lens) not in counts:
-        what = f"{data.lens_key} holds {len(lens)} numbers, {model} has {', '.join(map(str, counts))}"
+        what = f"{data.lens_key} holds {counted(len(lens), 'number')}, {model} has {', '.join(map(str, counts))}"
         raise InputError(file, what, remedy=_LOOKS)
     if np.abs(lens).max(initial=0) > _MOST_BENT:
         what = f"{data.lens_key} holds {float(np.abs(lens).max()):g}, no lens bends so much"

@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
 from camgen.vision.lines_arcs.joints import Joints, cleared, joints, normals, oriented, small_corners, tangents
 from camgen.vision.lines_arcs.polish import (
@@ -176,7 +177,8 @@ def primitives(
             found = _polygon(outline, matrix)
             notes.append(_kept(k, None if found is None else found[1].cut))
         elif found[1].doubtful:
-            what = f"{found[1].doubtful} stretches of outline {k + 1} kept as lines from point to point"
+            stretches = counted(found[1].doubtful, "stretch", "stretches")
+            what = f"{stretches} of outline {k + 1} kept as lines from point to point"
             notes.append(Note("warning", what, "no line or arc follows them"))
         if found is not None:
             contours.append(Contour(*found[0], True, layer, f"c{len(contours) + 1}"))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
 from camgen.model.part import Note
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.vision.mask.cells import Bools, Bytes
 from camgen.vision.to_scale import View
 
@@ -62,16 +62,12 @@ def cleaned(mask: Bytes, view: View, min_area: float, name: str) -> tuple[Note, 
     return tuple(
         Note(
             "assumed",
-            f"{_counted(int(which.sum()), what)} {done}, {short(sizes[which].sum() * mm2, 3)} mm2 in all",
+            f"{counted(int(which.sum()), what)} {done}, {short(sizes[which].sum() * mm2, 3)} mm2 in all",
             why,
         )
         for what, done, which, sizes in told
         if which.any()
     )
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" + ("s" if number != 1 else "")
 
 
 def _erase(mask: Bytes, piece: Piece) -> None:
@@ -87,7 +83,7 @@ def _nothing(view: View, outer: Bools, pixels: NDArray[np.float64], least: float
     size = short(float(pixels[outer].sum()) * view.mm_per_px**2, 3)
     what = f"shows no part of {short(least, 3)} mm2 or more"
     if outer.any():
-        what += f", only {_counted(int(outer.sum()), 'speck')} of {size} mm2 in all"
+        what += f", only {counted(int(outer.sum()), 'speck')} of {size} mm2 in all"
     return InputError(name, what, remedy="check its scale, set [image] min_area lower, or choose another [image] mask")
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
+from camgen.model.text import counted
 from camgen.post import Fault, Reading
 
 from . import force, motion
@@ -154,7 +155,7 @@ class _Run:
             raise Unreadable(f"unknown procedure {rest}")
         values = [evaluate(part, machine.lookup) for part in arguments(match[2] or "") if part]
         if len(values) != len(called.parameters):
-            raise Unreadable(f"{match[1]} takes {len(called.parameters)} values, not {len(values)}")
+            raise Unreadable(f"{match[1]} takes {counted(len(called.parameters), 'value')}, not {len(values)}")
         if len(machine.scopes) > _CALLS:
             raise Unreadable("procedures that call each other without end")
         machine.scopes.append(dict(zip(called.parameters, values, strict=True)))

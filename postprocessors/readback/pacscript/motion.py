@@ -11,6 +11,7 @@ from msgspec.json import Decoder
 
 from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Posture
+from camgen.model.text import counted
 
 from .machine import PASS_BLEND, Machine
 from .values import (
@@ -151,7 +152,7 @@ def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float, bool
 def _exactly(machine: Machine, parts: list[str], count: int) -> tuple[list[str], float, bool]:
     targets, speed, at_once = _options(machine, parts)
     if len(targets) != count:
-        raise Unreadable(f"{count} values expected, {len(targets)} found")
+        raise Unreadable(f"{counted(count, 'value')} expected, {len(targets)} found")
     return targets, speed, at_once
 
 
@@ -219,7 +220,7 @@ def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, spee
 
 def _arc(machine: Machine, targets: list[str], speed: float, at_once: bool) -> None:
     if len(targets) != 2:
-        raise Unreadable(f"Move C has {len(targets)} points instead of two")
+        raise Unreadable(f"Move C has {counted(len(targets), 'point')} instead of two")
     blend, expression = _mark(targets[1])
     via, end = _place(machine, targets[0]), _place(machine, expression)
     if isinstance(via, Joints) or isinstance(end, Joints):

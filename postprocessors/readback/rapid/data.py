@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import cast
 
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, quaternion, rotation_about, rotation_from_quaternion
+from camgen.model.text import counted
 
 from .syntax import Call, Data, Expr, Point, Ref, Wrong
 
@@ -118,7 +119,7 @@ class Scope:
         if not isinstance(expr, tuple):
             raise Wrong(line, f"a value of type {want} is needed")
         if len(expr) != len(components):
-            raise Wrong(line, f"{want} has {len(components)} components, not {len(expr)}")
+            raise Wrong(line, f"{want} has {counted(len(components), 'component')}, not {len(expr)}")
         value = tuple(self.value(item, part, line) for item, (_, part) in zip(expr, components, strict=True))
         _check_record(want, value, line)
         return value

@@ -14,6 +14,7 @@ from typing import Protocol
 
 from camgen.model.pose import Pose, rotation_about
 from camgen.model.program import Joints
+from camgen.model.text import counted
 
 from .text import BASE, NULL, Frame, Location, Unreadable, canonical, rotation_zyz
 
@@ -251,7 +252,7 @@ class Expression:
         values = self.reals()
         self.expect(")")
         if len(values) not in (4, 6):
-            raise Unreadable(f"#PPOINT has {len(values)} values, not 4 or 6")
+            raise Unreadable(f"#PPOINT has {counted(len(values), 'value')}, not 4 or 6")
         slide = 2 if len(values) == 4 else None
         return Joints(tuple(v if k == slide else math.radians(v) for k, v in enumerate(values)))
 
