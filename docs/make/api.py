@@ -13,8 +13,11 @@ Outlined = ast.ClassDef | ast.FunctionDef
 #: Heading, module, and the names of it that are shown; "Name.method" is one method of a class.
 SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("Build", "camgen.build", ("build", "Result", "Result.report", "Result.text")),
-    ("Jobs", "camgen.model.job_tables", ("load", "from_mapping")),
-    ("Read a file", "camgen.read", ("read",)),
+    ("Jobs", "camgen.read.job_file", ("load", "from_mapping")),
+    ("Read a file", "camgen.read", ("read", "inspect")),
+    ("Readers", "camgen.read", ("Reader", "installed", "find_reader", "Installed")),
+    ("Input files", "camgen.model.files", ("Source",)),
+    ("Opened once", "camgen.read.files", ("Files", "Files.read")),
     (
         "Errors",
         "camgen.model.errors",

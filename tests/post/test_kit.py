@@ -1,12 +1,6 @@
 """The conformance kit: the example post conforms, installed and by path, and posts with known faults do not."""
 
-import importlib.util
 import json
-import os
-import shutil
-import subprocess
-import sys
-from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 
@@ -19,6 +13,8 @@ from camgen.model.program import Comment, Joints, MoveJ, MoveL, Output, Wait
 from camgen.post import OutputFile
 from camgen.post.kit import FEATURES, WHOLE, Case, cases, check_case, conformance
 from camgen.post.plugins import find_post, find_readback
+from tests.support import installed
+from tests.support.installed import install
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs" / "example_post"
@@ -308,27 +304,11 @@ def test_a_case_starts_at_the_home_of_the_cell():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """A folder with the example installed, without network."""
-    if importlib.util.find_spec("setuptools") is None:
-        pytest.skip("setuptools, which builds the example package, is not installed")
-    source = tmp_path_factory.mktemp("source") / "example_post"
-    target = tmp_path_factory.mktemp("site")
-    shutil.copytree(EXAMPLE, source, ignore=shutil.ignore_patterns("__pycache__"))
-    recent = tuple(int(n) for n in version("setuptools").split(".")[:2]) >= (70, 1)
-    if recent or importlib.util.find_spec("wheel"):
-        pip = ["-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-index", "--target", str(target)]
-        command = [*pip, str(source)]
-    else:
-        # setuptools before 70.1 needs the package wheel for pip; its own commands install the same files.
-        steps = ["-q", "build", "-b", str(source / "b"), "install_lib", "-d", str(target)]
-        command = ["-c", "import setuptools; setuptools.setup()", *steps, "install_egg_info", "-d", str(target)]
-    subprocess.run([sys.executable, *command], cwd=source, check=True, capture_output=True)
-    return target
+    return install(EXAMPLE, tmp_path_factory.mktemp("example"))
 
 
 def run(site, *arguments):
-    environment = {**os.environ, "PYTHONPATH": str(site)}
-    done = subprocess.run([sys.executable, *arguments], env=environment, capture_output=True, text=True, check=False)
+    done = installed.run(site, *arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -1,0 +1,180 @@
+"""The door for input files: what is none, and that every build opens each of its files once."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from camgen.model.errors import InputError
+from camgen.model.files import Source
+from camgen.read import inspect, read
+from camgen.read.files import Files
+from tests.support.clouds import scan
+
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+PARTS, ROBOTS = FIXTURES / "parts", FIXTURES / "robots"
+
+
+@pytest.fixture(autouse=True)
+def _there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_file_is_opened_once_whatever_it_is_called(tmp_path: Path) -> None:
+    Path("a.nc").write_bytes(b"first")
+    Path("b.nc").symlink_to("a.nc")
+    files = Files()
+    assert files.read("a.nc").data == b"first"
+    Path("a.nc").write_bytes(b"second")
+    again = files.open(tmp_path / "b.nc")
+    assert (again.data, again.path) == (b"first", tmp_path / "b.nc")
+    assert Files().read("a.nc").data == b"second"
+
+
+def test_what_is_given_is_not_opened() -> None:
+    files = Files([Source(Path("stdin.dxf"), b"0\nSECTION\n")])
+    assert files.read("stdin.dxf").data == b"0\nSECTION\n"
+
+
+def test_a_source_is_named_as_the_user_has_it() -> None:
+    source = Source(Path("folder/Part.Name.DXF"), b"123")
+    assert (source.name, source.stem, source.suffix) == ("Part.Name.DXF", "Part.Name", ".dxf")
+    assert repr(source) == "Source('folder/Part.Name.DXF', 3 bytes)"
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("plat.dxf", "plat.dxf: no such file; nearest is plate.dxf"),
+        ("none/plate.dxf", "none/plate.dxf: no such file; its folder does not exist"),
+        ("folder", "folder: is a folder; name the files in it"),
+        ("pipe", "pipe: is not a regular file; copy it to a file, or use - with --format"),
+        ("plate.dxf/x", "plate.dxf/x: cannot be read: Not a directory"),
+        ("a\0b", "a b: cannot be read: embedded null byte"),
+        ("loop", "loop: cannot be read: "),
+    ],
+)
+def test_what_cannot_be_opened_is_told(name: str, says: str) -> None:
+    Path("plate.dxf").touch()
+    Path("folder").mkdir()
+    os.mkfifo("pipe")
+    Path("loop").symlink_to("loop")
+    for door in (Files().read, read, inspect):
+        with pytest.raises(InputError) as caught:
+            door(name)
+        assert str(caught.value).startswith(says)
+
+
+# Every file of a build is opened once. Opening is seen by Python's audit hooks, also that of os.open and of pathlib.
+
+_COUNT = """\
+import json, os, sys
+from collections import Counter
+opened, here = Counter(), os.getcwd() + os.sep
+def hook(event, arguments):
+    if event == "open" and isinstance(arguments[0], (str, bytes, os.PathLike)):
+        name = os.path.realpath(os.fsdecode(arguments[0]))
+        # ezdxf looks for settings of its own here, which are not there.
+        if name.startswith(here) and os.path.isfile(name) and not arguments[2] & (os.O_WRONLY | os.O_RDWR):
+            opened[name.removeprefix(here)] += 1
+sys.addaudithook(hook)
+from camgen.cli import main
+code = main(sys.argv[1:])
+print(json.dumps([code, opened]))
+"""
+
+
+def opened(*words: str) -> dict[str, int]:
+    done = subprocess.run(
+        [sys.executable, "-c", _COUNT, *words, "-q"], capture_output=True, text=True, check=False, cwd=Path.cwd()
+    )
+    assert done.returncode == 0, done.stderr
+    code, counts = json.loads(done.stdout.splitlines()[-1])
+    assert code == 0, done.stderr
+    assert isinstance(counts, dict)
+    return counts
+
+
+def put(*paths: Path) -> list[str]:
+    for path in paths:
+        Path(path.name).write_bytes(path.read_bytes())
+    return [path.name for path in paths]
+
+
+def test_drawings_and_their_job_are_opened_once() -> None:
+    names = put(PARTS / "bracket.dxf", PARTS / "blocks.dxf", PARTS / "logo.svg")
+    Path("bracket.toml").write_text('[cell]\nfile = "cell.toml"\n')
+    Path("cell.toml").write_text("[cell]\nbase_from_work = [400, 0, 0, 0, 0, 0]\n")
+    found = opened("build", *names, "--post", "gcode", "-o", ".")
+    assert found == dict.fromkeys([*names, "bracket.toml", "cell.toml"], 1)
+
+
+def test_old_programs_are_opened_once() -> None:
+    Path("old.nc").write_text("G21 G90\nG0 X0 Y0 Z5\nG1 Z-1 F60\nG1 X10\nM2\n")
+    assert opened("build", "old.nc", "--post", "rapid") == {"old.nc": 1}
+    assert opened("inspect", "old.nc") == {"old.nc": 1}
+
+
+def test_a_photo_its_camera_and_its_background_are_opened_once() -> None:
+    bench = np.full((400, 500), 200, np.uint8)
+    cv2.imwrite("empty.png", bench)
+    cv2.rectangle(bench, (150, 120), (340, 270), 40, -1)
+    cv2.imwrite("part.png", bench)
+    rows = "rows: {}\n  cols: {}\n  data: {}\n"
+    matrix, lens = [900.0, 0, 250, 0, 900, 200, 0, 0, 1], [0.0] * 5
+    Path("camera.yaml").write_text(
+        "image_width: 500\nimage_height: 400\ndistortion_model: plumb_bob\n"
+        f"camera_matrix:\n  {rows.format(3, 3, matrix)}distortion_coefficients:\n  {rows.format(1, 5, lens)}"
+    )
+    Path("part.toml").write_text(
+        '[camera]\nfile = "camera.yaml"\nplane_from = [0, 0, 450, 180, 0, 0]\n[image]\nbackground = "empty.png"\n'
+    )
+    once = dict.fromkeys(["part.png", "part.toml", "camera.yaml", "empty.png"], 1)
+    assert opened("build", "part.png", "--post", "gcode") == once
+    assert opened("inspect", "part.png") == once
+
+
+def test_an_arm_its_meshes_and_fixtures_that_are_meshes_are_opened_once() -> None:
+    put(PARTS / "bracket.dxf", ROBOTS / "six.urdf")
+    meshes = Path("six_description/meshes")
+    meshes.mkdir(parents=True)
+    for one in (ROBOTS / meshes).iterdir():
+        (meshes / one.name).write_bytes(one.read_bytes())
+    trimesh.creation.box((20, 20, 20)).apply_translation((200, 300, 0)).export("clamp.stl")
+    Path("bracket.toml").write_text(
+        '[cell]\nrobot = "six.urdf"\nfixtures = ["clamp.stl"]\nbase_from_work = [300, -60, -50, 0, 0, 0]\n'
+        "flange_from_tool = [0, 0, 100, 0, 0, 0]\nhome = [0, -100, 0, 0, 30, 0]\n"
+    )
+    named = [str(meshes / name) for name in ("turn.stl", "upper.stl")]
+    once = dict.fromkeys(["bracket.dxf", "bracket.toml", "six.urdf", "clamp.stl", *named], 1)
+    assert opened("build", "bracket.dxf", "--post", "rapid", "--preview", "a.html") == once
+
+
+@pytest.mark.parametrize("name", ["rfa1.stl", "rfa1.step"])
+def test_a_part_in_space_is_opened_once(name: str) -> None:
+    if name.endswith(".step"):
+        pytest.importorskip("OCP", reason="the extra step is not installed")
+    put(PARTS / name)
+    assert opened("inspect", name) == {name: 1}
+    assert opened("init", name) == {name: 1}
+
+
+def test_a_model_and_its_scan_are_opened_once() -> None:
+    put(PARTS / "rfa1.stl")
+    np.savetxt("scan.xyz", scan(trimesh.load_mesh("rfa1.stl"), 3000, 1), fmt="%.4f")
+    found = opened("localize", "rfa1.stl", "scan.xyz", "-o", "frame.toml", "--start", "0,0,0,0,0,0")
+    assert found == {"rfa1.stl": 1, "scan.xyz": 1}
+
+
+def test_verify_opens_program_and_plan_once() -> None:
+    put(PARTS / "bracket.dxf")
+    opened("build", "bracket.dxf", "--post", "gcode", "--plan", "plan.json")
+    assert opened("verify", "bracket.ngc", "--post", "gcode", "--plan", "plan.json") == {
+        "bracket.ngc": 1, "plan.json": 1
+    }  # fmt: skip
