@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Sequence
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
 from camgen.model.errors import JobError
@@ -14,7 +16,17 @@ OPERATIONS = "camgen.operations"
 
 def entries(group: str) -> list[EntryPoint]:
     """What is registered in ``group``, by name."""
-    return sorted(entry_points(group=group), key=lambda entry: entry.name)
+    return [entry for entry in _all(tuple(sys.path)) if entry.group == group]
+
+
+@cache
+def _all(_path: tuple[str, ...]) -> list[EntryPoint]:
+    """Those of camgen's groups, by name. path: where packages are looked for. To look through all that are installed
+    takes 2 to 5 ms, and a build asks for three groups.
+    """
+    found = entry_points()
+    ours = [entry for group in found.groups if group.startswith("camgen.") for entry in found.select(group=group)]
+    return sorted(ours, key=lambda entry: entry.name)
 
 
 def find(listed: Sequence[EntryPoint], name: str, kind: str, lists: str) -> EntryPoint:

@@ -7,6 +7,7 @@ Which formats there are is an open table: the entry points ``camgen.readers``, o
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Literal
 
@@ -52,10 +53,19 @@ class Reader(Struct, frozen=True):
 class Installed(Struct, frozen=True):
     """One line of the table. broken: why the reader cannot be used, empty when it can."""
 
-    name: str
-    origin: str
+    entry: EntryPoint
     reader: Reader | None
     broken: str
+
+    @property
+    def name(self) -> str:
+        """As ``--format`` takes it."""
+        return self.entry.name
+
+    @property
+    def origin(self) -> str:
+        """The package that it comes from: looked up only where it is shown, since its metadata are slow to read."""
+        return origin(self.entry)
 
 
 def installed() -> list[Installed]:
@@ -65,14 +75,14 @@ def installed() -> list[Installed]:
         try:
             reader = load(entry)
         except JobError as error:
-            found.append(Installed(entry.name, origin(entry), None, str(error)))
+            found.append(Installed(entry, None, str(error)))
             continue
         if isinstance(reader, Reader) and reader.name == entry.name:
-            found.append(Installed(entry.name, origin(entry), reader, ""))
+            found.append(Installed(entry, reader, ""))
         else:
             what = f"is called {reader.name}" if isinstance(reader, Reader) else "is not a camgen.read.Reader"
             why = JobError(f"reader {entry.name}", what, entry.value, "mend or remove its package")
-            found.append(Installed(entry.name, origin(entry), None, str(why)))
+            found.append(Installed(entry, None, str(why)))
     return found
 
 
