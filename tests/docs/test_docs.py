@@ -124,7 +124,7 @@ def checked(arguments: object, line: str) -> None:
     if post in pages.POSTS:
         make_post(find_post(post), job.post)
     else:
-        assert post is None or post in ("wend", "./wend.py", "./my_post.py"), line
+        assert post is None or post in ("krl", "./my_post.py"), line
 
 
 def test_a_wrong_command_would_be_found() -> None:

@@ -1,0 +1,21 @@
+"""The post and its read-back agree on every program of the conformance kit, with two sets of options."""
+
+import pytest
+from krl import Krl
+from krl_readback import read
+
+from camgen.post.kit import Case, cases, check_case
+
+MORE = {"signals": {"process": 3, "glue": 4, "spindle": 7}, "spindle_rpm": 12000.0, "max_speed": 3000.0, "decimals": 4}
+
+
+@pytest.mark.parametrize("case", cases(), ids=str)
+def test_conformance(case: Case) -> None:
+    """As the options are by default: one output, up to 2000 mm/s."""
+    check_case(Krl, read, case, lacks={"force", "spindle", "signals", "split", "fast"})
+
+
+@pytest.mark.parametrize("case", cases(), ids=str)
+def test_conformance_with_options(case: Case) -> None:
+    """With outputs for all signals, and a faster robot."""
+    check_case(Krl, read, case, MORE, lacks={"force", "split"})

@@ -1,0 +1,226 @@
+"""KRL, the example of docs/writing-a-post.md: what its text says, what it refuses, what its read-back finds."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from camgen.model.errors import JobError, Refused
+from camgen.model.pose import TOOL_DOWN, Pose, rotation_about
+from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.post.plugins import find_post, find_readback, make_post
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "example_post"
+KRL = find_post(str(EXAMPLE / "krl.py"))
+READ = find_readback(str(EXAMPLE / "krl_readback.py"))
+HOME = MoveJ(Joints((0.0, -math.pi / 2, math.pi / 2, 0.0, math.pi / 2, 0.0)), 100.0)
+
+
+def at(x, y, z=0.0, rotation=TOOL_DOWN):
+    return Pose(rotation, (x, y, z))
+
+
+def text(*body, name="part", **options):
+    cell = KRL.cell()
+    post = make_post(KRL, options)
+    program = Program(name, cell.base_from_work, cell.flange_from_tool, (HOME, *body), ("FOLD the rest",))
+    (file,) = post.render(post.prepare(program, 0.01))
+    return file
+
+
+def lines(*body, **options):
+    """The lines of the body after the first PTP."""
+    found = text(*body, **options).text.splitlines()
+    return found[next(k for k, line in enumerate(found) if line.startswith("PTP")) + 1 : -1]
+
+
+def test_everything_a_motion_depends_on_stands_before_the_first():
+    assert text(name="a b").text.splitlines() == [
+        "DEF a_b()",
+        "; - FOLD the rest",
+        "BAS(#INITMOV, 0)",
+        "$IPO_MODE=#BASE",
+        "$ORI_TYPE=#VAR",
+        "$CIRC_TYPE=#BASE",
+        *(f"$VEL_AXIS[{axis}]=10" for axis in range(1, 7)),
+        "$BASE={X 500.000, Y 0.000, Z 0.000, A 0.0000, B 0.0000, C 0.0000}",
+        "$TOOL={X 0.000, Y 0.000, Z 100.000, A 0.0000, B 0.0000, C 0.0000}",
+        "PTP {A1 0.0000, A2 -90.0000, A3 90.0000, A4 0.0000, A5 90.0000, A6 0.0000}",
+        "END",
+    ]
+
+
+def test_speeds_are_metres_a_second_and_said_when_they_change():
+    moves = [MoveL(at(x, 0), speed) for x, speed in ((0, 20.0), (1, 20.0), (2, 1500.0))]
+    assert [line for line in lines(*moves) if "VEL" in line] == ["$VEL.CP=0.020000", "$VEL.CP=1.500000"]
+
+
+def test_angles_turn_about_z_then_y_then_x():
+    # The tool's x along the work's y: a quarter turn about z. Its x down: a quarter turn about y.
+    turned = [MoveL(at(0, 0, k, rotation_about(axis, math.pi / 2)), 10.0) for k, axis in ((0, 2), (1, 1), (2, 0))]
+    said = [line.partition("A ")[2].rstrip("}") for line in lines(*turned) if line.startswith("LIN")]
+    assert said == ["90.0000, B 0.0000, C 0.0000", "0.0000, B 90.0000, C 0.0000", "0.0000, B 0.0000, C 90.0000"]
+
+
+def test_a_blend_is_a_distance_and_a_flag():
+    moves = [MoveL(at(0, 0), 10.0, 2.5), MoveL(at(9, 0), 10.0, 2.5), MoveL(at(9, 9), 10.0)]
+    place = "{{X {}.000, Y {}.000, Z 0.000, A 0.0000, B 0.0000, C 180.0000}}"
+    assert lines(*moves)[1:] == [
+        "$APO.CDIS=2.500",
+        f"LIN {place.format(0, 0)} C_DIS",
+        f"LIN {place.format(9, 0)} C_DIS",
+        f"LIN {place.format(9, 9)}",
+    ]
+
+
+def test_ptp_stops():
+    assert not any("C_" in line for line in lines(MoveJ(at(0, 0), 10.0, 5.0), MoveJ(at(9, 0), 10.0)))
+
+
+def test_an_arc_is_its_auxiliary_point_and_its_end():
+    arc = MoveC(at(10, 10), at(20, 0), 10.0)
+    (circ,) = [line for line in lines(MoveL(at(0, 0), 10.0), arc) if "CIRC" in line]
+    assert circ.startswith("CIRC {X 10.000, Y 10.000, ")
+    assert ", {X 20.000, Y 0.000, " in circ
+
+
+def test_an_arc_that_is_nearly_a_line_is_one():
+    rise = 1e5 - math.sqrt(1e10 - 25**2)
+    said = lines(MoveL(at(-25, 0), 10.0), MoveC(at(0, rise), at(25, 0), 10.0))
+    assert [line.split()[0] for line in said if line[0] != "$"] == ["LIN", "LIN"]
+
+
+def test_outputs_and_the_spindle():
+    body = (Output("process", 1.0), Output("spindle", 9000.0), Wait(1.5), Output("spindle", 0.0))
+    said = lines(*body, signals={"process": 3, "spindle": 4}, spindle_rpm=9000.0)
+    assert said == ["$OUT[3]=TRUE", "$OUT[4]=TRUE", "WAIT SEC 1.500", "$OUT[4]=FALSE"]
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ([MoveL(at(0, 0), 2500.0)], "max_speed"),
+        ([MoveL(at(0, 0), 0.001)], "0.001 mm/s"),
+        ([Force(5.0, (0.0, 0.0, -1.0)), Force(0.0)], "process.force"),
+        ([Output("spindle", 8000.0)], "spindle_rpm"),
+        ([Output("glue", 1.0)], "post.signals"),
+        ([Output("process", 0.5)], "process = 0.5"),
+        ([MoveC(at(1, 1), at(2, 0), 10.0)], "a pose to start from"),
+        ([MoveJ(Joints((0.0,) * 7), 10.0)], "six axes"),
+    ],
+)
+def test_what_the_controller_lacks_is_refused(body, says):
+    with pytest.raises(Refused, match=says) as refusal:
+        text(*body, signals={"process": 1, "spindle": 2}, spindle_rpm=9000.0)
+    assert refusal.value.index == 1
+
+
+def test_the_first_ptp_says_how_the_arm_stands():
+    cell, post = KRL.cell(), make_post(KRL, {})
+    body = (Output("process", 0.0), MoveJ(at(0, 0, 50), 10.0))
+    with pytest.raises(Refused, match=r"set cell\.home to joints") as refusal:
+        post.prepare(Program("part", cell.base_from_work, cell.flange_from_tool, body), 0.01)
+    assert refusal.value.index == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "called"),
+    [
+        ("End", "p_End"),
+        ("lin_rel", "p_lin_rel"),
+        ("E6POS", "p_E6POS"),
+        ("ends", "p_ends"),  # what begins with a word of declarations is not trusted
+        ("linear", "linear"),
+        ("9 holes", "p_9_holes"),
+        ("", "p_"),
+        ("a" * 30, "a" * 24),
+    ],
+)
+def test_a_name_that_krl_takes(name, called):
+    file = text(name=name)
+    assert (file.name, file.text.splitlines()[0]) == (f"{called}.src", f"DEF {called}()")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"signals": {"a": 1, "b": 1}},
+        {"signals": {"a": 0}},
+        {"joint_speed": 0},
+        {"joint_speed": 101},
+        {"program": "two words"},
+        {"program": "end"},
+        {"program": "a" * 25},
+        {"joint_speed": 10.5},
+    ],
+)
+def test_options_that_cannot_be_meant(options):
+    with pytest.raises(JobError):
+        make_post(KRL, options)
+
+
+# What the read-back finds in a text that was changed.
+
+BODY = (MoveL(at(0, 0), 20.0, 1.0), MoveC(at(5, 5), at(10, 0), 20.0), Output("process", 1.0), Wait(0.5))
+
+
+def test_what_is_read_back_by_hand():
+    """One program, its values worked out from the manual's words."""
+    reading = READ({"part.src": text(*BODY).text}, {})
+    home, line, arc, output, wait = reading.body
+    assert reading.faults == ()
+    assert home.target.values == pytest.approx(HOME.target.values, abs=1e-9)
+    assert (line.target.origin, line.speed, line.blend) == ((0, 0, 0), pytest.approx(20), 1)
+    assert np.allclose(line.target.rotation, TOOL_DOWN, atol=1e-12)
+    assert (arc.via.origin, arc.target.origin, arc.blend) == ((5, 5, 0), (10, 0, 0), 0)
+    assert (output, wait) == (Output("process", 1.0), Wait(0.5))
+    assert reading.work.origin == (500, 0, 0)
+    assert reading.tool.origin == (0, 0, 100)
+    assert [text(*BODY).text.splitlines()[number - 1].split()[0] for number in reading.lines[:2]] == ["PTP", "LIN"]
+
+
+BASE = "$BASE={X 500.000, Y 0.000, Z 0.000, A 0.0000, B 0.0000, C 0.0000}\n"
+BAS = "BAS(#INITMOV, 0)\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (BASE, "", r"\$BASE must be set before the first motion"),
+        (BASE, BASE + BASE, r"\$BASE must be set once"),
+        (BAS, "", "BAS must come before"),
+        (BAS + "$IPO_MODE=#BASE\n", "$IPO_MODE=#BASE\n" + BAS, "BAS must come before"),
+        (BAS, "$VEL.CP=0.020000\n" + BAS, "BAS must come before"),
+        ("$VEL_AXIS[4]=10\n", "", r"\$VEL_AXIS\[4\] must be set"),
+        ("$VEL_AXIS[4]=10\n", "$VEL_AXIS[4]=110\n", "at most 100"),
+        ("$ORI_TYPE=#VAR", "$ORI_TYPE=#CONSTANT", "not a statement"),
+        ("$CIRC_TYPE=#BASE", "$CIRC_TYPE=#PATH", "not a statement"),
+        ("$VEL.CP=0.020000\n", "", r"\$VEL\.CP must be set"),
+        ("$APO.CDIS=1.000\n", "", r"without a positive \$APO\.CDIS"),
+        ("WAIT SEC", "$TOOL={X 0, Y 0, Z 0, A 0, B 0, C 0}\nWAIT SEC", "before the first motion"),
+        (
+            "PTP {A1 0.0000, A2 -90.0000, A3 90.0000, A4 0.0000, A5 90.0000, A6 0.0000}\n",
+            "",
+            "first motion must be PTP",
+        ),
+        ("$OUT[1]", "$OUT[2]", "no signal has the output 2"),
+        ("WAIT SEC 0.500", "WAIT SEC 0.500 G0", "not a statement"),
+        ("CIRC {", "SCIRC {", "not a statement"),
+        ("X 10.000", "X 1.0E1", "not a statement"),
+        ("END\n", "", "from DEF to END"),
+        ("END\n", "END\n$OUT[1]=TRUE\n", "from DEF to END"),
+        ("WAIT", "END\nWAIT", "from DEF to END"),
+        ("DEF part()", "DEF 2part()", "not a statement"),
+    ],
+)
+def test_a_damaged_text_is_found(old, new, says):
+    whole = text(*BODY).text
+    assert old in whole
+    faults = READ({"part.src": whole.replace(old, new, 1)}, {}).faults
+    assert re.search(says, "; ".join(fault.what for fault in faults)), faults
+
+
+def test_an_empty_file_is_a_fault():
+    assert READ({"part.src": ""}, {}).faults
