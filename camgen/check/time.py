@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from camgen.check.report import Cycle
 from camgen.geometry.arcs import arc_lengths
+from camgen.geometry.rotations import angles_between
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, taken
@@ -173,7 +174,7 @@ def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray
         fixed = taken(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
         anchors = np.array([move.target.values for move in fixed]).reshape(len(fixed), len(arm.home))
         end, rotation = ends(program, arm, anchors)
-        return end, np.append(0.0, _angles(rotation[:-1], rotation[1:]))
+        return end, np.append(0.0, angles_between(rotation[:-1], rotation[1:]))
     turn = np.zeros(len(columns.moves))
     posed = columns.posed
     rotations = list(map(attrgetter("target.rotation"), taken(columns.moves, posed)))
@@ -183,17 +184,8 @@ def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray
     other = np.flatnonzero((same[1:] != same[:-1]) & (np.diff(where) == 1))
     if len(other):
         pairs = [np.stack([rotations[k + late] for k in other.tolist()]) for late in (0, 1)]
-        turn[where[other + 1]] = _angles(*pairs)
+        turn[where[other + 1]] = angles_between(*pairs)
     return columns.ends, turn
-
-
-def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The angle (N,) of each rotation that takes a (N, 3, 3) to b, as ``pose.angle_between``."""
-    step = np.einsum("nji,njk->nik", a, b)
-    sine = np.hypot(
-        np.hypot(step[:, 2, 1] - step[:, 1, 2], step[:, 0, 2] - step[:, 2, 0]), step[:, 1, 0] - step[:, 0, 1]
-    )
-    return np.asarray(np.arctan2(sine, np.trace(step, axis1=1, axis2=2) - 1.0))
 
 
 def _tangent(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.rotations import from_quaternions, from_vectors
 from camgen.localize.model import Cloud, Model
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
@@ -13,6 +14,8 @@ from camgen.model.pose import FloatArray
 _CELLS, _BEYOND = 40, 0.25
 #: Super-Fibonacci spiral (Alexa, CVPR 2022): the constants of its two golden-like ratios.
 _PHI, _PSI = 2**0.5, 1.533751168755204288118041
+#: No step turns further, rad: beyond it the tangents that a step goes along say nothing.
+_FARTHEST_TURN = 0.5
 
 
 class Field(Struct, frozen=True, eq=False):
@@ -71,12 +74,7 @@ def rotations(count: int) -> FloatArray:
     near, far = np.sqrt(t), np.sqrt(1 - t)
     a, b = d / _PHI, d / _PSI
     x, y, z, w = near * np.sin(a), near * np.cos(a), far * np.sin(b), far * np.cos(b)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
+    return from_quaternions(w, x, y, z)
 
 
 def slid(field: Field, points: FloatArray, poses: Poses, scale: float, plain: float) -> Poses:
@@ -111,13 +109,8 @@ def slid(field: Field, points: FloatArray, poses: Poses, scale: float, plain: fl
 
 def turned(vectors: FloatArray) -> FloatArray:
     """Rotations (B, 3, 3) by the length (rad, at most 0.5) about the direction of each of ``vectors`` (B, 3)."""
-    angle = np.linalg.norm(vectors, axis=1)
-    axis = vectors / np.maximum(angle, 1e-300)[:, None]
-    angle = np.minimum(angle, 0.5)[:, None, None]
-    x, y, z = axis.T
-    zero = np.zeros_like(x)
-    cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
+    angle = np.linalg.norm(vectors, axis=1)[:, None]
+    return from_vectors(vectors * (_FARTHEST_TURN / np.maximum(angle, _FARTHEST_TURN)))
 
 
 def fit(field: Field, points: FloatArray, poses: Poses, scale: float) -> FloatArray:

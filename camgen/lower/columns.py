@@ -10,6 +10,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.geometry.rotations import angles_between, from_axes
+from camgen.geometry.vectors import angles, dots, unit
 from camgen.model.path import ToolPath, segment_lengths
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
 
@@ -89,7 +91,7 @@ def blends(rows: Rows, chord: float) -> FloatArray:
     # A line drawn 10 mm long counts as that, whatever is left of it in the last binary digit.
     half = np.full(len(length), 1e-9)
     half[1:] += np.minimum(length[:-1], length[1:]) / 2
-    reach = 2 * chord / np.maximum(np.sin(_angles(end[:-1], start[1:]) / 2), 1e-9)
+    reach = 2 * chord / np.maximum(np.sin(angles(end[:-1], start[1:]) / 2), 1e-9)
     room = np.minimum(reach, np.maximum(half, ZONES[-1]))
     blend = np.zeros(len(rows.position))
     blend[:-1] = np.select([room >= zone for zone in ZONES], ZONES, 0.0)
@@ -97,7 +99,7 @@ def blends(rows: Rows, chord: float) -> FloatArray:
     blend[:-1][pressing[:-1] != pressing[1:]] = 0.0
     # Nothing is rounded on the way into the part: where a peck begins, the material is a quarter of a millimetre below.
     step = np.diff(rows.position, axis=0, prepend=rows.position[:1])
-    plunge = np.abs(_dots(step, rows.axis)) > (1 - 1e-9) * np.sqrt(_dots(step, step))
+    plunge = np.abs(dots(step, rows.axis)) > (1 - 1e-9) * np.sqrt(dots(step, step))
     blend[:-1][plunge[:-1] | plunge[1:]] = 0.0
     blend[rows.first] = blend[rows.last] = 0.0
     return blend
@@ -107,7 +109,7 @@ def fixed(rows: Rows) -> Orientations:
     """Tool z along the axis, tool x along the work x (along its y where the axis is parallel to x)."""
     axis = rows.axis
     if (axis == axis[0]).all():
-        one = TOOL_DOWN if axis[0].tolist() == [0.0, 0.0, -1.0] else frozen(_frames(axis[:1], _sideways(axis[:1]))[0])
+        one = TOOL_DOWN if axis[0].tolist() == [0.0, 0.0, -1.0] else frozen(from_axes(axis[:1], _sideways(axis[:1]))[0])
         same = [one] * len(axis)
         return Orientations(same, same, same, np.zeros(len(axis), dtype=bool))
     x = _sideways(axis)
@@ -118,7 +120,7 @@ def follow(rows: Rows) -> Orientations:
     """Tool z along the axis, tool x along the press direction. Every row needs one (``unfollowed``)."""
     end = rows.press[:, 1].copy()
     end[rows.first] = rows.press[rows.first, 0]
-    start, chord = _tangents(rows)[0], _unit(rows.position - np.roll(rows.position, 1, axis=0))
+    start, chord = _tangents(rows)[0], unit(rows.position - np.roll(rows.position, 1, axis=0))
     return _orientations(rows, rows.press[:, 0], end, lambda arc: _carried(rows.press[arc, 0], start[arc], chord[arc]))
 
 
@@ -130,17 +132,17 @@ def unfollowed(rows: Rows) -> Indices:
 
 def halved(rows: Rows) -> Rows:
     """``rows`` with every arc along which the press direction turns by more than 120 deg as two arcs."""
-    wide = rows.arc & (_angles(rows.press[:, 0], rows.press[:, 1]) > _WIDE)
+    wide = rows.arc & (angles(rows.press[:, 0], rows.press[:, 1]) > _WIDE)
     if not wide.any():
         return rows
     start, end = (tangent[wide] for tangent in _tangents(rows))
     before, via, after = np.roll(rows.position, 1, axis=0)[wide], rows.via[wide], rows.position[wide]
-    chord = _unit(after - before)
+    chord = unit(after - before)
     middle = _carried(rows.press[wide, 0], start, chord)
     counts = 1 + wide.astype(np.intp)
     index = np.repeat(np.arange(len(wide)), counts)
     second = np.flatnonzero(np.diff(index, prepend=-1) == 0)
-    axis = _unit(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
+    axis = unit(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
     out = replace(
         rows,
         **{name: getattr(rows, name)[index] for name in ("position", "via", "axis", "press", "force", "feed")},
@@ -162,32 +164,32 @@ def _tangents(rows: Rows) -> tuple[FloatArray, FloatArray]:
     tangents at its two ends, so each end tangent is the arc's chord mirrored about the chord of that half.
     """
     before = np.roll(rows.position, 1, axis=0)
-    chord = _unit(rows.position - before)
+    chord = unit(rows.position - before)
     start, end = chord.copy(), chord.copy()
     arc = rows.arc
     if arc.any():
         along, via = chord[arc], rows.via[arc]
         for out, half in ((start, via - before[arc]), (end, rows.position[arc] - via)):
-            mirror = _unit(half)
-            out[arc] = 2 * _dots(mirror, along)[:, None] * mirror - along
+            mirror = unit(half)
+            out[arc] = 2 * dots(mirror, along)[:, None] * mirror - along
     return start, end
 
 
 def _arc_middle(start: FloatArray, end: FloatArray, begins: FloatArray, ends: FloatArray) -> FloatArray:
     """The points (N, 3) half-way along arcs with unit tangents ``begins`` and ``ends``."""
     chord = end - start
-    cosine = _dots(_unit(chord), begins)
-    sagitta = np.sqrt(_dots(chord, chord)) / 2 * np.sqrt((1 - cosine) / (1 + cosine))
-    return (start + end) / 2 + sagitta[:, None] * _unit(begins - ends)
+    cosine = dots(unit(chord), begins)
+    sagitta = np.sqrt(dots(chord, chord)) / 2 * np.sqrt((1 - cosine) / (1 + cosine))
+    return (start + end) / 2 + sagitta[:, None] * unit(begins - ends)
 
 
 def _carried(press: FloatArray, start: FloatArray, chord: FloatArray) -> FloatArray:
     """Press directions (N, 3) at the start of arcs, turned with the arc to its middle, where the tangent is chord."""
-    axis = _unit(np.cross(start, chord))
+    axis = unit(np.cross(start, chord))
     parts = ((start, chord), (np.cross(axis, start), np.cross(axis, chord)), (axis, axis))
     carried = np.zeros_like(press)
     for here, there in parts:
-        carried += _dots(press, here)[:, None] * there
+        carried += dots(press, here)[:, None] * there
     return carried
 
 
@@ -195,28 +197,18 @@ def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle
     """Orientations with tool x along ``begin``, ``end`` (N, 3) and ``middle`` (of the arcs)."""
     before = np.roll(rows.axis, 1, axis=0)
     before[rows.first] = rows.axis[rows.first]
-    starts, stops = _frames(before, begin), _frames(rows.axis, end)
+    starts, stops = from_axes(before, begin), from_axes(rows.axis, end)
     starts[rows.first] = stops[rows.first]
-    turn = np.einsum("nji,njk->nik", np.roll(stops, 1, axis=0), starts)
-    skew = turn - np.transpose(turn, (0, 2, 1))
-    sine = np.sqrt(np.einsum("nij,nij->n", skew, skew) / 2)
-    turns = np.arctan2(sine, np.einsum("nii->n", turn) - 1) > _JUMP
+    turns = angles_between(np.roll(stops, 1, axis=0), starts) > _JUMP
     turns[rows.first] = False
     ends = _shared(stops)
     vias = list(ends)
     arc = np.flatnonzero(rows.arc)
     if len(arc):
-        half_way = _shared(_frames(_unit(before[arc] + rows.axis[arc]), middle(arc)))
+        half_way = _shared(from_axes(unit(before[arc] + rows.axis[arc]), middle(arc)))
         for row, rotation in zip(arc.tolist(), half_way, strict=True):
             vias[row] = rotation
     return Orientations(_shared(starts), ends, vias, turns)
-
-
-def _frames(z: FloatArray, towards: FloatArray) -> FloatArray:
-    """``pose.rotation_from_axes`` by row: (N, 3, 3)."""
-    z = _unit(z)
-    x = _unit(towards - z * _dots(z, towards)[:, None])
-    return np.stack([x, np.cross(z, x), z], axis=2)
 
 
 def _sideways(axis: FloatArray) -> FloatArray:
@@ -232,21 +224,3 @@ def _shared(matrices: FloatArray) -> list[FloatArray]:
     new[1:] = (matrices[1:] != matrices[:-1]).any(axis=(1, 2))
     distinct = list(frozen(matrices[new]))
     return [distinct[i] for i in (np.cumsum(new) - 1).tolist()]
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    """``vectors`` (N, 3) at length 1; zero stays zero."""
-    length = np.sqrt(_dots(vectors, vectors))
-    return vectors / np.where(length > 0, length, 1.0)[:, None]
-
-
-def _dots(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Scalar products (N,) by row."""
-    dots: FloatArray = np.einsum("ni,ni->n", a, b)
-    return dots
-
-
-def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angles (N,) between vectors (N, 3), rad; exact for small ones too."""
-    cross = np.cross(a, b)
-    return np.arctan2(np.sqrt(_dots(cross, cross)), _dots(a, b))

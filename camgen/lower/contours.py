@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.rotations import turns_about_z
 from camgen.lower import columns as lower_rows
 from camgen.lower.columns import ZONES, Orientations, Rows
 from camgen.model.cell import Cell
@@ -36,8 +37,7 @@ _SURE, _STEP = math.radians(150.0), math.radians(120.0)
 
 def twists(a: FloatArray, b: FloatArray) -> FloatArray:
     """The angles (N,) by which the tool turns about its own z from rotations a to b (N, 3, 3), rad in -pi..pi."""
-    turn = np.einsum("nji,njk->nik", a, b)
-    return np.asarray(np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1]))
+    return turns_about_z(np.swapaxes(a, -1, -2) @ b)
 
 
 def unwound(rows: Rows, orientations: Orientations) -> list[list[FloatArray]]:

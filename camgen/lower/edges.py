@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.geometry.rotations import between
 from camgen.lower.contours import dwell, origins, signal
 from camgen.model.cell import Cell
 from camgen.model.job import Job, Process
@@ -16,7 +17,7 @@ from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, Mov
 from camgen.order import EdgeTour
 from camgen.order.edges.links import Along, Piece, Turn
 from camgen.plan.edges.motion import Reached, feed_of
-from camgen.plan.edges.ways import Way, between
+from camgen.plan.edges.ways import Way
 
 
 def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:

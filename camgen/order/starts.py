@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.rotations import turn_vectors
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 
@@ -175,16 +176,8 @@ def _split(
     press = columns["press"][old + 1]
     turned = _between(press[:, 0], press[:, 1], part)
     axle = np.cross(cut.towards[c], cut.along[c])
-    turned[c] = _rotated(press[c, 0], axle, part[c] * cut.sweep[c])
+    turned[c] = turn_vectors(press[c, 0], axle, part[c] * cut.sweep[c])
     moved["press"][first, 0] = moved["press"][first + 1, 0] = moved["press"][last, 1] = turned
-
-
-def _rotated(vector: FloatArray, axle: FloatArray, angle: FloatArray) -> FloatArray:
-    """Vectors (K, 3) turned by ``angle`` (K,) rad about the unit vectors ``axle`` (K, 3) (Rodrigues)."""
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    inline = np.sum(axle * vector, axis=1, keepdims=True)
-    turned: FloatArray = c * vector + s * np.cross(axle, vector) + (1 - c) * inline * axle
-    return turned
 
 
 def _between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:

@@ -30,6 +30,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import arc_middles
+from camgen.geometry.rotations import angles_between
 from camgen.model.errors import VerifyError
 from camgen.model.pose import FloatArray, Pose, quaternion
 from camgen.model.program import (
@@ -267,12 +268,7 @@ def _turns(a: list[FloatArray], b: list[FloatArray]) -> FloatArray:
         return np.zeros(0)
     first = np.unique(index, return_index=True)[1].tolist()
     p, q = (np.concatenate([side[i] for i in first]).reshape(-1, 3, 3) for side in (a, b))
-    turn = np.einsum("nji,njk->nik", p, q)
-    skew = turn - np.transpose(turn, (0, 2, 1))
-    # The entries of the skew part are 2 sin(angle) times the axis, each twice; the trace is 1 + 2 cos(angle).
-    sine = np.sqrt(np.einsum("nij,nij->n", skew, skew) / 2)
-    angles: FloatArray = np.arctan2(sine, np.einsum("nii->n", turn) - 1)[index]
-    return angles
+    return np.asarray(angles_between(p, q)[index])
 
 
 def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:

@@ -9,11 +9,12 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.plan.edges.chains import Chain, States, cheapest, steps
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, dense_parts, flange_poses
-from camgen.plan.edges.ways import Index, Way, counts, divided, rotations, rows
+from camgen.plan.edges.ways import Index, Way, counts, divided, rows
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.inverse import inverse
@@ -51,18 +52,18 @@ def grid(freedom: Freedom) -> Grid:
     across, along, roll = np.array(cells, dtype=np.float64).T
     tilts = np.column_stack([along, across, 0 * roll]) * (freedom.tilt / _STEPS)
     turn = np.remainder(roll * (math.tau / len(rolls)) + math.pi, math.tau) - math.pi
-    spin = rotations(np.column_stack([0 * turn, 0 * turn, turn]))
+    spin = from_vectors(np.column_stack([0 * turn, 0 * turn, turn]))
     cost = _TILT * np.linalg.norm(tilts, axis=1) + _ROLL * np.abs(turn)
     # A grid without tilts or rolls has moves that lead nowhere, or to where they come from.
     useful = [0, *(m for m in range(1, 7) if any(k >= 0 and k != c for c, k in enumerate(moves[m])))]
-    return Grid(rotations(tilts) @ spin, cost, np.array(moves, dtype=np.int64)[useful])
+    return Grid(from_vectors(tilts) @ spin, cost, np.array(moves, dtype=np.int64)[useful])
 
 
 def lean(nominal: FloatArray, actual: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rad (N,) between the z axes of two orientations (N, 3, 3), and of the turn about z (swing and twist)."""
     turn = np.swapaxes(nominal, 1, 2) @ actual
     tilt = np.arctan2(np.hypot(turn[:, 0, 2], turn[:, 1, 2]), turn[:, 2, 2])
-    return tilt, np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+    return tilt, turns_about_z(turn)
 
 
 # Joints for a table of poses, D looks by C orientations, branches in the same columns throughout.

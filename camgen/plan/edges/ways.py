@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.rotations import angles_between, between
 from camgen.model.pose import FloatArray, frozen
 
 Index = NDArray[np.int64]
@@ -44,7 +45,7 @@ class Way(Struct, frozen=True, eq=False):
     @property
     def turn(self) -> FloatArray:
         """(N - 1,) rad by which the tool turns in each segment."""
-        return np.asarray(np.linalg.norm(rotation_vectors(self.rotation[:-1], self.rotation[1:]), axis=1))
+        return angles_between(self.rotation[:-1], self.rotation[1:])
 
 
 def backwards(via: FloatArray) -> FloatArray:
@@ -94,31 +95,6 @@ def cut(way: Way, low: float, high: float) -> Way:
 def rows(parts: Index) -> Index:
     """(N,) where the rows of a way are after ``divided``."""
     return np.concatenate([[0], np.cumsum(parts)])
-
-
-def between(a: FloatArray, b: FloatArray, segment: Index, fraction: FloatArray) -> FloatArray:
-    """(M, 3, 3) the rotations at ``fraction`` (M,) of the shortest turns from ``a[segment]`` to ``b[segment]``."""
-    return np.asarray(a[segment] @ rotations(rotation_vectors(a, b)[segment] * fraction[:, None]))
-
-
-def rotation_vectors(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(N, 3) axis times angle of the turns from ``a`` to ``b`` (N, 3, 3), less than half a turn each."""
-    r = np.swapaxes(a, -1, -2) @ b
-    sine = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
-    length = np.linalg.norm(sine, axis=1)
-    angle = np.arctan2(length, np.trace(r, axis1=1, axis2=2) - 1.0)
-    return np.asarray(sine * np.where(length > 1e-14, angle / np.maximum(length, 1e-300), 0.5)[:, None])
-
-
-def rotations(vectors: FloatArray) -> FloatArray:
-    """(N, 3, 3) of axis times angle (N, 3) (Rodrigues)."""
-    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
-    x, y, z = vectors.T
-    cross = np.zeros((len(vectors), 3, 3))
-    cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0] = x, y, z
-    cross[:, 1, 2], cross[:, 2, 0], cross[:, 0, 1] = -x, -y, -z
-    half = np.sinc(angle / (2 * np.pi))
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * (cross @ cross))
 
 
 def _shape(way: Way) -> tuple[FloatArray, FloatArray]:

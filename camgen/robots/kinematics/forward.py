@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from camgen.geometry.rotations import about
 from camgen.model.pose import FloatArray
 from camgen.robots.chain import Joint
 from camgen.robots.models import Robot
@@ -58,7 +59,7 @@ def jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray, 
 
 
 def _turned(joint: Joint, angles: FloatArray) -> FloatArray:
-    """previous_from_joint's rotation (N, 3, 3) at N angles (Rodrigues)."""
+    """previous_from_joint's rotation (N, 3, 3) at N angles."""
     parts = np.stack([np.ones(len(angles)), np.cos(angles), np.sin(angles)], axis=1)
     return np.asarray((parts @ _parts(joint)).reshape(-1, 3, 3))
 
@@ -66,8 +67,4 @@ def _turned(joint: Joint, angles: FloatArray) -> FloatArray:
 @lru_cache(maxsize=256)
 def _parts(joint: Joint) -> FloatArray:
     """What of a joint's rotation stays, goes with the cosine of its angle and with the sine: (3, 9)."""
-    x, y, z = joint.axis
-    still = np.outer(joint.axis, joint.axis)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    place = joint.previous_from_joint.rotation
-    return np.stack([place @ still, place @ (np.eye(3) - still), place @ cross]).reshape(3, 9)
+    return (joint.previous_from_joint.rotation @ about(np.asarray(joint.axis))).reshape(3, 9)

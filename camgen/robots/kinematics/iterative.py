@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from camgen.geometry.rotations import vectors_of
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import resembling
 from camgen.robots.kinematics.forward import jacobian
@@ -85,7 +86,7 @@ def _errors(
     """Jacobian (M, 6, J) and what is missing to the pose (M, 6), lengths divided by the lever; both errors (M,)."""
     moved, now, tip = jacobian(robot, joints)
     away = origins - tip
-    turn = _rotation_vectors(rotations @ now.transpose(0, 2, 1))
+    turn = vectors_of(rotations @ now.transpose(0, 2, 1))
     moved[:, :3] /= robot.lever
     return moved, np.hstack([away / robot.lever, turn]), np.linalg.norm(away, axis=1), np.linalg.norm(turn, axis=1)
 
@@ -100,15 +101,6 @@ def _step(moved: FloatArray, error: FloatArray) -> FloatArray:
     step = np.linalg.solve(square, back @ error[..., None])[..., 0]
     most = np.abs(step).max(axis=1, keepdims=True)
     return np.asarray(step * np.minimum(1.0, _STRIDE / np.maximum(most, _STRIDE)))
-
-
-def _rotation_vectors(rotations: FloatArray) -> FloatArray:
-    """Axis times angle (M, 3) of rotations (M, 3, 3)."""
-    r = rotations
-    sine = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
-    length = np.linalg.norm(sine, axis=1)
-    angle = np.arctan2(length, np.trace(r, axis1=1, axis2=2) - 1.0)
-    return np.asarray(sine * np.where(length > 0, angle / np.maximum(length, 1e-300), 0.5)[:, None])
 
 
 def _distinct(robot: Robot, found: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from camgen.geometry.rotations import turns_about_z
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import Gantry, Scara
 
@@ -27,7 +28,7 @@ def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> Floa
 def _axis_four(arm: Scara, rotations: FloatArray, origins: FloatArray) -> tuple[FloatArray, ...]:
     """The turn of the flange about axis 4, and where axis 4 and the height of the flange are in the arm's frame."""
     turn = arm.base_from_arm.rotation.T @ rotations @ arm.arm_from_flange.rotation.T
-    yaw = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+    yaw = turns_about_z(turn)
     x, y, z = ((origins - arm.base_from_arm.origin) @ arm.base_from_arm.rotation).T
     ahead, side, _ = arm.arm_from_flange.origin
     c, s = np.cos(yaw), np.sin(yaw)

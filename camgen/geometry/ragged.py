@@ -1,0 +1,44 @@
+"""Ragged arrays: groups of rows, one after the other in one table; ``counts`` (G,) is how many rows each group has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from camgen.model.part import IntArray
+
+
+def begins(counts: Sequence[int] | IntArray) -> IntArray:
+    """(G,) the first row of each group; where an empty one would begin."""
+    counts = np.asarray(counts, dtype=np.int64)
+    return np.cumsum(counts) - counts
+
+
+def bounds(counts: Sequence[int] | IntArray) -> IntArray:
+    """(G + 1,) the first row of each group, and the number of rows."""
+    return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])
+
+
+def owners(counts: Sequence[int] | IntArray) -> IntArray:
+    """(N,) the group of each row."""
+    return np.repeat(np.arange(len(counts)), counts)
+
+
+def ramp(counts: Sequence[int] | IntArray) -> IntArray:
+    """(N,) the place of each row in its group: 0, 1, 2 and so on."""
+    return np.asarray(np.arange(np.sum(counts, dtype=np.int64)) - np.repeat(begins(counts), counts))
+
+
+def stretches(first: IntArray, counts: IntArray) -> IntArray:
+    """(N,) the rows first[g], first[g] + 1 and so on of another table, ``counts[g]`` of them for each group."""
+    return np.asarray(np.arange(np.sum(counts, dtype=np.int64)) + np.repeat(first - begins(counts), counts))
+
+
+def following(counts: Sequence[int] | IntArray) -> IntArray:
+    """(N,) the row after each in its group; after the last one its first."""
+    counts = np.asarray(counts, dtype=np.int64)
+    counts = counts[counts > 0]
+    after = np.arange(1, int(counts.sum()) + 1)
+    after[np.cumsum(counts) - 1] = begins(counts)
+    return after
