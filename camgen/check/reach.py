@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import arc_middles
+from camgen.geometry.ragged import owners, ramp
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
@@ -119,8 +120,8 @@ def interpolated(robot: Robot, joints: FloatArray, free: NDArray[np.bool_]) -> t
 
 def _between(joints: FloatArray, parts: Index) -> FloatArray:
     """The values with each step cut into equal parts."""
-    segment = np.repeat(np.arange(len(parts)), parts)
-    share = (np.arange(1, len(segment) + 1) - (np.cumsum(parts) - parts)[segment]) / parts[segment]
+    segment = owners(parts)
+    share = (ramp(parts) + 1) / parts[segment]
     found = np.concatenate([joints[:1], joints[segment] + share[:, None] * np.diff(joints, axis=0)[segment]])
     found[rows(parts)] = joints
     return found

@@ -10,6 +10,7 @@ from msgspec import Struct
 
 from camgen.collision.hits import finite, hits, least, place
 from camgen.collision.scene import Scene
+from camgen.geometry.ragged import owners, ramp
 from camgen.model.pose import FloatArray
 
 #: The longest stretches are 2 ** _HALVINGS steps.
@@ -96,9 +97,8 @@ def _finer(angles: FloatArray) -> FloatArray:
     there.
     """
     parts = np.maximum(np.ceil(angles / _TURN), 1).astype(np.int64)
-    before = np.repeat(np.cumsum(parts) - parts, parts)
-    row = np.repeat(np.arange(len(parts)), parts)
-    return np.append(row + (np.arange(len(row)) - before) / parts[row], float(len(parts)))
+    row = owners(parts)
+    return np.append(row + ramp(parts) / parts[row], float(len(parts)))
 
 
 def _near(scene: Scene, waypoints: FloatArray, near: float) -> float:

@@ -23,6 +23,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import begins, ramp
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
@@ -206,7 +207,7 @@ class _Intervals(Struct, frozen=True):
         """Those of ``which``, each in so many equal parts."""
         of = np.repeat(np.flatnonzero(which), parts)
         count = np.repeat(parts, parts)
-        step = np.arange(len(of)) - np.repeat(np.cumsum(parts) - parts, parts)
+        step = ramp(parts)
         start, end = step / count, (step + 1) / count
         width = self.width[of] / count
         low = self.low[of] + width * step
@@ -259,7 +260,7 @@ def _fit_alike(curves: list[FloatArray], chord: float) -> list[Outline]:
     counts = np.array([len(c) for c in curves])
     owner = np.repeat(np.arange(len(curves)), counts)
     control = np.concatenate(curves)
-    first = np.cumsum(counts) - counts
+    first = begins(counts)
     origin = control[first, 0, :2] / control[first, 0, 2:]
     # Close to zero the full precision is there, wherever the drawing lies.
     control[..., :2] -= origin[owner][:, None] * control[..., 2:]

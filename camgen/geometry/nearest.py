@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import ramp
 from camgen.model.pose import FloatArray
 
 __all__ = ["Discs", "Near", "nearest_items"]
@@ -39,8 +40,7 @@ class Near(Struct, frozen=True, eq=False):
 
     def table(self, count: int, width: int) -> tuple[IntArray, FloatArray]:
         """(count, width): the nearest items of each, -1 where there are fewer, and how far they are (inf)."""
-        start = np.searchsorted(self.item, np.arange(count))
-        step = np.arange(len(self.item)) - start[self.item]
+        step = ramp(np.bincount(self.item, minlength=count))
         kept = step < width
         near = np.full((count, width), -1)
         apart = np.full((count, width), np.inf)

@@ -7,6 +7,7 @@ import shapely
 from msgspec import Struct
 
 from camgen.geometry.intersect import boxed
+from camgen.geometry.ragged import following
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, neighbours, points_at, tangents_at
 from camgen.model.pose import FloatArray
 
@@ -116,11 +117,8 @@ def _areas(points: FloatArray, owner: IntArray, count: int) -> FloatArray:
     if not len(owner):
         return np.zeros(count)
     first = np.searchsorted(owner, np.arange(count))
-    own = points - points[np.minimum(first, len(owner) - 1)][owner]
-    following = np.arange(1, len(owner) + 1)
-    last = np.flatnonzero(np.append(owner[1:] != owner[:-1], True))
-    following[last] = first[owner[last]]
-    a, b = own, own[following]
+    a = points - points[np.minimum(first, len(owner) - 1)][owner]
+    b = a[following(np.bincount(owner))]
     return np.asarray(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count) / 2)
 
 

@@ -15,7 +15,7 @@ def begins(counts: Sequence[int] | IntArray) -> IntArray:
     return np.cumsum(counts) - counts
 
 
-def bounds(counts: Sequence[int] | IntArray) -> IntArray:
+def offsets(counts: Sequence[int] | IntArray) -> IntArray:
     """(G + 1,) the first row of each group, and the number of rows."""
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(counts, dtype=np.int64)])
 
@@ -42,3 +42,8 @@ def following(counts: Sequence[int] | IntArray) -> IntArray:
     after = np.arange(1, int(counts.sum()) + 1)
     after[np.cumsum(counts) - 1] = begins(counts)
     return after
+
+
+def run_lengths(owner: IntArray) -> IntArray:
+    """(R,) how many equal neighbours there are in ``owner`` (N,), run after run."""
+    return np.diff(np.flatnonzero(np.concatenate([[True], owner[1:] != owner[:-1], [True]]))) if len(owner) else owner

@@ -7,15 +7,18 @@ the screen it is clockwise, in the work plane, whose y runs up, it is clockwise 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.segments import BoolArray, IntArray
+from camgen.geometry.ragged import begins, owners, ramp, stretches
+from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
 ComplexArray = NDArray[np.complex128]
+Number = TypeVar("Number", bound=np.inexact)
 
 
 class Rings(Struct, frozen=True, eq=False):
@@ -37,18 +40,34 @@ class Rings(Struct, frozen=True, eq=False):
         """(N,) the row ``by`` places further for every row."""
         return self.along(np.arange(len(self)), by)
 
+    def around(self, values: NDArray[Number], half: int) -> NDArray[Number]:
+        """Sums of ``values`` (N, ...) over the rows up to ``half`` before and after each; short curves count twice."""
+        size = self.count + 2 * half
+        loop = owners(size)
+        rows = self.first[loop] + (ramp(size) - half) % self.count[loop]
+        begin = np.arange(len(self.loop)) + 2 * half * self.loop
+        total = np.zeros((len(rows) + 1, *values.shape[1:]), dtype=values.dtype)
+        np.cumsum(values[rows], axis=0, out=total[1:])
+        found: NDArray[Number] = total[begin + 2 * half + 1] - total[begin]
+        return found
+
+    def mean(self, values: NDArray[Number]) -> NDArray[Number]:
+        """(L, ...) means over each curve; none is empty."""
+        total = np.add.reduceat(values, self.first, axis=0)
+        found: NDArray[Number] = (total.T / self.count).T.astype(values.dtype)
+        return found
+
 
 def rings(counts: Sequence[int] | IntArray) -> Rings:
     """The table of curves with so many points each."""
     count = np.asarray(counts, dtype=np.int64)
-    return Rings(np.cumsum(count) - count, count, np.repeat(np.arange(len(count)), count))
+    return Rings(begins(count), count, owners(count))
 
 
 def chosen(table: Rings, loops: IntArray) -> tuple[Rings, IntArray]:
     """The curves ``loops`` in this order, and the old row (M,) of each of their rows."""
     part = rings(table.count[loops])
-    rows = np.arange(len(part)) - part.first[part.loop] + table.first[loops][part.loop]
-    return part, rows
+    return part, stretches(table.first[loops], part.count)
 
 
 def lengths(table: Rings, points: ComplexArray) -> FloatArray:
@@ -67,7 +86,7 @@ def evenly(table: Rings, points: ComplexArray, *columns: ComplexArray) -> tuple[
     run = np.append(0.0, np.cumsum(step))
     begin, end = run[table.first], run[table.first + table.count]
     result = rings(np.maximum(np.ceil(end - begin), 8).astype(np.int64))
-    place = (np.arange(len(result)) - result.first[result.loop]) / result.count[result.loop]
+    place = ramp(result.count) / result.count[result.loop]
     wanted = begin[result.loop] + place * (end - begin)[result.loop]
     low = np.clip(np.searchsorted(run, wanted, side="right") - 1, 0, len(table) - 1)
     # A row of rounding beyond its curve would be read from the next one.

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import begins, following, owners, ramp, run_lengths
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
 
@@ -84,24 +85,16 @@ def from_contours(contours: Sequence[Contour]) -> Segments:
     bulges = np.concatenate([c.bulges for c in contours])
     counts = np.array([len(c.points) for c in contours])
     closed = np.array([c.closed for c in contours])
-    owner = np.repeat(np.arange(len(contours)), counts)
-    last = np.cumsum(counts) - 1
-    following = np.arange(1, len(points) + 1)
-    following[last] = last - counts + 1
     keep = np.ones(len(points), dtype=bool)
-    keep[last[~closed]] = False
-    return make(points[keep], points[following[keep]], bulges[keep], owner[keep])
+    keep[(np.cumsum(counts) - 1)[~closed]] = False
+    return make(points[keep], points[following(counts)[keep]], bulges[keep], owners(counts)[keep])
 
 
 def neighbours(segments: Segments, closed: BoolArray) -> IntArray:
     """(N,) index of the segment that follows each within its owner, -1 at the end of an open one. closed: per owner."""
-    count = len(segments)
-    following = np.arange(1, count + 1)
-    owner = segments.owner
-    last = np.flatnonzero(np.append(owner[1:] != owner[:-1], True)) if count else np.zeros(0, dtype=np.int64)
-    first = np.append(0, last[:-1] + 1) if count else last
-    following[last] = np.where(closed[owner[last]], first, -1)
-    return following
+    after = following(run_lengths(segments.owner))
+    after[(after <= np.arange(len(after))) & ~closed[segments.owner]] = -1
+    return after
 
 
 def bounds(segments: Segments) -> FloatArray:
@@ -182,17 +175,15 @@ def flatten(segments: Segments, chord: float) -> tuple[FloatArray, IntArray]:
         step = 2 * np.arccos(np.clip(1 - chord / segments.radius, -1.0, 1.0))
         pieces = np.where(segments.is_arc, np.ceil(np.abs(segments.sweep) / np.maximum(step, 1e-6)), 1)
     count = np.maximum(pieces, 1).astype(np.int64)
-    first = np.cumsum(count) - count
+    first = begins(count)
     points = np.empty((int(count.sum()), 2))
     points[first] = segments.start
     # The other points of arcs, as complex numbers: a whole drawing has millions of them.
     rows = np.flatnonzero(count > 1)
-    inner = np.repeat(rows, count[rows] - 1)
-    place = np.arange(len(inner)) - np.repeat(np.cumsum(count[rows] - 1) - (count[rows] - 1), count[rows] - 1) + 1
+    which, place = owners(count[rows] - 1), ramp(count[rows] - 1) + 1
     centre = segments.centre[rows] @ np.array([1, 1j])
     arm = segments.start[rows] @ np.array([1, 1j]) - centre
     turn = segments.sweep[rows] / count[rows]
-    which = np.repeat(np.arange(len(rows)), count[rows] - 1)
     curve = centre[which] + arm[which] * np.exp(1j * (turn[which] * place))
-    points[first[inner] + place] = curve.view(np.float64).reshape(-1, 2)
+    points[first[rows][which] + place] = curve.view(np.float64).reshape(-1, 2)
     return points, np.repeat(segments.owner, count)

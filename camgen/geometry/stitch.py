@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
+from camgen.geometry.ragged import ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, points_at
 from camgen.model.pose import FloatArray
 
@@ -181,7 +182,7 @@ def _united(row: IntArray, low: FloatArray, high: FloatArray, owner: IntArray, c
         & (previous != np.arange(count))
     )
     # Turn each closed chain so that it begins where nothing is joined.
-    place = np.arange(count) - begin[owner]
+    place = ramp(last - begin + 1)
     size = (last - begin + 1)[owner]
     free = np.where(joined, count, place)
     turn = np.minimum.reduceat(free, begin)

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import begins, owners, stretches
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
 
@@ -69,9 +70,7 @@ def thinned(chains: Chains, tolerance: float) -> IntArray:
         if not len(low):
             return np.unique(np.concatenate(kept))
         counts = high - low - 1
-        begin = np.cumsum(counts) - counts
-        of = np.repeat(np.arange(len(low)), counts)
-        rows = np.arange(len(of)) - begin[of] + low[of] + 1
+        begin, of, rows = begins(counts), owners(counts), stretches(low + 1, counts)
         off = to_lines(points[rows], points[low][of], points[high][of])
         most = np.maximum.reduceat(off, begin)
         farthest = np.minimum.reduceat(np.where(off == most[of], rows, len(points)), begin)

@@ -7,6 +7,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.tree import Tree, asked, grown
+from camgen.geometry.ragged import begins, owners, stretches
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -166,11 +167,7 @@ def _boxed(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[floa
 def _joined(of: IntArray, pairs: Pairs) -> tuple[IntArray, IntArray]:
     """Each place with all triangles of the cell that it is in, ``of`` (N,): places and triangles (K,), by place."""
     count = np.bincount(pairs.point, minlength=int(of.max(initial=-1)) + 1)
-    begin = np.cumsum(count) - count
-    place = np.repeat(np.arange(len(of)), count[of])
-    ends = np.cumsum(count[of])
-    within = np.arange(len(place)) - np.repeat(ends - count[of], count[of])
-    return place, pairs.triangle[begin[of[place]] + within]
+    return owners(count[of]), pairs.triangle[stretches(begins(count)[of], count[of])]
 
 
 def _pruned(

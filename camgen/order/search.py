@@ -9,6 +9,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.nearest import nearest_items
+from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.order.solver.bound import Dense, at_least
@@ -82,9 +83,7 @@ def sampled(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], ran
     room = float(np.sqrt(max(np.prod(np.ptp(corners, axis=0)), float(np.ptp(corners)) ** 2 / 100) / count))
     samples = np.clip(np.ceil(whole * _DENSE / max(room, 1e-300)), _LEAST, _MOST).astype(np.int64)
     samples = np.where(loop, samples, np.where(lone, 1, 2))
-    first = np.concatenate([[0], np.cumsum(samples)])
-    owner = np.repeat(np.arange(count), samples)
-    step = np.arange(len(owner)) - first[owner]
+    first, owner, step = offsets(samples), owners(samples), ramp(samples)
     points = np.where((step == 0)[:, None], begins[owner], ends[owner])
     step_mm = whole / samples
     both = np.array([path.reversible for path in paths])
@@ -129,9 +128,7 @@ def _dense(known: Sampled, most: int) -> Dense | None:
     if each < _LEAST:
         return None
     samples = np.where(loop, each, count)
-    first = np.concatenate([[0], np.cumsum(samples)])
-    owner = np.repeat(np.arange(len(count)), samples)
-    place = np.arange(len(owner)) - first[owner]
+    first, owner, place = offsets(samples), owners(samples), ramp(samples)
     inside = loop[owner]
     points = np.empty((len(owner), 2))
     points[~inside] = items.points[~np.repeat(loop, count)]

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import begins, offsets, owners, ramp
 from camgen.geometry.rotations import turn_vectors
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
@@ -98,14 +99,14 @@ def starting_each(paths: Sequence[ToolPath], segment: Sequence[int], fraction: S
         return []
     columns = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _COLUMNS}
     rows = np.array([len(path.position) for path in paths], dtype=np.int64)
-    base = np.cumsum(rows) - rows
+    base = begins(rows)
     number, part, cut = _snapped(columns, base, rows, np.array(segment), np.array(fraction, dtype=np.float64))
 
     counts = rows + (part > 0)  # a split segment is two
     ends = np.cumsum(counts)
     firsts, lasts = ends - counts, ends - 1
-    owner = np.repeat(np.arange(len(paths)), counts)
-    step = np.maximum(np.arange(len(owner)) - firsts[owner], 1)  # row 0 repeats segment 1
+    owner = owners(counts)
+    step = np.maximum(ramp(counts), 1)  # row 0 repeats segment 1
     source = base[owner] + (number[owner] + step - 2) % (rows[owner] - 1) + 1
     moved = {name: column[source] for name, column in columns.items()}
 
@@ -124,8 +125,7 @@ def reversed_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     rows = np.array([len(path.position) for path in paths], dtype=np.int64)
     ends = np.cumsum(rows)
     firsts = ends - rows
-    owner = np.repeat(np.arange(len(paths)), rows)
-    step = np.arange(len(owner)) - firsts[owner]
+    owner, step = owners(rows), ramp(rows)
     vertex = ends[owner] - 1 - step
     segment = ends[owner] - np.maximum(step, 1)
     moved = {
@@ -262,13 +262,11 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     loop = np.array([path.closed for path in paths]) & (rows > 1)
     both = np.array([path.reversible for path in paths]) & (rows > 1)
     count = np.where(loop, rows - 1, 1 + both)
-    first = np.concatenate([[0], np.cumsum(count)])
-    owner = np.repeat(np.arange(len(paths)), count)
-    step = np.arange(len(owner)) - first[owner]
+    first, owner, step = offsets(count), owners(count), ramp(count)
     row = np.where(loop[owner], step + 1, step * (rows[owner] - 1))
     position = np.concatenate([path.position for path in paths])
     via = np.concatenate([path.via for path in paths])
-    at = (np.cumsum(rows) - rows)[owner] + row
+    at = begins(rows)[owner] + row
     closed = loop[owner]
     shape = segments(position[at - closed], np.where(closed[:, None], via[at], np.nan), position[at])
     low, span = np.zeros(len(owner)), np.ones(len(owner))

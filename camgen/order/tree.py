@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.order.starts import SEAM, SNAP, IntArray, Segments, Starts
 
@@ -41,7 +42,7 @@ class Tree:
         place[order] = np.arange(len(number)) // _FAN
         counts = np.bincount(number, minlength=len(self.items))
         self.leaf_of: list[int] = place.tolist()
-        self.piece_of: list[int] = np.concatenate([[0], np.cumsum(counts)]).tolist()
+        self.piece_of: list[int] = offsets(counts).tolist()
         self.start_of: list[int] = where.first.tolist()
         sorted_items = [self.items[i] for i in number[order].tolist()]
         self.pots = [sorted_items[i : i + _FAN] for i in range(0, len(sorted_items), _FAN)]
@@ -200,8 +201,7 @@ def _pieces(shape: Segments) -> tuple[IntArray, FloatArray, FloatArray]:
     if shape.length.any():
         mean = float(shape.length[shape.length > 0].mean())
         count = np.maximum(count, np.ceil(shape.length / mean - 1e-9))
-    number = np.repeat(np.arange(len(count)), count.astype(np.int64))
-    step = np.arange(len(number)) - (np.cumsum(count) - count)[number]
+    number, step = owners(count.astype(np.int64)), ramp(count.astype(np.int64))
     segment, count = shape.pick(number), count[number]
     a, b = segment.point(step / count)[:, :2], segment.point((step + 1) / count)[:, :2]
     # An arc leaves its chord by no more than its sagitta.

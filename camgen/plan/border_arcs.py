@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camgen.geometry.curves import to_arc
+from camgen.geometry.ragged import begins, owners, stretches
 from camgen.geometry.thinning import IntArray, to_lines
 from camgen.model.pose import FloatArray
 
@@ -298,9 +299,7 @@ def _too_far(
 ) -> BoolArray:
     """Which of the lines and arcs (K - 1,) leave the border by more than ``tolerance`` somewhere."""
     counts = np.diff(knots) + 1
-    of = np.repeat(np.arange(len(bulges)), counts)
-    begin = np.cumsum(counts) - counts
-    rows = np.arange(len(of)) - begin[of] + knots[of]
+    of, begin, rows = owners(counts), begins(counts), stretches(knots[:-1], counts)
     length = np.hypot(*np.diff(placed, axis=0).T)
     flat = length < 1e-9
     with np.errstate(all="ignore"):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import begins
 from camgen.geometry.segments import Segments, points_at, tangents_at
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
@@ -38,7 +39,7 @@ def tool_paths(
     """
     count = len(labels)
     sizes = np.bincount(segments.owner, minlength=count)
-    first = np.cumsum(sizes) - sizes
+    first = begins(sizes)
     # A chain of n segments has n + 1 rows: its start, then the end of every segment.
     begin = first + np.arange(count)
     row_of = np.arange(len(segments)) + segments.owner + 1

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import following
 from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours, points_at
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -166,12 +167,8 @@ def _fitted(points: FloatArray, owner: IntArray, count: int) -> tuple[FloatArray
 
 def _whole(points: FloatArray, owner: IntArray, radius: FloatArray, count: int) -> BoolArray:
     """Whether the loops enclose what a circle would: an arc there and back encloses nothing."""
-    first = np.searchsorted(owner, np.arange(count))
-    following = np.arange(1, len(owner) + 1)
-    last = np.append(first[1:], len(owner)) - 1
-    following[last] = first
-    a = points - points[first][owner]
-    b = a[following]
+    a = points - points[np.searchsorted(owner, np.arange(count))][owner]
+    b = a[following(np.bincount(owner, minlength=count))]
     area = np.abs(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count)) / 2
     return np.asarray(np.abs(area / (np.pi * radius**2) - 1) < 0.1)
 

@@ -18,6 +18,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.nearest import IntArray
 from camgen.geometry.pairing import paired
+from camgen.geometry.ragged import offsets, owners
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -289,9 +290,7 @@ def _vertices(contours: list[Contour]) -> _Vertices:
     fresh = np.concatenate([[True], (np.diff(cells[order], axis=0) != 0).any(axis=1)])
     node = np.empty(len(points), dtype=np.int64)
     node[order] = np.cumsum(fresh) - 1
-    return _Vertices(
-        points, np.repeat(np.arange(len(contours)), counts), node, np.concatenate([[0], np.cumsum(counts)])
-    )
+    return _Vertices(points, owners(counts), node, offsets(counts))
 
 
 def _met(vertices: _Vertices, contours: list[Contour], tolerance: float) -> _Vertices:

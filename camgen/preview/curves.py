@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import begins, owners, ramp
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
 
@@ -45,8 +46,7 @@ def drawn(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> Dr
     radius = np.linalg.norm(arm, axis=1)
     step = 2 * np.arccos(np.clip(1 - sag / radius, -1.0, 1.0))
     counts[arc] = np.ceil(sweep / np.clip(step, _FINEST, _COARSEST) - 1e-9).clip(1)
-    owner = np.repeat(np.arange(len(start)), counts)
-    place = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
+    owner, place = owners(counts), ramp(counts) + 1
     fraction = place / counts[owner]
     points = end[owner].copy()
     inner = np.flatnonzero(arc[owner] & (place < counts[owner]))
@@ -74,10 +74,10 @@ def _chained(rows: list[tuple[FloatArray, FloatArray, FloatArray]], sag: float) 
     start, via, end = (np.concatenate([row[k] for row in rows]) for k in range(3))
     found = drawn(start, via, end, sag)
     sizes = np.array([len(row[0]) for row in rows])
-    begins = np.cumsum(sizes) - sizes
-    first = np.searchsorted(found.owner, begins)
+    starts = begins(sizes)
+    first = np.searchsorted(found.owner, starts)
     counts = np.diff(np.append(first, len(found.owner))) + 1
-    return Chains(np.insert(found.points, first, start[begins], axis=0), counts)
+    return Chains(np.insert(found.points, first, start[starts], axis=0), counts)
 
 
 def _segments(contour: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:

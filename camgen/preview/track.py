@@ -11,6 +11,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.time import timed, worked
+from camgen.geometry.ragged import ramp
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program, Wait, column
 from camgen.post.plugins import dynamics_of
@@ -144,7 +145,7 @@ def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     seconds, arm = found.seconds, None
     if reach is not None and robot is not None and len(reach.joints):
         owner = np.searchsorted(found.instruction, reach.owner)
-        share = (np.arange(len(owner)) - np.searchsorted(owner, owner) + 1) / np.bincount(owner)[owner]
+        share = (ramp(np.bincount(owner)) + 1) / np.bincount(owner)[owner]
         swing = found.kind[owner] == 0
         points, axis = tool_of(program, robot, reach.joints[swing])
         stations = _replaced(stations, _Stations(owner[swing], share[swing], points, axis))

@@ -10,6 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.check.report import clean, path_sums
+from camgen.geometry.ragged import begins
 from camgen.model.part import Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import short
@@ -227,7 +228,7 @@ def _lengths(chains: Chains) -> list[float]:
     if not len(chains.counts):
         return []
     steps = np.linalg.norm(np.diff(chains.points, axis=0, prepend=chains.points[:1]), axis=1)
-    first = np.cumsum(chains.counts) - chains.counts
+    first = begins(chains.counts)
     steps[first] = 0.0
     sums: FloatArray = np.add.reduceat(steps, first)
     return list(map(float, sums.tolist()))

@@ -15,6 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import following, offsets, ramp, stretches
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
@@ -26,7 +27,6 @@ from camgen.read.pieces import (
     credible,
     first_of_its_kind,
     next_row,
-    ramp,
     same_distance,
     tally,
     tidy,
@@ -87,8 +87,7 @@ def assembled(soup: Soup, chains: list[list[int]], closed: list[bool], same: flo
     start = last - counts + 1
     loop = np.array(closed, dtype=np.bool_)
     ends = np.cumsum(sizes)
-    follower = np.arange(1, len(piece) + 1)
-    follower[ends - 1] = ends - sizes
+    follower = following(sizes)
     meets = ~whole
     meets[ends - 1] &= loop
     keep, gaps = _meet(points, bulges, last[meets], start[follower[meets]], same)
@@ -101,7 +100,7 @@ def assembled(soup: Soup, chains: list[list[int]], closed: list[bool], same: flo
         soup,
         points=points[keep],
         bulges=bulges[keep] + 0.0,  # no minus zero
-        first=np.concatenate([[0], np.cumsum(length)]),
+        first=offsets(length),
         closed=loop,
         layer=soup.layer[heads],
         kind=soup.kind[heads],
@@ -328,7 +327,7 @@ def _close_pairs(points: FloatArray, group: IntArray, radius: float) -> tuple[In
         wanted = _cell_key(cells + np.array(step), group)
         low, high = np.searchsorted(ranked, wanted), np.searchsorted(ranked, wanted, side="right")
         a = np.repeat(np.arange(len(points)), high - low)
-        b = order[np.repeat(low, high - low) + ramp(high - low)]
+        b = order[stretches(low, high - low)]
         once = a < b if step == (0, 0) else np.ones(len(a), dtype=np.bool_)
         found_a.append(a[once])
         found_b.append(b[once])

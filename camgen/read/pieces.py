@@ -10,6 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import following, offsets, owners, stretches
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 
@@ -48,12 +49,12 @@ class Soup(Struct, frozen=True, eq=False):
         """The pieces of ``index`` in its order."""
         index = np.flatnonzero(index) if index.dtype == np.bool_ else index
         counts = np.diff(self.first)[index]
-        rows = np.repeat(self.first[index], counts) + ramp(counts)
+        rows = stretches(self.first[index], counts)
         return replace(
             self,
             points=self.points[rows],
             bulges=self.bulges[rows],
-            first=np.concatenate([[0], np.cumsum(counts)]),
+            first=offsets(counts),
             closed=self.closed[index],
             layer=self.layer[index],
             kind=self.kind[index],
@@ -68,16 +69,9 @@ def tally(kinds: Sequence[str], layers: Sequence[str]) -> str:
     return f"{counts} on layer{'s' if len(names) > 1 else ''} {shown}"
 
 
-def ramp(counts: IntArray) -> IntArray:
-    """0..n-1 for each n of ``counts``, end to end."""
-    return np.asarray(np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts))
-
-
 def next_row(soup: Soup) -> IntArray:
     """Row of the point that follows each row; the last row of a piece is followed by its first."""
-    following = np.arange(1, len(soup.points) + 1)
-    following[soup.first[1:] - 1] = soup.first[:-1]
-    return following
+    return following(np.diff(soup.first))
 
 
 def same_distance(soup: Soup) -> float:
@@ -122,7 +116,7 @@ def _without_repeats(soup: Soup) -> Soup:
     if not near.any():
         return soup
     # The row kept is the later one: it holds the bulge of the segment that remains.
-    piece = np.repeat(np.arange(len(soup)), counts)
+    piece = owners(counts)
     near[last[np.bincount(piece[~near], minlength=len(soup)) == 0]] = False
     keep = ~near
     counts = np.bincount(piece[keep], minlength=len(soup))
@@ -130,7 +124,7 @@ def _without_repeats(soup: Soup) -> Soup:
         soup,
         points=soup.points[keep],
         bulges=soup.bulges[keep],
-        first=np.concatenate([[0], np.cumsum(counts)]),
+        first=offsets(counts),
     )
 
 
@@ -155,7 +149,7 @@ def _halved(soup: Soup) -> Soup:
         soup,
         points=np.insert(soup.points, wide + 1, middle, axis=0),
         bulges=np.insert(bulges, wide + 1, half),
-        first=np.concatenate([[0], np.cumsum(counts)]),
+        first=offsets(counts),
     )
 
 

@@ -6,12 +6,12 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.rings import ComplexArray, Rings, rings
 from camgen.model.errors import InputError
-from camgen.model.part import Note
+from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.vision.image import Pixels
-from camgen.vision.loops import ComplexArray, IntArray, Loops, directions, loops_of
 
 # Where the edge is, to a hundredth of a pixel, from the raw pixels across a border.
 
@@ -51,7 +51,7 @@ class Edge(Struct, frozen=True, eq=False):
 class _Profiles(Struct, frozen=True, eq=False):
     """chain (N,): border pixels. axis (N,): 1, -1, 1j or -1j, out of the part. values, weight (N, K) at ``_STEPS``."""
 
-    loops: Loops
+    loops: Rings
     chain: ComplexArray
     axis: ComplexArray
     values: Float32
@@ -68,7 +68,7 @@ class _Fit(Struct, frozen=True, eq=False):
     misfit: Float32
 
 
-def fitted_edge(grey: Pixels | Float32, mask: Pixels, loops: Loops, chain: ComplexArray) -> Edge:
+def fitted_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexArray) -> Edge:
     """The edges beside ``chain`` (N,), the outermost pixels of the mask along closed loops, the part on the left."""
     outward = 1j * directions(loops, chain)
     upright = np.abs(outward.imag) > np.abs(outward.real)
@@ -179,19 +179,19 @@ def _ratio(a: Float32, b: Float32) -> Float32:
     return np.asarray(a / np.maximum(b, np.float32(1e-6)))
 
 
-def _bends(loops: Loops, points: ComplexArray, along: ComplexArray) -> FloatArray:
+def _bends(loops: Rings, points: ComplexArray, along: ComplexArray) -> FloatArray:
     """Curvature (N,) 1/px, positive where the part is convex: the turn over +-3 rows by the way between them."""
-    ahead, behind = loops.beside(_BEND), loops.beside(-_BEND)
+    ahead, behind = loops.shifted(_BEND), loops.shifted(-_BEND)
     # Seen with v upwards, where the part is on the left, a convex border turns to the left.
     turn = np.angle(along[behind] * along[ahead].conj())
-    step = np.abs(points[loops.beside(1)] - points)
+    step = np.abs(points[loops.shifted(1)] - points)
     way = loops.around(step, _BEND) - step[ahead]
     return np.asarray((turn / np.maximum(way, 1.0)).clip(-0.5, 0.5))
 
 
-def _even(loops: Loops, bend: FloatArray) -> FloatArray:
+def _even(loops: Rings, bend: FloatArray) -> FloatArray:
     """The least of the bends here and some rows before and after, 0 where they differ in sign: a corner is no bend."""
-    ahead, behind = bend[loops.beside(_APART)], bend[loops.beside(-_APART)]
+    ahead, behind = bend[loops.shifted(_APART)], bend[loops.shifted(-_APART)]
     least = np.minimum(np.abs(bend), np.minimum(np.abs(ahead), np.abs(behind)))
     return np.where((bend * ahead > 0) & (bend * behind > 0), np.copysign(least, bend), 0.0)
 
@@ -200,7 +200,7 @@ Float32 = NDArray[np.float32]
 
 #: Points that go ahead by less than this (px) beyond the one before are left out: two profiles told the same place.
 _LEAST_STEP = 0.4
-#: Loops with less contrast than this many times what the edge fit leaves have no edge in the grey picture.
+#: Rings with less contrast than this many times what the edge fit leaves have no edge in the grey picture.
 _LEAST_CONTRAST = 3.0
 #: Blur (px) of the mask that stands for a grey picture where there is none, and the noise of what comes out. Rendered
 #: discs and rectangles: 0.15 px with a blur of 1, 0.12 with 1.5, 0.10 with 2, and corners ever rounder.
@@ -266,32 +266,32 @@ def _insist(grey: Pixels | Float32, mask: Pixels) -> None:
         raise InputError("grey picture", what, remedy="give (H, W) uint8 or float32 of the same size")
 
 
-def _chains(mask: Pixels) -> tuple[Loops, ComplexArray, NDArray[np.bool_]]:
+def _chains(mask: Pixels) -> tuple[Rings, ComplexArray, NDArray[np.bool_]]:
     """The outermost pixels of the part along every border, and which borders are holes (L,)."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     chains, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     if not chains:
-        return loops_of(np.zeros(0, dtype=np.int64)), np.zeros(0, dtype=complex), np.zeros(0, dtype=bool)
+        return rings(np.zeros(0, dtype=np.int64)), np.zeros(0, dtype=complex), np.zeros(0, dtype=bool)
     flat = np.concatenate(chains)[:, 0].astype(np.float64)
-    return loops_of(np.array([len(c) for c in chains])), flat @ np.array([1, 1j]), tree[0, :, 3] >= 0
+    return rings(np.array([len(c) for c in chains])), flat @ np.array([1, 1j]), tree[0, :, 3] >= 0
 
 
-def _without_edge(loops: Loops, edge: Edge) -> NDArray[np.bool_]:
+def _without_edge(loops: Rings, edge: Edge) -> NDArray[np.bool_]:
     """(L,) loops whose grey values are much the same on both sides, or change sides, or lie far from the mask."""
     contrast = np.abs(loops.mean(edge.contrast))
     misfit = np.sqrt(loops.mean(edge.misfit.astype(np.float64) ** 2))
     return np.asarray((contrast < _LEAST_CONTRAST * misfit) | (contrast < 2.0) | (loops.mean(edge.found * 1.0) < 0.9))
 
 
-def _edge_of_mask(mask: Pixels, loops: Loops, chain: ComplexArray) -> Edge:
+def _edge_of_mask(mask: Pixels, loops: Rings, chain: ComplexArray) -> Edge:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     soft = cv2.GaussianBlur(mask, (0, 0), _MASK_BLUR)
     return fitted_edge(np.asarray(soft, dtype=np.uint8), mask, loops, chain)
 
 
-def _mixed(loops: Loops, edge: Edge, other: Edge, where: NDArray[np.bool_]) -> Edge:
+def _mixed(loops: Rings, edge: Edge, other: Edge, where: NDArray[np.bool_]) -> Edge:
     """``edge`` with the loops ``where`` (L,) from ``other``."""
     rows = where[loops.loop]
     return Edge(
@@ -304,15 +304,15 @@ def _mixed(loops: Loops, edge: Edge, other: Edge, where: NDArray[np.bool_]) -> E
     )
 
 
-def _ordered(loops: Loops, points: ComplexArray) -> list[IntArray]:
+def _ordered(loops: Rings, points: ComplexArray) -> list[IntArray]:
     """The rows of each loop without those whose points do not go ahead of the one before."""
     rows = np.arange(len(points))
     for _ in range(3):
-        table = loops_of(np.bincount(loops.loop[rows], minlength=len(loops.count)))
-        step = points[rows] - points[rows[table.beside(-1)]]
+        table = rings(np.bincount(loops.loop[rows], minlength=len(loops.count)))
+        step = points[rows] - points[rows[table.shifted(-1)]]
         late = (step * directions(table, points[rows]).conj()).real < _LEAST_STEP
         # Of neighbours that are late one goes, then they are looked at again; no loop loses all of its rows.
-        late &= ~late[table.beside(-1)] & (table.count[table.loop] > 2)
+        late &= ~late[table.shifted(-1)] & (table.count[table.loop] > 2)
         if not late.any():
             break
         rows = rows[~late]
@@ -335,3 +335,13 @@ def _noise(points: ComplexArray) -> float:
     along = (c - b) / np.maximum(np.abs(c - b), 1e-9)
     third = ((d - 3 * c + 3 * b - a) * along.conj()).imag
     return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
+
+
+def directions(loops: Rings, points: ComplexArray, half: int = 3) -> ComplexArray:
+    """(N,) unit vectors along the loops: from the mean of the rows behind to that of the rows ahead."""
+    # Telescoped: the sum of points ahead minus the sum of points behind.
+    total = loops.around(points, half)
+    ahead, behind = total[loops.shifted(half)], total[loops.shifted(-half)]
+    along = ahead - behind
+    size = np.abs(along)
+    return np.asarray(np.where(size > 1e-9, along / np.maximum(size, 1e-9), 1.0))

@@ -9,8 +9,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from camgen.geometry.rings import rings
 from camgen.model.errors import InputError
-from camgen.vision.loops import loops_of
 from camgen.vision.outline import Outline, outlines
 from tests.support.outline_pictures import Drawn, disc, drawn, mask_of, picture, plate, with_holes
 
@@ -185,10 +185,10 @@ def test_float_pictures_say_the_same() -> None:
 
 
 def test_sums_around_a_loop_go_over_its_end() -> None:
-    loops = loops_of(np.array([5, 2]))
+    loops = rings(np.array([5, 2]))
     values = np.array([1.0, 2, 3, 4, 5, 10, 20])
     assert loops.around(values, 1).tolist() == [8, 6, 9, 12, 10, 50, 40]
-    assert loops.beside(-1).tolist() == [4, 0, 1, 2, 3, 6, 5]
+    assert loops.shifted(-1).tolist() == [4, 0, 1, 2, 3, 6, 5]
     assert loops.mean(values).tolist() == [3, 15]
 
 

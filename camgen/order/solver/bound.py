@@ -12,6 +12,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.nearest import Discs, IntArray, nearest_items
+from camgen.geometry.ragged import begins, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
 from camgen.order.solver.plane import Items, discs_of
@@ -84,7 +85,7 @@ def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph
     count = int(nodes.owner.max()) + 1
     near = nearest_items(nodes, count, _NEAR)
     closed = items.kind == CLOSED
-    first = np.cumsum(np.where(closed, 1, 2)) - np.where(closed, 1, 2)
+    first = begins(np.where(closed, 1, 2))
     forced = np.stack([first[~closed], first[~closed] + 1], axis=1)
     partner = np.arange(count)
     partner[forced[:, 0]], partner[forced[:, 1]] = forced[:, 1], forced[:, 0]
@@ -119,12 +120,10 @@ def _measured(dense: Dense, closed: NDArray[np.bool_], one: IntArray, two: IntAr
     for part in np.split(np.arange(len(one)), np.flatnonzero(np.diff(chunk)) + 1):
         a, b = one[part], two[part]
         size = counts[part]
-        pair = np.repeat(np.arange(len(part)), size)
-        step = np.arange(len(pair)) - (np.cumsum(size) - size)[pair]
+        pair, step = owners(size), ramp(size)
         wide = (end - begin)[b][pair]
         gap = dense.points[begin[a][pair] + step // wide] - dense.points[begin[b][pair] + step % wide]
-        firsts = np.cumsum(size) - size
-        found[part] = np.sqrt(np.minimum.reduceat((gap**2).sum(axis=1), firsts)) if len(part) else 0.0
+        found[part] = np.sqrt(np.minimum.reduceat((gap**2).sum(axis=1), begins(size))) if len(part) else 0.0
     radius = dense.radius[item]
     return np.maximum(found - radius[one] - radius[two], 0.0)
 
@@ -133,7 +132,7 @@ def _nodes(items: Items) -> Discs:
     """The discs of the items, the two ends of open ones as owners of their own."""
     discs = discs_of(items)
     closed = items.kind == CLOSED
-    first = np.cumsum(np.where(closed, 1, 2)) - np.where(closed, 1, 2)
+    first = begins(np.where(closed, 1, 2))
     ends = ~closed[discs.owner]
     owner = first[discs.owner]
     # The two ends of an open item follow each other.

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.nearest import Discs, IntArray, Near
+from camgen.geometry.ragged import begins, offsets, owners, stretches
 from camgen.model.pose import FloatArray
 from camgen.order.solver import kernel, speed
 from camgen.order.solver import moves as rounds
@@ -83,13 +84,13 @@ def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
     low, high = items.points.min(axis=0), items.points.max(axis=0)
     room = float(np.sqrt(max(np.prod(high - low), (high - low).max() ** 2 / 100) / len(items.kind)))
     count = np.diff(items.first)[loops]
-    owner = np.repeat(np.arange(len(loops)), count)
-    number = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + items.first[loops][owner]
+    owner = owners(count)
+    number = stretches(items.first[loops], count)
     around = count * items.step[loops]
     parts = np.where(around > 4 * room, np.ceil(around / max(room, 1e-300)), 1.0)
     parts = np.minimum(parts, count).astype(np.int64)
     place = number - items.first[loops][owner]
-    stretch = place * parts[owner] // count[owner] + (np.cumsum(parts) - parts)[owner]
+    stretch = place * parts[owner] // count[owner] + begins(parts)[owner]
     return number, stretch
 
 
@@ -149,7 +150,7 @@ def _made(items: Items, start: Start, home: FloatArray | None, near: Near, seed:
     scene = Scene(
         x=xy[:, 0].tolist(), y=xy[:, 1].tolist(), first=first.tolist(), kind=[*items.kind.tolist(), CLOSED],
         step=[*items.step.tolist(), 1.0], near=table.reshape(-1).tolist(), apart=apart.reshape(-1).tolist(),
-        width=WIDTH, parent=[*items.parent.tolist(), -1], children=np.concatenate([[0], np.cumsum(counts)]).tolist(),
+        width=WIDTH, parent=[*items.parent.tolist(), -1], children=offsets(counts).tolist(),
         child=children.tolist() or [0], rank=rank.tolist(), nowhere=points if home is None else -1, directed=directed,
     )  # fmt: skip
     ring = np.concatenate([[count], start.order])

@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.geometry.rotations import angles_between, between
 from camgen.model.pose import FloatArray, frozen
 
@@ -61,9 +62,8 @@ def counts(way: Way, length: float, turn: float) -> Index:
 
 def divided(way: Way, parts: Index) -> Way:
     """The same motion with segment i cut into ``parts[i - 1]`` equal ones; old row i is new row ``rows(parts)[i]``."""
-    segment = np.repeat(np.arange(len(parts)), parts)
+    segment, after = owners(parts), ramp(parts) + 1
     share = 1.0 / parts[segment]
-    after = np.arange(1, len(segment) + 1) - (np.cumsum(parts) - parts)[segment]
     chord, height = _shape(way)
     kept = rows(parts)
     position = np.concatenate([way.position[:1], _at(way, chord, height, segment, after * share)])
@@ -94,7 +94,7 @@ def cut(way: Way, low: float, high: float) -> Way:
 
 def rows(parts: Index) -> Index:
     """(N,) where the rows of a way are after ``divided``."""
-    return np.concatenate([[0], np.cumsum(parts)])
+    return offsets(parts)
 
 
 def _shape(way: Way) -> tuple[FloatArray, FloatArray]:

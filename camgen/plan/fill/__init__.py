@@ -15,6 +15,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import begins
 from camgen.geometry.rings import ComplexArray, latest, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.errors import InputError
@@ -285,7 +286,7 @@ def _paths(
     if not lines:
         return ()
     counts = np.array([len(line) for line in lines])
-    low = np.cumsum(counts) - counts
+    low = begins(counts)
     flat = np.concatenate(lines)
     where = _region_of(flat[low], region).tolist()
     position = np.column_stack([field.placed(flat), np.zeros(len(flat))])

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import owners, stretches
 from camgen.geometry.rings import ComplexArray, Rings, rings
 from camgen.geometry.segments import IntArray, flatten, from_contours
 from camgen.model.errors import JobError
@@ -123,8 +124,7 @@ def crossings(start: ComplexArray, end: ComplexArray) -> tuple[IntArray, FloatAr
 def spread(first: IntArray, last: IntArray) -> tuple[IntArray, IntArray]:
     """All (k, n) with first[k] <= n < last[k], each (M,)."""
     count = np.maximum(last - first, 0)
-    line = np.repeat(np.arange(len(count)), count)
-    return line, np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count) + first[line]
+    return owners(count), stretches(first, count)
 
 
 def even_odd(table: Rings, points: ComplexArray, shape: tuple[int, int]) -> Pixels:

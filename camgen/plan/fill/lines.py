@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import begins, owners, ramp
 from camgen.geometry.rings import ComplexArray, unit
 from camgen.geometry.segments import IntArray
 from camgen.model.pose import FloatArray
@@ -57,20 +58,18 @@ def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[Line]:
 def centred(found: Sequence[Stroke], field: Ground, radius: float) -> tuple[list[float], list[ComplexArray]]:
     """Half the usual width of each stroke, px, and its points in the middle."""
     count = np.array([len(s.points) for s in found])
-    first = np.cumsum(count) - count
-    stroke = np.repeat(np.arange(len(count)), count)
+    first, stroke, place = begins(count), owners(count), ramp(count)
     closed = np.array([s.closed for s in found])
     raw = np.concatenate([s.points for s in found])
     reach = max(2, round(radius / 2))
 
     def along(by: int) -> IntArray:
-        place = np.arange(len(raw)) - first[stroke] + by
         size = count[stroke]
-        return np.asarray(first[stroke] + np.where(closed[stroke], place % size, np.clip(place, 0, size - 1)))
+        further = np.where(closed[stroke], (place + by) % size, np.clip(place + by, 0, size - 1))
+        return np.asarray(first[stroke] + further)
 
     points = _mean([raw[along(k)] for k in range(-reach, reach + 1)])
     # The mean of what lies on one side only would draw the ends in.
-    place = np.arange(len(raw)) - first[stroke]
     tip = (np.minimum(place, count[stroke] - 1 - place) < reach) & ~closed[stroke]
     points[tip] = raw[tip]
     normal = 1j * unit(points[along(reach)] - points[along(-reach)])

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import ramp
 from camgen.geometry.rings import ComplexArray, Rings, latest, lengths, perimeters, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray, backwards, make
 from camgen.model.errors import InputError, JobError
@@ -255,7 +256,7 @@ def _chain(points: _Waypoints, rate: float, bound: float) -> _Chain:
     """The segments between the waypoints that are needed [3.4.2], each as fast as those that it stands for."""
     count = points.table.count
     closed = rings(count + 1)
-    place = np.arange(len(closed)) - closed.first[closed.loop]
+    place = ramp(closed.count)
     row = points.table.first[closed.loop] + place % count[closed.loop]
     here, press, force = points.points[row], points.press[row], points.force[row]
     keep = needed(np.append(closed.first, len(closed)), here, press, force, rate, bound)

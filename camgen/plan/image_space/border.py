@@ -14,6 +14,7 @@ from msgspec import Struct
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from camgen.geometry.ragged import ramp
 from camgen.geometry.rings import ComplexArray, Rings, latest, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -71,7 +72,7 @@ def between_pixels(found: Chains) -> tuple[Rings, ComplexArray]:
     longest = _STRETCHES[-1]
     padded = rings(table.count + 2 * longest)
     row = table.first[padded.loop]
-    row = row + (np.arange(len(padded)) - padded.first[padded.loop] - longest) % table.count[padded.loop]
+    row = row + (ramp(padded.count) - longest) % table.count[padded.loop]
     # Single precision is enough for what is near the origin.
     origin = middle[table.first][padded.loop]
     columns = (*_parts(middle[row] - origin), *_parts((outer - inner)[row] / 2))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import ramp
 from camgen.geometry.rings import ComplexArray, Rings, evenly, held, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -190,7 +191,7 @@ def resampled(table: Rings, count: IntArray, *columns: ComplexArray) -> tuple[Ri
     result = rings(count)
     loop = result.loop
     factor = (table.count / count)[loop]
-    exact = (np.arange(len(result)) - result.first[loop]) * factor
+    exact = ramp(result.count) * factor
     middle = np.floor(exact).astype(np.int64)
     cutoff = 1.0 / np.maximum(factor, 1.0)
     reach = int(np.ceil(_LOBES * float(np.max(factor, initial=1.0))))

@@ -13,9 +13,10 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry import curves
+from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import Drawn, Smooth
-from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, credible, next_row, ramp
+from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, credible, next_row
 
 #: A curve may leave its plane by this much (mm), or by this part of its size.
 FLAT_MM, FLAT_SHARE = 1e-3, 1e-6
@@ -99,7 +100,7 @@ def _arcs(drawn: Drawn) -> _Rows:
     parts = np.maximum(np.ceil(sweep / 180 - 1e-12), 1).astype(np.intp)
     closed = np.array(drawn.closed, dtype=np.bool_)[owner]
     counts = parts + ~closed
-    of = np.repeat(np.arange(len(owner)), counts)
+    of = owners(counts)
     angle = np.radians(start[of] + (sweep / parts)[of] * ramp(counts))
     bulge = np.tan(np.radians(sweep / parts) / 4)
     points = [x[of] + radius[of] * np.cos(angle), y[of] + radius[of] * np.sin(angle), z[of], bulge[of]]
@@ -262,7 +263,7 @@ def _soup(drawn: Drawn, pieces: tuple[IntArray, IntArray, FloatArray, FloatArray
     return Soup(
         points=points,
         bulges=bulges,
-        first=np.concatenate([[0], np.cumsum(counts)]),
+        first=offsets(counts),
         closed=np.array(drawn.closed, dtype=np.bool_)[owner],
         layer=np.array([layer_index[n] for n in drawn.layer], dtype=np.intp)[owner],
         kind=np.array([kind_index[n] for n in drawn.kind], dtype=np.intp)[owner],

@@ -13,8 +13,9 @@ import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.rings import ComplexArray, Rings, rings
 from camgen.geometry.segments import flatten, from_contours
-from camgen.model.part import Contour, Note
+from camgen.model.part import Contour, IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
@@ -31,7 +32,6 @@ from camgen.vision.lines_arcs.polish import (
     repaired,
 )
 from camgen.vision.lines_arcs.runs import Runs, blocks, fitted, merged, relaxed, rougher, trimmed, within
-from camgen.vision.loops import ComplexArray, IntArray, Loops, loops_of
 from camgen.vision.outline import Outline
 from camgen.vision.plane import scale_of
 
@@ -56,7 +56,7 @@ class Divided(Struct, frozen=True, eq=False):
     counts: BoolArray
 
 
-def divided(loops: Loops, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray) -> Divided:
+def divided(loops: Rings, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray) -> Divided:
     """Lines and arcs of closed loops of points where the grey value is half-way; sigma, blur (L,) px."""
     weight, told = np.ones(len(halfway)), sigma
     runs = merged(blocks(loops), loops, halfway, weight, sigma)
@@ -79,12 +79,12 @@ def divided(loops: Loops, halfway: ComplexArray, sigma: FloatArray, blur: FloatA
     return Divided(points, runs, curves, found, cleared(found, curves, runs, loops, points))
 
 
-def _curves(runs: Runs, loops: Loops, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Curves:
+def _curves(runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Curves:
     return oriented(fitted(runs, loops, points, weight, sigma)[1], runs, loops, points)
 
 
 def _without_corners(
-    runs: Runs, loops: Loops, points: ComplexArray, weight: FloatArray, sigma: FloatArray, blur: FloatArray
+    runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray, blur: FloatArray
 ) -> tuple[Runs, Curves]:
     """The runs without those that are the picture's rounding of a corner, or next to nothing."""
     curves = _curves(runs, loops, points, weight, sigma)
@@ -95,7 +95,7 @@ def _without_corners(
     return runs, _curves(runs, loops, points, weight, sigma)
 
 
-def _given_away(runs: Runs, loops: Loops, small: BoolArray, curves: Curves) -> Runs:
+def _given_away(runs: Runs, loops: Rings, small: BoolArray, curves: Curves) -> Runs:
     """``small`` runs given to their neighbours, half each: of neighbours the one that bends most."""
     after, before = runs.following(), runs.before()
     rank = np.empty(len(runs), dtype=np.int64)
@@ -114,7 +114,7 @@ def _given_away(runs: Runs, loops: Loops, small: BoolArray, curves: Curves) -> R
     return within(Runs(first[keep], count[keep], runs.loop[keep]), loops)
 
 
-def _put_right(runs: Runs, loops: Loops, points: ComplexArray, curves: Curves, blur: FloatArray) -> ComplexArray:
+def _put_right(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, blur: FloatArray) -> ComplexArray:
     """The points of arcs moved away from their centre by what the blur has moved them towards it, s^2 / (2 r)."""
     rows, _ = runs.rows(loops)
     which = np.repeat(np.arange(len(runs)), runs.count)
@@ -160,7 +160,7 @@ def primitives(
     scale_of(matrix)
     if not outlines:
         return (), (), ()
-    loops = loops_of(np.array([len(o.halfway) for o in outlines]))
+    loops = rings(np.array([len(o.halfway) for o in outlines]))
     halfway = np.concatenate([o.halfway for o in outlines]) @ np.array([1, 1j])
     sigma = np.array([np.hypot(o.sigma, _HIDDEN) for o in outlines])
     parts = divided(loops, halfway, sigma, np.array([o.blur for o in outlines]))

@@ -12,8 +12,9 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.rings import ComplexArray
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.loops import ComplexArray, IntArray
 
 BoolArray = NDArray[np.bool_]
 

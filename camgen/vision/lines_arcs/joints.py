@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.rings import ComplexArray, Rings
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
 from camgen.vision.lines_arcs.runs import Runs, within
-from camgen.vision.loops import ComplexArray, IntArray, Loops
 
 #: Turn of a sharp corner, and how far from it the half-way level of its picture passes, in units of the blur:
 #: where a Gaussian of sigma 1 has half its weight in a wedge of that shape. Computed by quadrature.
@@ -41,7 +43,7 @@ class Joints(Struct, frozen=True, eq=False):
     zone: FloatArray
 
 
-def oriented(curves: Curves, runs: Runs, loops: Loops, points: ComplexArray) -> Curves:
+def oriented(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> Curves:
     """The same curves, signed so that 1j times the gradient of the form points along the run."""
     middle = _row(runs, loops, runs.count // 2)
     before, after = _row(runs, loops, np.maximum(runs.count // 2 - 1, 0)), _row(runs, loops, runs.count // 2 + 1)
@@ -51,7 +53,7 @@ def oriented(curves: Curves, runs: Runs, loops: Loops, points: ComplexArray) -> 
 
 
 def joints(
-    curves: Curves, runs: Runs, loops: Loops, points: ComplexArray, sigma: FloatArray, blur: FloatArray
+    curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, sigma: FloatArray, blur: FloatArray
 ) -> Joints:
     """Joints of oriented ``curves`` with those that follow; sigma, blur (L,) px."""
     after = runs.following()
@@ -86,7 +88,7 @@ def crossings(one: Curves, two: Curves, near: ComplexArray) -> tuple[ComplexArra
     return point, miss < 1e-6
 
 
-def small_corners(curves: Curves, runs: Runs, loops: Loops, points: ComplexArray, blur: FloatArray) -> BoolArray:
+def small_corners(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, blur: FloatArray) -> BoolArray:
     """Which runs (P,) are no more than the picture's rounding of a corner between their neighbours."""
     after, before = runs.following(), runs.before()
     one, two = curves.take(before), curves.take(after)
@@ -105,10 +107,10 @@ def small_corners(curves: Curves, runs: Runs, loops: Loops, points: ComplexArray
     return np.asarray(found & (depth > -0.5))
 
 
-def _depths(runs: Runs, loops: Loops, points: ComplexArray, vertex: ComplexArray, inwards: ComplexArray) -> FloatArray:
+def _depths(runs: Runs, loops: Rings, points: ComplexArray, vertex: ComplexArray, inwards: ComplexArray) -> FloatArray:
     """How far ``inwards`` (P,) of its vertex each run passes: the lowest point of a parabola over its lowest three."""
     rows, begin = runs.rows(loops)
-    which = np.repeat(np.arange(len(runs)), runs.count)
+    which = owners(runs.count)
     local = (points[rows] - vertex[which]) * inwards[which].conj()
     low = np.minimum.reduceat(local.real, begin)
     place = np.full(len(runs), -1)
@@ -130,11 +132,11 @@ def valley(x: FloatArray, y: FloatArray) -> FloatArray:
     return found
 
 
-def cleared(found: Joints, curves: Curves, runs: Runs, loops: Loops, points: ComplexArray) -> BoolArray:
+def cleared(found: Joints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> BoolArray:
     """(N,) which points of the loops count: those that no corner has rounded, as long as a run keeps a few."""
     before = runs.before()
     rows, begin = runs.rows(loops)
-    which = np.repeat(np.arange(len(runs)), runs.count)
+    which = owners(runs.count)
     z = points[rows]
     ahead = np.abs(z - found.vertex[which]) / np.maximum(found.zone[which], 1e-9)
     behind = np.abs(z - found.vertex[before][which]) / np.maximum(found.zone[before][which], 1e-9)
@@ -144,14 +146,14 @@ def cleared(found: Joints, curves: Curves, runs: Runs, loops: Loops, points: Com
     enough = np.add.reduceat(counts.astype(np.int64), begin)
     # A short run keeps its middle, the least rounded of what there is.
     core = np.where(curves.curvature == 0, *_CORE)
-    place = np.arange(len(rows)) - begin[which]
+    place = ramp(runs.count)
     third = np.maximum((runs.count - core) // 2, 0)[which]
     middle = (place >= third) & (place < runs.count[which] - third)
     keep[rows] = counts | ((enough < core)[which] & middle)
     return keep
 
 
-def _row(runs: Runs, loops: Loops, place: IntArray) -> IntArray:
+def _row(runs: Runs, loops: Rings, place: IntArray) -> IntArray:
     """The row (P,) of the point at ``place`` of each run, counted from its first."""
     base = loops.first[runs.loop]
     return np.asarray(base + (runs.first - base + place) % loops.count[runs.loop])

@@ -11,10 +11,12 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import begins
+from camgen.geometry.rings import ComplexArray
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray
 from camgen.vision.lines_arcs.joints import PASSES, TURNS, valley
-from camgen.vision.loops import ComplexArray, IntArray
 
 _ROUNDS = 5
 #: Weight of a tangential joint, px/rad, and of staying where one is, for what the points do not tell.
@@ -252,7 +254,7 @@ def fillets_of(chain: Chain, points: ComplexArray, piece: IntArray, blur: float,
 def _depths(corners: ComplexArray, inwards: ComplexArray, points: ComplexArray, piece: IntArray) -> FloatArray:
     """How far ``inwards`` (K,) of each corner the points around it pass."""
     size = np.bincount(piece, minlength=len(corners))
-    begin = np.cumsum(size) - size
+    begin = begins(size)
     offset = np.arange(-_LOOK, _LOOK)
     rows = (begin[:, None] + offset) % len(points)
     local = (points[rows] - corners[:, None]) * inwards[:, None].conj()

@@ -10,9 +10,11 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.ragged import begins, following, owners, ramp, stretches
+from camgen.geometry.rings import ComplexArray, Rings
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.vision.lines_arcs.fit import BoolArray, Curves, Sums, best, joined, summed
-from camgen.vision.loops import ComplexArray, IntArray, Loops
 
 #: Points of the runs that everything begins with.
 _BLOCK = 2
@@ -44,10 +46,7 @@ class Runs(Struct, frozen=True, eq=False):
 
     def following(self) -> IntArray:
         """(P,) the run after each along its loop."""
-        after = np.arange(1, len(self.first) + 1)
-        last = np.flatnonzero(np.append(self.loop[1:] != self.loop[:-1], True))
-        after[last] = np.append(0, last[:-1] + 1)
-        return after
+        return following(np.bincount(self.loop))
 
     def before(self) -> IntArray:
         """(P,) the run before each along its loop."""
@@ -59,26 +58,24 @@ class Runs(Struct, frozen=True, eq=False):
         """(P,) whether the loop of each run has another one."""
         return np.asarray(np.bincount(self.loop)[self.loop] > 1)
 
-    def rows(self, loops: Loops) -> tuple[IntArray, IntArray]:
+    def rows(self, loops: Rings) -> tuple[IntArray, IntArray]:
         """Rows (N,) of the points run after run, and where each run begins among them (P,)."""
-        begin = np.cumsum(self.count) - self.count
-        place = np.arange(int(self.count.sum())) - np.repeat(begin - self.first, self.count)
+        place = stretches(self.first, self.count)
         loop = np.repeat(self.loop, self.count)
         base = loops.first[loop]
-        return base + (place - base) % loops.count[loop], begin
+        return base + (place - base) % loops.count[loop], begins(self.count)
 
 
-def blocks(loops: Loops) -> Runs:
+def blocks(loops: Rings) -> Runs:
     """Runs of about two points."""
     parts = np.maximum(loops.count // _BLOCK, 1)
-    loop = np.repeat(np.arange(len(parts)), parts)
-    k = np.arange(len(loop)) - np.repeat(np.cumsum(parts) - parts, parts)
+    loop, k = owners(parts), ramp(parts)
     low, high = k * loops.count[loop] // parts[loop], (k + 1) * loops.count[loop] // parts[loop]
     return Runs(loops.first[loop] + low, high - low, loop)
 
 
 def fitted(
-    runs: Runs, loops: Loops, points: ComplexArray, weight: FloatArray, sigma: FloatArray
+    runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray
 ) -> tuple[Sums, Curves, FloatArray]:
     """Sums, curves and prices of the runs; weight (N,): which points count; sigma (L,) px."""
     rows, begin = runs.rows(loops)
@@ -87,7 +84,7 @@ def fitted(
     return sums, curves, cost
 
 
-def merged(runs: Runs, loops: Loops, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Runs:
+def merged(runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Runs:
     """Neighbours joined until none gains by it. Points that do not count at a corner must be paid when it goes."""
     sums, _, cost = fitted(runs, loops, points, weight, sigma)
     begins, ends = _left_out(runs, loops, weight)
@@ -115,11 +112,10 @@ def merged(runs: Runs, loops: Loops, points: ComplexArray, weight: FloatArray, s
     return runs
 
 
-def _left_out(runs: Runs, loops: Loops, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _left_out(runs: Runs, loops: Rings, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """How many points do not count in the first and in the second half of each run (P,)."""
     rows, begin = runs.rows(loops)
-    place = np.arange(len(rows)) - np.repeat(begin, runs.count)
-    early = place < np.repeat(runs.count, runs.count) / 2
+    early = ramp(runs.count) < np.repeat(runs.count, runs.count) / 2
     out = 1.0 - weight[rows]
     return np.add.reduceat(out * early, begin), np.add.reduceat(out * ~early, begin)
 
@@ -137,14 +133,14 @@ def _chosen(runs: Runs, after: IntArray, gain: FloatArray) -> IntArray:
     return np.flatnonzero(low & (gain > 0))
 
 
-def relaxed(runs: Runs, loops: Loops, points: ComplexArray, curves: Curves, sigma: FloatArray) -> Runs:
+def relaxed(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray) -> Runs:
     """Every end between two runs where both together fit best; the middle of each run stays with it."""
     several, after = runs.several(), runs.following()
     half = runs.count // 2
     # From the middle of each run to the middle of the next.
     size = np.where(several, runs.count - half + half[after], runs.count)
     rows, begin = Runs(runs.first + half, size, runs.loop).rows(loops)
-    which = np.repeat(np.arange(len(runs)), size)
+    which = owners(size)
     cap = (_LOST * sigma[runs.loop])[which] ** 2
     own = np.minimum(curves.take(which).distances(points[rows]) ** 2, cap)
     other = np.minimum(curves.take(after[which]).distances(points[rows]) ** 2, cap)
@@ -156,7 +152,7 @@ def relaxed(runs: Runs, loops: Loops, points: ComplexArray, curves: Curves, sigm
     return within(Runs(runs.first + start, runs.count - start + later, runs.loop), loops)
 
 
-def within(runs: Runs, loops: Loops) -> Runs:
+def within(runs: Runs, loops: Rings) -> Runs:
     """The same runs with their first rows counted around their loops."""
     base = loops.first[runs.loop]
     return Runs(base + (runs.first - base) % loops.count[runs.loop], runs.count, runs.loop)
@@ -166,9 +162,7 @@ def _lowest(total: FloatArray, begin: IntArray, size: IntArray) -> IntArray:
     """For each span, after how many of its rows the running sum ``total`` (N + 1,) is lowest; at least one on each side
     where there are two.
     """
-    place = np.arange(len(total) - 1)
-    span = np.repeat(np.arange(len(begin)), size)
-    local = place - begin[span]
+    place, span, local = np.arange(len(total) - 1), owners(size), ramp(size)
     value = np.where((local > 0) | (size[span] < 2), total[place] - total[begin[span]], np.inf)
     low = np.minimum.reduceat(value, begin)
     hit = np.flatnonzero(value <= low[span])
@@ -178,13 +172,13 @@ def _lowest(total: FloatArray, begin: IntArray, size: IntArray) -> IntArray:
 
 
 def trimmed(
-    runs: Runs, loops: Loops, points: ComplexArray, curves: Curves, sigma: FloatArray, blur: FloatArray
+    runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray, blur: FloatArray
 ) -> FloatArray:
     """Weights (N,): 0 for points at the ends of a run, as far as the blur may round them, that are off its curve."""
     rows, begin = runs.rows(loops)
-    which = np.repeat(np.arange(len(runs)), runs.count)
+    which = owners(runs.count)
     far = np.abs(curves.take(which).distances(points[rows])) >= _FAR * sigma[runs.loop][which]
-    place = np.arange(len(rows)) - begin[which]
+    place = ramp(runs.count)
     from_end = np.minimum(place, runs.count[which] - 1 - place)
     off = far & (from_end < _ROUNDED * blur[runs.loop][which] + 1)
     few = np.add.reduceat((~off).astype(np.int64), begin) < np.maximum(0.5 * runs.count, 3)
@@ -193,16 +187,16 @@ def trimmed(
     return weight
 
 
-def rougher(runs: Runs, loops: Loops, points: ComplexArray, curves: Curves, sigma: FloatArray) -> FloatArray:
+def rougher(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray) -> FloatArray:
     """The noise (L,) px that neighbours share: what means of four points are off their curves, twice.
 
     Where a photo was rectified, linear interpolation has smoothed its noise, and differences of neighbours tell too
     little of it. From ``sigma`` to 1.8 times that, the most that interpolation does; long runs tell it.
     """
-    rows, begin = runs.rows(loops)
-    which = np.repeat(np.arange(len(runs)), runs.count)
+    rows, _ = runs.rows(loops)
+    which = owners(runs.count)
     error = curves.take(which).distances(points[rows])
-    place = np.arange(len(rows)) - begin[which] - _SHARED
+    place = ramp(runs.count) - _SHARED
     # Whole fours, away from the ends.
     fours = np.maximum((runs.count - 2 * _SHARED) // 4, 0)
     inside = (place >= 0) & (place < 4 * fours[which])
