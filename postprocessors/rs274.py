@@ -15,6 +15,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from camgen.geometry.arcs import level_arms
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import IDENTITY, TOOL_DOWN, FloatArray, Pose, Vec3, angle_between, translation
@@ -85,17 +86,12 @@ def printed_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: 
     of the planned centre: exact for shallow arcs too, where three rounded points would not tell the radius.
     """
     digit = 10.0**-decimals
-    u, w = (via - start)[:, :2], (end - start)[:, :2]
-    uu, ww, area = (u**2).sum(axis=1), (w**2).sum(axis=1), u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]
+    # From the start to the planned centre.
+    arm, sweep, left = level_arms(start, via, end)
     first, last = np.round(start, decimals), np.round(end, decimals)
     span = (last - first)[:, :2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        # From the start to the planned centre.
-        arm = np.column_stack([uu * w[:, 1] - ww * u[:, 1], ww * u[:, 0] - uu * w[:, 0]]) / (2 * area)[:, None]
         radius, chord = np.hypot(*arm.T), np.hypot(*span.T)
-        rest = w - arm
-        turn = np.sign(area) * (arm[:, 1] * rest[:, 0] - arm[:, 0] * rest[:, 1])
-        sweep = np.arctan2(turn, -(arm * rest).sum(axis=1)) % (2 * np.pi)
         across = np.column_stack([-span[:, 1], span[:, 0]]) / chord[:, None]
         middle = (first + last)[:, :2] / 2
         away = ((start[:, :2] + arm - middle) * across).sum(axis=1)
@@ -107,7 +103,7 @@ def printed_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: 
             ~(np.abs(np.hypot(*centre.T) - np.hypot(*(span - centre).T)) <= _RADII),
         )
     fault = np.select(tests, range(1, len(FAULTS)), 0)
-    return Arcs(fault, area > 0, centre)
+    return Arcs(fault, left, centre)
 
 
 #: Bounds of what is printed. Coordinates in mm and feeds in mm/min beyond them are no machine's; they also keep a line

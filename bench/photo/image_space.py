@@ -26,6 +26,7 @@ import numpy as np
 import shapely
 
 from bench.machine import machine
+from camgen.geometry.arcs import path_length
 from camgen.model.job import Job, Operation, Process, Tool
 from camgen.model.path import ToolPath
 from camgen.plan.image_space import image_space
@@ -175,7 +176,7 @@ def errors(paths: tuple[ToolPath, ...], part: Drawn) -> tuple[np.ndarray, ...]:
         press = path.press[1:, 1, 0] + 1j * path.press[1:, 1, 1]
         angle = np.degrees(np.angle(press / (foot - at[1:])))
         angles.append(angle[~feeling(at[1:], part)])
-        sizes.append([len(at) - 1.0, path.length])
+        sizes.append([len(at) - 1.0, path_length(path)])
     return np.concatenate(away), np.concatenate(near), np.concatenate(angles), np.concatenate(sizes)
 
 

@@ -21,10 +21,10 @@ from ezdxf.entities import DXFEntity
 
 import camgen
 from bench.machine import machine
+from camgen.geometry.arcs import circle
 from camgen.model.errors import CamgenError
 from camgen.model.pose import Pose, rotation_about_axis
 from camgen.model.program import Instruction, MoveC, MoveL, Output
-from camgen.post.passes import circle
 from camgen.post.plugins import find_readback
 
 POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")

@@ -81,13 +81,13 @@ def loose(rng: np.random.Generator, chains: int) -> Soup:
 
 def draw(paths: tuple[ToolPath, ...], file: Path) -> None:
     """The paths as polylines of an SVG, px; arcs within 0.01."""
-    from camgen.order.starts import segments  # noqa: PLC0415
+    from camgen.geometry.arcs import chain  # noqa: PLC0415
 
     low = np.min([path.position.min(axis=0) for path in paths], axis=0)[:2]
     with file.open("w") as out:
         out.write('<svg xmlns="http://www.w3.org/2000/svg" width="9000" height="9000">')
         for path in paths:
-            shape = segments(path.position[:-1], path.via[1:], path.position[1:])
+            shape = chain(path.position, path.via[1:])
             # The sagitta of a chord over the angle a of a circle is r (1 - cos(a / 2)).
             bow = np.arccos(np.clip(1 - 0.01 / np.maximum(shape.radius, 0.011), -1, 1)) * 2
             count = np.maximum(np.ceil(shape.sweep / bow), 1).astype(int)

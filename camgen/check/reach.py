@@ -51,7 +51,7 @@ def sampled(program: Program, way: Way) -> Rows:
     free = program.columns.moves_are(MoveJ)
     way, own = _through_middles(way, program)
     parts = np.where(
-        free[own[1:]], 1, np.maximum(counts(way, STEP, _TURN), np.ceil(_sweep(way) / _SWEEP).astype(np.int64))
+        free[own[1:]], 1, np.maximum(counts(way, STEP, _TURN), np.ceil(way.spans.sweep / _SWEEP).astype(np.int64))
     )
     motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])
     at = np.flatnonzero(np.append(motion[1:] != motion[:-1], True))
@@ -89,13 +89,6 @@ def _through_middles(way: Way, program: Program) -> tuple[Way, Index]:
     vias = [program.columns.moves[k].via.rotation for k in np.flatnonzero(turning).tolist()]
     rotation[rows(parts)[turning] - 1] = np.stack(vias)
     return Way(finer.position, finer.via, rotation), own
-
-
-def _sweep(way: Way) -> FloatArray:
-    """(N - 1,) rad of each segment, 0 for a straight one."""
-    chord = way.position[1:] - way.position[:-1]
-    height = np.linalg.norm(way.via[1:] - way.position[:-1] - chord / 2, axis=1)
-    return np.asarray(np.nan_to_num(4 * np.arctan2(2 * height, np.linalg.norm(chord, axis=1))))
 
 
 def interpolated(robot: Robot, joints: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, Index]:

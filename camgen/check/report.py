@@ -9,9 +9,9 @@ from types import MappingProxyType
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import arc_lengths
+from camgen.geometry.arcs import arc_lengths, span_lengths
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath, Tour, segment_lengths
+from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen
 from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.plan.fill.cover import Coverage
@@ -91,7 +91,7 @@ def path_sums(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
         return frozen([]), frozen([])
     counts = [len(path.position) for path in paths]
     first = np.cumsum([0, *counts[:-1]])
-    inner = segment_lengths(np.concatenate([p.position for p in paths]), np.concatenate([p.via for p in paths]))
+    inner = span_lengths(np.concatenate([p.position for p in paths]), np.concatenate([p.via for p in paths])[1:])
     steps = np.concatenate([[0.0], inner])
     steps[first] = 0.0  # from one path to the next
     passes = np.array([len(path.depths) for path in paths])

@@ -12,8 +12,9 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.report import Cycle
-from camgen.geometry.arcs import arc_lengths
+from camgen.geometry.arcs import arc_lengths, spans_through
 from camgen.geometry.rotations import angles_between
+from camgen.geometry.vectors import unit
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, taken
@@ -127,9 +128,6 @@ def from_rest(way: FloatArray, speed: FloatArray | float, acceleration: FloatArr
 
 # The motions of a program as curves: lengths, directions at both ends, radii, and how far the tool turns.
 
-#: Sine of the sweep below which three points are one line, as in ``report.arc_lengths``.
-_FLAT = 1e-9
-
 
 class Shape(Struct, frozen=True, eq=False):
     """M motions. end: (M, 3) mm, work frame, NaN where it is not known. length: (M,) mm of the TCP, 0 where not known.
@@ -157,12 +155,13 @@ def shaped(program: Program, arm: Robot | None) -> Shape:
     arc = np.flatnonzero(columns.moves_are(MoveC) & ~np.isnan(length))
     if len(arc):
         via, a, b = columns.vias[arc], start[arc], end[arc]
-        straight = length[arc]
         length[arc] = arc_lengths(a, via, b)
         first, last = chord.copy(), chord.copy()
-        first[arc], last[arc] = _tangent(a, via, b), -_tangent(b, via, a)
-        radius[arc] = _radius(a, via, b, straight)
-    return Shape(end, np.nan_to_num(length), _unit(first), _unit(last), radius, turn)
+        found = spans_through(a, via, b)
+        first[arc], last[arc] = found.tangents()
+        radius[arc] = np.where(found.curved, found.radius, np.inf)
+    first, last = unit(np.nan_to_num(first)), unit(np.nan_to_num(last))
+    return Shape(end, np.nan_to_num(length), first, last, radius, turn)
 
 
 def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
@@ -186,36 +185,6 @@ def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray
         pairs = [np.stack([rotations[k + late] for k in other.tolist()]) for late in (0, 1)]
         turn[where[other + 1]] = angles_between(*pairs)
     return columns.ends, turn
-
-
-def _tangent(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
-    """The direction (N, 3) in which the circle through three points leaves its start.
-
-    Inversion about the start makes a line of the circle; the tangent is parallel to that line.
-    """
-    to_via, to_end = via - start, end - start
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(
-            to_via / np.einsum("ij,ij->i", to_via, to_via)[:, None]
-            - to_end / np.einsum("ij,ij->i", to_end, to_end)[:, None]
-        )
-
-
-def _radius(start: FloatArray, via: FloatArray, end: FloatArray, chord: FloatArray) -> FloatArray:
-    """Infinite for three points on one line, (N,). The angle at via sees the chord: chord = 2 R sin(angle)."""
-    a, b = start - via, end - via
-    sizes = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    sine = np.linalg.norm(np.cross(a, b), axis=1) / np.where(sizes > 0, sizes, 1.0)
-    with np.errstate(divide="ignore"):
-        return np.where(sine > _FLAT, chord / (2 * sine), np.inf)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    """Unit vectors; those of no length, or not known, are 0."""
-    size = np.nan_to_num(np.linalg.norm(vectors, axis=1))
-    return np.asarray(
-        np.where(size > 0, 1.0, 0.0)[:, None] * np.nan_to_num(vectors) / np.where(size > 0, size, 1.0)[:, None]
-    )
 
 
 # The seconds of every motion: lines and arcs by acceleration and look-ahead, joint motions by the slowest joint.

@@ -1,4 +1,8 @@
-"""Circles and arcs in space: through three points, and fitted to many."""
+"""Arcs in space: start, via and end are three points of an arc, in order. Arrays have a row for each, mm and rad.
+
+Where via is said to be half-way, the arc is at most half a circle, and NaN as via makes a straight line. Single arcs
+are worked out without arrays, on three numbers ten times as fast.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +11,295 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.pose import FloatArray
+from camgen.geometry.vectors import cross, dots, unit
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray, Vec3
 
-#: An arc whose height is below this part of its chord is straight.
-_FLAT = 1e-9
+#: An arc whose height is below this part of its chord is straight; of three points in another order, the sine of the
+#: angle between them. Beyond it the centre is so far away that it has no digits left.
+FLAT = 1e-9
+#: The height, mm, that keeps the radius of a straight arc finite.
+_LEAST_HEIGHT_MM = 1e-9
+#: Keeps a division by a length of nothing finite.
+_TINY = 1e-300
+#: Three points are on one line when the squared sine of the angle between them is below this.
+_LINE = FLAT**2
 
 
-_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+# Many arcs, via half-way.
 
 
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The cross product of vectors (..., 3): for a few of them five times as fast as numpy's."""
-    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
+class Spans(Struct, frozen=True, eq=False):
+    """K lines and arcs. An arc is written from its middle ``via``: towards it from the centre, along the travel there.
+
+    start, end, via: (K, 3) mm. curved: (K,) bool. towards, along: (K, 3) unit. radius: (K,) mm, sweep: (K,) rad,
+    positive from ``towards`` to ``along``; both 0 for a line. length: (K,) mm.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    via: FloatArray
+    curved: BoolArray
+    towards: FloatArray
+    along: FloatArray
+    radius: FloatArray
+    sweep: FloatArray
+    length: FloatArray
+
+    def point(self, fraction: FloatArray) -> FloatArray:
+        """(K, 3): the points at ``fraction`` (K,) 0..1 of each one's length."""
+        points = self.start + fraction[:, None] * (self.end - self.start)
+        c = self.curved
+        angle = (fraction[c] - 0.5) * self.sweep[c]
+        # From the middle, not from the centre: a flat arc's centre is far away and would cost digits.
+        rise = -2 * self.radius[c] * np.sin(angle / 2) ** 2
+        run = self.radius[c] * np.sin(angle)
+        points[c] = self.via[c] + rise[:, None] * self.towards[c] + run[:, None] * self.along[c]
+        return points
+
+    def tangents(self) -> tuple[FloatArray, FloatArray]:
+        """The directions of travel (K, 3) at the start and at the end; 0 where there is no length.
+
+        Half-way along an arc its tangent is parallel to its chord. The chord of half the arc makes equal angles with
+        the tangents at its two ends, so each end tangent is the arc's chord mirrored about the chord of that half.
+        """
+        along = unit(self.end - self.start)
+        leaves, arrives = along.copy(), along.copy()
+        c = self.curved
+        if c.any():
+            for out, half in ((leaves, self.via - self.start), (arrives, self.end - self.via)):
+                mirror = unit(half[c])
+                out[c] = 2 * dots(mirror, along[c])[:, None] * mirror - along[c]
+        return leaves, arrives
+
+    def to_middle(self, vectors: FloatArray) -> FloatArray:
+        """``vectors`` (K, 3) at the start, turned with the arc to its middle, where the travel is along the chord."""
+        start, along = self.tangents()[0], unit(self.end - self.start)
+        axis = unit(cross(start, along))
+        turned = np.zeros_like(vectors)
+        for here, there in ((start, along), (cross(axis, start), cross(axis, along)), (axis, axis)):
+            turned += dots(vectors, here)[:, None] * there
+        return turned
+
+    def pick(self, index: IntArray) -> Spans:
+        """Those at ``index``, in that order."""
+        return Spans(*(getattr(self, name)[index] for name in Spans.__struct_fields__))
+
+
+def spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
+    """Spans from ``start`` to ``end``, arcs through ``via`` half-way along them (NaN: a line), each (K, 3) mm.
+
+    Of chord c and height h the sweep is 4 atan(2 h / c), the radius (c c / 4 + h h) / (2 h).
+    """
+    curved = ~np.isnan(via[:, 0])
+    chord = end - start
+    length = np.linalg.norm(chord, axis=1)
+    along = chord / np.maximum(length, _TINY)[:, None]
+    towards = np.zeros_like(chord)
+    radius, sweep = np.zeros_like(length), np.zeros_like(length)
+    if curved.any():
+        rise = via[curved] - (start[curved] + end[curved]) / 2
+        height = np.maximum(np.linalg.norm(rise, axis=1), _LEAST_HEIGHT_MM)
+        half = length[curved] / 2
+        towards[curved] = rise / height[:, None]
+        radius[curved] = (half**2 + height**2) / (2 * height)
+        sweep[curved] = 4 * np.arctan2(height, half)
+        length[curved] = radius[curved] * sweep[curved]
+    return Spans(start, end, via, curved, towards, along, radius, sweep, length)
+
+
+def spans_through(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
+    """``spans`` with ``via`` anywhere on the arcs, of any sweep; a line where the three points are on one."""
+    a, b = start - via, end - via
+    sizes = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    curved = np.linalg.norm(cross(a, b), axis=1) > FLAT * sizes
+    return spans(start, np.where(curved[:, None], arc_middles(start, via, end), np.nan), end)
+
+
+def chain(points: FloatArray, via: FloatArray) -> Spans:
+    """The N - 1 spans from each of ``points`` (N, 3) to the next, over ``via`` (N - 1, 3)."""
+    return spans(points[:-1], via, points[1:])
+
+
+def span_lengths(points: FloatArray, via: FloatArray) -> FloatArray:
+    """(N - 1,) lengths of the spans from ``points`` (N, 3) to the next over ``via`` (N - 1, 3)."""
+    chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    arc = np.flatnonzero(~np.isnan(via[:, 0]))
+    if len(arc):
+        chord[arc] = spans(points[arc], via[arc], points[arc + 1]).length
+    return np.asarray(chord, dtype=np.float64)
+
+
+def path_length(path: ToolPath) -> float:
+    """Length of one pass, mm."""
+    return float(span_lengths(path.position, path.via[1:]).sum())
+
+
+def bent(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray:
+    """(N,) whether arcs are none that are straight; via is half-way."""
+    height = np.linalg.norm(via - (start + end) / 2, axis=1)
+    return np.asarray(height > FLAT * np.linalg.norm(end - start, axis=1))
+
+
+def bulges(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """(N,) of arcs seen from above: tan(sweep / 4), positive counter-clockwise; via is half-way, 0 for lines.
+
+    That is the height over half the chord. An arc that turns left has its middle on the right of the chord.
+    """
+    chord, rise = (end - start)[:, :2], (via - start)[:, :2]
+    square = dots(chord, chord)
+    height = chord[:, 0] * rise[:, 1] - chord[:, 1] * rise[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.nan_to_num(np.where(square > 0, -2 * height / square, 0.0))
+
+
+def bulge_middles(start: FloatArray, bulge: FloatArray, end: FloatArray) -> FloatArray:
+    """The points (N, 2 or 3) half-way along arcs in the plane with bulges (N,): as far to the right of the chord's
+    middle as the bulge is part of half the chord.
+    """
+    half = (end - start) / 2
+    middle: FloatArray = start + half
+    middle[:, 0] += half[:, 1] * bulge
+    middle[:, 1] -= half[:, 0] * bulge
+    return middle
+
+
+# Many arcs, via anywhere on them.
+
+
+def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """The points (N, 3) half-way along the arcs from ``start`` through ``via``, wherever on it, to ``end``.
+
+    In the arc's plane, with the middle of the chord as origin: via = (u, h), half the chord a; the centre is (0, k)
+    with k = (u^2 + h^2 - a^2) / 2h. Three points on one line: half-way if via is between the others, else via itself,
+    so that it is not mistaken for an arc. A start that is not known (NaN): via too.
+    """
+    centre, span = (start + end) / 2, end - start
+    length = np.linalg.norm(span, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.where(length[:, None] > 0, span / length[:, None], 0.0)
+        u = np.einsum("ni,ni->n", via - centre, along)
+        across = via - centre - u[:, None] * along
+        h = np.linalg.norm(across, axis=1)
+        a = length / 2
+        k = (u * u + h * h - a * a) / (2 * h)
+        radius = np.hypot(a, k)
+        # The same number twice: the one for the short way does not lose digits for very flat arcs.
+        height = np.where(k < 0, a * a / (radius - k), radius + k)
+        flat = h < FLAT * a
+        middle = centre + np.where(flat, 0.0, height / h)[:, None] * across
+    unknown = np.isnan(start).any(axis=1) | (flat & (np.abs(u) > a * (1 - FLAT))) | ((a == 0) & (h == 0))
+    return np.where(unknown[:, None], via, middle)
+
+
+def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
+    """Lengths (N,) of the arcs from start through via to end, each (N, 3).
+
+    The angle at via sees the chord from the arc: sweep = 2 (pi - angle), radius = chord / (2 sin(angle)).
+    """
+    to_start, to_end = start - via, end - via
+    sine = np.linalg.norm(np.cross(to_start, to_end), axis=1)
+    angle = np.arctan2(sine, np.einsum("ij,ij->i", to_start, to_end))
+    flat = np.linalg.norm(to_start, axis=1) + np.linalg.norm(to_end, axis=1)
+    turn = np.pi - angle
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curved = np.linalg.norm(end - start, axis=1) / np.sin(turn) * turn
+    # Three points on one line, in any order, are no arc; a foreign program may hold them.
+    return np.asarray(np.where(np.sin(turn) > FLAT, curved, flat), dtype=np.float64)
+
+
+def level_arms(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Of arcs seen from above: from the start to the centre (N, 2), the sweep (N,) and whether they turn left (N,)."""
+    u, w = (via - start)[:, :2], (end - start)[:, :2]
+    uu, ww, area = (u**2).sum(axis=1), (w**2).sum(axis=1), u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        arm = np.column_stack([uu * w[:, 1] - ww * u[:, 1], ww * u[:, 0] - uu * w[:, 0]]) / (2 * area)[:, None]
+        rest = w - arm
+        turn = np.sign(area) * (arm[:, 1] * rest[:, 0] - arm[:, 0] * rest[:, 1])
+        sweep = np.arctan2(turn, -(arm * rest).sum(axis=1)) % (2 * np.pi)
+    return arm, sweep, area > 0
+
+
+# One arc, without arrays.
+
+
+def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]:
+    """Centre, radius, unit axis and sweep (rad, about that axis) of the arc through three points.
+
+    ValueError when they are on one line. Plain arithmetic: on three numbers it is ten times as fast as arrays.
+    """
+    if start[2] == via[2] == end[2]:
+        return _flat_circle(start, via, end)
+    (x0, y0, z0), (ux, uy, uz), (wx, wy, wz) = start, minus(via, start), minus(end, start)
+    ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+    uu, ww, area2 = ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz, ax * ax + ay * ay + az * az
+    if area2 < _LINE * uu * ww or area2 == 0.0:
+        raise ValueError("the three points of the arc are on one line")
+    # From the centre to the start: -(ww axis x u + uu w x axis) / 2 area^2.
+    f, g = ww / (2 * area2), uu / (2 * area2)
+    rx = (az * uy - ay * uz) * f + (ay * wz - az * wy) * g
+    ry = (ax * uz - az * ux) * f + (az * wx - ax * wz) * g
+    rz = (ay * ux - ax * uy) * f + (ax * wy - ay * wx) * g
+    size = math.sqrt(area2)
+    ax, ay, az = ax / size, ay / size, az / size
+    lx, ly, lz = wx + rx, wy + ry, wz + rz
+    sine = (ry * lz - rz * ly) * ax + (rz * lx - rx * lz) * ay + (rx * ly - ry * lx) * az
+    sweep = math.atan2(sine, rx * lx + ry * ly + rz * lz) % (2 * math.pi)
+    return (x0 - rx, y0 - ry, z0 - rz), math.sqrt(rx * rx + ry * ry + rz * rz), (ax, ay, az), sweep
+
+
+def _flat_circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]:
+    """``circle`` for three points of the same height, as almost all are."""
+    x0, y0, z0 = start
+    ux, uy, wx, wy = via[0] - x0, via[1] - y0, end[0] - x0, end[1] - y0
+    uu, ww, area = ux * ux + uy * uy, wx * wx + wy * wy, ux * wy - uy * wx
+    if area * area < _LINE * uu * ww or area == 0.0:
+        raise ValueError("the three points of the arc are on one line")
+    cx, cy = (uu * wy - ww * uy) / (2 * area), (ww * ux - uu * wx) / (2 * area)
+    lx, ly = wx - cx, wy - cy
+    up = math.copysign(1.0, area)
+    sweep = math.atan2(up * (cy * lx - cx * ly), -cx * lx - cy * ly) % (2 * math.pi)
+    return (x0 + cx, y0 + cy, z0), math.hypot(cx, cy), (0.0, 0.0, up), sweep
+
+
+def is_arc(start: Vec3, via: Vec3, end: Vec3) -> bool:
+    """Whether three points make an arc: they are apart and not on one line."""
+    (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, start)
+    ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+    area2 = ax * ax + ay * ay + az * az
+    return area2 > 0.0 and area2 >= _LINE * (ux * ux + uy * uy + uz * uz) * (wx * wx + wy * wy + wz * wz)
+
+
+def sweep_and_height(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:
+    """Sweep (rad) of the arc through three points, the rest of which is twice the angle that its ends make at ``via``,
+    and the distance (mm) of ``via`` from the line through its ends.
+    """
+    (sx, sy, sz), (vx, vy, vz), (ex, ey, ez) = start, via, end
+    ux, uy, uz, wx, wy, wz = sx - vx, sy - vy, sz - vz, ex - vx, ey - vy, ez - vz
+    area = math.hypot(uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx)
+    sweep = 2 * (math.pi - math.atan2(area, ux * wx + uy * wy + uz * wz))
+    return sweep, area / max(math.dist(start, end), 1e-9)
+
+
+def turn_about(v: Vec3, axis: Vec3, angle: float) -> Vec3:
+    """``v`` turned by ``angle`` rad about the unit vector ``axis`` (Rodrigues)."""
+    c, s = math.cos(angle), math.sin(angle)
+    inline = (axis[0] * v[0] + axis[1] * v[1] + axis[2] * v[2]) * (1 - c)
+    across = (axis[1] * v[2] - axis[2] * v[1], axis[2] * v[0] - axis[0] * v[2], axis[0] * v[1] - axis[1] * v[0])
+    return (
+        c * v[0] + s * across[0] + inline * axis[0],
+        c * v[1] + s * across[1] + inline * axis[1],
+        c * v[2] + s * across[2] + inline * axis[2],
+    )
+
+
+def minus(a: Vec3, b: Vec3) -> Vec3:
+    """A - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+# Circles, through three points and fitted to many.
 
 
 class Circle(Struct, frozen=True, eq=False):
@@ -56,7 +337,7 @@ def through(p: FloatArray, q: FloatArray, r: FloatArray) -> Circle | None:
     u, w = q - p, r - p
     normal = cross(u, w)
     square, longest = float(normal @ normal), max(float(u @ u), float(w @ w))
-    if square <= (_FLAT * longest) ** 2:
+    if square <= (FLAT * longest) ** 2:
         return None
     center = p + cross(float(u @ u) * w - float(w @ w) * u, normal) / (2 * square)
     return _about(center, normal / math.sqrt(square), p)
@@ -70,7 +351,7 @@ def fitted(points: FloatArray) -> Circle | None:
     middle = points.mean(axis=0)
     away = points - middle
     _, size, axes = np.linalg.svd(away, full_matrices=False)
-    if size[1] <= _FLAT * size[0]:
+    if size[1] <= FLAT * size[0]:
         return None
     x, y = away @ axes[0], away @ axes[1]
     solution, *_ = np.linalg.lstsq(np.column_stack([x, y, np.ones(len(x))]), x * x + y * y, rcond=None)
@@ -88,57 +369,3 @@ def _about(center: FloatArray, axis: FloatArray, start: FloatArray) -> Circle:
     flat = arm - axis * float(arm @ axis)
     radius = float(np.linalg.norm(flat))
     return Circle(center, axis, flat / radius, radius)
-
-
-def span_lengths(points: FloatArray, via: FloatArray) -> FloatArray:
-    """(N - 1,) lengths of the spans from ``points`` (N, 3) to the next over ``via`` (N - 1, 3), at most half circles.
-
-    An arc of chord c and height h sweeps 4 atan(2 h / c) about the radius (c c / 4 + h h) / (2 h).
-    """
-    chord = np.linalg.norm(points[1:] - points[:-1], axis=1)
-    height = np.linalg.norm(via - (points[1:] + points[:-1]) / 2, axis=1)
-    curved = height > _FLAT * chord
-    h = np.where(curved, height, 1.0)
-    arc = 4 * np.arctan2(2 * h, chord) * (chord**2 / 4 + h**2) / (2 * h)
-    return np.asarray(np.where(curved, arc, chord))
-
-
-def arc_middles(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
-    """The points (N, 3) half-way along the arcs from ``start`` through ``via``, wherever on it, to ``end``.
-
-    In the arc's plane, with the middle of the chord as origin: via = (u, h), half the chord a; the centre is (0, k)
-    with k = (u^2 + h^2 - a^2) / 2h. Three points on one line: half-way if via is between the others, else via itself,
-    so that it is not mistaken for an arc. A start that is not known (NaN): via too.
-    """
-    centre, span = (start + end) / 2, end - start
-    length = np.linalg.norm(span, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along = np.where(length[:, None] > 0, span / length[:, None], 0.0)
-        u = np.einsum("ni,ni->n", via - centre, along)
-        across = via - centre - u[:, None] * along
-        h = np.linalg.norm(across, axis=1)
-        a = length / 2
-        k = (u * u + h * h - a * a) / (2 * h)
-        radius = np.hypot(a, k)
-        # The same number twice: the one for the short way does not lose digits for very flat arcs.
-        height = np.where(k < 0, a * a / (radius - k), radius + k)
-        flat = h < 1e-9 * a
-        middle = centre + np.where(flat, 0.0, height / h)[:, None] * across
-    unknown = np.isnan(start).any(axis=1) | (flat & (np.abs(u) > a * (1 - 1e-9))) | ((a == 0) & (h == 0))
-    return np.where(unknown[:, None], via, middle)
-
-
-def arc_lengths(start: FloatArray, via: FloatArray, end: FloatArray) -> FloatArray:
-    """Lengths (N,) of the arcs from start through via to end, each (N, 3).
-
-    The angle at via sees the chord from the arc: sweep = 2 (pi - angle), radius = chord / (2 sin(angle)).
-    """
-    to_start, to_end = start - via, end - via
-    sine = np.linalg.norm(np.cross(to_start, to_end), axis=1)
-    angle = np.arctan2(sine, np.einsum("ij,ij->i", to_start, to_end))
-    flat = np.linalg.norm(to_start, axis=1) + np.linalg.norm(to_end, axis=1)
-    turn = np.pi - angle
-    with np.errstate(divide="ignore", invalid="ignore"):
-        curved = np.linalg.norm(end - start, axis=1) / np.sin(turn) * turn
-    # Three points on one line, in any order, are no arc; a foreign program may hold them.
-    return np.asarray(np.where(np.sin(turn) > 1e-9, curved, flat), dtype=np.float64)

@@ -10,9 +10,10 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.geometry.arcs import Spans, spans
 from camgen.geometry.rotations import angles_between, from_axes
 from camgen.geometry.vectors import angles, dots, unit
-from camgen.model.path import ToolPath, segment_lengths
+from camgen.model.path import ToolPath
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
 
 Indices = NDArray[np.intp]
@@ -43,6 +44,11 @@ class Rows(Struct, frozen=True, eq=False):
     def arc(self) -> Mask:
         """(N,): the segment that ends in the row is an arc."""
         return ~np.isnan(self.via[:, 0])
+
+    @property
+    def spans(self) -> Spans:
+        """The N segments that end in the rows; that of a path's first row is the way from the path before."""
+        return spans(np.roll(self.position, 1, axis=0), self.via, self.position)
 
 
 class Orientations(Struct, frozen=True, eq=False):
@@ -86,8 +92,8 @@ def blends(rows: Rows, chord: float) -> FloatArray:
     The least zone stays beside shorter neighbours, where the corner allows it: controllers cut a zone to half of the
     neighbours by themselves, while a stop at every point of a fine polyline would leave its mark on the part.
     """
-    start, end = _tangents(rows)
-    length = segment_lengths(rows.position, rows.via)
+    spans = rows.spans
+    (start, end), length = spans.tangents(), spans.length[1:]
     # A line drawn 10 mm long counts as that, whatever is left of it in the last binary digit.
     half = np.full(len(length), 1e-9)
     half[1:] += np.minimum(length[:-1], length[1:]) / 2
@@ -120,8 +126,8 @@ def follow(rows: Rows) -> Orientations:
     """Tool z along the axis, tool x along the press direction. Every row needs one (``unfollowed``)."""
     end = rows.press[:, 1].copy()
     end[rows.first] = rows.press[rows.first, 0]
-    start, chord = _tangents(rows)[0], unit(rows.position - np.roll(rows.position, 1, axis=0))
-    return _orientations(rows, rows.press[:, 0], end, lambda arc: _carried(rows.press[arc, 0], start[arc], chord[arc]))
+    spans = rows.spans
+    return _orientations(rows, rows.press[:, 0], end, lambda arc: spans.pick(arc).to_middle(rows.press[arc, 0]))
 
 
 def unfollowed(rows: Rows) -> Indices:
@@ -135,10 +141,8 @@ def halved(rows: Rows) -> Rows:
     wide = rows.arc & (angles(rows.press[:, 0], rows.press[:, 1]) > _WIDE)
     if not wide.any():
         return rows
-    start, end = (tangent[wide] for tangent in _tangents(rows))
-    before, via, after = np.roll(rows.position, 1, axis=0)[wide], rows.via[wide], rows.position[wide]
-    chord = unit(after - before)
-    middle = _carried(rows.press[wide, 0], start, chord)
+    arcs = rows.spans.pick(np.flatnonzero(wide))
+    middle = arcs.to_middle(rows.press[wide, 0])
     counts = 1 + wide.astype(np.intp)
     index = np.repeat(np.arange(len(wide)), counts)
     second = np.flatnonzero(np.diff(index, prepend=-1) == 0)
@@ -149,48 +153,12 @@ def halved(rows: Rows) -> Rows:
         first=rows.first + np.cumsum(counts - 1)[rows.first],
         last=rows.last + np.cumsum(counts - 1)[rows.last],
     )
-    out.position[second - 1] = via
+    out.position[second - 1] = arcs.via
     out.axis[second - 1] = axis
-    out.via[second - 1] = _arc_middle(before, via, start, chord)
-    out.via[second] = _arc_middle(via, after, chord, end)
+    out.via[second - 1] = arcs.point(np.full(len(second), 0.25))
+    out.via[second] = arcs.point(np.full(len(second), 0.75))
     out.press[second - 1, 1] = out.press[second, 0] = middle
     return out
-
-
-def _tangents(rows: Rows) -> tuple[FloatArray, FloatArray]:
-    """Unit tangents (N, 3) at the start and the end of the segment that ends in each row, exact for arcs.
-
-    Half-way along an arc its tangent is parallel to its chord. The chord of half the arc makes equal angles with the
-    tangents at its two ends, so each end tangent is the arc's chord mirrored about the chord of that half.
-    """
-    before = np.roll(rows.position, 1, axis=0)
-    chord = unit(rows.position - before)
-    start, end = chord.copy(), chord.copy()
-    arc = rows.arc
-    if arc.any():
-        along, via = chord[arc], rows.via[arc]
-        for out, half in ((start, via - before[arc]), (end, rows.position[arc] - via)):
-            mirror = unit(half)
-            out[arc] = 2 * dots(mirror, along)[:, None] * mirror - along
-    return start, end
-
-
-def _arc_middle(start: FloatArray, end: FloatArray, begins: FloatArray, ends: FloatArray) -> FloatArray:
-    """The points (N, 3) half-way along arcs with unit tangents ``begins`` and ``ends``."""
-    chord = end - start
-    cosine = dots(unit(chord), begins)
-    sagitta = np.sqrt(dots(chord, chord)) / 2 * np.sqrt((1 - cosine) / (1 + cosine))
-    return (start + end) / 2 + sagitta[:, None] * unit(begins - ends)
-
-
-def _carried(press: FloatArray, start: FloatArray, chord: FloatArray) -> FloatArray:
-    """Press directions (N, 3) at the start of arcs, turned with the arc to its middle, where the tangent is chord."""
-    axis = unit(np.cross(start, chord))
-    parts = ((start, chord), (np.cross(axis, start), np.cross(axis, chord)), (axis, axis))
-    carried = np.zeros_like(press)
-    for here, there in parts:
-        carried += dots(press, here)[:, None] * there
-    return carried
 
 
 def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle) -> Orientations:

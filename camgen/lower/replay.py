@@ -10,11 +10,12 @@ from __future__ import annotations
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.geometry.arcs import chain
+from camgen.geometry.vectors import dots
 from camgen.lower.columns import ZONES
 from camgen.lower.contours import origins
 from camgen.model.cell import Cell
 from camgen.model.job import Job
-from camgen.model.path import segment_lengths
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Program
 from camgen.order import ReplayTour
@@ -88,9 +89,10 @@ def _blends(columns: Columns, chord: float) -> FloatArray:
     blend = np.zeros(len(ends))
     if len(ends) < 3:
         return blend
-    length = np.append(0.0, segment_lengths(ends, vias))
-    start, end = _tangents(ends, vias)
-    cosine = np.einsum("ij,ij->i", end[1:-1], start[2:])
+    spans = chain(ends, vias[1:])
+    length = np.append(0.0, spans.length)
+    start, end = spans.tangents()
+    cosine = dots(end[:-1], start[1:])
     sine_half = np.sqrt(np.clip((1 - cosine) / 2, 0.0, 1.0))
     reach = 2 * chord / np.maximum(sine_half, 1e-9)
     half = np.minimum(length[1:-1], length[2:]) / 2 + 1e-9
@@ -99,20 +101,3 @@ def _blends(columns: Columns, chord: float) -> FloatArray:
     allowed = working[1:-1] & working[2:] & (columns.blend[1:-1] > 0) & (np.diff(columns.at)[1:] == 1)
     blend[1:-1] = np.where(allowed, np.select([room >= zone for zone in ZONES], ZONES, 0.0), 0.0)
     return blend
-
-
-def _tangents(ends: FloatArray, vias: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Directions where each motion starts and ends, (M, 3). Of an arc they mirror its chord at its half-chords."""
-    begins = np.vstack([ends[:1], ends[:-1]])
-    chord = _unit(ends - begins)
-    arc = ~np.isnan(vias[:, 0])
-    start, end = chord.copy(), chord.copy()
-    for out, half in ((start, vias - begins), (end, ends - vias)):
-        along = _unit(half[arc])
-        out[arc] = 2 * np.einsum("ij,ij->i", along, chord[arc])[:, None] * along - chord[arc]
-    return start, end
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    size = np.linalg.norm(vectors, axis=1)
-    return np.asarray(vectors / np.where(size > 0, size, 1.0)[:, None])

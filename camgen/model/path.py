@@ -74,13 +74,8 @@ class ToolPath(Struct, frozen=True, eq=False):
             closed=False,
         )
 
-    @property
-    def length(self) -> float:
-        """Path length of one pass, mm, arcs exact."""
-        return float(segment_lengths(self.position, self.via).sum())
-
     def __repr__(self) -> str:
-        return f"ToolPath({self.id!r}, {self.operation or 'path'}, {self.length:.3f} mm)"
+        return f"ToolPath({self.id!r}, {self.operation or 'path'}, {counted(len(self.position), 'point')})"
 
 
 class Tour(Struct, frozen=True, eq=False):
@@ -142,18 +137,3 @@ def _no_via(via: FloatArray) -> FloatArray:
     cleared = via.copy()
     cleared[0] = np.nan
     return frozen(cleared)
-
-
-def segment_lengths(position: FloatArray, via: FloatArray) -> FloatArray:
-    """Lengths (N - 1,) of the segments of a path, arcs exact: chord c and half-chord to via h give the sweep."""
-    chord = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    half = np.linalg.norm(via[1:] - position[:-1], axis=1)
-    arc = ~np.isnan(half)
-    if not arc.any():
-        return np.asarray(chord, dtype=np.float64)
-    # half = 2 R sin(sweep / 4), chord = 2 R sin(sweep / 2) => cos(sweep / 4) = chord / (2 half)
-    quarter = np.arccos(np.clip(chord[arc] / np.maximum(2 * half[arc], 1e-300), -1.0, 1.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        length = np.where(quarter > 1e-7, 2 * half[arc] * quarter / np.sin(quarter), chord[arc])
-    chord[arc] = length
-    return np.asarray(chord, dtype=np.float64)

@@ -13,11 +13,12 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from camgen.geometry.arcs import span_lengths
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath, joined, segment_lengths
+from camgen.model.path import ToolPath, joined
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.order.starts import starting_at
@@ -84,7 +85,7 @@ def _starts(path: ToolPath) -> list[ToolPath]:
     """The path as it starts now, and a closed one started in the middle of each of its longer segments."""
     if not path.closed:
         return [path]
-    longest = np.argsort(-segment_lengths(path.position, path.via), kind="stable")[:_PLACES]
+    longest = np.argsort(-span_lengths(path.position, path.via[1:]), kind="stable")[:_PLACES]
     return [path, *(starting_at(path, int(k) + 1, 0.5) for k in longest)]
 
 
@@ -92,7 +93,7 @@ def _overlapped(path: ToolPath, overlap: float) -> ToolPath:
     """A closed path that runs on for ``overlap`` mm beyond its start, at most once round."""
     if overlap == 0.0 or not path.closed:
         return path
-    ends = np.cumsum(segment_lengths(path.position, path.via))
+    ends = np.cumsum(span_lengths(path.position, path.via[1:]))
     if overlap >= ends[-1]:
         return joined([path, path])
     k = int(np.searchsorted(ends, overlap, side="right"))

@@ -10,8 +10,10 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.arcs import Spans, spans
 from camgen.geometry.ragged import begins, offsets, owners, ramp
 from camgen.geometry.rotations import turn_vectors
+from camgen.geometry.vectors import cross
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 
@@ -19,63 +21,9 @@ IntArray = NDArray[np.int64]
 
 #: A start nearer than this to a vertex is moved to it, mm: no controller prints a shorter piece.
 SNAP = 1e-6
-#: Sagitta below which an arc is a straight line, mm. Keeps the radius finite.
-_FLAT = 1e-9
 #: The columns of a path in the order of its fields, and those that speak of vertices, not of segments.
 _COLUMNS = ("position", "via", "axis", "press", "force", "feed")
 _AT_VERTICES = ("position", "axis")
-
-
-class Segments(Struct, frozen=True, eq=False):
-    """K segments. An arc is written from its middle ``via``: towards it from the centre, along the travel there.
-
-    start, end, via: (K, 3) mm. curved: (K,) bool. towards, along: (K, 3) unit. radius: (K,) mm, sweep: (K,) rad,
-    positive from ``towards`` to ``along``; both 0 for a line. length: (K,) mm.
-    """
-
-    start: FloatArray
-    end: FloatArray
-    via: FloatArray
-    curved: NDArray[np.bool_]
-    towards: FloatArray
-    along: FloatArray
-    radius: FloatArray
-    sweep: FloatArray
-    length: FloatArray
-
-    def point(self, fraction: FloatArray) -> FloatArray:
-        """(K, 3): the points at ``fraction`` (K,) 0..1 of each segment's length."""
-        points = self.start + fraction[:, None] * (self.end - self.start)
-        c = self.curved
-        angle = (fraction[c] - 0.5) * self.sweep[c]
-        # From the middle, not from the centre: a flat arc's centre is far away and would cost digits.
-        rise = -2 * self.radius[c] * np.sin(angle / 2) ** 2
-        run = self.radius[c] * np.sin(angle)
-        points[c] = self.via[c] + rise[:, None] * self.towards[c] + run[:, None] * self.along[c]
-        return points
-
-    def pick(self, index: IntArray) -> Segments:
-        """The segments at ``index``, in that order."""
-        return Segments(*(getattr(self, name)[index] for name in Segments.__struct_fields__))
-
-
-def segments(start: FloatArray, via: FloatArray, end: FloatArray) -> Segments:
-    """Segments from ``start`` to ``end``, arcs through ``via`` half-way along them (NaN: a line), each (K, 3) mm."""
-    curved = ~np.isnan(via[:, 0])
-    chord = end - start
-    length = np.linalg.norm(chord, axis=1)
-    along = chord / np.maximum(length, 1e-300)[:, None]
-    towards = np.zeros_like(chord)
-    radius, sweep = np.zeros_like(length), np.zeros_like(length)
-    if curved.any():
-        rise = via[curved] - (start[curved] + end[curved]) / 2
-        sagitta = np.maximum(np.linalg.norm(rise, axis=1), _FLAT)
-        half = length[curved] / 2
-        towards[curved] = rise / sagitta[:, None]
-        radius[curved] = (half**2 + sagitta**2) / (2 * sagitta)
-        sweep[curved] = 4 * np.arctan2(sagitta, half)
-        length[curved] = radius[curved] * sweep[curved]
-    return Segments(start, end, via, curved, towards, along, radius, sweep, length)
 
 
 def starting_at(path: ToolPath, segment: int, fraction: float) -> ToolPath:
@@ -139,12 +87,12 @@ def reversed_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
 
 def _snapped(
     columns: dict[str, FloatArray], base: IntArray, rows: IntArray, segment: IntArray, fraction: FloatArray
-) -> tuple[IntArray, FloatArray, Segments]:
+) -> tuple[IntArray, FloatArray, Spans]:
     """The segment at or in which each path begins, the fraction (0: at its first vertex), and these segments."""
 
-    def at(number: IntArray) -> Segments:
+    def at(number: IntArray) -> Spans:
         row = base + number
-        return segments(columns["position"][row - 1], columns["via"][row], columns["position"][row])
+        return spans(columns["position"][row - 1], columns["via"][row], columns["position"][row])
 
     chosen = at(segment)
     late = (1 - fraction) * chosen.length < SNAP
@@ -158,7 +106,7 @@ def _split(
     columns: dict[str, FloatArray],
     before: IntArray,
     ends: tuple[IntArray, IntArray],
-    cut: Segments,
+    cut: Spans,
     fraction: FloatArray,
 ) -> None:
     """Writes the two pieces of every split segment into the rows that begin and end its path."""
@@ -175,7 +123,7 @@ def _split(
 
     press = columns["press"][old + 1]
     turned = _between(press[:, 0], press[:, 1], part)
-    axle = np.cross(cut.towards[c], cut.along[c])
+    axle = cross(cut.towards[c], cut.along[c])
     turned[c] = turn_vectors(press[c, 0], axle, part[c] * cut.sweep[c])
     moved["press"][first, 0] = moved["press"][first + 1, 0] = moved["press"][last, 1] = turned
 
@@ -233,7 +181,7 @@ class Starts(Struct, frozen=True, eq=False):
 
     path: IntArray
     row: IntArray
-    shape: Segments
+    shape: Spans
     first: IntArray
     low: FloatArray
     span: FloatArray
@@ -268,20 +216,18 @@ def starts(paths: Sequence[ToolPath], seam: str = "any") -> Starts:
     via = np.concatenate([path.via for path in paths])
     at = begins(rows)[owner] + row
     closed = loop[owner]
-    shape = segments(position[at - closed], np.where(closed[:, None], via[at], np.nan), position[at])
+    shape = spans(position[at - closed], np.where(closed[:, None], via[at], np.nan), position[at])
     low, span = np.zeros(len(owner)), np.ones(len(owner))
     if seam == "smooth":
         low, span = _off_corners(shape, closed, first)
         middle = np.where(shape.curved[:, None], shape.point(low + span / 2), np.nan)
-        shape = segments(shape.point(low), middle, shape.point(low + span))
+        shape = spans(shape.point(low), middle, shape.point(low + span))
     return Starts(owner, row, shape, first, low, span)
 
 
-def _off_corners(shape: Segments, closed: NDArray[np.bool_], first: IntArray) -> tuple[FloatArray, FloatArray]:
+def _off_corners(shape: Spans, closed: NDArray[np.bool_], first: IntArray) -> tuple[FloatArray, FloatArray]:
     """Where the part of each segment begins that is off the corners, and how long it is, fractions (S,) of it."""
-    half = (shape.sweep / 2)[:, None]
-    ahead = np.cos(half) * shape.along + np.sin(half) * shape.towards
-    behind = np.cos(half) * shape.along - np.sin(half) * shape.towards
+    ahead, behind = shape.tangents()
     before = np.arange(-1, len(closed) - 1)
     before[first[:-1]] = first[1:] - 1
     corner = closed & ((behind[before] * ahead).sum(axis=1) < np.cos(_CORNER))

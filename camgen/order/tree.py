@@ -11,9 +11,10 @@ import math
 
 import numpy as np
 
+from camgen.geometry.arcs import Spans
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.pose import FloatArray
-from camgen.order.starts import SEAM, SNAP, IntArray, Segments, Starts
+from camgen.order.starts import SEAM, SNAP, IntArray, Starts
 
 #: key, start x y, to the end x y, 1 / length^2 (0: a single point).
 Line = tuple[int, float, float, float, float, float]
@@ -171,7 +172,7 @@ def _scan(pot: list[Line | Arc], x: float, y: float, best: float, choice: int) -
     return best, choice
 
 
-def _items(shape: Segments) -> list[Line | Arc]:
+def _items(shape: Spans) -> list[Line | Arc]:
     """The segments as tuples of plain numbers: faster than arrays for one at a time."""
     reach = shape.end - shape.start
     square = reach[:, 0] ** 2 + reach[:, 1] ** 2
@@ -191,7 +192,7 @@ def _items(shape: Segments) -> list[Line | Arc]:
     return items
 
 
-def _pieces(shape: Segments) -> tuple[IntArray, FloatArray, FloatArray]:
+def _pieces(shape: Spans) -> tuple[IntArray, FloatArray, FloatArray]:
     """Segments cut so that boxes fit: each piece's segment, and its box from (P, 2) to (P, 2), mm.
 
     A piece is no longer than the mean segment, so that there are at most twice as many, and no arc is more than a

@@ -20,9 +20,10 @@ from typing import Any, ClassVar
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.arcs import is_arc
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
-from camgen.model.pose import Pose
+from camgen.model.pose import Pose, Vec3
 from camgen.model.program import (
     Columns,
     Comment,
@@ -40,7 +41,7 @@ from camgen.model.program import (
     spliced,
 )
 from camgen.model.text import harmless
-from camgen.post.passes import PASSES, is_arc
+from camgen.post.passes import PASSES
 
 
 class OutputFile(Struct, frozen=True):
@@ -213,7 +214,7 @@ class Post(ABC):
         changed: dict[int, list[Instruction]] = {}
         for index, before in zip(doubtful.tolist(), columns.before(doubtful).tolist(), strict=True):
             item, start = body[index], columns.pose(before)
-            if isinstance(item, MoveC) and start is not None and not is_arc(start, item):
+            if isinstance(item, MoveC) and start is not None and not is_arc(*_points(start, item)):
                 what = "the three points of the arc are on one line"
                 raise Refused(self.name, index, what, "give the arc a via point beside its chord, or plan a line")
             reason = self.refuses(item, start)
@@ -279,3 +280,7 @@ def pose_of(motion: Motion) -> Pose:
     if isinstance(motion.target, Joints):
         raise ValueError("a motion to joints has no pose")
     return motion.target
+
+
+def _points(start: Pose, arc: MoveC) -> tuple[Vec3, Vec3, Vec3]:
+    return start.origin, arc.via.origin, arc.target.origin

@@ -6,6 +6,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.arcs import bulge_middles, spans_through
 from camgen.geometry.ragged import begins, owners, ramp
 from camgen.model.part import Contour
 from camgen.model.pose import FloatArray
@@ -34,25 +35,17 @@ class Chains(Struct, frozen=True, eq=False):
 def drawn(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> Drawn:
     """Segments from ``start`` to ``end``, each (M, 3), in pieces that leave the arc by about ``sag`` mm at most.
 
-    via: (M, 3), a point half-way on the arc, NaN for a straight segment. An arc whose points are on one line is one.
+    via: (M, 3), a point on the arc, NaN for a straight segment. An arc whose points are on one line is one.
     """
-    to_via, to_end = via - start, end - start
-    normal = np.cross(to_via, to_end)
-    square = np.einsum("ij,ij->i", normal, normal)
-    uu, ww = (np.einsum("ij,ij->i", v, v) for v in (to_via, to_end))
-    arc = np.nan_to_num(square) > 1e-18 * np.nan_to_num(uu * ww)
-    counts = np.ones(len(start), np.int64)
-    arm, axis, sweep = _circles(to_via[arc], to_end[arc], normal[arc], square[arc], uu[arc], ww[arc])
-    radius = np.linalg.norm(arm, axis=1)
-    step = 2 * np.arccos(np.clip(1 - sag / radius, -1.0, 1.0))
-    counts[arc] = np.ceil(sweep / np.clip(step, _FINEST, _COARSEST) - 1e-9).clip(1)
+    found = spans_through(start, via, end)
+    with np.errstate(divide="ignore"):
+        step = 2 * np.arccos(np.clip(1 - sag / found.radius, -1.0, 1.0))
+    counts = np.ceil(found.sweep / np.clip(step, _FINEST, _COARSEST) - 1e-9).clip(1).astype(np.int64)
     owner, place = owners(counts), ramp(counts) + 1
     fraction = place / counts[owner]
     points = end[owner].copy()
-    inner = np.flatnonzero(arc[owner] & (place < counts[owner]))
-    row = (np.cumsum(arc) - 1)[owner[inner]]
-    turned = _turned(arm[row], axis[row], sweep[row] * fraction[inner])
-    points[inner] = start[owner[inner]] - arm[row] + turned
+    inner = np.flatnonzero(place < counts[owner])
+    points[inner] = found.pick(owner[inner]).point(fraction[inner])
     return Drawn(points, owner, fraction)
 
 
@@ -81,27 +74,9 @@ def _chained(rows: list[tuple[FloatArray, FloatArray, FloatArray]], sag: float) 
 
 
 def _segments(contour: Contour) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Start, via and end of the segments. A bulge is the height of the arc over half its chord, to the right."""
+    """Start, via and end of the segments."""
     points = np.column_stack([contour.points, np.zeros(len(contour.points))])
     count = len(points) if contour.closed else len(points) - 1
     start, end = points[:count], np.roll(points, -1, axis=0)[:count]
-    bulge = contour.bulges[:count, None]
-    half = (end - start) / 2
-    right = np.column_stack([half[:, 1], -half[:, 0], half[:, 2]])
-    return start, np.where(bulge == 0, np.nan, start + half + right * bulge), end
-
-
-def _circles(
-    to_via: FloatArray, to_end: FloatArray, normal: FloatArray, square: FloatArray, uu: FloatArray, ww: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of arcs: from the centre to the start (A, 3), the unit axis (A, 3), the sweep (A,) about it."""
-    centre = (ww[:, None] * np.cross(normal, to_via) - uu[:, None] * np.cross(normal, to_end)) / (-2 * square[:, None])
-    arm, last = centre, to_end + centre
-    axis = normal / np.sqrt(square)[:, None]
-    sine = np.einsum("ij,ij->i", np.cross(arm, last), axis)
-    return arm, axis, np.arctan2(sine, np.einsum("ij,ij->i", arm, last)) % (2 * np.pi)
-
-
-def _turned(arm: FloatArray, axis: FloatArray, angle: FloatArray) -> FloatArray:
-    """``arm`` (N, 3), square to ``axis``, turned about it."""
-    return np.asarray(arm * np.cos(angle)[:, None] + np.cross(axis, arm) * np.sin(angle)[:, None], dtype=np.float64)
+    bulge = contour.bulges[:count]
+    return start, np.where(bulge[:, None] == 0, np.nan, bulge_middles(start, bulge, end)), end

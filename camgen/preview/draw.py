@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.part import Contour
-from camgen.model.path import ToolPath, segment_lengths
+from camgen.geometry.arcs import bulges, span_lengths
+from camgen.geometry.ragged import begins
+from camgen.model.part import Contour, IntArray
+from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 
 #: From the first path to the last: blue, violet, orange; mid lightness, legible on white and on black.
@@ -42,7 +44,7 @@ class Chains(Struct, frozen=True, eq=False):
 
     points: FloatArray
     bulge: FloatArray
-    first: FloatArray
+    first: IntArray
 
 
 def of_contours(contours: Sequence[Contour]) -> Chains:
@@ -56,26 +58,19 @@ def of_contours(contours: Sequence[Contour]) -> Chains:
 
 
 def of_paths(paths: Sequence[ToolPath]) -> Chains:
-    """The tool paths; an arc's bulge is its height over half its chord, and its via point is the top."""
+    """The tool paths."""
     if not paths:
         return _chains([], [])
     points = np.concatenate([path.position for path in paths])[:, :2]
     via = np.concatenate([path.via for path in paths])[:, :2]
     before = np.concatenate([points[:1], points[:-1]])
-    chord = points - before
-    length = np.hypot(chord[:, 0], chord[:, 1])
-    # Left of the chord is positive height; an arc that turns left has its top on the right.
-    height = chord[:, 0] * (via - before)[:, 1] - chord[:, 1] * (via - before)[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bulge = np.where(length > 0, -2 * height / length**2, 0.0)
-    counts = [len(path.position) for path in paths]
-    return Chains(points, np.nan_to_num(bulge), np.cumsum([0, *counts[:-1]]))
+    return Chains(points, bulges(before, via, points), begins([len(path.position) for path in paths]))
 
 
 def _chains(rows: Sequence[FloatArray], bulges: Sequence[FloatArray]) -> Chains:
     if not rows:
         return Chains(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=int))
-    return Chains(np.concatenate(rows), np.concatenate(bulges), np.cumsum([0, *(len(r) for r in rows[:-1])]))
+    return Chains(np.concatenate(rows), np.concatenate(bulges), begins([len(r) for r in rows]))
 
 
 def path_data(chains: Chains, page: Page) -> list[str]:
@@ -114,7 +109,7 @@ def bounds(chains: Sequence[Chains]) -> tuple[FloatArray, FloatArray]:
 def _bulged(chains: Chains) -> FloatArray:
     """The points (N, 2) of the arcs that lie farthest in x and y, where an arc goes so far."""
     inner = chains.bulge != 0
-    inner[chains.first.astype(int)] = False
+    inner[chains.first] = False
     rows = np.flatnonzero(inner)
     start, end, bulge = chains.points[rows - 1], chains.points[rows], chains.bulge[rows]
     half = (end - start) / 2
@@ -132,7 +127,7 @@ def _bulged(chains: Chains) -> FloatArray:
 
 def arrows(path: ToolPath, page: Page, every: float) -> list[tuple[float, float, float]]:
     """Page x, y and direction (deg, clockwise) of arrows, one for about ``every`` page mm, one at least."""
-    lengths = segment_lengths(path.position, path.via) * page.scale
+    lengths = span_lengths(path.position, path.via[1:]) * page.scale
     ends = np.cumsum(lengths)
     if not len(ends) or ends[-1] <= 0:
         return []

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from camgen.geometry.arcs import bulges
 from camgen.model.part import Note, Part, Raster
 from camgen.model.path import Tour
 from camgen.model.pose import FloatArray
@@ -106,15 +107,11 @@ def _coloured(name: str, low: float, values: Sequence[FloatArray], tour: Tour, r
 
 def _segments(tour: Tour) -> Chains:
     """Every segment of the paths as a chain of its own."""
-    pairs, bulges = [np.zeros((0, 2))], [np.zeros(0)]
+    pairs, rows = [np.zeros((0, 2))], [np.zeros(0)]
     for path in tour.paths:
-        start, end, via = path.position[:-1, :2], path.position[1:, :2], path.via[1:, :2]
-        chord = end - start
-        square = (chord**2).sum(axis=1)
-        height = chord[:, 0] * (via - start)[:, 1] - chord[:, 1] * (via - start)[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bulge = np.nan_to_num(np.where(square > 0, -2 * height / square, 0.0))
+        start, end = path.position[:-1, :2], path.position[1:, :2]
+        bulge = bulges(start, path.via[1:, :2], end)
         pairs.append(np.stack([start, end], axis=1).reshape(-1, 2))
-        bulges.append(np.stack([np.zeros(len(bulge)), bulge], axis=1).ravel())
+        rows.append(np.stack([np.zeros(len(bulge)), bulge], axis=1).ravel())
     points = np.concatenate(pairs)
-    return Chains(points, np.concatenate(bulges), np.arange(0.0, len(points), 2.0))
+    return Chains(points, np.concatenate(rows), np.arange(0, len(points), 2))

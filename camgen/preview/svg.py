@@ -11,6 +11,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.arcs import path_length
 from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
@@ -108,7 +109,7 @@ def _paths(tour: Tour, page: Page) -> Iterator[str]:
     data = path_data(of_paths(paths), page)
     if len(paths) <= _ARROWS:
         for k, (path, line) in enumerate(zip(paths, data, strict=True)):
-            hint = _text(f"{k + 1}: {path.id}, layer {path.layer}, {path.length:.1f} mm")
+            hint = _text(f"{k + 1}: {path.id}, layer {path.layer}, {path_length(path):.1f} mm")
             colour = by_order(k, len(paths))
             yield f'<path class="path" stroke="{colour}" d="{line}"><title>{hint}</title></path>'
             yield from _arrows(path, page, colour)
@@ -120,7 +121,7 @@ def _paths(tour: Tour, page: Page) -> Iterator[str]:
 
 
 def _arrows(path: ToolPath, page: Page, colour: str) -> Iterator[str]:
-    size = min(1.0, path.length * page.scale / 12)
+    size = min(1.0, path_length(path) * page.scale / 12)
     if size < 0.3:
         return
     for x, y, turn in arrows(path, page, 90.0):
@@ -134,7 +135,7 @@ def _starts(paths: Sequence[ToolPath], page: Page) -> Iterator[str]:
     largest = 2.0 if len(paths) <= 60 else 1.5
     places = page.place(np.array([path.position[0] for path in paths]).reshape(-1, 3))
     for k, (x, y) in enumerate(places.tolist()):
-        radius = min(largest, max(1.0, paths[k].length * page.scale / 14)) if numbered else 0.6
+        radius = min(largest, max(1.0, path_length(paths[k]) * page.scale / 14)) if numbered else 0.6
         yield f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}" fill="{by_order(k, len(paths))}"/>'
         if numbered:
             size = radius * (1.25 if k < 99 else 0.95)

@@ -10,6 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.geometry.arcs import bulge_middles
 from camgen.geometry.ragged import following, offsets, owners, stretches
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
@@ -137,9 +138,7 @@ def _halved(soup: Soup) -> Soup:
     if not len(wide):
         return soup
     b = soup.bulges[wide]
-    chord = soup.points[following[wide]] - soup.points[wide]
-    # The middle of the arc lies bulge * chord / 2 to the right of the middle of the chord.
-    middle = soup.points[wide] + chord / 2 + np.column_stack([chord[:, 1], -chord[:, 0]]) * (b / 2)[:, None]
+    middle = bulge_middles(soup.points[wide], b, soup.points[following[wide]])
     half = np.tan(np.arctan(b) / 2)
     bulges = soup.bulges.copy()
     bulges[wide] = half

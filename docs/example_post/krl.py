@@ -8,13 +8,13 @@ from typing import ClassVar
 
 from msgspec.structs import replace
 
+from camgen.geometry.arcs import circle
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import Pose, fixed_xyz, translation
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.text import fixed
 from camgen.post import OutputFile, Post, Tolerance
-from camgen.post.passes import circle
 
 #: Words that must not name a program.
 WORDS = re.compile(

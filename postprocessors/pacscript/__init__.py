@@ -11,13 +11,14 @@ from typing import ClassVar
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.geometry.arcs import circle
 from camgen.model.cell import Cell
 from camgen.model.errors import Refused
 from camgen.model.pose import IDENTITY, Pose, Vec3, angle_between, fixed_xyz, translation
 from camgen.model.program import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance
-from camgen.post.passes import circle, without_force
+from camgen.post.passes import without_force
 
 from .options import PacScriptOptions, derived
 

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from camgen.geometry.arcs import circle
 from camgen.lower import lower
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
@@ -17,7 +18,7 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, Pose, angle_between, frozen, pose_from_values, rotation_about, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.program_text import dump
-from camgen.post.passes import circle, corner_blend
+from camgen.post.passes import corner_blend
 from camgen.robots.workcell import equip
 
 ROBOT = Cell("arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0)))

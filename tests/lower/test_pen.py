@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.build import build
+from camgen.geometry.arcs import path_length
 from camgen.lower import lower
 from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Contour, Part
@@ -105,7 +106,7 @@ def test_the_pen_is_up_on_the_way_between_lines(
     reading = find_readback(name)({file.name: file.text for file in files}, job.post)
     compare(program, reading, post.tolerance(), post.carried(), files[0].name)
     drawn, travelled = lengths_of(reading.body, None if way.get("signal") == "" else "process")
-    assert drawn == pytest.approx(sum(path.length for path in tour.paths), rel=1e-3, abs=0.05)
+    assert drawn == pytest.approx(sum(path_length(path) for path in tour.paths), rel=1e-3, abs=0.05)
     assert travelled >= len(tour.paths) - 1 or way.get("clearance") == 0.5
 
 

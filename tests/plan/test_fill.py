@@ -11,6 +11,7 @@ import shapely
 
 import camgen
 from bench.plan.boards import GOALS, board, part_of
+from camgen.geometry.arcs import path_length
 from camgen.geometry.rings import rings
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -269,7 +270,9 @@ def test_a_program_is_made_and_read_back(tmp_path: Path) -> None:
         )
         # Leads and overlap are for what runs beside a contour: not a millimetre is added.
         plain = plan(result.part, result.job).paths
-        assert sum(p.length for p in result.tour.paths) == pytest.approx(sum(p.length for p in plain), abs=1e-6)
+        assert sum(path_length(p) for p in result.tour.paths) == pytest.approx(
+            sum(path_length(p) for p in plain), abs=1e-6
+        )
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="shared board pictures are not there")

@@ -8,11 +8,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from camgen.geometry.arcs import circle
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.post.kit import Case, cases, check_case
-from camgen.post.passes import circle
 from camgen.post.plugins import find_post, find_readback, make_post
 from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
 

@@ -8,6 +8,7 @@ from camgen_posts.vplus import VPlus
 from hypothesis import given
 from hypothesis import strategies as st
 
+from camgen.geometry.arcs import circle
 from camgen.model.errors import Refused
 from camgen.model.pose import (
     IDENTITY,
@@ -19,7 +20,7 @@ from camgen.model.pose import (
     rotation_from_fixed_xyz,
 )
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program
-from camgen.post.passes import PASSES, along, chords, circle, corner_blend, halves
+from camgen.post.passes import PASSES, along, chords, corner_blend, halves
 
 ANGLES = st.floats(-3.1, 3.1)
 RADII = st.floats(0.05, 500)

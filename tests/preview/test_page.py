@@ -15,9 +15,9 @@ from msgspec.structs import replace
 
 import camgen
 from camgen.build import Result
+from camgen.geometry.arcs import circle
 from camgen.model.part import Contour, Note
 from camgen.model.pose import frozen
-from camgen.post.passes import circle
 from camgen.preview.curves import drawn, of_contours
 from camgen.preview.page import page
 from camgen.preview.png import png

@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import cross
-from camgen.model.part import BoolArray, Edge
+from camgen.geometry.arcs import bent, chain
+from camgen.geometry.vectors import cross
+from camgen.model.part import Edge
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, Unreached, dense_parts, flange_poses
@@ -29,8 +30,6 @@ Offset = Literal["mean", "burr"]
 _WIDE = np.radians(120.0)
 #: Below this the sum of two unit normals has no direction.
 _OPPOSED = 1e-3
-#: An arc whose height is below this part of its chord is straight.
-_FLAT = 1e-9
 #: An offset that leaves less than this part of an arc has closed it.
 _CLOSED = 1e-3
 
@@ -51,7 +50,8 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreac
     before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
     if ((before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)).any():
         return Unreached(edge.id, "shape", f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius")
-    begins, ends, arc = _tangents(edge)
+    arc = bent(edge.points[:-1], edge.via, edge.points[1:])
+    begins, ends = chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
     tangent = _at_rows(edge, begins, ends)
     wide = arc & ((begins * ends).sum(axis=1) < np.cos(_WIDE))
     at = np.flatnonzero(wide)
@@ -91,22 +91,6 @@ def _machined_last(edge: Edge) -> int:
 def _chords(edge: Edge) -> FloatArray:
     chord = np.diff(edge.points, axis=0)
     return np.asarray(chord / np.linalg.norm(chord, axis=1, keepdims=True))
-
-
-def _tangents(edge: Edge) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Unit tangents (N - 1, 3) at the start and end of each span, and which spans are arcs.
-
-    Half an arc's chord makes equal angles with the tangents at its ends: each is the whole chord mirrored about it.
-    """
-    chord = _chords(edge)
-    begins, ends = chord.copy(), chord.copy()
-    start, stop = edge.points[:-1], edge.points[1:]
-    height = np.linalg.norm(edge.via - (start + stop) / 2, axis=1)
-    arc = height > _FLAT * np.linalg.norm(stop - start, axis=1)
-    for out, half in ((begins, edge.via - start), (ends, stop - edge.via)):
-        mirror = half[arc] / np.linalg.norm(half[arc], axis=1, keepdims=True)
-        out[arc] = 2 * (mirror * chord[arc]).sum(axis=1)[:, None] * mirror - chord[arc]
-    return begins, ends, np.asarray(arc)
 
 
 def _at_rows(edge: Edge, begins: FloatArray, ends: FloatArray) -> FloatArray:

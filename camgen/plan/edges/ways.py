@@ -6,14 +6,12 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.arcs import Spans, chain, span_lengths
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.geometry.rotations import angles_between, between
 from camgen.model.pose import FloatArray, frozen
 
 Index = NDArray[np.int64]
-
-#: An arc whose height is below this part of its chord is straight.
-_FLAT = 1e-9
 
 
 class Way(Struct, frozen=True, eq=False):
@@ -36,12 +34,14 @@ class Way(Struct, frozen=True, eq=False):
         return Way(frozen(self.position[::-1]), backwards(self.via), frozen(self.rotation[::-1]))
 
     @property
+    def spans(self) -> Spans:
+        """The N - 1 segments as lines and arcs."""
+        return chain(self.position, self.via[1:])
+
+    @property
     def length(self) -> FloatArray:
         """(N - 1,) mm of each segment."""
-        chord, height = _shape(self)
-        sweep = 4 * np.arctan2(2 * height, chord)
-        radius = np.divide(chord, 2 * np.sin(sweep / 2), out=np.zeros_like(chord), where=sweep > 1e-7)
-        return np.where(sweep > 1e-7, sweep * radius, chord)
+        return span_lengths(self.position, self.via[1:])
 
     @property
     def turn(self) -> FloatArray:
@@ -64,11 +64,10 @@ def divided(way: Way, parts: Index) -> Way:
     """The same motion with segment i cut into ``parts[i - 1]`` equal ones; old row i is new row ``rows(parts)[i]``."""
     segment, after = owners(parts), ramp(parts) + 1
     share = 1.0 / parts[segment]
-    chord, height = _shape(way)
-    kept = rows(parts)
-    position = np.concatenate([way.position[:1], _at(way, chord, height, segment, after * share)])
+    span, kept = way.spans.pick(segment), rows(parts)
+    position = np.concatenate([way.position[:1], span.point(after * share)])
     position[kept] = way.position
-    via = np.concatenate([np.full((1, 3), np.nan), _at(way, chord, height, segment, (after - 0.5) * share)])
+    via = np.concatenate([np.full((1, 3), np.nan), span.point((after - 0.5) * share)])
     via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
     whole = parts[segment] == 1
     via[1:][whole] = way.via[1:][segment[whole]]
@@ -84,38 +83,13 @@ def cut(way: Way, low: float, high: float) -> Way:
     segment = np.flatnonzero(after - before > 0)
     span = np.maximum(way.length[segment], 1e-300)
     start, stop = (before[segment] - ends[segment]) / span, (after[segment] - ends[segment]) / span
-    chord, height = _shape(way)
     own, first = np.concatenate([segment[:1], segment]), np.concatenate([start[:1], stop])
-    via = np.concatenate([np.full((1, 3), np.nan), _at(way, chord, height, segment, (start + stop) / 2)])
+    via = np.concatenate([np.full((1, 3), np.nan), way.spans.pick(segment).point((start + stop) / 2)])
     via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
     rotation = between(way.rotation[:-1], way.rotation[1:], own, first)
-    return Way(frozen(_at(way, chord, height, own, first)), frozen(via), frozen(rotation))
+    return Way(frozen(way.spans.pick(own).point(first)), frozen(via), frozen(rotation))
 
 
 def rows(parts: Index) -> Index:
     """(N,) where the rows of a way are after ``divided``."""
     return offsets(parts)
-
-
-def _shape(way: Way) -> tuple[FloatArray, FloatArray]:
-    """Length of the chord and height above it of each segment (N - 1,)."""
-    before, after = way.position[:-1], way.position[1:]
-    chord = np.linalg.norm(after - before, axis=1)
-    height = np.nan_to_num(np.linalg.norm(way.via[1:] - (before + after) / 2, axis=1))
-    return chord, np.where(height > _FLAT * chord, height, 0.0)
-
-
-def _at(way: Way, chord: FloatArray, height: FloatArray, segment: Index, fraction: FloatArray) -> FloatArray:
-    """(M, 3) the points at ``fraction`` (M,) of the ``segment`` (M,): an arc about its chord's middle."""
-    before, after = way.position[:-1], way.position[1:]
-    points = before[segment] + fraction[:, None] * (after - before)[segment]
-    arc = height[segment] > 0
-    own = segment[arc]
-    c, h = chord[own], height[own]
-    across = (way.via[1:] - (before + after) / 2)[own] / h[:, None]
-    along = (after - before)[own] / np.maximum(c, 1e-300)[:, None]
-    radius = (c**2 / 4 + h**2) / (2 * h)
-    angle = (fraction[arc] - 0.5) * 4 * np.arctan2(2 * h, c)
-    middle = way.via[1:][own] - radius[:, None] * across
-    points[arc] = middle + radius[:, None] * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along)
-    return np.asarray(points)

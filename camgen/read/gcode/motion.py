@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from camgen.model.path import segment_lengths
+from camgen.geometry.arcs import span_lengths
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import MoveJ, MoveL
 from camgen.read.gcode import cycles
@@ -126,7 +126,7 @@ def rate(m: Machine, found: Sequence[Piece]) -> float:
 def _length(start: Vec3, found: Sequence[Piece]) -> float:
     ends = np.array([start, *(end for _, end in found)])
     vias = np.array([(math.nan,) * 3, *(via or (math.nan,) * 3 for via, _ in found)])
-    return float(segment_lengths(ends, vias).sum())
+    return float(span_lengths(ends, vias[1:]).sum())
 
 
 # The lines that most of a program consists of, read at once: one motion in numbers, in the usual modes.

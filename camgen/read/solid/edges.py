@@ -9,7 +9,8 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Circle, cross, fitted, span_lengths, through
+from camgen.geometry.arcs import Circle, fitted, span_lengths, through
+from camgen.geometry.vectors import cross
 from camgen.model.part import Edge, EdgeKind, IntArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.read.solid.sharp import CORNER, Chains, Segments

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import cross
+from camgen.geometry.vectors import cross
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.part import IntArray

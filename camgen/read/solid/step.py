@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Circle, cross, fitted, span_lengths, through
+from camgen.geometry.arcs import Circle, fitted, span_lengths, spans_through, through
+from camgen.geometry.vectors import cross
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
@@ -104,9 +105,7 @@ def _smooth(a: Edge, b: Edge) -> bool:
 
 def _tangent(p: FloatArray, via: FloatArray, q: FloatArray) -> FloatArray:
     """(3,) unit, the way in which the span from ``p`` over ``via`` to ``q`` leaves p."""
-    circle = through(p, via, q)
-    way = q - p if circle is None else cross(circle.axis, circle.first)
-    return np.asarray(way / np.linalg.norm(way))
+    return np.asarray(spans_through(p[None], via[None], q[None]).tangents()[0][0])
 
 
 def _apart(a: Edge, b: Edge) -> float:
