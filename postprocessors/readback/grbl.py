@@ -14,30 +14,15 @@ from camgen.model.program import Instruction, Output
 from camgen.post import Reading
 from camgen.read.gcode.arcs import Limits
 
-from .gcode import lines, number, signals
-from .gcode.lexis import Rules, by_group
-from .gcode.machine import run
-from .gcode.state import Expect
+from .gcode import Expect, Rules, lines_of, number, run, signals, written
 
-_GROUPS = {
-    "motion": "G0 G1 G2 G3 G80",
-    "plane": "G17 G18 G19",
-    "distance": "G90 G91",
-    "arc distance": "G91.1",
-    "feed mode": "G94",
-    "units": "G20 G21",
-    "cutter compensation": "G40",
-    "length offset": "G49",
-    "work offset": "G54 G55 G56 G57 G58 G59",
-    "path": "G61",
-    "dwell": "G4",
-    "stop": "M2 M30",
-    "spindle": "M3 M4 M5",
-    "coolant": "M7 M8 M9",
-}
+_CODES = """
+    G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
+    M2 M3 M4 M5 M7 M8 M9 M30
+"""
 GRBL = Rules(
     name="GRBL",
-    codes=by_group(_GROUPS),
+    codes=frozenset(_CODES.split()),
     limit=79,
     squeezed=True,
     forbidden=re.compile(r"[!~?]|[^\t -~]"),
@@ -48,14 +33,13 @@ GRBL = Rules(
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """What a GRBL program says. options: of the post; left out, its defaults (docs/posts/grbl.md)."""
-    table = signals(options, {"process": "M3"})
+    names = signals(options, {"process": "M3"})
     power = number(options, "power", 1000.0)
-    names = {word: name for name, word in table.items()}
-    reading = run(lines(files), GRBL, Expect(work=str(options.get("work", "G54")), names=names))
-    return replace(reading, body=_named(reading.body, names, power))
+    reading = written(run(lines_of(files), GRBL, Expect(work=str(options.get("work", "G54")), names=names)))
+    return replace(reading, body=_rename_spindle(reading.body, names, power))
 
 
-def _named(body: tuple[Instruction, ...], names: Mapping[str, str], power: float) -> tuple[Instruction, ...]:
+def _rename_spindle(body: tuple[Instruction, ...], names: Mapping[str, str], power: float) -> tuple[Instruction, ...]:
     """``body`` with the spindle line under the name of the signal that is on it.
 
     One line serves a spindle or a signal, not both in one program. It is the signal if nothing else than its word and

@@ -421,19 +421,27 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
             "G10 L2 moves G54 after a motion in it: where it was is known to the machine alone; nothing "
             "from here on is read",
         ),
-        ("G28", "G28 is not read: a motion to a stored or machine position"),
-        ("G53 G0 Z0", "G53 is not read: a motion to a stored or machine position"),
+        ("G28", "G28 is not read: goes to a position that the machine stores"),
+        ("G53 G0 Z0", "G53 is not read: goes to machine coordinates, which are not known here"),
         ("G93", FOREIGN),
-        ("G41 D1", "G41 is not read: cutter compensation"),
-        ("M0", "M0 is not read: a pause"),
-        ("M66 P0 L3 Q5", "M66 is not read: a wait for an input"),
-        ("G77", "G77 is not read: not a code of LinuxCNC"),
+        (
+            "G41 D1",
+            "G41 is not read: cutter compensation: the controller moves the path by the radius of the tool",
+        ),
+        ("M0", "M0 is not read: waits for the operator: a program here runs through"),
+        ("M66 P0 L3 Q5", "M66 is not read: waits for an input"),
+        ("G77", "G77 is not read: not a code that is known"),
         ("#1 = 5", FOREIGN),
         ("G0 X[1+2]", FOREIGN),
         ("O100 sub", "o100 sub has no end; nothing from here on is read"),
         ("G0 X1 X2", "word X twice in one line"),
         ("G0 G1 X1", "G0 and G1 are of one group (motion)"),
         ("M3 M5", "M3 and M5 are of one group (spindle)"),
+        ("M7 M8", "M7 and M8 are of one group (coolant)"),
+        ("G80 G1 X1 F9", "G80 and G1 are of one group (motion)"),
+        ("F9 G98 G83 X1 Z1 R1 Q1", "G83 with pecks and no depth"),
+        ("G1", "G1 without a feed (F)"),
+        ("O100", "word O100: nothing in the line uses it"),
         ("G1 X1", "G1 without a feed (F)"),
         ("G1 X1 F0", "G1 without a feed (F)"),
         ("G1 X1 F-5", "feed F-5 is negative"),
@@ -441,7 +449,7 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
         ("G0 A90", "word A90: nothing in the line uses it"),
         ("G0 X", "cannot read 'X'"),
         ("G0 X1,5", "cannot read ',5'"),
-        ("G80 X1", "axis words without G0, G1, G2 or G3"),
+        ("G80 X1", "axis words without a motion code (G0, G1, G2, G3)"),
         ("G4", "G4 without its seconds (P)"),
         ("M3", "M3 without a speed (S)"),
         ("M64", "M64 without the number of its output"),
@@ -498,11 +506,26 @@ def test_faults_of_the_whole_program():
         (["G61 G21", "G0 Z5", "G1 X0 Y0 F10"], "a feed motion from a position that is not known; read as from 0"),
         (["G61 G21", "G91 G0 Z5"], "an incremental motion from a position that is not known; read as from 0"),
         (["G61 G21 G55", "G0 X0 Y0 Z5"], "work offset G55, but post.work is G54"),
-        (["G61 G20 F10", "G0 X0 Y0 Z5"], "a feed in the line that changes the unit"),
+        (
+            ["G61 G20 F10", "G0 X0 Y0 Z5"],
+            "F in the line that changes the unit: controllers differ in which unit it has",
+        ),
     ],
 )
 def test_faults_before_the_position_is_known(lines, says):
     assert says in [f.what for f in read("\n".join([*lines, "M2"])).faults]
+
+
+def test_reading_goes_on_at_the_end_of_what_is_refused():
+    text = "G21 G61\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
+    reading = read(text)
+    assert [(fault.line, fault.what.split(" (")[0]) for fault in reading.faults] == [
+        (4, "the radii of the arc differ by 6.0711 mm"),
+        (5, "word A9: nothing in the line uses it"),
+        (7, "word P1: nothing in the line uses it"),
+        (8, "a line after the end of the program"),
+    ]
+    assert [item.target.origin for item in reading.body] == [(0, 0, 5), (3, 7, 5), (4, 7, 5)]
 
 
 def test_the_length_of_the_tool_is_applied_once():

@@ -261,7 +261,7 @@ def test_arcs_hold_in_32_bits(plan):
         ("G98", "G98 is not read: not a code of GRBL"),
         ("M6", "M6 is not read: not a code of GRBL"),
         ("M64 P0", "M64 is not read: not a code of GRBL"),
-        ("M0", "M0 is not read: a pause"),
+        ("M0", "M0 is not read: waits for the operator: a program here runs through"),
         ("%", "cannot read '%'"),
         ("$H", "cannot read '$H'"),
         ("#1=2", "parameters and expressions are not read"),

@@ -141,7 +141,10 @@ FOUND = {
     "tball-engrave.gcode": (
         "gcode", 0, "line 3: remark: a feed motion from a position that is not known; read as from 0",
     ),
-    "helical-thread-milling.gcode": ("gcode", 2, "line 5: G42 is not read: cutter compensation"),
+    "helical-thread-milling.gcode": (
+        "gcode", 2,
+        "line 5: G42 is not read: cutter compensation: the controller moves the path by the radius of the tool",
+    ),
     "full-circle-without-xyz.gcode": (
         "gcode", 2, "line 11: arc without a centre or radius (I, J, K or R) in its plane",
     ),

@@ -7,7 +7,7 @@ import math
 from msgspec import Struct
 
 from camgen.model.pose import Vec3
-from camgen.read.gcode.words import Wrong
+from camgen.read.gcode.words import LineError
 
 Vec2 = tuple[float, float]
 
@@ -50,7 +50,7 @@ LINUXCNC = Limits(
 
 def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float], absolute: bool, inch: bool,
            limits: Limits) -> list[Piece]:  # fmt: skip
-    """The arc from ``start`` to ``end`` (mm). words: I J K R in mm and P, taken out as they are used. Raises Wrong."""
+    """The arc from ``start`` to ``end`` (mm). words: I J K R in mm and P, taken out when used. Raises LineError."""
     first, second, normal = axes = _PLANES[plane]
     a0, b0, a1, b1 = start[first], start[second], end[first], end[second]
     offsets = (words.pop("IJK"[first], None), words.pop("IJK"[second], None))
@@ -60,7 +60,7 @@ def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float
     elif offsets == (None, None):
         a, b = _centre_of(code, a0, b0, a1, b1, radius, limits)
     else:
-        raise Wrong("R and a centre in one arc")
+        raise LineError("R and a centre in one arc")
     r0, r1 = math.hypot(a0 - a, b0 - b), math.hypot(a1 - a, b1 - b)
     if radius is None:
         _check_radii(r0, r1, inch, limits)
@@ -78,10 +78,10 @@ def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float
 def _centre(offsets: tuple[float | None, float | None], start: tuple[float, float], absolute: bool) -> Vec2:
     first, second = offsets
     if first is None and second is None:
-        raise Wrong("arc without a centre or radius (I, J, K or R) in its plane")
+        raise LineError("arc without a centre or radius (I, J, K or R) in its plane")
     if absolute:
         if first is None or second is None:
-            raise Wrong("an absolute centre (G90.1) needs both its words")
+            raise LineError("an absolute centre (G90.1) needs both its words")
         return first, second
     return start[0] + (first or 0.0), start[1] + (second or 0.0)
 
@@ -90,9 +90,9 @@ def _centre_of(code: str, a0: float, b0: float, a1: float, b1: float, radius: fl
     """The centre of the arc of ``radius``: up to half a circle where positive, the larger one where negative."""
     half = math.hypot(a1 - a0, b1 - b0) / 2
     if half == 0:
-        raise Wrong("arc with R whose end is its start")
+        raise LineError("arc with R whose end is its start")
     if half - abs(radius) > limits.shorter:
-        raise Wrong(f"R{radius:g} does not reach the end point")
+        raise LineError(f"R{radius:g} does not reach the end point")
     away = math.sqrt(max(0.0, radius * radius - half * half))
     # The centre of a short counter-clockwise arc lies to the left of its chord.
     side = away if (code == "G3") == (radius > 0) else -away
@@ -104,18 +104,18 @@ def _check_radii(start: float, end: float, inch: bool, limits: Limits) -> None:
     if inch:
         least, most = least_inch, most * least_inch / least
     if min(start, end) < limits.least_radius:
-        raise Wrong("arc of no radius")
+        raise LineError("arc of no radius")
     differ = abs(start - end)
     if differ > most or (differ > least and differ > 0.001 * max(start, end)):
-        raise Wrong(f"the radii of the arc differ by {differ:.4f} mm (start {start:.4f}, end {end:.4f})")
+        raise LineError(f"the radii of the arc differ by {differ:.4f} mm (start {start:.4f}, end {end:.4f})")
 
 
 def _sweep(code: str, begin: float, finish: float, turns: float, limits: Limits) -> float:
     """The signed angle, counter-clockwise positive."""
     if turns != 1 and not limits.turns:
-        raise Wrong(f"P{turns:g} has no meaning in an arc")
+        raise LineError(f"P{turns:g} has no meaning in an arc")
     if turns < 1 or turns != int(turns):
-        raise Wrong(f"P{turns:g} is no number of turns")
+        raise LineError(f"P{turns:g} is no number of turns")
     turn = (finish - begin if code == "G3" else begin - finish) % (2 * math.pi)
     if turn < _NO_ANGLE:
         turn += 2 * math.pi
@@ -155,5 +155,5 @@ def _divide(
 
 def _count(number: float) -> int:
     if number > _MOST:
-        raise Wrong(f"an arc of more than {_MOST} pieces cannot be meant")
+        raise LineError(f"an arc of more than {_MOST} pieces cannot be meant")
     return max(1, math.ceil(number))

@@ -1,26 +1,30 @@
-"""Runs a G-code program: its text to instructions, each with its line, and notes on what was assumed."""
+"""Runs a G-code program: its lines in the order in which its O-words lead, each to what it makes the machine do."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from camgen.model.part import Note, Part
 from camgen.model.program import Instruction
-from camgen.read.gcode import codes
 from camgen.read.gcode.arcs import LINUXCNC, Limits
-from camgen.read.gcode.flow import Block, Blocks, Flow, blocks
-from camgen.read.gcode.motion import is_settled, move, read_plain
-from camgen.read.gcode.state import Machine
-from camgen.read.gcode.words import Line, Parameters, Unread, Wrong, bare, words_of
+from camgen.read.gcode.machine import (
+    HANDLERS,
+    MOST,
+    Machine,
+    feed,
+    speed_and_tool,
+    stop,
+    switch_off,
+)
+from camgen.read.gcode.motion import move, read_plain
+from camgen.read.gcode.words import COMMENT, Line, LineError, Parameters, UnknownWord, bare, value_at, words_of
 
 #: So many lines beyond those of the text may run, in loops and subroutines.
 _STEPS = 500_000
 _KNOWN = 200
-_COMMENT = re.compile(r"\([^()]*\)|;.*")
 _SPEED = re.compile(r"[sS][ \t]*[-+.0-9\[#]")
 
 
@@ -52,15 +56,15 @@ def interpret(lines: Sequence[str], limits: Limits = LINUXCNC) -> Run:
     stopped, unread = None, False
     try:
         found = blocks(lines)
-    except Wrong as wrong:
-        what, line = wrong.args
+    except LineError as error:
+        what, line = error.args
         found, stopped = Blocks({}, {}), (line, what)
     if stopped is None:
         try:
-            _run(m, lines, found)
-            codes.switch_off(m)
-        except Wrong as wrong:
-            stopped, unread = (m.line, str(wrong)), isinstance(wrong, Unread)
+            play(m, lines, found)
+            switch_off(m)
+        except LineError as error:
+            stopped, unread = (m.line, str(error)), isinstance(error, UnknownWord)
     return Run(
         tuple(m.body),
         tuple(m.lines),
@@ -76,86 +80,276 @@ def interpret(lines: Sequence[str], limits: Limits = LINUXCNC) -> Run:
 
 def _has_speed(lines: Sequence[str]) -> bool:
     """Whether any line has an S word: without one the spindle is a switch. The O-words sub and sin are none."""
-    return any(("S" in raw or "s" in raw) and _SPEED.search(_COMMENT.sub("", raw)) for raw in lines)
+    return any(("S" in raw or "s" in raw) and _SPEED.search(COMMENT.sub("", raw)) for raw in lines)
 
 
-def _run(m: Machine, lines: Sequence[str], found: Blocks) -> None:
-    known = Parameters(m.value)
-    flow = Flow(found, known)
+def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
+    """Lets the machine do what the lines say, to the end of the program. found: their O-words.
+
+    Raises LineError unless the machine takes that in (``Machine.refuse``).
+    """
+    flow = Flow(found, Parameters(m.value))
     remembered: dict[str, Line] = {}
-    at, steps, settled, opened = 0, len(lines) + _STEPS, False, False
+    at, left = 0, len(lines) + _STEPS
+    m.most = len(lines) + MOST
     while at < len(lines) and not m.ended:
-        raw = lines[at]
-        at += 1
-        m.line = at
-        steps -= 1
-        if settled and read_plain(m, raw):
-            continue
-        if steps < 0:
-            raise Wrong(f"the program has not ended after {_STEPS} lines in loops")
-        if at - 1 in found.at:
-            at = _jump(flow, at - 1, found.at[at - 1])
-        elif "%" in raw and raw.strip() == "%":
-            m.ended, opened = opened, True
-        else:
-            line = remembered.get(raw)
-            if line is None:
-                line = _read(m, raw, known, remembered)
-            _execute(m, line[0].copy(), line[1].copy())
-        settled = is_settled(m)
+        if m.is_settled():
+            after = read_plain(m, lines, at)
+            left -= after - at
+            at = m.line = after
+            if at == len(lines):
+                return
+        m.line, left = at + 1, left - 1
+        try:
+            if left < 0:
+                raise LineError(f"the program has not ended after {_STEPS} lines in loops")
+            at = _step(m, lines[at], at, flow, remembered)
+        except LineError as error:
+            m.refuse(error)
+            at += 1
 
 
-def _jump(flow: Flow, at: int, block: Block) -> int:
-    if not block.word and block.rest:
-        raise Wrong(f"cannot read {block.rest[:12]!r} after o{block.label}")
-    return flow.after(at, block)
-
-
-def _read(m: Machine, raw: str, known: Parameters, remembered: dict[str, Line]) -> Line:
-    """The words of a line, kept where they do not depend on parameters: outputs and cycles come again and again."""
-    text = bare(raw)
-    if raw.lstrip().startswith("/"):
-        m.remark("assumed", "lines with / are run", "whether they are depends on a switch of the operator")
-    line = words_of(text, known)
-    if "#" not in text and len(remembered) < _KNOWN:
-        remembered[raw] = line
-    return line
+def _step(m: Machine, raw: str, at: int, flow: Flow, remembered: dict[str, Line]) -> int:
+    """Does what line ``at`` (from 0) says; the line that is next."""
+    block = flow.blocks.at.get(at)
+    if block is not None:
+        if not block.word and block.rest:
+            raise LineError(f"cannot read {block.rest[:12]!r} after o{block.label}")
+        return flow.after(at, block)
+    line = remembered.get(raw)
+    if line is None:
+        text = m.bare(raw)
+        if "%" in raw and raw.strip() == "%":
+            m.ended, m.opened = m.opened, True
+            return at + 1
+        line = words_of(text, flow.known)
+        m.take(*line)
+        # Outputs and cycles come again and again; what depends on parameters is read anew.
+        if "#" not in text and len(remembered) < _KNOWN:
+            remembered[raw] = line
+    _execute(m, line[0].copy(), line[1].copy())
+    return at + 1
 
 
 def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None:
     """The codes and words of one line, in the order of the manual."""
-    if "feed mode" in found:
-        codes.feed_mode(m, found["feed mode"], words)
-    if "F" in words:
-        codes.feed(m, words["F"], found)
-        if m.feed_mode != "G93":
-            del words["F"]
+    if "F" in words or "feed mode" in found:
+        feed(m, words, found)
     if "S" in words or "T" in words:
-        codes.speed_and_tool(m, words, found)
+        speed_and_tool(m, words, found)
     motion = found.pop("motion", "")
     if motion:
         found.pop("cycle off", None)  # the other code holds, and a cycle goes on
-    for group, handler in codes.HANDLERS if found else ():
+    for group in HANDLERS if found else ():
         if group in found:
-            handler(m, found[group], words)
+            m.obey(group, found[group], words)
     if words or motion:
         move(m, motion, words)
-    _nothing_left(words)
     if "stop" in found:
-        codes.stop(m, found["stop"])
-
-
-def _nothing_left(words: dict[str, float]) -> None:
+        stop(m, found["stop"])
     words.pop("F", None)
     if words:
         letter, value = next(iter(words.items()))
-        raise Wrong(f"word {letter}{value:g}: nothing in the line uses it")
+        raise LineError(f"word {letter}{value:g}: nothing in the line uses it")
+
+
+# O-words: which line opens what, and where it ends. Found once, before anything runs.
+
+_START = re.compile(r"[ \t]*/?[ \t]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO]")
+_OWORD = re.compile(
+    r"o(?:<([^<>]*)>|([0-9]+))"
+    r"(sub|endsub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break|continue)?(.*)"
+)
+#: What closes, or goes on with, what.
+_CLOSES = {"endsub": "sub", "endif": "if", "endwhile": "while", "endrepeat": "repeat"}
+
+
+class Block(Struct):
+    """One O-word. word: what it does. rest: the text after it. places: lines (from 0) of the parts of its structure,
+    first to last: sub and endsub; if, elseif, else, endif; while and endwhile; do and while; repeat and endrepeat.
+    """
+
+    label: str
+    word: str
+    rest: str
+    places: list[int] = field(default_factory=list)
+
+
+class Blocks(Struct):
+    """at: the O-words by line, from 0. subs: the line of each sub by its label."""
+
+    at: dict[int, Block]
+    subs: dict[str, int]
+
+
+def blocks(lines: Sequence[str]) -> Blocks:
+    """The O-words of a program. Raises LineError with ``line`` (1-based) in its arguments."""
+    found = Blocks({}, {})
+    opened: list[Block] = []
+    for number, raw in enumerate(lines):
+        if ("o" in raw or "O" in raw) and _START.match(raw):
+            try:
+                _enter(found, opened, number, raw)
+            except LineError as wrong:
+                raise LineError(str(wrong), number + 1) from wrong
+    if opened:
+        block = opened[-1]
+        raise LineError(f"o{block.label} {block.word} has no end", block.places[0] + 1)
+    return found
+
+
+def _enter(found: Blocks, opened: list[Block], number: int, raw: str) -> None:
+    text = bare(raw)
+    match = _OWORD.fullmatch(text)
+    if not match:
+        raise LineError(f"cannot read the O-word {text[:16]!r}")
+    name, digits, word, rest = match.groups()
+    block = Block(f"<{name}>" if name is not None else str(int(digits)), word or "", rest)
+    found.at[number] = block
+    top = opened[-1] if opened else None
+    if word == "while" and top and top.word == "do" and top.label == block.label:
+        block.places = top.places
+        block.word = "until"
+        block.places.append(number)
+        opened.pop()
+    elif word in ("sub", "if", "while", "do", "repeat"):
+        block.places = [number]
+        opened.append(block)
+        if word == "sub":
+            if block.label in found.subs:
+                raise LineError(f"o{block.label} sub is there twice")
+            found.subs[block.label] = number
+    elif word in ("elseif", "else") or word in _CLOSES:
+        _go_on(opened, block, number, _CLOSES.get(word, "if"))
+    elif word in ("break", "continue"):
+        loop = [b for b in opened if b.label == block.label and b.word in ("while", "do", "repeat")]
+        if not loop:
+            raise LineError(f"o{block.label} {word} stands in no such loop")
+        block.places = loop[-1].places
+
+
+def _go_on(opened: list[Block], block: Block, number: int, opener: str) -> None:
+    top = opened[-1] if opened else None
+    if top is None or top.word != opener or top.label not in (block.label, ""):
+        inside = f"; o{top.label} {top.word} is open" if top else ""
+        raise LineError(f"o{block.label} {block.word} has no {opener} before it{inside}")
+    block.places = top.places
+    block.places.append(number)
+    if block.word in _CLOSES:
+        opened.pop()
+
+
+# Where a program goes next: subroutines, branches and loops. Bounded, so that no program keeps it for ever.
+
+#: Subroutines in subroutines, as LinuxCNC allows.
+_LEVELS = 10
+_MOST_ARGUMENTS = 30
+
+
+class _Call(Struct):
+    """A subroutine that runs: where it was called from, and what belonged to the caller."""
+
+    back: int
+    own: dict[int, float]
+    named: dict[str, float]
+    counts: dict[int, int]
+
+
+class Flow(Struct):
+    """calls: the subroutines that run. counts: rounds left of the repeats that run, by their line."""
+
+    blocks: Blocks
+    known: Parameters
+    calls: list[_Call] = field(default_factory=list)
+    counts: dict[int, int] = field(default_factory=dict)
+
+    def after(self, at: int, block: Block) -> int:
+        """The line (from 0) that runs after the O-word of line ``at``."""
+        match block.word:
+            case "call":
+                return self._call(at, block)
+            case "endsub" | "return":
+                return self._return(block)
+            case "if":
+                return self._branch(block)
+            case "sub" | "elseif" | "else":
+                return block.places[-1] + 1  # a definition, or a branch after one that has run
+            case "repeat" | "endrepeat":
+                return self._repeat(at, block)
+            case "while" | "endwhile" | "until" | "break" | "continue":
+                return self._loop(at, block)
+        return at + 1  # do, endif, or a program number
+
+    def _loop(self, at: int, block: Block) -> int:
+        first, last = block.places[0], block.places[-1]
+        match block.word:
+            case "while":
+                return at + 1 if self._holds(block) else last + 1
+            case "until":
+                return first + 1 if self._holds(block) else last + 1
+            case "break":
+                self.counts.pop(first, None)
+                return last + 1
+            case "continue":
+                return first if self.blocks.at[first].word == "while" else last
+        return first  # endwhile
+
+    def _holds(self, block: Block) -> bool:
+        return bool(self._values(block, 1)[0])
+
+    def _values(self, block: Block, count: int) -> list[float]:
+        """The bracketed expressions after the word."""
+        at, text = 0, block.rest
+        values: list[float] = []
+        while text[at : at + 1] == "[" and len(values) < count:
+            value, at = value_at(text, at, self.known)
+            values.append(value)
+        if at < len(text):
+            raise LineError(f"cannot read {text[at : at + 12]!r} after o{block.label} {block.word}")
+        if count == 1 and not values:
+            raise LineError(f"o{block.label} {block.word} without its condition or number")
+        return values
+
+    def _branch(self, block: Block) -> int:
+        """After the first branch of an if whose condition holds."""
+        for place in block.places:
+            one = self.blocks.at[place]
+            if one.word in ("else", "endif") or self._holds(one):
+                return place + 1
+        return block.places[-1] + 1
+
+    def _repeat(self, at: int, block: Block) -> int:
+        first = block.places[0]
+        left = int(self._values(block, 1)[0]) if block.word == "repeat" else self.counts.get(first, 1) - 1
+        if left > 0:
+            self.counts[first] = left
+            return first + 1
+        self.counts.pop(first, None)
+        return block.places[-1] + 1 if block.word == "repeat" else at + 1
+
+    def _call(self, at: int, block: Block) -> int:
+        if block.label not in self.blocks.subs:
+            raise LineError(f"o{block.label} call: the subroutine is not in this file")
+        if len(self.calls) >= _LEVELS:
+            raise LineError(f"o{block.label} call: more than {_LEVELS} subroutines in each other")
+        values = self._values(block, _MOST_ARGUMENTS)
+        self.calls.append(_Call(at + 1, self.known.own, self.known.named, self.counts))
+        self.known.own = dict(enumerate(values, 1))
+        self.known.named, self.counts = {}, {}
+        return self.blocks.subs[block.label] + 1
+
+    def _return(self, block: Block) -> int:
+        values = self._values(block, 2)
+        if not self.calls:
+            raise LineError(f"o{block.label} {block.word} outside a subroutine that was called")
+        call = self.calls.pop()
+        self.known.own, self.known.named, self.counts = call.own, call.named, call.counts
+        self.known.shared["_value"] = values[0] if values else 0.0
+        self.known.shared["_value_returned"] = float(bool(values))
+        return call.back
 
 
 # A program as the part that a reader returns: it has no contours, but motions of its own.
-
-if TYPE_CHECKING:
-    pass
 
 
 class Recorded(Part, frozen=True, eq=False, kw_only=True):

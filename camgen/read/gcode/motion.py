@@ -1,23 +1,20 @@
-"""Motions: from the words of a line to lines and arcs."""
+"""Motions: from the words of a line to lines and arcs, and drilling cycles as the motions that they stand for."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from camgen.geometry.arcs import span_lengths
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import MoveJ, MoveL
-from camgen.read.gcode import cycles
+from camgen.model.program import MoveC, MoveJ, MoveL, Wait
 from camgen.read.gcode.arcs import Piece, pieces
-from camgen.read.gcode.codes import given
-from camgen.read.gcode.state import AXES, RAPID, Machine
-from camgen.read.gcode.words import Wrong
+from camgen.read.gcode.machine import ARCS, AXES, RAPID, Machine, given
+from camgen.read.gcode.words import LineError
 
-_ARCS = ("G2", "G3")
+CYCLES = frozenset({"G73", "G81", "G82", "G83", "G85", "G86", "G89"})
 _CENTRES = "IJKR"
 
 
@@ -26,24 +23,22 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
     if code and code != m.motion:
         m.sticky.clear()
         m.motion = code
-    if m.motion not in cycles.CODES:
+    if m.motion not in CYCLES:
         m.level = None
-    for letter in "ABCUVW":
+    for letter in m.others:
         if words.pop(letter, 0.0):
-            raise Wrong(f"axis {letter} moves: only X, Y and Z are replayed")
+            raise LineError(f"axis {letter} moves: only X, Y and Z are replayed")
     _polar(m, words)
     named = [axis for axis in AXES if axis in words]
-    around = code in _ARCS and any(letter in words for letter in _CENTRES)
-    if not named and not around and code not in cycles.CODES:
-        if code in _ARCS:
-            raise Wrong(f"{code} without an end point or centre")
-        m.held += code == "G0" and not m.begun  # to where the tool stands, as LinuxCNC sees it
+    around = code in ARCS and any(letter in words for letter in _CENTRES)
+    if not named and not around and code not in CYCLES:
+        m.stand(code)
         return
     if not m.motion:
-        raise Wrong("axis words without a motion code (G0, G1, G2, G3)")
-    _settle(m, "Z" in words or m.motion in cycles.CODES)
-    if m.motion in cycles.CODES:
-        cycles.drill(m, words)
+        raise LineError("axis words without a motion code (G0, G1, G2, G3)")
+    m.settle(code, words, m.motion in CYCLES)
+    if m.motion in CYCLES:
+        drill(m, words)
         return
     axes = target(m, words)
     if m.motion == "G0":
@@ -57,12 +52,12 @@ def _polar(m: Machine, words: dict[str, float]) -> None:
     radius, angle = words.pop("@", None), words.pop("^", None)
     if radius is None and angle is None:
         return
-    if m.plane != "G17" or m.motion in cycles.CODES or "X" in words or "Y" in words:
-        raise Wrong("a polar word (@, ^) outside G17, in a cycle, or beside X and Y")
+    if m.plane != "G17" or m.motion in CYCLES or "X" in words or "Y" in words:
+        raise LineError("a polar word (@, ^) outside G17, in a cycle, or beside X and Y")
     x, y = ((m.at[axis] - m.shift[axis]) / m.scale for axis in (0, 1))
     here = math.hypot(x, y), math.degrees(math.atan2(y, x))
     if here[0] == 0 and (radius is None or angle is None or m.incremental):
-        raise Wrong("a polar word (@, ^) alone or in G91, from the origin")
+        raise LineError("a polar word (@, ^) alone or in G91, from the origin")
     base = here if m.incremental else (0.0, 0.0)
     r = here[0] if radius is None else base[0] + radius
     turned = math.radians(here[1] if angle is None else base[1] + angle)
@@ -76,51 +71,40 @@ def target(m: Machine, words: dict[str, float]) -> list[float]:
     for axis, value in given(m, words).items():
         if m.incremental and not m.known[axis]:
             m.known[axis] = True
-            m.remark("assumed", f"{AXES[axis]} begins at 0", "an incremental motion does not say from where")
+            m.note("assumed", f"{AXES[axis]} begins at 0", "an incremental motion does not say from where")
         end[axis] = end[axis] + value if m.incremental else value + m.shift[axis]
     return end
 
 
-def _settle(m: Machine, rises: bool) -> None:
-    if m.unit is None:
-        m.unit = 1.0
-        m.remark("assumed", "lengths are mm", "neither G20 nor G21 stands before the first motion")
-    if not rises:
-        return
-    if not m.length_at_z:
-        m.length_at_z = m.length
-    elif m.length != m.length_at_z:
-        raise Wrong(f"a motion of Z after {m.length}: it shifts z by the length of the tool, which is not known here")
-
-
 def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
     if m.feed_mode == "G93" and "F" not in words:
-        raise Wrong(f"{m.motion} without F: with G93 every motion has its own")
+        raise LineError(f"{m.motion} without F: with G93 every motion has its own")
     words.pop("F", None)
     if m.feed <= 0:
-        raise Wrong(f"{m.motion} without a feed (F)")
+        raise LineError(f"{m.motion} without a feed (F)")
     m.start()
-    last = (end[0], end[1], end[2])
+    start, last = m.here(), (end[0], end[1], end[2])
+    m.at[:] = last  # also where the arc is refused and a stricter machine reads on
     found: list[Piece] = [(None, last)]
-    if m.motion in _ARCS:
+    if m.motion in ARCS:
         for letter in _CENTRES:
             if letter in words:
                 words[letter] *= m.scale
                 if m.absolute_centre and letter != "R":
                     words[letter] += m.shift["IJK".index(letter)]
-        found = pieces(m.plane, m.motion, m.here(), last, words, m.absolute_centre, m.scale != 1.0, m.limits)
-    m.pieces(found, rate(m, found))
+        found = pieces(m.plane, m.motion, start, last, words, m.absolute_centre, m.scale != 1.0, m.limits)
+    m.pieces(found, _rate(m, start, found))
 
 
-def rate(m: Machine, found: Sequence[Piece]) -> float:
+def _rate(m: Machine, start: Vec3, found: Sequence[Piece]) -> float:
     """The speed of a motion at feed, mm/s."""
     if m.feed_mode == "G94":
         return m.feed
     if m.feed_mode == "G95":
-        if m.speed <= 0 or m.spindle == "M5":
-            raise Wrong("a feed per turn (G95) while the spindle stands")
+        if not m.speed or m.spindle == "M5":
+            raise LineError("a feed per turn (G95) while the spindle stands")
         return m.feed * m.speed / 60.0
-    return max(_length(m.here(), found) * m.feed, 1e-6)
+    return max(_length(start, found) * m.feed, 1e-6)
 
 
 def _length(start: Vec3, found: Sequence[Piece]) -> float:
@@ -129,57 +113,213 @@ def _length(start: Vec3, found: Sequence[Piece]) -> float:
     return float(span_lengths(ends, vias[1:]).sum())
 
 
+# Drilling cycles (LinuxCNC manual, canned cycles; levels as its interpreter's).
+
+#: Where a peck begins again above the last one, mm, in LinuxCNC.
+_AGAIN = 0.254
+#: More holes, or more pecks in one, are not meant.
+_MOST = 20_000
+_NORMAL = {"G17": 2, "G18": 1, "G19": 0}
+
+
+def drill(m: Machine, words: dict[str, float]) -> None:
+    """The holes of one line. Takes out the words used."""
+    normal = _NORMAL[m.plane]
+    depth = AXES[normal]
+    needed = (depth, "R", *_NEEDS.get(m.motion, ()))
+    for letter in needed:
+        if letter in words:
+            scale = 1.0 if letter == "P" else m.scale
+            m.sticky[letter] = words.pop(letter) * scale
+    count = words.pop("L", 1.0)
+    if count < 1 or count != int(count) or count > _MOST:
+        raise LineError(f"L{count:g} is no number of holes")
+    for letter in needed:
+        if letter not in m.sticky:
+            raise LineError(f"{m.motion} without {letter}")
+    if m.feed <= 0:
+        raise LineError(f"{m.motion} without a feed (F)")
+    if m.feed_mode != "G94":
+        raise LineError(f"{m.motion} with {m.feed_mode}: a cycle has a feed per minute here")
+    m.start()
+    if m.level is None:
+        m.level = m.at[normal]
+    _holes(m, normal, given(m, words), int(count))
+
+
+_NEEDS = {"G73": ("Q",), "G83": ("Q",), "G82": ("P",), "G86": ("P",), "G89": ("P",)}
+
+
+def _holes(m: Machine, normal: int, words: dict[int, float], count: int) -> None:
+    place, level = list(m.at), m.level or 0.0
+    retract, bottom = m.sticky["R"], m.sticky[AXES[normal]]
+    if m.incremental:
+        retract += level
+        bottom += retract
+    else:
+        retract, bottom = retract + m.shift[normal], bottom + m.shift[normal]
+        for axis, value in words.items():
+            place[axis] = value + m.shift[axis]
+    if retract < bottom:
+        raise LineError(f"{m.motion} begins (R) below its end")
+    if m.to_start is None and level > retract:
+        m.note("assumed", "a cycle retracts to R", "the program says neither G98 nor G99; so does LinuxCNC")
+    clear = max(level, retract) if m.to_start else retract
+    if level < retract:
+        _to(m, normal, retract)
+    height = max(m.at[normal], clear)
+    for _ in range(count):
+        for axis, value in words.items() if m.incremental else ():
+            place[axis] += value
+        place[normal] = height
+        if place != m.at:
+            m.rapid(place)
+        if height != retract:
+            _to(m, normal, retract)
+        _ONE[m.motion](m, normal, retract, bottom, clear)
+        height = clear
+
+
+def _to(m: Machine, axis: int, value: float) -> None:
+    end = list(m.at)
+    end[axis] = value
+    m.rapid(end)
+
+
+def _in(m: Machine, axis: int, value: float) -> None:
+    end = list(m.at)
+    end[axis] = value
+    m.pieces([(None, (end[0], end[1], end[2]))], m.feed)
+
+
+def _plain(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
+    _in(m, axis, bottom)
+    _to(m, axis, clear)
+
+
+def _dwelling(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
+    _in(m, axis, bottom)
+    m.add(Wait(_seconds(m)))
+    _to(m, axis, clear)
+
+
+def _bored(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
+    _in(m, axis, bottom)
+    _in(m, axis, retract)
+    if clear != retract:
+        _to(m, axis, clear)
+
+
+def _bored_dwelling(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
+    _in(m, axis, bottom)
+    m.add(Wait(_seconds(m)))
+    _in(m, axis, clear)
+
+
+def _stopped(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
+    if m.spindle == "M5":
+        raise LineError("G86 while the spindle stands")
+    _in(m, axis, bottom)
+    m.add(Wait(_seconds(m)))
+    turning, m.spindle = m.spindle, "M5"
+    m.turn()
+    _to(m, axis, clear)
+    m.spindle = turning
+    m.turn()
+
+
+def _pecked(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
+    step = m.sticky["Q"]
+    if step <= 0:
+        raise LineError(f"{m.motion} with pecks of Q{step:g}")
+    count = math.ceil((retract - bottom) / step - 1e-9)
+    if count > _MOST:
+        raise LineError(f"{m.motion} with more than {_MOST} pecks cannot be meant")
+    for peck in range(1, count):
+        reached = retract - peck * step
+        _in(m, axis, reached)
+        if m.motion == "G83":
+            _to(m, axis, retract)
+        _to(m, axis, reached + _AGAIN)
+    _in(m, axis, bottom)
+    _to(m, axis, clear)
+
+
+def _seconds(m: Machine) -> float:
+    seconds = m.sticky["P"]
+    if seconds < 0:
+        raise LineError(f"{m.motion} with a wait of P{seconds:g}")
+    return seconds
+
+
+_ONE: dict[str, Callable[[Machine, int, float, float, float], None]] = {
+    "G73": _pecked, "G81": _plain, "G82": _dwelling, "G83": _pecked, "G85": _bored, "G86": _stopped,
+    "G89": _bored_dwelling,
+}  # fmt: skip
+
+
 # The lines that most of a program consists of, read at once: one motion in numbers, in the usual modes.
 
-_NUMBER = r"[ \t]*([+-]?(?:[0-9]{1,6}(?:\.[0-9]{0,12})?|\.[0-9]{1,12}))[ \t]*"
-_PLAIN = re.compile(
-    r"[ \t]*(?:[nN][0-9]{1,9}[ \t]*)?(?:[gG]0?([0-3])[ \t]*(?![0-9.]))?"
-    + "".join(f"(?:[{letter}{letter.lower()}]{_NUMBER})?" for letter in "XYZIJF")
-    + r"(?:\([^(),]*\)[ \t]*|;[^,]*)?\r?"  # a comment with a comma may be one that LinuxCNC acts on
-)
-_CODES = {"0": "G0", "1": "G1", "2": "G2", "3": "G3", None: ""}
+_ARC_DIGITS = ("2", "3")
 
 
-def is_settled(m: Machine) -> bool:
-    """Whether nothing but the words of a line decides what it does."""
-    usual = m.begun and m.unit is not None and m.plane == "G17" and m.feed_mode == "G94"
-    return usual and not (m.ended or m.incremental or m.absolute_centre or m.sticky or m.length != m.length_at_z)
+def read_plain(m: Machine, lines: Sequence[str], at: int) -> int:
+    """Reads the lines from ``at`` (from 0) on, up to one that is not plain; the place of that one.
 
-
-def read_plain(m: Machine, raw: str) -> bool:
-    """Whether the line was read. Then its instruction is written down and the state moved on."""
-    plain = _PLAIN.fullmatch(raw)
-    if plain is None:
-        return False
-    digit, x, y, z, i, j, f = plain.groups()
-    code = _CODES[digit] or m.motion
-    unit = m.unit or 1.0
-    feed = float(f) * unit / 60.0 if f else m.feed
-    if (x is None and y is None and z is None) or (i is not None or j is not None) != (code in ("G2", "G3")):
-        return False
-    if code not in _MOVES or (feed <= 0 and code != "G0"):
-        return False
-    at, (sx, sy, sz) = m.at, m.shift
-    target = (
-        at[0] if x is None else float(x) * unit + sx,
-        at[1] if y is None else float(y) * unit + sy,
-        at[2] if z is None else float(z) * unit + sz,
-    )
-    if code == "G0":
-        m.add(MoveJ(Pose(TOOL_DOWN, target), RAPID))
-    elif code == "G1":
-        m.add(MoveL(Pose(TOOL_DOWN, target), feed, m.blend))
-        m.cut = True
+    For a machine that is settled. What is odd about a line is left to the long way, which says what it is.
+    """
+    match, body, rows = m.plain.fullmatch, m.body, m.lines
+    unit, (sx, sy, sz), blend, force = m.scale, m.shift, m.blend, m.force
+    last, feed, (x, y, z) = m.motion[1:], m.feed, m.at
+    before = len(body)
+    for place in range(at, len(lines)):
+        plain = match(lines[place])
+        if plain is None:
+            break
+        digit, to_x, to_y, to_z, i, j, f = plain.groups()
+        if digit is None:
+            digit = last
+        rate = float(f) * unit / 60.0 if f else feed
+        if to_x is to_y is to_z is None:
+            break
+        end = (
+            x if to_x is None else float(to_x) * unit + sx,
+            y if to_y is None else float(to_y) * unit + sy,
+            z if to_z is None else float(to_z) * unit + sz,
+        )
+        if digit == "1" and i is j is None and rate > 0:
+            body.append(MoveL(Pose(TOOL_DOWN, end), rate, blend, force))
+        elif digit == "0" and i is j is None:
+            body.append(MoveJ(Pose(TOOL_DOWN, end), RAPID))
+        elif digit not in _ARC_DIGITS or rate <= 0 or not _add_arc(m, place, digit, (x, y, z), end, (i, j), rate):
+            break
+        rows.append(place + 1)
+        last, feed, (x, y, z) = digit, rate, end
     else:
-        words = {letter: float(text) * unit for letter, text in (("I", i), ("J", j)) if text is not None}
-        try:
-            found = pieces("G17", code, m.here(), target, words, False, unit != 1.0, m.limits)
-        except Wrong:
-            return False  # the long way says what is wrong
-        m.pieces(found, feed)
-    m.motion, m.feed = code, feed
-    at[:] = target
+        place = len(lines)
+    if len(body) > before:
+        m.motion, m.feed, m.at[:] = f"G{last}", feed, (x, y, z)
+        m.cut = m.cut or not all(isinstance(item, MoveJ) for item in body[before:])
+    return place
+
+
+def _add_arc(
+    m: Machine, place: int, digit: str, start: Vec3, end: Vec3, centre: tuple[str | None, str | None], feed: float
+) -> bool:
+    """Writes down the arc of a plain line, but the line of its last piece; whether it is one. centre: I and J."""
+    (i, j), unit = centre, m.scale
+    words = {} if i is None else {"I": float(i) * unit}
+    if j is not None:
+        words["J"] = float(j) * unit
+    try:
+        found = pieces("G17", f"G{digit}", start, end, words, False, unit != 1.0, m.limits)
+    except LineError:
+        return False
+    m.lines += [place + 1] * (len(found) - 1)
+    for via, point in found:
+        pose = Pose(TOOL_DOWN, point)
+        if via is None:
+            m.body.append(MoveL(pose, feed, m.blend, m.force))
+        else:
+            m.body.append(MoveC(Pose(TOOL_DOWN, via), pose, feed, m.blend, m.force))
     return True
-
-
-_MOVES = ("G0", "G1", "G2", "G3")

@@ -1,4 +1,4 @@
-"""How the interpreter stops."""
+"""A line of G-code as codes by modal group and words by letter; its numbers, parameters and expressions."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 
-class Wrong(Exception):
+class LineError(Exception):
     """A line that cannot be right, or cannot be read; its text names the word and the reason."""
 
 
-class Unread(Wrong):
-    """A line that may be right, but that the reader does not know."""
+class UnknownWord(LineError):
+    """A line that may be right, but has a word that is not read."""
 
 
 # Numbers, parameters and expressions of LinuxCNC, as its manual's overview defines them. Angles in degrees.
@@ -42,32 +42,32 @@ class Parameters:
     named: dict[str, float] = field(default_factory=dict)
 
     def get(self, key: int | str) -> float:
-        """The value; Wrong for one that only a machine has, or that no line has set."""
+        """The value; LineError for one that only a machine has, or that no line has set."""
         if isinstance(key, str):
             value = (self.shared if key.startswith("_") else self.named).get(key)
             value = self.machine(key) if value is None else value
             if value is None:
-                raise Wrong(f"#<{key}> is used before it is set")
+                raise LineError(f"#<{key}> is used before it is set")
             return value
         if key < 1:
-            raise Wrong(f"#{key} is no parameter")
+            raise LineError(f"#{key} is no parameter")
         if key <= LOCALS:
             return self.own.get(key, 0.0)
         if key <= GLOBALS:
             return self.numbered.get(key, 0.0)
         value = self.machine(str(key))
         if value is None:
-            raise Wrong(f"#{key} is a value of the machine, which is not known here")
+            raise LineError(f"#{key} is a value of the machine, which is not known here")
         return value
 
     def put(self, key: int | str, value: float) -> None:
-        """Sets a value; Wrong for one of the machine's."""
+        """Sets a value; LineError for one of the machine's."""
         if isinstance(key, str):
             if self.machine(key) is not None:
-                raise Wrong(f"#<{key}> cannot be set")
+                raise LineError(f"#<{key}> cannot be set")
             (self.shared if key.startswith("_") else self.named)[key] = value
         elif key < 1 or key > GLOBALS:
-            raise Wrong(f"#{key} is a value of the machine and is not set here")
+            raise LineError(f"#{key} is a value of the machine and is not set here")
         else:
             (self.own if key <= LOCALS else self.numbered)[key] = value
 
@@ -86,14 +86,14 @@ def key_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[int |
         return named[1], named.end()
     value, end = value_at(text, at + 1, known, depth + 1)
     if abs(value - round(value)) > _EQUAL:
-        raise Wrong(f"#{value:g} is no parameter: its number must be whole")
+        raise LineError(f"#{value:g} is no parameter: its number must be whole")
     return round(value), end
 
 
 def value_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[float, int]:
-    """The value that stands at ``at`` of ``text`` (small letters, no blanks), and where it ends. Raises Wrong."""
+    """The value that stands at ``at`` of ``text`` (small letters, no blanks), and where it ends. Raises LineError."""
     if depth > _DEEP:
-        raise Wrong("an expression that is nested too deeply")
+        raise LineError("an expression that is nested too deeply")
     number = _NUMBER.match(text, at)
     if number:
         return float(number[0]), number.end()
@@ -109,7 +109,7 @@ def value_at(text: str, at: int, known: Parameters, depth: int = 0) -> tuple[flo
     function = _FUNCTION.match(text, at)
     if function:
         return _function(function[0], text, function.end(), known, depth + 1)
-    raise Wrong(f"cannot read {text[at : at + 12]!r}: a number or an expression is expected")
+    raise LineError(f"cannot read {text[at : at + 12]!r}: a number or an expression is expected")
 
 
 def _bracket(text: str, at: int, known: Parameters, depth: int) -> tuple[float, int]:
@@ -121,7 +121,7 @@ def _bracket(text: str, at: int, known: Parameters, depth: int) -> tuple[float, 
         if not operator:
             found = _OPERATOR.match(text, at)
             if not found:
-                raise Wrong(f"cannot read {text[at : at + 12]!r} in an expression")
+                raise LineError(f"cannot read {text[at : at + 12]!r} in an expression")
             operator = found[0]
         while waiting[-1] and _BINDS[waiting[-1]] >= _BINDS.get(operator, 0):
             right, left = values.pop(), values.pop()
@@ -141,7 +141,7 @@ _BINDS = {
 
 def _power(a: float, b: float) -> float:
     if a < 0 and b != int(b):
-        raise Wrong("a negative number to a power that is not whole")
+        raise LineError("a negative number to a power that is not whole")
     return float(a**b)
 
 
@@ -187,34 +187,34 @@ def _apply(operator: str, a: float, b: float) -> float:
     try:
         value = _BINARY[operator](a, b)
     except (ValueError, ZeroDivisionError, OverflowError) as error:
-        raise Wrong(f"{a:g} {operator.upper()} {b:g} has no value") from error
+        raise LineError(f"{a:g} {operator.upper()} {b:g} has no value") from error
     return _finite(value, operator)
 
 
 def _finite(value: float, what: str) -> float:
     if not math.isfinite(value):
-        raise Wrong(f"{what.upper()} gives no finite number")
+        raise LineError(f"{what.upper()} gives no finite number")
     return value
 
 
 def _function(name: str, text: str, at: int, known: Parameters, depth: int) -> tuple[float, int]:
     if text[at : at + 1] != "[":
-        raise Wrong(f"{name.upper()} without its bracket")
+        raise LineError(f"{name.upper()} without its bracket")
     if name == "exists":
         key, end = key_at(text, at + 1, known, depth) if text[at + 1 : at + 2] == "#" else ("", at)
         if text[end : end + 1] != "]":
-            raise Wrong("EXISTS asks for a parameter, EXISTS[#<name>]")
+            raise LineError("EXISTS asks for a parameter, EXISTS[#<name>]")
         return float(known.has(key)), end + 1
     value, at = _bracket(text, at + 1, known, depth)
     if name == "atan":
         if text[at : at + 2] != "/[":
-            raise Wrong("ATAN has two arguments, ATAN[y]/[x]")
+            raise LineError("ATAN has two arguments, ATAN[y]/[x]")
         other, at = _bracket(text, at + 2, known, depth)
         return math.degrees(math.atan2(value, other)), at
     try:
         return _finite(float(_UNARY[name](value)), name), at
     except (ValueError, OverflowError) as error:
-        raise Wrong(f"{name.upper()}[{value:g}] has no value") from error
+        raise LineError(f"{name.upper()}[{value:g}] has no value") from error
 
 
 # A line of G-code as codes by modal group and words by letter.
@@ -237,7 +237,7 @@ _GROUPS = {
     "offsets": "G10 G92 G92.1 G92.2",
     "dwell": "G4",
     "lathe radius": "G8",
-    "stop": "M0 M1 M2 M30 M60",
+    "stop": "M1 M2 M30",
     "outputs": "M62 M63 M64 M65 M67 M68",
     "tool change": "M6",
     "spindle": "M3 M4 M5",
@@ -247,8 +247,8 @@ _GROUP = {code: group for group, codes in _GROUPS.items() for code in codes.spli
 #: M7 and M8 may stand in one line.
 _GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
 
-#: Codes that exist but are not replayed, by why.
-_UNREAD = {
+#: Codes that are not read, by why; in the second part those that only a stricter reader turns down.
+_UNKNOWN = {
     "goes to a position that the machine stores": "G28 G28.1 G30 G30.1",
     "goes to machine coordinates, which are not known here": "G53",
     "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 G42 G42.1",
@@ -261,15 +261,22 @@ _UNREAD = {
     "constant surface speed": "G96",
     "a shift of the origin": "G52",
     "brings an earlier shift back": "G92.3",
+    "waits for the operator: a program here runs through": "M0 M60",
     "waits for an input": "M66",
     "turns the spindle to an angle": "M19",
     "a subprogram of other controllers": "M97 M98 M99",
     "sets the number of the tool": "M61",
     "keeps or restores the modes": "M70 M71 M72 M73",
-}
-_WHY = {code: why for why, codes in _UNREAD.items() for code in codes.split()}
+} | {
+    "a drilling cycle": "G73 G81 G82 G83 G85 G86 G89",
+    "shifts the origin": "G10 G92 G92.1 G92.2",
+    "a feed mode other than mm/min": "G93 G95",
+    "stops where the operator wants it": "M1",
+}  # fmt: skip
+_WHY = {code: why for why, codes in _UNKNOWN.items() for code in codes.split()}
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
-_COMMENT = re.compile(r"\([^()]*\)|;.*")
+#: A comment in parentheses, or one that runs to the end of the line.
+COMMENT = re.compile(r"\(([^()]*)\)|;.*")
 _NUMBERED = re.compile(r"n[0-9]+(?:\.[0-9]*)?")
 _LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^")
 #: Numbers beyond this are no machine's. mm, mm/min, rpm.
@@ -279,30 +286,39 @@ Line = tuple[dict[str, str], dict[str, float]]
 
 
 def bare(raw: str) -> str:
-    """The line without comments, blanks, block delete and number, in small letters. Raises Wrong.
+    """The line without comments, blanks, block delete and number, in small letters. Raises LineError.
 
     Comments that LinuxCNC acts on only print or log; a line of Python is turned down.
     """
     if ";" in raw or "(" in raw or ")" in raw:
         if raw.lstrip().lower().startswith(";py,"):
-            raise Wrong("a line of Python")
+            raise LineError("a line of Python")
         if re.search(r"\(\s*(?:probeopen|abort)\b", raw, re.IGNORECASE):
-            raise Wrong("an active comment that stops or probes")
-        raw = _COMMENT.sub("", raw)
-        if "(" in raw or ")" in raw:
-            raise Wrong("a comment that is not closed, or closed twice")
-    text = "".join(raw.split()).lower()
-    text = text.removeprefix("/")
-    if text.startswith("n"):
-        numbered = _NUMBERED.match(text)
-        if not numbered:
-            raise Wrong("N without a number")
-        text = text[numbered.end() :]
-    return text
+            raise LineError("an active comment that stops or probes")
+        raw = without_comments(raw)
+    return without_number("".join(raw.split()).lower().removeprefix("/"))
+
+
+def without_comments(raw: str) -> str:
+    """The line without its comments. LineError for parentheses that do not match."""
+    raw = COMMENT.sub("", raw)
+    if "(" in raw or ")" in raw:
+        raise LineError("a comment that is not closed, or closed twice")
+    return raw
+
+
+def without_number(text: str) -> str:
+    """A line of small letters without its number, N10. Raises LineError."""
+    if not text.startswith("n"):
+        return text
+    numbered = _NUMBERED.match(text)
+    if not numbered:
+        raise LineError("N without a number")
+    return text[numbered.end() :]
 
 
 def words_of(text: str, known: Parameters) -> Line:
-    """Codes by group and words by letter of a bare line; parameters are set once all of it is read. Raises Wrong."""
+    """Codes by group and words by letter of a bare line; parameters are set when all is read. Raises LineError."""
     codes: dict[str, str] = {}
     words: dict[str, float] = {}
     setting: list[tuple[int | str, float]] = []
@@ -312,20 +328,21 @@ def words_of(text: str, known: Parameters) -> Line:
         if letter == "#":
             key, at = key_at(text, at, known)
             if text[at : at + 1] != "=":
-                raise Wrong(f"cannot read {text[at : at + 12]!r}: a parameter that stands alone is set with =")
+                raise LineError(f"cannot read {text[at : at + 12]!r}: a parameter that stands alone is set with =")
             value, at = value_at(text, at + 1, known)
             setting.append((key, value))
             continue
         if letter not in _LETTERS:
-            raise Wrong(f"cannot read {text[at : at + 12]!r}")
+            raise LineError(f"cannot read {text[at : at + 12]!r}")
         number = _NUMBER.match(text, at + 1)
         value, at = (float(number[0]), number.end()) if number else value_at(text, at + 1, known)
         if not -_HUGE < value < _HUGE:
-            raise Wrong(f"word {letter.upper()}{value:g} is out of range")
+            written = number[0][:12] if number else f"{value:g}"
+            raise LineError(f"word {letter.upper()}{written} is out of range")
         if letter in "gm":
             _code(codes, letter.upper(), value)
         elif letter.upper() in words:
-            raise Wrong(f"word {letter.upper()} twice in one line")
+            raise LineError(f"word {letter.upper()} twice in one line")
         else:
             words[letter.upper()] = value
     for key, value in setting:
@@ -337,10 +354,15 @@ def _code(codes: dict[str, str], letter: str, number: float) -> None:
     code = _named(letter, number)
     group = _GROUP.get(code)
     if group is None:
-        raise Unread(f"{code} is not read: {_WHY.get(code, 'not a code that is known')}")
+        raise not_read(code, "not a code that is known")
     if group in codes:
-        raise Wrong(f"{codes[group]} and {code} are of one group ({group})")
+        raise LineError(f"{codes[group]} and {code} are of one group ({group})")
     codes[group] = code
+
+
+def not_read(code: str, otherwise: str) -> UnknownWord:
+    """The error for a code that is not read. otherwise: the reason where the table has none."""
+    return UnknownWord(f"{code} is not read: {_WHY.get(code, otherwise)}")
 
 
 @lru_cache(maxsize=1024)

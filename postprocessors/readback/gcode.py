@@ -1,0 +1,468 @@
+"""Reads a LinuxCNC program back: text -> instructions, faults by line.
+
+The interpreter of foreign programs runs it (``camgen.read.gcode``). This layer asks for more: what no post writes is a
+fault, and so is what a program leaves open, or what differs from the options of its post. Nothing is guessed: a fault
+also says what is assumed from there on. A program with words that no post writes (other cycles, O-words, parameters,
+shifts of the origin) is run once more as a foreign one; what is not known there either is a fault that names the word.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from camgen.model.errors import JobError
+from camgen.model.part import NoteKind
+from camgen.model.program import Force, Instruction, Output
+from camgen.post import Fault, Reading, Remark
+from camgen.read.gcode import arcs
+from camgen.read.gcode.interpreter import Blocks, interpret, play
+from camgen.read.gcode.machine import AXES, HANDLERS, Machine
+from camgen.read.gcode.words import (
+    COMMENT,
+    LineError,
+    Parameters,
+    UnknownWord,
+    not_read,
+    without_comments,
+    without_number,
+    words_of,
+)
+
+_WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_LINE = re.compile(rf"(?:{_WORDS.pattern})*")
+#: Comments that LinuxCNC acts on. ``MSG`` only shows its text.
+_ACTIVE = re.compile(r"\s*(debug|print|log|logopen|logappend|logclose|probeopen|probeclose|abort|py)\b", re.IGNORECASE)
+#: Groups that are one here, of which LinuxCNC takes two codes in one line or the interpreter does.
+_ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
+_COOLANTS = {"M7": "mist", "M8": "flood"}
+
+_NUMBER = r"(-?[0-9]{1,6}(?:\.[0-9]{1,8})?)"
+#: One motion as posts print it: in capitals, in this order, a blank between the words, far from the limit of a line.
+_PLAIN = re.compile(
+    r"(?!.{71})G([0-3])"
+    + "".join(f"(?: {letter}{_NUMBER})?" for letter in "XYZIJ")
+    + r"(?: F([0-9]{1,6}(?:\.[0-9]{1,8})?))?"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What is taken from programs for a controller.
+
+    codes: those that are read. limit: characters per line, counted without blanks and comments where ``squeezed``.
+    forbidden: characters that must not even stand in a comment. linuxcnc: its per cent signs, active comments, block
+    delete and circles without an end point, else GRBL's way with these. arcs: what it takes as one.
+    """
+
+    name: str
+    codes: frozenset[str]
+    limit: int
+    squeezed: bool
+    forbidden: re.Pattern[str] | None
+    linuxcnc: bool
+    arcs: arcs.Limits
+
+
+_CODES = """
+    G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G43 G49 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3 G61 G61.1 G64 G80 G81 G82
+    G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
+"""
+LINUXCNC = Rules(
+    name="LinuxCNC",
+    codes=frozenset(_CODES.split()),
+    limit=252,
+    squeezed=False,
+    forbidden=None,
+    linuxcnc=True,
+    arcs=arcs.LINUXCNC,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Expect:
+    """What the options of the post say about the text.
+
+    work: the work offset. tool: the tool that is changed to, 0: none. path: most mm of G64, None where the controller
+    has none. names: signal by output, as the interpreter names those. force: analog output and value per N, None
+    without force.
+    """
+
+    work: str
+    tool: int = 0
+    path: float | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
+    force: tuple[int, float] | None = None
+
+
+@dataclass(slots=True, kw_only=True)
+class Strict(Machine):
+    """The machine that takes only what posts write, and notes faults instead of stopping.
+
+    text: whether a line has come that is not blank. started: a motion was read. applied, path: G43 or G49, and G61 or
+    G64, as the program said. changed: to the tool. pressing: by force; following: N from the next motion on. waiting:
+    the line of an output that waits for the next motion. unread: the first line with a word that no post writes.
+    """
+
+    rules: Rules
+    expect: Expect
+    others: str = ""
+    plain: re.Pattern[str] = _PLAIN
+    blend: float = 0.0
+    faults: list[Fault] = field(default_factory=list)
+    text: bool = False
+    started: bool = False
+    applied: str = ""
+    path: str = ""
+    changed: bool = False
+    pressing: bool = False
+    following: float | None = None
+    waiting: int = 0
+    unread: int = 0
+
+    def fault(self, what: str) -> None:
+        """Notes a fault of the line that is read."""
+        self.faults.append(Fault(self.line, what))
+
+    def remark(self, what: str) -> None:
+        """Notes what the line leaves open."""
+        self.faults.append(Remark(self.line, what))
+
+    def note(self, kind: NoteKind, what: str, why: str = "") -> None:
+        """What a replay assumes or leaves out is open in a program of our own."""
+        if kind != "warning":
+            self.remark(f"{what} ({why})")
+
+    def refuse(self, error: LineError) -> None:
+        """Notes what is wrong; the next line is read."""
+        self.fault(str(error))
+        if isinstance(error, UnknownWord):
+            self.unread = self.unread or self.line
+
+    def bare(self, raw: str) -> str:
+        """The line without all that is no word, if the controller takes it as it is written."""
+        text, rules = raw.removesuffix("\r"), self.rules
+        if not rules.squeezed and len(text) > rules.limit:
+            raise LineError(f"{len(text)} characters, {rules.name} reads {rules.limit}")
+        if rules.forbidden and (bad := rules.forbidden.search(text)):
+            raise LineError(
+                f"character {bad[0]!r} acts at once or is no ASCII, which {rules.name} minds in comments too"
+            )
+        if rules.linuxcnc and text.strip(" \t\r") == "%":
+            if self.text and not (self.opened or self.ended):
+                raise LineError("a per cent sign that does not belong to one on the first line")
+            return "%"
+        self.text = self.text or not raw.isspace()
+        if "(" in text or ";" in text or ")" in text:
+            if rules.linuxcnc:
+                _refuse_active(text)
+            text = without_comments(text)
+        text = text.replace(" ", "").replace("\t", "")
+        if not text.isascii():
+            raise LineError("a character that is not ASCII outside a comment")
+        if rules.squeezed and len(text) > rules.limit:
+            raise LineError(f"{len(text)} characters without blanks and comments, {rules.name} reads {rules.limit}")
+        if text.startswith("/") and rules.linuxcnc:
+            raise UnknownWord("block delete: whether the line runs depends on a switch of the operator")
+        text = without_number(text.lower().removeprefix("/"))
+        _refuse_unread(text)
+        return text
+
+    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (as the machine's)
+        """LineError for a code that no post writes, and for two of one group."""
+        for code in codes.values():
+            if code not in self.rules.codes:
+                raise not_read(code, f"not a code of {self.rules.name}")
+        for name, groups in _ONE_GROUP.items():
+            both = [codes[group] for group in groups if group in codes]
+            if len(both) > 1:
+                raise LineError(f"{both[0]} and {both[1]} are of one group ({name})")
+
+    def obey(self, group: str, code: str, words: dict[str, float]) -> None:
+        """As the machine does, but as the options of the post expect it."""
+        _HANDLERS[group](self, code, words)
+
+    def switch(self, signal: str, value: float) -> None:
+        """Sets an output under the name of its signal, or presses."""
+        channel, scale = self.expect.force or (-1, 1.0)
+        if signal != f"aout{channel}":
+            name = self.expect.names.get(signal, signal.replace("dout", "P").replace("aout", "E"))
+            self.add(Output(name, value))
+            return
+        newtons = value / scale
+        if newtons < 0:
+            raise LineError(f"a force of {newtons:g} N")
+        if self.waiting == self.line and self.pressing:
+            self.following = newtons
+            return
+        self.pressing, self.force, self.following = newtons > 0, newtons, None
+        self.add(Force(newtons))
+
+    def is_settled(self) -> bool:
+        """Nor may anything wait for the next motion."""
+        return Machine.is_settled(self) and not self.waiting and self.following is None
+
+    def stand(self, code: str) -> None:
+        """A motion code that leads nowhere needs a feed too."""
+        if code == "G1" and self.feed <= 0:
+            raise LineError("G1 without a feed (F)")
+        Machine.stand(self, code)
+
+    def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
+        """What a post has said before anything moves, and where the tool is."""
+        named = [axis for axis in AXES if axis in words]
+        if not named and (cycle or not self.rules.linuxcnc):
+            raise LineError(f"{code} without {'X, Y or Z' if cycle else 'an end point'}")
+        if self.motion != "G0" and self.feed <= 0:
+            raise LineError(f"{self.motion} without a feed (F)")
+        if cycle:
+            _check_cycle(self, words)
+        else:
+            _start(self)
+            _place(self, named)
+        self.waiting = 0
+        if self.following is not None:
+            self.force, self.following = self.following, None
+        Machine.settle(self, code, words, cycle)
+
+
+def _refuse_active(text: str) -> None:
+    """LineError for a comment that LinuxCNC would act on."""
+    for comment in COMMENT.finditer(text):
+        if comment[1] is not None and "," in comment[1] and _ACTIVE.match(comment[1]):
+            raise LineError(f"active comment {comment[0][:20]!r}")
+        if comment[0].lower().startswith(";py,"):
+            raise LineError("active comment ';py,'")
+
+
+def _refuse_unread(text: str) -> None:
+    """LineError for anything but words with plain numbers."""
+    if not _LINE.fullmatch(text):
+        if any(character in text for character in "#[]"):
+            raise UnknownWord("parameters and expressions are not read")
+        if re.search("o[0-9<]", text):
+            raise UnknownWord("O-words are not read")
+        match = _LINE.match(text)
+        raise LineError(f"cannot read {text[match.end() if match else 0 :].upper()[:12]!r}")
+    if "n" in text or "o" in text:  # of words only the number of a line, and of a program
+        letter, number = next(word for word in _WORDS.findall(text) if word[0] in "no")
+        raise LineError(f"word {letter.upper()}{float(number):g}: nothing in the line uses it")
+
+
+def _start(m: Strict) -> None:
+    """What must be settled before anything moves."""
+    if m.started:
+        return
+    m.started = True
+    if m.unit is None:
+        m.unit = 1.0
+        m.remark("a motion before G20 or G21; read as mm")
+    m.work = m.work or "G54"
+    if m.work != m.expect.work:
+        m.fault(f"work offset {m.work}, but post.work is {m.expect.work}")
+    if m.expect.tool and m.applied != "G43":
+        m.fault("the length of the tool is not applied (G43) before the first motion")
+    if m.expect.path is not None and not m.path:
+        m.remark("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
+
+
+def _place(m: Strict, named: Sequence[str]) -> None:
+    """What leaves the position open. A tool that stands anywhere is lifted first, then moved in X and Y."""
+    if m.begun:
+        return
+    why = ""
+    if m.incremental or m.motion != "G0":
+        why = f"{'an incremental' if m.incremental else 'a feed'} motion from a position that is not known"
+    elif not m.known[2] and "Z" not in named:
+        why = "X or Y moves while Z is not known"
+    elif any(m.known[AXES.index(axis)] for axis in named):
+        m.remark("an axis moves again before the position is known in all axes")
+    if why:
+        m.remark(f"{why}; read as from 0")
+        m.known[:] = [True, True, True]
+        m.begun = True
+
+
+def _check_cycle(m: Strict, words: Mapping[str, float]) -> None:
+    """Only what leaves nothing open: straight down, absolute, from a known height to which G98 returns."""
+    usual = m.begun and m.unit == 1.0 and m.plane == "G17" and m.to_start is True and not m.incremental
+    if not usual or m.waiting or m.pressing or m.following is not None or "L" in words:
+        raise UnknownWord(f"{m.motion} in another state than a post leaves it in is not read")
+    held = {**m.sticky, **words}
+    if "R" in held and held["R"] > (m.at[2] if m.level is None else m.level):
+        raise UnknownWord(f"{m.motion} that begins above where G98 returns to is not read")
+    if m.motion == "G83" and "R" in held and held["R"] == held.get("Z"):
+        raise LineError("G83 with pecks and no depth")
+
+
+def _switch(m: Strict, code: str, words: dict[str, float]) -> None:
+    if code in ("M62", "M63", "M67"):
+        m.waiting = m.line
+    HANDLERS["outputs"](m, code, words)
+
+
+def _change(m: Strict, code: str, words: dict[str, float]) -> None:  # noqa: ARG001 (as all handlers)
+    if m.tool is None:
+        raise LineError("M6 without a tool (T)")
+    if m.begun:
+        raise LineError("a tool change after the first motion is not read")
+    if m.tool != m.expect.tool:
+        raise LineError(f"tool T{m.tool}, but post.tool is {m.expect.tool}")
+    m.changed = True
+
+
+def _spindle(m: Strict, code: str, words: dict[str, float]) -> None:
+    if code != "M5" and m.speed is None:
+        m.spindle = code
+        raise LineError(f"{code} without a speed (S)")
+    HANDLERS["spindle"](m, code, words)
+
+
+def _coolant_off(m: Strict, code: str, words: dict[str, float]) -> None:
+    # With none on, M9 still says that the one in use is off.
+    used = {word for word, signal in _COOLANTS.items() if signal in m.expect.names}
+    m.coolants = m.coolants or used or {"M8"}
+    HANDLERS["coolant off"](m, code, words)
+
+
+def _length(m: Strict, code: str, words: dict[str, float]) -> None:
+    if code == "G43":
+        number = words.pop("H", m.expect.tool)
+        if not m.expect.tool or number != m.expect.tool:
+            raise LineError(f"G43 shifts z by the length of a tool, but post.tool is {m.expect.tool}")
+    if m.begun and code != m.applied:
+        raise LineError(f"{code} after the first motion shifts the origin")
+    m.length = m.applied = code
+
+
+def _work_offset(m: Strict, code: str, words: dict[str, float]) -> None:
+    if m.begun and code != m.work:
+        raise LineError(f"{code}: another work offset after the first motion is not read")
+    HANDLERS["work offset"](m, code, words)
+
+
+def _path(m: Strict, code: str, words: dict[str, float]) -> None:
+    m.path = code
+    if code != "G64":
+        return
+    tolerance = words.pop("P", 0.0)
+    joined = words.pop("Q", tolerance)
+    allowed = m.expect.path or 0.0
+    if tolerance <= 0:
+        raise LineError("G64 without P rounds corners by any amount")
+    if max(tolerance, joined) * m.scale > allowed * (1 + 1e-9):
+        raise LineError(f"G64 may leave the path by {max(tolerance, joined):g}, post.path_tolerance is {allowed:g}")
+
+
+_HANDLERS: dict[str, Callable[[Strict, str, dict[str, float]], None]] = {
+    **HANDLERS,
+    "outputs": _switch,
+    "tool change": _change,
+    "spindle": _spindle,
+    "coolant off": _coolant_off,
+    "length offset": _length,
+    "work offset": _work_offset,
+    "path": _path,
+}
+
+
+def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
+    """The machine after the lines. Never raises for anything that they hold."""
+    m = Strict(limits=rules.arcs, rules=rules, expect=expect)
+    play(m, lines, Blocks({}, {}))
+    _read_rest(m, lines)
+    if not m.ended:
+        m.fault("the program has no end (M2 or M30)")
+    if any(m.known) and not m.begun:
+        m.fault("the program ends before the position is known in all axes")
+    if m.waiting:
+        m.faults.append(Fault(m.waiting, "an output that waits for the next motion (M62, M63, M67), and none follows"))
+    if m.expect.tool and not m.changed:
+        m.fault(f"the tool change T{m.expect.tool} M6 of post.tool is missing")
+    m.faults.sort(key=lambda fault: fault.line)
+    return m
+
+
+def _read_rest(m: Strict, lines: Sequence[str]) -> None:
+    """The lines after the end: none of them may hold a word."""
+    known = Parameters(m.value)
+    for place in range(m.line, len(lines)):
+        m.line = place + 1
+        try:
+            text = m.bare(lines[place])
+            if text not in ("", "%"):
+                m.take(*words_of(text, known))
+                m.remark("a line after the end of the program")
+        except LineError as error:
+            m.refuse(error)
+
+
+def written(m: Strict) -> Reading:
+    """What a machine has written down."""
+    return Reading(tuple(m.body), tuple(m.lines), tuple(m.faults))
+
+
+def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
+    """What a LinuxCNC program says. options: of the post; left out, its defaults (docs/posts/gcode.md)."""
+    force = None
+    if options.get("force") == "analog":
+        force = (int(number(options, "force_channel", 0)), number(options, "force_scale", 0.0) or 1.0)
+    expect = Expect(
+        work=str(options.get("work", "G54")),
+        tool=int(number(options, "tool", 0)),
+        path=number(options, "path_tolerance", 0.01),
+        names=signals(options, {"process": "P0"}),
+        force=force,
+    )
+    lines = lines_of(files)
+    m = run(lines, LINUXCNC, expect)
+    return (m.unread and _read_foreign(lines, m)) or written(m)
+
+
+def _read_foreign(lines: Sequence[str], m: Strict) -> Reading | None:
+    """What a program with words that no post writes says; None where it stops at the first of them.
+
+    m: the machine that met those words. That they are there is a remark, so that a program of our own never passes.
+    """
+    found = interpret(lines)
+    if found.stopped and found.unread and found.stopped[0] <= m.unread:
+        return None
+    what = "a word that camgen does not write; the program is read as LinuxCNC runs it"
+    faults: list[Fault] = [Remark(m.unread, what)]
+    faults += [Remark(line, str(note)) for line, note in found.remarks]
+    if found.stopped:
+        faults.append(Fault(found.stopped[0], f"{found.stopped[1]}; nothing from here on is read"))
+    elif not found.ended:
+        faults.append(Fault(len(lines), "the program has no end (M2 or M30)"))
+    faults.sort(key=lambda fault: fault.line)
+    return Reading(rename(found.body, m.expect.names), found.lines, tuple(faults))
+
+
+def rename(body: Iterable[Instruction], names: Mapping[str, str]) -> tuple[Instruction, ...]:
+    """``body`` with the names of signals for the outputs that have one."""
+    return tuple(
+        Output(names[item.signal], item.value) if isinstance(item, Output) and item.signal in names else item
+        for item in body
+    )
+
+
+def lines_of(files: Mapping[str, str]) -> list[str]:
+    """The lines of all files in order, without their ends."""
+    return [line for text in files.values() for line in text.removesuffix("\n").split("\n")]
+
+
+def number(options: Mapping[str, object], key: str, default: float) -> float:
+    """The option ``key`` as a number; JobError for anything else."""
+    value = options.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise JobError(f"[post] {key}", f"{value!r} is not a number")
+    return value
+
+
+def signals(options: Mapping[str, object], default: dict[str, str]) -> dict[str, str]:
+    """The option ``signals``: signal by output, as the interpreter names those; JobError for anything else."""
+    table = options.get("signals", default)
+    if not isinstance(table, Mapping) or not all(isinstance(word, str) for word in table.values()):
+        raise JobError("[post] signals", "is not a table of output words", remedy='e.g. { process = "P0" }')
+    return {_COOLANTS.get(word, word.replace("P", "dout")): str(name) for name, word in table.items()}
