@@ -30,7 +30,11 @@ def _draw_tour(tour: Tour) -> str:
     if not count:
         return _draw([])
     ends = [np.stack([a.position[-1, :2], b.position[0, :2]]) for a, b in zip(tour.paths, tour.paths[1:], strict=False)]
-    ways = Chains(np.concatenate(ends), np.zeros(2 * len(ends)), np.arange(0.0, 2 * len(ends), 2)) if ends else None
+    ways = (
+        Chains(np.concatenate(ends), np.zeros(2 * len(ends)), np.arange(0, 2 * len(ends), 2, dtype=np.int64))
+        if ends
+        else None
+    )
     travel = [(ways, ["#dadce0"] * len(ends))] if ways else []
     return _draw([*travel, (of_paths(tour.paths), [by_order(k, count) for k in range(count)])])
 
