@@ -9,8 +9,9 @@ from msgspec import Struct
 
 from camgen.geometry.ragged import begins
 from camgen.geometry.segments import Segments, points_at, tangents_at
+from camgen.model.job import Job
 from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, frozen
 
 
 class Label(Struct, frozen=True):
@@ -81,6 +82,32 @@ def tool_paths(
             )
         )
     return tuple(paths)
+
+
+def straight_path(
+    ident: str, points: FloatArray, job: Job, operation: str, layer: str = "0", contours: tuple[str, ...] = ()
+) -> ToolPath:
+    """A path through ``points`` (N, 2), straight on, tool down, with the feed, the force and the depths of ``job``.
+
+    contours: ids of those that it works on. operation: its name.
+    """
+    count = len(points)
+    press = np.zeros((count, 2, 3))
+    press[:, :, 2] = -1.0 if job.process.force else 0.0
+    return ToolPath(
+        id=ident,
+        layer=layer,
+        position=frozen(np.column_stack([points, np.zeros(count)])),
+        via=frozen(np.full((count, 3), np.nan)),
+        axis=frozen(np.tile([0.0, 0.0, -1.0], (count, 1))),
+        press=frozen(press),
+        force=frozen(np.full(count, job.process.force)),
+        feed=frozen(np.full(count, job.process.feed)),
+        closed=bool((points[0] == points[-1]).all()),
+        depths=pass_depths(job.operation.depth, job.operation.passes),
+        contours=contours,
+        operation=operation,
+    )
 
 
 def sideways(segments: Segments, side: int) -> FloatArray:

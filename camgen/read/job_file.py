@@ -9,13 +9,15 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import msgspec
+from msgspec.structs import replace
 
 from camgen.model.errors import JobError
-from camgen.model.job import Job
+from camgen.model.job import Job, Operation
 from camgen.model.job_tables import FILES, settings, split_name, tables
+from camgen.model.plugins import OPERATIONS, entries
 from camgen.read.files import Files
 
 Tree = dict[str, dict[str, object]]
@@ -168,7 +170,7 @@ def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) ->
             if not all(math.isfinite(number) for number in _floats(value)):
                 raise JobError(origin, f"{key} must be finite, not {_shown(value)}", f"[{table}]")
     try:
-        return msgspec.convert(tree, Job)
+        return _with_kind(tree)
     except msgspec.ValidationError as error:
         place = re.search(r"`\$\.(\w+)\.(\w+)", str(error))
         if place is None:
@@ -176,6 +178,17 @@ def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) ->
         table, key = place.groups()
         what = f"{key} must be {known[table, key].allowed}, not {_shown(tree[table][key])}"
         raise JobError(origins.get((table, key), source), what, f"[{table}]") from error
+
+
+def _with_kind(tree: Tree) -> Job:
+    """The job of ``tree``. ``operation.kind`` may also name an operation that another package brings."""
+    operation = tree.get("operation", {})
+    kind = operation.get("kind")
+    known = get_args(get_args(get_type_hints(Operation, include_extras=True)["kind"])[0])
+    if kind in known or kind not in {entry.name for entry in entries(OPERATIONS)}:
+        return msgspec.convert(tree, Job)
+    job = msgspec.convert(tree | {"operation": operation | {"kind": "auto"}}, Job)
+    return replace(job, operation=replace(job.operation, kind=kind))
 
 
 def _unknown_key(table: str, key: str, origin: str) -> JobError:

@@ -1,0 +1,80 @@
+"""The worked example of docs/writing-an-operation.md: installed, used, and what the page shows."""
+
+import json
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from tests.support.installed import install, run
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "docs" / "example_operation"
+PAGE = (ROOT / "docs" / "writing-an-operation.md").read_text(encoding="utf-8")
+#: Builds the bracket with the job given and prints each path: its ends, contours and operation; and the faults.
+CODE = """
+import json, sys, camgen
+result = camgen.build(sys.argv[1], post="gcode", job=json.loads(sys.argv[2]))
+paths = [(p.position[0].tolist(), p.position[-1].tolist(), p.contours, p.operation) for p in result.tour.paths]
+print(json.dumps([paths, len(result.program.paths), result.deviation.max_mm]))
+"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return install(EXAMPLE, tmp_path_factory.mktemp("hatch"))
+
+
+def test_the_page_shows_the_files() -> None:
+    shown = re.findall(r'^```\w+ title="([^"]+)"\n(.*?)^```$', PAGE, re.S | re.M)
+    assert [name for name, _ in shown] == ["hatch.py", "pyproject.toml"]
+    for name, text in shown:
+        assert text == (EXAMPLE / name).read_text(encoding="utf-8")
+
+
+def test_it_hatches_at_the_spacing_and_the_angle_inside_the_part(site: Path) -> None:
+    part = ROOT / "fixtures" / "parts" / "bracket.dxf"
+    job = {"operation": {"kind": "hatch", "options": {"spacing": 4.0, "angle": 0.0}}}
+    done = run(site, "-c", CODE, str(part), json.dumps(job))
+    assert done.returncode == 0, done.stderr
+    paths, origins, deviation = json.loads(done.stdout)
+    assert origins == len(paths) > 5
+    assert deviation < 1e-3
+    heights = sorted({round(start[1], 6) for start, _, _, _ in paths})
+    assert all(start[1] == pytest.approx(end[1]) for start, end, _, _ in paths)
+    assert [b - a for a, b in pairwise(heights)] == pytest.approx([4.0] * (len(heights) - 1))
+    assert {operation for *_, operation in paths} == {"hatch"}
+    assert all(len(contours) > 1 for _, _, contours, _ in paths)
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({"operation": {"kind": "hatch", "options": {"spacng": 4.0}}}, "spacng"),
+        ({"operation": {"kind": "hatch", "options": {"spacing": "wide"}}}, "Expected `float`"),
+        ({"operation": {"kind": "hatch", "options": {"spacing": 0.0}}}, "nothing to hatch"),
+        ({"operation": {"kind": "hutch"}}, "kind must be one of"),
+    ],
+)
+def test_what_does_not_fit_is_an_error(site: Path, tables: dict[str, object], said: str) -> None:
+    part = ROOT / "fixtures" / "parts" / "bracket.dxf"
+    done = run(site, "-c", CODE, str(part), json.dumps(tables))
+    assert done.returncode == 1
+    assert said in done.stderr.splitlines()[-1]
+
+
+def test_a_solid_is_refused_before_the_operation_sees_it(site: Path) -> None:
+    job = {"operation": {"kind": "hatch"}}
+    done = run(site, "-c", CODE, str(ROOT / "fixtures" / "parts" / "rfa1.stl"), json.dumps(job))
+    assert '"hatch" is for flat parts, this is a 3-D part' in done.stderr
+
+
+def test_the_job_of_the_page_builds_on_the_command_line(site: Path, tmp_path: Path) -> None:
+    (tmp_path / "job.toml").write_text(re.search(r"^```toml\n(.*?)^```$", PAGE, re.S | re.M)[1])  # type: ignore[index]
+    part = str(ROOT / "fixtures" / "parts" / "bracket.dxf")
+    done = run(
+        site, "-m", "camgen", "build", part, "--post", "gcode", "--job", "job.toml", "-o", "a.ngc", folder=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "a.ngc").exists()
