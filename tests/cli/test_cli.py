@@ -584,7 +584,6 @@ def test_numbers_for_people() -> None:
     ]  # fmt: skip
     assert [say.length(mm) for mm in (0.04, 9999.94, 12345.6)] == ["0.0 mm", "9999.9 mm", "12.35 m"]
     assert [say.size(n) for n in (1, 9999, 10_000, 12_345_678)] == ["1 byte", "9 999 bytes", "10 kB", "12.3 MB"]
-    assert [say.counted(n, "path") for n in (1, 0, 12345)] == ["1 path", "0 paths", "12 345 paths"]
     assert say.listed(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from camgen.model.text import fixed, harmless, short
+from camgen.model.text import counted, fixed, harmless, short
 
 NUMBERS = st.floats(-1e9, 1e9) | st.sampled_from([0.0, -0.0, -1e-12, 5e-324, -5e-324])
 
@@ -49,3 +49,9 @@ def test_harmless_text_has_nothing_that_any_dialect_acts_on(text, limit):
 
 def test_harmless_keeps_what_names_are_made_of():
     assert harmless("Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4") == "Layer_2 cut-out 3.5 +x a/b c:d #1 @2 *3 =4"
+
+
+def test_a_number_and_its_noun_agree() -> None:
+    assert [counted(n, "path") for n in (1, 0, 2, 12345)] == ["1 path", "0 paths", "2 paths", "12 345 paths"]
+    assert [counted(n, "stretch", "stretches") for n in (1, 2)] == ["1 stretch", "2 stretches"]
+    assert [counted(n, "edge is", "edges are") for n in (1, 2)] == ["1 edge is", "2 edges are"]
