@@ -89,7 +89,7 @@ def photo(folder: Path) -> tuple[Path, Path]:
     from bench.render.photos import photos, write  # noqa: PLC0415 (only this walk needs the renderer)
 
     shot = next(iter(photos(1, 1)))
-    write(shot, folder)
+    write(folder, shot)
     picture = next(folder.glob("*.png"))
     return picture, picture.with_suffix(".toml")
 
