@@ -43,7 +43,8 @@ COPIES = {
 #: Why a command that is whole cannot be run here.
 NOT_RUN = {
     "tcp://host:8786": "needs a cluster, see tests/batch/test_batch_dask.py",
-    "--post wend": "needs the example package installed, see tests/post/test_kit.py",
+    "--post krl": "needs the example post installed, see tests/docs/test_writing_a_post.py",
+    "slot.csv": "needs the example reader installed, see tests/read/test_example_reader.py",
 }
 
 
