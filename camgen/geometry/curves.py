@@ -24,6 +24,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import begins, ramp
+from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
@@ -49,16 +50,11 @@ def biarc(start: FloatArray, end: FloatArray, t0: FloatArray, t1: FloatArray) ->
         # The form without cancellation: bend -> 0 leaves vv / (2 vt), the parallel case.
         d = vv / (vt + root)
         joint = (start + end + d[:, None] * (t0 - t1)) / 2
-        half0, half1 = _turn(t0, joint - start), _turn(end - joint, t1)
+        half0, half1 = turns(t0, joint - start), turns(end - joint, t1)
         wrong = (np.abs(half0) > math.pi / 2) | (np.abs(half1) > math.pi / 2) | ~np.isfinite(d)
         b0, b1 = np.tan(half0 / 2), np.tan(half1 / 2)
     b0[wrong] = b1[wrong] = np.nan
     return joint, b0, b1
-
-
-def _turn(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Angle (K,) from a to b."""
-    return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("kd,kd->k", a, b)))
 
 
 def to_arc(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, bulge: FloatArray) -> FloatArray:

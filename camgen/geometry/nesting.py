@@ -9,6 +9,7 @@ from msgspec import Struct
 from camgen.geometry.intersect import boxed
 from camgen.geometry.ragged import following
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, neighbours, points_at, tangents_at
+from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
 # Loops that can be taken as they are: convex, and nothing else within their box. Most holes of a plate are.
@@ -44,11 +45,7 @@ def _convex(segments: Segments, count: int) -> BoolArray:
     size = len(segments)
     following = neighbours(segments, np.ones(count, dtype=np.bool_))
     leaves, arrives = tangents_at(segments, np.zeros(size)), tangents_at(segments, np.ones(size))
-    after = leaves[following]
-    corner = np.arctan2(
-        arrives[:, 0] * after[:, 1] - arrives[:, 1] * after[:, 0],
-        arrives[:, 0] * after[:, 0] + arrives[:, 1] * after[:, 1],
-    )
+    corner = turns(arrives, leaves[following])
     turn = np.bincount(segments.owner, segments.sweep + corner, count)
     sense = np.sign(turn)[segments.owner]
     wrong = (segments.sweep * sense < 0) | (corner * sense < -_STRAIGHT) | (np.abs(corner) > _BACK)

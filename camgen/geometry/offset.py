@@ -15,6 +15,7 @@ from msgspec import Struct
 from camgen.geometry.intersect import Obstacles, cuts, near_pairs
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, points_at, split, tangents_at
 from camgen.geometry.stitch import stitch
+from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
 #: A kept piece must have room beyond its middle: a hundredth of its length, within these bounds (mm). A slot exactly as
@@ -79,7 +80,7 @@ def _candidates(
     before = np.flatnonzero(following >= 0)
     after = following[before]
     first, second = tangents_at(source, one)[before], tangents_at(source, zero)[after]
-    turn = np.arctan2(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], (first * second).sum(axis=1))
+    turn = turns(first, second)
     turn = np.where(turn <= -np.pi + 1e-9, np.pi, turn)
     radius = source.radius + np.sign(source.bulge) * distance
     plain = _plain_corners(turn, radius[before], radius[after], distance, mitre)

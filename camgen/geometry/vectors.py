@@ -1,4 +1,4 @@
-"""Vectors in the plane and in space, a row each."""
+"""Vectors in the plane and in space, a row each (N, D)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from camgen.model.pose import FloatArray
 
 
 def dots(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(N,) scalar products of vectors (N, D)."""
-    return np.asarray(np.einsum("nd,nd->n", a, b))
+    """(...,) scalar products of vectors (..., D)."""
+    return np.asarray(np.einsum("...d,...d->...", a, b))
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -20,9 +20,9 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def unit(vectors: FloatArray) -> FloatArray:
-    """``vectors`` (N, D) at length 1; zero stays zero."""
+    """``vectors`` (..., D) at length 1; zero stays zero."""
     length = np.sqrt(dots(vectors, vectors))
-    return np.asarray(vectors / np.where(length > 0, length, 1.0)[:, None])
+    return np.asarray(vectors / np.where(length > 0, length, 1.0)[..., None])
 
 
 def angles(a: FloatArray, b: FloatArray) -> FloatArray:

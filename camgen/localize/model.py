@@ -8,6 +8,7 @@ from msgspec import Struct
 
 from camgen.collision.tree import Tree, asked, grown
 from camgen.geometry.ragged import begins, owners, stretches
+from camgen.geometry.vectors import dots, unit
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 
@@ -53,7 +54,7 @@ def modelled(vertices: FloatArray, faces: IntArray, count: int = 20_000) -> Mode
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     tree = grown(corners[(cross != 0).any(axis=1)])
     cross = np.cross(tree.corners[:, 1] - tree.corners[:, 0], tree.corners[:, 2] - tree.corners[:, 0])
-    normals = cross / np.linalg.norm(cross, axis=1, keepdims=True)
+    normals = unit(cross)
     samples, of = spread(tree.corners, count)
     ends = tree.corners.reshape(-1, 3)
     return Model(tree, normals, samples, normals[of], ends.min(axis=0), ends.max(axis=0))
@@ -180,7 +181,7 @@ def _pruned(
         return Pairs(place, triangle)
     radius = cell * np.sqrt(0.75)
     off = places[place] - closest(model.tree.corners[triangle], places[place])
-    away = np.sqrt(_dot(off, off))
+    away = np.sqrt(dots(off, off))
     begins = np.flatnonzero(np.diff(place, prepend=-1))
     least = np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(place)))
     kept = (away <= least + limits[1] + 2 * radius) & (least <= limits[0] + radius)
@@ -204,9 +205,9 @@ def closest(corners: FloatArray, points: FloatArray) -> FloatArray:
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, ac, ap = b - a, c - a, points - a
-    d1, d2 = _dot(ab, ap), _dot(ac, ap)
-    d3, d4 = d1 - _dot(ab, ab), d2 - _dot(ab, ac)
-    d5, d6 = d1 - _dot(ac, ab), d2 - _dot(ac, ac)
+    d1, d2 = dots(ab, ap), dots(ac, ap)
+    d3, d4 = d1 - dots(ab, ab), d2 - dots(ab, ac)
+    d5, d6 = d1 - dots(ac, ab), d2 - dots(ac, ac)
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     whole = va + vb + vc
     whole[whole == 0] = 1.0
@@ -224,10 +225,6 @@ def closest(corners: FloatArray, points: FloatArray) -> FloatArray:
     corner = (d1 <= 0) & (d2 <= 0)
     v, w = np.where(corner, 0.0, v), np.where(corner, 0.0, w)
     return np.asarray(a + ab * v[:, None] + ac * w[:, None])
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
 def _part(a: FloatArray, b: FloatArray) -> FloatArray:

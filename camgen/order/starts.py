@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from camgen.geometry.arcs import Spans, spans
 from camgen.geometry.ragged import begins, offsets, owners, ramp
 from camgen.geometry.rotations import turn_vectors
-from camgen.geometry.vectors import cross
+from camgen.geometry.vectors import angles, cross
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 
@@ -130,7 +130,7 @@ def _split(
 
 def _between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     """Unit vectors (K, 3) that turn evenly from ``a`` to ``b``; where both are equal or zero, ``a`` itself."""
-    angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
+    angle = angles(a, b)
     result = a.copy()
     turns = angle > 1e-12
     angle, part = angle[turns, None], fraction[turns, None]

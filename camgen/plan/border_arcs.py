@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from camgen.geometry.curves import to_arc
 from camgen.geometry.ragged import begins, owners, stretches
 from camgen.geometry.thinning import IntArray, to_lines
+from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
 # Circles in borders: the one through many points, and whether a whole border is one.
@@ -79,8 +80,7 @@ def _cut_off(points: FloatArray, radius: float) -> float:
 
 def turned(local: FloatArray) -> float:
     """The angle by which ``local`` (N, 2) goes round the origin, rad."""
-    u, v = local[:-1], local[1:]
-    return float(np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], np.einsum("nd,nd->n", u, v)).sum())
+    return float(turns(local[:-1], local[1:]).sum())
 
 
 BoolArray = NDArray[np.bool_]
@@ -171,8 +171,8 @@ def _runs(points: FloatArray, kept: IntArray, tolerance: float) -> tuple[IntArra
 
 def _before_corners(corners: FloatArray) -> list[int]:
     """For each corner but the last the next one, from the second after it on, at which the way turns sharply."""
-    u, v = np.diff(corners, axis=0)[:-1], np.diff(corners, axis=0)[1:]
-    turn = np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], np.einsum("nd,nd->n", u, v))
+    step = np.diff(corners, axis=0)
+    turn = turns(step[:-1], step[1:])
     sharp = np.append(np.flatnonzero(np.abs(turn) >= _CORNER) + 1, len(corners) - 1)
     following = np.searchsorted(sharp, np.arange(len(corners) - 1), side="right")
     return [int(k) for k in sharp[following]]
@@ -288,8 +288,7 @@ def _bulges(points: FloatArray, knots: IntArray, is_arc: BoolArray, placed: Floa
         low, high = int(knots[k]), int(knots[k + 1])
         quarter = (high - low) // 4
         inner = points[low + quarter : high + 1 - quarter]
-        a, b = inner - placed[k], placed[k + 1] - inner
-        half = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("nd,nd->n", a, b))
+        half = turns(inner - placed[k], placed[k + 1] - inner)
         bulges[k] = np.tan(half.mean() / 2)
     return bulges
 

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.segments import BoolArray, from_contours
+from camgen.geometry.vectors import turns
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
@@ -52,8 +53,7 @@ def _suspects(contours: Sequence[Contour]) -> list[int]:
 
 def _turns(start: FloatArray, end: FloatArray) -> FloatArray:
     """(N - 1,) signed turn from each segment to the next, rad; 0 for a corner and where it goes straight on."""
-    u, v = (end - start)[:-1], (end - start)[1:]
-    turn = np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1))
+    turn = turns((end - start)[:-1], (end - start)[1:])
     return np.where((np.abs(turn) > 1e-7) & (np.abs(turn) < _CORNER), turn, 0.0)
 
 

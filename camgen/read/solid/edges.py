@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Circle, fitted, span_lengths, through
-from camgen.geometry.vectors import cross
+from camgen.geometry.vectors import cross, unit
 from camgen.model.part import Edge, EdgeKind, IntArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.read.solid.sharp import CORNER, Chains, Segments
@@ -369,8 +369,3 @@ def _together(parts: list[Spans]) -> Spans:
     normals = [parts[0].normals[:1], *normals, parts[-1].normals[1:]]
     via, via_normals = (np.concatenate([getattr(p, name) for p in parts]) for name in ("via", "via_normals"))
     return Spans(points, via, np.concatenate(normals), via_normals)
-
-
-def unit(vectors: FloatArray) -> FloatArray:
-    """``vectors`` (..., 3) at length 1."""
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

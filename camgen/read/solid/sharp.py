@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.vectors import angles, cross, dots
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.read.solid.topology import Pairs, ends
@@ -101,13 +102,11 @@ def segments(
     half, other = pairs.first[~pairs.turned], pairs.second[~pairs.turned]
     left, right = normals[half // 3], normals[other // 3]
     directed = left.any(axis=1) & right.any(axis=1)
-    rows = np.flatnonzero((np.einsum("mi,mi->m", left, right) < np.cos(feature_angle)) & directed)
+    rows = np.flatnonzero((dots(left, right) < np.cos(feature_angle)) & directed)
     both = np.stack([normals[half[rows] // 3], normals[other[rows] // 3]], axis=1)
     start, end = ends(faces, half[rows])
-    cross = np.cross(both[:, 0], both[:, 1])
-    angle = np.arctan2(np.linalg.norm(cross, axis=1), np.einsum("mi,mi->m", both[:, 0], both[:, 1]))
-    convex = np.einsum("mi,mi->m", cross, vertices[end] - vertices[start]) > 0
-    return Segments(start, end, both, angle, convex)
+    convex = dots(cross(both[:, 0], both[:, 1]), vertices[end] - vertices[start]) > 0
+    return Segments(start, end, both, angles(both[:, 0], both[:, 1]), convex)
 
 
 # Sharp sides of triangles put end to end: as long as just two of one kind meet, and turn only a little.

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import Circle, fitted, span_lengths, spans_through, through
-from camgen.geometry.vectors import cross
+from camgen.geometry.vectors import angles, cross
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
 from camgen.model.part import FEATURE_ANGLE, Edge, EdgeKind, Note, Solid
@@ -234,8 +234,7 @@ def _arc_middles(places: FloatArray, middles: FloatArray) -> FloatArray:
 
 def _mean_angle(normals: FloatArray) -> float:
     """The angle between the two normals (N, 2, 3), rad, on the average."""
-    a, b = normals[:, 0], normals[:, 1]
-    return float(np.arctan2(np.linalg.norm(cross(a, b), axis=1), np.einsum("ni,ni->n", a, b)).mean())
+    return float(angles(normals[:, 0], normals[:, 1]).mean())
 
 
 SUFFIXES = (".step", ".stp")

@@ -1,0 +1,160 @@
+"""Arcs in space, judged by arcs whose centre, axis, radius and sweep are known beforehand."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.geometry.arcs import (
+    arc_lengths,
+    arc_middles,
+    bent,
+    bulge_middles,
+    bulges,
+    circle,
+    fitted,
+    is_arc,
+    level_arms,
+    span_lengths,
+    spans,
+    spans_through,
+    sweep_and_height,
+    through,
+    turn_about,
+)
+from camgen.model.pose import rotation_about_axis, rotation_from_fixed_xyz
+
+ANGLES = st.floats(-3.1, 3.1)
+HALF_CIRCLES = st.floats(0.01, math.pi)
+FRACTIONS = st.floats(0.0, 1.0)
+
+
+class Known:
+    """An arc about ``centre``: ``point`` and ``tangent`` by sine and cosine in its plane, turned into space."""
+
+    def __init__(self, angles: tuple[float, float, float], radius: float, sweep: float) -> None:
+        self.plane, self.radius, self.sweep = np.array(rotation_from_fixed_xyz(*angles)), radius, sweep
+        self.centre = np.array([12.0, -7.0, 3.0])
+
+    def point(self, fraction: float) -> np.ndarray:
+        a = self.sweep * fraction
+        return self.centre + self.plane @ (self.radius * np.array([math.cos(a), math.sin(a), 0.0]))
+
+    def tangent(self, fraction: float) -> np.ndarray:
+        a = self.sweep * fraction
+        return self.plane @ np.array([-math.sin(a), math.cos(a), 0.0])
+
+    def points(self, *fractions: float) -> tuple[np.ndarray, ...]:
+        return tuple(self.point(f)[None] for f in fractions)
+
+
+known = st.builds(Known, st.tuples(ANGLES, ANGLES, ANGLES), st.floats(0.1, 500.0), HALF_CIRCLES)
+#: Up to nearly a whole circle.
+wide = st.builds(Known, st.tuples(ANGLES, ANGLES, ANGLES), st.floats(0.1, 500.0), st.floats(0.05, 6.2))
+
+
+def slack(arc: Known) -> float:
+    """What rounding of the points leaves: what they say of the centre gets worse with the square of the sweep."""
+    return 1e-13 * (arc.radius + 20.0) / min(arc.sweep, 1.0) ** 2 + 1e-12
+
+
+@given(known, FRACTIONS)
+def test_a_span_knows_length_radius_points_and_tangents(arc: Known, fraction: float) -> None:
+    found = spans(*arc.points(0.0, 0.5, 1.0))
+    assert found.length[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-9)
+    assert found.sweep[0] == pytest.approx(arc.sweep, abs=1e-9)
+    assert found.radius[0] == pytest.approx(arc.radius, abs=100 * slack(arc))
+    assert np.allclose(found.point(np.array([fraction]))[0], arc.point(fraction), rtol=0, atol=slack(arc))
+    leaves, arrives = found.tangents()
+    assert np.allclose(leaves[0], arc.tangent(0.0), rtol=0, atol=1e-10 / arc.sweep)
+    assert np.allclose(arrives[0], arc.tangent(1.0), rtol=0, atol=1e-10 / arc.sweep)
+
+
+@given(known, st.tuples(ANGLES, ANGLES, ANGLES))
+def test_a_vector_turns_with_the_arc_to_its_middle(arc: Known, vector: tuple[float, float, float]) -> None:
+    turn = rotation_about_axis(arc.plane[:, 2], arc.sweep / 2)
+    found = spans(*arc.points(0.0, 0.5, 1.0)).to_middle(np.array([vector]))
+    assert np.allclose(found[0], turn @ np.array(vector), rtol=0, atol=1e-9 / arc.sweep)
+
+
+@given(wide, st.floats(0.1, 0.9))
+def test_via_may_lie_anywhere_on_the_arc(arc: Known, at: float) -> None:
+    points = arc.points(0.0, at, 1.0)
+    near = 1e3 * slack(arc) + 1e-9 * arc.radius / (2 * math.pi - arc.sweep)
+    assert np.allclose(arc_middles(*points)[0], arc.point(0.5), rtol=0, atol=near)
+    assert arc_lengths(*points)[0] == pytest.approx(arc.radius * arc.sweep, rel=1e-7)
+    found = spans_through(*points)
+    assert np.allclose(found.point(np.array([0.25]))[0], arc.point(0.25), rtol=0, atol=near)
+    assert np.allclose(found.tangents()[0][0], arc.tangent(0.0), rtol=0, atol=1e-6)
+
+
+@given(wide, st.floats(0.1, 0.9))
+def test_one_arc_alone_is_the_same_arc(arc: Known, at: float) -> None:
+    start, via, end = (tuple(arc.point(f).tolist()) for f in (0.0, at, 1.0))
+    centre, radius, axis, sweep = circle(start, via, end)
+    near = 1e3 * slack(arc) + 1e-9 * arc.radius / (2 * math.pi - arc.sweep) ** 2
+    assert np.allclose(centre, arc.centre, rtol=0, atol=near)
+    assert radius == pytest.approx(arc.radius, abs=near)
+    assert np.allclose(axis, arc.plane[:, 2], rtol=0, atol=1e-6)
+    assert sweep == pytest.approx(arc.sweep, abs=1e-6)
+    assert is_arc(start, via, end)
+    assert sweep_and_height(start, via, end)[0] == pytest.approx(arc.sweep, abs=1e-6)
+    arm = tuple((arc.point(0.0) - arc.centre).tolist())
+    assert np.allclose(turn_about(arm, axis, sweep), arc.point(1.0) - arc.centre, rtol=0, atol=near)
+    found = through(*(arc.point(f) for f in (0.0, at, 1.0)))
+    assert found is not None
+    assert np.allclose(found.center, arc.centre, rtol=0, atol=near)
+
+
+@given(st.floats(-1.0, 1.0).filter(lambda b: abs(b) > 1e-3), st.floats(0.1, 100.0), ANGLES)
+def test_a_bulge_is_the_tangent_of_a_quarter_of_the_sweep(bulge: float, chord: float, angle: float) -> None:
+    start, end = np.zeros((1, 3)), chord * np.array([[math.cos(angle), math.sin(angle), 0.0]])
+    middle = bulge_middles(start, np.array([bulge]), end)
+    assert bulges(start, middle, end)[0] == pytest.approx(bulge)
+    assert span_lengths(np.vstack([start, end]), middle)[0] == pytest.approx(
+        4 * math.atan(abs(bulge)) * chord * (1 + bulge * bulge) / (4 * abs(bulge))
+    )
+    # Counter-clockwise is positive: the centre is on the left of the travel.
+    arm, sweep, left = level_arms(start, middle, end)
+    assert left[0] == (bulge > 0)
+    assert sweep[0] == pytest.approx(4 * math.atan(abs(bulge)))
+    ahead = end[0, :2] / chord
+    assert (ahead[0] * arm[0, 1] - ahead[1] * arm[0, 0]) * bulge >= -1e-9
+
+
+def test_a_line_is_a_span_without_via() -> None:
+    start, end = np.array([[0.0, 0, 0], [1, 1, 1]]), np.array([[3.0, 4, 0], [1, 1, 1]])
+    found = spans(start, np.full((2, 3), np.nan), end)
+    assert found.length.tolist() == [5.0, 0.0]
+    assert found.sweep.tolist() == [0.0, 0.0]
+    assert found.point(np.array([0.2, 0.5])).tolist() == [[3 * 0.2, 4 * 0.2, 0.0], [1.0, 1.0, 1.0]]
+    assert found.tangents()[0].tolist() == [[0.6, 0.8, 0.0], [0.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize("height", [0.0, 1e-12, 1e-9, 1e-6])
+def test_a_flat_arc_is_as_long_as_its_chord(height: float) -> None:
+    start, via, end = np.zeros((1, 3)), np.array([[50.0, height, 0.0]]), np.array([[100.0, 0.0, 0.0]])
+    assert bent(start, via, end)[0] == (height > 1e-7)
+    assert spans(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
+    assert spans_through(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
+    assert arc_lengths(start, via, end)[0] == pytest.approx(100.0, rel=1e-12)
+    assert np.allclose(spans(start, via, end).point(np.array([0.25])), [[25.0, 0.75 * height, 0.0]], rtol=0, atol=1e-9)
+
+
+def test_three_points_on_one_line_in_another_order_are_no_arc() -> None:
+    start, via, end = np.zeros((1, 3)), np.array([[30.0, 0.0, 0.0]]), np.array([[10.0, 0.0, 0.0]])
+    assert arc_lengths(start, via, end)[0] == pytest.approx(50.0)  # there and back
+    assert not spans_through(start, via, end).curved[0]
+    assert not is_arc((0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (10.0, 0.0, 0.0))
+
+
+@given(wide, st.integers(4, 30))
+def test_a_circle_is_fitted_to_its_points(arc: Known, count: int) -> None:
+    found = fitted(np.array([arc.point(k / (count - 1)) for k in range(count)]))
+    assert found is not None
+    near = 1e4 * slack(arc)
+    assert np.allclose(found.center, arc.centre, rtol=0, atol=near)
+    assert found.radius == pytest.approx(arc.radius, abs=near)
+    assert np.allclose(found.axis, arc.plane[:, 2], rtol=0, atol=1e-5)

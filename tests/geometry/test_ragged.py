@@ -1,0 +1,32 @@
+"""Ragged arrays, judged by lists of lists."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.geometry.ragged import begins, following, offsets, owners, ramp, run_lengths, stretches
+
+COUNTS = st.lists(st.integers(0, 4), max_size=8)
+
+
+@given(COUNTS)
+def test_rows_of_groups(counts: list[int]) -> None:
+    groups = [list(range(sum(counts[:k]), sum(counts[: k + 1]))) for k in range(len(counts))]
+    assert begins(counts).tolist() == [sum(counts[:k]) for k in range(len(counts))]
+    assert offsets(counts).tolist() == [sum(counts[:k]) for k in range(len(counts) + 1)]
+    assert owners(counts).tolist() == [k for k, group in enumerate(groups) for _ in group]
+    assert ramp(counts).tolist() == [place for group in groups for place in range(len(group))]
+    assert following(counts).tolist() == [row for group in groups for row in group[1:] + group[:1]]
+
+
+@given(st.lists(st.tuples(st.integers(0, 50), st.integers(0, 4)), max_size=8))
+def test_stretches_of_another_table(pairs: list[tuple[int, int]]) -> None:
+    first, counts = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    assert stretches(first, counts).tolist() == [low + k for low, count in pairs for k in range(count)]
+
+
+@given(st.lists(st.integers(1, 4), max_size=8))
+def test_runs_of_equal_neighbours(counts: list[int]) -> None:
+    # Neighbours differ, but a number may come again.
+    owner = np.repeat(np.arange(len(counts)) % 2, counts)
+    assert run_lengths(owner).tolist() == counts
