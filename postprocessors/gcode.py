@@ -32,6 +32,7 @@ from camgen.model.program import (
     spliced,
 )
 from camgen.model.text import short
+from camgen.model.tolerance import PECK_CLEARANCE_MM, SAME_POINT_MM
 from camgen.post import Tolerance, pose_of
 from camgen.post.passes import without_force
 
@@ -39,12 +40,8 @@ from .rs274 import COOLANT, Rs274, check_signals
 
 # Holes as drilling cycles: which motions of a program are one, and its line (LinuxCNC manual, canned cycles).
 
-#: Nearer than this two heights are one, mm.
-_SAME = 1e-6
-#: Where LinuxCNC begins a peck again above the one before, mm (0.01 inch).
-_AGAIN = 0.254
 #: Digits of R and Q: LinuxCNC subtracts Q once for every peck, so that its rounding adds up.
-_DIGITS, _LEAST = 6, 1e-6
+_PECK_DIGITS, _LEAST_PECK_MM = 6, 1e-6
 
 
 class Stroke(Struct, frozen=True):
@@ -81,7 +78,7 @@ def holes(columns: Columns, decimals: int) -> list[Hole]:
     ends, kinds = columns.ends, columns.moves_are(MoveJ)
     if len(ends) < 3:
         return []
-    down = (np.diff(ends, axis=0)[:, 2] < -_SAME) & (np.diff(ends[:, :2], axis=0) == 0).all(axis=1)
+    down = (np.diff(ends, axis=0)[:, 2] < -SAME_POINT_MM) & (np.diff(ends[:, :2], axis=0) == 0).all(axis=1)
     found: list[Hole] = []
     for k in np.flatnonzero(kinds[:-1] & columns.posed[:-1] & down).tolist():
         if found and int(columns.at[k]) < found[-1].last:
@@ -115,7 +112,7 @@ def _hole(columns: Columns, k: int, decimals: int) -> Hole | None:
 
 def _leads(before: Pose | None, above: Pose, decimals: int) -> bool:
     """Whether a way at the height of travel leads to a hole, which X and Y of its line say."""
-    if before is None or abs(before.origin[2] - above.origin[2]) > _SAME:
+    if before is None or abs(before.origin[2] - above.origin[2]) > SAME_POINT_MM:
         return False
     (x, y, _), (u, v, _) = before.origin, above.origin
     return short(x, decimals) != short(u, decimals) or short(y, decimals) != short(v, decimals)
@@ -129,11 +126,11 @@ def _back(columns: Columns, k: int) -> int | None:
         if columns.at[j] != columns.at[j - 1] + 1 or not isinstance(item.target, Pose):
             return None
         u, v, z = item.target.origin
-        if (u, v) != (x, y) or not isinstance(item, MoveJ | MoveL) or z > top + _SAME:
+        if (u, v) != (x, y) or not isinstance(item, MoveJ | MoveL) or z > top + SAME_POINT_MM:
             return None
         if isinstance(item, MoveL) and item.force:
             return None
-        if abs(z - top) <= _SAME:
+        if abs(z - top) <= SAME_POINT_MM:
             return None if _goes_on(columns, j) else j
     return None
 
@@ -171,33 +168,33 @@ def _words(top: float, strokes: Sequence[Stroke], decimals: int) -> str:
     retract, rest = (top, strokes) if strokes[0].feed else (strokes[0].z, strokes[1:])
     cuts = [stroke for stroke in rest if stroke.feed]
     levels = [retract, *(cut.z for cut in cuts)]
-    if not cuts or len({cut.feed for cut in cuts}) > 1 or any(b >= a - _SAME for a, b in pairwise(levels)):
+    if not cuts or len({cut.feed for cut in cuts}) > 1 or any(b >= a - SAME_POINT_MM for a, b in pairwise(levels)):
         return ""
     wanted = [Stroke(cuts[0].z, cuts[0].feed)]
     for before, cut in pairwise(cuts):
-        wanted += [Stroke(retract, 0.0), Stroke(before.z + _AGAIN, 0.0), cut]
+        wanted += [Stroke(retract, 0.0), Stroke(before.z + PECK_CLEARANCE_MM, 0.0), cut]
     wanted.append(Stroke(top, 0.0))
     if len(rest) != len(wanted):
         return ""
-    if any(a.feed != b.feed or abs(a.z - b.z) > _SAME for a, b in zip(rest, wanted, strict=True)):
+    if any(a.feed != b.feed or abs(a.z - b.z) > SAME_POINT_MM for a, b in zip(rest, wanted, strict=True)):
         return ""
-    words = f"Z{short(levels[-1], decimals)} R{short(retract, _DIGITS)}"
+    words = f"Z{short(levels[-1], decimals)} R{short(retract, _PECK_DIGITS)}"
     if len(cuts) == 1:
         return f"G81 {words}"
     peck = _peck(levels)
-    return f"G83 {words} Q{short(peck, _DIGITS)}" if peck else ""
+    return f"G83 {words} Q{short(peck, _PECK_DIGITS)}" if peck else ""
 
 
 def _peck(levels: Sequence[float]) -> float:
     """The Q of the pecks from ``levels[0]`` through the others; 0 where they are not of one depth."""
     step, count = levels[0] - levels[1], len(levels) - 1
-    if any(abs(levels[0] - k * step - levels[k]) > _SAME for k in range(1, count)):
+    if any(abs(levels[0] - k * step - levels[k]) > SAME_POINT_MM for k in range(1, count)):
         return 0.0
     left = levels[0] - (count - 1) * step - levels[-1]
-    if left > step + _SAME:
+    if left > step + SAME_POINT_MM:
         return 0.0
     # A Q that divides the depth might leave a last peck of nothing, by rounding.
-    return step + _LEAST if left > step - 1e-4 else step
+    return step + _LEAST_PECK_MM if left > step - 1e-4 else step
 
 
 def rows(body: Sequence[Instruction], found: Sequence[Hole]) -> Iterator[tuple[Hole, bool, bool]]:

@@ -108,7 +108,7 @@ def printed_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: 
 
 #: Bounds of what is printed. Coordinates in mm and feeds in mm/min beyond them are no machine's; they also keep a line
 #: within GRBL's 79 characters. Seconds and rpm share the upper one.
-_FAR, _SLOWEST, _FASTEST = 99_999.0, 0.01, 999_999.0
+_MOST_PRINTED, _SLOWEST, _FASTEST = 99_999.0, 0.01, 999_999.0
 #: First words that make a comment an order to LinuxCNC.
 _ACTIVE = re.compile(r"\s*(msg|debug|print|log|probe|axis|preview|py|abort|stop)", re.IGNORECASE)
 #: The two coolants; M9 switches both off.
@@ -236,7 +236,7 @@ class Rs274(Post):
     def accepts(self, columns: Columns) -> Mask:
         """Motions that stay in bounds, tool down."""
         fine = columns.turned_as(TOOL_DOWN)
-        fine[fine] = (np.abs(columns.ends[fine]) <= _FAR).all(axis=1)
+        fine[fine] = (np.abs(columns.ends[fine]) <= _MOST_PRINTED).all(axis=1)
         feed = columns.speed * 60.0
         fine &= columns.moves_are(MoveJ) | ((feed >= _SLOWEST) & (feed <= _FASTEST))
         arcs = np.flatnonzero(columns.moves_are(MoveC))
@@ -267,7 +267,7 @@ class Rs274(Post):
                 return self._refuses_motion(item, start)
             case Output():
                 return self.refuses_signal(item)
-            case Wait() if item.seconds > _FAR:
+            case Wait() if item.seconds > _MOST_PRINTED:
                 return f"a wait of {item.seconds:g} s cannot be meant"
             case Force():
                 return self.refuses_force(item)
@@ -280,8 +280,8 @@ class Rs274(Post):
         if tilted(target.rotation) or (isinstance(item, MoveC) and tilted(item.via.rotation)):
             return "the tool is not straight down, and the machine has three axes; use a robot's post or no axis tilt"
         x, y, z = target.origin
-        if not (-_FAR <= x <= _FAR and -_FAR <= y <= _FAR and -_FAR <= z <= _FAR):
-            return f"a coordinate is beyond {_FAR:g} mm"
+        if not all(abs(v) <= _MOST_PRINTED for v in (x, y, z)):
+            return f"a coordinate is beyond {_MOST_PRINTED:g} mm"
         if isinstance(item, MoveJ):
             return ""
         if not _SLOWEST <= item.speed * 60.0 <= _FASTEST:

@@ -31,7 +31,7 @@ from camgen.robots.posture import postures
 # The motions of a program as rows of poses, and joint motions between rows as rows of joints: what is to be looked at.
 
 #: Rows along a motion are at most so far apart: mm of the TCP or of the flange; rad of the tool; of an arc; of a joint.
-STEP, _TURN, _SWEEP, _JOINT = 10.0, math.radians(10.0), math.radians(40.0), math.radians(2.0)
+STEP, _STEP_TURN, _STEP_SWEEP, _STEP_JOINT = 10.0, math.radians(10.0), math.radians(40.0), math.radians(2.0)
 
 
 class Rows(Struct, frozen=True, eq=False):
@@ -51,7 +51,9 @@ def sampled(program: Program, way: Way) -> Rows:
     free = program.columns.moves_are(MoveJ)
     way, own = _through_middles(way, program)
     parts = np.where(
-        free[own[1:]], 1, np.maximum(counts(way, STEP, _TURN), np.ceil(way.spans.sweep / _SWEEP).astype(np.int64))
+        free[own[1:]],
+        1,
+        np.maximum(counts(way, STEP, _STEP_TURN), np.ceil(way.spans.sweep / _STEP_SWEEP).astype(np.int64)),
     )
     motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])
     at = np.flatnonzero(np.append(motion[1:] != motion[:-1], True))
@@ -97,7 +99,7 @@ def interpolated(robot: Robot, joints: FloatArray, free: NDArray[np.bool_]) -> t
     """
     turning = np.array([not joint.sliding for joint in robot.joints])
     angle = (np.abs(np.diff(joints, axis=0)) * turning).max(axis=1, initial=0.0)
-    parts = np.where(free[1:], np.maximum(np.ceil(angle / _JOINT - 1e-9), 1), 1).astype(np.int64)
+    parts = np.where(free[1:], np.maximum(np.ceil(angle / _STEP_JOINT - 1e-9), 1), 1).astype(np.int64)
     if not free[1:].any():
         return joints, rows(parts)
     dense = _between(joints, parts)

@@ -18,6 +18,7 @@ from camgen.geometry.vectors import unit
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, taken
+from camgen.model.tolerance import SAME_POINT_MM
 
 if TYPE_CHECKING:
     from camgen.check.reach import Reach
@@ -189,9 +190,6 @@ def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray
 
 # The seconds of every motion: lines and arcs by acceleration and look-ahead, joint motions by the slowest joint.
 
-#: A motion shorter than this only turns the tool, mm.
-_STILL = 1e-6
-
 
 class _Arm(Struct, frozen=True, eq=False):
     """R rows on the way of the robot, but for the first. motion: (R,) that each belongs to. step: (R, J) what the
@@ -224,7 +222,7 @@ def timed(program: Program, pace: Dynamics, found: Reach | None, arm: Robot | No
     shape = shaped(program, arm)
     rows = None if found is None or arm is None else _rows(program, found, arm)
     swing = columns.moves_are(MoveJ) & (rows is not None)
-    still = ~swing & (shape.length < _STILL)
+    still = ~swing & (shape.length < SAME_POINT_MM)
     seconds = np.zeros(len(swing))
     seconds[still] = from_rest(shape.turn[still], pace.turning, pace.turning / pace.ramp)
     if rows is not None:

@@ -7,9 +7,8 @@ from msgspec import Struct
 
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import PARALLEL_EDGES
 
-#: Added to cosines between edges: parallel edges have no cross product, and must not seem to part what meets.
-_PARALLEL = 1e-9
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
@@ -57,7 +56,7 @@ def meet(a: Boxes, b: Boxes) -> BoolArray:
     back = a.axes.transpose(0, 2, 1)
     turn = back @ b.axes
     away = (back @ (b.centres - a.centres)[..., None])[..., 0]
-    steep = np.abs(turn) + _PARALLEL
+    steep = np.abs(turn) + PARALLEL_EDGES
     good = every(np.abs(away) <= a.half + (steep @ b.half[..., None])[..., 0])
     across = np.abs((away[:, None] @ turn)[:, 0])
     good &= every(across <= b.half + (a.half[:, None] @ steep)[:, 0])

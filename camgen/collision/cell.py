@@ -20,7 +20,7 @@ from camgen.model.text import counted
 from camgen.robots.models import Box, Link, Robot
 
 #: mm between the lowest point of a part and a table that is assumed, its size beyond the part, and how thick it is.
-_GAP, _BEYOND, _THICK = 0.5, 200.0, 20.0
+_TABLE_GAP_MM, _BEYOND, _THICK = 0.5, 200.0, 20.0
 #: mm beside what its geometry asks for that a tool may enter the part: rounding, and a tip that is not a box.
 _TOUCH = 0.1
 
@@ -110,7 +110,7 @@ def _fixtures(
     if job.cell.fixtures is not None or solid is None:
         return given, ()
     low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
-    top = float(low[2]) - _GAP
+    top = float(low[2]) - _TABLE_GAP_MM
     table = np.array([*(low[:2] - _BEYOND), top - _THICK]), np.array([*(high[:2] + _BEYOND), top])
     note = Note("assumed", "the part stands on a table", "say what it stands on: cell.fixtures, [] for nothing")
     return [("table", table)], (note,)

@@ -120,7 +120,7 @@ def _against(target: Target, placed: Boxes, found: IntArray) -> None:
 # How far what may collide is apart.
 
 #: mm that distances must differ by to be told apart.
-_SAME = 1e-6
+_SAME_DISTANCE_MM = 1e-6
 
 
 def clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
@@ -187,7 +187,7 @@ def _measured(
     box grown by it. In any order but that along a motion, few rounds are needed.
     """
     left = np.random.default_rng(0).permutation(len(place_of))
-    while len(left := left[touches(left, np.maximum(found[place_of[left]] - _SAME, 0.0)[:, None])]):
+    while len(left := left[touches(left, np.maximum(found[place_of[left]] - _SAME_DISTANCE_MM, 0.0)[:, None])]):
         _, first = np.unique(place_of[left], return_index=True)
         for k in left[first].tolist():
             found[place_of[k]] = min(found[place_of[k]], measured(k))

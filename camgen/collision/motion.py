@@ -16,7 +16,7 @@ from camgen.model.pose import FloatArray
 #: The longest stretches are 2 ** _HALVINGS steps.
 _HALVINGS = 5
 #: rad that joints may turn together between two places where it is worked out how far all has moved.
-_TURN = 0.05
+_CLOSE_TURN = 0.05
 #: Of so many waypoints one is looked at first.
 _SPARSE = 8
 
@@ -67,9 +67,9 @@ def motions(scene: Scene, several: Sequence[FloatArray], step: float, near: floa
 
 class _Line(Struct, frozen=True, eq=False):
     """One motion. numbers: (K,) places along the waypoints, in rows, between which joints turn by no more than
-    ``_TURN``. ways: (K, B) mm that any point of each box has moved at most up to there. way: (K,) the same of the box
-    that moves most. turned: (K, J) what the joints of the serial chain have turned or slid up to there, to and fro.
-    closing: (J, P) mm per rad or mm of a joint by which two boxes of a pair come nearer at most.
+    ``_CLOSE_TURN``. ways: (K, B) mm that any point of each box has moved at most up to there. way: (K,) the same of
+    the box that moves most. turned: (K, J) what the joints of the serial chain have turned or slid up to there, to and
+    fro. closing: (J, P) mm per rad or mm of a joint by which two boxes of a pair come nearer at most.
     """
 
     waypoints: FloatArray
@@ -93,10 +93,10 @@ class _Line(Struct, frozen=True, eq=False):
 
 
 def _finer(angles: FloatArray) -> FloatArray:
-    """Places along the waypoints, in rows, between which joints turn by no more than ``_TURN``: ``moved`` is close
-    there.
+    """Places along the waypoints, in rows, between which joints turn by no more than ``_CLOSE_TURN``: ``moved`` is
+    close there.
     """
-    parts = np.maximum(np.ceil(angles / _TURN), 1).astype(np.int64)
+    parts = np.maximum(np.ceil(angles / _CLOSE_TURN), 1).astype(np.int64)
     row = owners(parts)
     return np.append(row + ramp(parts) / parts[row], float(len(parts)))
 

@@ -15,16 +15,15 @@ from camgen.geometry.vectors import cross, dots, unit
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Vec3
+from camgen.model.tolerance import NONZERO
 
 #: An arc whose height is below this part of its chord is straight; of three points in another order, the sine of the
 #: angle between them. Beyond it the centre is so far away that it has no digits left.
 FLAT = 1e-9
 #: The height, mm, that keeps the radius of a straight arc finite.
 _LEAST_HEIGHT_MM = 1e-9
-#: Keeps a division by a length of nothing finite.
-_TINY = 1e-300
 #: Three points are on one line when the squared sine of the angle between them is below this.
-_LINE = FLAT**2
+_LINE_SINE_SQUARED = FLAT**2
 
 
 # Many arcs, via half-way.
@@ -95,7 +94,7 @@ def spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
     curved = ~np.isnan(via[:, 0])
     chord = end - start
     length = np.linalg.norm(chord, axis=1)
-    along = chord / np.maximum(length, _TINY)[:, None]
+    along = chord / np.maximum(length, NONZERO)[:, None]
     towards = np.zeros_like(chord)
     radius, sweep = np.zeros_like(length), np.zeros_like(length)
     if curved.any():
@@ -234,7 +233,7 @@ def circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, float]
     (x0, y0, z0), (ux, uy, uz), (wx, wy, wz) = start, minus(via, start), minus(end, start)
     ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
     uu, ww, area2 = ux * ux + uy * uy + uz * uz, wx * wx + wy * wy + wz * wz, ax * ax + ay * ay + az * az
-    if area2 < _LINE * uu * ww or area2 == 0.0:
+    if area2 < _LINE_SINE_SQUARED * uu * ww or area2 == 0.0:
         raise ValueError("the three points of the arc are on one line")
     # From the centre to the start: -(ww axis x u + uu w x axis) / 2 area^2.
     f, g = ww / (2 * area2), uu / (2 * area2)
@@ -254,7 +253,7 @@ def _flat_circle(start: Vec3, via: Vec3, end: Vec3) -> tuple[Vec3, float, Vec3, 
     x0, y0, z0 = start
     ux, uy, wx, wy = via[0] - x0, via[1] - y0, end[0] - x0, end[1] - y0
     uu, ww, area = ux * ux + uy * uy, wx * wx + wy * wy, ux * wy - uy * wx
-    if area * area < _LINE * uu * ww or area == 0.0:
+    if area * area < _LINE_SINE_SQUARED * uu * ww or area == 0.0:
         raise ValueError("the three points of the arc are on one line")
     cx, cy = (uu * wy - ww * uy) / (2 * area), (ww * ux - uu * wx) / (2 * area)
     lx, ly = wx - cx, wy - cy
@@ -268,7 +267,7 @@ def is_arc(start: Vec3, via: Vec3, end: Vec3) -> bool:
     (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, start)
     ax, ay, az = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
     area2 = ax * ax + ay * ay + az * az
-    return area2 > 0.0 and area2 >= _LINE * (ux * ux + uy * uy + uz * uz) * (wx * wx + wy * wy + wz * wz)
+    return area2 > 0.0 and area2 >= _LINE_SINE_SQUARED * (ux * ux + uy * uy + uz * uz) * (wx * wx + wy * wy + wz * wz)
 
 
 def sweep_and_height(start: Vec3, via: Vec3, end: Vec3) -> tuple[float, float]:

@@ -85,16 +85,16 @@ _Done = tuple[IntArray, FloatArray, FloatArray]
 Outline = tuple[FloatArray, FloatArray]
 
 #: Samples per interval; the deviation of a biarc is smooth, so its maximum lies close to one of them.
-_SAMPLES = 12
-_EVENLY = np.linspace(0.0, 1.0, _SAMPLES + 1)
+_INTERVAL_SAMPLES = 12
+_EVENLY = np.linspace(0.0, 1.0, _INTERVAL_SAMPLES + 1)
 #: Part of the tolerance that the samples may use; the rest is for what lies between them.
-_SHARE = 0.9
+_SAMPLES_SHARE = 0.9
 #: Least deviation asked for, as a part of the size of the curve.
 _FINEST = 1e-11
 #: Control points beyond this are damage.
-_FARTHEST = 1e15
+_FARTHEST_CONTROL = 1e15
 #: Divisions at most: a cusp ends in an interval far below any tolerance.
-_DEPTH = 40
+_MOST_DIVISIONS = 40
 #: Parts at most of one division, since a large deviation says little.
 _MOST_PARTS = 6
 #: Segments fitted together: more would only leave the processor's cache.
@@ -173,7 +173,7 @@ def fit(curves: Sequence[FloatArray], chord: float) -> list[Outline]:
     """
     lost = (np.full((2, 2), np.inf), np.zeros(2))
     with np.errstate(all="ignore"):
-        sound = [bool((np.abs(c[..., :2] / c[..., 2:]) < _FARTHEST).all()) for c in curves]
+        sound = [bool((np.abs(c[..., :2] / c[..., 2:]) < _FARTHEST_CONTROL).all()) for c in curves]
     outlines: dict[int, Outline] = {}
     for size in {c.shape[1] for c, good in zip(curves, sound, strict=True) if good}:
         members = [i for i, c in enumerate(curves) if sound[i] and c.shape[1] == size]
@@ -262,7 +262,7 @@ def _fit_alike(curves: list[FloatArray], chord: float) -> list[Outline]:
     control[..., :2] -= origin[owner][:, None] * control[..., 2:]
     # No interval can be closer than rounding leaves it.
     reach = np.abs(control[..., :2] / control[..., 2:]).max(axis=(1, 2))
-    limit = _SHARE * np.maximum(chord, _FINEST * reach)
+    limit = _SAMPLES_SHARE * np.maximum(chord, _FINEST * reach)
     done: list[_Done] = []
     for begin in range(0, len(control), _BATCH):
         segment = np.arange(begin, min(begin + _BATCH, len(control)))
@@ -276,10 +276,10 @@ def _divide(todo: _Intervals, limit: FloatArray, done: list[_Done]) -> None:
 
     limit: deviation allowed for each segment.
     """
-    for depth in range(_DEPTH):
+    for depth in range(_MOST_DIVISIONS):
         allowed = limit[todo.segment]
         rows, deviation = _biarcs(todo, allowed)
-        bad = (deviation > allowed) & (depth < _DEPTH - 1)
+        bad = (deviation > allowed) & (depth < _MOST_DIVISIONS - 1)
         done.append((todo.segment[~bad], todo.low[~bad], rows[~bad]))
         if not bad.any():
             return

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from camgen.geometry.segments import BoolArray, IntArray, Segments, arc_fraction, bounds, passes, points_at
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
 
 # Boxes for a tree that finds what is near.
 
@@ -75,7 +76,7 @@ def _on(segments: Segments, fraction: FloatArray) -> BoolArray:
 def _fractions(segments: Segments, points: FloatArray) -> FloatArray:
     """(N,) where on each segment the foot of each point lies, 0 at the start and 1 at the end, beyond them outside."""
     chord = segments.end - segments.start
-    square = np.maximum((chord**2).sum(axis=1), 1e-300)
+    square = np.maximum((chord**2).sum(axis=1), NONZERO)
     fraction = ((points - segments.start) * chord).sum(axis=1) / square
     rows = np.flatnonzero(segments.is_arc)
     if len(rows):
@@ -151,7 +152,7 @@ def _from_lines(points: FloatArray, segments: Segments, rows: IntArray) -> Float
     start = segments.start[rows]
     chord = segments.end[rows] - start
     rel = points - start
-    square = np.maximum(chord[:, 0] ** 2 + chord[:, 1] ** 2, 1e-300)
+    square = np.maximum(chord[:, 0] ** 2 + chord[:, 1] ** 2, NONZERO)
     along = np.clip((rel[:, 0] * chord[:, 0] + rel[:, 1] * chord[:, 1]) / square, 0.0, 1.0)
     return np.hypot(rel[:, 0] - along * chord[:, 0], rel[:, 1] - along * chord[:, 1])
 
@@ -232,7 +233,7 @@ def _apart(line: Segments, other: Segments) -> FloatArray:
     for end in (other.start, other.end):
         np.minimum(gap, _from_lines(end, line, own), out=gap)
     chord = line.end - line.start
-    square = np.maximum((chord**2).sum(axis=1), 1e-300)
+    square = np.maximum((chord**2).sum(axis=1), NONZERO)
     foot = line.start + np.clip(((other.centre - line.start) * chord).sum(axis=1) / square, 0.0, 1.0)[:, None] * chord
     np.minimum(gap, np.where(other.is_arc, distances(foot, other, own), np.inf), out=gap)
     rows, _ = cuts(_both(line, other), own, own + len(line))

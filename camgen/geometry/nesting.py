@@ -15,7 +15,7 @@ from camgen.model.pose import FloatArray
 # Loops that can be taken as they are: convex, and nothing else within their box. Most holes of a plate are.
 
 #: Turning against the sense of the loop by up to this is rounding, rad; a sharper corner than the other is none.
-_STRAIGHT, _BACK = 1e-9, 3.0
+_STRAIGHT_TURN, _BACK_TURN = 1e-9, 3.0
 #: Boxes that are looked at together: bounds the memory of a query.
 _CHUNK = 500_000
 
@@ -48,7 +48,7 @@ def _convex(segments: Segments, count: int) -> BoolArray:
     corner = turns(arrives, leaves[following])
     turn = np.bincount(segments.owner, segments.sweep + corner, count)
     sense = np.sign(turn)[segments.owner]
-    wrong = (segments.sweep * sense < 0) | (corner * sense < -_STRAIGHT) | (np.abs(corner) > _BACK)
+    wrong = (segments.sweep * sense < 0) | (corner * sense < -_STRAIGHT_TURN) | (np.abs(corner) > _BACK_TURN)
     many = np.bincount(segments.owner, minlength=count) >= 2
     return np.asarray(
         many & (np.abs(np.abs(turn) - 2 * np.pi) < 1e-6) & (np.bincount(segments.owner, wrong, count) == 0)

@@ -13,9 +13,9 @@ from camgen.model.pose import FloatArray
 __all__ = ["paired"]
 
 #: Up to so many points the shortest pairing is found, beyond it a short one.
-_EXACT = 12
+_MOST_EXACT = 12
 #: Near points that are looked at.
-_NEAR = 8
+_NEAR_POINTS = 8
 
 
 def paired(points: FloatArray) -> IntArray:
@@ -23,7 +23,7 @@ def paired(points: FloatArray) -> IntArray:
 
     Beyond that the nearest two are taken first, then two pairs exchange their points as long as that is shorter.
     """
-    if len(points) <= _EXACT:
+    if len(points) <= _MOST_EXACT:
         return _exact(points)
     partner = _greedy(points)
     _exchanged(points, partner)
@@ -56,7 +56,7 @@ def _greedy(points: FloatArray) -> IntArray:
     left = np.arange(len(points))
     # Each round pairs at least the nearest two of all that are left, usually most of them.
     while len(left):
-        near = nearest_items(Discs(np.arange(len(left)), points[left], np.zeros(len(left))), len(left), _NEAR)
+        near = nearest_items(Discs(np.arange(len(left)), points[left], np.zeros(len(left))), len(left), _NEAR_POINTS)
         once = near.item < near.other
         a, b, apart = left[near.item[once]], left[near.other[once]], near.apart[once]
         order = np.lexsort((b, a, apart))
@@ -72,8 +72,8 @@ def _greedy(points: FloatArray) -> IntArray:
 def _exchanged(points: FloatArray, partner: IntArray) -> None:
     """Two pairs become two others while that is shorter, each point looked at again when its partner has changed."""
     count = len(points)
-    near = nearest_items(Discs(np.arange(count), points, np.zeros(count)), count, _NEAR)
-    table = near.table(count, _NEAR)[0].tolist()
+    near = nearest_items(Discs(np.arange(count), points, np.zeros(count)), count, _NEAR_POINTS)
+    table = near.table(count, _NEAR_POINTS)[0].tolist()
     xy, mate = points.tolist(), partner.tolist()
     waits = list(range(count))
     while waits:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from camgen.geometry.vectors import cross, dots, unit
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
+
+#: A turn up to this, rad, has one sense for sure, with room for rounding: half a turn has two. Larger ones are cut.
+SURE_TURN = math.radians(120.0)
 
 
 def angles_between(a: FloatArray, b: FloatArray) -> FloatArray:

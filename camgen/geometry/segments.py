@@ -16,7 +16,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 #: An arc whose middle is nearer than this (mm) to its chord is a line: its centre would be noise.
-_FLAT = 1e-7
+_LEAST_HEIGHT_MM = 1e-7
 
 
 class Segments(Struct, frozen=True, eq=False):
@@ -65,7 +65,7 @@ def make(start: FloatArray, end: FloatArray, bulge: FloatArray, owner: IntArray)
     """Segments from end points (N, 2), bulges (N,) and owners (N,); centres and radii follow."""
     chord = end - start
     length = np.hypot(chord[:, 0], chord[:, 1])
-    flat = np.abs(bulge) * length / 2 <= _FLAT
+    flat = np.abs(bulge) * length / 2 <= _LEAST_HEIGHT_MM
     bulge = np.where(flat, 0.0, bulge)
     safe = np.where(flat, 1.0, bulge)
     # The centre lies beside the middle of the chord, at (1 - b^2) / (4 b) of its length to the left.

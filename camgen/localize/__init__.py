@@ -27,13 +27,13 @@ from camgen.model.text import short
 #: Points that choose among poses, and those that the last fit is made of at most.
 _FEW, _MANY = 1500, 400_000
 #: Points that show which poses are worth more, and by how much the cost of such a one may be greater.
-_FEWER, _FAR = 300, 0.05
+_FEWER, _FAR_COST = 300, 0.05
 #: Points in which the bench and things on it are looked for.
 _SOME = 20_000
 #: Where more of the points in the model's box do not lie on it, the search goes on.
 _STRAY = 0.02
 #: Poses whose costs (0..1, see ``fine.cost``) differ by less fit equally well.
-_SAME = 0.004
+_SAME_COST = 0.004
 #: A point of the scan lies on the model within this part of the model's size.
 WITHIN = 0.005
 #: Less than this of the scan on the model, or less of the model's near side in the scan: the part was not found.
@@ -96,7 +96,7 @@ def localize(
         raise _missing(name, "no pose puts it on the points")
     gate = min(max(best.noise, 1e-6 * model.size) * TUKEY, WITHIN * model.size)
     costs = [cost(model, samples, few, fit, gate) for fit in fits]
-    equal = [fit for fit, c in zip(fits, costs, strict=True) if c <= min(costs) + _SAME]
+    equal = [fit for fit, c in zip(fits, costs, strict=True) if c <= min(costs) + _SAME_COST]
     chosen = min(equal, key=lambda fit: angle_between(given.rotation, frozen(fit.rotation.T)))
     stage("refining")
     final = chosen
@@ -143,7 +143,9 @@ def _looked(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list
     fits = [refined(model, samples, few[:_FEWER], pose, 0.02 * model.size) for pose in poses]
     costs = [cost(model, samples, few[:_FEWER], fit, WITHIN * model.size) for fit in fits]
     return [
-        refined(model, samples, few, (fit.rotation, fit.origin), 0.01 * model.size) if c < min(costs) + _FAR else fit
+        refined(model, samples, few, (fit.rotation, fit.origin), 0.01 * model.size)
+        if c < min(costs) + _FAR_COST
+        else fit
         for fit, c in zip(fits, costs, strict=True)
     ]
 
@@ -177,8 +179,8 @@ def _judged(
     if inside > MOST_STRAY:
         share = 100 * inside / (1 + inside)
         raise _missing(name, f"where it fits best, {share:.0f} % of the points in its box are off its surface")
-    equal, following = rivals(model, final, others, _SAME, middle)
-    free = freedom(model, samples, points[:_FEW], final, (others[2], _SAME))
+    equal, following = rivals(model, final, others, _SAME_COST, middle)
+    free = freedom(model, samples, points[:_FEW], final, (others[2], _SAME_COST))
     back = final.rotation.T
     origin = middle - back @ final.origin
     x, y, z = origin.tolist()

@@ -14,7 +14,7 @@ from camgen.localize.starts import corners
 from camgen.model.pose import FloatArray, Pose, angle_between, frozen
 
 #: Poses that put a corner of the model's box farther apart than this part of its size are different ones.
-_APART = 0.01
+_DIFFERENT_SHARE = 0.01
 #: Two sides of a part that are nearer than this part of its size are one to the search.
 _THIN = 0.06
 #: A motion of which the points say less than this part of what they could is held weakly.
@@ -22,7 +22,7 @@ _WEAK = 0.003
 #: How far a motion is tried that may be free: a corner of the box moves by this part of its size.
 _NUDGE = 0.05
 #: Samples that say how much of the model was seen, and the cosine between a face and the view that still shows it.
-_SAMPLES, _FACING = 4000, 0.3
+_SEEN_SAMPLES, _FACING = 4000, 0.3
 
 
 class Rival(Struct, frozen=True, eq=False):
@@ -100,7 +100,7 @@ def stray(model: Model, samples: Cloud, few: FloatArray, fit: Fit, within: float
 
 
 def _limit(model: Model) -> float:
-    return _APART * model.size
+    return _DIFFERENT_SHARE * model.size
 
 
 def _places(model: Model, fit: Fit) -> FloatArray:
@@ -169,7 +169,7 @@ def seen(model: Model, points: FloatArray, final: Fit, within: float) -> Seen:
     """How much of the model the scan shows. The side that was looked at is where the normals of what was seen point on
     average; what other parts of the model hide is not taken off.
     """
-    step = max(len(model.samples) // _SAMPLES, 1)
+    step = max(len(model.samples) // _SEEN_SAMPLES, 1)
     places, normals = model.samples[::step], model.sample_normals[::step]
     at = final.apply(points)
     cloud = Cloud(at)

@@ -9,17 +9,16 @@ from camgen.localize.coarse import turned
 from camgen.localize.model import Cloud, Model, Touch, candidates, touched
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 
 #: Tukey's biweight: points beyond this many standard deviations count nothing; 95 % efficient for normal noise.
 TUKEY = 4.685
-#: From the median of absolute values to the standard deviation of normal noise.
-_MEDIAN = 1.4826
 _ROUNDS, _STEPS = 8, 12
 #: How far a pose may move, as part of the reach, before the candidates are looked for again.
-_SLACK = 0.2
+_SLACK_SHARE = 0.2
 #: A pose that moves by less than this part of the model's size is at rest. Points that change their triangle keep it
 #: from standing quite still.
-_STILL = 5e-7
+_STILL_SHARE = 5e-7
 
 
 class Fit(Struct, frozen=True, eq=False):
@@ -50,13 +49,13 @@ def refined(model: Model, samples: Cloud, points: FloatArray, start: tuple[Float
     points are left, the start comes back with infinite noise.
     """
     rotation, origin = start
-    floor, still = 1e-6 * model.size, _STILL * model.size
+    floor, still = 1e-6 * model.size, _STILL_SHARE * model.size
     noise = gate / TUKEY
     found = Fit(rotation, origin, np.inf, np.inf, np.zeros(0, dtype=np.int64), np.zeros((6, 6)), np.zeros(3), 1.0)
     for _ in range(_ROUNDS):
         at = points @ rotation.T + origin
         reach = max(TUKEY * noise, 10 * floor)
-        slack = max(_SLACK * reach, floor)
+        slack = max(_SLACK_SHARE * reach, floor)
         pairs = candidates(model, samples, at, reach, slack)
         moved = 0.0
         for _ in range(_STEPS):
@@ -65,7 +64,7 @@ def refined(model: Model, samples: Cloud, points: FloatArray, start: tuple[Float
             near = touch.distance <= reach
             if np.count_nonzero(near) < 7:
                 return found
-            noise = max(min(_MEDIAN * float(np.median(touch.distance[near])), gate / TUKEY), floor)
+            noise = max(min(SIGMAS_OF_MEDIAN * float(np.median(touch.distance[near])), gate / TUKEY), floor)
             found, turn, shift = _step(model, touch, at, noise, (rotation, origin))
             rotation = turn @ rotation
             origin = turn @ (origin - found.centre) + found.centre + shift

@@ -28,7 +28,7 @@ _PLY = {
 _PCD = {"F": "f", "I": "i", "U": "u"}
 _ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 #: A file cannot say more than this of one number of itself.
-_MOST = 10**9
+_MOST_ENTRIES = 10**9
 AGAIN = "export it again from the scanner's program"
 
 
@@ -62,7 +62,7 @@ def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) 
         head = parse(data)
         names = [column for column, _ in head.columns]
         places = [names.index(axis) for axis in "xyz"]
-        if not 0 <= head.count < _MOST:
+        if not 0 <= head.count < _MOST_ENTRIES:
             raise ValueError("the number of points cannot be")
         body = data[head.body :]
         found = {"ascii": _written, "records": _recorded, "columns": _columns}[head.way](head, body, places)
@@ -168,7 +168,7 @@ SUFFIXES = (".ply", ".pcd", *_MESHES, *_TEXTS)
 LEAST = 100
 #: Points that are spread over the faces of a scan that is a mesh.
 _SPREAD = 100_000
-_FARTHEST = 1e9
+_FARTHEST_COORDINATE = 1e9
 _SEPARATORS = re.compile(rb"[,;\t ]+")
 _FACE = re.compile(rb"^f ", re.MULTILINE)
 _NUMBER = re.compile(rb"[+-]?(\d|\.\d|nan|inf)", re.IGNORECASE)
@@ -217,7 +217,7 @@ def read(source: Source, mm: float = 1.0) -> Scan:
 
 def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:
     """The finite points. Scanners write NaN, or a point at the origin of the sensor, where they saw nothing."""
-    finite = (np.abs(points) < _FARTHEST).all(axis=1)
+    finite = (np.abs(points) < _FARTHEST_COORDINATE).all(axis=1)
     if not finite.all():
         count = int(np.count_nonzero(~finite))
         which = "whose coordinates are no numbers, or beyond all measure,"

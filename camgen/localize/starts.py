@@ -21,17 +21,17 @@ _POINTS = 120
 _ITSELF = 60
 #: Rounds: reach of a point and pull of the samples (see ``coarse.slid``), steps. Reaches are parts of the model's size.
 _FAR = ((0.15, 1.0, 4), (0.08, 0.5, 4))
-_NEAR = ((0.05, 0.2, 6), (0.03, 0.05, 6), (0.015, 0.02, 6))
+_NARROWING = ((0.05, 0.2, 6), (0.03, 0.05, 6), (0.015, 0.02, 6))
 _KEPT = 60
 #: Poses that fit less than this part of the best one are not refined.
-_WORTH = 0.6
+_WORTH_SHARE = 0.6
 #: A plane that holds this part of the scan with all else on one side may be the bench.
 _BENCH, _ASIDE, _TRIES = 0.15, 0.97, 200
 #: Things on the bench that may be the part, the fewest points of one, and the places around a cell.
 _HEAPS, _FEWEST = 3, 100
 _AROUND = tuple((a, b, c) for a in (-1, 0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1) if (a, b, c) != (0, 0, 0))
 #: Poses that put the corners of the model's box farther apart than this part of its size are different to the search.
-_APART = 0.03
+_DIFFERENT_SHARE = 0.03
 
 
 def things(model: Model, points: FloatArray) -> list[FloatArray]:
@@ -59,7 +59,7 @@ def starts(model: Model, field: Field, sets: list[FloatArray], given: Pose | Non
     poses = Poses(*(np.concatenate([getattr(p, name) for p in found]) for name in ("rotations", "origins")))
     fits = fit(field, sets[0], poses, 0.01 * model.size)
     best = np.argsort(-fits, kind="stable")
-    return different(model, poses[best[fits[best] > _WORTH * fits[best[0]]]], _APART * model.size)
+    return different(model, poses[best[fits[best] > _WORTH_SHARE * fits[best[0]]]], _DIFFERENT_SHARE * model.size)
 
 
 def symmetries(model: Model, field: Field) -> Poses:
@@ -89,7 +89,7 @@ def _slid(
             poses = slid(field, points, poses, scale * model.size, plain)
     best = np.argsort(-fit(field, points, poses, 0.03 * model.size), kind="stable")[:_KEPT]
     poses = poses[best]
-    for scale, plain, steps in _NEAR:
+    for scale, plain, steps in _NARROWING:
         for _ in range(steps):
             poses = slid(field, points, poses, scale * model.size, plain)
     return poses

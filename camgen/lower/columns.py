@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, spans
-from camgen.geometry.rotations import angles_between, from_axes
+from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes
 from camgen.geometry.vectors import angles, dots, unit
 from camgen.model.path import ToolPath
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
@@ -24,8 +24,6 @@ Middle = Callable[[Indices], FloatArray]
 ZONES = (5.0, 1.0, 0.3)
 #: An orientation that jumps by more at a corner is turned there while the tool stands still, rad.
 _JUMP = math.radians(0.5)
-#: Arcs along which the tool would turn further are halved: half a turn has no sense of its own, rad.
-_WIDE = math.radians(120.0)
 
 
 class Rows(Struct, frozen=True, eq=False):
@@ -138,7 +136,7 @@ def unfollowed(rows: Rows) -> Indices:
 
 def halved(rows: Rows) -> Rows:
     """``rows`` with every arc along which the press direction turns by more than 120 deg as two arcs."""
-    wide = rows.arc & (angles(rows.press[:, 0], rows.press[:, 1]) > _WIDE)
+    wide = rows.arc & (angles(rows.press[:, 0], rows.press[:, 1]) > SURE_TURN)
     if not wide.any():
         return rows
     arcs = rows.spans.pick(np.flatnonzero(wide))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.rotations import turns_about_z
+from camgen.geometry.rotations import SURE_TURN, turns_about_z
 from camgen.lower import columns as lower_rows
 from camgen.lower.columns import ZONES, Orientations, Rows
 from camgen.model.cell import Cell
@@ -23,6 +23,7 @@ from camgen.model.job import Job, Process
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen
 from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program, Wait
+from camgen.model.tolerance import SAME_POINT_MM
 
 if TYPE_CHECKING:
     pass
@@ -31,8 +32,9 @@ if TYPE_CHECKING:
 
 #: The tool may be turned by so much from how it stands at home, to either side, rad.
 MOST = 2 * math.pi
-#: A turn between two orientations that is larger has no sense of its own for sure; steps are no larger, rad.
-_SURE, _STEP = math.radians(150.0), math.radians(120.0)
+#: A turn between two orientations that is larger has no sense of its own for sure, rad; steps are no larger than
+#: ``SURE_TURN``.
+_SURE = math.radians(150.0)
 
 
 def twists(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -69,7 +71,7 @@ def unwound(rows: Rows, orientations: Orientations) -> list[list[FloatArray]]:
 
 def _steps(a: FloatArray, b: FloatArray, turn: float) -> list[FloatArray]:
     """From ``a`` to ``b`` (3, 3), turning about tool z by ``turn``, in steps; the last one is ``b``."""
-    count = math.ceil(abs(turn) / _STEP - 1e-9)
+    count = math.ceil(abs(turn) / SURE_TURN - 1e-9)
     angles = [turn * k / count for k in range(1, count)]
     return [*(frozen(a @ _about_z(angle)) for angle in angles), frozen(b)]
 
@@ -77,10 +79,6 @@ def _steps(a: FloatArray, b: FloatArray, turn: float) -> list[FloatArray]:
 def _about_z(angle: float) -> FloatArray:
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-#: Nearer than this two points are one, mm.
-_SAME = 1e-6
 
 
 def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
@@ -133,7 +131,7 @@ def _runs(tour: Tour, winds: bool) -> list[_Run]:
         runs.append(_Run(path, index, first, False, index in tour.down))
         if not deeper:
             continue
-        meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < _SAME
+        meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM
         zigzag = path.reversible and not meets
         ways = (path, path.reversed()) if zigzag else (path, path)
         # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
@@ -219,8 +217,8 @@ def _heights(rows: Rows, runs: list[_Run], process: Process) -> tuple[FloatArray
     up_start, up_end = -rows.axis[rows.first], -rows.axis[rows.last]
     near = start + up_start * process.approach
     room = _lift(start, up_start, process.clearance)
-    low = np.flatnonzero(room < process.approach - _SAME)
-    low = np.append(low, np.flatnonzero(_lift(end, up_end, process.clearance) < -_SAME))
+    low = np.flatnonzero(room < process.approach - SAME_POINT_MM)
+    low = np.append(low, np.flatnonzero(_lift(end, up_end, process.clearance) < -SAME_POINT_MM))
     if len(low):
         what = f"{process.clearance:g} mm is below where the tool approaches path {runs[int(low[0])].path.id}"
         raise JobError("job", what, "process.clearance", "raise process.clearance or lower process.approach")
@@ -292,7 +290,7 @@ def _zone(process: Process, *neighbours: float) -> float:
 
 
 def _same(a: Vec3, b: Vec3) -> bool:
-    return math.dist(a, b) < _SAME
+    return math.dist(a, b) < SAME_POINT_MM
 
 
 def dwell(process: Process) -> list[Instruction]:

@@ -18,11 +18,9 @@ from camgen.model.cell import Cell
 from camgen.model.job import Job
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Program
+from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order import ReplayTour
 from camgen.plan.replay import moving, owners
-
-#: Nearer than this two points are one, mm: a motion between them is none.
-_SAME = 1e-6
 
 
 def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
@@ -69,7 +67,7 @@ def _arrive(first: MoveJ, cartesian: bool, job: Job, entry: float) -> list[MoveJ
     x, y, z = first.target.origin  # type: ignore[union-attr]  # recorded in poses
     speed, high = job.process.travel, job.process.clearance
     arrival: list[MoveJ | MoveL] = [MoveJ(Pose(TOOL_DOWN, (x, y, max(z, high))), speed)]
-    if z < high - _SAME:
+    if z < high - SAME_POINT_MM:
         down = Pose(TOOL_DOWN, (x, y, z))
         arrival.append(MoveL(down, min(entry, speed)) if entry else _rapid(down, cartesian, speed))
     return arrival
@@ -78,7 +76,7 @@ def _arrive(first: MoveJ, cartesian: bool, job: Job, entry: float) -> list[MoveJ
 def _leave(last: Pose, cartesian: bool, job: Job) -> list[Instruction]:
     x, y, z = last.origin
     high = job.process.clearance
-    return [_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel)] if z < high - _SAME else []
+    return [_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel)] if z < high - SAME_POINT_MM else []
 
 
 def _blends(columns: Columns, chord: float) -> FloatArray:

@@ -22,11 +22,12 @@ from camgen.model.path import ToolPath, joined
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.order.starts import starting_at
+from camgen.order.stay_down import CLEARANCE_SLACK_MM
 
 #: What is tried of the length asked for, the longest first.
 _SCALES = (1.0, 0.5, 0.25)
-#: Points of a lead that are measured, and by how much (mm) each may be nearer than the tool's radius.
-_SAMPLES, _SLACK = 65, 0.005
+#: Points of a lead that are measured.
+_LEAD_SAMPLES = 65
 #: Other places of a closed path at which a lead is tried: the middles of its longest segments.
 _PLACES = 16
 
@@ -114,7 +115,7 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
     row, end, at = (1, 0, path.position[0]) if way < 0 else (-1, 1, path.position[-1])
     press, axis = path.press[row, end], path.axis[row]
     away = way * _travel_sign(path) * np.cross(press, axis)
-    t = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    t = np.linspace(0.0, 1.0, _LEAD_SAMPLES)[:, None]
     if ring:
         size = length / (np.pi / 2)
         angle = t * np.pi / 2
@@ -124,7 +125,7 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
         points = at + t * length * away
         turned = press
     rows = points[[0, -1]][::way]
-    middle = points[_SAMPLES // 2] if ring else np.full(3, np.nan)
+    middle = points[_LEAD_SAMPLES // 2] if ring else np.full(3, np.nan)
     presses = np.array([press, turned])[::way]
     lead = replace(
         path,
@@ -148,4 +149,4 @@ def _travel_sign(path: ToolPath) -> float:
 def _is_clear(lead: _Lead, obstacles: Obstacles, radius: float) -> bool:
     """Whether the tool keeps its radius from everything drawn all along the lead."""
     gap = obstacles.nearest(lead.samples, np.zeros(len(lead.samples), dtype=np.int64), radius)
-    return bool((gap >= radius - _SLACK).all())
+    return bool((gap >= radius - CLEARANCE_SLACK_MM).all())

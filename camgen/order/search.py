@@ -12,6 +12,7 @@ from camgen.geometry.nearest import nearest_items
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
 from camgen.order.solver.bound import Dense, at_least
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
 from camgen.order.solver.plane import Items, Start, Tell, discs_of, shortened
@@ -20,9 +21,9 @@ from camgen.order.starts import SEAM, IntArray, Starts, ends_of
 __all__ = ["Choices", "Sampled", "lower_bound", "sampled", "searched"]
 
 #: Samples of a closed path: at least, at most, and so many on a stretch as long as an item's usual room.
-_LEAST, _MOST, _DENSE = 8, 256, 3
+_LEAST_SAMPLES, _MOST_SAMPLES, _SAMPLES_PER_ROOM = 8, 256, 3
 #: Near discs that are listed; of these come the near items that are tried.
-_NEAR = 10
+_NEAR_DISCS = 10
 #: Looks at an item in a second of the compiled search: fixed, so that a budget in seconds is one in looks.
 RATE = 400_000
 #: Without ``tour.seconds``: looks at each item, and the least in all, 0.05 s to 0.3 s in plain Python. For more than
@@ -81,7 +82,9 @@ def sampled(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], ran
     begins, ends = ends_of(paths)
     corners = np.concatenate([begins, ends])
     room = float(np.sqrt(max(np.prod(np.ptp(corners, axis=0)), float(np.ptp(corners)) ** 2 / 100) / count))
-    samples = np.clip(np.ceil(whole * _DENSE / max(room, 1e-300)), _LEAST, _MOST).astype(np.int64)
+    samples = np.clip(np.ceil(whole * _SAMPLES_PER_ROOM / max(room, NONZERO)), _LEAST_SAMPLES, _MOST_SAMPLES).astype(
+        np.int64
+    )
     samples = np.where(loop, samples, np.where(lone, 1, 2))
     first, owner, step = offsets(samples), owners(samples), ramp(samples)
     points = np.where((step == 0)[:, None], begins[owner], ends[owner])
@@ -89,7 +92,7 @@ def sampled(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], ran
     both = np.array([path.reversible for path in paths])
     kind = np.where(loop | lone, CLOSED, np.where(both, BOTH_WAYS, ONE_WAY))
     # Between two samples may lie a corner that is no start: so much farther are they apart.
-    skipped = np.where(where.span > 0, (1 - where.span) / np.maximum(where.span, 1e-300), 0.0) * where.shape.length
+    skipped = np.where(where.span > 0, (1 - where.span) / np.maximum(where.span, NONZERO), 0.0) * where.shape.length
     wide = np.maximum.reduceat(skipped, where.first[:-1])
     apart = np.where(loop, step_mm + 2 * wide, 1.0)
     items = Items(first, points, kind, apart, np.array(parent, dtype=np.int64), np.array(rank, dtype=np.int64))
@@ -124,8 +127,8 @@ def _dense(known: Sampled, most: int) -> Dense | None:
     items = known.items
     count = np.diff(items.first)
     loop = (items.kind == CLOSED) & (count > 1)
-    each = min(int(math.sqrt(most / (_NEAR * len(count)))), _MOST)
-    if each < _LEAST:
+    each = min(int(math.sqrt(most / (_NEAR_DISCS * len(count)))), _MOST_SAMPLES)
+    if each < _LEAST_SAMPLES:
         return None
     samples = np.where(loop, each, count)
     first, owner, place = offsets(samples), owners(samples), ramp(samples)
@@ -148,7 +151,7 @@ def searched(
     """
     items = known.items
     count = len(items.kind)
-    near = nearest_items(discs_of(items), count, _NEAR)
+    near = nearest_items(discs_of(items), count, _NEAR_DISCS)
     place = None if home is None else np.array(home)
     begun = Start(np.array(first.order), _entered(known, first))
     found = shortened(items, begun, place, near, budget, seed, tell)
@@ -172,14 +175,14 @@ def _entered(known: Sampled, first: Choices) -> IntArray:
     segment = np.minimum(segment, where.first[1:] - 1)
     fraction = np.clip((fraction - where.low[segment]) / where.span[segment], 0.0, 1.0)
     length = known.along[segment] - known.along[where.first[:-1]] + fraction * where.shape.length[segment]
-    number = np.round(length / np.maximum(known.step, 1e-300)).astype(np.int64) % samples
+    number = np.round(length / np.maximum(known.step, NONZERO)).astype(np.int64) % samples
     return items.first[:-1] + np.where(items.kind == CLOSED, number, row > 0)
 
 
 def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArray, FloatArray]:
     """The start (segment) of each closed path that holds the point ``length`` mm along it, and how far along that."""
     where = known.where
-    total = known.along[where.first[path]] + length % np.maximum(known.whole[path], 1e-300)
+    total = known.along[where.first[path]] + length % np.maximum(known.whole[path], NONZERO)
     number = np.searchsorted(known.along, total, side="right") - 1
     number = np.clip(number, where.first[path], where.first[path + 1] - 1)
     return number, np.clip(total - known.along[number], 0.0, where.shape.length[number])
@@ -189,7 +192,7 @@ def _at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
     """Points x, y (K, 2) of closed paths, ``length`` mm along each."""
     number, rest = _segment(known, path, length)
     shape = known.where.shape.pick(number)
-    return shape.point(rest / np.maximum(shape.length, 1e-300))[:, :2]
+    return shape.point(rest / np.maximum(shape.length, NONZERO))[:, :2]
 
 
 def _placed(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -239,4 +242,4 @@ def _best(known: Sampled, path: IntArray, length: FloatArray, before: FloatArray
         cost = np.linalg.norm(points - before[:, None], axis=2) + np.linalg.norm(points - after[:, None], axis=2)
         length = places[np.arange(len(path)), cost.argmin(axis=1)]
         reach = reach / _FINER
-    return length % np.maximum(known.whole[path], 1e-300)
+    return length % np.maximum(known.whole[path], NONZERO)

@@ -16,11 +16,10 @@ from camgen.geometry.rotations import turn_vectors
 from camgen.geometry.vectors import angles, cross
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO, SAME_POINT_MM
 
 IntArray = NDArray[np.int64]
 
-#: A start nearer than this to a vertex is moved to it, mm: no controller prints a shorter piece.
-SNAP = 1e-6
 #: The columns of a path in the order of its fields, and those that speak of vertices, not of segments.
 _COLUMNS = ("position", "via", "axis", "press", "force", "feed")
 _AT_VERTICES = ("position", "axis")
@@ -95,9 +94,9 @@ def _snapped(
         return spans(columns["position"][row - 1], columns["via"][row], columns["position"][row])
 
     chosen = at(segment)
-    late = (1 - fraction) * chosen.length < SNAP
+    late = (1 - fraction) * chosen.length < SAME_POINT_MM
     segment = np.where(late, segment % (rows - 1) + 1, segment)
-    fraction = np.where(late | (fraction * chosen.length < SNAP), 0.0, fraction)
+    fraction = np.where(late | (fraction * chosen.length < SAME_POINT_MM), 0.0, fraction)
     return segment, fraction, at(segment) if late.any() else chosen
 
 
@@ -234,6 +233,6 @@ def _off_corners(shape: Spans, closed: NDArray[np.bool_], first: IntArray) -> tu
     after = np.zeros(len(closed), dtype=bool)
     after[before[corner]] = True
     # What is too short to be cut in three may begin anywhere.
-    part = np.minimum(_AWAY / np.maximum(shape.length, 1e-300), 1 / 3) * (shape.length > 3 * SEAM)
+    part = np.minimum(_AWAY / np.maximum(shape.length, NONZERO), 1 / 3) * (shape.length > 3 * SEAM)
     low = np.where(corner, part, 0.0)
     return low, 1.0 - low - np.where(after, part, 0.0)

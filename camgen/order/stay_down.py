@@ -19,13 +19,12 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import SAME_POINT_MM
 
-__all__ = ["stay_down"]
+__all__ = ["CLEARANCE_SLACK_MM", "stay_down"]
 
-#: By how much (mm) a link may be nearer than the tool's radius: a path keeps its distance within this.
-_SLACK = 0.005
-#: Nearer than this two heights are one, mm.
-_SAME = 1e-6
+#: By how much (mm) a link or a lead may be nearer than the tool's radius: a path keeps its distance within this.
+CLEARANCE_SLACK_MM = 0.005
 
 
 def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]:
@@ -43,11 +42,11 @@ def stay_down(tour: Tour, part: Part, job: Job) -> tuple[Tour, tuple[Note, ...]]
     end = np.array([path.position[0] for path in tour.paths[1:]])
     depth = np.array([path.depths[0] for path in tour.paths])
     low = start[:, 2] - depth[:-1]
-    level = np.abs(low - (end[:, 2] - depth[1:])) < _SAME
+    level = np.abs(low - (end[:, 2] - depth[1:])) < SAME_POINT_MM
     asked = np.flatnonzero(fair[:-1] & fair[1:] & level)
     if len(boxes) < len(fixtures):
         asked = asked[:0]
-    radius = job.tool.diameter / 2 - _SLACK
+    radius = job.tool.diameter / 2 - CLEARANCE_SLACK_MM
     links = make(start[asked, :2], end[asked, :2], np.zeros(len(asked)), asked)
     clear = gaps(links, from_contours(part.contours), radius) >= radius
     clear &= _past(links, low[asked], boxes, radius)

@@ -14,7 +14,8 @@ import numpy as np
 from camgen.geometry.arcs import Spans
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.pose import FloatArray
-from camgen.order.starts import SEAM, SNAP, IntArray, Starts
+from camgen.model.tolerance import NONZERO, SAME_POINT_MM
+from camgen.order.starts import SEAM, IntArray, Starts
 
 #: key, start x y, to the end x y, 1 / length^2 (0: a single point).
 Line = tuple[int, float, float, float, float, float]
@@ -71,7 +72,7 @@ class Tree:
         if leaf < 0:
             return -1
         best, choice = _scan(self.pots[leaf], x, y, math.inf, -1)
-        if best < SNAP**2:
+        if best < SAME_POINT_MM**2:
             return choice
         reach = math.sqrt(best)
         left, right, under, over = x - reach, x + reach, y - reach, y + reach
@@ -85,7 +86,7 @@ class Tree:
                         stack.append(child)
             elif node != leaf:
                 least, choice = _scan(pots[node], x, y, best, choice)
-                if least < SNAP**2:
+                if least < SAME_POINT_MM**2:
                     return choice
                 if least < best:
                     best, reach = least, math.sqrt(least)
@@ -213,7 +214,7 @@ def _pieces(shape: Spans) -> tuple[IntArray, FloatArray, FloatArray]:
 def _along_curve(points: FloatArray) -> IntArray:
     """The place of each point (P, 2) along a Hilbert curve through their square: near on the curve is near."""
     low = points.min(axis=0)
-    side = max(float((points.max(axis=0) - low).max()), 1e-300)
+    side = max(float((points.max(axis=0) - low).max()), NONZERO)
     x, y = ((points - low) / side * _GRID).astype(np.int64).T
     place = np.zeros(len(points), dtype=np.int64)
     for bit in reversed(range(_GRID.bit_length())):

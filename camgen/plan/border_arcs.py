@@ -18,6 +18,7 @@ from camgen.geometry.ragged import begins, owners, stretches
 from camgen.geometry.thinning import IntArray, to_lines
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
 
 # Circles in borders: the one through many points, and whether a whole border is one.
 
@@ -86,21 +87,21 @@ def turned(local: FloatArray) -> float:
 BoolArray = NDArray[np.bool_]
 
 #: So many lines make an arc; fewer are as likely a corner with a chamfer.
-_LEAST = 3
+_LEAST_LINES = 3
 #: A turn above this (rad) between two of them is a corner.
-_CORNER = np.radians(75.0)
+_CORNER_TURN = np.radians(75.0)
 #: An arc turns by at most this (rad), so that it stays below a half circle.
-_MOST = np.radians(170.0)
+_MOST_ARC_TURN = np.radians(170.0)
 #: Part of the tolerance that a line or an arc may use by itself; the rest is for its ends, which its neighbours move.
-_SHARE = 0.8
+_FIT_SHARE = 0.8
 #: So often what fails is looked at again; then the border's own points remain.
-_ROUNDS = 6
+_MOST_REPAIRS = 6
 #: Shorter lines, in tolerances, are no more than a corner cut off by the pixels.
 _CHAMFER = 5.0
 #: A line is laid through its points if it has so many.
 _POINTS = 4
 #: Corners are where lines cross that turn by more than this (rad).
-_PARALLEL = np.radians(8.0)
+_CROSSING_TURN = np.radians(8.0)
 
 
 def with_arcs(points: FloatArray, kept: IntArray, closed: bool, tolerance: float) -> tuple[FloatArray, FloatArray]:
@@ -115,7 +116,7 @@ def with_arcs(points: FloatArray, kept: IntArray, closed: bool, tolerance: float
     corners = points[kept]
     knots, is_arc = _runs(points, kept, tolerance)
     stays = np.zeros(len(knots), dtype=np.bool_)
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_REPAIRS):
         placed = _placed(points, knots, is_arc, stays, closed, tolerance)
         bulges = _bulges(points, knots, is_arc, placed)
         bad = _too_far(points, knots, placed, bulges, tolerance)
@@ -148,7 +149,7 @@ def _as_lines(
 def _runs(points: FloatArray, kept: IntArray, tolerance: float) -> tuple[IntArray, BoolArray]:
     """The rows of ``points`` at which lines and arcs meet, and which of those between them are arcs."""
     rows, count = kept.tolist(), len(kept) - 1
-    tolerance *= _SHARE
+    tolerance *= _FIT_SHARE
     limits = _before_corners(points[kept])
     knots, arcs = [0], []
     k = 0
@@ -162,7 +163,9 @@ def _runs(points: FloatArray, kept: IntArray, tolerance: float) -> tuple[IntArra
             return _is_arc(points[first : rows[end] + 1], tolerance)
 
         end = _farthest(straight, k + 1, limit)
-        by_arc = _farthest(round_, k + _LEAST, limit) if limit - k >= _LEAST and round_(k + _LEAST) else k
+        by_arc = (
+            _farthest(round_, k + _LEAST_LINES, limit) if limit - k >= _LEAST_LINES and round_(k + _LEAST_LINES) else k
+        )
         arcs.append(by_arc > end)
         k = max(end, by_arc)
         knots.append(rows[k])
@@ -173,7 +176,7 @@ def _before_corners(corners: FloatArray) -> list[int]:
     """For each corner but the last the next one, from the second after it on, at which the way turns sharply."""
     step = np.diff(corners, axis=0)
     turn = turns(step[:-1], step[1:])
-    sharp = np.append(np.flatnonzero(np.abs(turn) >= _CORNER) + 1, len(corners) - 1)
+    sharp = np.append(np.flatnonzero(np.abs(turn) >= _CORNER_TURN) + 1, len(corners) - 1)
     following = np.searchsorted(sharp, np.arange(len(corners) - 1), side="right")
     return [int(k) for k in sharp[following]]
 
@@ -205,7 +208,7 @@ def _is_arc(stretch: FloatArray, tolerance: float) -> bool:
     centre, radius, off = circle_of(stretch)
     if off > tolerance or radius < SMALLEST * tolerance:
         return False
-    return bool(abs(turned(stretch - centre)) <= _MOST)
+    return bool(abs(turned(stretch - centre)) <= _MOST_ARC_TURN)
 
 
 def _without_chamfers(
@@ -268,7 +271,7 @@ def _meeting(at: FloatArray, before: _Shape, after: _Shape) -> FloatArray | None
     (p, u), (q, v) = before, after
     if not np.isnan(u[1]) and not np.isnan(v[1]):
         cross = float(u[0] * v[1] - u[1] * v[0])
-        if abs(cross) > np.sin(_PARALLEL):
+        if abs(cross) > np.sin(_CROSSING_TURN):
             d = q - p
             return np.asarray(p + u * float(d[0] * v[1] - d[1] * v[0]) / cross)
     return (_nearest(at, p, u) + _nearest(at, q, v)) / 2
@@ -277,7 +280,7 @@ def _meeting(at: FloatArray, before: _Shape, after: _Shape) -> FloatArray | None
 def _nearest(at: FloatArray, p: FloatArray, u: FloatArray) -> FloatArray:
     if np.isnan(u[1]):
         away = at - p
-        return np.asarray(p + away * (u[0] / max(float(np.hypot(*away)), 1e-300)))
+        return np.asarray(p + away * (u[0] / max(float(np.hypot(*away)), NONZERO)))
     return np.asarray(p + u * float((at - p) @ u))
 
 

@@ -21,15 +21,14 @@ from camgen.model.part import Note, Part, Raster
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
+from camgen.model.tolerance import PECK_CLEARANCE_MM
 
 #: A loop is a circle when it leaves one by no more than this, mm, or this share of its radius; of a picture, px.
 _OFF, _SHARE, _OFF_PX = 0.01, 0.01, 0.75
 #: Circles with centres nearer than this, mm, are one hole and the pad around it.
-_SAME = 0.05
+_SAME_HOLE_MM = 0.05
 #: Diameters are told apart to this, mm.
 _GAUGE = 0.05
-#: So much above where a peck ended the feed begins again, mm: where the cycle G83 of LinuxCNC begins it.
-_AGAIN = 0.254
 #: Smaller rings of a picture are noise, px.
 _LEAST_PX = 4.0
 
@@ -180,7 +179,7 @@ def _innermost(centre: FloatArray, radius: FloatArray) -> IntArray:
     if not len(centre):
         return np.zeros(0, dtype=np.int64)
     places = points(centre)
-    one, two = STRtree(places).query(places, predicate="dwithin", distance=_SAME)
+    one, two = STRtree(places).query(places, predicate="dwithin", distance=_SAME_HOLE_MM)
     smaller = (radius[two] < radius[one]) | ((radius[two] == radius[one]) & (two < one))
     return np.setdiff1d(np.arange(len(centre)), one[smaller])
 
@@ -192,7 +191,7 @@ def _path(hole: Hole, job: Job) -> ToolPath:
     for k, level in enumerate(levels):
         if k:
             way.append((clear, job.process.travel))
-            again = levels[k - 1] + _AGAIN
+            again = levels[k - 1] + PECK_CLEARANCE_MM
             way += [(again, job.process.travel)] if again < clear else []
         way.append((level, job.process.feed))
     way += [(0.0, job.process.travel)] if levels else []

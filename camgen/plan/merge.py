@@ -22,6 +22,7 @@ from camgen.geometry.ragged import offsets, owners
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
+from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
 
 # A network cut at its nodes, run as few trails: ways through the nodes, circuits that become one, lifts cut out.
 
@@ -204,10 +205,6 @@ def _stretch(pieces: Pieces, contours: list[Contour], end: int) -> tuple[FloatAr
     return (xy[::-1], -bulge[::-1] + 0.0) if end & 1 else (xy, bulge)
 
 
-#: Vertices in one cell of a grid so wide (mm) are one place, off the numbers that are drawn most.
-_SAME, _OFF_GRID = 1e-6, 0.381966
-
-
 class _Vertices(Struct, frozen=True, eq=False):
     """All vertices: points (V, 2), owner (V,) the contour, node (V,) the place, first (C + 1,) of each contour's."""
 
@@ -284,8 +281,8 @@ def _networks(contours: list[Contour], tolerance: float) -> list[tuple[list[int]
 def _vertices(contours: list[Contour]) -> _Vertices:
     points = np.concatenate([contour.points for contour in contours])
     counts = np.array([len(contour.points) for contour in contours])
-    reach = max(_SAME, 16 * float(np.spacing(np.abs(points).max())))
-    cells = np.floor(points / reach + _OFF_GRID).astype(np.int64)
+    reach = max(SAME_POINT_MM, 16 * float(np.spacing(np.abs(points).max())))
+    cells = np.floor(points / reach + OFF_GRID).astype(np.int64)
     order = np.lexsort((cells[:, 1], cells[:, 0]))
     fresh = np.concatenate([[True], (np.diff(cells[order], axis=0) != 0).any(axis=1)])
     node = np.empty(len(points), dtype=np.int64)

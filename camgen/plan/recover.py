@@ -14,9 +14,9 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 
 #: So many lines in a row make an arc; fewer may be meant as corners.
-_LEAST = 6
+_LEAST_LINES = 6
 #: A turn between two lines above this (rad) is a corner, however round the rest is.
-_CORNER = np.radians(20.0)
+_CORNER_TURN = np.radians(20.0)
 
 
 def recover(contours: Sequence[Contour], tolerance: float) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
@@ -39,7 +39,7 @@ def recover(contours: Sequence[Contour], tolerance: float) -> tuple[tuple[Contou
 
 def _suspects(contours: Sequence[Contour]) -> list[int]:
     """Contours that hold enough lines in a row which turn a little and to one side."""
-    long = [k for k, c in enumerate(contours) if len(c.points) > _LEAST]
+    long = [k for k, c in enumerate(contours) if len(c.points) > _LEAST_LINES]
     if not long:
         return []
     chosen = [contours[k] for k in long]
@@ -48,13 +48,13 @@ def _suspects(contours: Sequence[Contour]) -> list[int]:
     bending[segments.owner[1:] != segments.owner[:-1]] = 0
     same = np.append(False, (bending[1:] == bending[:-1]) & (bending[1:] != 0))
     run = np.arange(len(same)) - np.maximum.accumulate(np.where(same, 0, np.arange(len(same))))
-    return sorted({long[o] for o in segments.owner[1:][run >= _LEAST - 3].tolist()})
+    return sorted({long[o] for o in segments.owner[1:][run >= _LEAST_LINES - 3].tolist()})
 
 
 def _turns(start: FloatArray, end: FloatArray) -> FloatArray:
     """(N - 1,) signed turn from each segment to the next, rad; 0 for a corner and where it goes straight on."""
     turn = turns((end - start)[:-1], (end - start)[1:])
-    return np.where((np.abs(turn) > 1e-7) & (np.abs(turn) < _CORNER), turn, 0.0)
+    return np.where((np.abs(turn) > 1e-7) & (np.abs(turn) < _CORNER_TURN), turn, 0.0)
 
 
 def _recovered(contour: Contour, tolerance: float) -> tuple[Contour, int]:
@@ -92,9 +92,9 @@ def _from_the_longest(points: FloatArray, bulges: FloatArray) -> tuple[FloatArra
 def _reach(points: FloatArray, line: BoolArray, turn: FloatArray, k: int, tolerance: float) -> int:
     """The vertex up to which the lines from vertex ``k`` on are one arc; k + 1 if they are none."""
     limit = _run_end(line, turn, k)
-    if limit - k < _LEAST or not _is_arc(points[k : k + _LEAST + 1], tolerance):
+    if limit - k < _LEAST_LINES or not _is_arc(points[k : k + _LEAST_LINES + 1], tolerance):
         return k + 1
-    good, step = k + _LEAST, _LEAST
+    good, step = k + _LEAST_LINES, _LEAST_LINES
     while good + step <= limit and _is_arc(points[k : good + step + 1], tolerance):
         good += step
         step *= 2
@@ -111,7 +111,7 @@ def _run_end(line: BoolArray, turn: FloatArray, k: int) -> int:
         return k + 1
     side = np.sign(turn[k + 1])
     ahead = slice(k + 1, None)
-    stop = ~line[ahead] | (np.sign(turn[ahead]) != side) | (np.abs(np.cumsum(turn[ahead])) > np.pi - _CORNER)
+    stop = ~line[ahead] | (np.sign(turn[ahead]) != side) | (np.abs(np.cumsum(turn[ahead])) > np.pi - _CORNER_TURN)
     hit = np.flatnonzero(stop[:4096])
     return k + 1 + (int(hit[0]) if len(hit) else min(len(stop), 4096))
 

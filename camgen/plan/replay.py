@@ -13,12 +13,10 @@ from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, taken
+from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
 from camgen.plan.unused import no_idle
 from camgen.read.gcode.interpreter import Recorded
-
-#: Nearer than this two points are one, mm: a motion between them is none.
-_SAME = 1e-6
 
 
 def plan_replay(part: Part, job: Job) -> ReplayPlan:
@@ -65,7 +63,7 @@ def _path(number: int, line: int, ends: FloatArray, vias: FloatArray, speed: Flo
         press=frozen(np.zeros((count, 2, 3))),
         force=frozen(np.zeros(count)),
         feed=frozen(feed),
-        closed=bool(count > 2 and np.linalg.norm(ends[0] - ends[-1]) < _SAME),
+        closed=bool(count > 2 and np.linalg.norm(ends[0] - ends[-1]) < SAME_POINT_MM),
         reversible=False,
         operation="replay",
     )
@@ -76,7 +74,7 @@ def moving(body: Sequence[Instruction]) -> list[Instruction]:
     columns = Columns(body)
     ends = columns.ends
     still = np.zeros(len(ends), np.bool_)
-    still[1:] = np.abs(np.diff(ends, axis=0)).max(axis=1, initial=0.0) < _SAME
+    still[1:] = np.abs(np.diff(ends, axis=0)).max(axis=1, initial=0.0) < SAME_POINT_MM
     still &= ~columns.moves_are(MoveC)
     if not still.any():
         return list(body)

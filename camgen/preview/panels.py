@@ -22,7 +22,7 @@ WIDE = 88.0
 #: The space around it, page mm; panels in a row; pixels of its picture at most.
 _GAP, _COLUMNS, _MOST_PX = 6.0, 3, 900
 #: Shown around the part, mm, at least.
-_ROOM = 8.0
+_ROOM_MM = 8.0
 
 _STYLE = """\
 .bg{fill:#fff}text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.2px;fill:#202124}
@@ -87,7 +87,7 @@ def cropped(raster: Raster) -> Crop:
     rows, columns = np.flatnonzero(raster.mask.any(axis=1)), np.flatnonzero(raster.mask.any(axis=0))
     height, width = raster.mask.shape
     mm_per_px = float(np.hypot(*raster.work_from_view[:, 0]))
-    room = int(max(_ROOM, 0.15 * np.ptp(columns) * mm_per_px) / mm_per_px) + 1
+    room = int(max(_ROOM_MM, 0.15 * np.ptp(columns) * mm_per_px) / mm_per_px) + 1
     left, right = max(int(columns[0]) - room, 0), min(int(columns[-1]) + room + 1, width)
     top, bottom = max(int(rows[0]) - room, 0), min(int(rows[-1]) + room + 1, height)
     scale = WIDE / ((right - left) * mm_per_px)

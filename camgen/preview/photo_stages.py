@@ -17,7 +17,7 @@ from camgen.preview.draw import Chains, of_contours, path_data
 from camgen.preview.panels import WIDE, Crop, Panel, Pixels, cropped, faint, image, line, on_panel, sheet, shown
 
 #: How far apart the normals are drawn, mm of the page.
-_APART = 2.5
+_NORMALS_APART_MM = 2.5
 #: From slow to fast, from no force to the most.
 _RAMP = ("#30123b", "#4662d7", "#36aaf9", "#1ae4b6", "#72fe5e", "#c8ef34", "#faba39", "#f66b19", "#ca2a04")
 
@@ -76,7 +76,7 @@ def _normals(tour: Tour, raster: Raster, crop: Crop) -> Iterator[str]:
         start, end, via = path.position[:-1], path.position[1:], path.via[1:]
         via = np.where(np.isnan(via), (start + end) / 2, via)
         run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(end - start, axis=1))]) * crop.scale
-        at = np.arange(_APART / 2, run[-1], _APART)
+        at = np.arange(_NORMALS_APART_MM / 2, run[-1], _NORMALS_APART_MM)
         k = np.searchsorted(run, at, side="right").clip(1, len(start)) - 1
         t = ((at - run[k]) / np.maximum(run[k + 1] - run[k], 1e-12))[:, None]
         # The parabola through start, middle and end is near enough to the arc for a picture.

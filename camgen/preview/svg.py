@@ -21,7 +21,7 @@ from camgen.preview.draw import Page, arrows, bounds, by_order, of_contours, of_
 #: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
 _WIDE, _HIGH, _MARGIN, _TITLE = 277.0, 200.0, 10.0, 16.0
 #: The page is at least so wide, for the legend.
-_LEAST = 170.0
+_LEAST_PAGE_MM = 170.0
 #: From so many paths on there are no numbers, no arrows, and no hover texts.
 _NUMBERS, _ARROWS = 200, 1500
 #: Colours at most, from so many paths on.
@@ -77,7 +77,7 @@ def _sheet(part: Part, tour: Tour) -> _Sheet:
     low, high = bounds([of_contours(part.contours), of_paths(tour.paths)])
     wide, high_mm = (max(float(v), 1e-6) for v in high - low)
     scale = min(_WIDE / wide, _HIGH / high_mm)
-    width = max(wide * scale, _LEAST) + 2 * _MARGIN
+    width = max(wide * scale, _LEAST_PAGE_MM) + 2 * _MARGIN
     left = (width - wide * scale) / 2
     top = _TITLE + 6
     page = Page(scale, left - float(low[0]) * scale, top + float(high[1]) * scale)

@@ -35,7 +35,7 @@ from camgen.vision.to_scale import Region, View, already_to_scale, cut_out, fram
 _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 #: Pictures of more values are looked at coarsely first: so many times coarser, and then around the part with so much of
 #: the bench on each side, coarse pixels at least and as a share of the part.
-_LARGE, _COARSER, _ROOM, _SHARE = 2_000_000, 4, 24, 0.12
+_LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
 
 
 class Facts(Struct, frozen=True):
@@ -208,7 +208,7 @@ def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None
         return None  # the close look finds it, or says why not
     columns, rows = np.flatnonzero(mask.pixels.any(axis=0)), np.flatnonzero(mask.pixels.any(axis=1))
     height, width = mask.pixels.shape
-    room = max(_ROOM, round(_SHARE * max(np.ptp(columns), np.ptp(rows))))
+    room = max(_ROOM_PX, round(_ROOM_SHARE * max(np.ptp(columns), np.ptp(rows))))
     left, right = max(columns[0] - room, 0), min(columns[-1] + room, width - 1)
     top, bottom = max(rows[0] - room, 0), min(rows[-1] + room, height - 1)
     corners = view.work_from_view @ np.array([[left, right], [bottom, top], [1.0, 1.0]])

@@ -19,8 +19,8 @@ from camgen.geometry.ragged import following, offsets, ramp, stretches
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
+from camgen.model.tolerance import NONZERO, OFF_GRID
 from camgen.read.pieces import (
-    OFF_GRID,
     BoolArray,
     IntArray,
     Soup,
@@ -228,7 +228,7 @@ def _ends(soup: Soup) -> _Ends:
     for side, rows, sign in ((0, start, 1.0), (1, np.maximum(end - 1, 0), -1.0)):
         half = 2 * np.arctan(soup.bulges[rows])
         cos, sin = np.cos(half), -sign * np.sin(half)
-        c = sign * chord[rows] / np.maximum(size[rows], 1e-300)[:, None]
+        c = sign * chord[rows] / np.maximum(size[rows], NONZERO)[:, None]
         directions[:, side] = np.column_stack([c[:, 0] * cos - c[:, 1] * sin, c[:, 0] * sin + c[:, 1] * cos])
     return _Ends(
         points=np.stack([soup.points[start], soup.points[end]], axis=1).reshape(-1, 2),

@@ -14,18 +14,17 @@ from camgen.geometry.arcs import bulge_middles
 from camgen.geometry.ragged import following, offsets, owners, stretches
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
+from camgen.model.tolerance import OFF_GRID, SAME_POINT_MM
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
-#: Points closer than this (mm) are one, unless the coordinates are so large that doubles are coarser.
-SAME = 1e-6
 #: Coordinates beyond this (mm) are damage: a million kilometres.
 FARTHEST = 1e12
+#: Bulges in one cell of a grid so wide are the same.
+_SAME_BULGE = 1e-6
 #: A bulge beyond this is damage too: an arc that lacks less than a millionth of a degree to a full circle.
 _WIDEST = 1e9
-#: Keeps values with few decimals, the usual ones, away from the border between two cells of SAME.
-OFF_GRID = 0.381966
 
 
 class Soup(Struct, frozen=True, eq=False):
@@ -78,7 +77,7 @@ def next_row(soup: Soup) -> IntArray:
 def same_distance(soup: Soup) -> float:
     """Below this distance (mm) two points of the soup are one."""
     reach = float(np.abs(soup.points).max(initial=0.0))
-    return max(SAME, 16 * float(np.spacing(reach)))
+    return max(SAME_POINT_MM, 16 * float(np.spacing(reach)))
 
 
 def credible(soup: Soup) -> BoolArray:
@@ -164,9 +163,9 @@ def first_of_its_kind(soup: Soup) -> BoolArray:
             continue
         rows = soup.first[members][:, None] + np.arange(counts[members[0]])
         points = np.floor(soup.points[rows] / cell + OFF_GRID).astype(np.int64)
-        bulges = np.floor(soup.bulges[rows] / SAME + OFF_GRID).astype(np.int64)
+        bulges = np.floor(soup.bulges[rows] / _SAME_BULGE + OFF_GRID).astype(np.int64)
         # Minus a bulge is one cell off, as OFF_GRID is not one half: round the negative one for itself.
-        back = np.floor(-soup.bulges[rows] / SAME + OFF_GRID).astype(np.int64)
+        back = np.floor(-soup.bulges[rows] / _SAME_BULGE + OFF_GRID).astype(np.int64)
         keys = _keys(points, bulges, back, bool(soup.closed[members[0]]))
         # A set of rows as bytes: sorting them, as np.unique does, takes ten times as long.
         seen: set[bytes] = set()

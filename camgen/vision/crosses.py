@@ -20,7 +20,7 @@ from camgen.vision.image import Pixels
 ComplexArray = NDArray[np.complex128]
 
 #: Width and height of a piece that may be a mark, px, and how much they and its ink may differ.
-_LEAST, _MOST, _ASPECT, _FULLEST = 7, 400, 1.6, 0.75
+_LEAST_SIDE_PX, _MOST_SIDE_PX, _ASPECT, _FULLEST = 7, 400, 1.6, 0.75
 #: Where an arm begins, as a share of how far the mark reaches, and how wide it may be as a share of the way from there.
 _ROOT, _WEDGE = 0.35, 0.6
 #: How unlike the four arms may be in length and width, the shortest.
@@ -30,7 +30,7 @@ _BESIDE, _INKED = 0.1, 0.8
 #: A mark turned further is an x, rad.
 _TURNED = np.radians(30.0)
 #: Room around a piece whose grey belongs to it, px.
-_ROOM = 2
+_ROOM_PX = 2
 
 
 class Cross(Struct, frozen=True):
@@ -59,11 +59,11 @@ def crosses(mask: Pixels, grey: Pixels) -> tuple[Cross, ...]:
 def _in(ink: Pixels, grey: Pixels) -> Iterator[Cross]:
     _, labels, facts, _ = cv2.connectedComponentsWithStats(ink)
     for k, (u, v, wide, high, area) in enumerate(facts.tolist()):
-        sized = min(wide, high) >= _LEAST and max(wide, high) <= min(_MOST, _ASPECT * min(wide, high))
+        sized = min(wide, high) >= _LEAST_SIDE_PX and max(wide, high) <= min(_MOST_SIDE_PX, _ASPECT * min(wide, high))
         inner = u > 0 and v > 0 and u + wide < ink.shape[1] and v + high < ink.shape[0]
         if k and sized and inner and area <= _FULLEST * wide * high:
-            top, left = max(v - _ROOM, 0), max(u - _ROOM, 0)
-            window = (slice(top, v + high + _ROOM), slice(left, u + wide + _ROOM))
+            top, left = max(v - _ROOM_PX, 0), max(u - _ROOM_PX, 0)
+            window = (slice(top, v + high + _ROOM_PX), slice(left, u + wide + _ROOM_PX))
             own = (labels[window] == k).astype(np.uint8)
             cross = _fitted(own, grey[window], complex(left, top))
             if cross is not None:
@@ -98,7 +98,7 @@ def _fitted(own: Pixels, grey: Pixels, corner: complex) -> Cross | None:
 
 def _ink(own: Pixels, grey: Pixels) -> tuple[ComplexArray, FloatArray]:
     """Pixels (N,) of a piece and around it, and how much of each is inked, 0 to 1."""
-    near = cv2.dilate(own, np.ones((2 * _ROOM - 1, 2 * _ROOM - 1), dtype=np.uint8)) > 0
+    near = cv2.dilate(own, np.ones((2 * _ROOM_PX - 1, 2 * _ROOM_PX - 1), dtype=np.uint8)) > 0
     dark, light = float(np.median(grey[own > 0])), float(np.median(grey[own == 0]))
     share = (grey.astype(np.float64) - light) / (dark - light) if dark != light else own.astype(np.float64)
     v, u = np.nonzero(near)

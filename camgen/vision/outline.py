@@ -21,7 +21,7 @@ _SLOPE = np.float32(1.702)
 #: Pixels read along the row or column, counted outwards from the border pixel.
 _STEPS = np.arange(-5, 7)
 #: How far the mask is searched for the next edge, px, and what is kept free of it.
-_LOOK, _CLEAR = 9, 2.0
+_LOOK_PX, _CLEAR_PX = 9, 2.0
 #: Rows before and after that share their plateaus; the weight of the whole loop's plateaus among them.
 _WINDOW, _PULL = 8, 1.0
 #: Profiles that fit worse than this many times the usual, at corners, hardly tell the plateaus.
@@ -29,9 +29,9 @@ _USUAL = 1.5
 _ROUNDS = 5
 _LEAST_BLUR, _MOST_BLUR = 0.3, 4.0
 #: An edge farther than this from the border of the mask, px, is not its edge.
-_FARTHEST = 2.5
+_FARTHEST_PX = 2.5
 #: Rows before and after over which the border's bend is taken, and beyond which it is another one.
-_BEND, _APART = 3, 6
+_BEND, _BEND_APART = 3, 6
 
 
 class Edge(Struct, frozen=True, eq=False):
@@ -84,7 +84,7 @@ def fitted_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: Compl
             along = directions(loops, points)
             outward, bend = 1j * along, _bends(loops, points, along)
         fit = _improved(profiles, fit, outward, bend)
-    found = np.abs(fit.at - 0.5) < _FARTHEST
+    found = np.abs(fit.at - 0.5) < _FARTHEST_PX
     points = chain + axis * np.where(found, fit.at, 0.5)
     shift = outward * (_even(loops, bend) * fit.blur[loops.loop] ** 2 / 2)
     return Edge(points, shift, found, fit.blur.astype(np.float64), fit.contrast, fit.misfit)
@@ -136,9 +136,9 @@ def _read(
 
 def _weights(mask: Pixels, chain: ComplexArray, axis: ComplexArray) -> Float32:
     """(N, K) 1 for the pixels of ``_STEPS`` that no other edge disturbs."""
-    ahead = _next(_read(mask, chain, axis, np.arange(2, _LOOK + 1)) != 0)
-    behind = _next(_read(mask, chain, axis, -np.arange(1, _LOOK)) == 0)
-    high, low = (np.maximum(d / 2, d - _CLEAR)[:, None] for d in (ahead, behind))
+    ahead = _next(_read(mask, chain, axis, np.arange(2, _LOOK_PX + 1)) != 0)
+    behind = _next(_read(mask, chain, axis, -np.arange(1, _LOOK_PX)) == 0)
+    high, low = (np.maximum(d / 2, d - _CLEAR_PX)[:, None] for d in (ahead, behind))
     step = _STEPS - 0.5
     return ((step <= high) & (step >= -low)).astype(np.float32)
 
@@ -146,7 +146,7 @@ def _weights(mask: Pixels, chain: ComplexArray, axis: ComplexArray) -> Float32:
 def _next(other: BoolArray) -> FloatArray:
     """Distance (N,) px to the next edge, where ``other`` (N, K) first holds, counted from this edge."""
     first = np.argmax(other, axis=1)
-    return np.where(other.any(axis=1), first + 1.0, 2.0 * _LOOK)
+    return np.where(other.any(axis=1), first + 1.0, 2.0 * _LOOK_PX)
 
 
 def _plateaus(profiles: _Profiles, inner: Float32, trust: FloatArray) -> tuple[Float32, Float32]:
@@ -191,7 +191,7 @@ def _bends(loops: Rings, points: ComplexArray, along: ComplexArray) -> FloatArra
 
 def _even(loops: Rings, bend: FloatArray) -> FloatArray:
     """The least of the bends here and some rows before and after, 0 where they differ in sign: a corner is no bend."""
-    ahead, behind = bend[loops.shifted(_APART)], bend[loops.shifted(-_APART)]
+    ahead, behind = bend[loops.shifted(_BEND_APART)], bend[loops.shifted(-_BEND_APART)]
     least = np.minimum(np.abs(bend), np.minimum(np.abs(ahead), np.abs(behind)))
     return np.where((bend * ahead > 0) & (bend * behind > 0), np.copysign(least, bend), 0.0)
 

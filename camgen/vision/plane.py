@@ -31,7 +31,7 @@ def scale_of(work_from_view: FloatArray) -> float:
 # Homographies between two planes: the direct linear transformation, its refinement, and pairs that do not fit.
 
 #: Below this ratio of breadth to length a set of points is a line.
-_LINE = 0.02
+_LINE_RATIO = 0.02
 #: More pairs than this are not all left out one by one, only those with the largest residuals.
 _TRIED = 40
 _ROUNDS = 30
@@ -88,7 +88,7 @@ def in_line(points: FloatArray) -> int | None:
     values = np.linalg.eigvalsh(spread)
     ratio = np.sqrt(np.maximum(values[:, 0], 0) / np.maximum(values[:, 1], np.finfo(float).tiny))
     worst = int(np.argmin(ratio))
-    return worst if ratio[worst] < _LINE else None
+    return worst if ratio[worst] < _LINE_RATIO else None
 
 
 def suspect(source: FloatArray, image: FloatArray, residuals: FloatArray) -> Suspect:

@@ -20,7 +20,7 @@ from camgen.vision.image import Pixels
 _AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 _KERNEL = np.array([[128, 1, 2], [64, 0, 4], [32, 16, 8]], dtype=np.float32)
 #: While an iteration takes away more than one pixel in so many, all are looked at again.
-_WORTH = 2000
+_WORTH_LOOKING = 2000
 
 
 def skeleton(mask: Pixels, keep: Pixels | None = None) -> Pixels:
@@ -43,7 +43,7 @@ def skeleton(mask: Pixels, keep: Pixels | None = None) -> Pixels:
 
 def _many(rest: Pixels, free: Pixels) -> tuple[Pixels, Pixels]:
     """Whole iterations over the picture, as long as they are worth it; and what of the picture is still free to go."""
-    most = cv2.countNonZero(rest) // _WORTH
+    most = cv2.countNonZero(rest) // _WORTH_LOOKING
     gone = most + 1
     while gone > most:
         gone = 0
@@ -231,11 +231,11 @@ _SPUR = 2.0
 #: Junctions nearer to each other than so many times the depth are one.
 _ONE = 1.0
 #: A line from a junction to itself that is shorter, in depths, is a speck of a hole.
-_LONG = 2.0
+_LONG_LOOP = 2.0
 #: How far from a junction, in depths, its branches are looked at to see which one goes straight on.
-_LOOK = 2.0
+_LOOK_DEPTHS = 2.0
 #: The least cosine between one branch's way in and the other's way out for which the line runs on: 60 deg of bend.
-_STRAIGHT = 0.5
+_STRAIGHT_COSINE = 0.5
 
 
 class Stroke(Struct, frozen=True, eq=False):
@@ -279,7 +279,7 @@ def strokes(net: Graph) -> list[Stroke]:
     place, stands = _contracted(net, branches)
     within = [stands[b.start] == stands[b.end] and b.start != b.end and len(b.points) > 1 for b in branches]
     branches = [
-        b for b, gone in zip(branches, within, strict=True) if not gone or b.length > _LONG * net.depth[b.start]
+        b for b, gone in zip(branches, within, strict=True) if not gone or b.length > _LONG_LOOP * net.depth[b.start]
     ]
     node = [stands[n] for b in branches for n in (b.start, b.end)]
     meeting: dict[int, list[int]] = defaultdict(list)
@@ -365,7 +365,7 @@ def _pairs(tangle: _Tangle, ends: list[int]) -> list[tuple[int, int]]:
     free = set(range(len(ends)))
     for k in np.argsort(-cosine[a, b], kind="stable").tolist():
         i, j = int(a[k]), int(b[k])
-        if i in free and j in free and cosine[i, j] > _STRAIGHT:
+        if i in free and j in free and cosine[i, j] > _STRAIGHT_COSINE:
             free -= {i, j}
             pairs.append((ends[i], ends[j]))
     return pairs
@@ -376,7 +376,7 @@ def _direction(tangle: _Tangle, end: int) -> complex:
     points = tangle.leaving(end)
     branch = tangle.branches[end // 2]
     depth = tangle.net.depth[branch.end if end % 2 else branch.start]
-    near, far = (min(round(depth * k), len(points) - 1) for k in (_ONE / 2, _ONE / 2 + _LOOK))
+    near, far = (min(round(depth * k), len(points) - 1) for k in (_ONE / 2, _ONE / 2 + _LOOK_DEPTHS))
     way = points[far] - points[near if far > near else 0]
     return complex(way / max(abs(way), 1e-9))
 

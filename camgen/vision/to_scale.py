@@ -37,7 +37,7 @@ _NOWHERE = -1e6
 #: where it does not turn back before; that is looked for in so many directions and in such steps.
 _BEYOND, _DIRECTIONS, _BACK = 1.05, 64, 0.99
 #: Nodes up to so many px outside of the photo matter for what is inside.
-_ROOM = 100.0
+_OUTSIDE_PX = 100.0
 
 
 class Shown(Struct, frozen=True, eq=False):
@@ -216,7 +216,7 @@ def _exact(shown: Shown, work_from_view: FloatArray, size: tuple[int, int], step
     across, along = np.meshgrid(u, v)
     mm = np.column_stack([across.ravel(), along.ravel()]) @ work_from_view[:, :2].T + work_from_view[:, 2]
     places = photo_from_work(shown, mm).reshape(len(v), len(u), 2)
-    around = np.all((places > -_ROOM) & (places < np.array(shown.size) + _ROOM), axis=2)
+    around = np.all((places > -_OUTSIDE_PX) & (places < np.array(shown.size) + _OUTSIDE_PX), axis=2)
     return _Exact(step, places, _differences(places, around, 2), _differences(places, around, 4))
 
 
@@ -272,7 +272,7 @@ _COARSER = 4.0
 #: A view of more pixels than the photo times this is refused: the plane is seen at too flat an angle.
 _LARGER = 6.0
 #: The photo, or the region, is sampled at so many places along each side to find region and scale.
-_SAMPLES = 33
+_PHOTO_SAMPLES = 33
 
 
 class View(Struct, frozen=True, eq=False):
@@ -383,7 +383,7 @@ def rectify(
 def framed(view: View, camera: Camera | None, plane: Plane, size: tuple[int, int]) -> FloatArray:
     """The border of the view in a photo of ``size`` (width, height), (N, 2) px; nan where the lens shows nothing."""
     height, width = view.pixels.shape[:2]
-    steps = np.linspace(0.0, 1.0, _SAMPLES)[:-1]
+    steps = np.linspace(0.0, 1.0, _PHOTO_SAMPLES)[:-1]
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64)
     sides = corners[:, None] + steps[:, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
     mm = sides.reshape(-1, 2) @ view.work_from_view[:, :2].T + view.work_from_view[:, 2]
@@ -392,7 +392,7 @@ def framed(view: View, camera: Camera | None, plane: Plane, size: tuple[int, int
 
 def _whole(shown: Shown, picture: Picture, notes: list[Note]) -> tuple[Region, float]:
     """Box and finest mm/px of all that the photo shows, but for what is much coarser than its finest place."""
-    places = work_from_photo(shown, photo_grid(shown.size, _SAMPLES))
+    places = work_from_photo(shown, photo_grid(shown.size, _PHOTO_SAMPLES))
     front = places[np.isfinite(places).all(axis=1)]
     if not len(front):
         raise InputError(picture.name, "does not show the work plane", remedy="check the points or the pose")
@@ -413,7 +413,7 @@ def _part(shown: Shown, picture: Picture, region: Region) -> tuple[Region, float
     if not (all(map(math.isfinite, region)) and x0 < x1 and y0 < y1):
         remedy = "give [x from, y from, x to, y to] in mm"
         raise JobError("region", f"{list(region)} is no rectangle", remedy=remedy)
-    x, y = np.meshgrid(np.linspace(x0, x1, _SAMPLES), np.linspace(y0, y1, _SAMPLES))
+    x, y = np.meshgrid(np.linspace(x0, x1, _PHOTO_SAMPLES), np.linspace(y0, y1, _PHOTO_SAMPLES))
     places = np.column_stack([x.ravel(), y.ravel()])
     px = photo_from_work(shown, places)
     inside = places[np.all((px >= 0) & (px <= np.array(shown.size) - 1), axis=1)]

@@ -26,9 +26,9 @@ from .options import PacScriptOptions, derived
 _ANGLE, _METRES, _PERCENT, _NEWTON, _INDENT = 4, 7, 4, 3, "    "
 #: Longest line in bytes; longest delay in ms (a signed 32-bit integer); largest force in N; and the least change of a
 #: component that is written, N.
-_LINE, _DELAY, _FORCE, _STEP = 1024, 2**31 - 1, 5000.0, 0.01
+_LONGEST_LINE, _LONGEST_DELAY_MS, _MOST_FORCE_N, _FORCE_STEP_N = 1024, 2**31 - 1, 5000.0, 0.01
 #: Least chord of an arc (mm) and largest turn of the tool along it (rad): beyond, the controller's arc is open.
-_CHORD, _TURN = 0.2, math.radians(179.0)
+_LEAST_CHORD_MM, _MOST_TOOL_TURN = 0.2, math.radians(179.0)
 
 
 @dataclass
@@ -58,7 +58,11 @@ class PacScript(PacScriptOptions):
             case Output():
                 return self._output_reason(item)
             case Wait():
-                return "" if item.seconds * 1000 <= _DELAY else "the wait is longer than a Delay holds; shorten it"
+                return (
+                    ""
+                    if item.seconds * 1000 <= _LONGEST_DELAY_MS
+                    else "the wait is longer than a Delay holds; shorten it"
+                )
             case Force():
                 return self._force_reason(item.newtons, item.press)
             case Comment():
@@ -101,8 +105,8 @@ class PacScript(PacScriptOptions):
         if self.force == "refuse":
             remedy = 'check post.force_on and set post.force to "template", or to "ignore"'
             return f"the arguments of force control are not public; {remedy}"
-        if newtons > _FORCE:
-            return f"{newtons:g} N is more than the {_FORCE:g} N of a force table; lower the force"
+        if newtons > _MOST_FORCE_N:
+            return f"{newtons:g} N is more than the {_MOST_FORCE_N:g} N of a force table; lower the force"
         return (
             "" if abs(math.hypot(*press) - 1) < 1e-3 else "the force has no direction; follow one side of the contour"
         )
@@ -113,10 +117,10 @@ class PacScript(PacScriptOptions):
         _, radius, _, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
         if sweep > math.pi + 1e-6:
             return "an arc of more than 180 deg; halve it"
-        if angle_between(start.rotation, arc.target.rotation) > _TURN:
+        if angle_between(start.rotation, arc.target.rotation) > _MOST_TOOL_TURN:
             return "the tool turns by 180 deg along an arc and its sense is open; halve it"
         sagitta = radius * (1 - math.cos(sweep / 2))
-        if 2 * radius * math.sin(sweep / 2) < _CHORD or sagitta < 10 * 10**-self.decimals:
+        if 2 * radius * math.sin(sweep / 2) < _LEAST_CHORD_MM or sagitta < 10 * 10**-self.decimals:
             return "the arc is too small or too flat for its digits; use lines"
         if arc.force > 0 and self.force == "template":
             return "the direction of the force would not turn along an arc; use lines"
@@ -219,7 +223,7 @@ class PacScript(PacScriptOptions):
         if self._pressing is None:
             return []
         wanted = _times(motion.force, motion.press)
-        if all(abs(a - b) <= _STEP for a, b in zip(wanted, self._pressing, strict=True)):
+        if all(abs(a - b) <= _FORCE_STEP_N for a, b in zip(wanted, self._pressing, strict=True)):
             return []
         self._pressing = wanted
         return self._filled(self.force_change)
@@ -262,8 +266,10 @@ class PacScript(PacScriptOptions):
         for sub, content in zip(names, subs, strict=False):
             lines += [f"Sub {sub}", *(_INDENT + line for line in content), "End Sub"]
         longest = max(lines, key=len)
-        if len(longest) > _LINE:
-            raise Refused(self.name, -1, f"a line of {len(longest)} bytes, the controller takes {_LINE}", "shorten it")
+        if len(longest) > _LONGEST_LINE:
+            raise Refused(
+                self.name, -1, f"a line of {len(longest)} bytes, the controller takes {_LONGEST_LINE}", "shorten it"
+            )
         return (OutputFile(name + self.suffix, "\n".join(lines) + "\n"),)
 
     @classmethod
@@ -273,10 +279,10 @@ class PacScript(PacScriptOptions):
         return Cell("DENSO VS-060", translation(300, -75, 150), translation(0, 0, 100), home, robot="VS-060")
 
     def tolerance(self) -> Tolerance:
-        """Half the last digit; an orientation adds up three angles, a force may keep what is ``_STEP`` away."""
+        """Half the last digit; an orientation adds up three angles, a force may keep what is ``_FORCE_STEP_N`` away."""
         degree = math.radians(0.51 * 10**-_ANGLE)
         per_digit = 1000 * 10**-_METRES if self.speed == "mps" else self.rated / 100 * 10**-_PERCENT
-        return Tolerance(0.501 * 10**-self.decimals, 3 * degree, degree, 0.51 * per_digit, 2 * _STEP, 0.00051)
+        return Tolerance(0.501 * 10**-self.decimals, 3 * degree, degree, 0.51 * per_digit, 2 * _FORCE_STEP_N, 0.00051)
 
 
 def _figure(motion: Motion) -> int | None:

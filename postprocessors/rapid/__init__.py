@@ -46,7 +46,7 @@ _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 #: confdata where no posture is known for sure; the supervision of postures is then off.
 _NEUTRAL = "0,0,0,0"
 #: Up to here a num (24 bits) tells 0.001 mm apart; least and greatest speed, mm/s, and least blend radius, mm.
-_FARTHEST, _LEAST, _FASTEST = 8388, 0.001, 99999
+_FARTHEST, _LEAST_SPEED_AND_ZONE, _FASTEST = 8388, 0.001, 99999
 _IN, _IN2 = "    ", "        "
 
 
@@ -97,8 +97,8 @@ class Rapid(RapidOptions):
     def accepts(self, columns: Columns) -> Mask:
         """Motions without joints to poses, in bounds, that are no arcs."""
         speed, blend = columns.speed, columns.blend
-        fine = columns.posed & ~columns.moves_are(MoveC) & (speed >= _LEAST) & (speed <= _FASTEST)
-        fine &= (blend == 0) | ((blend >= _LEAST) & (blend <= _FARTHEST))
+        fine = columns.posed & ~columns.moves_are(MoveC) & (speed >= _LEAST_SPEED_AND_ZONE) & (speed <= _FASTEST)
+        fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= _FARTHEST))
         fine[fine] = (np.abs(columns.ends[fine]) <= _FARTHEST).all(axis=1)
         fine[fine] = [move.joints is None for move in taken(columns.moves, fine)]
         accepted = columns.are(Comment)
@@ -131,10 +131,10 @@ class Rapid(RapidOptions):
                 return f"{counted(len(joints.values), 'joint value')}; RAPID here is for arms of six axes"
         if (isinstance(target, Pose) and _far(target)) or (isinstance(motion, MoveC) and _far(motion.via)):
             return f"a coordinate of more than {_FARTHEST} mm, which a num does not carry exactly"
-        if not _LEAST <= motion.speed <= _FASTEST:
-            return f"a speed of {motion.speed:g} mm/s; use {_LEAST} to {_FASTEST}"
-        if motion.blend and not _LEAST <= motion.blend <= _FARTHEST:
-            return f"a blend radius of {motion.blend:g} mm; use 0, or {_LEAST} to {_FARTHEST}"
+        if not _LEAST_SPEED_AND_ZONE <= motion.speed <= _FASTEST:
+            return f"a speed of {motion.speed:g} mm/s; use {_LEAST_SPEED_AND_ZONE} to {_FASTEST}"
+        if motion.blend and not _LEAST_SPEED_AND_ZONE <= motion.blend <= _FARTHEST:
+            return f"a blend radius of {motion.blend:g} mm; use 0, or {_LEAST_SPEED_AND_ZONE} to {_FARTHEST}"
         return ""
 
     def _refuses_arc(self, arc: MoveC, start: Pose | None) -> str:

@@ -345,7 +345,7 @@ def test_references_that_never_end_are_left_out(tmp_path: Path) -> None:
 
 
 def test_a_bomb_of_references_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tree, "_MOST", 20_000)
+    monkeypatch.setattr(tree, "_MOST_ELEMENTS", 20_000)
     levels = "".join(f'<g id="g{k}">' + f'<use href="#g{k + 1}"/>' * 10 + "</g>" for k in range(12))
     with pytest.raises(InputError, match="elements come of its references"):
         drawn(tmp_path, f'<defs>{levels}<path id="g12" d="M0 0h9"/></defs><use href="#g0"/>')

@@ -23,9 +23,9 @@ _BENT = math.radians(10.0)
 #: Least rise, mm per mm, of a way that is to reach the level.
 _STEEP = 0.15
 #: mm: the least way out.
-_LEAST = 1.0
+_LEAST_WAY_OUT_MM = 1.0
 #: Directions round the vertical that are tried, all 45 deg up.
-_AROUND = 8
+_DIRECTIONS = 8
 
 
 class Retraction(Struct, frozen=True, eq=False):
@@ -88,9 +88,12 @@ def _ways(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[tu
     if over is not None:
         yield "over the wrist", over
     beside = start + back * _out_of(room, start, back)
-    yield "back and up", _chain(setup, end, [start, beside, beside + up * max(room.level - beside[2], _LEAST)])
-    turns = np.arange(_AROUND) * (math.tau / _AROUND) + math.atan2(back[1], back[0])
-    order = sorted(range(_AROUND), key=lambda k: (min(k, _AROUND - k), k))
+    yield (
+        "back and up",
+        _chain(setup, end, [start, beside, beside + up * max(room.level - beside[2], _LEAST_WAY_OUT_MM)]),
+    )
+    turns = np.arange(_DIRECTIONS) * (math.tau / _DIRECTIONS) + math.atan2(back[1], back[0])
+    order = sorted(range(_DIRECTIONS), key=lambda k: (min(k, _DIRECTIONS - k), k))
     slopes = [np.array([math.cos(turns[k]), math.sin(turns[k]), 1.0]) / math.sqrt(2) for k in order]
     for name, along in [("up", up), *(("up aside", slope) for slope in slopes)]:
         way = _straight(setup, room, start, along, end)
@@ -102,7 +105,7 @@ def _straight(setup: Setup, room: Room, start: FloatArray, along: FloatArray, en
     """In one direction up to the level (equation 1)."""
     if along[2] < _STEEP:
         return None
-    return _chain(setup, end, [start, start + along * max((room.level - start[2]) / along[2], _LEAST)])
+    return _chain(setup, end, [start, start + along * max((room.level - start[2]) / along[2], _LEAST_WAY_OUT_MM)])
 
 
 def _over_wrist(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Way | None:
@@ -116,7 +119,7 @@ def _over_wrist(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Way |
     back = -turned[:, 2]
     if back[2] < _STEEP:
         return None
-    top = wrist + back * max((room.level - wrist[2]) / back[2], _LEAST)
+    top = wrist + back * max((room.level - wrist[2]) / back[2], _LEAST_WAY_OUT_MM)
     work_from_base = setup.base_from_work.inverse()
     position = [end.position[0], *(np.stack([wrist, top]) @ work_from_base.rotation.T + work_from_base.origin)]
     rotation = work_from_base.rotation @ turned
@@ -139,4 +142,4 @@ def _out_of(room: Room, start: FloatArray, along: FloatArray) -> float:
     ends = np.where(along > 0, high, low)
     with np.errstate(divide="ignore"):
         ways = np.where(np.abs(along) > 1e-9, (ends - start) / along, math.inf)
-    return max(float(ways.min()), _LEAST)
+    return max(float(ways.min()), _LEAST_WAY_OUT_MM)

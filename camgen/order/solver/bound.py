@@ -20,7 +20,7 @@ from camgen.order.solver.plane import Items, discs_of
 __all__ = ["Dense", "at_least"]
 
 #: Near ends among which the tree is looked for; all others count as no farther than the farthest of these.
-_NEAR = 8
+_NEAR_ENDS = 8
 #: The first step of the prices, as a part of the way to the known tour, and how fast the steps shrink. Measured: twice
 #: as much overshoots, a third as much is slow.
 _PULL, _SHRINK = 0.15, 0.95
@@ -83,7 +83,7 @@ def at_least(items: Items, home: FloatArray | None, known: float, rounds: int, d
 def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph:
     nodes = _nodes(items)
     count = int(nodes.owner.max()) + 1
-    near = nearest_items(nodes, count, _NEAR)
+    near = nearest_items(nodes, count, _NEAR_ENDS)
     closed = items.kind == CLOSED
     first = begins(np.where(closed, 1, 2))
     forced = np.stack([first[~closed], first[~closed] + 1], axis=1)

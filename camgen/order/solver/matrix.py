@@ -44,9 +44,9 @@ _Move = tuple[int, int, IntArray, float]
 #: So many items are ordered exactly: 2^n sets.
 EXACT = 10
 #: Longest stretch that is moved elsewhere; longer ones are only reversed.
-_STRETCH = 3
+_LONGEST_MOVED = 3
 #: Work spent on shuffles, in entries of the table looked at, and the bounds on their number.
-_WORK, _LEAST, _MOST = 2_000_000, 20, 300
+_WORK, _LEAST_SHUFFLES, _MOST_SHUFFLES = 2_000_000, 20, 300
 #: Entries of the tables of one batch of shuffles, and the most shuffles in it.
 _BATCH, _WIDEST = 20_000, 64
 #: Share of the costs below which a gain is rounding.
@@ -177,7 +177,7 @@ def _iterated(states: IntArray, steps: FloatArray, seed: int, effort: float) -> 
     dice = Dice(seed)
     best: IntArray = _improved(states[None], steps)[0]
     least = _cost(best, steps)
-    trials = math.ceil(effort * min(max(_WORK // count**2, _LEAST), _MOST))
+    trials = math.ceil(effort * min(max(_WORK // count**2, _LEAST_SHUFFLES), _MOST_SHUFFLES))
     while trials > 0:
         batch = min(trials, max(_BATCH // count**2, 1), _WIDEST)
         trials -= batch
@@ -270,7 +270,7 @@ def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list
     there, back = _sums(states, steps)
     gap = steps[states[:, :-1], states[:, 1:]]
     place = np.arange(count + 1)
-    for size in range(1, min(_STRETCH, count - 1) + 1):
+    for size in range(1, min(_LONGEST_MOVED, count - 1) + 1):
         low = np.arange(1, count - size + 2)
         high = low + size - 1
         saved = gap[:, low - 1] + gap[:, high] - steps[states[:, low - 1], states[:, high + 1]]

@@ -34,7 +34,7 @@ from camgen.order.solver.kernel import (
 )
 
 #: Longest stretch that is carried elsewhere.
-_STRETCH = 3
+_LONGEST_CARRIED = 3
 
 
 def pair(s: Scene, a: int, pa: int, out_a: int, b: int, pb: int, out_b: int) -> tuple[float, int, int]:
@@ -216,7 +216,7 @@ def improve(s: Scene, r: Run, a: int) -> float:
         push(r, after(r, a))
         push(r, a)
         return change
-    for count in range(1, _STRETCH + 1):
+    for count in range(1, _LONGEST_CARRIED + 1):
         change = insert(s, r, a, count, True)
         if change < 0.0:
             return change

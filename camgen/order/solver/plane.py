@@ -10,6 +10,7 @@ from msgspec import Struct
 from camgen.geometry.nearest import Discs, IntArray, Near
 from camgen.geometry.ragged import begins, offsets, owners, stretches
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
 from camgen.order.solver import kernel, speed
 from camgen.order.solver import moves as rounds
 from camgen.order.solver.kernel import CLOSED, Run, Scene
@@ -87,7 +88,7 @@ def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
     owner = owners(count)
     number = stretches(items.first[loops], count)
     around = count * items.step[loops]
-    parts = np.where(around > 4 * room, np.ceil(around / max(room, 1e-300)), 1.0)
+    parts = np.where(around > 4 * room, np.ceil(around / max(room, NONZERO)), 1.0)
     parts = np.minimum(parts, count).astype(np.int64)
     place = number - items.first[loops][owner]
     stretch = place * parts[owner] // count[owner] + begins(parts)[owner]

@@ -116,14 +116,14 @@ def feed_of(motion: Reached, length: float, process: Process) -> float:
 # From the poses of a way to those of the flange, and how finely a motion is looked at.
 
 #: mm, rad: a motion is looked at so often, and no joint turns by more than JUMP rad from one look to the next.
-_STEP, _TURN, JUMP = 5.0, math.radians(5), math.radians(15)
+_LOOK_MM, _LOOK_TURN, JUMP = 5.0, math.radians(5), math.radians(15)
 #: rad: what a motion keeps from singularities.
 MARGIN = math.radians(2)
 
 
 def dense_parts(way: Way) -> Index:
     """Into how many parts the segments of ``way`` are cut to be looked at."""
-    return counts(way, _STEP, _TURN)
+    return counts(way, _LOOK_MM, _LOOK_TURN)
 
 
 def flange_poses(setup: Setup, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:

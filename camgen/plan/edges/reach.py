@@ -10,6 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import bent, chain
+from camgen.geometry.rotations import SURE_TURN
 from camgen.geometry.vectors import cross
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray, frozen
@@ -26,8 +27,6 @@ from camgen.robots.kinematics.reasons import why
 #: in the plane of the face machined last, so that the offset is this face's normal.
 Offset = Literal["mean", "burr"]
 
-#: Arcs of more than this are cut in two: half a turn of the tool has no sense of its own (rad).
-_WIDE = np.radians(120.0)
 #: Below this the sum of two unit normals has no direction.
 _OPPOSED = 1e-3
 #: An offset that leaves less than this part of an arc has closed it.
@@ -53,7 +52,7 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreac
     arc = bent(edge.points[:-1], edge.via, edge.points[1:])
     begins, ends = chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
     tangent = _at_rows(edge, begins, ends)
-    wide = arc & ((begins * ends).sum(axis=1) < np.cos(_WIDE))
+    wide = arc & ((begins * ends).sum(axis=1) < np.cos(SURE_TURN))
     at = np.flatnonzero(wide)
     away, tangent = (
         np.insert(rows, at + 1, middles[at], axis=0) for rows, middles in ((away, middle), (tangent, _chords(edge)))

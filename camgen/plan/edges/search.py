@@ -104,9 +104,9 @@ def _followed(robot: Robot, rotations: FloatArray, origins: FloatArray, near: Fl
 
 
 #: The orientation may change over so many mm and rad: the rows of the search.
-_STRETCH, _TURN = 50.0, math.radians(30)
+_ROW_MM, _ROW_TURN = 50.0, math.radians(30)
 #: mm, rad: what the search looks at in between; what it finds is proved by ``moving.dense_parts``.
-_STEP, _STEP_TURN = 10.0, math.radians(10)
+_LOOK_MM, _LOOK_TURN = 10.0, math.radians(10)
 #: rad: the most a joint may turn from one row of the search to the next, and from one look to the next.
 _KNOT_JUMP, _STEP_JUMP = math.radians(120), 2 * JUMP
 #: rad: a tilt so much above another is the same; and what the axis may lean between rows where only the roll is free.
@@ -127,7 +127,7 @@ def searched(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reac
     """The motion along ``way`` that costs least, its orientations free within ``grid``; or what the last one collided
     with, empty where no motion is possible at all. most: rad that the axis may lean, between rows too.
     """
-    parts = counts(way, _STRETCH, _TURN)
+    parts = counts(way, _ROW_MM, _ROW_TURN)
     knots = Knots(way, divided(way, parts), parts)
     states = _states(setup, knots.way, grid)
     ways = steps(setup.robot, states, _KNOT_JUMP)
@@ -154,7 +154,7 @@ def searched(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reac
 def _states(setup: Setup, knots: Way, grid: Grid) -> States:
     """What the rows of ``knots`` can choose from, and which orientations can stay from row to row."""
     robot, table = setup.robot, turns(setup.robot)
-    parts = counts(knots, _STEP, _STEP_TURN)
+    parts = counts(knots, _LOOK_MM, _LOOK_TURN)
     at, looks = rows(parts), divided(knots, parts)
     orientations = looks.rotation[:, None] @ grid.nominal_from_tool
     found = solutions(robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves)

@@ -10,6 +10,7 @@ from camgen.geometry.arcs import Spans, chain, span_lengths
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.geometry.rotations import angles_between, between
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.tolerance import NONZERO
 
 Index = NDArray[np.int64]
 
@@ -81,7 +82,7 @@ def cut(way: Way, low: float, high: float) -> Way:
     ends = np.concatenate([[0.0], np.cumsum(way.length)])
     before, after = np.clip(ends[:-1], low, high), np.clip(ends[1:], low, high)
     segment = np.flatnonzero(after - before > 0)
-    span = np.maximum(way.length[segment], 1e-300)
+    span = np.maximum(way.length[segment], NONZERO)
     start, stop = (before[segment] - ends[segment]) / span, (after[segment] - ends[segment]) / span
     own, first = np.concatenate([segment[:1], segment]), np.concatenate([start[:1], stop])
     via = np.concatenate([np.full((1, 3), np.nan), way.spans.pick(segment).point((start + stop) / 2)])

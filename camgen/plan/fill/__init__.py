@@ -110,7 +110,7 @@ def _slope(field: Ground, pixels: ComplexArray) -> tuple[FloatArray, ComplexArra
 # What passes and centre lines left bare: strokes where the tool has room, one touch where it pays.
 
 #: The tool has room where it is no nearer to the border than this share of its radius.
-_ROOM = 0.9
+_ROOM_SHARE = 0.9
 #: A touch needs a piece so many times as large as a line does and so many pixels, which is more than the corner of a
 #: square leaves wherever the pixels lie, and must cover this many times what it inks outside.
 _TOUCH, _GRAIN, _PAYS = 1.6, 4, 2.0
@@ -137,7 +137,7 @@ def uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> list[L
     bare = _Bare(piece, np.asarray(facts, dtype=np.int64), room)
     worth = bare.facts[:, cv2.CC_STAT_AREA] >= least
     worth[0] = False
-    lines = _lines(field, bare, worth & (room >= _ROOM * radius), radius)
+    lines = _lines(field, bare, worth & (room >= _ROOM_SHARE * radius), radius)
     left = worth & (bare.facts[:, cv2.CC_STAT_AREA] >= _TOUCH * least + _GRAIN)
     if lines:
         drawn = np.concatenate([line.points for line in lines])
@@ -155,7 +155,7 @@ def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[L
     found = strokes(graph(skeleton(own), None, width))
     result = []
     for stroke, points in zip(found, centred(found, field, radius)[1] if found else [], strict=True):
-        room = sampled(field.depth, points) >= _ROOM * radius
+        room = sampled(field.depth, points) >= _ROOM_SHARE * radius
         closed = stroke.closed and bool(room.all()) and len(points) > 2
         result += [Line(part, closed, radius) for part in _runs(points, room)]
     return result
@@ -194,7 +194,7 @@ def _runs(points: ComplexArray, where: BoolArray) -> list[ComplexArray]:
 #: Strokes are thinned out within this, px of the grid, where the job does not say.
 _SIMPLIFY = 0.2
 #: What is left bare is worth a stroke from this share of the tool's disc on.
-_WORTH = 0.05
+_WORTH_SHARE = 0.05
 
 
 class Kind(Struct, frozen=True, eq=False):
@@ -229,7 +229,7 @@ def _strokes(field: Ground, radius: float, job: Job) -> list[Kind]:
     round_ = Kind("f", [_thinned(points, True, near) for points in wide], [True] * len(wide), [False] * len(wide))
     middle = _kind("m", centre_lines(field, radius, core(field, radius)), near, radius)
     ink = painted(*lines_of(round_.lines + middle.lines), radius, field.mask.shape[:2])
-    rest = uncovered(field, ink, radius, _WORTH * np.pi * radius**2)
+    rest = uncovered(field, ink, radius, _WORTH_SHARE * np.pi * radius**2)
     return [round_, middle, _kind("r", rest, near, 0.0)]
 
 

@@ -12,6 +12,7 @@ from camgen.geometry.segments import IntArray
 from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.tolerance import NONZERO
 from camgen.plan.fill.ground import Pixels, crossings, even_odd, outlines, spread
 
 #: Below this share of covered copper the summary warns.
@@ -51,7 +52,7 @@ class Coverage(Struct, frozen=True):
 #: Rows by tool diameter; and how they lie: along no direction that boards are drawn in, so that every edge meets many.
 _ROWS, _TURN = 12.7, np.exp(0.4j)
 #: Rows at most.
-_MOST = 9000
+_MOST_ROWS = 9000
 #: Border crossings of a row stay below the first, passes that lie on each other below the second.
 _PASS, _THIN = 1 << 20, 1 << 40
 
@@ -66,8 +67,8 @@ def spans(
     along = end - start
     # The outline of a disc that ran along a line: on either side the disc is where the row meets the line that touches
     # all of them, else at one of the two ends.
-    lean = np.sign(along.imag) * along.real * radius / np.maximum(np.abs(along), 1e-300)
-    rise = np.where(along.imag == 0, 1e-300, along.imag)
+    lean = np.sign(along.imag) * along.real * radius / np.maximum(np.abs(along), NONZERO)
+    rise = np.where(along.imag == 0, NONZERO, along.imag)
     sides = []
     for sign, towards in ((-1, lean), (1, -lean)):
         flat_end = (sign * along.real > 0) * 1.0
@@ -108,7 +109,7 @@ def measured(
     passes, thin = ([line * _TURN for line in lines] for lines in (passes, thin))
     pitch = 2 * radius / _ROWS
     tall = float(np.ptp(borders.imag)) if len(borders) else 0.0
-    pitch = max(pitch, tall / _MOST)
+    pitch = max(pitch, tall / _MOST_ROWS)
     following = borders[table.shifted(1)]
     edge, place = crossings(*(p.real + 1j * (p.imag / pitch) for p in (borders, following)))
     events = [(edge, place, np.ones(len(edge), dtype=np.int64))]

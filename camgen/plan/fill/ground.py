@@ -23,9 +23,9 @@ Pixels = NDArray[np.uint8]
 Distances = NDArray[np.float32]
 
 #: The tool's radius in grid pixels: wanted of a picture, made of a drawing, and the least that can be worked with.
-_WANTED, _MADE, _LEAST = 2.2, 6.0, 1.4
+_WANTED_RADIUS_PX, _MADE_RADIUS_PX, _LEAST_RADIUS_PX = 2.2, 6.0, 1.4
 #: Pixels of a grid at most, and the free ones around it.
-_MOST, _ROOM = 40_000_000, 4
+_MOST_PIXELS, _FREE_PIXELS = 40_000_000, 4
 #: From the centre of the nearest pixel outside to the border, px: the mean over all directions of an edge.
 _OUTSIDE = 0.45
 
@@ -57,8 +57,8 @@ def ground(part: Part, radius: float) -> Ground:
     """The grid of a part for a tool of ``radius`` mm. JobError where the tool is too small for picture or drawing."""
     counts, points, work_from_grid, contour = outlines(part, radius)
     table = rings(counts)
-    corner = _whole(points, np.minimum) - _ROOM * (1 + 1j)
-    high = _whole(points, np.maximum) - corner + _ROOM * (1 + 1j)
+    corner = _whole(points, np.minimum) - _FREE_PIXELS * (1 + 1j)
+    high = _whole(points, np.maximum) - corner + _FREE_PIXELS * (1 + 1j)
     points = points - corner
     work_from_grid = work_from_grid @ np.array([[1, 0, corner.real], [0, 1, corner.imag], [0, 0, 1]])
     shape = (int(high.imag) + 2, int(high.real) + 2)
@@ -81,8 +81,8 @@ def _whole(points: ComplexArray, pick: np.ufunc) -> complex:
 def _of_picture(seen: Raster, radius: float) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
     mm_per_px = float(np.hypot(*seen.work_from_view[:, 0]))
     size = radius / mm_per_px
-    finer = max(1.0, min(_WANTED / size, float(np.sqrt(_MOST / seen.mask.size))))
-    if size * finer < _LEAST:
+    finer = max(1.0, min(_WANTED_RADIUS_PX / size, float(np.sqrt(_MOST_PIXELS / seen.mask.size))))
+    if size * finer < _LEAST_RADIUS_PX:
         what = f"{2 * radius:g} mm is {2 * size:.2g} px of the picture"
         raise JobError("job", what, "tool.diameter", "use a wider tool or a finer picture")
     points = np.concatenate([b[:, 0] + 1j * b[:, 1] for b in seen.borders])
@@ -97,12 +97,12 @@ def _of_picture(seen: Raster, radius: float) -> tuple[IntArray, ComplexArray, Fl
 def _of_drawing(part: Part, radius: float) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:
     closed = np.array([k for k, c in enumerate(part.contours) if c.closed], dtype=np.int64)
     segments = from_contours([part.contours[k] for k in closed.tolist()])
-    points, owner = flatten(segments, radius / _MADE / 20)
+    points, owner = flatten(segments, radius / _MADE_RADIUS_PX / 20)
     counts = np.bincount(owner, minlength=len(closed))
     low, high = points.min(axis=0), points.max(axis=0)
     area = float(np.prod(high - low + radius))
-    pixel = max(radius / _MADE, float(np.sqrt(area / _MOST)))
-    if radius / pixel < _LEAST:
+    pixel = max(radius / _MADE_RADIUS_PX, float(np.sqrt(area / _MOST_PIXELS)))
+    if radius / pixel < _LEAST_RADIUS_PX:
         wide, tall = (high - low).tolist()
         what = f"{2 * radius:g} mm is too small for a drawing of {wide:.0f} x {tall:.0f} mm"
         raise JobError("job", what, "tool.diameter", "use a wider tool, or fill the drawing in parts")

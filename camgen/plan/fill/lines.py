@@ -20,7 +20,7 @@ from camgen.vision.skeleton import Stroke, graph, skeleton, strokes
 #: factor is a junction or a widening, where the sides say nothing.
 _SIDE, _USUAL = 0.6, 1.2
 #: The middle is moved by this much at most, px.
-_MOST = 1.5
+_MOST_SHIFT_PX = 1.5
 #: A place wider than the tool by more than this factor takes two lines side by side.
 _WIDER = 1.02
 #: Depth, px, that is seen between pixels where the border is.
@@ -76,7 +76,7 @@ def centred(found: Sequence[Stroke], field: Ground, radius: float) -> tuple[list
     here = sampled(field.depth, points)
     off = _SIDE * here
     left, right = (_depths(field, points + side * off * normal, points + side * here * normal) for side in (1, -1))
-    shift = np.clip((left - right) / 2, -_MOST, _MOST)
+    shift = np.clip((left - right) / 2, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
     half = (left + right) / 2 + off
     usual = np.array([float(np.median(part)) for part in np.split(here, first[1:])])
     weight = np.where(here <= _USUAL * usual[stroke] + 0.5, 1.0, 1e-3)
@@ -151,7 +151,7 @@ def _in_the_middle(point: ComplexArray, field: Ground) -> ComplexArray:
         for way in (1.0, 1j):
             off = _SIDE * here * way
             ahead, behind = (_depths(field, point + s * off, point + s * here * way) for s in (1, -1))
-            point = point + way * np.clip((ahead - behind) / 2, -_MOST, _MOST)
+            point = point + way * np.clip((ahead - behind) / 2, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
     return point
 
 

@@ -132,11 +132,11 @@ def not_followed(borders: IntArray, how: str, why: str) -> Note:
 
 
 #: Below this many pixels the tool's radius is not resolved.
-_LEAST = 1.5
+_LEAST_RADIUS_PX = 1.5
 #: Gap (px) between contact point and part from which contact is lost: to the exact border, and to pixel centres.
-_GAP, _PIXEL_GAP = 1.0, 2.0
+_CONTACT_GAP_PX, _PIXEL_GAP = 1.0, 2.0
 #: Change of the force angle (rad/mm) below which a path counts as straight: that of a radius of 29 mm.
-_STRAIGHT = np.radians(2.0)
+_STRAIGHT_RATE = np.radians(2.0)
 
 
 class _Waypoints(Struct, frozen=True, eq=False):
@@ -185,10 +185,10 @@ def image_space(
     step = max((chord if spacing is None else spacing) / mm_per_px, 1.0)
     points, touched = _waypoints(way, edge, None if exact else picture, distance, step, job.process.max_feed_factor)
     main = beside_which(edge, points.table, points.points, touched)
-    gouge = sampled(picture.far, points.points) < distance - (_GAP if exact else _PIXEL_GAP)
+    gouge = sampled(picture.far, points.points) < distance - (_CONTACT_GAP_PX if exact else _PIXEL_GAP)
     sound = np.bincount(points.table.loop, gouge, len(main)) == 0
     notes = left_out(edge, reached(way, picture, edge, distance, radius), main, sound, job, mm_per_px)
-    chain = _chain(points, _STRAIGHT * mm_per_px, job.tolerance.chord / mm_per_px)
+    chain = _chain(points, _STRAIGHT_RATE * mm_per_px, job.tolerance.chord / mm_per_px)
     return _paths(chain, labels(main, way.parent, sound), _moved(work_from_view, picture.corner), job), tuple(notes)
 
 
@@ -199,7 +199,7 @@ def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
     if job.operation.side != "auto":
         what = f'"{job.operation.side}" is not known to the image-space planner'
         raise JobError("job", what, "operation.side", "set operation.side to auto")
-    if distance < _LEAST:
+    if distance < _LEAST_RADIUS_PX:
         what = f"{job.tool.diameter:g} mm is {2 * distance:.2g} px of the view"
         raise JobError("job", what, "tool.diameter", "use a larger tool or a finer view")
     rim = (mask_pixels[0], mask_pixels[-1], mask_pixels[:, 0], mask_pixels[:, -1])
@@ -224,7 +224,7 @@ def _waypoints(
     # In a sharp inner corner contact leaps from one side to the other, perhaps between two waypoints.
     back = table.shifted(-1)
     half_way = contact_points((points + points[back]) / 2, unit(press + press[back]), distance)
-    tolerance = _GAP if picture is None else _PIXEL_GAP
+    tolerance = _CONTACT_GAP_PX if picture is None else _PIXEL_GAP
     touches = touching(table, gap, tolerance)
     contact = touches & touches[back] & (_gaps(edge, half_way, picture)[0] <= tolerance)
     along, run = observed(table, points, contacts)

@@ -18,7 +18,7 @@ Pixels = NDArray[np.uint8]
 Distances = NDArray[np.float32]
 
 #: Room (px) around the outermost path, so that every path is closed inside the picture.
-_ROOM = 8
+_BORDER_PX = 8
 #: No picture larger than this (px) is worked on; four bytes a pixel, up to three pictures.
 _LARGEST = 100_000_000
 
@@ -50,7 +50,7 @@ def field(mask: Pixels, reach: float) -> Field:
     the one image serves all borders. JobError where that would be a picture without measure.
     """
     u, v, width, height = cv2.boundingRect(mask)
-    margin = int(np.ceil(reach)) + _ROOM
+    margin = int(np.ceil(reach)) + _BORDER_PX
     if (width + 2 * margin) * (height + 2 * margin) > _LARGEST:
         what = f"its path runs {reach:.0f} px beside a part of {width} x {height} px"
         raise JobError("job", what, "tool.diameter", "use a smaller tool or a coarser view")

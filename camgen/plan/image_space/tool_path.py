@@ -23,7 +23,7 @@ _HALF = 0.5
 #: Inner corners cannot be rounder than so many pixels in an iso-line; a smaller radius is made so.
 _ROUND = 2.0
 #: What a place may be off (px) for the tool to be said to reach it.
-_SLACK = 1.0
+_REACHED_PX = 1.0
 
 
 class Way(Struct, frozen=True, eq=False):
@@ -79,8 +79,8 @@ def reached(way: Way, picture: Field, edge: Border, distance: float, radius: flo
     """(N,) of ``edge``: whether the tool may stand where it would touch that point of the part."""
     centre = edge.points + distance * edge.away
     if way.back is None:
-        return sampled(picture.far, centre) >= distance - _SLACK
-    return sampled(way.back, centre) <= max(radius, _ROUND) + _HALF + _SLACK
+        return sampled(picture.far, centre) >= distance - _REACHED_PX
+    return sampled(way.back, centre) <= max(radius, _ROUND) + _HALF + _REACHED_PX
 
 
 def given(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings, ComplexArray]:
@@ -177,7 +177,7 @@ def nearest(edge: Border, contacts: ComplexArray) -> tuple[FloatArray, IntArray]
 #: Zero crossings of the low-pass on each side of its middle.
 _LOBES = 4
 #: Bound (rad) on the angle by which the removal of waypoints may turn the force direction in between.
-_TURN = np.radians(1.0)
+_PRESS_TURN = np.radians(1.0)
 
 
 def resampled(table: Rings, count: IntArray, *columns: ComplexArray) -> tuple[Rings, list[ComplexArray]]:
@@ -245,4 +245,4 @@ def _deviation(begin: IntArray, points: ComplexArray, press: ComplexArray, bound
     part = np.clip((here * way.conj()).real / size, 0.0, 1.0)
     between = (1 - part) * press[low] + part * press[high]
     angle = np.abs(np.angle(press * between.conj()))
-    return np.asarray(np.maximum(np.abs(here - part * way) / bound, angle / _TURN))
+    return np.asarray(np.maximum(np.abs(here - part * way) / bound, angle / _PRESS_TURN))

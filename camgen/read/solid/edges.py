@@ -20,16 +20,16 @@ from camgen.read.solid.sharp import CORNER, Chains, Segments
 Fits = Callable[[FloatArray, float], bool]
 
 #: Sides in a row that make an arc; fewer fit one by chance.
-_LEAST = 3
+_LEAST_SIDES = 3
 #: Sides of an arc are alike to this factor, but for the first and the last, which other faces may cut short. The last
 #: side of one fillet, the line between and the first side of the next lie on one circle too: they are not alike.
 _EVEN = 1.5
 #: Pieces of a curve turn into each other by less than this (rad).
 _SMOOTH = float(np.radians(20.0))
 #: A side longer than so many times the one beside it is no part of a curve.
-_LONG = 2.0
+_LONG_SIDE = 2.0
 #: Pieces beside each other are parts of a curve if their bends differ by less than this factor.
-_ALIKE = 2.0
+_LIKE_BENDS = 2.0
 
 
 class Piece(Struct, frozen=True, eq=False):
@@ -66,7 +66,7 @@ def recognised(points: FloatArray, closed: bool, tolerance: float, tight: float)
     points = _from(points, begin)
     kept = _corners(points, tight)
     circle = fitted(points[kept[:-1]])
-    if circle is not None and len(kept) > 2 * _LEAST and _once_round(circle, points[kept], tolerance):
+    if circle is not None and len(kept) > 2 * _LEAST_SIDES and _once_round(circle, points[kept], tolerance):
         return begin, [Run("circle", (Piece(0, len(points) - 1, circle),))]
     further = int(kept[_break(points[kept], _pieces(points[kept], tolerance))])
     points = _from(points, further)
@@ -129,7 +129,7 @@ def _pieces(points: FloatArray, tolerance: float) -> list[Piece]:
     at = 0
     while at < last:
         line = _reach(points, at, 2, _is_line, tolerance)
-        arc = _reach(points, at, _LEAST, _is_arc, tolerance)
+        arc = _reach(points, at, _LEAST_SIDES, _is_arc, tolerance)
         circle = fitted(points[at : arc + 1]) if arc > max(line, at + 1) else None
         end = arc if circle is not None else line
         result.append(Piece(at, end, circle))
@@ -177,7 +177,7 @@ def _is_arc(points: FloatArray, tolerance: float) -> bool:
     if not ((steps > 0).all() and (steps < CORNER).all()):
         return False
     alike = steps * _EVEN >= steps.max()
-    return bool(alike[1:-1].all() and np.count_nonzero(alike) >= _LEAST)
+    return bool(alike[1:-1].all() and np.count_nonzero(alike) >= _LEAST_SIDES)
 
 
 def _runs(points: FloatArray, pieces: list[Piece]) -> list[Run]:
@@ -216,26 +216,26 @@ def _together_pieces(points: FloatArray, a: Piece, b: Piece) -> bool:
     if turn > _SMOOTH:
         return False
     if a.circle is None and b.circle is None:
-        return max(lengths) < _LONG * min(lengths)
+        return max(lengths) < _LONG_SIDE * min(lengths)
     if a.circle is not None and b.circle is not None:
         radii = sorted([a.circle.radius, b.circle.radius])
         at = points[b.low]
-        return radii[1] < _ALIKE * radii[0] and float((a.circle.center - at) @ (b.circle.center - at)) > 0
+        return radii[1] < _LIKE_BENDS * radii[0] and float((a.circle.center - at) @ (b.circle.center - at)) > 0
     # Half of what each side sweeps: a line sweeps nothing, a side of the curve what its length asks for.
     circle, bent, side = (a.circle, *lengths) if a.circle is not None else (b.circle, *lengths[::-1])
     assert circle is not None
     share = (2 * turn * circle.radius - bent) / side
-    return 1 / _ALIKE < share < _ALIKE
+    return 1 / _LIKE_BENDS < share < _LIKE_BENDS
 
 
 #: Along an arc normals that turn with it are one surface of revolution; what the mesh adds is below this (rad).
 _STEADY = float(np.radians(3.0))
 #: Along a line normals that turn by less than this from side to side (cosine) are those of one flat face.
-_FLAT = float(np.cos(np.radians(2.0)))
+STEADY_COSINE = float(np.cos(np.radians(2.0)))
 #: Rounding of single precision, as a part of the largest coordinate.
 _TIGHT = 2.0**-22
 #: Places are compared in steps of this (mm) for the order of edges.
-_STEP = 1e-3
+_ORDER_STEP_MM = 1e-3
 
 
 class Spans(Struct, frozen=True, eq=False):
@@ -266,7 +266,7 @@ def ordered(edges: Iterable[Edge]) -> tuple[Edge, ...]:
     middle = np.array([_middle(e) for e in listed])
     ends = np.array([[*e.points[0], e.length] for e in listed])
     # A middle half-way between two steps must not fall to either side by rounding.
-    key = np.floor(np.column_stack([-middle[:, 2], middle[:, 1], middle[:, 0], ends]) / _STEP + 0.4637)
+    key = np.floor(np.column_stack([-middle[:, 2], middle[:, 1], middle[:, 0], ends]) / _ORDER_STEP_MM + 0.4637)
     order = np.lexsort(key.T[::-1])
     return tuple(replace(listed[k], id=f"e{i}") for i, k in enumerate(order.tolist(), start=1))
 
@@ -323,7 +323,7 @@ def _spans(piece: Piece, low: int, high: int, corners: FloatArray, sides: Segmen
 
 def _straight(points: FloatArray, normals: FloatArray, weight: FloatArray) -> Spans:
     """Spans of a line: one, unless the normals turn along it."""
-    steady = np.append(False, (np.einsum("ijk,ijk->ij", normals[1:], normals[:-1]) > _FLAT).all(axis=1))
+    steady = np.append(False, (np.einsum("ijk,ijk->ij", normals[1:], normals[:-1]) > STEADY_COSINE).all(axis=1))
     kept = np.flatnonzero(~steady)
     via_normals = unit(np.add.reduceat(normals * weight[:, None, None], kept))
     chosen = points[np.append(kept, len(points) - 1)]

@@ -34,7 +34,7 @@ _STUMBLES = (
 )  # fmt: skip
 _GUESSER = "charset_normalizer"
 #: Coordinates beyond this are damage.
-_FARTHEST = 1e9
+_FARTHEST_COORDINATE = 1e9
 _QUIET = logging.NullHandler()
 _SAVE_AGAIN = "export it again from the CAD program"
 
@@ -66,7 +66,7 @@ def load(source: Source) -> Soup:
         )
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(name, "a face names a vertex that is not there", "", _SAVE_AGAIN)
-    wrong = np.flatnonzero(~(np.abs(vertices[faces]) < _FARTHEST).all(axis=(1, 2)))
+    wrong = np.flatnonzero(~(np.abs(vertices[faces]) < _FARTHEST_COORDINATE).all(axis=(1, 2)))
     if len(wrong):
         what = (
             f"{counted(len(wrong), 'face has', 'faces have')} coordinates that are not numbers, or beyond all measure"

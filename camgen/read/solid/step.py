@@ -18,7 +18,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read.solid import kernel
 from camgen.read.solid import topology as welding
-from camgen.read.solid.edges import ordered
+from camgen.read.solid.edges import STEADY_COSINE, ordered
 from camgen.read.solid.kernel import Beside, Curve
 from camgen.read.solid.sharp import face_normals
 from camgen.read.solid.topology import paired
@@ -28,7 +28,7 @@ from camgen.read.solid.topology import paired
 #: Ends are one place if they agree to this (mm).
 _MEET = 1e-4
 #: Tangents and normals agree to this (cosine).
-_ALIKE = float(np.cos(np.radians(1.0)))
+_SMOOTH_COSINE = float(np.cos(np.radians(1.0)))
 
 
 def backwards(edge: Edge) -> Edge:
@@ -96,10 +96,11 @@ def _one(a: Edge, b: Edge, place: tuple[int, ...]) -> Edge | None:
 
 def _smooth(a: Edge, b: Edge) -> bool:
     """Whether b goes on where a ends with the same tangent and the same two normals."""
-    if (np.einsum("si,si->s", a.normals[-1], b.normals[0]) < _ALIKE).any():
+    if (np.einsum("si,si->s", a.normals[-1], b.normals[0]) < _SMOOTH_COSINE).any():
         return False
     return (
-        float(_tangent(a.points[-1], a.via[-1], a.points[-2]) @ _tangent(b.points[0], b.via[0], b.points[1])) < -_ALIKE
+        float(_tangent(a.points[-1], a.via[-1], a.points[-2]) @ _tangent(b.points[0], b.via[0], b.points[1]))
+        < -_SMOOTH_COSINE
     )
 
 
@@ -119,20 +120,18 @@ def _apart(a: Edge, b: Edge) -> float:
 # Edges of exact CAD as spans: lines and circles as they are, all else as arcs through three of its points.
 
 #: Samples that tell a line or a circle that is written as a spline.
-_SAMPLES = 33
+_SPLINE_SAMPLES = 33
 #: How near a spline must be to a line or a circle to be one, as a part of the tolerance.
-_EXACT = 0.1
+_EXACT_SHARE = 0.1
 #: Samples within each half of a span that is compared with its arc.
 _WITHIN = 4
 #: Divisions at most: a cusp ends in an interval far below any tolerance.
-_DEPTH = 20
-#: Normals of a line that stay within this (cosine) are those of one flat face.
-_FLAT = float(np.cos(np.radians(2.0)))
+_MOST_DIVISIONS = 20
 
 
 def edge(curve: Curve, left: Beside, right: Beside, convex: bool, tolerance: float) -> Edge:
     """The edge along ``curve``, without id; ``left`` and ``right`` of growing parameters, seen from outside."""
-    at = np.linspace(curve.low, curve.high, _SAMPLES)
+    at = np.linspace(curve.low, curve.high, _SPLINE_SAMPLES)
     points = curve.points(at)
     kind, circle = _known(curve, points, tolerance)
     if kind == "line":
@@ -142,7 +141,7 @@ def edge(curve: Curve, left: Beside, right: Beside, convex: bool, tolerance: flo
     elif circle is not None:
         ends, middles, places, via = _round(circle, at, points)
     else:
-        ends = np.array(_divided(curve, curve.low, curve.high, tolerance, _DEPTH))
+        ends = np.array(_divided(curve, curve.low, curve.high, tolerance, _MOST_DIVISIONS))
         places, middles = curve.points(ends), (ends[1:] + ends[:-1]) / 2
         via = _arc_middles(places, curve.points(middles))
     normals, via_normals = (np.stack([left.normals(t), right.normals(t)], axis=1) for t in (ends, middles))
@@ -164,7 +163,7 @@ def _known(curve: Curve, points: FloatArray, tolerance: float) -> tuple[EdgeKind
         center, axis, radius = curve.circle()
         first = points[0] - center
         return "arc", Circle(center, axis, first / np.linalg.norm(first), radius)
-    limit = _EXACT * tolerance
+    limit = _EXACT_SHARE * tolerance
     chord = points[-1] - points[0]
     length = float(np.linalg.norm(chord))
     if length > 0:
@@ -180,9 +179,9 @@ def _known(curve: Curve, points: FloatArray, tolerance: float) -> tuple[EdgeKind
 
 def _line_parameters(at: FloatArray, left: Beside, right: Beside) -> FloatArray:
     """Where a line is divided: at its ends, and on the way if the normals turn."""
-    at = at[:: (_SAMPLES - 1) // 4]
+    at = at[:: (_SPLINE_SAMPLES - 1) // 4]
     normals = np.stack([left.normals(at), right.normals(at)])
-    steady = (np.einsum("ski,sli->skl", normals, normals) > _FLAT).all()
+    steady = (np.einsum("ski,sli->skl", normals, normals) > STEADY_COSINE).all()
     return at[[0, -1]] if steady else at
 
 

@@ -131,7 +131,7 @@ _SILENT = frozenset(
 _EFFECTS = ("clip-path", "mask")
 _MARKERS = ("marker", "marker-start", "marker-mid", "marker-end")
 #: So deep may references nest, and so many elements may come of them: more is a bomb.
-_DEEPEST, _MOST = 64, 2_000_000
+_DEEPEST_REFERENCE, _MOST_ELEMENTS = 64, 2_000_000
 
 
 class Drawn(Struct):
@@ -185,8 +185,8 @@ def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float]
         element, place = todo.pop()
         todo += reversed(list(walker.step(element, place)))
         steps += 1
-        if steps + len(todo) > _MOST:
-            what = f"more than {_MOST:,} elements come of its references"
+        if steps + len(todo) > _MOST_ELEMENTS:
+            what = f"more than {_MOST_ELEMENTS:,} elements come of its references"
             raise InputError(file, what, remedy="draw the shapes themselves")
     for selector in sheet.unknown:
         drawn.leave("rules of the style sheet for other than elements, classes and ids", harmless(selector, 40), "")
@@ -273,7 +273,7 @@ class _Walk(Struct):
         target = self.ids.get(name.removeprefix("#")) if name.startswith("#") else None
         if target is None:
             raise Malformed("refers to nothing in this file")
-        if name in place.inside or len(place.inside) > _DEEPEST:
+        if name in place.inside or len(place.inside) > _DEEPEST_REFERENCE:
             raise Malformed("refers to itself")
         x, y = (length(element.attrib.get(key, "0"), key, place.view) for key in ("x", "y"))
         matrix = combined(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))

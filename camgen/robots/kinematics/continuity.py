@@ -73,7 +73,7 @@ JUMP = math.radians(30)
 #: Rows whose transitions are worked out at once: bounds the memory.
 _CHUNK = 512
 #: rad or mm: joint values that are no farther apart are the same.
-_SAME = 1e-6
+_SAME_JOINTS = 1e-6
 
 
 class Choice(Struct, frozen=True, eq=False):
@@ -196,7 +196,7 @@ def _ended(robot: Robot, cost: FloatArray, last: FloatArray, end: FloatArray | N
     """The costs (B, T) of ending in ``last`` (B, T, J), with the way to ``end``; only the states there, if any is."""
     if end is None:
         return cost
-    there = np.isfinite(cost) & (np.abs(last - end).max(axis=-1) < _SAME)
+    there = np.isfinite(cost) & (np.abs(last - end).max(axis=-1) < _SAME_JOINTS)
     if there.any():
         return np.where(there, cost, math.inf)
     return cost + np.where(np.isfinite(cost), _time(robot, last - end), 0.0)

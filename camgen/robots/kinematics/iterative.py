@@ -24,9 +24,9 @@ MM, RAD = 1e-8, 1e-11
 _CHUNK = 256
 _STEPS, _STRIDE = 40, 0.5
 #: Keeps the equations solvable where the arm is singular.
-_LEAST = 1e-14
+_LEAST_DAMPING = 1e-14
 #: rad, mm: two solutions as near as this are one.
-_SAME = 1e-5
+_SAME_SOLUTION = 1e-5
 
 
 def solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
@@ -96,7 +96,7 @@ def _step(moved: FloatArray, error: FloatArray) -> FloatArray:
     so that the last steps are Newton's.
     """
     back = moved.transpose(0, 2, 1)
-    damping = np.minimum(0.1 * (error**2).sum(axis=1), 0.1) + _LEAST
+    damping = np.minimum(0.1 * (error**2).sum(axis=1), 0.1) + _LEAST_DAMPING
     square = back @ moved + damping[:, None, None] * np.eye(moved.shape[2])
     step = np.linalg.solve(square, back @ error[..., None])[..., 0]
     most = np.abs(step).max(axis=1, keepdims=True)
@@ -108,7 +108,7 @@ def _distinct(robot: Robot, found: FloatArray) -> FloatArray:
     turning = np.array([not joint.sliding for joint in robot.joints])
     apart = found[:, :, None] - found[:, None]
     apart = np.where(turning, np.remainder(apart + math.pi, math.tau) - math.pi, apart)
-    same: NDArray[np.bool_] = np.abs(apart).max(axis=3) < _SAME
+    same: NDArray[np.bool_] = np.abs(apart).max(axis=3) < _SAME_SOLUTION
     repeated = (same & np.tri(found.shape[1], k=-1, dtype=bool)).any(axis=2)
     lost = repeated | np.isnan(found[:, :, 0])
     order = np.argsort(lost, axis=1, kind="stable")

@@ -19,7 +19,7 @@ from camgen.robots.kinematics.singular import from_singular, singularities
 from camgen.robots.models import Robot
 
 #: rad: a joint that has to jump so near a singularity does so because of it.
-_NEAR = math.radians(20)
+_NEAR_SINGULAR = math.radians(20)
 
 
 class Reason(Struct, frozen=True):
@@ -104,7 +104,7 @@ def _unconnected(robot: Robot, own: FloatArray, reached: FloatArray, row: int, m
     joint = int(np.where(turning, np.abs(moved[before, branch]), 0.0).argmax())
     amount = float(leaps[before, branch])
     ends = np.stack([reached[before], own[branch]])
-    if _clearance(robot, ends).min() < max(_NEAR, margin):
+    if _clearance(robot, ends).min() < max(_NEAR_SINGULAR, margin):
         away = from_singular(robot, ends)
         name = singularities(robot)[int(away.min(axis=0).argmin())]
         text = f"singular, {name}: {robot.joints[joint].name} would turn by {_degrees(amount)} at once"

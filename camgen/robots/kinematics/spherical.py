@@ -19,7 +19,7 @@ from camgen.robots.kinematics.arms import Spherical
 BRANCHES = 8
 #: mm: so much beyond its reach the arm counts as straight. Sine of axis 5, and mm of the wrist centre beside axis 1,
 #: below which axes 4 and 1 are free.
-_REACH, _STRAIGHT, _OVER = 1e-9, 1e-9, 1e-9
+_REACH, _STRAIGHT_SINE, _OVER = 1e-9, 1e-9, 1e-9
 
 
 class Wrists(Struct, frozen=True, eq=False):
@@ -100,7 +100,7 @@ def _wrist(theta: FloatArray, turn: FloatArray, keep: FloatArray) -> None:
     # z of the wrist in the forearm's frame, whose x is (c1 c, s1 c, -s), y (-s1, c1, 0) and z (c1 s, s1 s, c).
     ahead, side = c1 * wx + s1 * wy, c1 * wy - s1 * wx
     x, z = c * ahead - s * wz, s * ahead + c * wz
-    straight = np.hypot(x, side) < _STRAIGHT
+    straight = np.hypot(x, side) < _STRAIGHT_SINE
     theta4 = np.where(straight, np.where(np.isfinite(keep), keep, 0.0), np.arctan2(side, x))
     c4, s4 = np.cos(theta4), np.sin(theta4)
     # Axis 6 is read beside axis 4, not on its own: their sum stays exact where axis 5 is all but straight.

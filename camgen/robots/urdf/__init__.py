@@ -28,9 +28,9 @@ _PAD = 5.0
 #: Whole turns of all joints together that are looked at: seven joints of +-360 deg have 3 to the power of 7.
 _TURNS = 2187
 #: Beyond this an arm has no use for joints.
-_MOST = 12
+_MOST_JOINTS = 12
 #: rad: joints are bent by so much for a home where the arm is not stretched. Least singular value that is enough there.
-_BEND, _CLEAR = math.radians(30), 0.05
+_BEND, _CLEAR_OF_SINGULAR = math.radians(30), 0.05
 
 
 def read_urdf(file: str, tip: str, files: Files) -> Robot:
@@ -40,8 +40,10 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     """
     described = read_description(Path(file), files)
     chain = chain_of(described, tip)
-    if len(chain.joints) > _MOST:
-        raise InputError(file, f"has {len(chain.joints)} joints between {chain.base} and {chain.tip}, {_MOST} at most")
+    if len(chain.joints) > _MOST_JOINTS:
+        raise InputError(
+            file, f"has {len(chain.joints)} joints between {chain.base} and {chain.tip}, {_MOST_JOINTS} at most"
+        )
     links, notes = _links(described, chain, files)
     arm = _bare(described, chain, links, notes)
     if len(turns(arm)) > _TURNS:
@@ -117,7 +119,7 @@ def _home(robot: Robot) -> FloatArray:
         clears = _clearness(robot, every, turning).round(9)  # of two bends that do as well, the first
         if clears.max(initial=-1.0) > clear:
             best, clear = every[clears.argmax()], float(clears.max())
-        if clear >= _CLEAR:
+        if clear >= _CLEAR_OF_SINGULAR:
             break
     return frozen(best)
 

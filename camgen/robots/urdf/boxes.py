@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen
+from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
 from camgen.read.solid.mesh_file import load
 from camgen.robots.kinematics.forward import frames
@@ -19,9 +20,9 @@ from camgen.robots.models import Box, Robot
 from camgen.robots.urdf.xml import Shape, mesh_path
 
 #: A mesh is looked at in so many slices along each axis, and becomes so many cuboids at most.
-_SLICES, _MOST = 16, 3
+_SLICES, _MOST_CUBOIDS = 16, 3
 #: More cuboids, or turned ones, have to be smaller than the upright one by at least this factor.
-_WORTH = 0.85
+_WORTH_FACTOR = 0.85
 #: mm: the least half edge of a cuboid, for meshes that are flat.
 _THIN = 0.01
 #: Of the radius: two cuboids, one as wide as a circle and this high, the other the other way round, hold the circle.
@@ -62,7 +63,7 @@ def around(vertices: FloatArray, faces: IntArray) -> list[Box]:
     """Cuboids that together hold a mesh of ``vertices`` (V, 3), mm: one, upright or turned, or up to three upright."""
     points, corners = vertices[np.unique(faces)], vertices[faces]
     single = _upright(points.min(axis=0), points.max(axis=0))
-    best, size = [single], _volume([single]) * _WORTH
+    best, size = [single], _volume([single]) * _WORTH_FACTOR
     for boxes in ([_turned(points)], *(_sliced(corners, axis) for axis in range(3))):
         if _volume(boxes) < size:
             best, size = boxes, _volume(boxes)
@@ -99,8 +100,8 @@ def _sliced(corners: FloatArray, axis: int) -> list[Box]:
         edges = np.maximum.accumulate(high[a:], axis=0) - np.minimum.accumulate(low[a:], axis=0)
         sizes[a, a + 1 :] = np.maximum(edges, 2 * _THIN).prod(axis=1)
     best, least = [0, count], float(sizes[0, count])
-    for more in range(1, min(_MOST, count)):
-        least *= _WORTH
+    for more in range(1, min(_MOST_CUBOIDS, count)):
+        least *= _WORTH_FACTOR
         for cuts in itertools.combinations(range(1, count), more):
             ends = [0, *cuts, count]
             size = sum(float(sizes[a, b]) for a, b in itertools.pairwise(ends))
@@ -138,9 +139,7 @@ def _slices(corners: FloatArray, axis: int) -> tuple[FloatArray, FloatArray]:
 # Which links of an arm overlap whatever its joints do: there is no sense in testing those against each other.
 
 #: Configurations in which two links have to overlap, every time.
-_SAMPLES = 48
-#: Keeps the cross product of two edges that are parallel from separating anything.
-_PARALLEL = 1e-9
+_OVERLAP_SAMPLES = 48
 
 _Boxes = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -150,7 +149,7 @@ def touching(robot: Robot) -> tuple[tuple[int, int], ...]:
     and in all of an even sample of configurations.
     """
     rng = np.random.default_rng(1)
-    spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_SAMPLES, len(robot.joints)))
+    spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_OVERLAP_SAMPLES, len(robot.joints)))
     rotations, origins = frames(robot, np.vstack([robot.home, spread]))
     bodies = [
         _placed(link.boxes, robot.pad, rotations[:, k], origins[:, k]) if link.boxes else None
@@ -177,7 +176,7 @@ def overlaps(a: _Boxes, b: _Boxes) -> NDArray[np.bool_]:
     (axes_a, at_a, half_a), (axes_b, at_b, half_b) = a, b
     turn = np.swapaxes(axes_a[:, :, None], -1, -2) @ axes_b[:, None]
     away = ((at_b[:, None] - at_a[:, :, None])[..., None, :] @ axes_a[:, :, None])[..., 0, :]
-    size = np.abs(turn) + _PARALLEL
+    size = np.abs(turn) + PARALLEL_EDGES
     first, second = half_a[:, None], half_b[None]
     apart = (np.abs(away) > first + (size @ second[..., None])[..., 0]).any(axis=-1)
     seen = (away[..., None, :] @ turn)[..., 0, :]

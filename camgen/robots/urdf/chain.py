@@ -19,7 +19,7 @@ _BASE = "base"
 #: rad: a joint without limits is taken to turn so far to either side.
 _CONTINUOUS = math.tau
 #: rad: limits beyond this are no limits.
-_FARTHEST = 4 * math.tau
+_NO_LIMIT_RAD = 4 * math.tau
 _HERE = translation(0.0, 0.0, 0.0)
 
 
@@ -178,7 +178,7 @@ def _check(of: Description, joint: RawJoint) -> None:
     if not lower < upper:
         what = f"its limits leave it no room: {short(lower, 4)} to {short(upper, 4)} {'mm' if joint.sliding else unit}"
         raise InputError(of.file, what, where, 'mend them, or make it type="fixed"')
-    if not joint.sliding and max(-lower, upper) > _FARTHEST:
+    if not joint.sliding and max(-lower, upper) > _NO_LIMIT_RAD:
         raise InputError(of.file, "its limits are more than four turns away", where, 'make it type="continuous"')
 
 

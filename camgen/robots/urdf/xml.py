@@ -22,7 +22,7 @@ from camgen.read.files import Files, reason
 # Numbers, places and names in the elements of a URDF, in mm and rad.
 
 #: Lengths in m and angles in rad beyond this are damage.
-_FARTHEST = 1e4
+_DAMAGED_BEYOND = 1e4
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 #: rad: an angle no farther from a multiple of 90 deg than this, and than one of its last digit, is that multiple.
 _ROUNDED = 1e-3
@@ -58,7 +58,7 @@ def number(text: str, where: str) -> float:
     if not _NUMBER.fullmatch(text):
         raise Wrong(f'"{text[:40]}" is not a number', where)
     value = float(text)
-    if not abs(value) < _FARTHEST:
+    if not abs(value) < _DAMAGED_BEYOND:
         raise Wrong(f"{text[:40]} is beyond all measure", where, "lengths are m, angles rad")
     return value
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _ROUNDS, _PASSES = 30, 2
 _SETTLED = 1e-4
 #: Radius of the window, px: as small as can hold nine unknowns, and where more pixels gain nothing.
-_LEAST_SADDLE, _MOST = 2.5, 12.0
+_LEAST_SADDLE, _MOST_WINDOW = 2.5, 12.0
 _DAMPING = 1e-3
 _U, _V, _FIRST, _SECOND, _CONTRAST, _MEAN, _SLOPE_U, _SLOPE_V, _BLUR_SADDLE = range(9)
 
@@ -65,7 +65,7 @@ def fitted_saddles(grey: Pixels, near: FloatArray, axes: FloatArray, radius: Flo
     axes: (N, 2, 2), the columns are the directions of the two edges in the photo. radius: of the round window in which
     no other edge may be.
     """
-    radius = radius.clip(_LEAST_SADDLE, _MOST)
+    radius = radius.clip(_LEAST_SADDLE, _MOST_WINDOW)
     start = np.zeros((len(near), 9))
     # The normals of the two edges.
     start[:, _FIRST] = np.arctan2(axes[:, 0, 0], -axes[:, 1, 0])
@@ -178,12 +178,12 @@ def _model(windows: _Windows, numbers: FloatArray) -> tuple[FloatArray, FloatArr
 #: Boards are sought in a picture of at most so many pixels, then in the full one.
 _SOUGHT = 2_500_000
 #: The window of a corner reaches so far to the next edge; near the markers of ChArUco so many px less, for blur.
-_ROOM, _BLUR = 0.5, 1.0
+_ROOM_SHARE, _BLUR = 0.5, 1.0
 #: A corner counts with this part of the middle contrast or more. Its misfit as a part of its contrast may be so many
 #: times the middle one, between the two limits: something lies on a corner that fits much worse than the others.
 _FAINT, _WORSE, _ALWAYS, _NEVER = 0.3, 3.0, 0.1, 0.4
 #: The grid is right if this part of its corners counts. So many are needed where a board may be partly hidden.
-_RIGHT, _LEAST = 0.75, 6
+_RIGHT_SHARE, _LEAST_CORNERS = 0.75, 6
 _MOST_CORNERS = 100
 
 
@@ -299,7 +299,7 @@ def _charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
     for legacy in (False, True)[: 1 + (target.rows % 2 == 0)]:
         drawn.setLegacyPattern(legacy)
         corners, numbers, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(grey)
-        if numbers is not None and len(numbers) >= _LEAST:
+        if numbers is not None and len(numbers) >= _LEAST_CORNERS:
             which = np.asarray(numbers).ravel().astype(np.int64)
             yield _Rough(np.asarray(corners, dtype=np.float64).reshape(-1, 2), which)
 
@@ -324,7 +324,7 @@ def _measured(grey: Pixels, rough: _Rough, target: Target) -> Seen | None:
         return None
     limit = float(np.median(saddles.misfit[clear] / contrast[clear]) * _WORSE)
     good = clear & (saddles.misfit < min(max(limit, _ALWAYS), _NEVER) * contrast)
-    if good.sum() < max(_LEAST, _RIGHT * len(good)) or in_line(places[good]) is not None:
+    if good.sum() < max(_LEAST_CORNERS, _RIGHT_SHARE * len(good)) or in_line(places[good]) is not None:
         return None
     corners, places = saddles.corners[good], places[good]
     if isinstance(target, Chessboard) and (columns + rows) % 2 and sign < 0:
@@ -341,8 +341,8 @@ def _corners_of(target: Target) -> tuple[int, int]:
 def _free(target: Target) -> float:
     """How far around a corner there is nothing but its two edges, mm: markers of ChArUco lie diagonally from it."""
     if isinstance(target, Chessboard):
-        return _ROOM * target.square
-    return min(_ROOM * target.square, (target.square - target.marker) / math.sqrt(2))
+        return _ROOM_SHARE * target.square
+    return min(_ROOM_SHARE * target.square, (target.square - target.marker) / math.sqrt(2))
 
 
 def _axes(homography: FloatArray, places: FloatArray) -> FloatArray:

@@ -26,8 +26,8 @@ RULER = 100.0
 #: Printers leave about 5 mm at the edge; below the markers there is the ruler.
 _MARGIN, _FOOT = 10.0, 20.0
 #: White between markers and around them, in widths of a marker: detection needs a module of white, 1 of 6.
-_GAP = 0.4
-_MOST = 50
+_GAP_SHARE = 0.4
+_MOST_MARKERS = 50
 _LEAST_MARKER = 8.0
 _LEAST_FREE = 20.0
 _PRINTED = (0.8, 1.25)
@@ -86,13 +86,13 @@ def sheet(size: str = "A4", marker: float = 20.0, printed: float = RULER) -> She
     if not (math.isfinite(printed) and RULER * _PRINTED[0] <= printed <= RULER * _PRINTED[1]):
         what = f"the ruler of {short(RULER, 0)} mm cannot have printed as {short(printed, 3)} mm"
         raise JobError("marker sheet", what, remedy="measure the printed ruler from its first to its last mark, in mm")
-    most = (page[1] - _MARGIN - _FOOT - _LEAST_FREE) / (2 + 2 * _GAP)
+    most = (page[1] - _MARGIN - _FOOT - _LEAST_FREE) / (2 + 2 * _GAP_SHARE)
     if not _LEAST_MARKER <= marker <= most:
         what = f"markers of {short(marker, 2)} mm do not fit on {size.upper()}"
         raise JobError("marker sheet", what, remedy=f"give {short(_LEAST_MARKER, 0)} to {short(most - 0.05, 1)} mm")
     left, low = _ring(page, marker)
-    corner = (_MARGIN + marker * (1 + _GAP), _FOOT + marker * (1 + _GAP))
-    free = (page[0] - 2 * corner[0], page[1] - _MARGIN - marker * (1 + _GAP) - corner[1])
+    corner = (_MARGIN + marker * (1 + _GAP_SHARE), _FOOT + marker * (1 + _GAP_SHARE))
+    free = (page[0] - 2 * corner[0], page[1] - _MARGIN - marker * (1 + _GAP_SHARE) - corner[1])
     grow = printed / RULER
     square = marker * np.array([(0, 1), (1, 1), (1, 0), (0, 0)])
     corners = np.column_stack([left, low])[:, None, :] + square - corner
@@ -112,7 +112,7 @@ def _ring(page: tuple[float, float], marker: float) -> tuple[FloatArray, FloatAr
     """Left and lower sides of the markers around the page, from the upper left one on, clockwise."""
     across, along = page[0] - 2 * _MARGIN, page[1] - _MARGIN - _FOOT
     columns, rows = _fitting(across, marker), _fitting(along, marker)
-    while 2 * (columns + rows) - 4 > _MOST:
+    while 2 * (columns + rows) - 4 > _MOST_MARKERS:
         columns, rows = (columns - 1, rows) if columns > rows else (columns, rows - 1)
     xs = np.linspace(_MARGIN, _MARGIN + across - marker, columns)
     ys = np.linspace(_FOOT + along - marker, _FOOT, rows)
@@ -125,7 +125,7 @@ def _ring(page: tuple[float, float], marker: float) -> tuple[FloatArray, FloatAr
 
 
 def _fitting(length: float, marker: float) -> int:
-    return int((length + marker * _GAP) / (marker * (1 + _GAP)) + 1e-9)
+    return int((length + marker * _GAP_SHARE) / (marker * (1 + _GAP_SHARE)) + 1e-9)
 
 
 # -- drawing

@@ -28,7 +28,7 @@ from camgen.vision.image import load
 LEAST_PHOTOS = 3
 TILT = "take photos with the board tilted by 20 to 40 deg in different directions"
 #: OpenCV's count of coefficients, and the one for wide angles.
-_USUAL, _WIDE = 5, 8
+_USUAL_LENS, _WIDE_ANGLE = 5, 8
 #: Eight coefficients must divide the middle photo's error by so much, and gain so much, px.
 _BETTER, _GAIN = 2.0, 0.05
 #: A photo is left out if its F ratio and its error, px, are larger; so many of the worst ones are looked at each time.
@@ -92,17 +92,17 @@ def best_fit(boards: Sequence[tuple[str, Seen]], size: tuple[int, int]) -> tuple
     model's note. InputError if they do not determine a camera.
     """
     with _one_thread():
-        usual, odd = _agreeing(boards, size, _fit(boards, size, _USUAL))
+        usual, odd = _agreeing(boards, size, _fit(boards, size, _USUAL_LENS))
         if not odd and usual.middle < _GAIN:
             return usual, odd, []
-        wide, odd_wide = _agreeing(boards, size, _fit(boards, size, _WIDE))
+        wide, odd_wide = _agreeing(boards, size, _fit(boards, size, _WIDE_ANGLE))
     better = wide.middle * _BETTER < usual.middle and usual.middle - wide.middle > _GAIN
     whole, whole_wide = (holds(Camera(fit.matrix, fit.lens, size, "")) for fit in (usual, wide))
     if not (len(odd_wide) < len(odd) or better) or (whole and not whole_wide):
         return usual, odd, []
     agreed = [f"{len(fit.used)} photos agree within {short(rms(fit.used), 2)} px" for fit in (usual, wide)]
-    why = f"with {_USUAL} of them {agreed[0]}, with all {_WIDE} {agreed[1]}"
-    return wide, odd_wide, [Note("assumed", f"a wide-angle lens of {_WIDE} coefficients", why)]
+    why = f"with {_USUAL_LENS} of them {agreed[0]}, with all {_WIDE_ANGLE} {agreed[1]}"
+    return wide, odd_wide, [Note("assumed", f"a wide-angle lens of {_WIDE_ANGLE} coefficients", why)]
 
 
 @contextmanager
@@ -141,7 +141,7 @@ def _fit(boards: Sequence[tuple[str, Seen]], size: tuple[int, int], count: int) 
 
     places = [np.column_stack([seen.places, np.zeros(len(seen.places))]).astype(np.float32) for _, seen in boards]
     corners = [seen.corners.astype(np.float32) for _, seen in boards]
-    flags = cv2.CALIB_RATIONAL_MODEL if count == _WIDE else 0
+    flags = cv2.CALIB_RATIONAL_MODEL if count == _WIDE_ANGLE else 0
     until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, _ROUNDS, _SETTLED)
     try:
         found = cv2.calibrateCamera(places, corners, size, None, None, flags=flags, criteria=until)
@@ -201,7 +201,7 @@ def _squares(one: Used) -> float:
 #: Standard deviation of the focal length as a part of it: from where it is said, and from where it is no result.
 _VAGUE, _UNKNOWN = 0.01, 0.1
 #: An error that no sound board has, px; a part of the way from the middle to the corners of the photo.
-_LARGE, _FAR = 1.0, 0.6
+_LARGE_PX, _FAR_SHARE = 1.0, 0.6
 
 
 class Photo(Struct, frozen=True, eq=False):
@@ -322,7 +322,7 @@ def _doubts(camera: Camera, fit: Fit) -> list[Note]:
     vague = float((fit.deviations[:2] / np.diag(fit.matrix)[:2]).max())
     if vague > _VAGUE:
         notes.append(Note("warning", f"focal length known to {short(100 * vague, 1)} % only", TILT))
-    if rms(fit.used) > _LARGE:
+    if rms(fit.used) > _LARGE_PX:
         why = "is the board flat, are all photos of one camera with one zoom, and sharp?"
         notes.append(Note("warning", f"errors of {short(rms(fit.used), 2)} px are large", why))
     middle = camera.matrix[:2, 2]
@@ -331,7 +331,7 @@ def _doubts(camera: Camera, fit: Fit) -> list[Note]:
     if not holds(camera):
         what = "the lens model shows nothing in the corners of the photo"
         notes.append(Note("warning", what, "no board was seen there: take photos with the board in the corners"))
-    elif part < _FAR:
+    elif part < _FAR_SHARE:
         what = f"no corner seen beyond {short(100 * part, 0)} % of the way to the photo's corners"
         notes.append(Note("warning", what, "the lens is a guess further out: take photos with the board there"))
     return notes

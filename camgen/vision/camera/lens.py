@@ -19,16 +19,17 @@ from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
 
 #: How many coefficients a lens may have, in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tau_x tau_y.
 COUNTS = (0, 4, 5, 8, 12, 14)
 
 _ROUNDS = 60
 #: A solution whose image is further away than this (as a part of the larger of 1 and its radius) is none.
-_CLOSE = 1e-13
-_SAMPLES = 1025
+_SOLVED_SHARE = 1e-13
+_RADIUS_SAMPLES = 1025
 #: Ideal points further out than this (times the farthest seen one) are not looked for: the lens would magnify so much.
-_FARTHEST = 1e3
+_FARTHEST_RATIO = 1e3
 #: A coefficient below this bends nothing.
 _NOTHING = 1e-60
 
@@ -65,7 +66,7 @@ def straight(lens: FloatArray, seen: FloatArray) -> FloatArray:
     found, slopes = _model(c, ideal)
     with np.errstate(invalid="ignore", over="ignore"):
         error = np.linalg.norm(found - target, axis=1)
-        solved = error <= _CLOSE * np.maximum(1, np.linalg.norm(target, axis=1))
+        solved = error <= _SOLVED_SHARE * np.maximum(1, np.linalg.norm(target, axis=1))
     ideal[~(solved & _before_fold(slopes, ideal, farthest))] = np.nan
     return ideal
 
@@ -91,7 +92,7 @@ def _first_root(p: FloatArray) -> float:
     itself may be so small that the roots which matter drown.
     """
     inverse = polynomial.polyroots(np.where(np.abs(p) > _NOTHING, p, 0)[::-1])
-    real = inverse.real[(np.abs(inverse.imag) <= 1e-9 * np.abs(inverse)) & (inverse.real > _FARTHEST**-2)]
+    real = inverse.real[(np.abs(inverse.imag) <= 1e-9 * np.abs(inverse)) & (inverse.real > _FARTHEST_RATIO**-2)]
     roots = np.sort(1 / real)
     beyond = roots[polynomial.polyval(roots * (1 + 1e-4), p) < 0]
     return float(beyond[0]) if len(beyond) else np.inf
@@ -146,7 +147,7 @@ def _held(ideal: FloatArray, farthest: float) -> FloatArray:
     if not np.isfinite(farthest):
         return ideal
     radius = np.hypot(*ideal.T)
-    shrink = np.minimum(1, farthest * (1 - 1e-9) / np.maximum(radius, 1e-300))
+    shrink = np.minimum(1, farthest * (1 - 1e-9) / np.maximum(radius, NONZERO))
     held: FloatArray = ideal * shrink[:, None]
     return held
 
@@ -161,9 +162,9 @@ def _radial_start(c: FloatArray, target: FloatArray, farthest: float) -> FloatAr
         return along
 
     top = min(reach, farthest)
-    while top < min(farthest, _FARTHEST * reach) and shown(np.array([top]))[0] < reach:
+    while top < min(farthest, _FARTHEST_RATIO * reach) and shown(np.array([top]))[0] < reach:
         top = min(1.5 * top, farthest)
-    table = np.linspace(0, top, _SAMPLES)
+    table = np.linspace(0, top, _RADIUS_SAMPLES)
     found = np.interp(radius, np.maximum.accumulate(shown(table)), table)
     with np.errstate(invalid="ignore"):
         start = target * np.where(radius > 0, found / radius, 1)[:, None]

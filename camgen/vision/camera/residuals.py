@@ -16,10 +16,10 @@ from camgen.vision.camera.calibrate import Calibration
 
 #: Page mm: the photo fits into this box; beside it the bars; below it the cloud of all residuals.
 _WIDE, _HIGH, _MARGIN, _TOP = 180.0, 135.0, 8.0, 20.0
-_BARS, _NAMES, _LINE = 46.0, 34.0, 4.2
+_BARS, _NAMES, _LINE_HEIGHT_MM = 46.0, 34.0, 4.2
 _CLOUD = 52.0
 #: A residual as large as the rms is drawn so long, page mm, or a little less: the factor is a round one.
-_LONG = 3.0
+_ARROW_MM = 3.0
 #: Directions are coloured around the circle in so many steps, so that a pattern of the lens shows as areas of a colour.
 _HUES = 12
 #: Names in the list of photos are cut to so many characters.
@@ -40,8 +40,8 @@ def svg(found: Calibration, title: str) -> str:
     wide, high = width * scale, height * scale
     lines = len(found.used) + 2 + len(found.left_out) + bool(found.left_out)
     page_w = 2 * _MARGIN + wide + 8 + _NAMES + _BARS
-    page_h = _TOP + max(high + 10 + _CLOUD, lines * _LINE) + _MARGIN
-    factor = _round_factor(found.rms / _LONG * scale)
+    page_h = _TOP + max(high + 10 + _CLOUD, lines * _LINE_HEIGHT_MM) + _MARGIN
+    factor = _round_factor(found.rms / _ARROW_MM * scale)
     said = f"{short(found.rms, 3)} px rms; strokes {short(factor, 1)} times their length in px, coloured by direction"
     return "\n".join(
         [
@@ -100,7 +100,7 @@ def _cloud(found: Calibration, top: float) -> Iterator[str]:
             yield f'<path class="dot" stroke="{_colour(step)}" d="{"".join(marks)}"/>'
     words = ("all corners, seen less calculated:", f"the square is {short(2 * reach, 6)} px wide")
     for i, line in enumerate(words):
-        yield f'<text x="{_MARGIN + _CLOUD + 4:.2f}" y="{top + 5 + i * _LINE:.2f}">{line}</text>'
+        yield f'<text x="{_MARGIN + _CLOUD + 4:.2f}" y="{top + 5 + i * _LINE_HEIGHT_MM:.2f}">{line}</text>'
 
 
 def _bars(found: Calibration, left: float) -> Iterator[str]:
@@ -109,16 +109,16 @@ def _bars(found: Calibration, left: float) -> Iterator[str]:
     y = _TOP + 3
     yield f'<text x="{left:.2f}" y="{y:.2f}">px rms of each photo</text>'
     for one in found.used:
-        y += _LINE
+        y += _LINE_HEIGHT_MM
         length = (_BARS - 14) * one.rms / longest
         yield f'<text x="{left:.2f}" y="{y:.2f}">{_name(one.name)}</text>'
         yield f'<rect class="bar" x="{left + _NAMES:.2f}" y="{y - 2.6:.2f}" width="{length:.2f}" height="3"/>'
         yield f'<text x="{left + _NAMES + length + 1.5:.2f}" y="{y:.2f}">{short(one.rms, 3)}</text>'
     if found.left_out:
-        y += 2 * _LINE
+        y += 2 * _LINE_HEIGHT_MM
         yield f'<text class="warn" x="{left:.2f}" y="{y:.2f}">left out</text>'
     for other in found.left_out:
-        y += _LINE
+        y += _LINE_HEIGHT_MM
         hint = f"<title>{_text(other.why)}</title>"
         yield f'<text class="warn" x="{left:.2f}" y="{y:.2f}">{_name(other.name)}{hint}</text>'
 

@@ -39,7 +39,7 @@ from camgen.vision.plane import scale_of
 
 _ROUNDS, _RELAXED, _CORNERS = 3, 2, 3
 #: Fewer points than this are no feature.
-_LEAST = 3
+_LEAST_POINTS = 3
 #: The shift by the blur is not believed beyond this, px: the arc is as small as the blur.
 _MOST_SHIFT = 0.3
 
@@ -88,7 +88,7 @@ def _without_corners(
 ) -> tuple[Runs, Curves]:
     """The runs without those that are the picture's rounding of a corner, or next to nothing."""
     curves = _curves(runs, loops, points, weight, sigma)
-    small = small_corners(curves, runs, loops, points, blur) | ((runs.count < _LEAST) & runs.several())
+    small = small_corners(curves, runs, loops, points, blur) | ((runs.count < _LEAST_POINTS) & runs.several())
     if not small.any():
         return runs, curves
     runs = _given_away(runs, loops, small, curves)

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from camgen.geometry.rings import ComplexArray
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.tolerance import NONZERO
 
 BoolArray = NDArray[np.bool_]
 
 #: Numbers that tell a line and an arc, one end of each included; an arc counts one more, so that it takes four sigma
 #: of a bend, not three, to be none of the one line in a hundred that noise bends.
-_LINE, _ARC = 3, 5
+_LINE_NUMBERS, _ARC_NUMBERS = 3, 5
 #: An arc that leaves its chord by less (px) is a line: residual distortion of the photo bends lines by as much.
-_FLAT = 0.05
+_FLAT_PX = 0.05
 _FEWEST_FOR_ARC = 4
 _NEWTON = 8
 
@@ -146,7 +147,7 @@ def _smallest(
     value = np.zeros_like(p)
     for _ in range(_NEWTON):
         slope = (3 * value - 2 * c2) * value + c1
-        value = value - (((value - c2) * value + c1) * value - c0) / np.where(np.abs(slope) > 1e-300, slope, 1.0)
+        value = value - (((value - c2) * value + c1) * value - c0) / np.where(np.abs(slope) > NONZERO, slope, 1.0)
     p, q, r = p - value, q - value, r - value
     # The vector is square to all rows: the cross product of those two that are least parallel.
     crosses = np.array(
@@ -159,7 +160,7 @@ def _smallest(
     norm = (crosses**2).sum(axis=1)
     chosen = np.argmax(norm, axis=0)
     every = np.arange(len(value))
-    return value, crosses[chosen, :, every].T / np.sqrt(np.maximum(norm[chosen, every], 1e-300))
+    return value, crosses[chosen, :, every].T / np.sqrt(np.maximum(norm[chosen, every], NONZERO))
 
 
 def best(runs: Sums, sigma: FloatArray, price: float) -> tuple[Curves, FloatArray]:
@@ -167,10 +168,10 @@ def best(runs: Sums, sigma: FloatArray, price: float) -> tuple[Curves, FloatArra
     noise ``sigma`` (P,) px, and ``price`` for each number of the curve and for one end.
     """
     straight, round_ = lines(runs), circles(runs)
-    cost0 = straight.sse / sigma**2 + _LINE * price
-    cost1 = round_.sse / sigma**2 + _ARC * price
+    cost0 = straight.sse / sigma**2 + _LINE_NUMBERS * price
+    cost1 = round_.sse / sigma**2 + _ARC_NUMBERS * price
     extent = np.sqrt(np.maximum(runs.sums[:, 3] + runs.sums[:, 5], 0) * 12 / np.maximum(runs.sums[:, 0], 1))
-    flat = (np.abs(round_.curvature) * extent**2 / 8 < _FLAT) | (runs.sums[:, 0] < _FEWEST_FOR_ARC)
+    flat = (np.abs(round_.curvature) * extent**2 / 8 < _FLAT_PX) | (runs.sums[:, 0] < _FEWEST_FOR_ARC)
     line = (cost0 <= cost1) | flat
     return Curves(
         np.where(line, straight.origin, round_.origin),

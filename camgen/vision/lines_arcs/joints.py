@@ -21,11 +21,11 @@ _ROUND = 2.5
 #: Roundings (px) that are lost in the noise, and that are not.
 _SHOWN = (0.05, 0.2)
 #: A rounding is that of the picture up to so many times what is expected, and so many px.
-_SLACK, _ROUGH = 1.5, 0.25
+_ROUNDING_SLACK, _ROUNDING_PX = 1.5, 0.25
 #: Joints that turn by less (rad) may be tangential; a gap of so many sigma, and px, between the curves is none.
 _SHALLOW = np.radians(30.0)
-_SIGMAS, _GAP = 4.0, 0.03
-_NEAR = 4.0
+_SIGMAS, _GAP_PX = 4.0, 0.03
+_NEAR_PX = 4.0
 #: Points that a short line and a short arc keep.
 _CORE = (3, 4)
 
@@ -63,7 +63,7 @@ def joints(
     vertex, crossing = crossings(curves, other, near)
     s = blur[runs.loop]
     turn = _turn(curves, other, vertex)
-    crossing &= np.abs(vertex - near) < _NEAR + _zone(turn, s)
+    crossing &= np.abs(vertex - near) < _NEAR_PX + _zone(turn, s)
     foot = np.where(crossing, vertex, near)
     smooth, touch = _touching(curves, other, foot, sigma[runs.loop], runs.count, runs.count[after])
     smooth &= ~crossing | (np.abs(turn) < _SHALLOW)
@@ -103,7 +103,9 @@ def small_corners(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray
     # The place nearest to the vertex may just have gone to a neighbour.
     depth = _depths(within(Runs(runs.first - 2, runs.count + 4, runs.loop), loops), loops, points, vertex, inwards)
     expected = np.interp(np.abs(turn), TURNS, PASSES) * s
-    found = crossing & (before != after) & (reach < 1.5 * zone + 2.0) & (depth < _SLACK * expected + _ROUGH)
+    found = (
+        crossing & (before != after) & (reach < 1.5 * zone + 2.0) & (depth < _ROUNDING_SLACK * expected + _ROUNDING_PX)
+    )
     return np.asarray(found & (depth > -0.5))
 
 
@@ -206,8 +208,8 @@ def _touching(
     theta = np.angle(tangents(two, near) * tangents(one, near).conj())
     x = np.where(bent, -theta / safe, 0.0)
     least = apart - theta * x - bend * x * x / 2
-    allowed = _SIGMAS * sigma * np.sqrt(4.0 / count + 4.0 / other) + _GAP
-    reach = _NEAR + 2 * np.sqrt(2 * allowed / np.maximum(np.abs(bend), 1e-5))
+    allowed = _SIGMAS * sigma * np.sqrt(4.0 / count + 4.0 / other) + _GAP_PX
+    reach = _NEAR_PX + 2 * np.sqrt(2 * allowed / np.maximum(np.abs(bend), 1e-5))
     touch = near + x * tangents(one, near)
     touch = _between(one, two, touch)
     return bent & (np.abs(least) < allowed) & (np.abs(x) < reach), touch

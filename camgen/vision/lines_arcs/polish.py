@@ -25,7 +25,7 @@ _TANGENT, _STAY = 300.0, 0.03
 _WINDOW, _MARGIN = 24, 8
 _LONGEST_STEP = 1.0
 #: Step for slopes, px.
-_TINY = 1e-6
+_STEP_PX = 1e-6
 
 
 class Chain(Struct, frozen=True, eq=False):
@@ -94,8 +94,14 @@ def _products(chain: Chain, points: ComplexArray, piece: IntArray, weight: Float
     count = len(chain.corners)
     a, b, g = chain.corners[piece], np.roll(chain.corners, -1)[piece], chain.bulges[piece]
     error = to_arcs(points, a, b, g)
-    shifts = ((_TINY, 0, 0), (1j * _TINY, 0, 0), (0, 0, _TINY), (0, _TINY, 0), (0, 1j * _TINY, 0))
-    columns = np.stack([*((to_arcs(points, a + p, b + q, g + r) - error) / _TINY for p, q, r in shifts), error])
+    shifts = (
+        (_STEP_PX, 0, 0),
+        (1j * _STEP_PX, 0, 0),
+        (0, 0, _STEP_PX),
+        (0, _STEP_PX, 0),
+        (0, 1j * _STEP_PX, 0),
+    )
+    columns = np.stack([*((to_arcs(points, a + p, b + q, g + r) - error) / _STEP_PX for p, q, r in shifts), error])
     columns[2] *= ~chain.straight[piece]
     first = np.searchsorted(piece, np.arange(count))
     products = np.empty((count, 5, 6))
@@ -156,7 +162,7 @@ def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
 # What a chain of lines and arcs still lacks: small radii at its corners, and pieces that leave their points.
 
 #: Points before and after a corner that tell how far it is rounded.
-_LOOK = 10
+_LOOK_POINTS = 10
 #: A corner that passes its vertex by more than this many times its own picture's rounding, and px, has a radius. A
 #: sharp one reaches 1.4 times, for it depends on how the pixels lie; a right angle needs a radius of 2.6 blurs.
 _ROUNDER, _MORE = 1.45, 0.05
@@ -167,7 +173,7 @@ _LOST, _BLURS, _TIP = 1.0, 2.5, 0.7
 _OWN = 1.08
 #: Turns (rad) between which a radius can be told, and the largest part of a neighbour that it may take.
 _TURN = np.radians([5.0, 150.0])
-_SHARE = 0.45
+_ROOM_SHARE = 0.45
 #: A quarter, half and three quarters along a piece, no place is farther than this from its points, px. Its points are
 #: off by this many sigma, and px, at most, rms.
 _ASTRAY = 3.0
@@ -244,7 +250,7 @@ def fillets_of(chain: Chain, points: ComplexArray, piece: IntArray, blur: float,
     own = _OWN * np.interp(np.abs(turn), TURNS, PASSES) * blur
     within = np.abs(turn).clip(*_TURN)
     reach = np.sqrt(np.maximum(depth**2 - own**2, 0.0)) / (1 / np.cos(within / 2) - 1) * np.tan(within / 2)
-    room = _SHARE * np.minimum(size, np.roll(size, 1))
+    room = _ROOM_SHARE * np.minimum(size, np.roll(size, 1))
     told = (depth > _ROUNDER * own + _MORE + sigma) & (within == np.abs(turn)) & (reach < room) & ~chain.smooth
     told &= len(turn) > 2
     farthest = np.minimum(_ROUNDER * own + _LOST, _BLURS * blur + _TIP)
@@ -255,7 +261,7 @@ def _depths(corners: ComplexArray, inwards: ComplexArray, points: ComplexArray, 
     """How far ``inwards`` (K,) of each corner the points around it pass."""
     size = np.bincount(piece, minlength=len(corners))
     begin = begins(size)
-    offset = np.arange(-_LOOK, _LOOK)
+    offset = np.arange(-_LOOK_POINTS, _LOOK_POINTS)
     rows = (begin[:, None] + offset) % len(points)
     local = (points[rows] - corners[:, None]) * inwards[:, None].conj()
     theirs = (offset >= -np.roll(size, 1)[:, None] / 2) & (offset < size[:, None] / 2)

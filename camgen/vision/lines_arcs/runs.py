@@ -21,9 +21,9 @@ _BLOCK = 2
 #: What one number of a curve must gain, in squared noise.
 _PRICE = 8.0
 #: A point farther from its run's curve than this many sigma belongs to a rounded corner; it does not count.
-_FAR = 4.0
+_FAR_SIGMAS = 4.0
 #: Beyond this many sigma it does not matter how far.
-_LOST = 40.0
+_LOST_SIGMAS = 40.0
 #: A corner is rounded for so many blurs to each side.
 _ROUNDED = 2.5
 _ROUNDS = 60
@@ -92,7 +92,7 @@ def merged(runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, s
         after = runs.following()
         pair = joined(sums, sums.take(after))
         both = best(pair, sigma[runs.loop], _PRICE)[1]
-        paid = _FAR**2 * (ends + begins[after])
+        paid = _FAR_SIGMAS**2 * (ends + begins[after])
         gain = cost + cost[after] - both - paid
         gain[~runs.several()] = -np.inf
         chosen = _chosen(runs, after, gain)
@@ -141,7 +141,7 @@ def relaxed(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigm
     size = np.where(several, runs.count - half + half[after], runs.count)
     rows, begin = Runs(runs.first + half, size, runs.loop).rows(loops)
     which = owners(size)
-    cap = (_LOST * sigma[runs.loop])[which] ** 2
+    cap = (_LOST_SIGMAS * sigma[runs.loop])[which] ** 2
     own = np.minimum(curves.take(which).distances(points[rows]) ** 2, cap)
     other = np.minimum(curves.take(after[which]).distances(points[rows]) ** 2, cap)
     total = np.append(0.0, np.cumsum(own - other))
@@ -177,7 +177,7 @@ def trimmed(
     """Weights (N,): 0 for points at the ends of a run, as far as the blur may round them, that are off its curve."""
     rows, begin = runs.rows(loops)
     which = owners(runs.count)
-    far = np.abs(curves.take(which).distances(points[rows])) >= _FAR * sigma[runs.loop][which]
+    far = np.abs(curves.take(which).distances(points[rows])) >= _FAR_SIGMAS * sigma[runs.loop][which]
     place = ramp(runs.count)
     from_end = np.minimum(place, runs.count[which] - 1 - place)
     off = far & (from_end < _ROUNDED * blur[runs.loop][which] + 1)

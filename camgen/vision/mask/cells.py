@@ -11,12 +11,14 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.model.tolerance import SIGMAS_OF_MEDIAN
+
 # Smooth surfaces through a picture's cells, blind to what does not belong to them.
 
 Doubles = NDArray[np.float64]
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 
-_SAMPLES = 4_000
+_MOST_SAMPLES = 4_000
 #: Tukey's biweight: 95 % efficient for normal noise, blind to what is farther out (Beaton and Tukey 1974).
 _TUKEY = 4.685
 _LEAST_SIGMA = 0.4
@@ -26,9 +28,9 @@ _ABSOLUTE, _BIWEIGHT = 10, 6
 
 
 def some(where: NDArray[np.bool_]) -> Places:
-    """Rows and columns of at most ``_SAMPLES`` true cells, evenly spread."""
+    """Rows and columns of at most ``_MOST_SAMPLES`` true cells, evenly spread."""
     places = np.flatnonzero(where)
-    rows, columns = np.divmod(places[:: len(places) // _SAMPLES + 1], where.shape[1])
+    rows, columns = np.divmod(places[:: len(places) // _MOST_SAMPLES + 1], where.shape[1])
     return rows, columns
 
 
@@ -85,7 +87,7 @@ def robust(basis: Doubles, wanted: Doubles, turns: int = _ABSOLUTE) -> tuple[Dou
 
 def spread(off: NDArray[np.floating]) -> float:
     """Standard deviation of most of the values, from their median distance to 0; never 0."""
-    return max(_LEAST_SIGMA, 1.4826 * float(np.median(np.abs(off)))) if off.size else _LEAST_SIGMA
+    return max(_LEAST_SIGMA, SIGMAS_OF_MEDIAN * float(np.median(np.abs(off)))) if off.size else _LEAST_SIGMA
 
 
 def biweight(off: Doubles, sigma: float) -> Doubles:
@@ -142,7 +144,7 @@ def cells_of(pixels: Bytes, valid: Bools | None) -> Cells:
 def _calm(values: Floats) -> Floats:
     """Smoothed where cells of a pixel or two leave too much of the noise."""
     off = 2 * values[:, 2:-2] - values[:, :-4] - values[:, 4:]
-    noise = 1.4826 * float(np.median(np.abs(off[::2]))) / 6**0.5 if off.size else 0.0
+    noise = SIGMAS_OF_MEDIAN * float(np.median(np.abs(off[::2]))) / 6**0.5 if off.size else 0.0
     if noise <= _NOISE:
         return values
     sigma = min(max(noise / _NOISE / (2 * np.pi**0.5), 0.6), 1.5)

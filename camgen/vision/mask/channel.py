@@ -12,6 +12,7 @@ from msgspec import Struct
 from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.text import short
+from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 from camgen.vision.mask.cells import (
     Bench,
     Bools,
@@ -31,7 +32,7 @@ from camgen.vision.mask.cells import (
 from camgen.vision.mask.level import Levels, halfway, spread_out
 
 #: The part differs from the bench by so many spreads of the bench, and so many values of 255.
-_SPREADS, _LEAST = 6.0, 5.0
+_LEAST_SPREADS, _LEAST_CONTRAST = 6.0, 5.0
 #: The tone next to the bench's: so many percent of the part are nearer. A soft shadow is less, and weaker.
 _NEAR_TONE = 15
 #: Cells on a boundary are less deep, with one more for a blur.
@@ -73,7 +74,7 @@ def differing(values: Floats, cells: Cells, bench: Bench, invert: bool = False) 
     The threshold is halfway to the part's tone next to the bench's, if it has several: a shiny part is no less there.
     """
     off = np.where(cells.valid, values - bench.values, np.float32(0))
-    least = max(_SPREADS * bench.sigma, _LEAST)
+    least = max(_LEAST_SPREADS * bench.sigma, _LEAST_CONTRAST)
     sides = [np.where(side * off > least, side * off, np.float32(0)) for side in (-1, 1)]
     amounts = [float(side.sum()) for side in sides]
     off = sides[int(amounts[1] > amounts[0]) ^ int(invert)]
@@ -318,8 +319,8 @@ def _by_distance(pixels: Bytes, cells: Cells, bench: Floats, part: Bools) -> Fou
 # Noise that would break the boundary up is smoothed away before the comparison, and only then.
 
 #: Half the contrast is so many sigmas of the noise: one pixel in 150 000 is on the wrong side.
-_CLEAR = 4.5
-_LEAST_NOISE, _MOST = 0.8, 2.5
+_CLEAR_SIGMAS = 4.5
+_LEAST_NOISE, _MOST_NOISE = 0.8, 2.5
 #: Measured so far from the boundary, px: with the neighbours, the blur is out of reach.
 _CLEAN = 5.0
 
@@ -332,10 +333,10 @@ def quiet(grey: Bytes | Floats, found: Found, cells: Cells) -> tuple[Bytes | Flo
     deep = 1 + _CLEAN / cells.size
     noise = max(_noise(grey, depth(side) >= deep, cells.size) for side in (found.part, ~found.part & cells.valid))
     clear = abs(found.levels.contrast) / 2 / max(noise, 1e-6)
-    if clear >= _CLEAR:
+    if clear >= _CLEAR_SIGMAS:
         return grey, ()
     # Gauss's bell of this sigma reduces white noise by sigma * 2 sqrt(pi) (a half more is for neighbours that agree).
-    sigma = float(np.clip(1.5 * _CLEAR / clear / (2 * np.sqrt(np.pi)), _LEAST_NOISE, _MOST))
+    sigma = float(np.clip(1.5 * _CLEAR_SIGMAS / clear / (2 * np.sqrt(np.pi)), _LEAST_NOISE, _MOST_NOISE))
     what = f"picture smoothed by {short(sigma, 1)} px"
     why = f"its noise is {short(noise, 1)}, part and bench are {short(abs(found.levels.contrast), 0)} apart"
     smooth = np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), sigma), np.float32)
@@ -353,4 +354,4 @@ def _noise(grey: Bytes | Floats, where: Bools, size: int) -> float:
         return 0.0
     left, centre, right = (grey[v, u + k].astype(np.float32) for k in (-2, 0, 2))
     off = 2 * centre - left - right
-    return 1.4826 * float(np.median(np.abs(off))) / np.sqrt(6) if off.size else 0.0
+    return SIGMAS_OF_MEDIAN * float(np.median(np.abs(off))) / np.sqrt(6) if off.size else 0.0

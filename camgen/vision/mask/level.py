@@ -19,14 +19,15 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
+from camgen.model.tolerance import SIGMAS_OF_MEDIAN
 from camgen.vision.mask.cells import Bench, Bools, Bytes, Cells, Floats, depth
 
 #: The bands begin so far from the boundary and are so wide, px.
-_CLEAR, _WIDE = 2.5, 12.0
+_BAND_BEGIN_PX, _BAND_WIDTH_PX = 2.5, 12.0
 #: So many tiles along the longer side: the light changes slowly, texture is averaged out.
 _TILES = 72
 #: What a cell away from the boundary counts: it has a say only where no boundary is near.
-_FAR = np.float32(0.02)
+_FAR_WEIGHT = np.float32(0.02)
 #: What the smooth model counts: all only where nothing else is near.
 _DOUBT = np.float32(0.001)
 #: One number is enough where the level varies less than this along the boundary, of the contrast.
@@ -71,7 +72,7 @@ def halfway(values: Floats, part: Bools, cells: Cells, bench: Bench, black: floa
     means = [float(np.mean(values[band])) for band in near]
     even = bool(high - low <= _EVEN * abs(means[0] - means[1]))
     # Against the light, so that it does not count.
-    without = 1.4826 * float(np.median(np.abs(values[near[1]] - outside[near[1]])))
+    without = SIGMAS_OF_MEDIAN * float(np.median(np.abs(values[near[1]] - outside[near[1]])))
     return Levels(tiles, tile, float(np.mean(along)), even, means[0], means[1], without)
 
 
@@ -91,11 +92,11 @@ def _side(region: Bools, cells: Cells) -> Floats:
     """(h, w): what the cells of ``region`` count: 1 in a band along its boundary, little farther in, 0 elsewhere."""
     # Measured from the other region alone: along what the photo does not show there is no boundary.
     deep = depth(region) * cells.valid
-    start = 1 + math.ceil(_CLEAR / cells.size)
-    band = (deep >= start) & (deep <= start + math.ceil(_WIDE / cells.size))
+    start = 1 + math.ceil(_BAND_BEGIN_PX / cells.size)
+    band = (deep >= start) & (deep <= start + math.ceil(_BAND_WIDTH_PX / cells.size))
     if not band.any():  # thinner than the blur: its deepest cells
         band = deep >= max(1.0, 0.9 * float(deep.max()))
-    return np.where(band, np.float32(1), np.where(deep > start, _FAR, np.float32(0)))
+    return np.where(band, np.float32(1), np.where(deep > start, _FAR_WEIGHT, np.float32(0)))
 
 
 def _tiled(off: Floats, weight: Floats, tile: int) -> Floats:

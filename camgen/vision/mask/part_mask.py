@@ -44,7 +44,7 @@ from camgen.vision.to_scale import View
 Method = Literal["auto", "otsu", "threshold", "color", "background", "adaptive"]
 
 #: A part is clear if its contrast is so many times the spread of the bench.
-_CLEAR = 6.0
+_CLEAR_CONTRAST = 6.0
 #: The light is even if the bench varies by less than this over the picture.
 _EVEN = 0.15
 #: Colour shows more than grey if so much of what it finds is missing there.
@@ -167,7 +167,7 @@ def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
             return _because(colour, reason)
     if grey is None:
         return None
-    if grey.found.clear < _CLEAR:
+    if grey.found.clear < _CLEAR_CONTRAST:
         note = Note("warning", "part and bench hardly differ", "look at the mask, or give [image] background")
         return Choice(grey.method, f"{grey.why}; {_apart(grey.found)}", grey.found, notes=(*grey.notes, note))
     return _by_light(cells, asked, grey)
@@ -180,9 +180,9 @@ def _for_colour(pixels: Bytes, cells: Cells, asked: Asked, grey: Choice | None) 
         np.ascontiguousarray(cells.values[::step, ::step]), cells.valid[::step, ::step].copy(), cells.size * step
     )
     colour = _color(pixels, few, asked)
-    if colour is None or colour.found.clear < _CLEAR:
+    if colour is None or colour.found.clear < _CLEAR_CONTRAST:
         return ""
-    if grey is None or grey.found.clear < _CLEAR:
+    if grey is None or grey.found.clear < _CLEAR_CONTRAST:
         return "part and bench differ in colour more clearly than in grey"
     more = _more(colour.found.part, grey.found.part[::step, ::step].copy())
     return "colour shows more of the part than grey does" if more else ""

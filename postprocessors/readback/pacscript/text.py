@@ -12,7 +12,7 @@ from camgen.post import Fault
 from .motion import LINE, PIECE, Plain, plain
 
 #: A line may hold so many bytes; macros may nest so deep and a line may grow so long before it is given up.
-_LINE, _NESTING, _GROWN = 1024, 10, 8192
+_LONGEST_LINE, _DEEPEST_MACRO, _LONGEST_GROWN = 1024, 10, 8192
 _QUOTED = re.compile(r'"[^"]*"|\'')
 _DEFINE = re.compile(r"#define\s+([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII)
 _OPENING = re.compile(r"(sub|function)\s+(\w+)\s*(?:\(([^()]*)\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
@@ -81,8 +81,8 @@ def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: 
         if piece.lastindex and current is not None and _is_plain(piece, number, macros, current):
             continue
         row = piece[0].removesuffix("\n")
-        if len(row) > _LINE // 4 and len(row.rstrip("\r").encode("utf-8", "replace")) > _LINE:
-            source.faults.append(Fault(number, f"a line of more than {_LINE} bytes"))
+        if len(row) > _LONGEST_LINE // 4 and len(row.rstrip("\r").encode("utf-8", "replace")) > _LONGEST_LINE:
+            source.faults.append(Fault(number, f"a line of more than {_LONGEST_LINE} bytes"))
         text = without_comment(row)
         if text.startswith("#"):
             _directive(text, number, macros, source)
@@ -133,11 +133,11 @@ def _directive(text: str, number: int, macros: _Macros, source: Source) -> None:
 
 
 def _expanded(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], source: Source) -> str:
-    for _ in range(_NESTING):
+    for _ in range(_DEEPEST_MACRO):
         if not pattern.search(text):
             return text
         text = pattern.sub(lambda m: macros.texts[m.group().lower()], text)
-        if len(text) > _GROWN:
+        if len(text) > _LONGEST_GROWN:
             break
     source.faults.append(Fault(number, "a macro that refers to itself or grows without end"))
     return ""

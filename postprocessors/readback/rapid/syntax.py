@@ -345,7 +345,7 @@ _POINT_PLAIN = re.compile(r"\[\[([-.0-9,]{5,38})\],\[([-.0-9,]{7,100})\]")
 _ANY_POINT = "[[0,0,0],[1,0,0,0]"
 _MOST_POINTS = 2
 #: Pieces of a statement with one point: before it, its position, its orientation, after it.
-_STRAIGHT = 4
+_PIECES_OF_ONE_POINT = 4
 _REMARK = re.compile(r"[ \t\f\v\n]*![^\n]*\n")
 
 
@@ -382,7 +382,7 @@ def _item(shape: Shape, line: int, cut: list[str]) -> Call | Inline:
     if len(cut) == 1:
         return Call(line, shape.name, shape.args, shape.options)
     x, y, z = map(float, cut[-3].split(","))
-    if len(cut) == _STRAIGHT:
+    if len(cut) == _PIECES_OF_ONE_POINT:
         return Inline(line, shape, (x, y, z), _turn(cut[-2]))
     u, v, w = map(float, cut[1].split(","))
     return Inline(line, shape, (x, y, z), _turn(cut[-2]), (u, v, w), _turn(cut[2]))

@@ -236,7 +236,7 @@ _DOES: dict[str, Callable[[Machine, Statement], None]] = {
 
 
 #: Faults are messages of one line.
-_WIDE = 160
+_LONGEST_FAULT = 160
 #: The defaults of the post's options that give numbers their meaning (docs/posts/vplus.md).
 _RATED, _SIGNALS, _TOOL, _WORK = 7500.0, {"process": 33}, "cg.tool", "cg.work"
 
@@ -250,7 +250,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     faults: dict[tuple[int, str], None] = {}
 
     def report(line: int, what: str) -> None:
-        faults.setdefault((line, one_line(what)[:_WIDE]))
+        faults.setdefault((line, one_line(what)[:_LONGEST_FAULT]))
 
     machine = _run(files, options, report)
     work, body, lines = _translated(machine, report)
