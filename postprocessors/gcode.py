@@ -29,7 +29,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
-    spliced,
+    splice,
 )
 from camgen.model.text import short
 from camgen.model.tolerance import PECK_CLEARANCE_MM, SAME_POINT_MM
@@ -262,7 +262,7 @@ class GCode(Rs274):
         scale = self.force_scale if self.force == "analog" else 1.0
         return replace(super().tolerance(), force=0.5e-4 / scale)
 
-    def pace(self) -> Dynamics:
+    def dynamics(self) -> Dynamics:
         """A small mill; G64 P rounds every corner, G61 none. The shares are LinuxCNC's (docs/cycle-time.md)."""
         rounded = self.path_tolerance
         last = 0.5 if rounded else 1.0
@@ -281,7 +281,7 @@ class GCode(Rs274):
             self._cycles.update((id(motion), (motion, None)) for motion in others)
             changed |= dict.fromkeys(range(row[0].first, row[0].last + 1), ())
             changed[row[0].first] = row[0].motions
-        return program.with_body(spliced(program.body, changed))
+        return program.with_body(splice(program.body, changed))
 
     def begin(self, program: Program) -> Sequence[str]:
         """Q0 keeps LinuxCNC from joining lines, so that the path stays within P."""
@@ -326,7 +326,7 @@ class GCode(Rs274):
             return (word if item.value else "M9",)
         return (f"{'M64' if item.value else 'M65'} {word}",)
 
-    def press(self, item: Force) -> Sequence[str]:
+    def print_force(self, item: Force) -> Sequence[str]:
         """M68 acts at once, after the motion before it has ended."""
         value = self._force_word(item.newtons)
         self._pressing = value if item.newtons > 0 else ""
@@ -345,10 +345,10 @@ class GCode(Rs274):
     def _force_word(self, newtons: float) -> str:
         return short(newtons * self.force_scale, 4)
 
-    def refuses_force(self, item: Force) -> str:
+    def why_not_force(self, item: Force) -> str:
         """An analog output can stand for a force; what it does to the tool is wired in HAL."""
         if self.force != "analog":
-            return super().refuses_force(item) + ', or post.force = "analog" with an output wired to a regulator'
+            return super().why_not_force(item) + ', or post.force = "analog" with an output wired to a regulator'
         if item.newtons > 0 and self._force_word(item.newtons) == "0":
             return f"{item.newtons:g} N is nothing at post.force_scale = {self.force_scale:g}; raise the scale"
         return ""

@@ -45,7 +45,7 @@ class Grbl(Rs274):
         if not 0 < self.power <= 99_999:
             raise JobError("[post] power", f"{self.power:g} is not more than 0 and at most 99999")
 
-    def pace(self) -> Dynamics:
+    def dynamics(self) -> Dynamics:
         """A small mill or plotter. Corners by the junction deviation, $11, as the firmware has it: 0.01 mm."""
         return Dynamics(acceleration=500.0, corner="junction", deviation=0.01)
 

@@ -79,7 +79,7 @@ FAULTS = (
 )
 
 
-def printed_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Arcs:
+def print_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Arcs:
     """Arcs from start through via to end, each (N, 3) mm, as they can be printed.
 
     The centre lies on the perpendicular bisector of the printed end points, so that both radii agree, at the distance
@@ -120,7 +120,7 @@ class Rs274(Post):
     """What LinuxCNC and GRBL have in common. See docs/posts/gcode.md."""
 
     passes: ClassVar[tuple[str, ...]] = ("chords",)
-    carries: ClassVar[frozenset[str]] = frozenset({"speed"})
+    verified_fields: ClassVar[frozenset[str]] = frozenset({"speed"})
     works: ClassVar[tuple[str, ...]] = ("G54", "G55", "G56", "G57", "G58", "G59")
 
     work: str = field(default="G54", kw_only=True, metadata={"help": "work offset in which the program runs"})
@@ -251,8 +251,8 @@ class Rs274(Post):
             return np.zeros(len(arcs), np.bool_)
         # Wherever the first motion starts, it is not an arc.
         starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
-        found = printed_arcs(starts, columns.vias[arcs], columns.ends[arcs], self.decimals)
-        upright = [not tilted(columns.moves[k].via.rotation) for k in arcs.tolist()]
+        found = print_arcs(starts, columns.vias[arcs], columns.ends[arcs], self.decimals)
+        upright = [not is_tilted(columns.moves[k].via.rotation) for k in arcs.tolist()]
         fine: Mask = (found.fault == 0) & np.asarray(upright, np.bool_)
         rows = np.flatnonzero(fine)
         for k, arc in zip(arcs[rows].tolist(), found.printed(rows, self.decimals), strict=True):
@@ -260,24 +260,24 @@ class Rs274(Post):
             self._arcs[id(item)] = item, arc
         return fine
 
-    def refuses(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, start: Pose | None) -> str:
         """Why the machine cannot do ``item``; arcs refused here become chords."""
         match item:
             case MoveJ() | MoveL() | MoveC():
-                return self._refuses_motion(item, start)
+                return self._why_not_motion(item, start)
             case Output():
-                return self.refuses_signal(item)
+                return self.why_not_signal(item)
             case Wait() if item.seconds > _MOST_PRINTED:
                 return f"a wait of {item.seconds:g} s cannot be meant"
             case Force():
-                return self.refuses_force(item)
+                return self.why_not_force(item)
         return ""
 
-    def _refuses_motion(self, item: Motion, start: Pose | None) -> str:
+    def _why_not_motion(self, item: Motion, start: Pose | None) -> str:
         target = item.target
         if isinstance(target, Joints):
             return "a three-axis machine has no joint values to move to; give the home position as a pose"
-        if tilted(target.rotation) or (isinstance(item, MoveC) and tilted(item.via.rotation)):
+        if is_tilted(target.rotation) or (isinstance(item, MoveC) and is_tilted(item.via.rotation)):
             return "the tool is not straight down, and the machine has three axes; use a robot's post or no axis tilt"
         x, y, z = target.origin
         if not all(abs(v) <= _MOST_PRINTED for v in (x, y, z)):
@@ -295,12 +295,12 @@ class Rs274(Post):
     def _accept_arc(self, item: MoveC, start: Vec3) -> str:
         """Why the arc is left to chords; empty when what is printed of it is known now."""
         first, via, last = (np.array([point]) for point in (start, item.via.origin, item.target.origin))
-        arcs = printed_arcs(first, via, last, self.decimals)
+        arcs = print_arcs(first, via, last, self.decimals)
         if not arcs.fault[0]:
             self._arcs[id(item)] = item, arcs.printed(np.zeros(1, dtype=np.intp), self.decimals)[0]
         return FAULTS[int(arcs.fault[0])]
 
-    def refuses_signal(self, item: Output) -> str:
+    def why_not_signal(self, item: Output) -> str:
         """Why the signal cannot be set: the dialect's."""
         if item.signal == "spindle":
             return "" if 0 <= item.value <= _FASTEST else f"a spindle speed of {item.value:g} rpm cannot be meant"
@@ -309,12 +309,12 @@ class Rs274(Post):
             return f"signal {item.signal} has no output (known: {known}); give it one in post.signals"
         return "" if item.value in (0, 1) else f"signal {item.signal} is on (1) or off (0), not {item.value:g}"
 
-    def refuses_force(self, item: Force) -> str:  # noqa: ARG002 (for those who override)
+    def why_not_force(self, item: Force) -> str:  # noqa: ARG002 (for those who override)
         """Why force control cannot be turned on: G-code has none."""
         return 'G-code has no force control; set process.force = 0 or post.force = "ignore"'
 
 
-def tilted(rotation: FloatArray) -> bool:
+def is_tilted(rotation: FloatArray) -> bool:
     """Whether tool z is not straight down; its turn about itself does not matter."""
     return rotation is not TOOL_DOWN and (math.hypot(rotation[0, 2], rotation[1, 2]) > 1e-6 or rotation[2, 2] > 0)
 

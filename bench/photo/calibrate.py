@@ -21,7 +21,7 @@ import numpy as np
 from bench.machine import machine
 from camgen.model.pose import frozen
 from camgen.read.files import Files
-from camgen.vision.boards.corners import chessboard, seen
+from camgen.vision.boards.corners import chessboard, find_board
 from camgen.vision.camera.calibrate import calibrate
 from camgen.vision.camera.camera import Camera
 from tests.support.board_photos import chess, photo, poses
@@ -125,7 +125,7 @@ def rendered(count: int) -> None:
         errors: dict[str, list[np.ndarray]] = {name: [] for name in (*WAYS, "camgen")}
         for i, pose in enumerate(poses(CAMERA, (200, 125), count, seed=7, fill=fill)):
             view = photo(CAMERA, chess(columns, rows, 25), pose, seed=i, **options)
-            own = seen(view.pixels, chessboard(columns, rows, 25))
+            own = find_board(view.pixels, chessboard(columns, rows, 25))
             found = {name: way(view.pixels, (columns, rows)) for name, way in WAYS.items()}
             for name, corners in (found | {"camgen": own and own.corners}).items():
                 if corners is not None and len(corners) == len(view.corners):

@@ -173,7 +173,7 @@ def errors(paths: tuple[ToolPath, ...], part: Drawn) -> tuple[np.ndarray, ...]:
         away.append(gap[~felt])
         near.append(gap[felt])
         _, foot = measured(at[1:], part)
-        press = path.press[1:, 1, 0] + 1j * path.press[1:, 1, 1]
+        press = path.force_direction[1:, 1, 0] + 1j * path.force_direction[1:, 1, 1]
         angle = np.degrees(np.angle(press / (foot - at[1:])))
         angles.append(angle[~feeling(at[1:], part)])
         sizes.append([len(at) - 1.0, path_length(path)])

@@ -22,7 +22,7 @@ from camgen.model.errors import CamgenError
 from camgen.model.part import Contour, Part
 from camgen.order.arrange import arrange, measure_travel
 from camgen.plan.page import on_page
-from camgen.plan.simplify import simplified
+from camgen.plan.simplify import simplify
 from camgen.plan.trace import trace
 from camgen.read import read
 from camgen.read.job_file import from_mapping
@@ -59,7 +59,7 @@ def apart(a: Part, b: Part, step: float) -> float:
 def row(path: Path) -> str:
     start = time.perf_counter()
     raw = on_page(read(path, JOB), JOB)
-    drawn = simplified(raw, JOB)
+    drawn = simplify(raw, JOB)
     seconds = time.perf_counter() - start
     assert raw.raster is not None
     px = scale_of(raw.raster.work_from_view)

@@ -20,7 +20,7 @@ from bench.machine import machine
 from bench.robots.kinematics import drawn, timed
 from bench.robots.plain_loop import Loop
 from camgen.collision.hits import clearance, hits
-from camgen.collision.mesh import Mesh, meshed
+from camgen.collision.mesh import Mesh, make_mesh
 from camgen.collision.motion import motion
 from camgen.collision.scene import Scene, scene
 from camgen.model.part import Solid
@@ -81,7 +81,7 @@ def main(poses: int) -> int:
     print(f"{machine()}\n")
     solid = ring()
     begun = time.perf_counter()
-    mesh = meshed(solid)
+    mesh = make_mesh(solid)
     print(f"{len(solid.faces):,} triangles made ready in {time.perf_counter() - begun:.2f} s\n")
     print("| robot | configurations | tested | hits | of these part | poses/s | differ from the plain loop |")
     print("|---|---|---|---|---|---|---|")

@@ -21,7 +21,7 @@ import numpy as np
 import camgen
 from bench.machine import machine
 from camgen.check.report import sum_up
-from camgen.check.time import cycle, timed
+from camgen.check.time import cycle, time_motions
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import MoveC, MoveJ, MoveL, Program
 from camgen.post.plugins import find_post, make_post
@@ -97,7 +97,7 @@ def main() -> None:
         one = polyline(wave(count + 1, count / 10), 40.0)
         one.columns.ends, one.columns.speed, one.columns.blend  # noqa: B018 (read before the clock starts)
         for post in ("rapid", "gcode"):
-            pace, took = make_post(find_post(post), {}).pace(), []
+            pace, took = make_post(find_post(post), {}).dynamics(), []
             for _ in range(3):
                 begun = time.perf_counter()
                 cycle(one, pace)
@@ -118,7 +118,7 @@ def judged() -> None:
         subprocess.run(["linuxcnc", "-r", str(here / "mill.ini")], check=True, timeout=300, capture_output=True)
         print("\n| program | length over speed, s | camgen, s | LinuxCNC, s | apart |\n|---|---|---|---|---|")
         for k, (name, one) in enumerate(zip(cases(), programs, strict=True)):
-            ours, theirs = float(timed(one, post.pace(), None, None)[0].sum()), sampled(here / f"{k}.txt")
+            ours, theirs = float(time_motions(one, post.dynamics(), None, None)[0].sum()), sampled(here / f"{k}.txt")
             naive = sum_up(one.columns).seconds
             print(f"| {name} | {naive:.3f} | {ours:.3f} | {theirs:.3f} | {100 * (ours / theirs - 1):+.2f} % |")
 

@@ -25,7 +25,7 @@ import camgen
 from bench.machine import machine
 from bench.robots.plain_loop import Loop
 from camgen.build import Result
-from camgen.check.reach import reached
+from camgen.check.reach import check_reach
 from camgen.model.errors import NoSafeProgram
 from camgen.model.part import Solid
 from camgen.model.pose import Pose, pose_from_values, rotation_about
@@ -106,7 +106,7 @@ def differ(result: Result, solid: Solid) -> tuple[int, int]:
     reading = find_readback("rapid")({file.name: file.text for file in result.files}, result.job.post)
     cell_ = result.cell
     program = Program("read", cell_.base_from_work, cell_.flange_from_tool, reading.body)
-    joints = reached(program, robot(result.job.cell.robot), "read").joints
+    joints = check_reach(program, robot(result.job.cell.robot), "read").joints
     judge = loop(result, solid)
     return sum(judge.first(row) is not None for row in joints), len(joints)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from camgen.batch.perform import carried_names, perform
+from camgen.batch.perform import list_carried, perform
 from camgen.batch.state import Outcome, Task, fault
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.job_tables import split_name
@@ -38,7 +38,7 @@ def run(tasks: Sequence[Task], address: str) -> Generator[tuple[Task, Outcome]]:
         running: dict[Any, Task] = {}
         done = distributed.as_completed(loop=client.loop)
         for task in tasks:
-            packed = _packed(task)
+            packed = _pack(task)
             if isinstance(packed, Outcome):
                 yield task, packed
                 continue
@@ -66,7 +66,7 @@ def _room(client: Any) -> int:
     return max(4, 2 * sum(threads.values()))
 
 
-def _packed(task: Task) -> Task | Outcome:
+def _pack(task: Task) -> Task | Outcome:
     """The task with all its files; an outcome where one cannot travel."""
     try:
         if task.post.endswith(".py"):
@@ -74,7 +74,7 @@ def _packed(task: Task) -> Task | Outcome:
         if split_name(task.job.cell.robot):
             what = "an arm from a URDF file does not travel to a cluster"
             raise JobError(task.job_file, what, "cell.robot", "build without --dask")
-        names = [str(task.source), *carried_names(task.job)]
+        names = [str(task.source), *list_carried(task.job)]
         files = Files()
         return replace(task, carried=tuple((name, files.read(name).data) for name in names))
     except CamgenError as error:

@@ -24,7 +24,7 @@ class Input(Struct, frozen=True):
     folder: PurePath
 
 
-def found(patterns: Sequence[str]) -> list[Input]:
+def find_inputs(patterns: Sequence[str]) -> list[Input]:
     """The inputs in order of their names, each once. JobError for a pattern that matches none.
 
     Of a pattern, the folders from the first wildcard on are kept for the program: ``parts/**/*.dxf`` puts that of

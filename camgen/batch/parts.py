@@ -9,7 +9,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from camgen.batch.inputs import Input
-from camgen.batch.state import Outcome, Record, Task, unchanged
+from camgen.batch.state import Outcome, Record, Task, is_unchanged
 from camgen.build.inputs import digest_of
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.plugins import entries
@@ -41,7 +41,7 @@ class Part(Struct, frozen=True):
     outcome: Outcome | None = None
 
 
-def looked_at(
+def look_at(
     inputs: Sequence[Input], order: Order, folder: Path, records: Mapping[str, Record]
 ) -> tuple[list[Part], dict[str, int]]:
     """The parts in order, and who may write which file (in small letters, since many systems do not tell the case):
@@ -80,7 +80,7 @@ def _part(place: int, one: Input, order: Order, suffix: str, made_by: str) -> Pa
 
 def _unless_there(part: Part, folder: Path, records: Mapping[str, Record]) -> Part:
     record = records.get(part.program)
-    if part.task is None or not unchanged(record, part.digest, folder / part.input.folder):
+    if part.task is None or not is_unchanged(record, part.digest, folder / part.input.folder):
         return part
     return Part(part.input, part.program, part.digest, record=record)
 

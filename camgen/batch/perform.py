@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from camgen.batch.state import Outcome, Sums, Task, fault
 from camgen.build import Result, build, no_collector, program_files
-from camgen.model.errors import CamgenError, told_as
+from camgen.model.errors import CamgenError, rename_errors
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.version import __version__
@@ -44,7 +44,7 @@ def perform(task: Task) -> Outcome:
 def _outcome(task: Task) -> Outcome:
     files = Files(Source(Path(name), data) for name, data in task.carried)
     try:
-        with told_as("job", task.job_file):
+        with rename_errors("job", task.job_file):
             result = build(task.source, post=task.post, job=task.job, strict=task.strict, files=files)
             made = tuple((path.name, data) for path, data in program_files(result, Path(), None))
             return Outcome(0, files=made, sums=_sums(result))
@@ -60,7 +60,7 @@ def _sums(result: Result) -> Sums:
     return Sums(len(result.tour.paths), told.tour.work_mm, told.tour.travel_mm, told.time_s, notes)
 
 
-def carried_names(job: Job) -> list[str]:
+def list_carried(job: Job) -> list[str]:
     """The files that a job names and that can travel."""
     meshes = [one for one in job.cell.fixtures or () if isinstance(one, str)]
     return [name for name in dict.fromkeys([job.image.background, job.camera.file, *meshes]) if name]

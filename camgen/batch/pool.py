@@ -51,10 +51,10 @@ def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Tas
             workers = [worker for worker in workers if worker.task or worker.process.is_alive()]
             while left and len([w for w in workers if w.task]) < jobs:
                 idle = next((worker for worker in workers if not worker.task), None)
-                worker = idle or _started(seconds or math.inf)
+                worker = idle or _start(seconds or math.inf)
                 if worker is not idle:
                     workers.append(worker)
-                if _given(worker, left[0]):
+                if _give(worker, left[0]):
                     left.popleft()
                     continue
                 workers.remove(worker)
@@ -69,7 +69,7 @@ def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Tas
             worker.link.close()
 
 
-def _started(seconds: float) -> _Worker:
+def _start(seconds: float) -> _Worker:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_work, args=(theirs,), daemon=True)
@@ -92,7 +92,7 @@ def _no_interrupt() -> Iterator[None]:
         signal.signal(signal.SIGINT, old)
 
 
-def _given(worker: _Worker, task: Task) -> bool:
+def _give(worker: _Worker, task: Task) -> bool:
     try:
         worker.link.send(task)
     except OSError:
@@ -113,7 +113,7 @@ def _next(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
         task = worker.task
         assert task is not None
         if worker.link in ready:
-            if outcome := _received(worker, task):
+            if outcome := _receive(worker, task):
                 worker.task = None
                 yield task, outcome
         elif monotonic() >= worker.until:
@@ -123,7 +123,7 @@ def _next(busy: Sequence[_Worker]) -> Iterator[tuple[Task, Outcome]]:
             yield task, fault(f"{task.source}: was stopped, it took longer than --timeout")
 
 
-def _received(worker: _Worker, task: Task) -> Outcome | None:
+def _receive(worker: _Worker, task: Task) -> Outcome | None:
     """The outcome of the task; None where the process only says that it begins."""
     try:
         outcome: Outcome | None = worker.link.recv()

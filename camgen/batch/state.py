@@ -79,7 +79,7 @@ class Record(Struct, frozen=True):
     sums: Sums
 
 
-def known(folder: Path) -> dict[str, Record]:
+def load_records(folder: Path) -> dict[str, Record]:
     """The records of a folder by program; of several the last."""
     try:
         lines = (folder / NAME).read_bytes().splitlines()
@@ -112,16 +112,16 @@ def tidy(folder: Path, records: Mapping[str, Record]) -> None:
     write_all([(folder / NAME, b"".join(lines))])
 
 
-def hashed(data: bytes) -> str:
+def hash_bytes(data: bytes) -> str:
     """The hash of a file's bytes."""
     return hashlib.sha256(data).hexdigest()
 
 
-def unchanged(record: Record | None, digest: str, folder: Path) -> bool:
+def is_unchanged(record: Record | None, digest: str, folder: Path) -> bool:
     """Whether a program was made from the same and is still what was written."""
     if record is None or record.digest != digest:
         return False
     try:
-        return all(hashed((folder / name).read_bytes()) == value for name, value in record.files.items())
+        return all(hash_bytes((folder / name).read_bytes()) == value for name, value in record.files.items())
     except OSError:
         return False

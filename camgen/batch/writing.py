@@ -33,11 +33,11 @@ def write_all(files: Sequence[tuple[Path, bytes]]) -> None:
     staged: list[_Staged] = []
     try:
         for asked, data in files:
-            with _named(asked):
-                staged.append(_staged(asked))
+            with _name_errors(asked):
+                staged.append(_stage(asked))
                 _write(staged[-1], data)
         for one in staged:
-            with _named(one.asked):
+            with _name_errors(one.asked):
                 os.replace(one.fresh, one.target)
     except BaseException:
         # An interrupt must leave the folder as it was, too; the error goes on to whoever reports it.
@@ -52,7 +52,7 @@ def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
     """JobError for a target that cannot be written as a file, is one of the sources, or is named twice."""
     taken = {identity(path): f"would overwrite {path}, which is read" for path in sources}
     for target in targets:
-        with _named(target):
+        with _name_errors(target):
             _check_target(target)
         same = identity(target)
         if same in taken:
@@ -74,7 +74,7 @@ def _check_target(target: Path) -> None:
         raise JobError(str(target), kind, remedy="give a file name")
 
 
-def _staged(asked: Path) -> _Staged:
+def _stage(asked: Path) -> _Staged:
     target = Path(os.path.realpath(asked))
     return _Staged(asked, target, _free(target, "new"), _free(target, "old"), target.exists())
 
@@ -110,7 +110,7 @@ def _undo(one: _Staged) -> None:
 
 
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
+def _name_errors(path: Path) -> Iterator[None]:
     """Turns an error of the system into one that names ``path``."""
     try:
         yield

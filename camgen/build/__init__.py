@@ -33,7 +33,7 @@ from camgen.model.program import Program
 from camgen.model.text import counted, short
 from camgen.model.version import __version__
 from camgen.order import order
-from camgen.plan import EdgePlan, Watch, plan, unwatched
+from camgen.plan import EdgePlan, Watch, ignore_stages, plan
 from camgen.plan.fill.cover import Coverage
 from camgen.post import OutputFile, Post
 from camgen.post.plugins import dynamics_of, find_post, find_readback, make_post
@@ -107,7 +107,7 @@ def build(
     job: JobLike = None,
     name: str = "",
     strict: bool = False,
-    watch: Watch = unwatched,
+    watch: Watch = ignore_stages,
     files: Files | None = None,
 ) -> Result:
     """A checked program for the controller ``post`` from one or several drawings or parts in one work frame.
@@ -141,7 +141,7 @@ def build(
     posted = poster.render(checks.program)
     watch("verifying")
     reading = readback({file.name: file.text for file in posted}, settings.post)
-    deviation = compare(checks.program, reading, poster.tolerance(), poster.carried(), posted[0].name)
+    deviation = compare(checks.program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
     return Result(
         part=planned.part,
         job=settings,

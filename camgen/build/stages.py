@@ -21,7 +21,7 @@ from camgen.model.part import Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.program import Program
 from camgen.order import order as order_plan
-from camgen.plan import EdgePlan, Plan, Watch, unwatched
+from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
 from camgen.plan.page import on_page
 from camgen.post import OutputFile, Reading
@@ -70,14 +70,14 @@ def cell(post: str, job: JobLike = None, part: Part | None = None) -> Workcell:
     return read_cell(part, settings, find_post(post).cell(), files)
 
 
-def plan(part: Part, job: JobLike = None, cell: CellLike | None = None, watch: Watch = unwatched) -> Plan:
+def plan(part: Part, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages) -> Plan:
     """The tool paths of ``part``. cell: edges of 3-D parts need one with an arm. watch: is told the stages."""
     settings = settings_of(job, Files())
     return plan_part(part, settings, _cell(cell, settings, part), watch)
 
 
 def order(
-    plan: Plan | Sequence[ToolPath], job: JobLike = None, cell: CellLike | None = None, watch: Watch = unwatched
+    plan: Plan | Sequence[ToolPath], job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages
 ) -> Tour:
     """The paths of a plan as one tour. cell: the tool comes from its home and goes back. watch: as in ``plan``."""
     settings = settings_of(job, Files())
@@ -91,7 +91,7 @@ def lower(
 ) -> Program:
     """The program that runs ``tour`` from and back to the home of ``cell``. name, header: of the program."""
     settings = settings_of(job, Files())
-    return lower_tour(tour, _given(cell, settings), settings, name, tuple(header))
+    return lower_tour(tour, _take_cell(cell, settings), settings, name, tuple(header))
 
 
 def check(program: Program, job: JobLike = None, cell: CellLike = "gcode", plan: Plan | None = None) -> Checks:
@@ -101,7 +101,7 @@ def check(program: Program, job: JobLike = None, cell: CellLike = "gcode", plan:
     """
     settings = settings_of(job, Files())
     where: Surroundings | None = plan.where if isinstance(plan, EdgePlan) else None
-    return check_program(program, settings, _given(cell, settings), where)
+    return check_program(program, settings, _take_cell(cell, settings), where)
 
 
 def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, ...]:
@@ -123,7 +123,7 @@ def verify(files: Sequence[OutputFile], program: Program, post: str, job: JobLik
     poster = poster_of(post, settings, "job")
     planned = poster.prepare(program, settings.tolerance.chord)
     reading = read_back(files, post, settings)
-    return compare(planned, reading, poster.tolerance(), poster.carried(), files[0].name)
+    return compare(planned, reading, poster.tolerance(), poster.list_verified(), files[0].name)
 
 
 def preview(result: Result, suffix: str = ".svg") -> bytes:
@@ -142,5 +142,5 @@ def _cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
     return read_cell(part, job, find_post(cell).cell(), Files())
 
 
-def _given(cell: CellLike, job: Job) -> Workcell:
+def _take_cell(cell: CellLike, job: Job) -> Workcell:
     return read_cell(None, job, find_post(cell).cell(), Files()) if isinstance(cell, str) else cell

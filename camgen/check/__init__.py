@@ -36,10 +36,10 @@ def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = N
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         return Checks(program)
-    from camgen.check.collide import collided  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
-    from camgen.check.reach import reached  # noqa: PLC0415
+    from camgen.check.collide import check_clear  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+    from camgen.check.reach import check_reach  # noqa: PLC0415
     from camgen.collision.cell import around  # noqa: PLC0415
 
-    reach = reached(program, cell.arm, name or program.name)
+    reach = check_reach(program, cell.arm, name or program.name)
     where = where or around(job, cell.arm, cell, None, cell.meshes)
-    return Checks(reach.program, reach, collided(where, reach.program, reach, name or program.name), where)
+    return Checks(reach.program, reach, check_clear(where, reach.program, reach, name or program.name), where)

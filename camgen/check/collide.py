@@ -8,7 +8,7 @@ from msgspec import Struct
 from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import motion
-from camgen.collision.scene import told
+from camgen.collision.scene import name_pair
 from camgen.model.errors import NoSafeProgram
 from camgen.model.program import Program
 from camgen.plan.edges import STEP
@@ -25,7 +25,7 @@ class Clear(Struct, frozen=True):
     clearance: float
 
 
-def collided(where: Surroundings, program: Program, reach: Reach, file: str) -> Clear:
+def check_clear(where: Surroundings, program: Program, reach: Reach, file: str) -> Clear:
     """Tests the motions through ``reach.joints``, all of them. NoSafeProgram with the motion, the link and the obstacle
     of the first collision.
     """
@@ -39,6 +39,6 @@ def collided(where: Surroundings, program: Program, reach: Reach, file: str) -> 
         if hit:
             at, pair, scene = min(hit, key=lambda one: one[0])
             index = int(reach.owner[begin + int(np.ceil(at))])
-            what = f"{reach.robot} collides on {program.place_of(index)}: {told(scene, pair)}"
+            what = f"{reach.robot} collides on {program.place_of(index)}: {name_pair(scene, pair)}"
             raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
     return Clear(least)

@@ -20,7 +20,7 @@ from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
-from camgen.plan.edges.ways import Index, Way, counts, divided, rows
+from camgen.plan.edges.ways import Index, Way, counts, divide, rows
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.joint_limits import within
@@ -46,7 +46,7 @@ class Rows(Struct, frozen=True, eq=False):
     free: NDArray[np.bool_]
 
 
-def sampled(program: Program, way: Way) -> Rows:
+def sample_motions(program: Program, way: Way) -> Rows:
     """The rows of ``program``. way: of the TCP, a row for each motion."""
     free = program.columns.moves_are(MoveJ)
     way, own = _through_middles(way, program)
@@ -57,7 +57,7 @@ def sampled(program: Program, way: Way) -> Rows:
     )
     motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])
     at = np.flatnonzero(np.append(motion[1:] != motion[:-1], True))
-    return Rows(divided(way, parts), motion, at, free[motion])
+    return Rows(divide(way, parts), motion, at, free[motion])
 
 
 def ends(program: Program, robot: Robot, anchors: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -86,14 +86,14 @@ def _through_middles(way: Way, program: Program) -> tuple[Way, Index]:
     own = np.concatenate([[0], np.repeat(np.arange(1, len(way)), parts)])
     if not turning.any():
         return way, own
-    finer = divided(way, parts)
+    finer = divide(way, parts)
     rotation = finer.rotation.copy()
     vias = [program.columns.moves[k].via.rotation for k in np.flatnonzero(turning).tolist()]
     rotation[rows(parts)[turning] - 1] = np.stack(vias)
     return Way(finer.position, finer.via, rotation), own
 
 
-def interpolated(robot: Robot, joints: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, Index]:
+def interpolate_joints(robot: Robot, joints: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, Index]:
     """The joint values (R, J) with more rows on the way to those in ``free`` (R,), all joints together: no joint turns
     by more than 2 deg from row to row, and the flange moves by about 10 mm at most. And where the old rows are (R,).
     """
@@ -140,7 +140,7 @@ class Reach(Struct, frozen=True, eq=False):
         return len(self.joints)
 
 
-def reached(program: Program, robot: Robot, file: str) -> Reach:
+def check_reach(program: Program, robot: Robot, file: str) -> Reach:
     """The joints with which ``robot`` runs ``program``, in one posture from each motion to joint values to the next.
 
     file: for messages. Raises JobError for a program that is not for this kind of arm, NoSafeProgram with the motion
@@ -148,11 +148,11 @@ def reached(program: Program, robot: Robot, file: str) -> Reach:
     """
     columns = program.columns
     anchors = _anchors(program, robot, file)
-    found = sampled(program, _way(program, robot, anchors))
-    joints = _followed(program, robot, file, found, anchors)
-    dense, at = interpolated(robot, joints, found.free)
+    found = sample_motions(program, _way(program, robot, anchors))
+    joints = _follow(program, robot, file, found, anchors)
+    dense, at = interpolate_joints(robot, joints, found.free)
     motion = np.repeat(found.motion, np.diff(at, prepend=-1))
-    return Reach(robot.name, dense, columns.at[motion], _filled(program, robot, joints[found.at]))
+    return Reach(robot.name, dense, columns.at[motion], _fill(program, robot, joints[found.at]))
 
 
 def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
@@ -191,7 +191,7 @@ def _way(program: Program, robot: Robot, anchors: FloatArray) -> Way:
     return Way(position, middles, rotation)
 
 
-def _followed(program: Program, robot: Robot, file: str, found: Rows, anchors: FloatArray) -> FloatArray:
+def _follow(program: Program, robot: Robot, file: str, found: Rows, anchors: FloatArray) -> FloatArray:
     """The joint values (R, J) of all rows, one stretch between anchors after the other."""
     rotations, origins = _flanges(program, found)
     joints = np.empty((len(origins), len(robot.home)))
@@ -228,7 +228,7 @@ def _flanges(program: Program, found: Rows) -> tuple[FloatArray, FloatArray]:
     return rotations @ tool.rotation, origins + rotations @ np.asarray(tool.origin)
 
 
-def _filled(program: Program, robot: Robot, joints: FloatArray) -> Program:
+def _fill(program: Program, robot: Robot, joints: FloatArray) -> Program:
     """The program with joints and posture at every motion to a pose. joints: (M, J) where motions end."""
     columns = program.columns
     posed = columns.posed

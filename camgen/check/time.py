@@ -17,7 +17,7 @@ from camgen.geometry.rotations import angles_between
 from camgen.geometry.vectors import unit
 from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, taken
+from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, take
 from camgen.model.tolerance import SAME_POINT_MM
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Corners(Struct, frozen=True, eq=False):
     fast: FloatArray
 
 
-def passed(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
+def pass_corners(corners: Corners, pace: Dynamics) -> tuple[FloatArray, FloatArray]:
     """Squared speed (K,) in each corner, infinite where nothing limits it, and how far (K,) before and behind the
     corner it holds, mm.
     """
@@ -144,10 +144,10 @@ class Shape(Struct, frozen=True, eq=False):
     turn: FloatArray
 
 
-def shaped(program: Program, arm: Robot | None) -> Shape:
+def shape_motions(program: Program, arm: Robot | None) -> Shape:
     """The motions of ``program``. arm: tells where joint values put the tool; without one that is not known."""
     columns = program.columns
-    end, turn = _placed(program, arm)
+    end, turn = _place(program, arm)
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
     chord = end - start
     length = np.linalg.norm(chord, axis=1)
@@ -165,19 +165,19 @@ def shaped(program: Program, arm: Robot | None) -> Shape:
     return Shape(end, np.nan_to_num(length), first, last, radius, turn)
 
 
-def _placed(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
+def _place(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
     """Where the motions end (M, 3) and the angles (M,) by which the tool turns."""
     columns = program.columns
     if arm is not None:
         from camgen.check.reach import ends  # noqa: PLC0415 (kinematics, only for what needs them)
 
-        fixed = taken(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
+        fixed = take(columns.moves, columns.moves_are(MoveJ) & ~columns.posed)
         anchors = np.array([move.target.values for move in fixed]).reshape(len(fixed), len(arm.home))
         end, rotation = ends(program, arm, anchors)
         return end, np.append(0.0, angles_between(rotation[:-1], rotation[1:]))
     turn = np.zeros(len(columns.moves))
     posed = columns.posed
-    rotations = list(map(attrgetter("target.rotation"), taken(columns.moves, posed)))
+    rotations = list(map(attrgetter("target.rotation"), take(columns.moves, posed)))
     same = np.fromiter(map(id, rotations), np.int64, len(rotations))
     where = np.flatnonzero(posed)
     # A turn that starts at joint values is not known.
@@ -212,14 +212,16 @@ class _Pieces(Struct, frozen=True, eq=False):
     gain: FloatArray
 
 
-def timed(program: Program, pace: Dynamics, found: Reach | None, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
+def time_motions(
+    program: Program, pace: Dynamics, found: Reach | None, arm: Robot | None
+) -> tuple[FloatArray, FloatArray]:
     """Seconds (M,) of the motions of ``program``, and where they end, (M, 3) mm, NaN where it is not known.
 
     found, arm: the robot and its joints along the program; without them a joint motion is the straight line between
     its ends, and takes no time where one end is not known.
     """
     columns = program.columns
-    shape = shaped(program, arm)
+    shape = shape_motions(program, arm)
     rows = None if found is None or arm is None else _rows(program, found, arm)
     swing = columns.moves_are(MoveJ) & (rows is not None)
     still = ~swing & (shape.length < SAME_POINT_MM)
@@ -300,7 +302,7 @@ def _corners(program: Program, shape: Shape, pace: Dynamics, going: Mask) -> tup
         fast=np.maximum(columns.speed[one], columns.speed[two]),
     )
     here = np.flatnonzero(follows)
-    found, around = passed(corners, pace)
+    found, around = pass_corners(corners, pace)
     square[here], reach[here] = found, np.where(found < corners.fast**2, around, 0.0)
     return square, reach
 
@@ -332,16 +334,16 @@ def _sums(motion: NDArray[np.int64], values: FloatArray, count: int) -> FloatArr
     return np.asarray(np.bincount(motion, values, count), dtype=np.float64)
 
 
-def worked(program: Program) -> NDArray[np.int64]:
+def assign_paths(program: Program) -> NDArray[np.int64]:
     """(M,): the path along which each motion of ``program`` runs, -1 for ways between paths."""
     return np.where(program.columns.works, program.columns.path, -1)
 
 
 def cycle(program: Program, pace: Dynamics, found: Reach | None = None, arm: Robot | None = None) -> Cycle:
-    """The time of ``program``, in all and by path. found, arm: see ``timed``."""
+    """The time of ``program``, in all and by path. found, arm: see ``time_motions``."""
     columns = program.columns
-    seconds, _ = timed(program, pace, found, arm)
-    path = worked(program)
+    seconds, _ = time_motions(program, pace, found, arm)
+    path = assign_paths(program)
     # A wait belongs to what comes after it: the one after the signal is switched on to the path, as the pauses in it.
     waits = np.searchsorted(columns.at, np.flatnonzero(columns.are(Wait)))
     every = np.concatenate([seconds, column(columns.of(Wait), "seconds")])

@@ -14,8 +14,8 @@ import msgspec
 from msgspec import Struct
 
 from camgen.batch import cluster, pool, state
-from camgen.batch.inputs import found
-from camgen.batch.parts import Order, Part, looked_at
+from camgen.batch.inputs import find_inputs
+from camgen.batch.parts import Order, Part, look_at
 from camgen.batch.state import Outcome, Sums, Task
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import clean
@@ -49,12 +49,12 @@ def run(arguments: Namespace, says: Voice) -> int:
     """Builds what has to be built, writes each program when it is there, sums up."""
     _check(arguments)
     folder = Path(arguments.output or "")
-    inputs = found(arguments.inputs)
+    inputs = find_inputs(arguments.inputs)
     check_targets([Path(p) for p in [arguments.report] if p], [one.source for one in inputs])
     says.stage("looking")
-    records = state.known(folder)
+    records = state.load_records(folder)
     order = Order(arguments.post, arguments.job, tuple(arguments.sets), arguments.strict)
-    parts, owners = looked_at(inputs, order, folder, records)
+    parts, owners = look_at(inputs, order, folder, records)
     batch = _Batch(says, folder, parts, records, owners)
     batch.take_known()
     try:
@@ -133,7 +133,7 @@ class _Batch(Struct):
         except JobError as error:
             self._add(place, _Row(source, "failed", error.exit_code, str(error)))
             return
-        hashes = {name: state.hashed(data) for name, data in outcome.files}
+        hashes = {name: state.hash_bytes(data) for name, data in outcome.files}
         self.records[part.program] = state.Record(part.program, part.digest, hashes, outcome.sums)
         state.add(self.folder, self.records[part.program])
         self.written += 1
@@ -165,7 +165,7 @@ class _Batch(Struct):
             bar = "#" * (_BAR * done // total)
             self.says.stage(f"[{bar:-<{_BAR}}] {done} of {total}, {failed} failed{self._left(done, total)}")
         elif row.status != "unchanged":
-            self.says.rows([(row.status, _named(row), "look" if row.error else "plain")])
+            self.says.rows([(row.status, _name(row), "look" if row.error else "plain")])
 
     def _left(self, done: int, total: int) -> str:
         known = sum(row.status == "unchanged" for row in self.rows.values())
@@ -179,7 +179,7 @@ def _tell(rows: list[_Row], says: Voice) -> None:
     if says.quiet:
         for row in rows:
             if row.error:
-                says.error(f"error: {_named(row)}")
+                says.error(f"error: {_name(row)}")
         return
     says.clear()
     cells = [("file", "status", "paths", "time", "notes"), *(_cells(row) for row in rows)]
@@ -195,7 +195,7 @@ def _why(row: _Row) -> str:
     return one_line(next((row.error[len(name) :] for name in names if row.error.startswith(name)), row.error))
 
 
-def _named(row: _Row) -> str:
+def _name(row: _Row) -> str:
     return f"{row.source}: {_why(row)}" if row.error else row.source
 
 

@@ -18,8 +18,8 @@ from camgen.build import Result, build, no_collector, program_files
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
-from camgen.cli.say import Voice, duration, length, listed, size
-from camgen.model.errors import JobError, told_as
+from camgen.cli.say import Voice, duration, join_names, length, size
+from camgen.model.errors import JobError, rename_errors
 from camgen.model.part import Note, NoteKind
 from camgen.model.path import Tour
 from camgen.model.pose import Pose
@@ -52,12 +52,12 @@ def rows(
         ("input", _input(result), "plain"),
         *_job(job, inputs),
         *_notes(result.notes, verbose),
-        *_planned(result),
+        *_tell_plan(result),
         *_coverage(result),
         ("cell", _cell(result), "look"),
         ("time", f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel", "plain"),
         *(_program(path, data, result.post.newline) for path, data in programs),
-        ("verified", _verified(result), "good"),
+        ("verified", _tell_verified(result), "good"),
     ]
 
 
@@ -81,7 +81,7 @@ def _clearance(result: Result) -> str:
 def _posture(result: Result) -> str:
     """Whether the text states the posture in which the arm was looked at."""
     moves = [move for move in result.program.columns.moves if isinstance(move.target, Pose)]
-    words = result.post.carried() & {"confdata", "figure", "switches"}
+    words = result.post.list_verified() & {"confdata", "figure", "switches"}
     said = sum(any(getattr(move.posture, word, None) not in (None, ()) for word in words) for move in moves)
     if said == len(moves):
         return "in the posture that the text states"
@@ -103,7 +103,7 @@ def _input(result: Result) -> str:
     layers = sorted({c.layer for c in contours})
     shapes = f"{counted(len(contours), 'contour')} ({grouped(closed)} closed, {grouped(len(contours) - closed)} open)"
     noun = "layer" if len(layers) == 1 else "layers"
-    return f"{result.part.source}: {result.part.units}, {shapes}, {noun} {listed(layers)}"
+    return f"{result.part.source}: {result.part.units}, {shapes}, {noun} {join_names(layers)}"
 
 
 def _job(job: Path | None, inputs: Sequence[Path]) -> list[Row]:
@@ -128,7 +128,7 @@ def _notes(notes: Sequence[Note], verbose: int) -> list[Row]:
 _UNSEARCHED = ("best", "nearest neighbour")
 
 
-def _planned(result: Result) -> list[Row]:
+def _tell_plan(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
     tour, chosen = result.tour, result.job.tour.method
     # So many paths are searched only when they are told to be: plain Python is too slow for them.
@@ -158,7 +158,7 @@ def _program(path: Path, data: bytes, newline: str) -> Row:
     return ("program", f"{path}, {counted(lines, 'line')}, {size(len(data))}", "plain")
 
 
-def _verified(result: Result) -> str:
+def _tell_verified(result: Result) -> str:
     compared = counted(result.deviation.instructions, "instruction")
     return f"read back, {compared} equal, largest deviation {result.deviation.max_mm:.6f} mm"
 
@@ -197,7 +197,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         check_preview(arguments.preview)
         job = load(job_file, arguments.sets, files)
         name = program.stem if program else ""
-        with told_as("job", str(job_file or "job")):
+        with rename_errors("job", str(job_file or "job")):
             result = build(
                 inputs, post=arguments.post, job=job, name=name, strict=arguments.strict, watch=stages, files=files
             )

@@ -15,7 +15,7 @@ import shtab
 from camgen.cli import parsers
 from camgen.cli.say import Voice, out
 from camgen.cli.schema import schema
-from camgen.post.plugins import installed
+from camgen.post.plugins import list_installed
 from camgen.robots.catalogue import robots
 
 #: Arguments that are files say so by how they are shown, e.g. FILE.toml or PHOTO.
@@ -25,11 +25,11 @@ _FILES = ("FILE", "DIR", "INPUT", "GLOB", "PROGRAM", "PLAN", "PHOTO", "MODEL", "
 def run(arguments: Namespace, _says: Voice) -> int:
     """Prints the script."""
     top, commands = parsers()
-    known = _known()
+    known = _list_known()
     for sub in commands.values():
         for action in sub._actions:  # argparse has no public list
             _teach(action, known)
-    out(_amended(shtab.complete(top, arguments.shell), arguments.shell))
+    out(_amend(shtab.complete(top, arguments.shell), arguments.shell))
     return 0
 
 
@@ -41,12 +41,12 @@ def _teach(action: argparse.Action, known: dict[str, shtab.CompleteType]) -> Non
         action.complete = shtab.FILE  # type: ignore[attr-defined]
 
 
-def _known() -> dict[str, shtab.CompleteType]:
+def _list_known() -> dict[str, shtab.CompleteType]:
     """The values that camgen knows, by the name of the argument."""
     # Of a robot's name capitals, spaces and hyphens do not matter: without them it is one word.
     arms = ["".join(c for c in robot.name.casefold() if c.isalnum()) for robot in robots()]
     return {
-        "post": _words_or_files("post", [post.name for post in installed()]),
+        "post": _words_or_files("post", [post.name for post in list_installed()]),
         "robot": _words_or_files("robot", arms),
         "sets": _settings(list(_assignments(arms))),
     }
@@ -95,7 +95,7 @@ def _functions(name: str, bash: str, zsh: str, fish: str) -> shtab.CompleteType:
     return {"bash": name, "zsh": name, "fish": f"({name})", "preamble": preamble}
 
 
-def _amended(script: str, shell: str) -> str:
+def _amend(script: str, shell: str) -> str:
     """What shtab 1.13 lacks, found by asking the shells (docs/dependencies.md)."""
     if shell == "bash":
         return script + _BASH

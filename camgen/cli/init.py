@@ -13,7 +13,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.job_tables import settings, tables
 from camgen.post import Post
-from camgen.post.plugins import find_post, installed
+from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
 from camgen.read.files import Files
 
@@ -63,7 +63,7 @@ def _post_lines() -> list[str]:
     """The options of all posts as comments, since they depend on the post that is chosen."""
     lines: list[str] = []
     common = {f.name for f in dataclasses.fields(Post)}
-    kinds = [find_post(post.name) for post in installed() if not post.broken]
+    kinds = [find_post(post.name) for post in list_installed() if not post.broken]
     if kinds:
         shared = [f for f in dataclasses.fields(kinds[0]) if f.name in common]
         lines += ["# every post:", *(_option(f) for f in shared)]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from camgen.model.errors import JobError, told_as
+from camgen.model.errors import JobError, rename_errors
 from camgen.model.files import Source
 from camgen.read import find_suffix
 from camgen.read.files import Files
@@ -30,5 +30,5 @@ def open_inputs(names: Sequence[str], kind: str | None) -> Iterator[tuple[list[P
     if not kind.isalnum():
         raise JobError("-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf")
     stdin = Source(_FOLDER / f"stdin{find_suffix(kind)}", sys.stdin.buffer.read())
-    with told_as(stdin.name, "-"), told_as(str(stdin.path), "-"):
+    with rename_errors(stdin.name, "-"), rename_errors(str(stdin.path), "-"):
         yield [stdin.path if name == "-" else Path(name) for name in names], Files([stdin])

@@ -8,7 +8,7 @@ from camgen.cli.inputs import open_inputs
 from camgen.cli.say import Voice, out
 from camgen.model.files import Source
 from camgen.model.job import Job
-from camgen.read import find_reader, meant
+from camgen.read import find_reader, is_drawing
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 
@@ -28,7 +28,7 @@ def run(arguments: Namespace, says: Voice) -> int:
 def _inspect(source: Source, job: Job, files: Files) -> object:
     """What is in the file, or what the job makes of a picture that it takes for a drawing."""
     reader = find_reader(source)
-    if reader.makes == "picture" and meant(job):
+    if reader.makes == "picture" and is_drawing(job):
         from camgen.plan.page import inspect as inspect_drawing  # noqa: PLC0415 (only for pictures)
 
         return inspect_drawing(reader.read(source, job, files), job)

@@ -50,7 +50,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     says.rows([("model", f"{names[0]}: {size}", "plain")])
     says.rows([("scan", f"{names[1]}: {counted(len(seen.points), 'point')}, 1 unit = {mm:g} mm", "plain")])
     says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in (*notes, *seen.notes)])
-    says.rows([*_told(found), ("written", str(target), "good")])
+    says.rows([*_describe(found), ("written", str(target), "good")])
     return 0
 
 
@@ -84,7 +84,7 @@ def _part(source: Source) -> tuple[FloatArray, IntArray, list[Note]]:
 
 def job(names: tuple[str, str], found: Location) -> str:
     """The job file: the work frame, and as comments what it rests on. ``names``: of the model and of the scan."""
-    told = [f"{label}: {text}" for label, text, _ in _told(found)]
+    told = [f"{label}: {text}" for label, text, _ in _describe(found)]
     lines = [f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}", *told]
     return "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(found.base_from_work)}\n"
 
@@ -99,7 +99,7 @@ def _values(pose: Pose) -> str:
     return f"[{', '.join(texts)}]"
 
 
-def _told(found: Location) -> Sequence[tuple[str, str, str]]:
+def _describe(found: Location) -> Sequence[tuple[str, str, str]]:
     """What the summary says of a location, and the comments of the job file."""
     near = _percent(found.seen.near)
     points = counted(found.used, "point that counts", "points that count")

@@ -9,9 +9,9 @@ from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
 from camgen.model.errors import JobError
 from camgen.model.text import counted, short
-from camgen.vision.boards.sheet import drawn_pdf, drawn_svg, sheet
+from camgen.vision.boards.sheet import draw_pdf, draw_svg, sheet
 
-_DRAWN = {".pdf": drawn_pdf, ".svg": drawn_svg}
+_DRAWN = {".pdf": draw_pdf, ".svg": draw_svg}
 
 
 def run(arguments: Namespace, says: Voice) -> int:

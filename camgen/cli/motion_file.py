@@ -163,7 +163,7 @@ def encode(program: Program, post: str, options: Mapping[str, object], chord: fl
         flange_from_tool=frames[1],
         header=tuple(clean(line) for line in program.header),
         rotations=tuple(known.matrices),
-        paths=tuple(_cleaned(origin) for origin in program.paths),
+        paths=tuple(_clean(origin) for origin in program.paths),
         body=(),
     )
     encoder = msgspec.json.Encoder(order="deterministic")
@@ -172,7 +172,7 @@ def encode(program: Program, post: str, options: Mapping[str, object], chord: fl
     return start + b"[\n" + b",\n".join(lines) + b"\n]}\n"
 
 
-def _cleaned(origin: Origin) -> Origin:
+def _clean(origin: Origin) -> Origin:
     contours = tuple(clean(ident) for ident in origin.contours)
     return Origin(clean(origin.id), clean(origin.layer), contours, origin.operation)
 
@@ -200,7 +200,7 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
         case Wait():
             return _Wait(item.seconds)
         case Force():
-            return _Force(float(item.newtons), item.press if any(item.press) else None)
+            return _Force(float(item.newtons), item.force_direction if any(item.force_direction) else None)
         case Comment():
             return _Comment(clean(item.text))
 
@@ -210,7 +210,7 @@ _Tail = tuple[float | None, float | None, Vec3 | None, tuple[float, ...] | None,
 
 def _tail(item: MoveL | MoveC) -> _Tail:
     """Blend, force, press, posture and its names, None where there is none, and the path."""
-    press = item.press if any(item.press) else None
+    press = item.force_direction if any(item.force_direction) else None
     joints = item.joints.values if item.joints else None
     return item.blend or None, item.force or None, press, joints, item.posture, item.path, item.work
 

@@ -57,7 +57,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     if plan:
         says.stage("comparing")
         prepared = post.prepare(plan.program, plan.chord)
-        found = compare(prepared, reading, post.tolerance(), post.carried(), str(paths[0]))
+        found = compare(prepared, reading, post.tolerance(), post.list_verified(), str(paths[0]))
         says.clear()
         rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
         rows.append(("deviation", f"{found.max_mm:.6f} mm"))

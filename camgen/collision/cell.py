@@ -9,8 +9,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.hits import hits
-from camgen.collision.mesh import meshed
-from camgen.collision.scene import Scene, narrowed, scene
+from camgen.collision.mesh import make_mesh
+from camgen.collision.scene import Scene, narrow, scene
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
@@ -64,13 +64,13 @@ def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None, meshes: Mesh
     """
     fixtures, notes = _fixtures(job, solid)
     standing = tuple(Link(name, (box_between(cell.base_from_work, low, high),)) for name, (low, high) in fixtures)
-    walls = tuple((name, meshed(shape), cell.base_from_work) for name, shape in meshes)
+    walls = tuple((name, make_mesh(shape), cell.base_from_work) for name, shape in meshes)
     holder = [corners_of("tool.holder", box) for box in job.tool.holder or ()]
     bodies = [Link("tool", (_shaft(job, cell, holder),))]
     if holder:
         bodies.append(Link("holder", tuple(box_between(Pose(IDENTITY, (0.0, 0.0, 0.0)), *box) for box in holder)))
     tool = tuple(bodies)
-    part = meshed(solid) if solid is not None else ()
+    part = make_mesh(solid) if solid is not None else ()
     contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.diameter / 2 * 0.99)
     overlaps = _overlaps(robot, tool)
@@ -83,7 +83,7 @@ def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None, meshes: Mesh
     tops = [high[2], *(_top(box) for link in standing if link.name != "table" for box in link.boxes)]
     tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in meshes]
     room = _width(job, holder) / 2 + job.cell.safety
-    scenes = made, narrowed(made, rest), narrowed(made, work)
+    scenes = made, narrow(made, rest), narrow(made, work)
     return Surroundings(*scenes, max(tops) + room, room, low, high, notes, tool, standing, tuple(meshes))
 
 

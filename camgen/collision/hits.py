@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from camgen.collision.boxes import Boxes, meet
-from camgen.collision.mesh import body, distance, struck
+from camgen.collision.mesh import body, distance, find_struck
 from camgen.collision.scene import Scene, Target
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -39,7 +39,7 @@ def hits(
         bare = place(scene, joints[rows])
         placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
         row, box = near_pairs(scene, placed)
-        pair = _grown(scene, bare, (row, box), grow[rows], None if closing is None else closing[rows])
+        pair = _grow(scene, bare, (row, box), grow[rows], None if closing is None else closing[rows])
         met = meet(pair[0].grown(near[rows][row, None]), pair[1])
         # Of several values for one place the last one stays: the first pair, since they come backwards.
         found[rows][row[met][::-1]] = scene.of_pair[box[met][::-1]]
@@ -48,7 +48,7 @@ def hits(
     return found
 
 
-def _grown(
+def _grow(
     scene: Scene, bare: Boxes, which: tuple[IntArray, IntArray], grow: FloatArray, closing: FloatArray | None
 ) -> tuple[Boxes, Boxes]:
     """The boxes of the pairs ``which`` (rows and pairs of boxes), larger by what each of them or both together grow."""
@@ -113,7 +113,7 @@ def _against(target: Target, placed: Boxes, found: IntArray) -> None:
     """Fill in the pairs with the mesh for configurations that have none yet."""
     free = np.flatnonzero(found < 0)
     row, which, boxes = near_mesh(target, placed[free])
-    met = np.flatnonzero(struck(target.mesh, boxes))[::-1]
+    met = np.flatnonzero(find_struck(target.mesh, boxes))[::-1]
     found[free[row[met]]] = target.of_strike[which[met]]
 
 
@@ -155,7 +155,7 @@ def _between(scene: Scene, placed: Boxes, place_of: IntArray, found: FloatArray)
     wide = placed.grown(found[place_of][:, None, None] * scene.moving[:, None])
     row, which = near_pairs(scene, wide)
     first, second = placed[row, scene.first[which]], placed[row, scene.second[which]]
-    _measured(
+    _measure(
         place_of[row],
         found,
         lambda some, by: meet(first[some].grown(by), second[some]),
@@ -166,15 +166,15 @@ def _between(scene: Scene, placed: Boxes, place_of: IntArray, found: FloatArray)
 def _to_mesh(target: Target, placed: Boxes, place_of: IntArray, found: FloatArray) -> None:
     row, which, wide = near_mesh(target, placed.grown(found[place_of][:, None, None]))
     boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
-    _measured(
+    _measure(
         place_of[row],
         found,
-        lambda some, by: struck(target.mesh, boxes[some].grown(by)),
+        lambda some, by: find_struck(target.mesh, boxes[some].grown(by)),
         lambda k: distance(target.mesh.surface, body(boxes, k)),
     )
 
 
-def _measured(
+def _measure(
     place_of: IntArray,
     found: FloatArray,
     touches: Callable[[IntArray, FloatArray], BoolArray],

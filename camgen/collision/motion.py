@@ -37,11 +37,11 @@ def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0) 
 
     Joints run evenly from row to row: a Cartesian motion is given as rows so dense that this is what it is.
 
-    A stretch of the motion is free where, at its middle, boxes grown by all that they move within it (``moved``) and by
-    ``near`` meet nothing: nothing happens in it that is not within these boxes. What is not free is halved, down to
-    stretches in which no point moves by more than ``step`` (mm); these are tested at their middle as they are. So
-    a hit that is not found is less than half a step deep, a step if both bodies move, and the clearance at any moment
-    is no more than that below the one returned.
+    A stretch of the motion is free where, at its middle, boxes grown by all that they move within it
+    (``measure_moves``) and by ``near`` meet nothing: nothing happens in it that is not within these boxes. What is not
+    free is halved, down to stretches in which no point moves by more than ``step`` (mm); these are tested at their
+    middle as they are. So a hit that is not found is less than half a step deep, a step if both bodies move, and the
+    clearance at any moment is no more than that below the one returned.
     """
     return motions(scene, [waypoints], step, near)[0]
 
@@ -51,7 +51,7 @@ def motions(scene: Scene, several: Sequence[FloatArray], step: float, near: floa
     lines = [_Line.of(scene, finite(waypoints)) for waypoints in several]
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
     nears = [_near(scene, line.waypoints[::_SPARSE], near) for line in lines]
-    at = _undecided(scene, lines, step, nears)
+    at = _find_undecided(scene, lines, step, nears)
     rows = [_rows(line.waypoints, here) for line, here in zip(lines, at, strict=True)]
     pairs = hits(scene, np.concatenate(rows))
     ends = np.cumsum([len(own) for own in rows])
@@ -84,7 +84,7 @@ class _Line(Struct, frozen=True, eq=False):
         """The motion through ``waypoints`` (K, J)."""
         numbers = _finer(_angles(scene, waypoints))
         rows = _rows(waypoints, numbers)
-        moves = moved(scene, rows)
+        moves = measure_moves(scene, rows)
         ways = np.vstack([np.zeros(len(scene.frame)), np.cumsum(moves, axis=0)])
         way = np.append(0.0, np.cumsum(moves.max(axis=1, initial=0.0)))
         serial = rows @ scene.robot.coupling.T
@@ -93,8 +93,8 @@ class _Line(Struct, frozen=True, eq=False):
 
 
 def _finer(angles: FloatArray) -> FloatArray:
-    """Places along the waypoints, in rows, between which joints turn by no more than ``_CLOSE_TURN``: ``moved`` is
-    close there.
+    """Places along the waypoints, in rows, between which joints turn by no more than ``_CLOSE_TURN``: ``measure_moves``
+    is close there.
     """
     parts = np.maximum(np.ceil(angles / _CLOSE_TURN), 1).astype(np.int64)
     row = owners(parts)
@@ -108,7 +108,7 @@ def _near(scene: Scene, waypoints: FloatArray, near: float) -> float:
     return least(scene, waypoints, near) if (hits(scene, waypoints) < 0).all() else 0.0
 
 
-def _undecided(scene: Scene, lines: Sequence[_Line], step: float, nears: Sequence[float]) -> list[FloatArray]:
+def _find_undecided(scene: Scene, lines: Sequence[_Line], step: float, nears: Sequence[float]) -> list[FloatArray]:
     """Where each motion must be tested as it is, in rows of its waypoints: its ends, and the middles of those stretches
     that are no longer than ``step`` and were never found free.
     """
@@ -116,7 +116,7 @@ def _undecided(scene: Scene, lines: Sequence[_Line], step: float, nears: Sequenc
     width = [float(line.way[-1]) / c for line, c in zip(lines, count, strict=True)]
     begins = [np.arange(c) * w for c, w in zip(count, width, strict=True)]
     while long := [k for k, line in enumerate(lines) if width[k] > step and len(begins[k])]:
-        asked = [_asked(lines[k], begins[k], width[k]) for k in long]
+        asked = [_ask(lines[k], begins[k], width[k]) for k in long]
         rows, grow, closing = (np.concatenate(column) for column in zip(*asked, strict=True))
         near = np.repeat([nears[k] for k in long], [len(begins[k]) for k in long])
         hit = np.split(hits(scene, rows, grow, closing, near) >= 0, np.cumsum([len(begins[k]) for k in long])[:-1])
@@ -131,7 +131,7 @@ def _undecided(scene: Scene, lines: Sequence[_Line], step: float, nears: Sequenc
     return at
 
 
-def _asked(line: _Line, begins: FloatArray, width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _ask(line: _Line, begins: FloatArray, width: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The middles of the stretches that begin at ``begins`` along the way: joints (N, J), and mm (N, B) by which boxes
     must grow there for all that they do in the stretch, (N, P) by which two must together.
     """
@@ -154,7 +154,7 @@ def _rows(table: FloatArray, at: FloatArray) -> FloatArray:
     return np.asarray(table[row] * (1 - part) + table[np.minimum(row + 1, len(table) - 1)] * part)
 
 
-def moved(scene: Scene, waypoints: FloatArray) -> FloatArray:
+def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
     """How long the way of any point of each box is at most from each row of (K, J) to the next: (K - 1, B), mm.
 
     A point's speed differs from its mean by no more than half of its greatest acceleration. The mean is no more than

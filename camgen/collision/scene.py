@@ -61,7 +61,7 @@ class Scene(Struct, frozen=True, eq=False):
         return self.frame > 0
 
 
-def told(scene: Scene, pair: int) -> str:
+def name_pair(scene: Scene, pair: int) -> str:
     """The pair that ``hits`` names, as text: 'link 5 against clamp'."""
     return " against ".join(scene.pairs[pair])
 
@@ -100,7 +100,7 @@ def scene(
     """
     last = len(robot.joints)
     bare = [_Body(link.name, k, link.boxes) for k, link in enumerate(robot.links)]
-    links = [_Body(body.name, body.frame, _grown(body.boxes, robot.pad)) for body in bare]
+    links = [_Body(body.name, body.frame, _grow(body.boxes, robot.pad)) for body in bare]
     tools = [_Body(body.name, last, _on_flange(robot, body.boxes)) for body in tool]
     standing = [_Body(body.name, 0, body.boxes) for body in obstacles]
     standing += [_Body(name, 0, (), mesh, place) for name, mesh, place in meshes]
@@ -114,10 +114,10 @@ def scene(
     pairs += [(body, other) for body in [*links[1:], *working] for other in target]
     without = {frozenset(names) for names in allowed}
     tested = [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in without]
-    return _tabled(robot, tested)
+    return _tabulate(robot, tested)
 
 
-def narrowed(scene: Scene, pairs: Sequence[int]) -> Scene:
+def narrow(scene: Scene, pairs: Sequence[int]) -> Scene:
     """The same cell with only these of its pairs, by index, and only their boxes."""
     number = np.full(len(scene.pairs), -1)
     number[list(pairs)] = np.arange(len(pairs))
@@ -146,7 +146,7 @@ def narrowed(scene: Scene, pairs: Sequence[int]) -> Scene:
     )
 
 
-def _grown(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:
+def _grow(boxes: tuple[Box, ...], pad: float) -> tuple[Box, ...]:
     return tuple(Box(box.link_from_box, (box.half[0] + pad, box.half[1] + pad, box.half[2] + pad)) for box in boxes)
 
 
@@ -160,7 +160,7 @@ def _entering(body: _Body, contact: float) -> tuple[Box, ...]:
         depth, width = short(contact, 3), short(2 * thin, 3)
         remedy = f'allow ("{body.name}", "{PART}") instead' if contact > 0 else "give it a size"
         raise JobError(f"tool {body.name}", f"it may enter the part by {depth} mm, but is {width} mm thin", "", remedy)
-    return _grown(body.boxes, -contact)
+    return _grow(body.boxes, -contact)
 
 
 def _part(part: Mesh | tuple[Box, ...], base_from_part: Pose) -> list[_Body]:
@@ -181,7 +181,7 @@ def _check(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> None:
             raise JobError(f"body {name}", "it may touch, but there is no such body", remedy=f"nearest is {near}")
 
 
-def _tabled(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
+def _tabulate(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:
     rows: dict[int, range] = {}
     bodies: list[_Body] = []
     for body in itertools.chain.from_iterable(tested):

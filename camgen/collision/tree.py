@@ -25,7 +25,7 @@ class Tree(Struct, frozen=True, eq=False):
     highs: tuple[FloatArray, ...]
 
 
-def grown(corners: FloatArray) -> Tree:
+def grow(corners: FloatArray) -> Tree:
     """The tree over triangles (F, 3, 3), F > 0: neighbours along Morton's curve through the middles are siblings."""
     middles = corners.mean(axis=1)
     span = np.maximum(np.ptp(middles, axis=0).max(), 1e-9)
@@ -52,7 +52,7 @@ Meets = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 Known = Callable[[IntArray, FloatArray], BoolArray]
 
 
-def asked(tree: Tree, count: int, meets: Meets, known: Known | None = None) -> tuple[IntArray, IntArray, BoolArray]:
+def ask(tree: Tree, count: int, meets: Meets, known: Known | None = None) -> tuple[IntArray, IntArray, BoolArray]:
     """Which questions 0 to ``count`` - 1 meet the boxes of which triangles, and which were known on the way and need no
     triangles (``count``,).
     """

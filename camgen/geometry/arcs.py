@@ -135,7 +135,7 @@ def path_length(path: ToolPath) -> float:
     return float(span_lengths(path.position, path.via[1:]).sum())
 
 
-def bent(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray:
+def are_bent(start: FloatArray, via: FloatArray, end: FloatArray) -> BoolArray:
     """(N,) whether arcs are none that are straight; via is half-way."""
     height = np.linalg.norm(via - (start + end) / 2, axis=1)
     return np.asarray(height > FLAT * np.linalg.norm(end - start, axis=1))
@@ -342,7 +342,7 @@ def through(p: FloatArray, q: FloatArray, r: FloatArray) -> Circle | None:
     return _about(center, normal / math.sqrt(square), p)
 
 
-def fitted(points: FloatArray) -> Circle | None:
+def fit_circle(points: FloatArray) -> Circle | None:
     """The circle of least squares of ``points`` (N, 3), in their plane of least squares, running in their order.
 
     The middle and the radius are linear in x, y and x x + y y; exact where the points are.

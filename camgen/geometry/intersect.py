@@ -16,7 +16,7 @@ from camgen.model.tolerance import NONZERO
 # Boxes for a tree that finds what is near.
 
 
-def boxed(boxes: FloatArray) -> NDArray[Any]:
+def box(boxes: FloatArray) -> NDArray[Any]:
     """Geometries (N,) with the boxes (N, 4) of xmin, ymin, xmax, ymax: their diagonals.
 
     A tree that is asked without a predicate looks at boxes alone, and a diagonal is made in half a rectangle's time.
@@ -33,8 +33,8 @@ _CHUNK = 500_000
 def near_pairs(segments: Segments, group: IntArray, reach: float = TOUCH) -> tuple[IntArray, IntArray]:
     """Pairs i < j of segments of one group whose boxes are nearer than ``reach``, mm."""
     boxes = bounds(segments)
-    tree = shapely.STRtree(boxed(boxes))
-    grown = boxed(boxes + np.array([-reach, -reach, reach, reach]))
+    tree = shapely.STRtree(box(boxes))
+    grown = box(boxes + np.array([-reach, -reach, reach, reach]))
     i, j = tree.query(grown)
     keep = (i < j) & (group[i] == group[j])
     return i[keep], j[keep]
@@ -173,14 +173,14 @@ class Obstacles:
     def __init__(self, segments: Segments, group: IntArray) -> None:
         self.segments = segments
         self.group = group
-        self._tree = shapely.STRtree(boxed(bounds(segments)))
+        self._tree = shapely.STRtree(box(bounds(segments)))
 
     def _pairs(self, points: FloatArray, group: IntArray, reach: float) -> Iterator[tuple[IntArray, IntArray]]:
         """Pairs (point, segment) whose boxes are nearer than ``reach``, in chunks of whole points."""
         step, first = 256, 0
         while first < len(points):
             near = points[first : first + step]
-            point, segment = self._tree.query(boxed(np.column_stack([near - reach, near + reach])))
+            point, segment = self._tree.query(box(np.column_stack([near - reach, near + reach])))
             point = point + first
             first += step
             # As many points at a time as the last ones let expect: the drawing decides how many segments are near.
@@ -213,11 +213,11 @@ def gaps(lines: Segments, segments: Segments, reach: float) -> FloatArray:
     best = np.full(len(lines), np.inf)
     if not len(lines) or not len(segments):
         return best
-    tree = shapely.STRtree(boxed(bounds(segments)))
+    tree = shapely.STRtree(box(bounds(segments)))
     boxes = bounds(lines) + np.array([-reach, -reach, reach, reach])
     step, first = 256, 0
     while first < len(lines):
-        line, other = tree.query(boxed(boxes[first : first + step]))
+        line, other = tree.query(box(boxes[first : first + step]))
         line, other = line + first, other.astype(np.int64)
         first += step
         step = int(np.clip(_CHUNK * step / max(len(line), 1), 1, 4 * step))

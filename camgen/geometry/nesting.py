@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.geometry.intersect import boxed
+from camgen.geometry.intersect import box
 from camgen.geometry.ragged import following
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, neighbours, points_at, tangents_at
 from camgen.geometry.vectors import turns
@@ -61,12 +61,12 @@ def _alone(segments: Segments, loops: IntArray) -> BoolArray:
     owners, first = np.unique(segments.owner, return_index=True)
     place = np.searchsorted(owners, loops)
     low, high = np.minimum.reduceat(boxes[:, :2], first)[place], np.maximum.reduceat(boxes[:, 2:], first)[place]
-    tree = shapely.STRtree(boxed(boxes))
+    tree = shapely.STRtree(box(boxes))
     result = np.ones(len(loops), dtype=np.bool_)
     step, done = 256, 0
     while done < len(loops):
         rows = slice(done, done + step)
-        which, segment = tree.query(boxed(np.column_stack([low[rows], high[rows]])))
+        which, segment = tree.query(box(np.column_stack([low[rows], high[rows]])))
         result[done + which[segments.owner[segment] != loops[rows][which]]] = False
         done += step
         # As many loops at a time as the last ones let expect.

@@ -88,7 +88,7 @@ def _candidates(
     extra = np.where(plain, distance * np.tan(turn / 2), 0.0)
     early, late = np.zeros(len(source)), np.zeros(len(source))
     late[before], early[after] = extra, extra
-    moved = _moved(source, distance, radius, early, late)
+    moved = _move_sideways(source, distance, radius, early, late)
     alive = np.flatnonzero(~source.is_arc | (radius > 1e-9))
     outer = np.flatnonzero((turn > 0) & ~plain)
     about = source.end[before[outer]]
@@ -104,7 +104,7 @@ def _candidates(
     return candidates, origin, corner, np.concatenate([np.zeros(len(alive)), turn[outer]])
 
 
-def _moved(
+def _move_sideways(
     source: Segments, distance: float, radius: FloatArray, early: FloatArray, late: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Start, end and bulge of the segments moved sideways, begun ``early`` mm before their start and run on ``late`` mm

@@ -10,7 +10,7 @@ import numpy as np
 from camgen.geometry.nearest import Discs, IntArray, nearest_items
 from camgen.model.pose import FloatArray
 
-__all__ = ["paired"]
+__all__ = ["pair"]
 
 #: Up to so many points the shortest pairing is found, beyond it a short one.
 _MOST_EXACT = 12
@@ -18,7 +18,7 @@ _MOST_EXACT = 12
 _NEAR_POINTS = 8
 
 
-def paired(points: FloatArray) -> IntArray:
+def pair(points: FloatArray) -> IntArray:
     """(N,) the partner of each of an even number of points (N, 2): the sum of the distances is the least for up to 12.
 
     Beyond that the nearest two are taken first, then two pairs exchange their points as long as that is shorter.
@@ -26,7 +26,7 @@ def paired(points: FloatArray) -> IntArray:
     if len(points) <= _MOST_EXACT:
         return _exact(points)
     partner = _greedy(points)
-    _exchanged(points, partner)
+    _exchange(points, partner)
     return partner
 
 
@@ -69,7 +69,7 @@ def _greedy(points: FloatArray) -> IntArray:
     return partner
 
 
-def _exchanged(points: FloatArray, partner: IntArray) -> None:
+def _exchange(points: FloatArray, partner: IntArray) -> None:
     """Two pairs become two others while that is shorter, each point looked at again when its partner has changed."""
     count = len(points)
     near = nearest_items(Discs(np.arange(count), points, np.zeros(count)), count, _NEAR_POINTS)

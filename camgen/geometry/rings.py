@@ -64,7 +64,7 @@ def rings(counts: Sequence[int] | IntArray) -> Rings:
     return Rings(begins(count), count, owners(count))
 
 
-def chosen(table: Rings, loops: IntArray) -> tuple[Rings, IntArray]:
+def choose_rings(table: Rings, loops: IntArray) -> tuple[Rings, IntArray]:
     """The curves ``loops`` in this order, and the old row (M,) of each of their rows."""
     part = rings(table.count[loops])
     return part, stretches(table.first[loops], part.count)
@@ -107,7 +107,7 @@ def latest(table: Rings, known: BoolArray) -> IntArray:
     return np.where(row < first, -1, row)
 
 
-def held(table: Rings, on: BoolArray, off: BoolArray, default: bool) -> BoolArray:
+def hold_switch(table: Rings, on: BoolArray, off: BoolArray, default: bool) -> BoolArray:
     """A switch with hysteresis along every closed curve: true from a row of ``on`` until one of ``off``.
 
     Rows that are neither keep the state of the row before them; a curve of nothing else is ``default``.

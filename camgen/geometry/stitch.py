@@ -49,7 +49,7 @@ def stitch(candidates: Segments, row: IntArray, low: FloatArray, high: FloatArra
     owner = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(order))))
     keep = ~_slivers(start[order], end[order], length[order], owner, closed)
     order, owner = order[keep[owner]], np.cumsum(keep)[owner[keep[owner]]] - 1
-    return _united(row[order], low[order], high[order], owner, closed[keep])
+    return _unite(row[order], low[order], high[order], owner, closed[keep])
 
 
 def _meetings(start: FloatArray, end: FloatArray, label: IntArray) -> tuple[IntArray, IntArray]:
@@ -166,7 +166,7 @@ def _slivers(start: FloatArray, end: FloatArray, length: FloatArray, owner: IntA
     return np.asarray((total < _SLIVER) | thin | (~closed & (total < _TAIL)))
 
 
-def _united(row: IntArray, low: FloatArray, high: FloatArray, owner: IntArray, closed: BoolArray) -> Chains:
+def _unite(row: IntArray, low: FloatArray, high: FloatArray, owner: IntArray, closed: BoolArray) -> Chains:
     """Neighbouring pieces of one candidate as one; a closed chain is turned so that none is cut at its seam."""
     count = len(row)
     if not count:

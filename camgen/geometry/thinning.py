@@ -57,7 +57,7 @@ class Chains(Struct, frozen=True, eq=False):
         return cls(np.concatenate(points), np.concatenate(bulges), np.array(firsts), np.array(fixed))
 
 
-def thinned(chains: Chains, tolerance: float) -> IntArray:
+def thin(chains: Chains, tolerance: float) -> IntArray:
     """The rows to keep, sorted: no dropped point is farther than ``tolerance`` from the line over it."""
     points = chains.points
     kept = [chains.fixed]

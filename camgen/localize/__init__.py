@@ -13,9 +13,9 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.localize.coarse import Poses, field
-from camgen.localize.doubt import Rival, Seen, alike, beside, freedom, rivals, seen, stray, thin, weakness
-from camgen.localize.fine import TUKEY, Fit, cost, on, refined
-from camgen.localize.model import Cloud, Model, modelled
+from camgen.localize.doubt import Rival, Seen, alike, beside, freedom, measure_seen, rivals, stray, thin, weakness
+from camgen.localize.fine import TUKEY, Fit, cost, on, refine
+from camgen.localize.model import Cloud, Model, model_part
 from camgen.localize.starts import starts, symmetries, things
 from camgen.model.errors import InputError
 from camgen.model.part import IntArray
@@ -86,11 +86,11 @@ def localize(
     given = Pose(IDENTITY, (0.0, 0.0, 0.0)) if start is None else start
     given = Pose(given.rotation, _sum(given.origin, -middle))
     stage("preparing the model")
-    model = modelled(*part)
-    _sized(name, model.size, points)
+    model = model_part(*part)
+    _size(name, model.size, points)
     samples = Cloud(model.samples)
     few = points[:_FEW]
-    fits = _searched(model, samples, points, given, stage)
+    fits = _search(model, samples, points, given, stage)
     best = _best(model, samples, few, fits)
     if not math.isfinite(best.noise):
         raise _missing(name, "no pose puts it on the points")
@@ -101,11 +101,11 @@ def localize(
     stage("refining")
     final = chosen
     for some in (points[: 4 * _FEW], points):
-        final = refined(model, samples, some, (final.rotation, final.origin), 1.1 * gate)
-    return _judged(name, model, samples, points, middle, final, (fits, costs, gate))
+        final = refine(model, samples, some, (final.rotation, final.origin), 1.1 * gate)
+    return _judge(name, model, samples, points, middle, final, (fits, costs, gate))
 
 
-def _sized(name: str, size: float, points: FloatArray) -> None:
+def _size(name: str, size: float, points: FloatArray) -> None:
     """``InputError`` if the scan is in another unit than the model, or so large that the part is lost in it."""
     extent = float(np.linalg.norm(np.subtract(*np.percentile(points, (99, 1), axis=0))))
     if _SMALLEST * size <= extent <= _LARGEST * size:
@@ -118,7 +118,7 @@ def _sized(name: str, size: float, points: FloatArray) -> None:
     raise InputError(name, "the scan cannot show this model", where, remedy)
 
 
-def _searched(model: Model, samples: Cloud, points: FloatArray, given: Pose, stage: Callable[[str], None]) -> list[Fit]:
+def _search(model: Model, samples: Cloud, points: FloatArray, given: Pose, stage: Callable[[str], None]) -> list[Fit]:
     """Refined poses, the right one among them: near ``given``, and if the part is not clearly there, everywhere."""
     within, few = WITHIN * model.size, points[:_FEW]
     ground, sets = field(model, samples), things(model, points[:_SOME])
@@ -126,24 +126,24 @@ def _searched(model: Model, samples: Cloud, points: FloatArray, given: Pose, sta
     fits: list[Fit] = []
     for place in (given, None):
         stage("searching everywhere" if place is None else "searching near by")
-        fits += _looked(model, samples, few, starts(model, ground, sets, place))
-        fits += _looked(model, samples, few, beside(model, samples, few, fits))
+        fits += _look(model, samples, few, starts(model, ground, sets, place))
+        fits += _look(model, samples, few, beside(model, samples, few, fits))
         best = _best(model, samples, few, fits)
         if best.noise < _CHANCE * within:
-            fits += _looked(model, samples, few, alike(best, same))
+            fits += _look(model, samples, few, alike(best, same))
             best = _best(model, samples, few, fits)
             if not thin(model) and stray(model, samples, few, best, within) < _STRAY:
                 break
     return fits
 
 
-def _looked(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[Fit]:
+def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[Fit]:
     """Each pose refined with a few points, those that are far from the best with fewer."""
     poses = zip(found.rotations, found.origins, strict=True)
-    fits = [refined(model, samples, few[:_FEWER], pose, 0.02 * model.size) for pose in poses]
+    fits = [refine(model, samples, few[:_FEWER], pose, 0.02 * model.size) for pose in poses]
     costs = [cost(model, samples, few[:_FEWER], fit, WITHIN * model.size) for fit in fits]
     return [
-        refined(model, samples, few, (fit.rotation, fit.origin), 0.01 * model.size)
+        refine(model, samples, few, (fit.rotation, fit.origin), 0.01 * model.size)
         if c < min(costs) + _FAR_COST
         else fit
         for fit, c in zip(fits, costs, strict=True)
@@ -155,7 +155,7 @@ def _best(model: Model, samples: Cloud, few: FloatArray, fits: list[Fit]) -> Fit
     return min(fits, key=lambda fit: cost(model, samples, few[:_FEWER], fit, WITHIN * model.size))
 
 
-def _judged(
+def _judge(
     name: str,
     model: Model,
     samples: Cloud,
@@ -168,7 +168,7 @@ def _judged(
     within = WITHIN * model.size
     rest = np.delete(points, final.used, axis=0)
     overlap = (len(final.used) + len(on(model, samples, final.apply(rest), within)[0])) / len(points)
-    view = seen(model, points, final, within)
+    view = measure_seen(model, points, final, within)
     inside = stray(model, samples, points[: 4 * _FEW], final, within)
     if overlap < LEAST_OVERLAP:
         raise _missing(name, f"at best {100 * overlap:.0f} % of the points lie within {short(within, 2)} mm of it")

@@ -77,7 +77,7 @@ def rotations(count: int) -> FloatArray:
     return from_quaternions(w, x, y, z)
 
 
-def slid(field: Field, points: FloatArray, poses: Poses, scale: float, plain: float) -> Poses:
+def slide(field: Field, points: FloatArray, poses: Poses, scale: float, plain: float) -> Poses:
     """One Gauss-Newton step of all ``poses`` (model_from_scan): ``points`` (n, 3) of the scan go to the planes of the
     samples that they are near to. scale: mm, beyond which a point counts little (Geman and McClure). plain: 0..1, how
     much the samples themselves pull besides their planes, which is what moves poses from afar.
@@ -102,12 +102,12 @@ def slid(field: Field, points: FloatArray, poses: Poses, scale: float, plain: fl
     towards[:, 3:] += plain * (off * weight[..., None]).sum(axis=1)
     matrix += (1e-6 * np.trace(matrix, axis1=1, axis2=2))[:, None, None] * np.eye(6)
     step = -np.linalg.solve(matrix, towards[..., None])[..., 0]
-    turn = turned(step[:, :3])
+    turn = turn_poses(step[:, :3])
     origins = (turn @ (poses.origins - centre)[..., None])[..., 0] + centre + step[:, 3:]
     return Poses(turn @ poses.rotations, origins)
 
 
-def turned(vectors: FloatArray) -> FloatArray:
+def turn_poses(vectors: FloatArray) -> FloatArray:
     """Rotations (B, 3, 3) by the length (rad, at most 0.5) about the direction of each of ``vectors`` (B, 3)."""
     angle = np.linalg.norm(vectors, axis=1)[:, None]
     return from_vectors(vectors * (_FARTHEST_TURN / np.maximum(angle, _FARTHEST_TURN)))
@@ -120,7 +120,7 @@ def fit(field: Field, points: FloatArray, poses: Poses, scale: float) -> FloatAr
     return np.asarray((scale**2 / (scale**2 + (off * off).sum(axis=2))).mean(axis=1))
 
 
-def thinned(points: FloatArray, count: int) -> FloatArray:
+def thin(points: FloatArray, count: int) -> FloatArray:
     """About ``count`` of ``points`` (N, 3), spread evenly in space however densely the scanner saw each place."""
     low, span = points.min(axis=0), float(np.ptp(points, axis=0).max())
     cell, some = span / 2, points

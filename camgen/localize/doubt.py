@@ -7,8 +7,8 @@ import math
 import numpy as np
 from msgspec import Struct
 
-from camgen.localize.coarse import Poses, turned
-from camgen.localize.fine import Fit, cost, on, refined
+from camgen.localize.coarse import Poses, turn_poses
+from camgen.localize.fine import Fit, cost, on, refine
 from camgen.localize.model import Cloud, Model
 from camgen.localize.starts import corners
 from camgen.model.pose import FloatArray, Pose, angle_between, frozen
@@ -129,17 +129,17 @@ def freedom(model: Model, samples: Cloud, few: FloatArray, final: Fit, limits: t
     here = corners(model)
     reach = np.linalg.norm(np.cross(turn, here - final.centre) + shift, axis=1).max()
     factor = _NUDGE * model.size / float(reach)
-    step = turned(factor * turn[None])[0]
+    step = turn_poses(factor * turn[None])[0]
     start = (step @ final.rotation, step @ (final.origin - final.centre) + final.centre + factor * shift)
-    nudged = refined(model, samples, few, start, 2 * limits[0])
+    nudged = refine(model, samples, few, start, 2 * limits[0])
     away = _off(model, nudged, final)
     worse = cost(model, samples, few, nudged, limits[0]) - cost(model, samples, few, final, limits[0])
     if away < 0.5 * _NUDGE * model.size or worse > limits[1]:
         return ""
-    return _named(final, motion)
+    return _name_motion(final, motion)
 
 
-def _named(final: Fit, motion: FloatArray) -> str:
+def _name_motion(final: Fit, motion: FloatArray) -> str:
     """A motion (6,) in words, in the scan's frame."""
     turn, shift = motion[:3], motion[3:]
     back = final.rotation.T
@@ -162,10 +162,10 @@ def weakness(final: Fit) -> str:
     values, vectors = np.linalg.eigh(final.information)
     if float(values[0]) >= _WEAK * float(values[-1]):
         return ""
-    return _named(final, vectors[:, 0])
+    return _name_motion(final, vectors[:, 0])
 
 
-def seen(model: Model, points: FloatArray, final: Fit, within: float) -> Seen:
+def measure_seen(model: Model, points: FloatArray, final: Fit, within: float) -> Seen:
     """How much of the model the scan shows. The side that was looked at is where the normals of what was seen point on
     average; what other parts of the model hide is not taken off.
     """

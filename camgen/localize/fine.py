@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from msgspec import Struct
 
-from camgen.localize.coarse import turned
-from camgen.localize.model import Cloud, Model, Touch, candidates, touched
+from camgen.localize.coarse import turn_poses
+from camgen.localize.model import Cloud, Model, Touch, candidates, find_touched
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
@@ -42,7 +42,7 @@ class Fit(Struct, frozen=True, eq=False):
         return np.asarray(points @ self.rotation.T + self.origin)
 
 
-def refined(model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float) -> Fit:
+def refine(model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float) -> Fit:
     """The pose near ``start`` (model_from_scan) that puts ``points`` (N, 3) onto the model.
 
     gate: mm, points farther from the model do not count; it closes as the residuals shrink. Where fewer than seven
@@ -60,7 +60,7 @@ def refined(model: Model, samples: Cloud, points: FloatArray, start: tuple[Float
         moved = 0.0
         for _ in range(_STEPS):
             at = points @ rotation.T + origin
-            touch = touched(model, pairs, at)
+            touch = find_touched(model, pairs, at)
             near = touch.distance <= reach
             if np.count_nonzero(near) < 7:
                 return found
@@ -98,7 +98,7 @@ def _step(
     step = -np.linalg.solve(damped, pulled.T @ off / total)
     rms = float(np.sqrt((off[counts] ** 2).mean()))
     fit = Fit(pose[0], pose[1], noise, rms, touch.point[counts], matrix, centre, arm)
-    return fit, turned(step[None, :3] / arm)[0], step[3:]
+    return fit, turn_poses(step[None, :3] / arm)[0], step[3:]
 
 
 def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -125,6 +125,6 @@ def cost(model: Model, samples: Cloud, points: FloatArray, fit: Fit, gate: float
 
 def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> tuple[IntArray, FloatArray]:
     """Which places ``at`` (N, 3) are within ``reach`` of the model, and the distance of each of these, mm."""
-    touch = touched(model, candidates(model, samples, at, reach, 0.0), at)
+    touch = find_touched(model, candidates(model, samples, at, reach, 0.0), at)
     near = touch.distance <= reach
     return touch.point[near], touch.distance[near]

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.tree import Tree, asked, grown
+from camgen.collision.tree import Tree, ask, grow
 from camgen.geometry.ragged import begins, owners, stretches
 from camgen.geometry.vectors import dots, unit
 from camgen.model.part import BoolArray, IntArray
@@ -48,11 +48,11 @@ class Model(Struct, frozen=True, eq=False):
         return float(np.linalg.norm(self.high - self.low))
 
 
-def modelled(vertices: FloatArray, faces: IntArray, count: int = 20_000) -> Model:
+def model_part(vertices: FloatArray, faces: IntArray, count: int = 20_000) -> Model:
     """The model with ``count`` samples of the triangles ``faces`` (F, 3) of ``vertices`` (V, 3); faces have an area."""
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    tree = grown(corners[(cross != 0).any(axis=1)])
+    tree = grow(corners[(cross != 0).any(axis=1)])
     cross = np.cross(tree.corners[:, 1] - tree.corners[:, 0], tree.corners[:, 2] - tree.corners[:, 0])
     normals = unit(cross)
     samples, of = spread(tree.corners, count)
@@ -133,9 +133,9 @@ def candidates(model: Model, samples: Cloud, points: FloatArray, reach: float, s
         places.append(middles)
         wholes.append(of)
         sizes.append(size)
-    pairs = _boxed(model, samples, places[-1], limits, sizes[-1])
+    pairs = _box(model, samples, places[-1], limits, sizes[-1])
     for some, of, size in zip(places[-2::-1], wholes[::-1], sizes[-2::-1], strict=True):
-        pairs = _pruned(model, some, *_joined(of, pairs), limits, size)
+        pairs = _prune(model, some, *_join(of, pairs), limits, size)
     return Pairs(near[pairs.point], pairs.triangle)
 
 
@@ -148,8 +148,8 @@ def _cells(points: FloatArray, low: FloatArray, cell: float) -> tuple[FloatArray
     return low + cell * (cells[first] + 0.5), of.reshape(-1)
 
 
-def _boxed(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float, float], cell: float) -> Pairs:
-    """The pairs of cells, as ``_pruned`` leaves them, from the tree."""
+def _box(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float, float], cell: float) -> Pairs:
+    """The pairs of cells, as ``_prune`` leaves them, from the tree."""
     radius = cell * np.sqrt(0.75)
     # A sample is at most as close as the surface: its distance bounds that of the closest triangle from above.
     bound = samples.nearest(middles)[1][:, 0] * (1 + 1e-5) + limits[1] + 2 * radius
@@ -160,18 +160,18 @@ def _boxed(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[floa
         np.maximum(off, 0, out=off)
         return np.asarray(np.einsum("ij,ij->i", off, off) <= bound[which])
 
-    which, triangle, _ = asked(model.tree, len(middles), meets)
+    which, triangle, _ = ask(model.tree, len(middles), meets)
     order = np.argsort(which, kind="stable")
-    return _pruned(model, middles, which[order], triangle[order], limits, cell)
+    return _prune(model, middles, which[order], triangle[order], limits, cell)
 
 
-def _joined(of: IntArray, pairs: Pairs) -> tuple[IntArray, IntArray]:
+def _join(of: IntArray, pairs: Pairs) -> tuple[IntArray, IntArray]:
     """Each place with all triangles of the cell that it is in, ``of`` (N,): places and triangles (K,), by place."""
     count = np.bincount(pairs.point, minlength=int(of.max(initial=-1)) + 1)
     return owners(count[of]), pairs.triangle[stretches(begins(count)[of], count[of])]
 
 
-def _pruned(
+def _prune(
     model: Model, places: FloatArray, place: IntArray, triangle: IntArray, limits: tuple[float, float], cell: float
 ) -> Pairs:
     """The pairs, sorted by place, of cells (mm, 0 for points) that reach within the first limit (mm) of the model,
@@ -188,7 +188,7 @@ def _pruned(
     return Pairs(place[kept], triangle[kept])
 
 
-def touched(model: Model, pairs: Pairs, points: FloatArray) -> Touch:
+def find_touched(model: Model, pairs: Pairs, points: FloatArray) -> Touch:
     """The closest of the candidates for each point that has any."""
     at = closest(model.tree.corners[pairs.triangle], points[pairs.point])
     away = np.linalg.norm(points[pairs.point] - at, axis=1)

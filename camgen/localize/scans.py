@@ -65,7 +65,7 @@ def _points(name: str, kind: str, data: bytes, parse: Callable[[bytes], _Head]) 
         if not 0 <= head.count < _MOST_ENTRIES:
             raise ValueError("the number of points cannot be")
         body = data[head.body :]
-        found = {"ascii": _written, "records": _recorded, "columns": _columns}[head.way](head, body, places)
+        found = {"ascii": _parse_text, "records": _unpack_columns, "columns": _columns}[head.way](head, body, places)
     except (ValueError, LookupError, OverflowError) as error:
         raise InputError(name, f"is damaged or no {kind} point cloud: {error}", "", AGAIN) from error
     return found
@@ -105,14 +105,14 @@ def _missing(there: int, wanted: int) -> str:
     return counted(there, f"of {wanted} points is there", f"of {wanted} points are there")
 
 
-def _written(head: _Head, body: bytes, places: list[int]) -> FloatArray:
+def _parse_text(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     lines = [line.split() for line in body.splitlines() if line.strip()][: head.count]
     if len(lines) < head.count:
         raise ValueError(_missing(len(lines), head.count))
     return np.array([[float(words[k]) for k in places] for words in lines], dtype=np.float64).reshape(-1, 3)
 
 
-def _recorded(head: _Head, body: bytes, places: list[int]) -> FloatArray:
+def _unpack_columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     record = np.dtype([(f"{i}", kind) for i, (_, kind) in enumerate(head.columns)])
     there = len(body) // record.itemsize
     if there < head.count:
@@ -127,13 +127,13 @@ def _columns(head: _Head, body: bytes, places: list[int]) -> FloatArray:
     begins = np.cumsum([0, *(np.dtype(kind).itemsize * head.count for _, kind in head.columns)]).tolist()
     if size != begins[-1] or len(body) < 8 + packed:
         raise ValueError("its packed part has another size than its head says")
-    plain = _unpacked(body[8 : 8 + packed], size)
+    plain = _unpack(body[8 : 8 + packed], size)
     return np.column_stack(
         [np.frombuffer(plain, head.columns[k][1], head.count, begins[k]).astype(np.float64) for k in places]
     )
 
 
-def _unpacked(packed: bytes, size: int) -> bytes:
+def _unpack(packed: bytes, size: int) -> bytes:
     """What LZF packed: runs of bytes as they are, and copies of what came before (liblzf, lzf_d.c, is the format)."""
     plain, i = bytearray(), 0
     while i < len(packed):
@@ -211,7 +211,7 @@ def read(source: Source, mm: float = 1.0) -> Scan:
     elif kind == ".obj" and not _FACE.search(data):
         points = _text(name, b"\n".join(line[2:] for line in data.splitlines() if line.startswith(b"v ")))
     else:
-        points = _meshed(source, notes)
+        points = _spread_over_mesh(source, notes)
     return Scan(_usable(name, points * mm, notes), tuple(notes))
 
 
@@ -262,7 +262,7 @@ def _is_row(line: bytes) -> bool:
     return len(words) >= 3 and all(_NUMBER.match(word) for word in words[:3])
 
 
-def _meshed(source: Source, notes: list[Note]) -> FloatArray:
+def _spread_over_mesh(source: Source, notes: list[Note]) -> FloatArray:
     """Points spread over the faces of a mesh, which weighs each place alike, however coarse the triangles are."""
     soup = load(source)
     notes.extend(soup.notes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.localize.coarse import Field, Poses, fit, rotations, slid, thinned
+from camgen.localize.coarse import Field, Poses, fit, rotations, slide, thin
 from camgen.localize.model import Model
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose
@@ -37,12 +37,12 @@ _DIFFERENT_SHARE = 0.03
 def things(model: Model, points: FloatArray) -> list[FloatArray]:
     """What of the scan (N, 3) may be the part: all of it, what is not the bench, and the largest things on that."""
     sets = [points]
-    bench = flat(thinned(points, 2000), points, 0.005 * model.size)
+    bench = flat(thin(points, 2000), points, 0.005 * model.size)
     if bench is not None and np.count_nonzero(~bench) >= _FEWEST:
         sets.append(points[~bench])
         apart = heaps(sets[1], model.size / 16)
         sets += apart if len(apart) > 1 else []
-    return [thinned(some, _POINTS) for some in sets]
+    return [thin(some, _POINTS) for some in sets]
 
 
 def starts(model: Model, field: Field, sets: list[FloatArray], given: Pose | None = None) -> Poses:
@@ -55,7 +55,7 @@ def starts(model: Model, field: Field, sets: list[FloatArray], given: Pose | Non
         back = given.inverse()
         turns = np.concatenate([back.rotation[None], turns[np.einsum("bij,ij->b", turns, back.rotation) > _LITTLE]])
         origin = back.origin
-    found = [_slid(model, field, some, turns, origin) for some in sets]
+    found = [_slide(model, field, some, turns, origin) for some in sets]
     poses = Poses(*(np.concatenate([getattr(p, name) for p in found]) for name in ("rotations", "origins")))
     fits = fit(field, sets[0], poses, 0.01 * model.size)
     best = np.argsort(-fits, kind="stable")
@@ -66,7 +66,7 @@ def symmetries(model: Model, field: Field) -> Poses:
     """Poses of the model that put its surface about onto itself: found by the search, and half a turn about each
     principal axis, which the search meets only nearly where the part is thin.
     """
-    found = starts(model, field, [thinned(model.samples, _ITSELF)])
+    found = starts(model, field, [thin(model.samples, _ITSELF)])
     middle = model.samples.mean(axis=0)
     axes = np.linalg.eigh(np.cov((model.samples - middle).T))[1].T
     turns = 2 * axes[:, :, None] * axes[:, None] - np.eye(3)
@@ -74,28 +74,28 @@ def symmetries(model: Model, field: Field) -> Poses:
     return Poses(np.concatenate([turns, found.rotations]), np.concatenate([origins, found.origins]))
 
 
-def _slid(
+def _slide(
     model: Model, field: Field, points: FloatArray, turns: FloatArray, origin: tuple[float, float, float] | None
 ) -> Poses:
     """The best of ``turns`` (B, 3, 3) about the middle of the points, and of the first with ``origin``, slid onto the
     model.
     """
-    turns, origins = _laid(model, points, turns)
+    turns, origins = _lay(model, points, turns)
     if origin is not None:
         turns, origins = np.concatenate([turns[:1], turns]), np.concatenate([np.array([origin]), origins])
     poses = Poses(turns, origins)
     for scale, plain, steps in _FAR:
         for _ in range(steps):
-            poses = slid(field, points, poses, scale * model.size, plain)
+            poses = slide(field, points, poses, scale * model.size, plain)
     best = np.argsort(-fit(field, points, poses, 0.03 * model.size), kind="stable")[:_KEPT]
     poses = poses[best]
     for scale, plain, steps in _NARROWING:
         for _ in range(steps):
-            poses = slid(field, points, poses, scale * model.size, plain)
+            poses = slide(field, points, poses, scale * model.size, plain)
     return poses
 
 
-def _laid(model: Model, points: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _lay(model: Model, points: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
     """``turns`` (B, 3, 3) and origins (B, 3) that lay the middle of the points onto that of the model; of points that
     are flatter than the model, which show one side of it, also towards either side.
     """

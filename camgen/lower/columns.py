@@ -32,7 +32,7 @@ class Rows(Struct, frozen=True, eq=False):
     position: FloatArray
     via: FloatArray
     axis: FloatArray
-    press: FloatArray
+    force_direction: FloatArray
     force: FloatArray
     feed: FloatArray
     first: Indices
@@ -75,7 +75,7 @@ def gather(paths: Sequence[ToolPath], depths: Sequence[float]) -> Rows:
         position=position,
         via=via,
         axis=np.concatenate([path.axis for path in paths]),
-        press=np.concatenate([path.press for path in paths]),
+        force_direction=np.concatenate([path.force_direction for path in paths]),
         force=np.concatenate([path.force for path in paths]),
         feed=np.concatenate([path.feed for path in paths]),
         first=last - counts + 1,
@@ -109,7 +109,7 @@ def blends(rows: Rows, chord: float) -> FloatArray:
     return blend
 
 
-def fixed(rows: Rows) -> Orientations:
+def orient_fixed(rows: Rows) -> Orientations:
     """Tool z along the axis, tool x along the work x (along its y where the axis is parallel to x)."""
     axis = rows.axis
     if (axis == axis[0]).all():
@@ -120,34 +120,38 @@ def fixed(rows: Rows) -> Orientations:
     return _orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: _sideways(axis[arc]))
 
 
-def follow(rows: Rows) -> Orientations:
-    """Tool z along the axis, tool x along the press direction. Every row needs one (``unfollowed``)."""
-    end = rows.press[:, 1].copy()
-    end[rows.first] = rows.press[rows.first, 0]
+def orient_along(rows: Rows) -> Orientations:
+    """Tool z along the axis, tool x along the press direction. Every row needs one (``find_unfollowed``)."""
+    end = rows.force_direction[:, 1].copy()
+    end[rows.first] = rows.force_direction[rows.first, 0]
     spans = rows.spans
-    return _orientations(rows, rows.press[:, 0], end, lambda arc: spans.pick(arc).to_middle(rows.press[arc, 0]))
+    return _orientations(
+        rows, rows.force_direction[:, 0], end, lambda arc: spans.pick(arc).to_middle(rows.force_direction[arc, 0])
+    )
 
 
-def unfollowed(rows: Rows) -> Indices:
+def find_unfollowed(rows: Rows) -> Indices:
     """Rows whose press direction cannot be tool x: none given, or along the axis."""
-    sides = np.cross(rows.press, rows.axis[:, None, :])
+    sides = np.cross(rows.force_direction, rows.axis[:, None, :])
     return np.flatnonzero((np.einsum("nij,nij->ni", sides, sides) < 1e-6).any(axis=1))
 
 
-def halved(rows: Rows) -> Rows:
+def halve(rows: Rows) -> Rows:
     """``rows`` with every arc along which the press direction turns by more than 120 deg as two arcs."""
-    wide = rows.arc & (angles(rows.press[:, 0], rows.press[:, 1]) > SURE_TURN)
+    wide = rows.arc & (angles(rows.force_direction[:, 0], rows.force_direction[:, 1]) > SURE_TURN)
     if not wide.any():
         return rows
     arcs = rows.spans.pick(np.flatnonzero(wide))
-    middle = arcs.to_middle(rows.press[wide, 0])
+    middle = arcs.to_middle(rows.force_direction[wide, 0])
     counts = 1 + wide.astype(np.intp)
     index = np.repeat(np.arange(len(wide)), counts)
     second = np.flatnonzero(np.diff(index, prepend=-1) == 0)
     axis = unit(np.roll(rows.axis, 1, axis=0)[wide] + rows.axis[wide])
     out = replace(
         rows,
-        **{name: getattr(rows, name)[index] for name in ("position", "via", "axis", "press", "force", "feed")},
+        **{
+            name: getattr(rows, name)[index] for name in ("position", "via", "axis", "force_direction", "force", "feed")
+        },
         first=rows.first + np.cumsum(counts - 1)[rows.first],
         last=rows.last + np.cumsum(counts - 1)[rows.last],
     )
@@ -155,7 +159,7 @@ def halved(rows: Rows) -> Rows:
     out.axis[second - 1] = axis
     out.via[second - 1] = arcs.point(np.full(len(second), 0.25))
     out.via[second] = arcs.point(np.full(len(second), 0.75))
-    out.press[second - 1, 1] = out.press[second, 0] = middle
+    out.force_direction[second - 1, 1] = out.force_direction[second, 0] = middle
     return out
 
 
@@ -167,14 +171,14 @@ def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle
     starts[rows.first] = stops[rows.first]
     turns = angles_between(np.roll(stops, 1, axis=0), starts) > _JUMP
     turns[rows.first] = False
-    ends = _shared(stops)
+    ends = _share(stops)
     vias = list(ends)
     arc = np.flatnonzero(rows.arc)
     if len(arc):
-        half_way = _shared(from_axes(unit(before[arc] + rows.axis[arc]), middle(arc)))
+        half_way = _share(from_axes(unit(before[arc] + rows.axis[arc]), middle(arc)))
         for row, rotation in zip(arc.tolist(), half_way, strict=True):
             vias[row] = rotation
-    return Orientations(_shared(starts), ends, vias, turns)
+    return Orientations(_share(starts), ends, vias, turns)
 
 
 def _sideways(axis: FloatArray) -> FloatArray:
@@ -184,7 +188,7 @@ def _sideways(axis: FloatArray) -> FloatArray:
     return sideways
 
 
-def _shared(matrices: FloatArray) -> list[FloatArray]:
+def _share(matrices: FloatArray) -> list[FloatArray]:
     """``matrices`` (N, 3, 3) as read-only arrays, equal neighbours as one object."""
     new = np.ones(len(matrices), dtype=bool)
     new[1:] = (matrices[1:] != matrices[:-1]).any(axis=(1, 2))

@@ -42,7 +42,7 @@ def twists(a: FloatArray, b: FloatArray) -> FloatArray:
     return turns_about_z(np.swapaxes(a, -1, -2) @ b)
 
 
-def unwound(rows: Rows, orientations: Orientations) -> list[list[FloatArray]]:
+def unwind(rows: Rows, orientations: Orientations) -> list[list[FloatArray]]:
     """For each run the rotations (3, 3) to go through in the air before it: none, or up to that of its start.
 
     The tool is taken to be straight down and not wound up at home. Within a run nothing can be turned back: one that
@@ -153,7 +153,7 @@ class _Table(Struct, frozen=True, eq=False):
     arc: list[bool]
     feed: list[float]
     force: list[float]
-    press: list[tuple[Vec3, Vec3]]
+    force_direction: list[tuple[Vec3, Vec3]]
     blend: list[float]
     orientations: Orientations
     turns: list[bool]
@@ -168,18 +168,18 @@ class _Table(Struct, frozen=True, eq=False):
 def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
     rows = lower_rows.gather([run.path for run in runs], [run.depth for run in runs])
     if job.tool.orient == "follow":
-        for row in lower_rows.unfollowed(rows)[:1].tolist():
+        for row in lower_rows.find_unfollowed(rows)[:1].tolist():
             path = runs[int(np.searchsorted(rows.last, row))].path
             what = f'"follow" needs a followed contour, path {path.id} has no surface beside it'
             raise JobError("job", what, "tool.orient", 'set tool.orient to "fixed"')
-        rows = lower_rows.halved(rows)
-        orientations = lower_rows.follow(rows)
+        rows = lower_rows.halve(rows)
+        orientations = lower_rows.orient_along(rows)
     else:
-        orientations = lower_rows.fixed(rows)
+        orientations = lower_rows.orient_fixed(rows)
     blend = lower_rows.blends(rows, job.tolerance.chord)
     blend[np.flatnonzero(orientations.turns) - 1] = 0.0
     above_start, near, above_end = _heights(rows, runs, job.process)
-    press = (_points(rows.press[:, k]) for k in (0, 1) if (rows.force > 0).any())
+    press = (_points(rows.force_direction[:, k]) for k in (0, 1) if (rows.force > 0).any())
     return _Table(
         runs=runs,
         position=_points(rows.position),
@@ -187,7 +187,7 @@ def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
         arc=rows.arc.tolist(),
         feed=rows.feed.tolist(),
         force=rows.force.tolist(),
-        press=list(zip(*press, strict=True)),
+        force_direction=list(zip(*press, strict=True)),
         blend=blend.tolist(),
         orientations=orientations,
         turns=orientations.turns.tolist(),
@@ -196,7 +196,7 @@ def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
         above_start=_points(above_start),
         near=_points(near),
         above_end=_points(above_end),
-        unwound=unwound(rows, orientations) if winds else [[] for _ in runs],
+        unwound=unwind(rows, orientations) if winds else [[] for _ in runs],
     )
 
 
@@ -313,7 +313,7 @@ def _work(table: _Table, run: int, process: Process) -> Iterator[Instruction]:
     name = signal(process)
     pressing = last > first and table.force[first + 1] > 0
     if pressing:
-        yield Force(table.force[first + 1], table.press[first + 1][0])
+        yield Force(table.force[first + 1], table.force_direction[first + 1][0])
     if name:
         yield Output(name, 1.0)
         yield from dwell(process)
@@ -333,7 +333,7 @@ def _segments(table: _Table, rows: range, pressing: bool, path: int) -> Iterator
         end = (0.0, 0.0, 0.0)
         wanted = force > 0
         if wanted or pressing:
-            begin, end = table.press[row]
+            begin, end = table.force_direction[row]
         if pressing and not wanted:
             yield Force(0.0)
             end = (0.0, 0.0, 0.0)

@@ -33,13 +33,13 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
         body += [Output("spindle", process.spindle), *dwell(process)]
     for number, (leg, length) in enumerate(zip(route.legs, lengths, strict=True)):
         body.append(Comment(f"edge {leg.motion.id}"))
-        link = [*_linked(leg.link, process)]
+        link = [*_link(leg.link, process)]
         if isinstance(leg.link[-1], Turn):
-            link += _stated(leg.motion.way, process)
+            link += _state(leg.motion.way, process)
         body += _belonging(link, number, False)
         body += _belonging(_work(leg.motion, feed_of(leg.motion, length, process), process), number, True)
     body.append(Comment("back to home"))
-    body += _linked(route.back[:-1], process)
+    body += _link(route.back[:-1], process)
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, process.travel))
@@ -52,7 +52,7 @@ def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[
         yield replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
 
 
-def _linked(link: Sequence[Piece], process: Process) -> Iterator[Instruction]:
+def _link(link: Sequence[Piece], process: Process) -> Iterator[Instruction]:
     turned = False
     for piece in link:
         if isinstance(piece, Turn):
@@ -60,12 +60,12 @@ def _linked(link: Sequence[Piece], process: Process) -> Iterator[Instruction]:
         elif piece.kind == "approach":
             yield from _approach(piece, process)
         else:
-            yield from _stated(piece.way, process) if turned else ()
+            yield from _state(piece.way, process) if turned else ()
             yield from _along(piece.way, process.travel)
         turned = isinstance(piece, Turn)
 
 
-def _stated(way: Way, process: Process) -> Iterator[Instruction]:
+def _state(way: Way, process: Process) -> Iterator[Instruction]:
     """After a motion to joints an arc has no start that the text knows: a motion to where the tool is states it."""
     if not math.isnan(way.via[1, 0]):
         yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel)

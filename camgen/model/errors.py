@@ -76,7 +76,7 @@ def one_line(text: str) -> str:
 
 
 @contextmanager
-def told_as(inner: str, outer: str) -> Iterator[None]:
+def rename_errors(inner: str, outer: str) -> Iterator[None]:
     """Errors about ``inner`` are told as errors about ``outer``, the name that the user knows."""
     try:
         yield

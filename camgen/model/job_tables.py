@@ -51,7 +51,7 @@ def settings() -> tuple[Setting, ...]:
         for key, hint in get_type_hints(kind, include_extras=True).items():
             metas = get_args(hint)[1:]
             about = next((m.description for m in metas if m.description), "")
-            found.append(Setting(table, key, defaults[key], _allowed(hint), about))
+            found.append(Setting(table, key, defaults[key], _allow(hint), about))
     return tuple(found)
 
 
@@ -71,14 +71,14 @@ _PLURALS: dict[object, str] = {
 }
 
 
-def _allowed(hint: Any) -> str:
+def _allow(hint: Any) -> str:
     """What a value of the type ``hint`` may be, in words."""
     if get_origin(hint) is Annotated:
         base, *metas = get_args(hint)
         bounds = [f" > {_number(m.gt)}" for m in metas if m.gt is not None]
         bounds += [f" >= {_number(m.ge)}" for m in metas if m.ge is not None]
         bounds += [f" <= {_number(m.le)}" for m in metas if m.le is not None]
-        return _allowed(base) + " and".join(bounds)
+        return _allow(base) + " and".join(bounds)
     if get_origin(hint) is Literal:
         return "one of " + ", ".join(json.dumps(value) for value in get_args(hint))
     if get_origin(hint) is dict:
@@ -86,7 +86,7 @@ def _allowed(hint: Any) -> str:
     if get_origin(hint) is list:
         return "a list of " + _PLURALS[get_args(hint)[0]]
     if get_origin(hint) in (Union, UnionType):  # a value or nothing, or one of several kinds
-        return " or ".join(_allowed(kind) for kind in get_args(hint) if kind is not type(None))
+        return " or ".join(_allow(kind) for kind in get_args(hint) if kind is not type(None))
     return _WORDS[hint]
 
 

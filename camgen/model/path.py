@@ -21,12 +21,12 @@ class ToolPath(Struct, frozen=True, eq=False):
     force, feed) repeats segment 1 in row 0, so that columns have one length; via[0] is NaN.
 
     position: (N, 3) of the tool centre. axis: (N, 3) unit, tool z, towards the part. via: (N, 3), the point half-way
-    along an arc segment (at most half a circle), NaN for a straight one. press: (N, 2, 3) unit vectors from the tool
-    towards the surface at the start and at the end of the segment, zero where there is no surface (traced lines).
-    force: (N,) N along press, zero where contact is not expected. feed: (N,) of the tool centre.
-    closed: the last position is the first again. reversible: may be run backwards. parent: index of the path that
-    encloses this one in the same plan, -1 if none. depths: mm below ``position`` of each pass, in order. contours: ids
-    of the contours that it works on, or of one edge. operation: what it does there.
+    along an arc segment (at most half a circle), NaN for a straight one. force_direction: (N, 2, 3) unit vectors from
+    the tool towards the surface at the start and at the end of the segment, zero where there is no surface (traced
+    lines). force: (N,) N along press, zero where contact is not expected. feed: (N,) of the tool centre. closed: the
+    last position is the first again. reversible: may be run backwards. parent: index of the path that encloses this one
+    in the same plan, -1 if none. depths: mm below ``position`` of each pass, in order. contours: ids of the contours
+    that it works on, or of one edge. operation: what it does there.
     """
 
     id: str
@@ -34,7 +34,7 @@ class ToolPath(Struct, frozen=True, eq=False):
     position: FloatArray
     via: FloatArray
     axis: FloatArray
-    press: FloatArray
+    force_direction: FloatArray
     force: FloatArray
     feed: FloatArray
     closed: bool
@@ -51,7 +51,7 @@ class ToolPath(Struct, frozen=True, eq=False):
             position=frozen(self.position[::-1]),
             via=_no_via(_backwards(self.via)),
             axis=frozen(self.axis[::-1]),
-            press=frozen(_backwards(self.press)[:, ::-1]),
+            force_direction=frozen(_backwards(self.force_direction)[:, ::-1]),
             force=_backwards(self.force),
             feed=_backwards(self.feed),
         )
@@ -68,7 +68,7 @@ class ToolPath(Struct, frozen=True, eq=False):
             position=self.position[chosen],
             via=frozen(via),
             axis=self.axis[chosen],
-            press=frozen(self.press[speaking]),
+            force_direction=frozen(self.force_direction[speaking]),
             force=frozen(self.force[speaking]),
             feed=frozen(self.feed[speaking]),
             closed=False,
@@ -103,7 +103,7 @@ class Tour(Struct, frozen=True, eq=False):
         return draw_svg(self)
 
 
-def joined(paths: Sequence[ToolPath]) -> ToolPath:
+def join_paths(paths: Sequence[ToolPath]) -> ToolPath:
     """Paths that begin where the one before ends, as one open path with the name of the first."""
     first = paths[0]
 
@@ -116,7 +116,7 @@ def joined(paths: Sequence[ToolPath]) -> ToolPath:
         position=column("position"),
         via=column("via"),
         axis=column("axis"),
-        press=column("press"),
+        force_direction=column("force_direction"),
         force=column("force"),
         feed=column("feed"),
         closed=False,

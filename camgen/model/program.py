@@ -67,17 +67,17 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
 
 
 class MoveL(Struct, frozen=True, eq=False, gc=False):
-    """Straight line of the TCP. target: work_from_tcp. blend: radius in mm within which the corner may be rounded, 0
-    = exact stop. force: N to press with during this motion, while a ``Force`` is on. press: its direction at the
-    target, unit vector in the work frame from the tool towards the surface. path: place in ``Program.paths`` of the one
-    that this motion belongs to, the ways there and up from it included, -1: none. work: it runs along that path.
+    """Straight line of the TCP. target: work_from_tcp. blend: radius in mm within which the corner may be rounded, 0 =
+    exact stop. force: N to press with during this motion, while a ``Force`` is on. force_direction: its direction at
+    the target, unit vector in the work frame from the tool towards the surface. path: place in ``Program.paths`` of the
+    one that this motion belongs to, the ways there and up from it included, -1: none. work: it runs along that path.
     """
 
     target: Pose
     speed: float
     blend: float = 0.0
     force: float = 0.0
-    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force_direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
     joints: Joints | None = None
     posture: Posture | None = None
     path: int = -1
@@ -92,7 +92,7 @@ class MoveC(Struct, frozen=True, eq=False, gc=False):
     speed: float
     blend: float = 0.0
     force: float = 0.0
-    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force_direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
     joints: Joints | None = None
     posture: Posture | None = None
     path: int = -1
@@ -113,12 +113,12 @@ class Wait(Struct, frozen=True, gc=False):
 
 
 class Force(Struct, frozen=True, gc=False):
-    """Force control on, pressing with ``newtons`` along ``press`` (unit, work frame) from the next motion on; 0 N: off,
-    and the next motion leaves the surface.
+    """Force control on, pressing with ``newtons`` along ``force_direction`` (unit, work frame) from the next motion on;
+    0 N: off, and the next motion leaves the surface.
     """
 
     newtons: float
-    press: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force_direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Comment(Struct, frozen=True, gc=False):
@@ -153,7 +153,7 @@ class Columns:
 
     def of(self, *kinds: type) -> list[Any]:
         """The instructions of the types ``kinds``."""
-        return taken(self.body, self.are(*kinds))
+        return take(self.body, self.are(*kinds))
 
     @cached_property
     def at(self) -> Indices:
@@ -189,7 +189,7 @@ class Columns:
     def turned_as(self, rotation: FloatArray) -> Mask:
         """(M,): which motions go to a pose whose rotation is this very object, as programs share them."""
         mask = self.posed.copy()
-        found = map(id, map(attrgetter("target.rotation"), taken(self.moves, mask)))
+        found = map(id, map(attrgetter("target.rotation"), take(self.moves, mask)))
         mask[mask] = [one == id(rotation) for one in found]
         return mask
 
@@ -218,7 +218,7 @@ class Columns:
         """(M,): N, 0 for motions of the joints."""
         pressing = ~self.moves_are(MoveJ)
         force = np.zeros(len(self.moves))
-        force[pressing] = column(taken(self.moves, pressing), "force")
+        force[pressing] = column(take(self.moves, pressing), "force")
         return force
 
     @cached_property
@@ -233,11 +233,11 @@ class Columns:
 
     def _spread(self, where: Mask, name: str) -> FloatArray:
         places = np.full((len(where), 3), np.nan)
-        places[where] = numbers(taken(self.moves, where), name, 3)
+        places[where] = numbers(take(self.moves, where), name, 3)
         return places
 
 
-def spliced(body: Sequence[Instruction], changed: Mapping[int, Sequence[Instruction]]) -> tuple[Instruction, ...]:
+def splice(body: Sequence[Instruction], changed: Mapping[int, Sequence[Instruction]]) -> tuple[Instruction, ...]:
     """The body with others in the place of the instructions whose indices are the keys of ``changed``."""
     pieces: list[Instruction] = []
     done = 0
@@ -256,7 +256,7 @@ def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
     return mask
 
 
-def taken(items: Sequence[Any], keep: Mask) -> list[Any]:
+def take(items: Sequence[Any], keep: Mask) -> list[Any]:
     """The items to keep."""
     count = int(np.count_nonzero(keep))
     if count == len(items):
@@ -278,7 +278,7 @@ def column(items: Sequence[Any], name: str) -> FloatArray:
     return numbers(items, name)[:, 0]
 
 
-def shared(items: Sequence[Any], name: str) -> list[Any]:
+def distinct(items: Sequence[Any], name: str) -> list[Any]:
     """The different objects that are an attribute of the items: most of them share rotations and directions."""
     values = list(map(attrgetter(name), items))
     return list(dict(zip(map(id, values), values, strict=True)).values())
@@ -330,20 +330,20 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
     ):
         good = np.isfinite(values).reshape(len(moves), -1).all(axis=1)
         yield from _first(columns.at[~good if where is None else ~good & where], "a number is not finite")
-    straight, jointed = taken(moves, posed), taken(moves, ~posed)
+    straight, jointed = take(moves, posed), take(moves, ~posed)
     known = [move for move in moves if move.joints is not None] if any(map(attrgetter("joints"), moves)) else []
     for items, name in (
         (straight, "target.rotation"),
-        (taken(moves, arcs), "via.rotation"),
-        (taken(moves, ~columns.moves_are(MoveJ)), "press"),
+        (take(moves, arcs), "via.rotation"),
+        (take(moves, ~columns.moves_are(MoveJ)), "force_direction"),
         (jointed, "target.values"),
         (known, "joints.values"),
         (columns.of(Output), "value"),
         (columns.of(Wait), "seconds"),
         (columns.of(Force), "newtons"),
-        (columns.of(Force), "press"),
+        (columns.of(Force), "force_direction"),
     ):
-        if not all(map(_sound, shared(items, name))):
+        if not all(map(_sound, distinct(items, name))):
             bad = next(item for item in items if not _sound(attrgetter(name)(item)))
             yield next(k for k, item in enumerate(columns.body) if item is bad), "a number is not finite"
 

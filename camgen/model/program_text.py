@@ -57,7 +57,7 @@ def _line(item: Instruction, rotations: dict[bytes, str]) -> str:
         case Wait():
             return f"wait {short(item.seconds, _DIGITS)}"
         case Force():
-            return f"force {short(item.newtons, _DIGITS)} press {_numbers(item.press, _ANGLE_DIGITS)}"
+            return f"force {short(item.newtons, _DIGITS)} press {_numbers(item.force_direction, _ANGLE_DIGITS)}"
         case Comment():
             return f"# {harmless(item.text, 200)}"
 
@@ -78,8 +78,8 @@ def _tail(item: Motion) -> str:
     text = f" speed {short(item.speed, _DIGITS)}"
     if item.blend:
         text += f" blend {short(item.blend, _DIGITS)}"
-    if not isinstance(item, MoveJ) and (item.force or any(item.press)):
-        text += f" force {short(item.force, _DIGITS)} press {_numbers(item.press, _ANGLE_DIGITS)}"
+    if not isinstance(item, MoveJ) and (item.force or any(item.force_direction)):
+        text += f" force {short(item.force, _DIGITS)} press {_numbers(item.force_direction, _ANGLE_DIGITS)}"
     if item.path >= 0:
         text += f" path {item.path}" + (" work" if item.work else "")
     if item.joints is not None:

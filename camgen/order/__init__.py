@@ -11,12 +11,12 @@ from camgen.model.path import Tour
 from camgen.model.pose import Pose
 from camgen.order.arrange import arrange, measure_travel
 from camgen.order.tours import EdgeTour, ReplayTour
-from camgen.plan import EdgePlan, Plan, ReplayPlan, Watch, unwatched
+from camgen.plan import EdgePlan, Plan, ReplayPlan, Watch, ignore_stages
 
 __all__ = ["EdgeTour", "ReplayTour", "order"]
 
 
-def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = unwatched) -> Tour:
+def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages) -> Tour:
     """The paths of ``plan`` in the order in which they are run, from and back to the home of ``cell`` if there is one.
 
     watch: is told how far a search is. NoSafeProgram where no free way leads to any edge of a 3-D part.
@@ -42,7 +42,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     def tell(part: float) -> None:
         watch(f"ordering {part:.0%}, Ctrl-C takes the best tour so far")
 
-    told = None if watch is unwatched else tell
+    told = None if watch is ignore_stages else tell
     wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)
     found = arrange(plan.paths, *wish, told)
     led, notes = add_leads(found.paths, plan.part, job)

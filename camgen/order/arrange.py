@@ -15,9 +15,9 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.path import ToolPath, Tour
-from camgen.order.search import Choices, bounded, looks, lower_bound, sampled, searched
+from camgen.order.search import Choices, is_bound_worth, looks, lower_bound, sample_paths, search
 from camgen.order.solver.plane import Tell
-from camgen.order.starts import Starts, ends_of, reversed_each, starting_each, starts
+from camgen.order.starts import Starts, ends_of, reverse_each, starting_each, starts
 from camgen.order.tree import Tree
 
 #: The methods and what the summary calls them.
@@ -53,23 +53,23 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     ranks = _ranks(paths, layers)
     waits_for = _waits_for(paths, ranks) if inside_first else [-1] * len(paths)
     budget = looks(seconds, len(paths))
-    known = sampled(paths, where, waits_for, ranks) if budget or bounded(seconds, len(paths)) else None
+    known = sample_paths(paths, where, waits_for, ranks) if budget or is_bound_worth(seconds, len(paths)) else None
     arranged = [paths[i] for i in sorted(range(len(paths)), key=ranks.__getitem__)]
     stopped = False
     if method != "as-drawn":
         first = _nearest_neighbour(paths, where, start, waits_for, ranks)
-        arranged = _arranged(paths, first)
+        arranged = _arrange(paths, first)
         if method == "best" and not budget:
             method = "nearest"
         if method == "best" and known and len(paths) > 1:
-            found = searched(known, first, start, budget, seed, tell)
+            found = search(known, first, start, budget, seed, tell)
             stopped = not found.whole
-            better = _arranged(paths, found)
+            better = _arrange(paths, found)
             # A short search from samples may end above the first tour, whose starts lie anywhere.
             arranged = min(arranged, better, key=lambda tour: measure_travel(tour, start))
     length = measure_travel(arranged, start)
     seconds = 0.0 if stopped else seconds
-    bound = lower_bound(known, start, length, seconds) if known and bounded(seconds, len(paths)) else None
+    bound = lower_bound(known, start, length, seconds) if known and is_bound_worth(seconds, len(paths)) else None
     return Tour(tuple(arranged), length, _METHODS[method], bound, stopped=stopped)
 
 
@@ -132,7 +132,7 @@ def _nearest_neighbour(
     """The nearest next path of all whose turn it is: those with nothing left inside, rank by rank."""
     begins, ends = (column.tolist() for column in ends_of(paths))
     chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
-    walk = _Walk(paths, where, Tree(where), waits_for, ranks, _enclosed(waits_for), begins, ends, chosen)
+    walk = _Walk(paths, where, Tree(where), waits_for, ranks, _enclose(waits_for), begins, ends, chosen)
     turns = sorted(set(ranks))
     ready = [not count and rank == turns[0] for count, rank in zip(walk.waits, ranks, strict=True)]
     for index, may in enumerate(ready):
@@ -145,13 +145,13 @@ def _nearest_neighbour(
                 if not count and ranks[index] == turn:
                     walk.tree.add(index)
             at = (walk.tree.nearest(*at[1:], near=at[0]), *at[1:])
-        at = _walked(walk, turn, at)
+        at = _walk(walk, turn, at)
     if len(chosen.order) != len(paths):
         raise ValueError("paths enclose each other in a circle")
     return chosen
 
 
-def _walked(walk: _Walk, turn: int, at: tuple[int, float, float]) -> tuple[int, float, float]:
+def _walk(walk: _Walk, turn: int, at: tuple[int, float, float]) -> tuple[int, float, float]:
     """All paths of one rank, from the start ``at``: its number and where the tool is; the last start and place."""
     where, tree, chosen, waits = walk.where, walk.tree, walk.chosen, walk.waits
     path_of, row_of, low, span = (column.tolist() for column in (where.path, where.row, where.low, where.span))
@@ -175,7 +175,7 @@ def _walked(walk: _Walk, turn: int, at: tuple[int, float, float]) -> tuple[int, 
     return last, x, y
 
 
-def _enclosed(waits_for: Sequence[int]) -> list[int]:
+def _enclose(waits_for: Sequence[int]) -> list[int]:
     """How many paths each one has to wait for."""
     counts = [0] * len(waits_for)
     for parent in waits_for:
@@ -184,14 +184,14 @@ def _enclosed(waits_for: Sequence[int]) -> list[int]:
     return counts
 
 
-def _arranged(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
+def _arrange(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
     """The chosen paths, reversed where they begin at their end, closed ones begun where they were met."""
     loops = [i for i, path in enumerate(paths) if path.closed and len(path.position) > 1]
     turned = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]
     begun = starting_each(
         [paths[i] for i in loops], [chosen.row[i] for i in loops], [chosen.fraction[i] for i in loops]
     )
-    back = reversed_each([paths[i] for i in turned])
+    back = reverse_each([paths[i] for i in turned])
     result = list(paths)
     for i, path in zip([*loops, *turned], [*begun, *back], strict=True):
         result[i] = path

@@ -18,7 +18,7 @@ from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import ToolPath, joined
+from camgen.model.path import ToolPath, join_paths
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.order.starts import starting_at
@@ -51,7 +51,7 @@ def add_leads(paths: Sequence[ToolPath], part: Part, job: Job) -> tuple[list[Too
     without: list[str] = []
     for path in paths:
         # Only what runs beside a contour has a free side to lead in from.
-        followed = bool(path.press[:, :, :2].any())
+        followed = bool(path.force_direction[:, :, :2].any())
         led, scale = _with_leads(path, job, obstacles) if followed else (path, 1.0)
         result.append(led)
         if scale < 1.0:
@@ -73,13 +73,13 @@ def _with_leads(path: ToolPath, job: Job, obstacles: Obstacles) -> tuple[ToolPat
     ends = ((operation.lead_in, -1), (operation.lead_out, 1))
     for scale in _SCALES:
         for start in _starts(path):
-            run = _overlapped(start, operation.overlap)
+            run = _overlap(start, operation.overlap)
             leads = [_lead(run, length * scale, way, path.closed, feed) for length, way in ends]
             if all(lead is None or _is_clear(lead, obstacles, job.tool.diameter / 2) for lead in leads):
                 before, after = ([] if lead is None else [lead.path] for lead in leads)
                 pieces = [*before, run, *after]
-                return (joined(pieces) if len(pieces) > 1 else run), scale
-    return _overlapped(path, operation.overlap), 0.0
+                return (join_paths(pieces) if len(pieces) > 1 else run), scale
+    return _overlap(path, operation.overlap), 0.0
 
 
 def _starts(path: ToolPath) -> list[ToolPath]:
@@ -90,19 +90,19 @@ def _starts(path: ToolPath) -> list[ToolPath]:
     return [path, *(starting_at(path, int(k) + 1, 0.5) for k in longest)]
 
 
-def _overlapped(path: ToolPath, overlap: float) -> ToolPath:
+def _overlap(path: ToolPath, overlap: float) -> ToolPath:
     """A closed path that runs on for ``overlap`` mm beyond its start, at most once round."""
     if overlap == 0.0 or not path.closed:
         return path
     ends = np.cumsum(span_lengths(path.position, path.via[1:]))
     if overlap >= ends[-1]:
-        return joined([path, path])
+        return join_paths([path, path])
     k = int(np.searchsorted(ends, overlap, side="right"))
     done = ends[k - 1] if k else 0.0
     cut = starting_at(path, k + 1, float((overlap - done) / (ends[k] - done)))
     # Started there, the path ends with what we want: the stretch from the old start.
     old = int(np.argmin(np.abs(cut.position - path.position[0]).sum(axis=1)))
-    return joined([path, cut.rows(old, len(cut.position))])
+    return join_paths([path, cut.rows(old, len(cut.position))])
 
 
 def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _Lead | None:
@@ -113,7 +113,7 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
     if length == 0.0:
         return None
     row, end, at = (1, 0, path.position[0]) if way < 0 else (-1, 1, path.position[-1])
-    press, axis = path.press[row, end], path.axis[row]
+    press, axis = path.force_direction[row, end], path.axis[row]
     away = way * _travel_sign(path) * np.cross(press, axis)
     t = np.linspace(0.0, 1.0, _LEAD_SAMPLES)[:, None]
     if ring:
@@ -132,7 +132,7 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
         position=frozen(rows),
         via=frozen([np.full(3, np.nan), middle]),
         axis=frozen([axis, axis]),
-        press=frozen([presses, presses]),
+        force_direction=frozen([presses, presses]),
         force=frozen([0.0, 0.0]),
         feed=frozen(np.full(2, min(path.feed[row], feed))),
         closed=False,
@@ -143,7 +143,7 @@ def _lead(path: ToolPath, length: float, way: int, ring: bool, feed: float) -> _
 def _travel_sign(path: ToolPath) -> float:
     """+1 where press x axis points along the travel, else -1; the same all along a path beside a contour."""
     ahead = (path.position[1] if np.isnan(path.via[1, 0]) else path.via[1]) - path.position[0]
-    return float(np.sign(np.cross(path.press[1, 0], path.axis[0]) @ ahead))
+    return float(np.sign(np.cross(path.force_direction[1, 0], path.axis[0]) @ ahead))
 
 
 def _is_clear(lead: _Lead, obstacles: Obstacles, radius: float) -> bool:

@@ -15,10 +15,10 @@ from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 from camgen.order.solver.bound import Dense, at_least
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
-from camgen.order.solver.plane import Items, Start, Tell, discs_of, shortened
+from camgen.order.solver.plane import Items, Start, Tell, discs_of, shorten
 from camgen.order.starts import SEAM, IntArray, Starts, ends_of
 
-__all__ = ["Choices", "Sampled", "lower_bound", "sampled", "searched"]
+__all__ = ["Choices", "Sampled", "lower_bound", "sample_paths", "search"]
 
 #: Samples of a closed path: at least, at most, and so many on a stretch as long as an item's usual room.
 _LEAST_SAMPLES, _MOST_SAMPLES, _SAMPLES_PER_ROOM = 8, 256, 3
@@ -68,7 +68,7 @@ def looks(seconds: float, count: int) -> int:
     return max(round(_LOOKS * count), _FEW) if count <= _MANY else 0
 
 
-def sampled(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], rank: Sequence[int]) -> Sampled:
+def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], rank: Sequence[int]) -> Sampled:
     """The paths as items: ends of open ones, samples of closed ones, evenly along them.
 
     parent: by path, the one that comes later, or -1. rank: by path, lower ranks come first.
@@ -102,7 +102,7 @@ def sampled(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], ran
     return found
 
 
-def bounded(seconds: float, count: int) -> bool:
+def is_bound_worth(seconds: float, count: int) -> bool:
     """Whether ``lower_bound`` is worth its time: for a crowd only where seconds were asked for."""
     return seconds > 0 or count <= _CROWD
 
@@ -142,7 +142,7 @@ def _dense(known: Sampled, most: int) -> Dense | None:
     return Dense(first, points, np.where(loop, wide / 2, 0.0))
 
 
-def searched(
+def search(
     known: Sampled, first: Choices, home: tuple[float, float] | None, budget: int, seed: int, tell: Tell | None
 ) -> Choices:
     """A tour that is shorter than ``first``, if one is found: the search, then every start moved to its best point.
@@ -153,20 +153,20 @@ def searched(
     count = len(items.kind)
     near = nearest_items(discs_of(items), count, _NEAR_DISCS)
     place = None if home is None else np.array(home)
-    begun = Start(np.array(first.order), _entered(known, first))
-    found = shortened(items, begun, place, near, budget, seed, tell)
+    begun = Start(np.array(first.order), _enter(known, first))
+    found = shorten(items, begun, place, near, budget, seed, tell)
     closed = items.kind == CLOSED
     length = np.zeros(count)
     number = found.enter - items.first[:-1]
     length[closed] = (number * known.step)[closed]
-    length = _polished(known, found, place, length)
-    row, fraction = _placed(known, length)
+    length = _polish(known, found, place, length)
+    row, fraction = _place(known, length)
     turned = ~closed & (number > 0)
     row = np.where(closed, row, np.where(turned, known.where.row[known.where.first[1:] - 1], 0))
     return Choices(found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist(), found.whole)
 
 
-def _entered(known: Sampled, first: Choices) -> IntArray:
+def _enter(known: Sampled, first: Choices) -> IntArray:
     """The points where the items are entered in a tour whose closed paths may begin between samples."""
     items, where = known.items, known.where
     row, fraction = np.array(first.row), np.array(first.fraction)
@@ -195,7 +195,7 @@ def _at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
     return shape.point(rest / np.maximum(shape.length, NONZERO))[:, :2]
 
 
-def _placed(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
+def _place(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
     """Row and fraction of the point ``length`` mm along each path; no piece shorter than SEAM is cut off a segment."""
     path = np.arange(len(known.items.kind))
     number, rest = _segment(known, path, length)
@@ -205,7 +205,7 @@ def _placed(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
     return known.where.row[number], known.where.low[number] + part * known.where.span[number]
 
 
-def _polished(known: Sampled, found: Start, home: FloatArray | None, length: FloatArray) -> FloatArray:
+def _polish(known: Sampled, found: Start, home: FloatArray | None, length: FloatArray) -> FloatArray:
     """Where along it each closed path begins, mm: every other one in turn moved to its best place."""
     items, order = known.items, found.order
     count = len(order)

@@ -21,7 +21,7 @@ from camgen.model.tolerance import NONZERO, SAME_POINT_MM
 IntArray = NDArray[np.int64]
 
 #: The columns of a path in the order of its fields, and those that speak of vertices, not of segments.
-_COLUMNS = ("position", "via", "axis", "press", "force", "feed")
+_COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")
 _AT_VERTICES = ("position", "axis")
 
 
@@ -47,7 +47,7 @@ def starting_each(paths: Sequence[ToolPath], segment: Sequence[int], fraction: S
     columns = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _COLUMNS}
     rows = np.array([len(path.position) for path in paths], dtype=np.int64)
     base = begins(rows)
-    number, part, cut = _snapped(columns, base, rows, np.array(segment), np.array(fraction, dtype=np.float64))
+    number, part, cut = _snap(columns, base, rows, np.array(segment), np.array(fraction, dtype=np.float64))
 
     counts = rows + (part > 0)  # a split segment is two
     ends = np.cumsum(counts)
@@ -65,7 +65,7 @@ def starting_each(paths: Sequence[ToolPath], segment: Sequence[int], fraction: S
     return _cut(paths, moved, ends)
 
 
-def reversed_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
+def reverse_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
     """``ToolPath.reversed`` for many paths at once."""
     if not paths:
         return []
@@ -79,12 +79,12 @@ def reversed_each(paths: Sequence[ToolPath]) -> list[ToolPath]:
         name: np.concatenate([getattr(path, name) for path in paths])[vertex if name in _AT_VERTICES else segment]
         for name in _COLUMNS
     }
-    moved["press"] = moved["press"][:, ::-1]
+    moved["force_direction"] = moved["force_direction"][:, ::-1]
     moved["via"][firsts] = np.nan
     return _cut(paths, moved, ends)
 
 
-def _snapped(
+def _snap(
     columns: dict[str, FloatArray], base: IntArray, rows: IntArray, segment: IntArray, fraction: FloatArray
 ) -> tuple[IntArray, FloatArray, Spans]:
     """The segment at or in which each path begins, the fraction (0: at its first vertex), and these segments."""
@@ -120,11 +120,13 @@ def _split(
     moved["via"][first[c] + 1] = cut.point((1 + part) / 2)[c]
     moved["via"][last[c]] = cut.point(part / 2)[c]
 
-    press = columns["press"][old + 1]
+    press = columns["force_direction"][old + 1]
     turned = _between(press[:, 0], press[:, 1], part)
     axle = cross(cut.towards[c], cut.along[c])
     turned[c] = turn_vectors(press[c, 0], axle, part[c] * cut.sweep[c])
-    moved["press"][first, 0] = moved["press"][first + 1, 0] = moved["press"][last, 1] = turned
+    moved["force_direction"][first, 0] = moved["force_direction"][first + 1, 0] = moved["force_direction"][last, 1] = (
+        turned
+    )
 
 
 def _between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:

@@ -65,7 +65,7 @@ def _plain(paths: Sequence[ToolPath], job: Job) -> BoolArray:
     return np.array(
         [
             len(path.depths) == 1
-            and bool(path.press[:, :, :2].any())
+            and bool(path.force_direction[:, :, :2].any())
             and not path.force.any()
             and bool((path.axis[[0, -1], 2] < -1 + 1e-12).all())
             for path in paths

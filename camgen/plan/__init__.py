@@ -35,7 +35,7 @@ Kind = Literal["drawing", "picture", "solid", "program"]
 Options = TypeVar("Options")
 
 
-def unwatched(_: str) -> None:
+def ignore_stages(_: str) -> None:
     """Nobody watches: then nobody can stop a search but with all the rest."""
 
 
@@ -85,12 +85,12 @@ class Operation(Struct, frozen=True):
     plan: Callable[[Part, Job, Cell | None, Watch], Plan]
 
 
-def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = unwatched) -> Plan:
+def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages) -> Plan:
     """The tool paths of ``part`` as ``job`` asks for them. cell: where the program will run; edges of solids need it.
 
     Raises JobError for settings that do not go together, InputError for a part that holds nothing for the operation.
     """
-    part = _simplified(on_page(part, job), job)
+    part = _simplify(on_page(part, job), job)
     watch("planning")
     return find_operation(part, job).plan(part, job, cell, watch)
 
@@ -144,9 +144,9 @@ def read_options(job: Job, settings: type[Options]) -> Options:
         raise JobError("job", str(error), "operation.options", "see the page of the operation") from error
 
 
-def _simplified(part: Part, job: Job) -> Part:
+def _simplify(part: Part, job: Job) -> Part:
     if part.raster is None and not job.tolerance.simplify and not job.input.min_length:
         return part
-    from camgen.plan.simplify import simplified  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+    from camgen.plan.simplify import simplify  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
 
-    return simplified(part, job)
+    return simplify(part, job)

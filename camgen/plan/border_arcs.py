@@ -45,7 +45,7 @@ def whole_circle(points: FloatArray, kept: IntArray, tolerance: float) -> tuple[
     by_circle = np.hypot(*(points[:-1] - centre).T) - radius
     if by_circle @ by_circle > _ROUNDER**2 * (by_lines @ by_lines):
         return None
-    turn = turned(points - centre)
+    turn = measure_turn(points - centre)
     # A thin crescent lies on a circle too, there and back.
     if abs(turn) < np.pi:
         return None
@@ -79,7 +79,7 @@ def _cut_off(points: FloatArray, radius: float) -> float:
     return float(np.einsum("nd,nd->n", step, step).max()) / (8 * radius)
 
 
-def turned(local: FloatArray) -> float:
+def measure_turn(local: FloatArray) -> float:
     """The angle by which ``local`` (N, 2) goes round the origin, rad."""
     return float(turns(local[:-1], local[1:]).sum())
 
@@ -117,7 +117,7 @@ def with_arcs(points: FloatArray, kept: IntArray, closed: bool, tolerance: float
     knots, is_arc = _runs(points, kept, tolerance)
     stays = np.zeros(len(knots), dtype=np.bool_)
     for _ in range(_MOST_REPAIRS):
-        placed = _placed(points, knots, is_arc, stays, closed, tolerance)
+        placed = _place(points, knots, is_arc, stays, closed, tolerance)
         bulges = _bulges(points, knots, is_arc, placed)
         bad = _too_far(points, knots, placed, bulges, tolerance)
         if not bad.any():
@@ -208,7 +208,7 @@ def _is_arc(stretch: FloatArray, tolerance: float) -> bool:
     centre, radius, off = circle_of(stretch)
     if off > tolerance or radius < SMALLEST * tolerance:
         return False
-    return bool(abs(turned(stretch - centre)) <= _MOST_ARC_TURN)
+    return bool(abs(measure_turn(stretch - centre)) <= _MOST_ARC_TURN)
 
 
 def _without_chamfers(
@@ -226,7 +226,7 @@ def _without_chamfers(
     return np.delete(knots, k + 1), np.delete(is_arc, k)
 
 
-def _placed(
+def _place(
     points: FloatArray, knots: IntArray, is_arc: BoolArray, stays: BoolArray, closed: bool, tolerance: float
 ) -> FloatArray:
     """The knots moved to where lines cross or arcs begin, by at most ``tolerance``, except those that stay."""

@@ -62,7 +62,7 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
         why = f"operation.holes is {short(lowest, 3)} to {short(highest, 3)} mm"
         what = counted(len(found) - len(wanted), "circle of another diameter", "circles of other diameters")
         notes.append(Note("assumed", f"{what} not drilled", why))
-    return tuple(_path(hole, job) for hole in wanted), (*notes, *_told(wanted, job))
+    return tuple(_path(hole, job) for hole in wanted), (*notes, *_describe(wanted, job))
 
 
 def _range(job: Job) -> tuple[float, float]:
@@ -87,7 +87,7 @@ def _in_picture(part: Part, raster: Raster) -> tuple[list[Hole], list[Note]]:
     if raster.borders:
         points = np.concatenate(raster.borders)
         owner = np.repeat(np.arange(len(raster.borders)), [len(b) for b in raster.borders])
-        centre, radius, off = _fitted(points, owner, len(raster.borders))
+        centre, radius, off = _fit_circles(points, owner, len(raster.borders))
         large = 2 * radius >= _LEAST_PX
         height, width = raster.mask.shape
         at = np.rint(centre).astype(np.int64).clip(0, (width - 1, height - 1))
@@ -124,7 +124,7 @@ def _in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
         segments = from_contours(closed)
         parts = (0.0, 0.25, 0.5, 0.75)
         points = np.concatenate([points_at(segments, np.full(len(segments), f)) for f in parts])
-        centre, radius, off = _fitted(points, np.tile(segments.owner, len(parts)), len(closed))
+        centre, radius, off = _fit_circles(points, np.tile(segments.owner, len(parts)), len(closed))
         turns = _whole(*flatten(segments, _OFF), radius, len(closed))
         rows = np.flatnonzero((off <= np.maximum(_OFF, _SHARE * radius)) & turns)
         inner = _innermost(centre[rows], radius[rows])
@@ -146,7 +146,7 @@ def _hole(centre: FloatArray, diameter: float, layer: str, name: str, *contours:
     return Hole(x, y, float(diameter), layer, name, contours)
 
 
-def _fitted(points: FloatArray, owner: IntArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _fit_circles(points: FloatArray, owner: IntArray, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Circles by least squares through the ``points`` (N, 2) of each owner: centres, radii, largest errors."""
     size = np.bincount(owner, minlength=count)
     mean = np.column_stack([np.bincount(owner, column, count) / size for column in points.T])
@@ -203,7 +203,7 @@ def _path(hole: Hole, job: Job) -> ToolPath:
         position=frozen([[hole.x, hole.y, level] for level in z]),
         via=frozen(np.full((count, 3), np.nan)),
         axis=frozen(np.tile([0.0, 0.0, -1.0], (count, 1))),
-        press=frozen(np.zeros((count, 2, 3))),
+        force_direction=frozen(np.zeros((count, 2, 3))),
         force=frozen(np.zeros(count)),
         feed=frozen(feed),
         closed=False,
@@ -227,7 +227,7 @@ def _levels(job: Job) -> list[float]:
     return [*(first - k * step for k in range(1, count)), -depth]
 
 
-def _told(holes: Sequence[Hole], job: Job) -> list[Note]:
+def _describe(holes: Sequence[Hole], job: Job) -> list[Note]:
     """How many holes of each diameter, and which the tool does not make as wide as they are drawn."""
     sizes = Counter(round(hole.diameter / _GAUGE) * _GAUGE for hole in holes)
     shares = [

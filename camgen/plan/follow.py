@@ -50,7 +50,7 @@ def beside(source: Segments, closed: BoolArray, group: IntArray, distance: float
     out = _offset(source, following, group, distance + corner_radius)
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
-        return _checked(out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance)
+        return _check(out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance)
     turned, rows = backwards(out.segments)
     label = group[out.source[rows]]
     back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
@@ -58,7 +58,7 @@ def beside(source: Segments, closed: BoolArray, group: IntArray, distance: float
     origin = rows[back.source[order]]
     lost = back.corner[order]
     turn = np.where(lost, 0.0, out.turn[origin])
-    return _checked(segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance)
+    return _check(segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance)
 
 
 def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
@@ -73,7 +73,7 @@ def _offset(source: Segments, following: IntArray, group: IntArray, distance: fl
     return result
 
 
-def _checked(  # noqa: PLR0913, PLR0917 (the columns of Beside, and what they are measured against)
+def _check(  # noqa: PLR0913, PLR0917 (the columns of Beside, and what they are measured against)
     segments: Segments,
     closed: BoolArray,
     source: IntArray,
@@ -127,12 +127,12 @@ class _Loops(Struct, frozen=True, eq=False):
 
 def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
     """Paths beside the contours of ``part`` and what could not be followed."""
-    loops, notes = _chosen(part, job.operation.side)
+    loops, notes = _choose_sides(part, job.operation.side)
     if not loops.index:
         return (), tuple(notes)
     contours = [part.contours[k] for k in loops.index]
     drawn = from_contours(contours)
-    source = _turned(drawn, loops.flip)
+    source = _turn_round(drawn, loops.flip)
     closed = np.array([c.closed for c in contours])
     curve = beside(source, closed, loops.group[source.owner], job.tool.diameter / 2, job.operation.corner_radius)
     labels, order = _labels(curve, source, contours, loops, job)
@@ -140,7 +140,7 @@ def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     return _paths(curve, source, labels, order, job), tuple(notes)
 
 
-def _chosen(part: Part, side: str) -> tuple[_Loops, list[Note]]:
+def _choose_sides(part: Part, side: str) -> tuple[_Loops, list[Note]]:
     """Which contours are followed, and on which side."""
     if side in ("left", "right"):
         index = list(range(len(part.contours)))
@@ -211,7 +211,7 @@ def _ranges(ids: list[str]) -> list[str]:
     return [run[0] if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs]
 
 
-def _turned(drawn: Segments, flip: BoolArray) -> Segments:
+def _turn_round(drawn: Segments, flip: BoolArray) -> Segments:
     """The segments with the loops of ``flip`` run backwards."""
     back, _ = backwards(drawn)
     chosen = flip[drawn.owner]

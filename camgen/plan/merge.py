@@ -17,7 +17,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nearest import IntArray
-from camgen.geometry.pairing import paired
+from camgen.geometry.pairing import pair
 from camgen.geometry.ragged import offsets, owners
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
@@ -60,11 +60,13 @@ def trails(pieces: Pieces, contours: list[Contour]) -> list[tuple[Contour, int]]
     loose = [next(end for end in at[node] if partner[end] < 0) for node in odd]
     lifts: list[int] = [-1] * len(partner)
     if odd:
-        for a, b in enumerate(paired(pieces.home[odd]).tolist()):
+        for a, b in enumerate(pair(pieces.home[odd]).tolist()):
             lifts[loose[a]] = loose[b]
     jumps = [p if p >= 0 else q for p, q in zip(partner, lifts, strict=True)]
     _as_one(at, jumps, lifts, directions)
-    return [(_drawn(pieces, contours, run, closed), pieces.network[run[0] >> 1]) for run, closed in _runs(jumps, lifts)]
+    return [
+        (_draw_trail(pieces, contours, run, closed), pieces.network[run[0] >> 1]) for run, closed in _runs(jumps, lifts)
+    ]
 
 
 def _directions(pieces: Pieces, contours: list[Contour]) -> list[tuple[float, float]]:
@@ -123,10 +125,10 @@ def _as_one(at: list[list[int]], jumps: list[int], lifts: list[int], directions:
             if one == two:
                 continue
             parent[max(one, two)] = min(one, two)
-            _exchanged(held, end, jumps, lifts, directions)
+            _exchange(held, end, jumps, lifts, directions)
 
 
-def _exchanged(a: int, c: int, jumps: list[int], lifts: list[int], directions: list[tuple[float, float]]) -> None:
+def _exchange(a: int, c: int, jumps: list[int], lifts: list[int], directions: list[tuple[float, float]]) -> None:
     """The ways from a and from c, at one node and in two circuits, led into each other, the straighter way of two.
 
     Either makes one circuit. A node has one lift at most: then it leads from another end of the same node.
@@ -173,7 +175,7 @@ def _runs(jumps: list[int], lifts: list[int]) -> list[tuple[list[int], bool]]:
     return found
 
 
-def _drawn(pieces: Pieces, contours: list[Contour], run: list[int], closed: bool) -> Contour:
+def _draw_trail(pieces: Pieces, contours: list[Contour], run: list[int], closed: bool) -> Contour:
     """The pieces of a trail as one contour, with layer and name of the first."""
     points, bulges = [], []
     for end in run:
@@ -214,7 +216,7 @@ class _Vertices(Struct, frozen=True, eq=False):
     first: IntArray
 
 
-def merged(
+def merge(
     contours: Sequence[Contour], fixed: Sequence[bool], tolerance: float
 ) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours with each network as few trails, in the place of its first contour, and a note.
@@ -237,7 +239,7 @@ def merged(
             after += len(made)
             for k in chosen:
                 result[members[k]] = []
-            result[members[chosen[0]]] = _named(made, tuple(ids[-len(chosen) :]))
+            result[members[chosen[0]]] = _name_trails(made, tuple(ids[-len(chosen) :]))
     if not ids:
         return tuple(contours), ()
     why = f"lines that meet within input.join = {short(tolerance, 6)} mm are run with the fewest lifts"
@@ -247,7 +249,7 @@ def merged(
     return tuple(one for k in range(len(contours)) for one in result[k]), (note,)
 
 
-def _named(made: list[Contour], sources: tuple[str, ...]) -> list[Contour]:
+def _name_trails(made: list[Contour], sources: tuple[str, ...]) -> list[Contour]:
     """Each trail has the name of the contour that it begins with; the second one of a name and so on are counted."""
     seen: dict[str, int] = {}
     named = []
@@ -263,7 +265,7 @@ def _networks(contours: list[Contour], tolerance: float) -> list[tuple[list[int]
     if len(contours) < 2:
         return []
     vertices = _vertices(contours)
-    vertices = _met(vertices, contours, tolerance)
+    vertices = _meet(vertices, contours, tolerance)
     label = _components(vertices, len(contours))
     sizes = np.bincount(label, minlength=len(contours))
     chosen = np.flatnonzero(sizes[label] > 1)
@@ -290,7 +292,7 @@ def _vertices(contours: list[Contour]) -> _Vertices:
     return _Vertices(points, owners(counts), node, offsets(counts))
 
 
-def _met(vertices: _Vertices, contours: list[Contour], tolerance: float) -> _Vertices:
+def _meet(vertices: _Vertices, contours: list[Contour], tolerance: float) -> _Vertices:
     """Ends that share their place with no other vertex are moved in with the nearest vertex of another contour."""
     opened = np.array([not contour.closed for contour in contours])
     starts, points = vertices.first[:-1], vertices.points

@@ -45,7 +45,7 @@ def _follow(part: Part, job: Job) -> Plan:
         return _trace(part, job)
     from camgen.plan.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
-    recovered, notes = _recovered(part, job)
+    recovered, notes = _recover(part, job)
     paths, more = follow(recovered, job)
     return Plan(part, paths, (*part.notes, *notes, *more))
 
@@ -53,12 +53,12 @@ def _follow(part: Part, job: Job) -> Plan:
 def _trace(part: Part, job: Job) -> Plan:
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
-    recovered, notes = _recovered(part, job)
+    recovered, notes = _recover(part, job)
     merged, more = with_few_lifts(recovered, job)
     return Plan(part, trace(merged, job), (*part.notes, *notes, *more))
 
 
-def _recovered(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
+def _recover(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     """The part with its arcs found again where they were drawn as many short lines."""
     from camgen.plan.recover import recover  # noqa: PLC0415 (only for what needs it)
 

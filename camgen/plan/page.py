@@ -17,7 +17,7 @@ from camgen.model.job import Job, Page
 from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.plan.simplify import simplified
+from camgen.plan.simplify import simplify
 from camgen.read.units import MM
 from camgen.vision.plane import scale_of
 
@@ -51,7 +51,7 @@ def on_page(part: Part, job: Job) -> Part:
     drawn = high - low
     room = np.array(size) - 2 * page.margin
     if room.min() <= 0:
-        what = f"{page.margin:g} mm on each side leaves nothing of {_told(size)}"
+        what = f"{page.margin:g} mm on each side leaves nothing of {_describe(size)}"
         raise JobError("job", what, "page.margin", "lower page.margin")
     ratio = _ratio(part, page, drawn, room)
     if (drawn * ratio > room + _ROUNDING).any():
@@ -59,12 +59,14 @@ def on_page(part: Part, job: Job) -> Part:
     shift = np.array(size) / 2 - ratio * (low + high) / 2
     unit = ratio * _unit(part)
     pixels = part.raster is not None
-    told = f"1 {'px' if pixels else 'unit'} = {short(unit, 5)} mm, drawing {_told(drawn * ratio)}"
-    note = Note("assumed", f"centred on a page of {_told(size)}: {told}", f"the drawing's own size times {ratio:.6g}")
+    told = f"1 {'px' if pixels else 'unit'} = {short(unit, 5)} mm, drawing {_describe(drawn * ratio)}"
+    note = Note(
+        "assumed", f"centred on a page of {_describe(size)}: {told}", f"the drawing's own size times {ratio:.6g}"
+    )
     return replace(
         part,
-        contours=_moved(part.contours, ratio, shift),
-        raster=None if part.raster is None else _moved_raster(part.raster, ratio, shift),
+        contours=_move(part.contours, ratio, shift),
+        raster=None if part.raster is None else _move_raster(part.raster, ratio, shift),
         units=f"{short(unit, 5)} mm/px" if pixels else part.units,
         notes=(*part.notes, note),
     )
@@ -113,15 +115,15 @@ def _unit(part: Part) -> float:
 
 
 def _leaves(part: Part, page: Page, size: tuple[float, float], drawn: FloatArray) -> InputError:
-    what = f"the drawing is {_told(drawn)}, the page {_told(size)} with a margin of {short(page.margin, 3)} mm"
+    what = f"the drawing is {_describe(drawn)}, the page {_describe(size)} with a margin of {short(page.margin, 3)} mm"
     return InputError(part.source, f"leaves the page: {what}", "page.scale", 'set page.scale to "fit" or a larger page')
 
 
-def _told(size: Sequence[float] | FloatArray) -> str:
+def _describe(size: Sequence[float] | FloatArray) -> str:
     return " x ".join(short(float(v), 2) for v in size) + " mm"
 
 
-def _moved(contours: Sequence[Contour], ratio: float, shift: FloatArray) -> tuple[Contour, ...]:
+def _move(contours: Sequence[Contour], ratio: float, shift: FloatArray) -> tuple[Contour, ...]:
     """All contours times ``ratio`` plus ``shift``: shapes stay, hence bulges too."""
     points = np.concatenate([c.points for c in contours])
     points = points * ratio + shift
@@ -130,7 +132,7 @@ def _moved(contours: Sequence[Contour], ratio: float, shift: FloatArray) -> tupl
     return tuple(replace(c, points=points[a:b]) for c, (a, b) in zip(contours, pairwise(ends), strict=True))
 
 
-def _moved_raster(raster: Raster, ratio: float, shift: FloatArray) -> Raster:
+def _move_raster(raster: Raster, ratio: float, shift: FloatArray) -> Raster:
     matrix = raster.work_from_view * ratio
     matrix[:, 2] += shift
     if not math.isfinite(float(matrix.sum())):
@@ -175,7 +177,7 @@ class Facts(Struct, frozen=True):
 def inspect(raw: Part, job: Job) -> Facts:
     """What ``job`` makes of a picture that was read as a drawing. Errors as of a build."""
     assert raw.raster is not None
-    part = simplified(on_page(raw, job), job)
+    part = simplify(on_page(raw, job), job)
     segments = from_contours(part.contours)
     box = bounds(segments)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(part.contours))

@@ -27,7 +27,7 @@ def recover(contours: Sequence[Contour], tolerance: float) -> tuple[tuple[Contou
     result = list(contours)
     lines = arcs = 0
     for k in _suspects(contours) if tolerance else []:
-        contour, found = _recovered(contours[k], tolerance)
+        contour, found = _recover(contours[k], tolerance)
         lines += len(contours[k].points) - len(contour.points) + found
         arcs += found
         result[k] = contour
@@ -57,7 +57,7 @@ def _turns(start: FloatArray, end: FloatArray) -> FloatArray:
     return np.where((np.abs(turn) > 1e-7) & (np.abs(turn) < _CORNER_TURN), turn, 0.0)
 
 
-def _recovered(contour: Contour, tolerance: float) -> tuple[Contour, int]:
+def _recover(contour: Contour, tolerance: float) -> tuple[Contour, int]:
     """One contour with its arcs, and how many there are."""
     points, bulges = contour.points, contour.bulges
     if contour.closed:

@@ -12,7 +12,7 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.program import Columns, Instruction, MoveC, MoveJ, taken
+from camgen.model.program import Columns, Instruction, MoveC, MoveJ, take
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
 from camgen.plan.unused import no_idle
@@ -60,7 +60,7 @@ def _path(number: int, line: int, ends: FloatArray, vias: FloatArray, speed: Flo
         position=frozen(ends),
         via=frozen(via),
         axis=frozen(np.broadcast_to([0.0, 0.0, -1.0], (count, 3))),
-        press=frozen(np.zeros((count, 2, 3))),
+        force_direction=frozen(np.zeros((count, 2, 3))),
         force=frozen(np.zeros(count)),
         feed=frozen(feed),
         closed=bool(count > 2 and np.linalg.norm(ends[0] - ends[-1]) < SAME_POINT_MM),
@@ -80,4 +80,4 @@ def moving(body: Sequence[Instruction]) -> list[Instruction]:
         return list(body)
     keep = np.ones(len(body), np.bool_)
     keep[columns.at[still]] = False
-    return taken(body, keep)
+    return take(body, keep)

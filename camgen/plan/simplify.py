@@ -12,22 +12,22 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.segments import from_contours
-from camgen.geometry.thinning import Chains, thinned
+from camgen.geometry.thinning import Chains, thin
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import frozen
 from camgen.model.text import counted, grouped, short
 from camgen.plan.border_arcs import with_arcs
-from camgen.read import meant
+from camgen.read import is_drawing
 from camgen.vision.plane import scale_of
 
 #: The border of pixels lies up to half a pixel beside the line that it shows, and a little more where it turns.
 _PIXELS = 1.0
 
 
-def simplified(part: Part, job: Job) -> Part:
+def simplify(part: Part, job: Job) -> Part:
     """``part`` with ``tolerance.simplify`` and ``input.min_length`` applied, and a note on each."""
-    artwork = part.raster is not None and meant(job)
+    artwork = part.raster is not None and is_drawing(job)
     tolerance = job.tolerance.simplify
     if tolerance is None:
         tolerance = _PIXELS * scale_of(part.raster.work_from_view) if part.raster is not None and artwork else 0.0
@@ -58,7 +58,7 @@ def _long_enough(contours: Sequence[Contour], least: float, notes: list[Note]) -
 
 def _thin(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple[Contour, ...]:
     chains = Chains.of(contours)
-    kept = thinned(chains, tolerance)
+    kept = thin(chains, tolerance)
     ends = np.searchsorted(kept, chains.first)
     result = []
     for k, contour in enumerate(contours):

@@ -11,7 +11,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.plan.columns import Label, pass_depths, sideways, tool_paths
-from camgen.plan.merge import merged
+from camgen.plan.merge import merge
 
 
 def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
@@ -37,12 +37,12 @@ def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     """
     if job.tool.orient == "follow" or job.tour.method == "as-drawn":
         return part, ()
-    contours, notes = merged(part.contours, [False] * len(part.contours), job.input.join)
+    contours, notes = merge(part.contours, [False] * len(part.contours), job.input.join)
     if notes and job.operation.inside_first:
         parents = _parents(part)
         around = set(parents)
         fixed = [parent >= 0 or k in around for k, parent in enumerate(parents)]
-        contours, notes = merged(part.contours, fixed, job.input.join)
+        contours, notes = merge(part.contours, fixed, job.input.join)
     return (replace(part, contours=contours) if notes else part), notes
 
 

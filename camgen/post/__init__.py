@@ -38,7 +38,7 @@ from camgen.model.program import (
     Output,
     Program,
     Wait,
-    spliced,
+    splice,
 )
 from camgen.model.text import harmless
 from camgen.post.passes import PASSES
@@ -101,8 +101,9 @@ class Post(ABC):
 
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
-    *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, press, refuses, accepts, assemble,
-    cell, tolerance, pace, carried; prepare only around a call of the base's. *Don't*: render, line, note.
+    *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, print_force, why_not, accepts,
+    assemble, cell, tolerance, dynamics, list_verified; prepare only around a call of the base's. *Don't*: render, line,
+    note.
     """
 
     #: What ``--post`` says, the file name's ending, the line end, and one line for ``camgen posts``.
@@ -110,12 +111,12 @@ class Post(ABC):
     suffix: ClassVar[str]
     about: ClassVar[str]
     newline: ClassVar[str] = "\n"
-    #: Names of the passes that may replace what ``refuses`` turns down, in the order in which they are tried.
+    #: Names of the passes that may replace what ``why_not`` turns down, in the order in which they are tried.
     passes: ClassVar[tuple[str, ...]] = ("chords",)
     #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J; "blend":
     #: its radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons;
     #: "confdata", "figure", "switches": so much of ``ir.Posture``.
-    carries: ClassVar[frozenset[str]] = frozenset(
+    verified_fields: ClassVar[frozenset[str]] = frozenset(
         {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}
     )
 
@@ -159,18 +160,18 @@ class Post(ABC):
         """The lines of an arc. A post that does not override this must refuse MoveC and name the pass ``chords``."""
         raise Refused(self.name, -1, "the post prints no arcs", "let it refuse MoveC and name the pass chords")
 
-    def press(self, item: Force) -> Sequence[str]:  # noqa: ARG002 (for those who override)
+    def print_force(self, item: Force) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines that turn force control on or off. A post without force must refuse it."""
         raise Refused(self.name, -1, "the post prints no force control", "set process.force = 0")
 
     def accepts(self, columns: Columns) -> Mask:
-        """(N,): the instructions that ``refuses`` accepts for sure, found by column, which spares it a look at each.
+        """(N,): the instructions that ``why_not`` accepts for sure, found by column, which spares it a look at each.
 
         An arc is only accepted with three points that are apart and not on one line.
         """
         return columns.are(Comment)
 
-    def refuses(self, item: Instruction, start: Pose | None) -> str:  # noqa: ARG002 (for those who override)
+    def why_not(self, item: Instruction, start: Pose | None) -> str:  # noqa: ARG002 (for those who override)
         """Why the controller cannot do ``item`` from the pose ``start``; empty when it can. Ends with the remedy."""
         return ""
 
@@ -190,13 +191,15 @@ class Post(ABC):
         """How exactly the read-back must agree."""
         return Tolerance(0.5 * 10**-self.decimals, 1e-5, math.radians(5e-4), 0.01, 0.01, 0.001)
 
-    def pace(self) -> Dynamics:
+    def dynamics(self) -> Dynamics:
         """What the time of a program is worked out with: an assumption, an average machine of its kind."""
         return Dynamics()
 
-    def carried(self) -> frozenset[str]:
-        """What the text carries with these options: ``carries``, and "work" and "tool" if it states these frames."""
-        return self.carries
+    def list_verified(self) -> frozenset[str]:
+        """What the text carries with these options: ``verified_fields``, and "work" and "tool" if it states these
+        frames.
+        """
+        return self.verified_fields
 
     # -- don't override ------------------------------------------------------------------------------------------
 
@@ -217,13 +220,13 @@ class Post(ABC):
             if isinstance(item, MoveC) and start is not None and not is_arc(*_points(start, item)):
                 what = "the three points of the arc are on one line"
                 raise Refused(self.name, index, what, "give the arc a via point beside its chord, or plan a line")
-            reason = self.refuses(item, start)
+            reason = self.why_not(item, start)
             if reason:
                 replaced = self._replace(item, start, chord) or reason
                 if isinstance(replaced, str):
                     raise Refused(self.name, index, replaced)
                 changed[index] = replaced
-        return program.with_body(spliced(body, changed)) if changed else program
+        return program.with_body(splice(body, changed)) if changed else program
 
     def _replace(self, item: Instruction, start: Pose | None, chord: float) -> list[Instruction] | str:
         """``item`` as instructions that are accepted, by the first pass that achieves it; else why the last pass does
@@ -236,7 +239,7 @@ class Post(ABC):
             pieces = PASSES[name](start, item, chord)
             here: Pose | None = start
             for piece in pieces:
-                reason = self.refuses(piece, here)
+                reason = self.why_not(piece, here)
                 if reason:
                     break
                 here = piece.target if isinstance(piece.target, Pose) else None
@@ -266,7 +269,7 @@ class Post(ABC):
             MoveJ: self.movej,
             Output: self.output,
             Wait: self.wait,
-            Force: self.press,
+            Force: self.print_force,
             Comment: lambda item: (self.note(item.text),),
         }
 

@@ -94,7 +94,7 @@ def _arc(centre: Vec3, radius: float, begin: float, sweep: float, tilt: FloatArr
     return (MoveL(Pose(TOOL_DOWN, x), 20.0), MoveC(Pose(TOOL_DOWN, y), Pose(TOOL_DOWN, z), 15.0))
 
 
-def _oriented(name: str, rotations: list[FloatArray]) -> Case:
+def _orient(name: str, rotations: list[FloatArray]) -> Case:
     body = tuple(MoveL(_at(10.0 + 5 * i, 10.0, 5.0, r), 20.0) for i, r in enumerate(rotations))
     return Case(name, (_ABOVE, *body))
 
@@ -102,16 +102,16 @@ def _oriented(name: str, rotations: list[FloatArray]) -> Case:
 def _orientations() -> Iterator[Case]:
     """Tool down and turned; every place where an angle triple or a quaternion has a pole; close to them."""
     turns = [TOOL_DOWN @ rotation_about(2, math.radians(a)) for a in (30.0, 45.0, 90.0, 135.0, 180.0, -90.0, -0.001)]
-    yield _oriented("tool turned", [frozen(r) for r in turns])
+    yield _orient("tool turned", [frozen(r) for r in turns])
     quarter = (0.0, _PI / 2, _PI, -_PI / 2)
     cubes = [rotation_from_fixed_xyz(rx, ry, rz) for rx in quarter for ry in (0.0, _PI / 2, -_PI / 2) for rz in quarter]
-    yield _oriented("axes along axes", cubes)
+    yield _orient("axes along axes", cubes)
     poles = [TOOL_DOWN, IDENTITY, rotation_about(1, _PI / 2), rotation_about(1, -_PI / 2)]
     near = [frozen(p @ rotation_about(k, e)) for p in poles for k in (0, 1, 2) for e in (1e-3, -1e-5, 1e-7, -1e-10)]
-    yield _oriented("close to a pole", near)
+    yield _orient("close to a pole", near)
     axes = [np.array(v) / np.linalg.norm(v) for v in ((1, 2, 3), (-1, 2, 0.5), (3, -1, -2), (0, 1, 1))]
-    yield _oriented("half turns", [rotation_about_axis(axis, _PI) for axis in axes])
-    yield _oriented("any turns", [rotation_about_axis(a, angle) for a in axes for angle in (0.3, 1.7, -2.9)])
+    yield _orient("half turns", [rotation_about_axis(axis, _PI) for axis in axes])
+    yield _orient("any turns", [rotation_about_axis(a, angle) for a in axes for angle in (0.3, 1.7, -2.9)])
 
 
 def _numbers() -> Iterator[Case]:
@@ -211,7 +211,7 @@ def _blending_arcs() -> Iterator[Instruction]:
 CHORD = 0.01
 
 
-def _tilted(pose: Pose) -> bool:
+def _tilt(pose: Pose) -> bool:
     return math.hypot(*pose.rotation[:2, 2]) > 1e-12 or pose.rotation[2, 2] > 0
 
 
@@ -227,7 +227,7 @@ FEATURES: Mapping[str, Callable[[Instruction], bool]] = {
     "force": lambda item: isinstance(item, Force) or (isinstance(item, (MoveL, MoveC)) and item.force > 0),
     "joints": lambda item: isinstance(item, MoveJ) and isinstance(item.target, Joints),
     "turn": lambda item: any(not np.array_equal(pose.rotation, TOOL_DOWN) for pose in _poses(item)),
-    "tilt": lambda item: any(_tilted(pose) for pose in _poses(item)),
+    "tilt": lambda item: any(_tilt(pose) for pose in _poses(item)),
     "process": lambda item: isinstance(item, Output) and item.signal == "process",
     "spindle": lambda item: isinstance(item, Output) and item.signal == "spindle",
     "signals": lambda item: isinstance(item, Output) and item.signal not in ("process", "spindle"),
@@ -279,7 +279,7 @@ def _findings(
         files = maker.render(prepared)
         again = other.render(other.prepare(program, CHORD))
     except Refused as refusal:
-        yield from (f"{case}: {line}" for line in _unfounded(refusal, program, lacks))
+        yield from (f"{case}: {line}" for line in _find_unfounded(refusal, program, lacks))
         return
     except CamgenError as error:
         yield f"{case}: {type(error).__name__}: {error}"
@@ -294,12 +294,12 @@ def _findings(
         return
     try:
         reading = readback({file.name: file.text for file in files}, options)
-        compare(prepared, reading, maker.tolerance(), maker.carried(), files[0].name)
+        compare(prepared, reading, maker.tolerance(), maker.list_verified(), files[0].name)
     except CamgenError as error:
         yield f"{case}: {error}"
 
 
-def _unfounded(refusal: Refused, program: Program, lacks: Collection[str]) -> Iterator[str]:
+def _find_unfounded(refusal: Refused, program: Program, lacks: Collection[str]) -> Iterator[str]:
     """What is wrong with a refusal."""
     if not refusal.what.strip():
         yield "refused without a reason"

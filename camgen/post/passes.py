@@ -29,12 +29,12 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     count = max(1, math.ceil(sweep / step - 1e-9))
     blend = max(corner_blend(sweep / count, tolerance), ZONES[-1])
     poses = along(start, arc, [k / count for k in range(1, count)])
-    presses = _turned(arc.press, axis, sweep, count)
+    presses = _turn_force(arc.force_direction, axis, sweep, count)
     lines: list[MoveL | MoveC] = [
         MoveL(pose, arc.speed, blend, arc.force, press, None, None, arc.path, arc.work)
         for pose, press in zip(poses, presses, strict=True)
     ]
-    last = (arc.speed, arc.blend, arc.force, arc.press, arc.joints, arc.posture, arc.path, arc.work)
+    last = (arc.speed, arc.blend, arc.force, arc.force_direction, arc.joints, arc.posture, arc.path, arc.work)
     lines.append(MoveL(arc.target, *last))
     return lines
 
@@ -43,10 +43,10 @@ def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
     """The arc as two arcs of half the sweep, exact."""
     _, _, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     first, middle, last = along(start, arc, (0.25, 0.5, 0.75))
-    press = _turned(arc.press, axis, sweep, 2)[0]
+    press = _turn_force(arc.force_direction, axis, sweep, 2)[0]
     seam = max(arc.blend, 1.0)
     return [
-        replace(arc, via=first, target=middle, press=press, blend=seam, joints=None, posture=None),
+        replace(arc, via=first, target=middle, force_direction=press, blend=seam, joints=None, posture=None),
         replace(arc, via=last),
     ]
 
@@ -82,8 +82,8 @@ def without_force(program: Program) -> Program:
     """The program without force control: for a job that says to ignore it. Nothing else changes."""
     body: list[Instruction] = []
     for item in program.body:
-        if isinstance(item, (MoveL, MoveC)) and (item.force or any(item.press)):
-            body.append(replace(item, force=0.0, press=(0.0, 0.0, 0.0)))
+        if isinstance(item, (MoveL, MoveC)) and (item.force or any(item.force_direction)):
+            body.append(replace(item, force=0.0, force_direction=(0.0, 0.0, 0.0)))
         elif not isinstance(item, Force):
             body.append(item)
     return program.with_body(tuple(body))
@@ -96,7 +96,7 @@ def _turning(start: Pose, arc: MoveC, fraction: float) -> FloatArray:
     return rotation_between(arc.via.rotation, arc.target.rotation, 2 * fraction - 1)
 
 
-def _turned(press: Vec3, axis: Vec3, sweep: float, count: int) -> list[Vec3]:
+def _turn_force(press: Vec3, axis: Vec3, sweep: float, count: int) -> list[Vec3]:
     """The press direction at the inner points of ``count`` equal pieces, given at the end of the arc."""
     if not any(press):
         return [press] * (count - 1)

@@ -54,7 +54,7 @@ def find_readback(name: str) -> Readback:
     return load(find(entries(READBACKS), name, "read-back", _LISTS))  # type: ignore[return-value]
 
 
-def installed() -> list[Installed]:
+def list_installed() -> list[Installed]:
     """All posts by name; a broken one is listed with its reason."""
     found = []
     readbacks = {entry.name for entry in entries(READBACKS)}
@@ -116,5 +116,5 @@ def _only(path: str) -> type[Post]:
 
 def dynamics_of(post: Post, job: Job) -> Dynamics:
     """What the post takes its machine to do, with the acceleration of the job."""
-    own, pace = job.process.acceleration, post.pace()
+    own, pace = job.process.acceleration, post.dynamics()
     return replace(pace, acceleration=own) if own else pace

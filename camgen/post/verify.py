@@ -15,7 +15,7 @@ What is compared, and how exactly:
 * Orientations within ``tolerance.angle``, from the skew part of the difference: the trace alone cannot tell 1e-8 rad
   from 0. The orientation at ``via`` is left out: controllers interpolate from the start to the end.
 * Postures: ABB's confdata, DENSO's figure or the switches of V+ are equal, or neutral where the plan has none.
-* Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``carries`` them.
+* Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``verified_fields`` them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from camgen.model.program import (
     Program,
     Wait,
     numbers,
-    taken,
+    take,
 )
 from camgen.model.text import counted, short
 from camgen.post import Reading, Tolerance
@@ -132,7 +132,7 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
     for fault in reading.faults[:1]:
         raise VerifyError(file, fault.what, fault.line, _REMEDY)
     _compare_frames(planned, reading, tolerance, carries, file)
-    both, read_at = _paired(planned, reading)
+    both, read_at = _pair(planned, reading)
     moving = both.plan.posed[: both.moves]
     places = _places(both, moving, tolerance)
     differences: list[tuple[int, str, str, str]] = []
@@ -155,7 +155,7 @@ def compare(planned: Program, reading: Reading, tolerance: Tolerance, carries: f
     return Deviation(distance, angle, len(both.indices))
 
 
-def _paired(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
+def _pair(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
     """Both bodies as far as their instructions are of the same kinds, and where those read stand in their body."""
     if len(reading.body) != len(reading.lines):
         raise ValueError(f"{counted(len(reading.body), 'instruction')} with {counted(len(reading.lines), 'line')}")
@@ -276,9 +276,9 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     places = both.places(MoveJ, MoveL, MoveC)
     p, q = (side.moves[: both.moves] for side in (both.plan, both.read))
     if "orientation" in carries:
-        a, b = (list(map(attrgetter("target.rotation"), taken(side, posed))) for side in (p, q))
+        a, b = (list(map(attrgetter("target.rotation"), take(side, posed))) for side in (p, q))
         yield _Column(_TURN, places[posed], a, b, _turns(a, b), tolerance.angle)
-    a, b = ([item.target.values for item in taken(side, ~posed)] for side in (p, q))
+    a, b = ([item.target.values for item in take(side, ~posed)] for side in (p, q))
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
     yield _Column("joint values", places[~posed], a, b, error, tolerance.joint)
     rapid = both.plan.moves_are(MoveJ)[: both.moves]
@@ -290,24 +290,24 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     if "blend" in carries:
         yield both.moving("blend", "blend", every, tolerance.mm)
     for name in (name for name in _NEUTRAL if name in carries):
-        yield _postures(places[posed], taken(p, posed), taken(q, posed), name)
+        yield _postures(places[posed], take(p, posed), take(q, posed), name)
     if "stop" in carries:
         stop = both.moving("blend", "blend", every, 0.0)
         yield replace(stop, error=((stop.planned > 0) != (stop.read > 0)) * 1.0)
     newtons = both.moving("force", "force", ~rapid, tolerance.force)
     yield newtons
     if "force-direction" in carries and np.any(newtons.planned):
-        was, says = (numbers(taken(side, ~rapid), "press", 3) for side in (p, q))
+        was, says = (numbers(take(side, ~rapid), "force_direction", 3) for side in (p, q))
         yield _along(newtons, was, says, tolerance)
 
 
 def _postures(places: Indices, planned: list[Any], read: list[Any], name: str) -> _Column:
     """What a text says of the posture at the target: the same as the plan, or that it is open."""
-    a, b = ([_said(motion, name) for motion in side] for side in (planned, read))
+    a, b = ([_get_said(motion, name) for motion in side] for side in (planned, read))
     return _Column(name, places, a, b, np.fromiter(map(ne, a, b), np.float64, len(a)), 0.0)
 
 
-def _said(motion: MoveJ | MoveL | MoveC, name: str) -> object:
+def _get_said(motion: MoveJ | MoveL | MoveC, name: str) -> object:
     said = getattr(motion.posture, name, None)
     return _NEUTRAL[name] if said is None else said
 
@@ -326,5 +326,5 @@ def _others(both: _Both, tolerance: Tolerance, carries: frozenset[str]) -> Itera
     newtons = both.others(Force, "force", "newtons", tolerance.force)
     yield newtons
     if "force-direction" in carries and np.any(newtons.planned):
-        press = both.others(Force, "press", "press", 0.0, 3)
+        press = both.others(Force, "force_direction", "force_direction", 0.0, 3)
         yield _along(newtons, np.asarray(press.planned), np.asarray(press.read), tolerance)

@@ -32,7 +32,7 @@ class Chains(Struct, frozen=True, eq=False):
     counts: NDArray[np.int64]
 
 
-def drawn(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> Drawn:
+def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> Drawn:
     """Segments from ``start`` to ``end``, each (M, 3), in pieces that leave the arc by about ``sag`` mm at most.
 
     via: (M, 3), a point on the arc, NaN for a straight segment. An arc whose points are on one line is one.
@@ -51,21 +51,21 @@ def drawn(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) -> Dr
 
 def of_contours(contours: tuple[Contour, ...], sag: float) -> Chains:
     """Contours as chains at z = 0; a closed one ends in its first point."""
-    return _chained([_segments(contour) for contour in contours], sag)
+    return _chain([_segments(contour) for contour in contours], sag)
 
 
 def of_spans(chains: list[tuple[FloatArray, FloatArray]], sag: float) -> Chains:
     """Chains given as points (N, 3) and the middles (N - 1, 3) of their spans."""
-    return _chained([(points[:-1], via, points[1:]) for points, via in chains], sag)
+    return _chain([(points[:-1], via, points[1:]) for points, via in chains], sag)
 
 
-def _chained(rows: list[tuple[FloatArray, FloatArray, FloatArray]], sag: float) -> Chains:
+def _chain(rows: list[tuple[FloatArray, FloatArray, FloatArray]], sag: float) -> Chains:
     """Chains of segments, each with its first point in front."""
     rows = [row for row in rows if len(row[0])]
     if not rows:
         return Chains(np.zeros((0, 3)), np.zeros(0, np.int64))
     start, via, end = (np.concatenate([row[k] for row in rows]) for k in range(3))
-    found = drawn(start, via, end, sag)
+    found = draw_spans(start, via, end, sag)
     sizes = np.array([len(row[0]) for row in rows])
     starts = begins(sizes)
     first = np.searchsorted(found.owner, starts)

@@ -100,13 +100,13 @@ def path_data(chains: Chains, page: Page) -> list[str]:
 
 def bounds(chains: Sequence[Chains]) -> tuple[FloatArray, FloatArray]:
     """Least and greatest corner, work frame, arcs exact."""
-    every = np.concatenate([np.zeros((0, 2)), *(one.points for one in chains), *(_bulged(one) for one in chains)])
+    every = np.concatenate([np.zeros((0, 2)), *(one.points for one in chains), *(_extremes(one) for one in chains)])
     if not len(every):
         return np.zeros(2), np.ones(2)
     return every.min(axis=0), every.max(axis=0)
 
 
-def _bulged(chains: Chains) -> FloatArray:
+def _extremes(chains: Chains) -> FloatArray:
     """The points (N, 2) of the arcs that lie farthest in x and y, where an arc goes so far."""
     inner = chains.bulge != 0
     inner[chains.first] = False

@@ -19,7 +19,7 @@ from camgen.model.text import counted, short
 from camgen.plan.fill.cover import coverage_map
 from camgen.plan.page import page_size
 from camgen.preview.draw import Page, by_order, of_contours, of_paths, path_data
-from camgen.preview.panels import WIDE, Crop, Panel, cropped, faint, image, line, on_panel, sheet, shown
+from camgen.preview.panels import WIDE, Crop, Panel, faint, image, line, make_crop, on_panel, sheet, show_crop
 
 #: Radius of the points, and width of the drawn lines, page mm. Colours from the first stroke to the last.
 _DOT, _STROKE, _BINS = 0.55, 0.45, 32
@@ -29,18 +29,18 @@ _MAP = 1000
 
 def svg(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Job, title: str) -> str:
     """The picture as SVG text, sized in mm. ``job`` says how wide the pen is and how large the page."""
-    crop = cropped(raster)
+    crop = make_crop(raster)
     height, width = raster.photo.shape[:2]
     points = counted(sum(len(border) for border in raster.borders), "point")
     high = WIDE * height / width
     fill = job.operation.kind == "fill"
-    drawn = _filled(part, raster, tour, job, crop) if fill else [_simplified(part, raster, crop)]
+    drawn = _fill(part, raster, tour, job, crop) if fill else [_simplify(part, raster, crop)]
     panels = [
         Panel(f"picture, {width} x {height} px", high, [image(raster.photo, WIDE, high)]),
-        Panel("ink", crop.high, [shown(crop, np.bitwise_not(raster.mask), smooth=False)]),
+        Panel("ink", crop.high, [show_crop(crop, np.bitwise_not(raster.mask), smooth=False)]),
         Panel(f"borders of the ink, {points}", crop.high, [faint(raster, crop), _borders(raster, crop)]),
         *drawn,
-        _ordered(raster, tour, job),
+        _order(raster, tour, job),
     ]
     return sheet(panels, notes, title)
 
@@ -52,7 +52,7 @@ def _borders(raster: Raster, crop: Crop) -> str:
     return f'<path class="part" d="{data}"/>'
 
 
-def _simplified(part: Part, raster: Raster, crop: Crop) -> Panel:
+def _simplify(part: Part, raster: Raster, crop: Crop) -> Panel:
     """Lines and arcs with their points, which are the starts of segments."""
     page = on_panel(raster, crop)
     rows = [np.zeros((0, 2)), *(c.points for c in part.contours)]
@@ -71,7 +71,7 @@ def _simplified(part: Part, raster: Raster, crop: Crop) -> Panel:
     )
 
 
-def _filled(part: Part, raster: Raster, tour: Tour, job: Job, crop: Crop) -> list[Panel]:
+def _fill(part: Part, raster: Raster, tour: Tour, job: Job, crop: Crop) -> list[Panel]:
     """What the pen draws, and what of that is where it should be."""
     found = coverage_map(part, tour.paths, job.tool.diameter, _MAP)
     height, width = found.pixels.shape[:2]
@@ -80,10 +80,10 @@ def _filled(part: Part, raster: Raster, tour: Tour, job: Job, crop: Crop) -> lis
     picture = image(found.pixels, right - left, bottom - top, smooth=False)
     content = [f'<g transform="translate({left:.2f} {top:.2f})">{picture}</g>']
     told = "green: covered, red: bare, yellow: ink outside"
-    return [_covered(raster, tour, job, crop), Panel(told, crop.high, content)]
+    return [_draw_covered(raster, tour, job, crop), Panel(told, crop.high, content)]
 
 
-def _covered(raster: Raster, tour: Tour, job: Job, crop: Crop) -> Panel:
+def _draw_covered(raster: Raster, tour: Tour, job: Job, crop: Crop) -> Panel:
     """What the pen inks, in its width, over the ink that was asked for."""
     width = job.tool.diameter * crop.scale
     data = "".join(path_data(of_paths(tour.paths), on_panel(raster, crop)))
@@ -98,7 +98,7 @@ def _covered(raster: Raster, tour: Tour, job: Job, crop: Crop) -> Panel:
     )
 
 
-def _ordered(raster: Raster, tour: Tour, job: Job) -> Panel:
+def _order(raster: Raster, tour: Tour, job: Job) -> Panel:
     """The page with the strokes in colour from first to last, and the way between them with the pen up."""
     if job.page.size:
         width, height = page_size(job.page)

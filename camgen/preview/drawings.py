@@ -6,7 +6,7 @@ from pathlib import Path
 
 from camgen.model.errors import JobError
 from camgen.preview import Built
-from camgen.read import meant
+from camgen.read import is_drawing
 
 
 def check_preview(name: str | None) -> None:
@@ -39,7 +39,7 @@ def _drawing(result: Built) -> bytes:
     from camgen.preview import drawing_stages, photo_stages, svg  # noqa: PLC0415 (only where a picture is asked for)
 
     part, title = result.part, f"{result.part.source}, {result.post.name}"
-    if part.raster is not None and meant(result.job):
+    if part.raster is not None and is_drawing(result.job):
         return drawing_stages.svg(part, part.raster, result.tour, result.notes, result.job, title).encode("utf-8")
     if part.raster is not None:
         return photo_stages.svg(part, part.raster, result.tour, result.notes, title).encode("utf-8")

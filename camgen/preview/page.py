@@ -71,7 +71,7 @@ def _plain(view: View) -> dict[str, object]:
         "facts": view.facts,
         "origin": origin.tolist(),
         "lines": {
-            "points": _packed(chains.points - origin),
+            "points": _pack(chains.points - origin),
             "counts": chains.counts.tolist(),
             "rows": view.lines,
         },
@@ -79,15 +79,15 @@ def _plain(view: View) -> dict[str, object]:
         "paths": view.rows,
         "skipped": [[note.what, note.why] for note in view.skipped],
         "track": {
-            "position": _packed(way.position - origin),
-            "axis": _packed(way.axis),
-            "time": _packed(way.time),
-            "event": _packed(way.event, np.uint32),
-            "instruction": _packed(motions.instruction, np.uint32),
-            "kind": _packed(motions.kind, np.uint8),
-            "path": _packed(motions.path, np.int32),
-            "feed": _packed(motions.feed),
-            "force": _packed(motions.force),
+            "position": _pack(way.position - origin),
+            "axis": _pack(way.axis),
+            "time": _pack(way.time),
+            "event": _pack(way.event, np.uint32),
+            "instruction": _pack(motions.instruction, np.uint32),
+            "kind": _pack(motions.kind, np.uint8),
+            "path": _pack(motions.path, np.int32),
+            "feed": _pack(motions.feed),
+            "force": _pack(motions.force),
         },
         "tool": {
             "diameter": view.diameter,
@@ -111,8 +111,8 @@ def _arm(view: View) -> dict[str, object] | None:
         "coupling": robot.coupling.tolist(),
         "joints": [[j.name, j.sliding, _pose(j.previous_from_joint), j.axis] for j in robot.joints],
         "links": _links(robot.links),
-        "values": _packed(view.arm.joints),
-        "time": _packed(view.arm.time),
+        "values": _pack(view.arm.joints),
+        "time": _pack(view.arm.time),
     }
 
 
@@ -122,7 +122,7 @@ def _links(links: Sequence[Link]) -> list[object]:
 
 
 def _mesh(solid: Solid, origin: FloatArray) -> dict[str, str]:
-    return {"vertices": _packed(solid.vertices - origin), "faces": _packed(solid.faces, np.uint32)}
+    return {"vertices": _pack(solid.vertices - origin), "faces": _pack(solid.faces, np.uint32)}
 
 
 def _pose(pose: Pose) -> list[float]:
@@ -130,6 +130,6 @@ def _pose(pose: Pose) -> list[float]:
     return [*pose.rotation.ravel().tolist(), *pose.origin]
 
 
-def _packed(values: NDArray[np.generic], kind: type[np.generic] = np.float32) -> str:
+def _pack(values: NDArray[np.generic], kind: type[np.generic] = np.float32) -> str:
     """Little-endian numbers as base64."""
     return base64.b64encode(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()).decode()

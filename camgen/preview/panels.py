@@ -82,7 +82,7 @@ def sheet(panels: Sequence[Panel], notes: Sequence[Note], title: str) -> str:
     )
 
 
-def cropped(raster: Raster) -> Crop:
+def make_crop(raster: Raster) -> Crop:
     """What is shown of the view: the part and some room."""
     rows, columns = np.flatnonzero(raster.mask.any(axis=1)), np.flatnonzero(raster.mask.any(axis=0))
     height, width = raster.mask.shape
@@ -114,7 +114,7 @@ def image(pixels: Pixels, wide: float, high: float, smooth: bool = True) -> str:
     return f'<image width="{wide:.2f}" height="{high:.2f}" href="data:image/{form};base64,{data}"/>'
 
 
-def shown(crop: Crop, pixels: Pixels, smooth: bool = True) -> str:
+def show_crop(crop: Crop, pixels: Pixels, smooth: bool = True) -> str:
     """The crop of a picture of the view's size."""
     return image(np.ascontiguousarray(pixels[crop.top : crop.bottom, crop.left : crop.right]), WIDE, crop.high, smooth)
 

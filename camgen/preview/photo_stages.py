@@ -14,7 +14,7 @@ from camgen.model.part import Note, Part, Raster
 from camgen.model.path import Tour
 from camgen.model.pose import FloatArray
 from camgen.preview.draw import Chains, of_contours, path_data
-from camgen.preview.panels import WIDE, Crop, Panel, Pixels, cropped, faint, image, line, on_panel, sheet, shown
+from camgen.preview.panels import WIDE, Crop, Panel, Pixels, faint, image, line, make_crop, on_panel, sheet, show_crop
 
 #: How far apart the normals are drawn, mm of the page.
 _NORMALS_APART_MM = 2.5
@@ -24,17 +24,19 @@ _RAMP = ("#30123b", "#4662d7", "#36aaf9", "#1ae4b6", "#72fe5e", "#c8ef34", "#fab
 
 def svg(part: Part, raster: Raster, tour: Tour, notes: Sequence[Note], title: str) -> str:
     """The picture as SVG text, sized in mm."""
-    crop = cropped(raster)
+    crop = make_crop(raster)
     panels = [
         Panel("photo and work plane", WIDE * raster.photo.shape[0] / raster.photo.shape[1], _photo(raster)),
-        Panel(f"to scale, {part.units}", crop.high, [shown(crop, raster.view)]),
+        Panel(f"to scale, {part.units}", crop.high, [show_crop(crop, raster.view)]),
         Panel(
-            "part and its outline", crop.high, [shown(crop, raster.mask, smooth=False), _outline(part, raster, crop)]
+            "part and its outline",
+            crop.high,
+            [show_crop(crop, raster.mask, smooth=False), _outline(part, raster, crop)],
         ),
-        Panel("distance from the part", crop.high, [shown(crop, _distance(raster))]),
+        Panel("distance from the part", crop.high, [show_crop(crop, _distance(raster))]),
         Panel("normals, towards the part", crop.high, [faint(raster, crop), *_normals(tour, raster, crop)]),
-        _coloured("path by feed, mm/s", 1.0, [p.feed for p in tour.paths], tour, raster, crop),
-        _coloured("path by force, N", 0.0, [p.force for p in tour.paths], tour, raster, crop),
+        _colour("path by feed, mm/s", 1.0, [p.feed for p in tour.paths], tour, raster, crop),
+        _colour("path by force, N", 0.0, [p.force for p in tour.paths], tour, raster, crop),
     ]
     return sheet(panels, notes, title)
 
@@ -81,13 +83,13 @@ def _normals(tour: Tour, raster: Raster, crop: Crop) -> Iterator[str]:
         t = ((at - run[k]) / np.maximum(run[k + 1] - run[k], 1e-12))[:, None]
         # The parabola through start, middle and end is near enough to the arc for a picture.
         place = (1 - t) * (1 - 2 * t) * start[k] + 4 * t * (1 - t) * via[k] + t * (2 * t - 1) * end[k]
-        press = (1 - t) * path.press[k + 1, 0] + t * path.press[k + 1, 1]
+        press = (1 - t) * path.force_direction[k + 1, 0] + t * path.force_direction[k + 1, 1]
         strokes = np.stack([page.place(place), page.place(place + press * (1.8 / crop.scale))], axis=1)
         data += [line(stroke) for stroke in strokes]
     yield f'<path class="normal" d="{"".join(data)}"/>'
 
 
-def _coloured(name: str, low: float, values: Sequence[FloatArray], tour: Tour, raster: Raster, crop: Crop) -> Panel:
+def _colour(name: str, low: float, values: Sequence[FloatArray], tour: Tour, raster: Raster, crop: Crop) -> Panel:
     """The path with a colour for each value, low to high; grey where it is 0."""
     found = np.concatenate([v[1:] for v in values]) if values else np.zeros(0)
     shown = found[found > 0]

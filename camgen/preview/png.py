@@ -43,14 +43,14 @@ class _Sheet(Struct, frozen=True, eq=False):
 def png(view: View) -> bytes:
     """The picture as the bytes of a PNG file."""
     image = np.full((_HIGH, _WIDE, 3), 255, np.uint8)
-    sheet = _fitted(view)
+    sheet = _fit(view)
     _part(image, view, sheet)
     _way(image, view, sheet)
     _words(image, view, sheet)
     return bytes(cv2.imencode(".png", image)[1])
 
 
-def _fitted(view: View) -> _Sheet:
+def _fit(view: View) -> _Sheet:
     turn, tilt = (-math.pi / 2, math.pi / 2) if view.solid is None else (-1.05, 0.6)
     right = (-math.sin(turn), math.cos(turn), 0.0)
     up = (-math.sin(tilt) * math.cos(turn), -math.sin(tilt) * math.sin(turn), math.cos(tilt))

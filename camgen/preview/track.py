@@ -10,13 +10,13 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.check.time import timed, worked
+from camgen.check.time import assign_paths, time_motions
 from camgen.geometry.ragged import ramp
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program, Wait, column
 from camgen.post.plugins import dynamics_of
 from camgen.preview import Built
-from camgen.preview.curves import drawn
+from camgen.preview.curves import draw_spans
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
@@ -58,7 +58,7 @@ def events(program: Program, arm: Robot | None, path: IntArray, seconds: FloatAr
     kind[moves] = np.select([columns.moves_are(MoveJ), columns.moves_are(MoveL)], [0, 1], 2)
     known, axis = _ends(program, arm)
     end, last_axis = (_spread(len(chosen), moves, values) for values in (known, axis))
-    end, last_axis = _filled(end), _filled(last_axis)
+    end, last_axis = _fill(end), _fill(last_axis)
     start, first_axis = (np.concatenate([values[:1], values[:-1]]) for values in (end, last_axis))
     via, feed, force = (_spread(len(chosen), moves, values) for values in (columns.vias, columns.speed, columns.force))
     # A wait belongs to the motion after it, as in ``cycle``.
@@ -98,7 +98,7 @@ def _spread(count: int, rows: IntArray, values: FloatArray) -> FloatArray:
     return column
 
 
-def _filled(values: FloatArray) -> FloatArray:
+def _fill(values: FloatArray) -> FloatArray:
     """(E, 3) with unknown rows as the row before; those before the first known one as that one."""
     known = ~np.isnan(values[:, 0])
     if not known.any():
@@ -139,8 +139,8 @@ class _Stations(Struct, frozen=True, eq=False):
 def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     """The way of the program, arcs in pieces within ``sag`` mm, and that of the robot where its joints are known."""
     program, reach, robot = result.program, result.reach, result.cell.arm
-    seconds, _ = timed(program, dynamics_of(result.post, result.job), reach, robot)
-    found = events(program, robot, worked(program), seconds)
+    seconds, _ = time_motions(program, dynamics_of(result.post, result.job), reach, robot)
+    found = events(program, robot, assign_paths(program), seconds)
     stations = _stations(found, sag)
     seconds, arm = found.seconds, None
     if reach is not None and robot is not None and len(reach.joints):
@@ -148,7 +148,7 @@ def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
         share = (ramp(np.bincount(owner)) + 1) / np.bincount(owner)[owner]
         swing = found.kind[owner] == 0
         points, axis = tool_of(program, robot, reach.joints[swing])
-        stations = _replaced(stations, _Stations(owner[swing], share[swing], points, axis))
+        stations = _replace(stations, _Stations(owner[swing], share[swing], points, axis))
         arm = Arm(robot, reach.joints, _begins(seconds)[owner] + seconds[owner] * share)
     time = _begins(seconds)[stations.event] + seconds[stations.event] * stations.fraction
     return Track(stations.points, stations.axis, time, stations.event, found), arm
@@ -160,7 +160,7 @@ def _begins(seconds: FloatArray) -> FloatArray:
 
 def _stations(found: Events, sag: float) -> _Stations:
     """The ends of all pieces; tool z turns evenly enough between the ends of a motion."""
-    pieces = drawn(found.start, found.via, found.end, sag)
+    pieces = draw_spans(found.start, found.via, found.end, sag)
     share = pieces.fraction[:, None]
     axis = found.first_axis[pieces.owner] * (1 - share) + found.last_axis[pieces.owner] * share
     size = np.linalg.norm(axis, axis=1, keepdims=True)
@@ -168,7 +168,7 @@ def _stations(found: Events, sag: float) -> _Stations:
     return _Stations(pieces.owner, pieces.fraction, pieces.points, axis)
 
 
-def _replaced(stations: _Stations, others: _Stations) -> _Stations:
+def _replace(stations: _Stations, others: _Stations) -> _Stations:
     """``stations`` with ``others`` in the place of those of the same events."""
     keep = ~np.isin(stations.event, others.event)
     event = np.concatenate([stations.event[keep], others.event])

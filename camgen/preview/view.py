@@ -38,7 +38,7 @@ def around(result: Built) -> Around:
     """As it was tested; without a robot nothing is, and it is what the job says. JobError for boxes that are none."""
     where = result.where
     if where is None:
-        return _untested(result)
+        return _take_untested(result)
     work_from_base = result.program.base_from_work.inverse()
     standing = [
         Link(link.name, tuple(Box(work_from_base @ box.link_from_box, box.half) for box in link.boxes))
@@ -47,7 +47,7 @@ def around(result: Built) -> Around:
     return Around(where.bodies, tuple(standing), where.meshes)
 
 
-def _untested(result: Built) -> Around:
+def _take_untested(result: Built) -> Around:
     job = result.job
     if not job.cell.fixtures and not job.tool.holder:
         return Around((), (), ())
@@ -203,10 +203,10 @@ def _lines(result: Built, sag: float) -> tuple[tuple[Line, ...], Chains]:
         )
         for (ident, layer, closed), length in zip(names, _lengths(chains), strict=True)
     ]
-    return _trimmed(result, lines, chains) if edges else (tuple(lines), chains)
+    return _trim(result, lines, chains) if edges else (tuple(lines), chains)
 
 
-def _trimmed(result: Built, lines: Sequence[Line], chains: Chains) -> tuple[tuple[Line, ...], Chains]:
+def _trim(result: Built, lines: Sequence[Line], chains: Chains) -> tuple[tuple[Line, ...], Chains]:
     """Edges that are run without their ends, with these as lines of their own."""
     work = {path.id: path.position for path in result.tour.paths}
     pieces: list[tuple[Line, FloatArray]] = []

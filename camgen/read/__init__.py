@@ -68,7 +68,7 @@ class Installed(Struct, frozen=True):
         return origin(self.entry)
 
 
-def installed() -> list[Installed]:
+def list_installed() -> list[Installed]:
     """All readers by name; a broken one is listed with its reason."""
     found = []
     for entry in entries(READERS):
@@ -88,7 +88,7 @@ def installed() -> list[Installed]:
 
 def find_reader(source: Source) -> Reader:
     """The reader for this input: by how it begins, else by its suffix. InputError where none or more than one is."""
-    table = installed()
+    table = list_installed()
     readers = [one.reader for one in table if one.reader is not None]
     head = source.data[:HEAD]
     fit = [one for one in readers if one.recognise(head)] or [one for one in readers if source.suffix in one.suffixes]
@@ -104,7 +104,7 @@ def find_reader(source: Source) -> Reader:
 
 def find_suffix(name: str) -> str:
     """The suffix of files of the format ``name``, which is a reader or one of its suffixes. JobError if neither is."""
-    table = installed()
+    table = list_installed()
     for one in table:
         if one.name == name and one.broken:
             raise JobError("--format", one.broken)
@@ -142,7 +142,7 @@ def inspect(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) 
 _KINDS = ("trace", "fill", "drill")
 
 
-def meant(job: Job) -> bool:
+def is_drawing(job: Job) -> bool:
     """Whether a picture is a drawing: to be traced, filled, drilled or laid on a page, and no photo."""
     kind = job.operation.kind
     drawing = kind in _KINDS or (kind == "auto" and bool(job.page.size))

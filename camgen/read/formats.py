@@ -12,7 +12,7 @@ from importlib import import_module
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.model.part import Part
-from camgen.read import Reader, meant
+from camgen.read import Reader, is_drawing
 from camgen.read.files import Files
 
 _PICTURES = (b"\x89PNG", b"\xff\xd8\xff", b"II*\x00", b"MM\x00*", b"BM")
@@ -48,7 +48,7 @@ def _inspect_with(module: str) -> Callable[[Source, Job, Files], object]:
 
 def _read_picture(source: Source, job: Job, files: Files) -> Part:
     """The ink of a drawing, or the part in a photo."""
-    return _read_with("camgen.read.artwork" if meant(job) else "camgen.read.image")(source, job, files)
+    return _read_with("camgen.read.artwork" if is_drawing(job) else "camgen.read.image")(source, job, files)
 
 
 DXF = Reader(

@@ -29,7 +29,7 @@ from camgen.vision.lines_arcs.contours import Fit, primitives
 from camgen.vision.mask.part_mask import Mask, part_mask
 from camgen.vision.outline import outlines
 from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
-from camgen.vision.to_scale import Region, View, already_to_scale, cut_out, framed, rectify
+from camgen.vision.to_scale import Region, View, already_to_scale, cut_out, frame_view, rectify
 
 #: A ChArUco board by its squares.
 _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
@@ -70,7 +70,7 @@ class _Seen(Struct, frozen=True):
 
 def read(source: Source, job: Job, files: Files) -> Part:
     """The part in a picture. InputError if it shows none, JobError for settings that contradict another."""
-    seen = _seen(source, job, files)
+    seen = _see(source, job, files)
     found, notes = outlines(seen.mask.grey, seen.mask.pixels)
     drawn, fits, more = primitives(found, seen.view.work_from_view)
     raster = Raster(
@@ -82,11 +82,11 @@ def read(source: Source, job: Job, files: Files) -> Part:
         borders=tuple(outline.points for outline in found),
     )
     return Part(
-        source.stem, source.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_fitted(fits)), raster
+        source.stem, source.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_tell_fit(fits)), raster
     )
 
 
-def _fitted(fits: Sequence[Fit]) -> tuple[Note, ...]:
+def _tell_fit(fits: Sequence[Fit]) -> tuple[Note, ...]:
     """How well the lines and arcs follow what was measured."""
     if not fits:
         return ()
@@ -114,7 +114,7 @@ def inspect(source: Source, job: Job, files: Files) -> Facts:
     return Facts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
 
 
-def _seen(source: Source, job: Job, files: Files) -> _Seen:
+def _see(source: Source, job: Job, files: Files) -> _Seen:
     # A lens belongs to the sensor's pixels. Points were read off the picture as a viewer shows it, turned.
     sensor = bool(job.camera.file) and job.camera.points_px is None
     _nothing_unused(job)
@@ -131,9 +131,9 @@ def _seen(source: Source, job: Job, files: Files) -> _Seen:
     if region is None and picture.pixels.size > _LARGE:
         region = _around(way, picture, empty)
         coarse = region is not None
-    view, mask = _masked(way, picture, empty, region, 1)
+    view, mask = _mask(way, picture, empty, region, 1)
     if region is not None and job.image.region is None:
-        view = replace(view, notes=(*view.notes, _looked_at(region, coarse)))
+        view = replace(view, notes=(*view.notes, _note_surroundings(region, coarse)))
     return _Seen(picture, camera, way.plane, view, mask)
 
 
@@ -162,7 +162,7 @@ def _nothing_unused(job: Job) -> None:
             raise JobError(where, f"has no effect: {why}", remedy="leave one of the two out")
 
 
-def _looked_at(region: Region, coarse: bool) -> Note:
+def _note_surroundings(region: Region, coarse: bool) -> Note:
     """What was taken for the surroundings of the part: whatever lies outside is not in the program."""
     shown = ", ".join(short(v, 2) for v in region)
     why = f"a look {_COARSER} times coarser found the part there" if coarse else "the free area of the marker sheet"
@@ -192,9 +192,7 @@ class _Way(Struct, frozen=True):
     job: Job
 
 
-def _masked(
-    way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
-) -> tuple[View, Mask]:
+def _mask(way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int) -> tuple[View, Mask]:
     view = _view(way, picture, region, coarser)
     background = None if empty is None else _view(way, empty, region, coarser)
     return view, part_mask(view, way.job.image, background, picture.name)
@@ -203,7 +201,7 @@ def _masked(
 def _around(way: _Way, picture: Picture, empty: Picture | None) -> Region | None:
     """The part with some bench around it, mm, from a coarse look: what is far from it need not be looked at closely."""
     try:
-        view, mask = _masked(way, picture, empty, None, _COARSER)
+        view, mask = _mask(way, picture, empty, None, _COARSER)
     except InputError:
         return None  # the close look finds it, or says why not
     columns, rows = np.flatnonzero(mask.pixels.any(axis=0)), np.flatnonzero(mask.pixels.any(axis=1))
@@ -281,7 +279,7 @@ def _frame(seen: _Seen) -> FloatArray:
     height, width = seen.picture.pixels.shape[:2]
     if seen.plane is None:
         return np.array([[0.0, 0.0], [width - 1.0, 0.0], [width - 1.0, height - 1.0], [0.0, height - 1.0]])
-    return framed(seen.view, seen.camera, seen.plane, (width, height))
+    return frame_view(seen.view, seen.camera, seen.plane, (width, height))
 
 
 def _scale(view: View) -> str:

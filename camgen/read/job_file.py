@@ -48,7 +48,7 @@ def _cell_filled(tree: Tree, origins: dict[tuple[str, str], str], files: Files) 
     cell = tree.get("cell", {})
     name = cell.pop("file", "")
     if not isinstance(name, str):
-        raise JobError(origins.get(("cell", "file"), "job"), f"file must be a text, not {_shown(name)}", "[cell]")
+        raise JobError(origins.get(("cell", "file"), "job"), f"file must be a text, not {_quote_short(name)}", "[cell]")
     if not name:
         return
     other = _tables_of(_toml(Path(name), files), name)
@@ -125,7 +125,7 @@ def _tables_of(tree: Mapping[str, object], origin: str) -> Tree:
         if name not in tables():
             raise _unknown_table(name, origin, content)
         if not isinstance(content, Mapping):
-            raise JobError(origin, f"{name} must be a table, not {_shown(content)}", remedy=f"write [{name}]")
+            raise JobError(origin, f"{name} must be a table, not {_quote_short(content)}", remedy=f"write [{name}]")
         result[name] = dict(content)
     return result
 
@@ -133,7 +133,7 @@ def _tables_of(tree: Mapping[str, object], origin: str) -> Tree:
 def _unknown_table(name: str, origin: str, content: object) -> JobError:
     homes = [s.table for s in settings() if s.key == name]
     if homes and not isinstance(content, Mapping):
-        return JobError(origin, f"{_quoted(name)} stands outside its table", remedy=f"it belongs to [{homes[0]}]")
+        return JobError(origin, f"{_quote(name)} stands outside its table", remedy=f"it belongs to [{homes[0]}]")
     near = difflib.get_close_matches(str(name), tables(), 1, 0)
     return JobError(origin, f"unknown table [{_clean(name)}]", remedy=f"nearest is [{near[0]}]")
 
@@ -168,7 +168,7 @@ def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) ->
             if table != "post" and (table, key) not in known:
                 raise _unknown_key(table, key, origin)
             if not all(math.isfinite(number) for number in _floats(value)):
-                raise JobError(origin, f"{key} must be finite, not {_shown(value)}", f"[{table}]")
+                raise JobError(origin, f"{key} must be finite, not {_quote_short(value)}", f"[{table}]")
     try:
         return _with_kind(tree)
     except msgspec.ValidationError as error:
@@ -176,7 +176,7 @@ def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) ->
         if place is None:
             raise JobError(source, str(error)) from error
         table, key = place.groups()
-        what = f"{key} must be {known[table, key].allowed}, not {_shown(tree[table][key])}"
+        what = f"{key} must be {known[table, key].allowed}, not {_quote_short(tree[table][key])}"
         raise JobError(origins.get((table, key), source), what, f"[{table}]") from error
 
 
@@ -195,7 +195,7 @@ def _unknown_key(table: str, key: str, origin: str) -> JobError:
     elsewhere = [s.table for s in settings() if s.key == key]
     near = difflib.get_close_matches(str(key), [s.key for s in settings() if s.table == table], 1, 0)
     remedy = f"it belongs to [{elsewhere[0]}]" if elsewhere else f"nearest is {near[0]}"
-    return JobError(origin, f"unknown key {_quoted(key)}", f"[{table}]", remedy)
+    return JobError(origin, f"unknown key {_quote(key)}", f"[{table}]", remedy)
 
 
 def _floats(value: object) -> Iterator[float]:
@@ -208,12 +208,12 @@ def _floats(value: object) -> Iterator[float]:
         yield from _floats(list(value.values()))
 
 
-def _shown(value: object) -> str:
+def _quote_short(value: object) -> str:
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= 40 else text[:37] + "..."
 
 
-def _quoted(name: object) -> str:
+def _quote(name: object) -> str:
     return f'"{_clean(name)}"'
 
 

@@ -43,7 +43,7 @@ class Joints(Struct, frozen=True):
     mixed: int
 
 
-def chained(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list[bool]]:
+def chain(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list[bool]]:
     """Chains of the ends at which each piece is entered, and whether they close; in order of their first pieces."""
     count = len(closed)
     seen = [False] * count
@@ -70,7 +70,7 @@ def chained(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], li
     return [chain for _, chain, _ in found], [loop for _, _, loop in found]
 
 
-def assembled(soup: Soup, chains: list[list[int]], closed: list[bool], same: float) -> tuple[Soup, Joints]:
+def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: float) -> tuple[Soup, Joints]:
     """The chains as pieces; where ends do not coincide a line gives way, two arcs get a short line between them."""
     sizes = np.array([len(c) for c in chains], dtype=np.intp)
     entered = np.array([e for c in chains for e in c], dtype=np.intp)
@@ -145,16 +145,16 @@ def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[N
     tolerance: mm, ends closer than this meet. A contour has the layer of its first piece.
     """
     notes: list[Note] = []
-    soup = _dropped(soup, credible(soup), _DAMAGED, notes)
+    soup = _drop(soup, credible(soup), _DAMAGED, notes)
     soup = tidy(soup)
-    soup = _dropped(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
-    soup = _dropped(soup, first_of_its_kind(soup), _TWICE, notes)
-    soup, joints = _joined(soup, tolerance)
+    soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
+    soup = _drop(soup, first_of_its_kind(soup), _TWICE, notes)
+    soup, joints = _join(soup, tolerance)
     notes += _joint_notes(joints, tolerance)
     soup = tidy(soup)
     soup = soup.take(np.diff(soup.first) > 1)
     # What was drawn as pieces and as a whole is the same only now.
-    soup = _dropped(soup, first_of_its_kind(soup), _TWICE, notes)
+    soup = _drop(soup, first_of_its_kind(soup), _TWICE, notes)
     count = int((~soup.closed).sum())
     if count:
         limit = f"input.join = {short(tolerance, 6)} mm"
@@ -169,7 +169,7 @@ def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[N
     return made, tuple(notes)
 
 
-def _dropped(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
+def _drop(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
     """The pieces to keep; the note ``told`` counts the others."""
     if keep.all():
         return soup
@@ -200,7 +200,7 @@ class _Ends(Struct, frozen=True, eq=False):
     length: FloatArray
 
 
-def _joined(soup: Soup, tolerance: float) -> tuple[Soup, Joints]:
+def _join(soup: Soup, tolerance: float) -> tuple[Soup, Joints]:
     """The soup with its open pieces chained; in order of the first piece of each chain."""
     same = same_distance(soup)
     tolerance = max(tolerance, 4 * same)
@@ -211,8 +211,8 @@ def _joined(soup: Soup, tolerance: float) -> tuple[Soup, Joints]:
     for group in groups:
         _pair_coincident(partner, free, ends, group, same)
         _pair_near(partner, free, ends, group, (same, tolerance))
-    chains, closed = chained(partner.tolist(), soup.closed.tolist())
-    return assembled(soup, chains, closed, same)
+    chains, closed = chain(partner.tolist(), soup.closed.tolist())
+    return assemble(soup, chains, closed, same)
 
 
 def _ends(soup: Soup) -> _Ends:

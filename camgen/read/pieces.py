@@ -90,7 +90,7 @@ def credible(soup: Soup) -> BoolArray:
 def tidy(soup: Soup) -> Soup:
     """Without points that repeat their predecessor, arcs above a half circle halved, full circles in one form."""
     soup = _without_repeats(soup)
-    soup = _halved(soup)
+    soup = _halve(soup)
     full = soup.closed & (np.diff(soup.first) == 2)
     rows = soup.first[:-1][full]
     circle = np.abs(soup.bulges[rows]) == 1
@@ -128,7 +128,7 @@ def _without_repeats(soup: Soup) -> Soup:
     )
 
 
-def _halved(soup: Soup) -> Soup:
+def _halve(soup: Soup) -> Soup:
     """Arcs of more than a half circle in two: tan of half the angle, with a point on the arc."""
     following = next_row(soup)
     used = np.ones(len(soup.points), dtype=np.bool_)

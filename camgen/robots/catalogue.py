@@ -86,12 +86,12 @@ def robot(name: str, files: Files | None = None) -> Robot:
     if _key(name) not in known:
         near = difflib.get_close_matches(_key(name), known, 1, 0)[0]
         raise JobError(f"robot {name}", "there is no such robot", remedy=f"nearest is {known[near].name}")
-    return _made(known[_key(name)])
+    return _make(known[_key(name)])
 
 
 def robots() -> tuple[Robot, ...]:
     """All built-in robots by name."""
-    return tuple(_made(file) for file in _files())
+    return tuple(_make(file) for file in _files())
 
 
 @cache
@@ -112,7 +112,7 @@ def _key(name: str) -> str:
 
 
 @cache
-def _made(file: _File) -> Robot:
+def _make(file: _File) -> Robot:
     units = np.array([1.0 if row.sliding else math.radians(1) for row in file.joints])
     joints = tuple(Joint(row.name, row.sliding, translation(*row.at), _AXES[row.axis]) for row in file.joints)
     flange = pose_from_values(file.flange)

@@ -53,11 +53,11 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
         sliding = cell.sliding if isinstance(cell.home, Joints) and count == len(cell.home.values) else frozenset()
         values = enumerate(_values("home", table.home, count))
         home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
-    name, robot = _named(table.robot) or cell.name, table.robot or cell.robot
+    name, robot = _name(table.robot) or cell.name, table.robot or cell.robot
     return Workcell(name, work, tool, home, cell.sliding, robot, arm, meshes)
 
 
-def _named(robot: str) -> str:
+def _name(robot: str) -> str:
     """The name of ``cell.robot`` for messages: of a URDF that of the file."""
     return robot.replace("\\", "/").rpartition("/")[2]
 

@@ -65,12 +65,12 @@ def _in(ink: Pixels, grey: Pixels) -> Iterator[Cross]:
             top, left = max(v - _ROOM_PX, 0), max(u - _ROOM_PX, 0)
             window = (slice(top, v + high + _ROOM_PX), slice(left, u + wide + _ROOM_PX))
             own = (labels[window] == k).astype(np.uint8)
-            cross = _fitted(own, grey[window], complex(left, top))
+            cross = _fit(own, grey[window], complex(left, top))
             if cross is not None:
                 yield cross
 
 
-def _fitted(own: Pixels, grey: Pixels, corner: complex) -> Cross | None:
+def _fit(own: Pixels, grey: Pixels, corner: complex) -> Cross | None:
     """The mark that the pixels ``own`` are, None if they are something else."""
     points, weight = _ink(own, grey)
     centre = complex((weight * points).sum() / weight.sum())

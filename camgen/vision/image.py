@@ -273,7 +273,7 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
         what = f"has {head.width} x {head.height} pixels, more than {_MOST_PIXELS // 1_000_000} million"
         raise InputError(name, what, remedy="crop it or scan with fewer DPI")
     notes: list[Note] = []
-    stored = _decoded(data, name, head, notes)
+    stored = _decode(data, name, head, notes)
     if head.pages > 1:
         notes.append(Note("skipped", "all pages but the first", "camgen reads one picture from a file"))
     pixels = _opaque(_eight_bits(stored, name, notes), notes)
@@ -287,7 +287,7 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     return Picture(name, pixels, _dpi(head, notes), turned, tuple(notes))
 
 
-def _decoded(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[np.generic]:
+def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[np.generic]:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     remedy = "copy or export it again"

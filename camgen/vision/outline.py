@@ -68,7 +68,7 @@ class _Fit(Struct, frozen=True, eq=False):
     misfit: Float32
 
 
-def fitted_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexArray) -> Edge:
+def fit_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexArray) -> Edge:
     """The edges beside ``chain`` (N,), the outermost pixels of the mask along closed loops, the part on the left."""
     outward = 1j * directions(loops, chain)
     upright = np.abs(outward.imag) > np.abs(outward.real)
@@ -83,14 +83,14 @@ def fitted_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: Compl
             points = chain + axis * fit.at
             along = directions(loops, points)
             outward, bend = 1j * along, _bends(loops, points, along)
-        fit = _improved(profiles, fit, outward, bend)
+        fit = _improve(profiles, fit, outward, bend)
     found = np.abs(fit.at - 0.5) < _FARTHEST_PX
     points = chain + axis * np.where(found, fit.at, 0.5)
     shift = outward * (_even(loops, bend) * fit.blur[loops.loop] ** 2 / 2)
     return Edge(points, shift, found, fit.blur.astype(np.float64), fit.contrast, fit.misfit)
 
 
-def _improved(profiles: _Profiles, fit: _Fit, outward: ComplexArray, bend: FloatArray) -> _Fit:
+def _improve(profiles: _Profiles, fit: _Fit, outward: ComplexArray, bend: FloatArray) -> _Fit:
     """One round of Gauss-Newton for place and blur, after the plateaus."""
     loops, values, weight = profiles.loops, profiles.values, profiles.weight
     s = fit.blur[loops.loop][:, None]
@@ -155,17 +155,17 @@ def _plateaus(profiles: _Profiles, inner: Float32, trust: FloatArray) -> tuple[F
     heavy, light = profiles.weight * inner, profiles.weight * outer
     pairs = ((heavy, inner), (heavy, outer), (light, outer), (heavy, profiles.values), (light, profiles.values))
     sums = np.stack([_dot(a, b) for a, b in pairs], axis=1) * trust[:, None]
-    inside, outside = _solved(loops.mean(sums) + np.array([1e-6, 0, 1e-6, 0, 0]))
+    inside, outside = _solve(loops.mean(sums) + np.array([1e-6, 0, 1e-6, 0, 0]))
     near = loops.around(sums, _WINDOW)
     near[:, 0] += _PULL
     near[:, 2] += _PULL
     near[:, 3] += _PULL * inside[loops.loop]
     near[:, 4] += _PULL * outside[loops.loop]
-    inside, outside = _solved(near)
+    inside, outside = _solve(near)
     return inside.astype(np.float32), outside.astype(np.float32)
 
 
-def _solved(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _solve(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
     a, b, c, p, q = sums.T
     size = np.maximum(a * c - b * b, 1e-12)
     return (c * p - b * q) / size, (a * q - b * p) / size
@@ -239,17 +239,17 @@ def outlines(grey: Pixels | Float32, mask_pixels: Pixels) -> tuple[tuple[Outline
     loops, chain, holes = _chains(mask_pixels)
     if not len(loops.count):
         return (), (Note("skipped", "no part in the mask", "choose another mask"),)
-    edge = fitted_edge(grey, mask_pixels, loops, chain)
+    edge = fit_edge(grey, mask_pixels, loops, chain)
     plain = _without_edge(loops, edge)
     notes = []
     if plain.any():
-        edge = _mixed(loops, edge, _edge_of_mask(mask_pixels, loops, chain), plain)
+        edge = _mix(loops, edge, _edge_of_mask(mask_pixels, loops, chain), plain)
         why = "the grey picture shows no edge there; their noise is about a tenth of a pixel"
         what = f"{int(plain.sum())} of {counted(len(plain), 'outline')} taken from the mask alone"
         notes.append(Note("warning", what, why))
     found = [
         _outline(edge.halfway[rows], edge.shift[rows], bool(hole), float(blur), _MASK_SIGMA if bare else _LEAST_SIGMA)
-        for rows, hole, blur, bare in zip(_ordered(loops, edge.halfway), holes, edge.blur, plain, strict=True)
+        for rows, hole, blur, bare in zip(_order(loops, edge.halfway), holes, edge.blur, plain, strict=True)
     ]
     small = sum(o is None for o in found)
     if small:
@@ -288,10 +288,10 @@ def _edge_of_mask(mask: Pixels, loops: Rings, chain: ComplexArray) -> Edge:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     soft = cv2.GaussianBlur(mask, (0, 0), _MASK_BLUR)
-    return fitted_edge(np.asarray(soft, dtype=np.uint8), mask, loops, chain)
+    return fit_edge(np.asarray(soft, dtype=np.uint8), mask, loops, chain)
 
 
-def _mixed(loops: Rings, edge: Edge, other: Edge, where: NDArray[np.bool_]) -> Edge:
+def _mix(loops: Rings, edge: Edge, other: Edge, where: NDArray[np.bool_]) -> Edge:
     """``edge`` with the loops ``where`` (L,) from ``other``."""
     rows = where[loops.loop]
     return Edge(
@@ -304,7 +304,7 @@ def _mixed(loops: Rings, edge: Edge, other: Edge, where: NDArray[np.bool_]) -> E
     )
 
 
-def _ordered(loops: Rings, points: ComplexArray) -> list[IntArray]:
+def _order(loops: Rings, points: ComplexArray) -> list[IntArray]:
     """The rows of each loop without those whose points do not go ahead of the one before."""
     rows = np.arange(len(points))
     for _ in range(3):

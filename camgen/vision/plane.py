@@ -13,7 +13,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.model.text import counted, short
-from camgen.vision.camera.camera import Camera, undistorted
+from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.image import Picture
 
 
@@ -49,7 +49,7 @@ class Suspect(Struct, frozen=True):
     chance: float
 
 
-def mapped(homography: FloatArray, points: FloatArray) -> FloatArray:
+def map_points(homography: FloatArray, points: FloatArray) -> FloatArray:
     """``points`` (N, 2) through ``homography`` (3, 3): (N, 2)."""
     lifted = points @ homography[:, :2].T + homography[:, 2]
     moved: FloatArray = lifted[:, :2] / lifted[:, 2:]
@@ -62,15 +62,19 @@ def depth(homography: FloatArray, points: FloatArray) -> FloatArray:
     return divisor
 
 
-def fitted(source: FloatArray, image: FloatArray) -> FloatArray:
+def fit_homography(source: FloatArray, image: FloatArray) -> FloatArray:
     """The homography (3, 3) with the least squared distances in the image; four or more pairs in general position.
 
     Its scale is 1 (Frobenius), its sign such that the divisor is positive at the middle of the source points.
     """
     to_source, to_image = _normalisation(source), _normalisation(image)
-    start = _dlt(mapped(to_source, source), mapped(to_image, image))
+    start = _dlt(map_points(to_source, source), map_points(to_image, image))
     # At the middle of the points, (0, 0) here, the divisor is not zero unless the pairs make no sense at all.
-    best = _refined(start / start[2, 2], mapped(to_source, source), mapped(to_image, image)) if start[2, 2] else start
+    best = (
+        _refine(start / start[2, 2], map_points(to_source, source), map_points(to_image, image))
+        if start[2, 2]
+        else start
+    )
     found = np.linalg.inv(to_image) @ best @ to_source
     found = found / np.linalg.norm(found)
     middle = source.mean(axis=0)[None]
@@ -115,7 +119,7 @@ def most_distorted(source: FloatArray, image: FloatArray, camera: FloatArray | N
     oddness = []
     for i in range(len(source)):
         rest = np.arange(len(source)) != i
-        found = fitted(source[rest], image[rest])
+        found = fit_homography(source[rest], image[rest])
         oddness.append(_stretch(found, source) if camera is None else skewness(found, camera))
     index = int(np.argmin(oddness))
     return Suspect(index, _error_of(source, image, index), 1.0)
@@ -146,7 +150,7 @@ def _stretch(homography: FloatArray, source: FloatArray) -> float:
 
 def _error_of(source: FloatArray, image: FloatArray, index: int) -> float:
     rest = np.arange(len(source)) != index
-    predicted = mapped(fitted(source[rest], image[rest]), source[index : index + 1])
+    predicted = map_points(fit_homography(source[rest], image[rest]), source[index : index + 1])
     return float(np.linalg.norm(predicted[0] - image[index]))
 
 
@@ -154,7 +158,7 @@ def _squares_without(source: FloatArray, image: FloatArray, index: int) -> float
     rest = np.arange(len(source)) != index
     if in_line(source[rest]) is not None or in_line(image[rest]) is not None:
         return np.inf
-    return float(np.sum((mapped(fitted(source[rest], image[rest]), source[rest]) - image[rest]) ** 2))
+    return float(np.sum((map_points(fit_homography(source[rest], image[rest]), source[rest]) - image[rest]) ** 2))
 
 
 def _normalisation(points: FloatArray) -> FloatArray:
@@ -174,14 +178,14 @@ def _dlt(source: FloatArray, image: FloatArray) -> FloatArray:
     return flat.reshape(3, 3)
 
 
-def _refined(start: FloatArray, source: FloatArray, image: FloatArray) -> FloatArray:
+def _refine(start: FloatArray, source: FloatArray, image: FloatArray) -> FloatArray:
     """Gauss-Newton on the eight parameters beside the last, which stays 1; a step that does not help ends it."""
     lifted = np.column_stack([source, np.ones(len(source))])
     nothing = np.zeros_like(lifted)
     best, least = start, np.inf
     current = start
     for _ in range(_ROUNDS):
-        moved = mapped(current, source)
+        moved = map_points(current, source)
         error = image - moved
         squares = float(np.sum(error**2))
         if not squares < least * (1 - 1e-12):
@@ -238,27 +242,27 @@ def plane_from_points(
     pairs (default: pair 1, ...); source: where they come from. JobError for fewer than four pairs, points on a line,
     a pair that is clearly wrong, mirrored points.
     """
-    image, work = _checked(px, mm, source)
+    image, work = _check(px, mm, source)
     names = names or [f"pair {i + 1}" for i in range(len(image))]
     if height and camera is None:
         raise JobError(source, "points below the top face need a camera", remedy="give [camera] file, or height 0")
     _in_general_position(image, work, names, source)
-    ideal = image if camera is None else undistorted(camera, image)
+    ideal = image if camera is None else undistort(camera, image)
     if not np.isfinite(ideal).all():
         remedy = "calibrate with the board in the corners of the photo"
         raise JobError(source, "a point lies where the lens model shows nothing", remedy=remedy)
-    found = fitted(work, ideal)
-    residuals = np.linalg.norm(mapped(found, work) - ideal, axis=1)
+    found = fit_homography(work, ideal)
+    residuals = np.linalg.norm(map_points(found, work) - ideal, axis=1)
     told = [f"{name} (pixel {_point(p)}, work {_point(w)} mm)" for name, p, w in zip(names, image, work, strict=True)]
     notes = _consistent(camera, ideal, work, residuals, told, source)
-    _seen_from_above(found, work, source)
+    _see_from_above(found, work, source)
     if camera is not None and skewness(found, camera.matrix) > _SKEW:
         why = "with this camera they cannot all be right: check the pairs, their unit and the camera file"
         notes.append(Note("warning", "the points give x and y different scales", why))
     back: FloatArray = np.linalg.inv(found).astype(np.float64, copy=False)
-    off = np.linalg.norm(mapped(back, ideal) - work, axis=1)
+    off = np.linalg.norm(map_points(back, ideal) - work, axis=1)
     if height and camera is not None:
-        found = _raised(found, camera, height)
+        found = _raise(found, camera, height)
     return _plane(found, off, residuals, notes)
 
 
@@ -308,7 +312,7 @@ def _plane(found: FloatArray, off: FloatArray, residuals: FloatArray, notes: lis
     return Plane(frozen(found), frozen(np.linalg.inv(found)), rms, most, frozen(off), frozen(residuals), tuple(notes))
 
 
-def _raised(found: FloatArray, camera: Camera, height: float) -> FloatArray:
+def _raise(found: FloatArray, camera: Camera, height: float) -> FloatArray:
     axes = np.linalg.solve(camera.matrix, found)
     metric = found / np.linalg.norm(axes[:, :2], axis=0).mean()
     normal = pose_of(found, camera.matrix).rotation[:, 2]
@@ -318,7 +322,7 @@ def _raised(found: FloatArray, camera: Camera, height: float) -> FloatArray:
     return raised
 
 
-def _checked(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:
+def _check(px: ArrayLike, mm: ArrayLike, source: str) -> tuple[FloatArray, FloatArray]:
     try:
         image, work = np.asarray(px, dtype=np.float64), np.asarray(mm, dtype=np.float64)
     except (ValueError, TypeError) as error:
@@ -389,7 +393,7 @@ def _contradiction(odd: Suspect, told: Sequence[str], error: float) -> str:
     )
 
 
-def _seen_from_above(found: FloatArray, work: FloatArray, source: str) -> None:
+def _see_from_above(found: FloatArray, work: FloatArray, source: str) -> None:
     """A plane seen from above turns about in the photo, where v runs down and y up: its determinant is negative."""
     if depth(found, work).min() <= 0:
         what = "the points do not lie on a plane in front of the camera"

@@ -273,10 +273,10 @@ class _Tangle(Struct, frozen=True, eq=False):
 
 def strokes(net: Graph) -> list[Stroke]:
     """The strokes of a graph, every branch that is no spur once."""
-    branches = _pruned(net, list(net.branches))
+    branches = _prune(net, list(net.branches))
     dots = [Stroke(b.points, False, True, True) for b in branches if len(b.points) == 1]
     branches = [b for b in branches if len(b.points) > 1]
-    place, stands = _contracted(net, branches)
+    place, stands = _contract(net, branches)
     within = [stands[b.start] == stands[b.end] and b.start != b.end and len(b.points) > 1 for b in branches]
     branches = [
         b for b, gone in zip(branches, within, strict=True) if not gone or b.length > _LONG_LOOP * net.depth[b.start]
@@ -285,7 +285,7 @@ def strokes(net: Graph) -> list[Stroke]:
     meeting: dict[int, list[int]] = defaultdict(list)
     for end, n in enumerate(node):
         meeting[n].append(end)
-    return dots + _joined(_Tangle(net, branches, node, dict(meeting), place))
+    return dots + _join(_Tangle(net, branches, node, dict(meeting), place))
 
 
 def _ends(branches: list[Branch]) -> dict[int, int]:
@@ -297,7 +297,7 @@ def _ends(branches: list[Branch]) -> dict[int, int]:
     return count
 
 
-def _pruned(net: Graph, branches: list[Branch]) -> list[Branch]:
+def _prune(net: Graph, branches: list[Branch]) -> list[Branch]:
     """Without spurs. A node that loses all its branches is a dot."""
     for _ in range(2):
         count = _ends(branches)
@@ -318,7 +318,7 @@ def _pruned(net: Graph, branches: list[Branch]) -> list[Branch]:
     return branches
 
 
-def _contracted(net: Graph, branches: list[Branch]) -> tuple[dict[int, complex], dict[int, int]]:
+def _contract(net: Graph, branches: list[Branch]) -> tuple[dict[int, complex], dict[int, int]]:
     """Which node stands for each, and where it is: nodes nearer to each other than half the width there are one."""
     count = _ends(branches)
     stands: dict[int, int] = {n: n for n in count}
@@ -340,7 +340,7 @@ def _contracted(net: Graph, branches: list[Branch]) -> tuple[dict[int, complex],
     return {group: complex(net.place[own].mean()) for group, own in members.items()}, node
 
 
-def _joined(tangle: _Tangle) -> list[Stroke]:
+def _join(tangle: _Tangle) -> list[Stroke]:
     """The branches that run on in one another, as strokes."""
     count = len(tangle.node)
     partner = [-1] * count

@@ -20,9 +20,9 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
-from camgen.vision.camera.camera import Camera, distorted, undistorted
+from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.image import Picture, Pixels
-from camgen.vision.plane import Plane, depth, mapped, same_pixels, scales
+from camgen.vision.plane import Plane, depth, map_points, same_pixels, scales
 
 # The map from view pixels to photo pixels: exact at the nodes of a coarse grid, linear between, used in strips.
 
@@ -53,16 +53,16 @@ class Shown(Struct, frozen=True, eq=False):
     reach: float
 
 
-def shown_by(camera: Camera | None, plane: Plane, size: tuple[int, int]) -> Shown:
+def show_by(camera: Camera | None, plane: Plane, size: tuple[int, int]) -> Shown:
     """The plane in a photo of this size, px."""
     if camera is None:
         return Shown(camera, plane, size, np.inf)
     middle = camera.matrix[:2, 2]
-    away = np.linalg.norm(undistorted(camera, photo_grid(size, 17)) - middle, axis=1)
+    away = np.linalg.norm(undistort(camera, photo_grid(size, 17)) - middle, axis=1)
     reach = _BEYOND * float(away.max(initial=0, where=np.isfinite(away)))
     angles = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
     around = np.column_stack([np.cos(angles), np.sin(angles)])
-    while not np.isfinite(distorted(camera, middle + reach * around)).all():
+    while not np.isfinite(distort(camera, middle + reach * around)).all():
         reach *= _BACK
     return Shown(camera, plane, size, reach)
 
@@ -77,24 +77,24 @@ def work_from_photo(shown: Shown, px: FloatArray) -> FloatArray:
     """Places on the plane (N, 2), mm, of photo pixels (N, 2); nan beyond the horizon and the lens model's reach."""
     ideal, known = px, np.ones(len(px), dtype=np.bool_)
     if shown.camera is not None:
-        ideal = undistorted(shown.camera, px)
+        ideal = undistort(shown.camera, px)
         known = np.linalg.norm(ideal - shown.camera.matrix[:2, 2], axis=1) <= shown.reach
     front = known & (depth(shown.plane.work_from_pixel, ideal) > 0)
     found = np.full(ideal.shape, np.nan)
-    found[front] = mapped(shown.plane.work_from_pixel, ideal[front])
+    found[front] = map_points(shown.plane.work_from_pixel, ideal[front])
     return found
 
 
 def photo_from_work(shown: Shown, mm: FloatArray) -> FloatArray:
     """Photo pixels (N, 2) of places on the plane (N, 2), mm; far outside for those that the photo does not show."""
-    found, away = _continued(shown, mm)
+    found, away = _continue(shown, mm)
     # Only a model that turns back within the photo leaves room there for what lies beyond its reach.
     hidden = (away > shown.reach) & np.all((found >= 0) & (found <= np.array(shown.size) - 1), axis=1)
     found[hidden] = _NOWHERE
     return found
 
 
-def _continued(shown: Shown, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _continue(shown: Shown, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Photo pixels (N, 2), far outside beyond the horizon, and how far from the principal point they are, (N,)
     undistorted px.
 
@@ -103,14 +103,14 @@ def _continued(shown: Shown, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     found, distance = np.full(mm.shape, _NOWHERE), np.zeros(len(mm))
     front = depth(shown.plane.pixel_from_work, mm) > 0
-    ideal = mapped(shown.plane.pixel_from_work, mm[front]).clip(_NOWHERE / 2, -_NOWHERE / 2)
+    ideal = map_points(shown.plane.pixel_from_work, mm[front]).clip(_NOWHERE / 2, -_NOWHERE / 2)
     if shown.camera is None or not len(ideal):
         found[front] = ideal
         return found, distance
     middle = shown.camera.matrix[:2, 2]
     away = np.linalg.norm(ideal - middle, axis=1)
     held = middle + (ideal - middle) * (shown.reach / np.maximum(away, shown.reach))[:, None]
-    found[front], distance[front] = distorted(shown.camera, held) + (ideal - held), away
+    found[front], distance[front] = distort(shown.camera, held) + (ideal - held), away
     return found, distance
 
 
@@ -119,13 +119,13 @@ def mm_per_pixel(shown: Shown, mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     step = 0.25 / scales(shown.plane.pixel_from_work, mm)[:, 1:]
     columns = []
     for axis in np.eye(2):
-        after, before = _continued(shown, mm + step * axis)[0], _continued(shown, mm - step * axis)[0]
+        after, before = _continue(shown, mm + step * axis)[0], _continue(shown, mm - step * axis)[0]
         columns.append((after - before) / (2 * step))
     sizes = np.linalg.svd(np.stack(columns, axis=2), compute_uv=False)
     return 1 / sizes[:, 0], 1 / sizes[:, 1].clip(np.finfo(float).tiny)
 
 
-def remapped(
+def remap(
     photo: Pixels, shown: Shown, work_from_view: FloatArray, size: tuple[int, int]
 ) -> tuple[Pixels, NDArray[np.bool_]]:
     """The view of ``size`` (width, height) pixels, and where the photo shows something; it is black elsewhere."""
@@ -330,7 +330,7 @@ def cut_out(view: View, region: Region | None, coarser: int = 1) -> View:
         left, top, right, bottom = max(left, 0), max(top, 0), min(right + 1, width), min(bottom + 1, height)
         if left >= right or top >= bottom:
             remedy = "check its corners, in mm from the lower left corner of the picture"
-            raise InputError("picture", "does not show the region", _told(region), remedy)
+            raise InputError("picture", "does not show the region", _describe(region), remedy)
         pixels = np.ascontiguousarray(pixels[top:bottom, left:right])
         matrix = np.column_stack([matrix[:, :2], matrix @ (left, top, 1.0)])
     if coarser > 1:
@@ -363,7 +363,7 @@ def rectify(
     if camera is not None:
         same_pixels(picture, camera)
     height, width = picture.pixels.shape[:2]
-    shown = shown_by(camera, plane, (width, height))
+    shown = show_by(camera, plane, (width, height))
     notes: list[Note] = []
     box, finest = _whole(shown, picture, notes) if region is None else _part(shown, picture, region)
     scale = _clean(finest) * coarser
@@ -374,20 +374,20 @@ def rectify(
         what = f"its view would have {columns} x {rows} pixels, over {_LARGER:.0f} times those of the photo"
         raise InputError(picture.name, what, remedy="give a smaller region around the part, or take it from above")
     work_from_view = frozen([[scale, 0, left * scale], [0, -scale, high * scale]])
-    pixels, valid = remapped(picture.pixels, shown, work_from_view, (columns, rows))
+    pixels, valid = remap(picture.pixels, shown, work_from_view, (columns, rows))
     for array in (pixels, valid):
         array.flags.writeable = False
     return View(pixels, work_from_view, scale, None if valid.all() else valid, tuple(notes))
 
 
-def framed(view: View, camera: Camera | None, plane: Plane, size: tuple[int, int]) -> FloatArray:
+def frame_view(view: View, camera: Camera | None, plane: Plane, size: tuple[int, int]) -> FloatArray:
     """The border of the view in a photo of ``size`` (width, height), (N, 2) px; nan where the lens shows nothing."""
     height, width = view.pixels.shape[:2]
     steps = np.linspace(0.0, 1.0, _PHOTO_SAMPLES)[:-1]
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64)
     sides = corners[:, None] + steps[:, None] * (np.roll(corners, -1, axis=0) - corners)[:, None]
     mm = sides.reshape(-1, 2) @ view.work_from_view[:, :2].T + view.work_from_view[:, 2]
-    return photo_from_work(shown_by(camera, plane, size), mm)
+    return photo_from_work(show_by(camera, plane, size), mm)
 
 
 def _whole(shown: Shown, picture: Picture, notes: list[Note]) -> tuple[Region, float]:
@@ -419,11 +419,11 @@ def _part(shown: Shown, picture: Picture, region: Region) -> tuple[Region, float
     inside = places[np.all((px >= 0) & (px <= np.array(shown.size) - 1), axis=1)]
     if not len(inside):
         remedy = "check its corners, in mm of the work frame"
-        raise InputError(picture.name, "does not show the region", _told(region), remedy)
+        raise InputError(picture.name, "does not show the region", _describe(region), remedy)
     return region, float(mm_per_pixel(shown, inside)[0].min())
 
 
-def _told(region: Region) -> str:
+def _describe(region: Region) -> str:
     return "[" + ", ".join(short(v, 3) for v in region) + "] mm"
 
 

@@ -34,7 +34,7 @@ class Krl(Post):
     suffix: ClassVar[str] = ".src"
     about: ClassVar[str] = "KUKA KRL, the worked example of the post tutorial"
     newline: ClassVar[str] = "\r\n"
-    carries: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "blend", "stop", "work", "tool"})
+    verified_fields: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "blend", "stop", "work", "tool"})
 
     signals: dict[str, int] = field(default_factory=lambda: {"process": 1}, metadata={"help": "$OUT by signal"})
     spindle_rpm: float = field(default=0.0, metadata={"help": "rpm of the spindle while its $OUT is on"})
@@ -51,7 +51,7 @@ class Krl(Post):
         if self.program and self.program != _legal(self.program):
             raise JobError("[post] program", "no name in KRL", remedy="24 letters, digits and _, a letter first")
 
-    def refuses(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, start: Pose | None) -> str:
         """Why the controller cannot do ``item``, with the remedy; empty when it can."""
         on = {"spindle": self.spindle_rpm}
         match item:

@@ -13,32 +13,42 @@ Outlined = ast.ClassDef | ast.FunctionDef
 #: Heading, module, and the names of it that are shown; "Name.method" is one method of a class.
 SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("Build", "camgen.build", ("build", "Result", "Result.report", "Result.text")),
-    ("Jobs", "camgen.read.job_file", ("load", "from_mapping")),
-    ("Read a file", "camgen.read", ("read", "inspect")),
-    ("Readers", "camgen.read", ("Reader", "installed", "find_reader", "Installed")),
-    ("Input files", "camgen.model.files", ("Source",)),
-    ("Opened once", "camgen.read.files", ("Files", "Files.read")),
+    (
+        "Stage by stage",
+        "camgen.build.stages",
+        (
+            "job", "read", "part", "cell", "plan", "order", "lower", "check", "post", "read_back", "verify", "preview",
+            "page",
+        ),
+    ),
+    ("What is read", "camgen.model.part", ("Part", "Contour", "Solid", "Edge", "Note")),
+    ("What is planned", "camgen.plan", ("Plan", "Operation", "read_options")),
+    ("Tool paths and tours", "camgen.model.path", ("ToolPath", "Tour")),
+    (
+        "The program",
+        "camgen.model.program",
+        ("Program", "Origin", "MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force", "Comment", "Joints"),
+    ),
+    ("Its text form", "camgen.model.program_text", ("dump", "parse")),
+    ("Poses", "camgen.model.pose", ("Pose", "pose_from_values")),
+    ("Cells", "camgen.robots.workcell", ("Workcell",)),
+    ("Checks", "camgen.check", ("Checks",)),
+    ("Readers", "camgen.read", ("Reader", "find_reader")),
+    (
+        "Posts and read-backs",
+        "camgen.post",
+        ("Post", "OutputFile", "Tolerance", "Reading", "Fault", "Remark"),
+    ),
+    ("Machines", "camgen.model.cell", ("Cell", "Dynamics")),
+    ("Plug-ins", "camgen.post.plugins", ("list_installed", "find_post", "find_readback", "make_post", "Installed")),
+    ("Comparison", "camgen.post.verify", ("compare", "Deviation")),
+    ("Conformance kit", "camgen.post.kit", ("cases", "check_case", "conformance")),
     (
         "Errors",
         "camgen.model.errors",
         ("CamgenError", "InputError", "JobError", "NoSafeProgram", "Refused", "VerifyError"),
     ),
-    (
-        "The program",
-        "camgen.model.program",
-        ("Program", "MoveJ", "MoveL", "MoveC", "Output", "Wait", "Force", "Comment"),
-    ),
-    ("Its text form", "camgen.model.program_text", ("dump", "parse")),
-    ("Poses", "camgen.model.pose", ("Pose", "pose_from_values")),
-    (
-        "Posts and read-backs",
-        "camgen.post",
-        ("Post", "Cell", "OutputFile", "Tolerance", "Dynamics", "Reading", "Fault", "Remark"),
-    ),
-    ("Plug-ins", "camgen.post.plugins", ("installed", "find_post", "find_readback", "make_post", "Installed")),
-    ("Comparison", "camgen.post.verify", ("compare", "Deviation")),
-    ("Conformance kit", "camgen.post.kit", ("cases", "check_case", "conformance")),
-)
+)  # fmt: skip
 _INTRODUCTION = """\
 # Python interface
 
@@ -56,7 +66,7 @@ are mm, angles rad, times s, forces N; job settings have the units that [the job
 What can go wrong is a `CamgenError`, with the exit code that the command line would return:
 
 ```python
-from camgen.model.errors import CamgenError
+from camgen import CamgenError
 
 try:
     result = camgen.build("part.dxf", post="rapid")

@@ -9,7 +9,7 @@ import numpy as np
 from camgen.model.cell import Cell
 from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.text import short
-from camgen.post.plugins import find_post, installed, make_post
+from camgen.post.plugins import find_post, list_installed, make_post
 from camgen.robots.catalogue import robots
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.joint_limits import within
@@ -65,7 +65,7 @@ def robots_page() -> str:
 def _cells() -> str:
     """The built-in cell of each post."""
     rows = [_CELLS, "| post | cell | `base_from_work` | `flange_from_tool` | `home` |", "|---|---|---|---|---|"]
-    for name in sorted(post.name for post in installed() if post.origin.startswith("camgen ")):
+    for name in sorted(post.name for post in list_installed() if post.origin.startswith("camgen ")):
         cell = make_post(find_post(name), {}).cell()
         frames = " | ".join(_values(pose) for pose in (cell.base_from_work, cell.flange_from_tool))
         rows.append(f"| `{name}` | {cell.name} | {frames} | {_home(cell)} |")

@@ -3,7 +3,8 @@
     python -m docs.make.walk             builds a drawing, a photo and a 3-D part, and prints the walk of each
     python -m docs.make.walk FILE POST   that of another input
 
-A line is an arrow of the house: the function that ``camgen.build`` calls, the folders that work for it, and what comes out.
+A line is an arrow of the house: the function that ``camgen.build`` calls, the folders that work for it, and what comes
+out.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
 
-from .options import PacScriptOptions, derived
+from .options import PacScriptOptions, derive
 
 #: Digits of an angle (deg), of a speed in m/s and in percent, of a force (N).
 _ANGLE, _METRES, _PERCENT, _NEWTON, _INDENT = 4, 7, 4, 3, "    "
@@ -42,7 +42,7 @@ class PacScript(PacScriptOptions):
     about: ClassVar[str] = "DENSO RC8, RC8A and RC9 (PacScript)"
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
-    carries: ClassVar[frozenset[str]] = frozenset(
+    verified_fields: ClassVar[frozenset[str]] = frozenset(
         {"orientation", "speed", "joint-speed", "stop", "force-direction", "figure"}
     )
 
@@ -52,7 +52,7 @@ class PacScript(PacScriptOptions):
 
     # -- what is refused -----------------------------------------------------------------------------------------
 
-    def refuses(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, start: Pose | None) -> str:
         """The first reason against ``item``, with its remedy."""
         match item:
             case Output():
@@ -64,7 +64,7 @@ class PacScript(PacScriptOptions):
                     else "the wait is longer than a Delay holds; shorten it"
                 )
             case Force():
-                return self._force_reason(item.newtons, item.press)
+                return self._force_reason(item.newtons, item.force_direction)
             case Comment():
                 return ""
         reason = self._speed_reason(item.speed)
@@ -73,7 +73,7 @@ class PacScript(PacScriptOptions):
         if isinstance(item, MoveJ):
             return reason or _joints_reason(item)
         if item.force > 0:
-            reason = reason or self._force_reason(item.force, item.press)
+            reason = reason or self._force_reason(item.force, item.force_direction)
         return reason or (self._arc_reason(item, start) if isinstance(item, MoveC) else "")
 
     def _output_reason(self, item: Output) -> str:
@@ -126,9 +126,9 @@ class PacScript(PacScriptOptions):
             return "the direction of the force would not turn along an arc; use lines"
         return ""
 
-    def carried(self) -> frozenset[str]:
+    def list_verified(self) -> frozenset[str]:
         """Tool and work frame are stated where the text defines them."""
-        return self.carries | {option for option in ("tool", "work") if self.define and getattr(self, option)}
+        return self.verified_fields | {option for option in ("tool", "work") if self.define and getattr(self, option)}
 
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base does; then states what the text will say where an option gives something up."""
@@ -211,18 +211,18 @@ class PacScript(PacScriptOptions):
         """A comment line."""
         return f"' {text}"
 
-    def press(self, item: Force) -> list[str]:
+    def print_force(self, item: Force) -> list[str]:
         """The lines of the template."""
         if item.newtons <= 0:
             self._pressing = None
             return [line.format(n=self.force_table) for line in self.force_off]
-        self._pressing = _times(item.newtons, item.press)
+        self._pressing = _times(item.newtons, item.force_direction)
         return self._filled(self.force_on)
 
     def _changed(self, motion: MoveL | MoveC) -> list[str]:
         if self._pressing is None:
             return []
-        wanted = _times(motion.force, motion.press)
+        wanted = _times(motion.force, motion.force_direction)
         if all(abs(a - b) <= _FORCE_STEP_N for a, b in zip(wanted, self._pressing, strict=True)):
             return []
         self._pressing = wanted
@@ -258,7 +258,7 @@ class PacScript(PacScriptOptions):
 
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """One file; a body of more than ``max_lines`` lines becomes several Subs that Main calls in turn."""
-        name = self.program or derived(program.name)
+        name = self.program or derive(program.name)
         subs = _split(list(chain.from_iterable(parts)), self.max_lines)
         names = [f"{name[:50]}_part{i + 1}" for i in range(len(subs))] if len(subs) > 1 else []
         body = [f"Call {sub}" for sub in names] or subs[0]

@@ -75,7 +75,7 @@ class PacScriptOptions(Post):
         _check_template("force_change", self.force_change, {"x", "y", "z"})
         _check_template("force_off", self.force_off, set())
 
-    def pace(self) -> Dynamics:
+    def dynamics(self) -> Dynamics:
         """``Accel`` as a share of 10 m/s2. @P leaves the corner to speed and acceleration."""
         return Dynamics(acceleration=100.0 * self.accel, corner="overlap" if self.pass_mark == "P" else "zone")
 
@@ -84,7 +84,7 @@ def _legal(name: str) -> bool:
     return _NAME.fullmatch(name) is not None and name.lower() not in _RESERVED
 
 
-def derived(name: str) -> str:
+def derive(name: str) -> str:
     """A name that the controller takes for files and Subs, as near to ``name`` as it allows."""
     text = re.sub(r"[^A-Za-z0-9_]", "_", name)[:60]
     return text if _legal(text) else f"job_{text}"

@@ -30,14 +30,14 @@ from camgen.model.program import (
     Program,
     Wait,
     motions,
-    taken,
+    take,
 )
 from camgen.model.text import counted, fixed, fixed_each, short
 from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
 
 from .force import DIGITS as FORCE_DIGITS
-from .force import arc_fault, check_sections, settled, tool_axis
+from .force import arc_fault, check_sections, settle, tool_axis
 from .options import DIGITS, RapidOptions, legal_name, motion_data, speed_name, zone_name
 
 #: Digits of a joint angle in deg; of a quaternion, whose square may differ from 1 by 1e-5.
@@ -58,7 +58,7 @@ class Rapid(RapidOptions):
     suffix: ClassVar[str] = ".mod"
     about: ClassVar[str] = "ABB RAPID modules (IRC5, OmniCore, S4)"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
-    carries: ClassVar[frozenset[str]] = RapidOptions.carries | {"confdata"}
+    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {"confdata"}
 
     #: Rotations as they are printed, by identity, with the rotation itself: programs share them.
     _rotations: dict[int, tuple[FloatArray, str]] = field(default_factory=dict, init=False, repr=False)
@@ -90,7 +90,7 @@ class Rapid(RapidOptions):
             if first.blend:
                 raise Refused(self.name, index, "the first motion must stop, so that FCCalib can follow it")
             self._calibration = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};")
-        prepared = super().prepare(program.with_body(settled(program.body, chord)), chord)
+        prepared = super().prepare(program.with_body(settle(program.body, chord)), chord)
         check_sections(self.name, prepared.body)
         return prepared
 
@@ -100,23 +100,23 @@ class Rapid(RapidOptions):
         fine = columns.posed & ~columns.moves_are(MoveC) & (speed >= _LEAST_SPEED_AND_ZONE) & (speed <= _FASTEST)
         fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= _FARTHEST))
         fine[fine] = (np.abs(columns.ends[fine]) <= _FARTHEST).all(axis=1)
-        fine[fine] = [move.joints is None for move in taken(columns.moves, fine)]
+        fine[fine] = [move.joints is None for move in take(columns.moves, fine)]
         accepted = columns.are(Comment)
         accepted[columns.at[fine]] = True
         return accepted
 
-    def refuses(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, start: Pose | None) -> str:
         """What RAPID, or its rules of names and numbers, does not allow."""
         match item:
             case Output():
-                return self._refuses_output(item)
+                return self._why_not_output(item)
             case MoveC():
-                return self._refuses_motion(item) or self._refuses_arc(item, start)
+                return self._why_not_motion(item) or self._why_not_arc(item, start)
             case MoveJ() | MoveL():
-                return self._refuses_motion(item)
+                return self._why_not_motion(item)
         return ""
 
-    def _refuses_output(self, item: Output) -> str:
+    def _why_not_output(self, item: Output) -> str:
         if item.signal not in self.signals:
             prefix = "ao" if item.signal == "spindle" else "do"
             return f'no output is named for {item.signal}; set post.signals, e.g. {item.signal} = "{prefix}Name"'
@@ -124,7 +124,7 @@ class Rapid(RapidOptions):
             return f"{item.signal} is a digital output and cannot be {item.value:g}; use 0 or 1"
         return ""
 
-    def _refuses_motion(self, motion: Motion) -> str:
+    def _why_not_motion(self, motion: Motion) -> str:
         target = motion.target
         for joints in (target, motion.joints):
             if isinstance(joints, Joints) and len(joints.values) != 6:
@@ -137,7 +137,7 @@ class Rapid(RapidOptions):
             return f"a blend radius of {motion.blend:g} mm; use 0, or {_LEAST_SPEED_AND_ZONE} to {_FARTHEST}"
         return ""
 
-    def _refuses_arc(self, arc: MoveC, start: Pose | None) -> str:
+    def _why_not_arc(self, arc: MoveC, start: Pose | None) -> str:
         if start is None:
             return "an arc from a pose that is not known; put a straight motion before it"
         if arc.force > 0 and not self.force_arcs:
@@ -146,7 +146,7 @@ class Rapid(RapidOptions):
 
     # -- instructions --------------------------------------------------------------------------------------------
 
-    def press(self, item: Force) -> Sequence[str]:
+    def print_force(self, item: Force) -> Sequence[str]:
         """Force on and off are part of the next motion."""
         self._change = item
         return ()
@@ -227,7 +227,7 @@ class Rapid(RapidOptions):
 
     def _pressing(self, motion: MoveL | MoveC) -> tuple[str, str]:
         """The tool axis along which a motion presses, and with how many N: negative against the axis."""
-        found = tool_axis(motion.target.rotation, motion.press)
+        found = tool_axis(motion.target.rotation, motion.force_direction)
         if found is None:
             raise Refused(self.name, -1, "a press direction that is no axis of the tool")
         axis, sign = found
@@ -269,7 +269,7 @@ class Rapid(RapidOptions):
         lines = []
         for word, kinds in (("ConfJ", (MoveJ,)), ("ConfL", (MoveL, MoveC))):
             columns = program.columns
-            found = taken(columns.moves, columns.moves_are(*kinds) & columns.posed)
+            found = take(columns.moves, columns.moves_are(*kinds) & columns.posed)
             on = self.conf == "auto" and found and all(m.posture and m.posture.confdata for m in found)
             lines.append(f"{word}\\{'On' if on else 'Off'};")
         return lines
@@ -306,10 +306,10 @@ class Rapid(RapidOptions):
         home = Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0))
         return Cell("ABB IRB 120", translation(300, -75, 100), translation(0, 0, 100), home, robot="IRB 120")
 
-    def carried(self) -> frozenset[str]:
+    def list_verified(self) -> frozenset[str]:
         """Tool and work object are in the text where it declares them, the posture unless it is not to be."""
         frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
-        return (self.carries | frames) - ({"confdata"} if self.conf == "off" else frozenset())
+        return (self.verified_fields | frames) - ({"confdata"} if self.conf == "off" else frozenset())
 
     def tolerance(self) -> Tolerance:
         """Half the last printed digit; an orientation loses at most 2e-7 rad to its seven digits, pressing 5e-7."""

@@ -28,7 +28,9 @@ _TURN = 'set tool.orient = "follow", so that the tool turns with the surface'
 
 
 def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
-    """Which tool axis (0..2) and sign ``press`` is, where the tool stands as ``rotation``; None when it is none."""
+    """Which tool axis (0..2) and sign ``force_direction`` is, where the tool stands as ``rotation``; None when it is
+    none.
+    """
     along = rotation.T @ np.asarray(press)
     axis = int(np.argmax(np.abs(along)))
     sign = 1 if along[axis] > 0 else -1
@@ -36,7 +38,7 @@ def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
     return (axis, sign) if float(np.abs(along).max()) <= _ALIGNED else None
 
 
-def settled(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]:
+def settle(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]:
     """Each ``Force`` moved right before its motion, which becomes straight; one that leaves the surface also stops.
 
     A force takes effect with the next motion, so nothing changes by the first; FCPress1LStart and FCPressEnd are
@@ -90,7 +92,7 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
         if isinstance(item, Force):
             reason = _change(section, item)
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
-            reason = _moved(section, item)
+            reason = _explain_move(section, item)
             section.start = item.target if isinstance(item.target, Pose) else None
         if reason:
             raise Refused(post, index, reason)
@@ -107,7 +109,7 @@ def _change(section: _Section, item: Force) -> str:
             return "the force is on already; each motion carries its own force, so switch it off before"
         if section.start is None:
             return "pressing from a pose that is not known; put a straight motion before it"
-        section.axis = tool_axis(section.start.rotation, item.press)
+        section.axis = tool_axis(section.start.rotation, item.force_direction)
         if section.axis is None:
             return f"the press direction is no axis of the tool; {_TURN}"
         section.force, section.moved = item, False
@@ -118,7 +120,7 @@ def _change(section: _Section, item: Force) -> str:
     return ""
 
 
-def _moved(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
+def _explain_move(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
     """Why this motion cannot press, or leave the surface."""
     if section.leaving:
         section.leaving = False
@@ -133,7 +135,7 @@ def _moved(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
         return "a motion without force while pressing; switch the force off before it"
     if first and fixed(item.force, DIGITS) != fixed(force.newtons, DIGITS):
         return "the first motion must press as hard as its section starts"
-    if tool_axis(item.target.rotation, item.press) != section.axis:
+    if tool_axis(item.target.rotation, item.force_direction) != section.axis:
         return f"the press direction is not the same tool axis in the whole section; {_TURN}"
     return ""
 

@@ -398,7 +398,7 @@ def _read_rest(m: Strict, lines: Sequence[str]) -> None:
             m.refuse(error)
 
 
-def written(m: Strict) -> Reading:
+def list_written(m: Strict) -> Reading:
     """What a machine has written down."""
     return Reading(tuple(m.body), tuple(m.lines), tuple(m.faults))
 
@@ -417,7 +417,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     )
     lines = lines_of(files)
     m = run(lines, LINUXCNC, expect)
-    return (m.unread and _read_foreign(lines, m)) or written(m)
+    return (m.unread and _read_foreign(lines, m)) or list_written(m)
 
 
 def _read_foreign(lines: Sequence[str], m: Strict) -> Reading | None:

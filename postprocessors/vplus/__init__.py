@@ -41,7 +41,7 @@ class VPlus(Post):
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("chords",)
     #: V+ rounds corners by speed, not by a radius: only stop or no stop is in the text.
-    carries: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "stop", "switches"})
+    verified_fields: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "stop", "switches"})
 
     max_lines: int = field(
         default=2000, kw_only=True, metadata={"help": "lines per .PROGRAM before it is split; 0: never"}
@@ -103,16 +103,16 @@ class VPlus(Post):
         speed = 0.5 * 10**-SPEED_DIGITS * max(1.0, self.rated / 100)
         return replace(super().tolerance(), speed=speed)
 
-    def pace(self) -> Dynamics:
+    def dynamics(self) -> Dynamics:
         """Corners by speed and acceleration, whatever the blend."""
         return Dynamics(corner="overlap")
 
     # -- legality ------------------------------------------------------------------------------------------------
 
-    def carried(self) -> frozenset[str]:
+    def list_verified(self) -> frozenset[str]:
         """Tool and work frame are stated unless they are on the controller, the posture unless an option gives it."""
         frames: frozenset[str] = frozenset({"work", "tool"}) if self.declare else frozenset()
-        return (self.carries | frames) - ({"switches"} if self.posture else frozenset())
+        return (self.verified_fields | frames) - ({"switches"} if self.posture else frozenset())
 
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base; forces and spindles become what the options say. Refused: also axes, posture or frames."""
@@ -131,7 +131,7 @@ class VPlus(Post):
             return prepared
         return prepared.with_body(tuple(new for item in prepared.body for new in self._rewritten(item)))
 
-    def refuses(self, item: Instruction, start: Pose | None) -> str:
+    def why_not(self, item: Instruction, start: Pose | None) -> str:
         """The reason and remedy in one, or nothing."""
         match item:
             case MoveC():
@@ -182,8 +182,8 @@ class VPlus(Post):
         match item:
             case Force():
                 return (Output("force", float(item.newtons > 0)),)
-            case MoveL() if item.force or any(item.press):
-                return (replace(item, force=0.0, press=(0.0, 0.0, 0.0)),)
+            case MoveL() if item.force or any(item.force_direction):
+                return (replace(item, force=0.0, force_direction=(0.0, 0.0, 0.0)),)
             case Output(signal="spindle"):
                 return (Output("spindle", float(item.value > 0)),)
         return (item,)

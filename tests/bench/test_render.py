@@ -20,8 +20,8 @@ from bench.render.truth import offset_truth, path_error
 from camgen.model.pose import pose_from_values
 from camgen.read.job_file import load
 from camgen.vision.boards.sheet import sheet
-from camgen.vision.camera.camera import distorted, read_camera
-from camgen.vision.plane import mapped, plane_from_points, plane_from_pose
+from camgen.vision.camera.camera import distort, read_camera
+from camgen.vision.plane import map_points, plane_from_points, plane_from_pose
 from tests.support.files import source
 
 PINHOLE = Lens(np.array([[800.0, 0, 79.5], [0, 801, 59.5], [0, 0, 1]]), (0, 0, 0, 0, 0), (160, 120))
@@ -351,7 +351,7 @@ def test_job_and_camera_say_what_was_rendered(photo, tmp_path: Path) -> None:  #
         plane = plane_from_pose(camera, pose_from_values(asked.plane_from))
     else:
         plane = plane_from_points(camera, asked.points_px, asked.points_mm)  # type: ignore[arg-type]
-    assert np.abs(distorted(camera, mapped(plane.pixel_from_work, mm)) - np.column_stack([u, v])).max() < 2e-3
+    assert np.abs(distort(camera, map_points(plane.pixel_from_work, mm)) - np.column_stack([u, v])).max() < 2e-3
 
 
 def test_the_empty_bench_is_the_same_without_the_part(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 import camgen
-from camgen.check.reach import reached
+from camgen.check.reach import check_reach
 from camgen.cli import main
 from camgen.model.errors import CamgenError, NoSafeProgram
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, translation
@@ -39,7 +39,7 @@ def program(*motions: MoveJ | MoveL | MoveC, home: Joints = HOME, base: Pose = B
 def test_the_joints_lead_where_the_program_says() -> None:
     arm = robot("IRB 120")
     arc = MoveC(down(50, 50), down(100, 0), 20.0)
-    found = reached(program(MoveJ(down(0, 0), 100.0), arc, MoveL(down(0, 0), 20.0)), arm, "part")
+    found = check_reach(program(MoveJ(down(0, 0), 100.0), arc, MoveL(down(0, 0), 20.0)), arm, "part")
     rotations, origins = flange(arm, found.joints)
     every = origins + rotations @ np.array([0.0, 0.0, 100.0]) - np.array(BASE.origin)
     assert every[found.owner == 2][-1] == pytest.approx([0, 0, 0], abs=1e-6)
@@ -57,7 +57,7 @@ def test_the_joints_lead_where_the_program_says() -> None:
 def test_what_is_out_of_reach_is_told_with_place_and_path() -> None:
     far = program(MoveJ(down(0, 0), 100.0), MoveL(down(600, 0), 20.0))
     with pytest.raises(NoSafeProgram, match=r"IRB 120 cannot run path c1 at \d+ 0 0 mm: out of reach by") as refused:
-        reached(far, robot("IRB 120"), "part.dxf")
+        check_reach(far, robot("IRB 120"), "part.dxf")
     assert str(refused.value).startswith("part.dxf: ")
 
 
@@ -65,15 +65,15 @@ def test_a_line_whose_ends_alone_are_in_reach_is_refused() -> None:
     """Straight through the robot's own column: no arm passes there with its tool down."""
     behind = program(MoveJ(down(0, 0), 100.0), MoveL(down(-600, 150), 20.0), base=translation(300, -75, 100))
     with pytest.raises(NoSafeProgram, match="cannot run"):
-        reached(behind, robot("IRB 120"), "part")
+        check_reach(behind, robot("IRB 120"), "part")
 
 
 def test_the_tool_counts() -> None:
     near = program(MoveJ(down(120, 0, 0), 100.0))
-    assert reached(near, robot("IRB 120"), "part").owner.tolist()[-1] == 3
+    assert check_reach(near, robot("IRB 120"), "part").owner.tolist()[-1] == 3
     long = Program("part", BASE, translation(0, 0, 600), near.body, paths=near.paths)
     with pytest.raises(NoSafeProgram):
-        reached(long, robot("IRB 120"), "part")
+        check_reach(long, robot("IRB 120"), "part")
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_the_tool_counts() -> None:
 )
 def test_a_program_for_another_arm_is_refused(made: Program, arm: str, line: str) -> None:
     with pytest.raises(CamgenError, match=line):
-        reached(made, robot(arm), "part")
+        check_reach(made, robot(arm), "part")
 
 
 @pytest.mark.parametrize(("post", "arm"), [("rapid", "irb120"), ("pacscript", "VS-060"), ("vplus", "Cobra s600")])

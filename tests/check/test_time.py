@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.check.reach import reached
-from camgen.check.time import durations, squares, timed
+from camgen.check.reach import check_reach
+from camgen.check.time import durations, squares, time_motions
 from camgen.model.cell import Dynamics
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
 from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
@@ -31,7 +31,7 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 def seconds(*body: Instruction, pace: Dynamics = PACE, start: Pose | None = None) -> list[float]:
     """Of each motion after the first, which ends at the origin."""
     program = Program("p", FRAME, FRAME, (MoveJ(start or at(0, 0), 100.0), *body))
-    found: list[float] = timed(program, pace, None, None)[0].tolist()
+    found: list[float] = time_motions(program, pace, None, None)[0].tolist()
     assert found[0] == 0.0  # where it comes from is not known
     return found[1:]
 
@@ -198,7 +198,7 @@ def grbl(points: list[tuple[float, float]], speed: float, acceleration: float, d
 
 @given(lines)
 def test_grbl_would_take_as_long(steps: list[tuple[float, float, float]]) -> None:
-    pace = make_post(find_post("grbl"), {}).pace()
+    pace = make_post(find_post("grbl"), {}).dynamics()
     points = [(0.0, 0.0)]
     heading = 0.0
     for length, turn, _ in steps:
@@ -227,11 +227,11 @@ LINUXCNC: dict[str, tuple[list[Instruction], float, float]] = {
 @pytest.mark.parametrize("name", LINUXCNC)
 def test_linuxcnc_took_as_long(name: str) -> None:
     body, measured, near = LINUXCNC[name]
-    assert sum(seconds(*body, pace=make_post(find_post("gcode"), {}).pace())) == pytest.approx(measured, rel=near)
+    assert sum(seconds(*body, pace=make_post(find_post("gcode"), {}).dynamics())) == pytest.approx(measured, rel=near)
 
 
 def test_an_exact_path_stops_at_corners_only() -> None:
-    pace = make_post(find_post("gcode"), {"path_tolerance": 0.0}).pace()
+    pace = make_post(find_post("gcode"), {"path_tolerance": 0.0}).dynamics()
     corner = seconds(*polyline([(20, 0), (40, 0), (40, 20)], 50.0), pace=pace)
     assert sum(corner) == pytest.approx(60 / 50 + 2 * 50 / 500)
 
@@ -242,8 +242,8 @@ READY = (0.0, 0.3, 0.2, 0.0, 1.07, 0.0)  # the tool straight down: 0.3 + 0.2 + 1
 
 def with_arm(*body: Instruction, pace: Dynamics = INSTANT) -> list[float]:
     program = Program("p", FRAME, FRAME, (MoveJ(Joints(READY), 100.0), *body))
-    found = reached(program, ARM, "p")
-    return [float(value) for value in timed(found.program, pace, found, ARM)[0]]
+    found = check_reach(program, ARM, "p")
+    return [float(value) for value in time_motions(found.program, pace, found, ARM)[0]]
 
 
 def test_a_joint_motion_takes_as_long_as_its_slowest_joint() -> None:
@@ -264,10 +264,10 @@ def test_a_line_is_no_faster_than_its_joints() -> None:
     x, y, z = origins[0].tolist()
     line = MoveL(Pose(frozen(turned[0]), (x, y + 150, z)), 1e6)
     program = Program("p", FRAME, FRAME, (MoveJ(Joints(READY), 100.0), line))
-    found = reached(program, ARM, "p")
+    found = check_reach(program, ARM, "p")
     step = np.abs(np.diff(found.joints, axis=0)) / ARM.speeds
     lower = float(step.max(axis=1).sum())
     assert lower > 0.15 / 2  # 150 mm at far less than 2 m/s
-    assert timed(found.program, INSTANT, found, ARM)[0][1] == pytest.approx(lower, rel=1e-6)
+    assert time_motions(found.program, INSTANT, found, ARM)[0][1] == pytest.approx(lower, rel=1e-6)
     slow = program.with_body((program.body[0], replace(line, speed=10.0)))
-    assert timed(slow, INSTANT, found, ARM)[0][1] == pytest.approx(15.0)
+    assert time_motions(slow, INSTANT, found, ARM)[0][1] == pytest.approx(15.0)

@@ -563,10 +563,10 @@ def test_init_writes_a_job_file_once(here: Path, capsys: Captured) -> None:
 
 
 def test_posts_lists_all_and_says_why_one_is_broken(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    from camgen.post.plugins import Installed, installed  # noqa: PLC0415 (numpy comes with it)
+    from camgen.post.plugins import Installed, list_installed  # noqa: PLC0415 (numpy comes with it)
 
-    listed = [*installed(), Installed("ours", "our-posts 1.0", "", "", "plug-in ours: no module named x")]
-    monkeypatch.setattr("camgen.cli.posts.installed", lambda: listed, raising=False)
+    listed = [*list_installed(), Installed("ours", "our-posts 1.0", "", "", "plug-in ours: no module named x")]
+    monkeypatch.setattr("camgen.cli.posts.list_installed", lambda: listed, raising=False)
     assert main(["posts"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["name", "suffix", "origin", "about"]

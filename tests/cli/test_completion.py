@@ -11,7 +11,7 @@ import pytest
 
 from camgen.cli import main, parsers
 from camgen.model.job_tables import settings
-from camgen.post.plugins import installed
+from camgen.post.plugins import list_installed
 from camgen.robots.catalogue import robot
 from tests.support.waiting import LONG
 
@@ -57,7 +57,7 @@ def test_bash(script: Path, tmp_path: Path) -> None:
     assert offered("build", "my") == {"my part.dxf"}
     assert offered("build", "--pl") == {"--plan"}
     assert offered("batch", "--") >= {"--jobs", "--dask", "--strict", "--set", "--post"}
-    posts = {post.name for post in installed()}
+    posts = {post.name for post in list_installed()}
     assert offered("build", "my part.dxf", "--post", "") == posts | {"my part.dxf", "own.py"}
     assert offered("build", "--post", "r") == {"rapid"}
     assert offered("build", "--post", "=", "r") == {"rapid"}

@@ -12,10 +12,10 @@ from camgen.cli.init import template
 from camgen.cli.schema import schema
 from camgen.model.errors import JobError
 from camgen.model.job_tables import settings, tables
-from camgen.post.plugins import find_post, installed, make_post
+from camgen.post.plugins import find_post, list_installed, make_post
 from camgen.read.job_file import from_mapping
 
-POSTS = [post.name for post in installed()]
+POSTS = [post.name for post in list_installed()]
 jsonschema = pytest.importorskip("jsonschema", reason="jsonschema of the extra dev is not installed")
 
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.collision.boxes import Boxes, meet
-from camgen.collision.mesh import Mesh, _through, body, distance, inside, meshed, struck
-from camgen.collision.tree import asked, grown
+from camgen.collision.mesh import Mesh, _through, body, distance, find_struck, inside, make_mesh
+from camgen.collision.tree import ask, grow
 from camgen.model.part import Solid
 from camgen.model.pose import frozen, rotation_about, rotation_about_axis
 
@@ -27,7 +27,7 @@ def solid(made: trimesh.Trimesh) -> Solid:
 
 
 def mesh(made: trimesh.Trimesh) -> Mesh:
-    return meshed(solid(made))
+    return make_mesh(solid(made))
 
 
 def some(count: int, seed: int, spread: float, size: float) -> Boxes:
@@ -142,7 +142,7 @@ def test_boxes_strike_a_ring_where_a_triangle_cut_with_them_is_left_or_they_are_
         for c, r, h in zip(every.centres, every.axes, every.half, strict=True)
     ]
     assert 30 < sum(expected) < 120
-    assert struck(mesh(RING), every).tolist() == expected
+    assert find_struck(mesh(RING), every).tolist() == expected
 
 
 def test_a_point_is_inside_where_the_whole_sphere_is_seen() -> None:
@@ -169,22 +169,22 @@ def test_a_box_within_a_block_strikes_it_and_one_in_a_hollow_does_not() -> None:
     outer, inner = trimesh.creation.box((100, 100, 100)), trimesh.creation.box((60, 60, 60))
     small = boxes(((0, 0, 0), STRAIGHT, (5, 5, 5)))
     wall = boxes(((40, 0, 0), STRAIGHT, (5, 5, 5)))
-    assert struck(mesh(outer), small).all()
+    assert find_struck(mesh(outer), small).all()
     inner.invert()
     hollow = mesh(trimesh.util.concatenate([outer, inner]))
-    assert not struck(hollow, small).any()
-    assert struck(hollow, wall).all()
+    assert not find_struck(hollow, small).any()
+    assert find_struck(hollow, wall).all()
 
 
 def test_a_block_within_a_box_is_struck() -> None:
-    assert struck(mesh(trimesh.creation.box((10, 10, 10))), boxes(((3, 0, 0), STRAIGHT, (50, 40, 30)))).all()
+    assert find_struck(mesh(trimesh.creation.box((10, 10, 10))), boxes(((3, 0, 0), STRAIGHT, (50, 40, 30)))).all()
 
 
 def test_a_block_without_its_lid_still_holds_what_is_in_it() -> None:
     block = trimesh.creation.box((100, 100, 100))
     block.update_faces(block.face_normals[:, 2] < 0.5)
     beside = boxes(((0, 0, 0), STRAIGHT, (5, 5, 5)), ((0, 0, 80), STRAIGHT, (5, 5, 5)))
-    assert struck(mesh(block), beside).tolist() == [True, False]
+    assert find_struck(mesh(block), beside).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("gap", [0.25, 12.0])
@@ -193,8 +193,8 @@ def test_the_distance_from_a_mesh_is_that_of_the_corner_above_it(gap: float) -> 
         trimesh.creation.box((100, 100, 100), transform=trimesh.transformations.translation_matrix((0, 0, -50)))
     )
     above = boxes(corner_up(gap))
-    assert not struck(block, above).any()
-    assert struck(block, above.grown(gap)).all()
+    assert not find_struck(block, above).any()
+    assert find_struck(block, above.grown(gap)).all()
     assert distance(block.surface, body(above, 0)) == pytest.approx(gap, abs=1e-9)
 
 
@@ -202,9 +202,9 @@ def test_the_distance_from_a_mesh_is_that_of_the_corner_above_it(gap: float) -> 
 def test_the_tree_finds_every_triangle_once(count: int) -> None:
     rng = np.random.default_rng(count)
     corners = rng.uniform(0, 10, (count, 1, 3)) + rng.uniform(0, 1, (count, 3, 3))
-    tree = grown(corners)
+    tree = grow(corners)
     low, high = np.array([2.0, 3, 1]), np.array([6.0, 7, 9])
-    _, found, _ = asked(tree, 1, lambda _, lo, hi: ((lo <= high) & (hi >= low)).all(axis=1))
+    _, found, _ = ask(tree, 1, lambda _, lo, hi: ((lo <= high) & (hi >= low)).all(axis=1))
     expected = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
     assert len(found) == len(set(found.tolist())) == expected.sum()
     assert sorted(tree.corners[found].tolist()) == sorted(corners[expected].tolist())

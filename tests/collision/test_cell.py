@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from camgen.collision.cell import Surroundings, around
 from camgen.collision.hits import hits
-from camgen.collision.scene import Scene, told
+from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
@@ -109,7 +109,7 @@ def test_only_the_tool_may_touch_the_part(solid: Solid) -> None:
     for place in at:
         every = inverse(ARM, down[None], place[None])[0]
         every = every[np.isfinite(every).all(axis=1)]
-        found.append({told(where.scene, int(k)) if k >= 0 else "" for k in hits(where.scene, every)})
+        found.append({name_pair(where.scene, int(k)) if k >= 0 else "" for k in hits(where.scene, every)})
     assert "" in found[0]
     assert "" not in found[1]
     assert "tool against part" in found[1]

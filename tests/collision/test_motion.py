@@ -8,9 +8,9 @@ from msgspec.structs import replace
 
 from camgen.collision.boxes import Boxes
 from camgen.collision.hits import clearance, hits, least, place
-from camgen.collision.mesh import Mesh, inside, meshed
-from camgen.collision.motion import closing, motion, moved
-from camgen.collision.scene import Scene, narrowed, scene, told
+from camgen.collision.mesh import Mesh, inside, make_mesh
+from camgen.collision.motion import closing, measure_moves, motion
+from camgen.collision.scene import Scene, name_pair, narrow, scene
 from camgen.model.errors import JobError
 from camgen.model.part import Solid
 from camgen.model.pose import Pose, frozen, rotation_about, translation
@@ -45,7 +45,7 @@ def at(*values: float) -> np.ndarray:
 def block(size: tuple[float, float, float]) -> Mesh:
     made = trimesh.creation.box(size)
     faces = np.asarray(made.faces, dtype=np.int64)
-    return meshed(Solid("b", "b.stl", "mm", frozen(made.vertices), faces, frozen(made.face_normals), (), (), ()))
+    return make_mesh(Solid("b", "b.stl", "mm", frozen(made.vertices), faces, frozen(made.face_normals), (), (), ()))
 
 
 def some(of: Robot, count: int, seed: int = 0) -> np.ndarray:
@@ -55,7 +55,7 @@ def some(of: Robot, count: int, seed: int = 0) -> np.ndarray:
 
 
 def name_of(tested: Scene, joints: np.ndarray) -> list[str]:
-    return [told(tested, k) if k >= 0 else "" for k in hits(tested, joints).tolist()]
+    return [name_pair(tested, k) if k >= 0 else "" for k in hits(tested, joints).tolist()]
 
 
 def test_a_folded_arm_meets_its_own_base() -> None:
@@ -241,7 +241,7 @@ def test_a_thin_wall_between_two_free_rows_is_not_skipped() -> None:
         assert (hits(tested, rows) < 0).all()
         for step in (0.5, 5.0):
             course = motion(tested, rows, step)
-            assert told(tested, course.pair).startswith("tool against")
+            assert name_pair(tested, course.pair).startswith("tool against")
             assert course.at * math.pi / 2 == pytest.approx(math.pi / 4 - 5.1 / 600, abs=(step + 0.2) / 600)
             assert course.clearance == 0.0
         dense = np.linspace(rows[0], rows[1], 91)
@@ -264,7 +264,7 @@ def test_a_motion_that_passes_says_how_close_it_came() -> None:
 def test_one_row_and_rows_that_repeat_are_motions_too() -> None:
     tool, wall = bar("tool", (0, 0, 50), (5, 5, 50)), bar("wall", (600, 0, 300), (5, 5, 100))
     for rows in (at(0, 0, 0, 0), np.vstack([at(0, 0, 0, 0)] * 3)):
-        assert told(sweep(wall, tool), motion(sweep(wall, tool), rows, 1.0).pair) == "tool against wall"
+        assert name_pair(sweep(wall, tool), motion(sweep(wall, tool), rows, 1.0).pair) == "tool against wall"
         assert motion(scene(rods(), (tool,)), rows, 1.0).pair == -1
 
 
@@ -279,7 +279,7 @@ def test_no_point_moves_farther_than_the_bound(name: str) -> None:
             fine = place(tested, np.linspace(rows[0], rows[1], 101))
             corners = fine.centres[..., None, :] + (SIGNS * tested.half[:, None]) @ fine.axes.transpose(0, 1, 3, 2)
             ways = np.linalg.norm(np.diff(corners, axis=0), axis=-1).sum(axis=0).max(axis=1)
-            bound = moved(tested, rows)[0]
+            bound = measure_moves(tested, rows)[0]
             assert (ways <= bound + 1e-9).all()
             assert (bound[ways > 0.1] <= loose * ways[ways > 0.1]).all()
 
@@ -361,13 +361,13 @@ def test_a_cell_in_two_parts_collides_where_the_whole_does() -> None:
     rest = [k for k in range(len(tested.pairs)) if k not in own]
     joints = some(of, 300)
     whole = name_of(tested, joints)
-    parts = [narrowed(tested, pairs) for pairs in (own, rest)]
+    parts = [narrow(tested, pairs) for pairs in (own, rest)]
     names = [name_of(part, joints) for part in parts]
     assert [set(a) == {""} for a in zip(whole, strict=True)] == [a == b == "" for a, b in zip(*names, strict=True)]
     assert all(one in (a, b) for one, a, b in zip(whole, *names, strict=True))
     assert all(any(found) for found in names)
     assert len(parts[0].frame) < len(tested.frame)
-    nothing = narrowed(tested, [])
+    nothing = narrow(tested, [])
     assert (hits(nothing, joints) == -1).all()
     assert motion(nothing, joints[:2], 2.0, 5.0).clearance == 5.0
 
@@ -390,12 +390,12 @@ def test_one_axis_is_asked_only_where_the_triangles_bound_a_body() -> None:
     along = np.abs(made.face_normals[:, 0]) < 0.5
     for faces, closed in ((made.faces, True), (made.faces[along], False), (made.faces[:, ::-1], True)):
         normals = frozen(np.zeros((len(faces), 3)))
-        mesh = meshed(Solid("b", "b", "mm", frozen(made.vertices), np.asarray(faces, np.int64), normals, (), (), ()))
+        mesh = make_mesh(Solid("b", "b", "mm", frozen(made.vertices), np.asarray(faces, np.int64), normals, (), (), ()))
         assert mesh.closed == closed
         points = np.array([[3.0, 4.0, 5.0], [30.0, 0.0, 0.0], [3.0, 4.0, 25.0]])
         assert inside(mesh, points).tolist() == [True, False, False]
     loose = made.vertices[made.faces].reshape(-1, 3)
     apart = np.arange(len(loose)).reshape(-1, 3)
-    mesh = meshed(Solid("b", "b", "mm", frozen(loose), apart, frozen(made.face_normals), (), (), ()))
+    mesh = make_mesh(Solid("b", "b", "mm", frozen(loose), apart, frozen(made.face_normals), (), (), ()))
     assert not mesh.closed
     assert inside(mesh, np.array([[3.0, 4.0, 5.0]])).tolist() == [True]

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from camgen.geometry.arcs import (
     arc_lengths,
     arc_middles,
-    bent,
+    are_bent,
     bulge_middles,
     bulges,
     circle,
-    fitted,
+    fit_circle,
     is_arc,
     level_arms,
     span_lengths,
@@ -136,7 +136,7 @@ def test_a_line_is_a_span_without_via() -> None:
 @pytest.mark.parametrize("height", [0.0, 1e-12, 1e-9, 1e-6])
 def test_a_flat_arc_is_as_long_as_its_chord(height: float) -> None:
     start, via, end = np.zeros((1, 3)), np.array([[50.0, height, 0.0]]), np.array([[100.0, 0.0, 0.0]])
-    assert bent(start, via, end)[0] == (height > 1e-7)
+    assert are_bent(start, via, end)[0] == (height > 1e-7)
     assert spans(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
     assert spans_through(start, via, end).length[0] == pytest.approx(100.0, rel=1e-12)
     assert arc_lengths(start, via, end)[0] == pytest.approx(100.0, rel=1e-12)
@@ -152,7 +152,7 @@ def test_three_points_on_one_line_in_another_order_are_no_arc() -> None:
 
 @given(wide, st.integers(4, 30))
 def test_a_circle_is_fitted_to_its_points(arc: Known, count: int) -> None:
-    found = fitted(np.array([arc.point(k / (count - 1)) for k in range(count)]))
+    found = fit_circle(np.array([arc.point(k / (count - 1)) for k in range(count)]))
     assert found is not None
     near = 1e4 * slack(arc)
     assert np.allclose(found.center, arc.centre, rtol=0, atol=near)

@@ -9,7 +9,7 @@ import trimesh
 
 from camgen.localize import WITHIN, localize
 from camgen.localize.coarse import rotations
-from camgen.localize.model import Cloud, candidates, closest, modelled, touched
+from camgen.localize.model import Cloud, candidates, closest, find_touched, model_part
 from camgen.model.errors import InputError
 from camgen.model.pose import Pose, frozen
 from tests.support.clouds import ASIDE, DOWN, ROUND, errors, placed, scan
@@ -207,14 +207,14 @@ def test_closest_points_are_trimeshs():
 @pytest.mark.parametrize("subdivisions", [0, 3])
 def test_the_closest_triangle_is_always_among_the_candidates(subdivisions):
     mesh = trimesh.creation.icosphere(subdivisions, 40)
-    model = modelled(*shape(mesh))
+    model = model_part(*shape(mesh))
     rng = np.random.default_rng(1)
     points = rng.normal(size=(2000, 3))
     points *= (40 + rng.uniform(-8, 8, (2000, 1))) / np.linalg.norm(points, axis=1, keepdims=True)
     slack, reach = 0.3, 5.0
     pairs = candidates(model, Cloud(model.samples), points, reach, slack)
     moved = points + slack / np.sqrt(3) * rng.uniform(-1, 1, points.shape)
-    touch = touched(model, pairs, moved)
+    touch = find_touched(model, pairs, moved)
     away = distances(mesh, moved)
     assert set(np.flatnonzero(away < reach)) <= set(touch.point)
     assert np.abs(away[touch.point] - touch.distance).max() < 1e-9
@@ -235,7 +235,7 @@ def test_orientations_leave_no_gap():
 
 def test_samples_spread_by_area():
     mesh = MESHES["rfa1"]
-    model = modelled(*shape(mesh), 5000)
+    model = model_part(*shape(mesh), 5000)
     assert model.volume == pytest.approx(mesh.volume)
     assert model.area == pytest.approx(mesh.area)
     assert (WITHIN * model.size) == pytest.approx(0.005 * np.linalg.norm(mesh.extents))

@@ -26,7 +26,7 @@ MILL = Cell("mill", translation(0, 0, 0), translation(0, 0, 0), Pose(TOOL_DOWN, 
 FOLLOW = Tool(orient="follow")
 
 
-def path(points, bulges=None, press=None, force=None, feed=20.0, **more):
+def path(points, bulges=None, force_direction=None, force=None, feed=20.0, **more):
     """A tool path through 2-D points; bulges (DXF) by segment; press by segment as (start, end) pairs."""
     points = np.asarray(points, dtype=float)
     n = len(points)
@@ -40,8 +40,8 @@ def path(points, bulges=None, press=None, force=None, feed=20.0, **more):
             via[i, :2] = (a + c) / 2 + b / 2 * np.array([chord[1], -chord[0]])
             via[i, 2] = 0
     pressed = np.zeros((n, 2, 3))
-    if press is not None:
-        pressed[1:, :, :2] = press
+    if force_direction is not None:
+        pressed[1:, :, :2] = force_direction
         pressed[0] = pressed[1]
     forces = np.zeros(n)
     if force is not None:
@@ -55,7 +55,7 @@ def path(points, bulges=None, press=None, force=None, feed=20.0, **more):
         frozen(forces),
     )
     settings_ = {"id": "c1", "layer": "cut", "closed": False, **more}
-    own = dict(zip(("position", "via", "axis", "press", "force"), columns, strict=True))
+    own = dict(zip(("position", "via", "axis", "force_direction", "force"), columns, strict=True))
     return ToolPath(**own, feed=frozen(np.full(n, feed)), **settings_)
 
 
@@ -319,13 +319,13 @@ def test_half_circles_are_halved_where_the_tool_turns_with_them():
         assert sweep == pytest.approx(math.pi / 2)
         assert axis[2] == pytest.approx(-1)
         assert angle_between(start.rotation, arc.target.rotation) == pytest.approx(math.pi / 2)
-        assert arc.press == pytest.approx(tuple((centre - np.array(arc.target.origin)) / 10))
+        assert arc.force_direction == pytest.approx(tuple((centre - np.array(arc.target.origin)) / 10))
         assert math.dist(start.origin, arc.via.origin) == pytest.approx(math.dist(arc.via.origin, arc.target.origin))
     assert sum(isinstance(i, MoveC) for i in program(slot()).body) == 2
 
 
 def test_the_tool_turns_where_it_stands_at_an_inner_corner():
-    inner = path([(0, 0), (20, 0), (20, 20)], press=[((0, 1), (0, 1)), ((1, 0), (1, 0))], force=[4.0, 6.0])
+    inner = path([(0, 0), (20, 0), (20, 20)], force_direction=[((0, 1), (0, 1)), ((1, 0), (1, 0))], force=[4.0, 6.0])
     body = program(inner, job=Job(tool=FOLLOW)).body
     first = next(i for i, item in enumerate(body) if isinstance(item, Force)) + 2
     arrive, turn, leave = body[first : first + 3]
@@ -334,12 +334,12 @@ def test_the_tool_turns_where_it_stands_at_an_inner_corner():
     assert arrive.target.rotation[:, 0] == pytest.approx([0, 1, 0])
     assert turn.target.rotation[:, 0] == pytest.approx([1, 0, 0])
     assert (arrive.force, turn.force, leave.force) == (4.0, 6.0, 6.0)
-    assert (arrive.press, turn.press, leave.press) == ((0, 1, 0), (1, 0, 0), (1, 0, 0))
+    assert (arrive.force_direction, turn.force_direction, leave.force_direction) == ((0, 1, 0), (1, 0, 0), (1, 0, 0))
 
 
 def test_a_turn_of_less_than_half_a_degree_is_made_on_the_way():
     a = math.radians(0.4)
-    slight = path([(0, 0), (20, 0), (40, 0)], press=[((0, 1), (0, 1)), ((-math.sin(a), math.cos(a)),) * 2])
+    slight = path([(0, 0), (20, 0), (40, 0)], force_direction=[((0, 1), (0, 1)), ((-math.sin(a), math.cos(a)),) * 2])
     cuts = [i for i in program(slight, job=Job(tool=FOLLOW)).body if isinstance(i, MoveL) and i.speed == 20]
     assert len(cuts) == 3
 
@@ -354,7 +354,7 @@ def test_follow_needs_a_surface():
 
 def test_force_is_on_only_along_sections_that_ask_for_it():
     press = [((0, 1), (0, 1))] * 5
-    partly = path([(0, 0), (9, 0), (19, 0), (29, 0), (39, 0), (49, 0)], press=press, force=[0, 7, 8, 0, 9])
+    partly = path([(0, 0), (9, 0), (19, 0), (29, 0), (39, 0), (49, 0)], force_direction=press, force=[0, 7, 8, 0, 9])
     body = program(partly).body
     first = body.index(Output("process", 1.0))
     assert kinds(body[first:]) == "Output MoveL Force MoveL MoveL Force MoveL Force MoveL Output Force MoveL MoveJ"
@@ -366,7 +366,7 @@ def test_force_is_on_only_along_sections_that_ask_for_it():
 
 
 def test_force_is_on_before_the_process_and_off_after_it():
-    pressed = path([(0, 0), (9, 0)], press=[((0, 1), (0, 1))], force=[7])
+    pressed = path([(0, 0), (9, 0)], force_direction=[((0, 1), (0, 1))], force=[7])
     body = program(pressed).body
     assert kinds(body[4:]) == "MoveL Force Output MoveL Output Force MoveL MoveJ"
     assert body[5] == Force(7.0, (0.0, 1.0, 0.0))
@@ -485,7 +485,7 @@ def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
 
 def test_with_force_every_pass_leaves_the_surface_before_the_next() -> None:
     def lifts(force: float) -> int:
-        loop = path([(0, 0), (40, 0), (40, 30), (0, 0)], press=[[(0, 1)] * 2] * 3, force=force, closed=True)
+        loop = path([(0, 0), (40, 0), (40, 30), (0, 0)], force_direction=[[(0, 1)] * 2] * 3, force=force, closed=True)
         body = program(replace(loop, depths=(1.0, 2.0)), job=Job(process=Process(force=force))).body
         return sum(isinstance(item, MoveL) and item.target.origin[2] == 20.0 for item in body)
 

@@ -104,7 +104,7 @@ def test_the_pen_is_up_on_the_way_between_lines(
     program = post.prepare(lower(tour, equip(post.cell(), job), job, "drawing", ()), job.tolerance.chord)
     files = post.render(program)
     reading = find_readback(name)({file.name: file.text for file in files}, job.post)
-    compare(program, reading, post.tolerance(), post.carried(), files[0].name)
+    compare(program, reading, post.tolerance(), post.list_verified(), files[0].name)
     drawn, travelled = lengths_of(reading.body, None if way.get("signal") == "" else "process")
     assert drawn == pytest.approx(sum(path_length(path) for path in tour.paths), rel=1e-3, abs=0.05)
     assert travelled >= len(tour.paths) - 1 or way.get("clearance") == 0.5

@@ -33,7 +33,7 @@ def paths(draw):
             position.append(random.uniform(-50, 50, 3))
             length += math.dist(position[-1], position[-2])
     press = random.normal(size=(n, 2, 3))
-    columns = {"press": press, "force": random.uniform(0, 9, n), "feed": random.uniform(1, 90, n)}
+    columns = {"force_direction": press, "force": random.uniform(0, 9, n), "feed": random.uniform(1, 90, n)}
     for column in columns.values():
         column[0] = column[1]
     axis = random.normal(size=(n, 3))
@@ -49,7 +49,7 @@ def paths(draw):
     return path, length
 
 
-COLUMNS = ("position", "via", "axis", "press", "force", "feed")
+COLUMNS = ("position", "via", "axis", "force_direction", "force", "feed")
 
 
 @given(paths())
@@ -78,10 +78,10 @@ def test_reversal_keeps_what_belongs_to_a_segment_with_it(drawn):
         np.testing.assert_array_equal(back.position[j], path.position[i - 1])
         np.testing.assert_array_equal(back.position[j - 1], path.position[i])
         np.testing.assert_array_equal(back.via[j], path.via[i])
-        np.testing.assert_array_equal(back.press[j], path.press[i][::-1])
+        np.testing.assert_array_equal(back.force_direction[j], path.force_direction[i][::-1])
         assert (back.force[j], back.feed[j]) == (path.force[i], path.feed[i])
     assert np.isnan(back.via[0]).all()
-    np.testing.assert_array_equal(back.press[0], back.press[1])
+    np.testing.assert_array_equal(back.force_direction[0], back.force_direction[1])
 
 
 def test_very_flat_arcs_are_as_long_as_their_chord():

@@ -15,7 +15,7 @@ from camgen.order.solver import moves as rounds
 from camgen.order.solver import plane
 from camgen.order.solver.bound import at_least
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, DICE, LOGGED, LOGS, ONE_WAY, Run, Scene, undo
-from camgen.order.solver.plane import Items, Start, discs_of, shortened
+from camgen.order.solver.plane import Items, Start, discs_of, shorten
 
 HOME = np.array([0.0, 0.0])
 
@@ -85,7 +85,7 @@ def check_rules(items: Items, tour: Start) -> None:
 def test_a_search_keeps_all_items_and_rules_and_never_lengthens(seed: int, count: int, rules: bool, at: bool) -> None:
     items = scene(random.Random(seed), count, rules=rules)
     home = HOME if at else None
-    tour = shortened(items, drawn(items), home, near_of(items), 300, seed)
+    tour = shorten(items, drawn(items), home, near_of(items), 300, seed)
     check_rules(items, tour)
     assert travel(items, tour, home) <= travel(items, drawn(items), home) + 1e-6
 
@@ -104,7 +104,7 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(seed: int, count
             best = min(best, travel(items, Start(np.array(order), np.array(enter)), home))
     assert at_least(items, home, best, 30) <= best + 1e-6
     if not rules:
-        tour = shortened(items, drawn(items), home, near_of(items), 400, seed)
+        tour = shorten(items, drawn(items), home, near_of(items), 400, seed)
         # The search sees all samples, the trial every third one, and not all of these.
         assert travel(items, tour, home) <= best * 1.1 + 1.0
 
@@ -114,7 +114,7 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(seed: int, count
 def test_the_bound_is_below_every_tour_found(seed: int, count: int, at: bool) -> None:
     items = scene(random.Random(seed), count, spread=random.Random(seed).choice([0.5, 20.0, 200.0]))
     home = HOME if at else None
-    found = travel(items, shortened(items, drawn(items), home, near_of(items), 2000, 0), home)
+    found = travel(items, shorten(items, drawn(items), home, near_of(items), 2000, 0), home)
     bounds = [at_least(items, home, found, rounds) for rounds in (1, 10, 100)]
     assert 0 <= bounds[0] <= bounds[1] <= bounds[2] <= found + 1e-9
 
@@ -139,7 +139,7 @@ def test_the_bound_is_near_the_best_for_short_lines() -> None:
     first = np.arange(0, 241, 2)
     zeros = np.zeros(120, dtype=np.int64)
     items = Items(first, points, zeros, np.ones(120), zeros - 1, zeros)
-    found = travel(items, shortened(items, drawn(items), HOME, near_of(items), 6000, 0), HOME)
+    found = travel(items, shorten(items, drawn(items), HOME, near_of(items), 6000, 0), HOME)
     assert 0.88 * found < at_least(items, HOME, found, 100) <= found
 
 
@@ -150,9 +150,9 @@ def test_compiled_and_plain_searches_find_the_same_tour(rules: bool, monkeypatch
     # Ranks and parents of ``scene`` are kept by the drawn order.
     near = near_of(items)
     monkeypatch.setattr(plane, "_WORTH", 10**9)
-    plain = shortened(items, drawn(items), HOME, near, 3000, 5)
+    plain = shorten(items, drawn(items), HOME, near, 3000, 5)
     monkeypatch.setattr(plane, "_WORTH", 0)
-    fast = shortened(items, drawn(items), HOME, near, 3000, 5)
+    fast = shorten(items, drawn(items), HOME, near, 3000, 5)
     assert plain.order.tolist() == fast.order.tolist()
     assert plain.enter.tolist() == fast.enter.tolist()
     assert travel(items, plain, HOME) < 0.5 * travel(items, drawn(items), HOME)
@@ -162,7 +162,7 @@ def test_compiled_and_plain_searches_find_the_same_tour(rules: bool, monkeypatch
 @given(st.integers(0, 10**6), st.integers(4, 40), st.booleans())
 def test_a_shuffle_is_undone_and_every_change_is_what_it_says(seed: int, count: int, rules: bool) -> None:
     items = scene(random.Random(seed), count, rules=rules)
-    parts, run = plane._made(items, drawn(items), HOME, near_of(items), seed)
+    parts, run = plane._make(items, drawn(items), HOME, near_of(items), seed)
 
     def length() -> float:
         ring = np.array(run.ring)
@@ -218,9 +218,9 @@ def test_a_search_in_slices_is_the_search_in_one_go(rules: bool, budget: int, mo
     near = near_of(items)
     monkeypatch.setattr(plane, "_WORTH", 10**9)
     monkeypatch.setattr(plane, "_PAUSE", (37, 37))
-    whole = shortened(items, drawn(items), HOME, near, budget, 3)
+    whole = shorten(items, drawn(items), HOME, near, budget, 3)
     told: list[float] = []
-    sliced = shortened(items, drawn(items), HOME, near, budget, 3, told.append)
+    sliced = shorten(items, drawn(items), HOME, near, budget, 3, told.append)
     assert sliced.order.tolist() == whole.order.tolist()
     assert sliced.enter.tolist() == whole.enter.tolist()
     assert sliced.whole
@@ -250,13 +250,13 @@ def test_an_interrupt_gives_the_best_tour_so_far_wherever_it_comes(
             return plain(s, r, budget, pause)
 
         monkeypatch.setattr(rounds, "search", search)
-        tour = shortened(items, drawn(items), HOME, near_of(items), 3000, 1, lambda _: None)
+        tour = shorten(items, drawn(items), HOME, near_of(items), 3000, 1, lambda _: None)
         assert not tour.whole
         check_rules(items, tour)
         lengths.append(travel(items, tour, HOME))
         left[0] = 0
         with pytest.raises(KeyboardInterrupt):
-            shortened(items, drawn(items), HOME, near_of(items), 3000, 1)
+            shorten(items, drawn(items), HOME, near_of(items), 3000, 1)
     assert lengths[0] == pytest.approx(travel(items, drawn(items), HOME))
     assert lengths == sorted(lengths, reverse=True)
     assert lengths[-1] < lengths[0]

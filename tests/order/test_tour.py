@@ -14,7 +14,7 @@ from camgen.geometry.arcs import path_length
 from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
 from camgen.order.arrange import arrange, measure_travel
-from camgen.order.starts import SEAM, reversed_each, starting_at
+from camgen.order.starts import SEAM, reverse_each, starting_at
 
 XY = tuple[float, float]
 
@@ -340,18 +340,20 @@ def test_a_moved_start_keeps_the_path(path: ToolPath, data: st.DataObject) -> No
         if abs((begun + distance) % total - edge) > 1e-5:
             assert moved.feed[new_row] == path.feed[row]
             assert moved.force[new_row] == path.force[row]
-    assert moved.press[0].tolist() == moved.press[1].tolist()
+    assert moved.force_direction[0].tolist() == moved.force_direction[1].tolist()
     assert (moved.feed[0], moved.force[0]) == (moved.feed[1], moved.force[1])
     assert np.isnan(moved.via[0]).all()
     for row, piece in enumerate(pieces(moved), start=1):
         for k, t in enumerate((0.0, 1.0)):
             dx, dy = tangent(*piece, t)
-            assert moved.press[row, k] == pytest.approx([-dy, dx, 0], abs=1e-5 if length(piece) < 0.01 else 1e-7)
+            assert moved.force_direction[row, k] == pytest.approx(
+                [-dy, dx, 0], abs=1e-5 if length(piece) < 0.01 else 1e-7
+            )
         if piece[1] is not None:  # the via point stays in the middle
             assert abs(complex(*piece[1]) - complex(*piece[0])) == pytest.approx(
                 abs(complex(*piece[1]) - complex(*piece[2])), abs=1e-7
             )
-    for column in (moved.position, moved.via, moved.axis, moved.press, moved.force, moved.feed):
+    for column in (moved.position, moved.via, moved.axis, moved.force_direction, moved.force, moved.feed):
         assert not column.flags.writeable
         assert len(column) == len(moved.position)
 
@@ -363,8 +365,8 @@ def test_a_circle_split_at_an_eighth() -> None:
     vias = [[math.cos(a), math.sin(a)] for a in (math.pi * 5 / 8, math.pi * 3 / 2, math.pi / 8)]
     assert moved.via[1:, :2] == pytest.approx(np.array(vias))
     # The tool runs round a pin: press is to the left, towards the centre.
-    assert moved.press[1] == pytest.approx(np.array([[-r, -r, 0], [1, 0, 0]]))
-    assert moved.press[3] == pytest.approx(np.array([[-1, 0, 0], [-r, -r, 0]]))
+    assert moved.force_direction[1] == pytest.approx(np.array([[-r, -r, 0], [1, 0, 0]]))
+    assert moved.force_direction[3] == pytest.approx(np.array([[-1, 0, 0], [-r, -r, 0]]))
     assert moved.feed.tolist() == [11, 11, 12, 11]
 
 
@@ -380,7 +382,7 @@ def test_an_arc_out_of_the_plane_is_split_on_its_circle() -> None:
     assert moved.position[0] == pytest.approx([5 * c, 0, 5 * s])
     assert moved.via[1] == pytest.approx([5 * math.cos(math.pi * 2 / 3), 0, 5 * s])
     assert moved.via[3] == pytest.approx([5 * math.cos(math.pi / 6), 0, 5 * math.sin(math.pi / 6)])
-    assert moved.press[1, 0] == pytest.approx([-c, 0, -s])
+    assert moved.force_direction[1, 0] == pytest.approx([-c, 0, -s])
     # A third of the quarter turn from -x to -z.
     assert moved.axis[0] == pytest.approx([-math.cos(math.pi / 6), 0, -math.sin(math.pi / 6)])
     assert moved.axis[3] == pytest.approx(moved.axis[0])
@@ -408,9 +410,9 @@ def test_a_start_that_is_not_on_the_path_is_refused() -> None:
 @settings(max_examples=50)
 @given(st.lists(any_path(), max_size=5))
 def test_many_are_reversed_as_one_is(paths: list[ToolPath]) -> None:
-    for path, back in zip(paths, reversed_each(paths), strict=True):
+    for path, back in zip(paths, reverse_each(paths), strict=True):
         alone = path.reversed()
-        for name in ("position", "via", "axis", "press", "force", "feed"):
+        for name in ("position", "via", "axis", "force_direction", "force", "feed"):
             assert np.array_equal(getattr(back, name), getattr(alone, name), equal_nan=True)
 
 

@@ -16,7 +16,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.plan.page import on_page
-from camgen.plan.simplify import simplified
+from camgen.plan.simplify import simplify
 from camgen.read import read
 from camgen.read.job_file import from_mapping
 from camgen.vision.ink import borders, ink_of
@@ -35,7 +35,7 @@ def both(path: Path, **job: dict[str, object]) -> tuple[Part, Part]:
     """The drawing as read, at its size on paper, and as it will be drawn."""
     asked = from_mapping({**TRACE, "image": {"mm_per_px": 0.1}, **job})
     raw = on_page(read(path, asked), asked)
-    return raw, simplified(raw, asked)
+    return raw, simplify(raw, asked)
 
 
 def rings(part: Part, step: float) -> list[np.ndarray]:
@@ -180,8 +180,8 @@ def test_lines_of_a_drawing_are_thinned_out_on_demand_and_arcs_stay() -> None:
     bulges = np.zeros(len(points))
     bulges[-2] = 0.5
     part = Part("a", "a.dxf", "mm", (Contour(frozen(points), frozen(bulges), False, "0", "c1"),), ())
-    assert simplified(part, from_mapping({})).contours is part.contours
-    (thin,) = simplified(part, from_mapping({"tolerance": {"simplify": 0.05}})).contours
+    assert simplify(part, from_mapping({})).contours is part.contours
+    (thin,) = simplify(part, from_mapping({"tolerance": {"simplify": 0.05}})).contours
     assert len(thin.points) < 40
     assert thin.bulges[-2] == 0.5
     line = shapely.linestrings(thin.points[:-1])
@@ -195,7 +195,7 @@ def test_short_pieces_are_dropped_and_counted() -> None:
     part = Part(
         "a", "a.dxf", "mm", (Contour(points, zeros, False, "0", "c1"), Contour(short, zeros, False, "0", "c2")), ()
     )
-    kept = simplified(part, from_mapping({"input": {"min_length": 0.6}}))
+    kept = simplify(part, from_mapping({"input": {"min_length": 0.6}}))
     assert [c.id for c in kept.contours] == ["c1"]
     assert [str(n) for n in kept.notes] == ["skipped: 1 contour shorter than 0.6 mm (input.min_length)"]
 

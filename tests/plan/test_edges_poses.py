@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from camgen.model.pose import FloatArray, rotation_about
 from camgen.plan.edges.motion import Unreached
 from camgen.plan.edges.reach import poses
-from camgen.plan.edges.ways import Way, counts, divided, rows
+from camgen.plan.edges.ways import Way, counts, divide, rows
 from tests.support.edge_shapes import rim, straight
 
 H = math.sqrt(0.5)
@@ -127,7 +127,7 @@ def test_backwards_the_arcs_keep_their_middles() -> None:
 def test_a_divided_rim_is_the_circle_with_its_frame_turning_evenly(first: int, other: int) -> None:
     found = way(poses(rim((5, 6, 30), 20, outer=True), 4))
     parts = np.array([first, other, first, other])
-    dense = divided(found, parts)
+    dense = divide(found, parts)
     angles = np.concatenate([[0.0], *[np.pi / 2 * (k + np.arange(1, n + 1) / n) for k, n in enumerate(parts)]])
     radius = 20 + 4 * H
     for angle, position, rotation in zip(angles, dense.position, dense.rotation, strict=True):

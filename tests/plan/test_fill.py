@@ -20,7 +20,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
 from camgen.plan import Plan, plan
 from camgen.plan.fill import fill
-from camgen.plan.fill.cover import measured, painted
+from camgen.plan.fill.cover import measure, paint
 from camgen.read import read
 from camgen.read.job_file import from_mapping
 
@@ -86,7 +86,7 @@ def test_a_plate_with_a_hole_is_covered_and_the_hole_stays_free() -> None:
     border = copper.boundary
     nearest = min(border.distance(shapely.LineString(p.position[:, :2])) for p in paths if len(p.position) > 1)
     assert nearest > 0.425 - 0.02
-    assert all((p.press == 0).all() and (p.position[:, 2] == 0).all() for p in paths)
+    assert all((p.force_direction == 0).all() and (p.position[:, 2] == 0).all() for p in paths)
 
 
 def test_what_lies_in_a_hole_is_covered_again() -> None:
@@ -186,7 +186,7 @@ def test_the_coverage_told_is_what_geos_measures() -> None:
 
 def test_coverage_of_a_stroke_by_hand() -> None:
     square = np.array([0, 10, 10 + 10j, 10j])
-    found = measured(rings([4]), square, [np.array([5 + 5j, 15 + 5j])], [np.array([2 + 0j])], 1.0)
+    found = measure(rings([4]), square, [np.array([5 + 5j, 15 + 5j])], [np.array([2 + 0j])], 1.0)
     assert found.copper == pytest.approx(100, rel=2e-3)
     # Half a capsule of radius 1 from x = 5, and half of a disc on the border; the rest of both is outside.
     assert found.covered == pytest.approx(10 + np.pi / 2 + np.pi / 2, rel=5e-3)
@@ -205,7 +205,7 @@ def test_painted_pixels_are_those_within_the_radius() -> None:
     points = shapely.points(u, v)
     lines = shapely.linestrings([[(a.real, a.imag), (b.real, b.imag + 1e-9)] for a, b in zip(start, end, strict=True)])
     expected = shapely.distance(points, shapely.multilinestrings(lines)) <= 4.3
-    assert ((painted(start, end, 4.3, (100, 100)) > 0) == expected).all()
+    assert ((paint(start, end, 4.3, (100, 100)) > 0) == expected).all()
 
 
 def test_regions_keep_their_layers_and_open_contours_are_told() -> None:
@@ -238,7 +238,7 @@ def test_depths_and_force() -> None:
     for path in paths:
         assert path.depths == (0.2, 0.4)
         assert (path.force == 3.0).all()
-        assert (path.press == [0, 0, -1]).all()
+        assert (path.force_direction == [0, 0, -1]).all()
 
 
 def test_what_cannot_be_filled_says_why() -> None:

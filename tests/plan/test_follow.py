@@ -55,10 +55,10 @@ def test_press_points_to_the_contour(direction: str) -> None:
     paths = planned(*shapes, direction=direction).paths
     assert len(paths) == 2
     for path in paths:
-        touching = path.position[1:, :2] + 3.0 * path.press[1:, 1, :2]
+        touching = path.position[1:, :2] + 3.0 * path.force_direction[1:, 1, :2]
         gap = obstacles.nearest(touching, np.zeros(len(touching), dtype=np.int64), 1.0)
         assert gap == pytest.approx(0.0, abs=1e-9)
-        before = path.position[:-1, :2] + 3.0 * path.press[1:, 0, :2]
+        before = path.position[:-1, :2] + 3.0 * path.force_direction[1:, 0, :2]
         assert obstacles.nearest(before, np.zeros(len(before), dtype=np.int64), 1.0) == pytest.approx(0.0, abs=1e-9)
 
 
@@ -129,7 +129,7 @@ def test_climb_runs_an_open_contour_with_the_part_on_the_right() -> None:
     (right,) = planned(line, side="right").paths
     assert left.position[:, 0].tolist() == [0.0, 50.0]
     assert right.position[:, 0].tolist() == [50.0, 0.0]
-    assert left.press[1, 1].tolist() == pytest.approx([0, -1, 0])
+    assert left.force_direction[1, 1].tolist() == pytest.approx([0, -1, 0])
 
 
 def test_on_the_line() -> None:
@@ -155,7 +155,7 @@ def test_trace_runs_on_every_line() -> None:
     job = Job(operation=Operation(kind="trace"), process=Process(feed=10.0))
     result = plan(part(circle(0, 0, 10), contour([(0, 0), (3, 4)], closed=False)), job)
     assert [path_length(p) for p in result.paths] == pytest.approx([20 * math.pi, 5.0])
-    assert not any(p.press.any() for p in result.paths)
+    assert not any(p.force_direction.any() for p in result.paths)
 
 
 @pytest.mark.parametrize("diameter", [1.0, 3.0, 6.0])

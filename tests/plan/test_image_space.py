@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.geometry.rings import held, rings
+from camgen.geometry.rings import hold_switch, rings
 from camgen.geometry.segments import BoolArray
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, Operation, Process, Tolerance, Tool
@@ -15,7 +15,7 @@ from camgen.model.pose import FloatArray
 from camgen.plan.image_space import image_space
 from camgen.plan.image_space.border import between_pixels
 from camgen.plan.image_space.field import Pixels, chains, gradient
-from camgen.plan.image_space.tool_path import feeds, needed, observed, resampled
+from camgen.plan.image_space.tool_path import choose_needed, feeds, observe, resample
 
 SCALE = 0.143
 TOOL = 6.0
@@ -77,7 +77,7 @@ def places(path: ToolPath) -> np.ndarray:
 
 def presses(path: ToolPath) -> np.ndarray:
     """At the end of each segment."""
-    return path.press[1:, 1, 0] + 1j * path.press[1:, 1, 1]
+    return path.force_direction[1:, 1, 0] + 1j * path.force_direction[1:, 1, 1]
 
 
 def turning(path: ToolPath) -> float:
@@ -145,7 +145,7 @@ def test_conventional_is_climb_backwards() -> None:
     (climb,), _ = planned(pixels)
     (other,), _ = planned(pixels, direction="conventional")
     backwards = climb.reversed()
-    for name in ("position", "press", "force", "feed"):
+    for name in ("position", "force_direction", "force", "feed"):
         assert getattr(other, name) == pytest.approx(getattr(backwards, name))
 
 
@@ -279,11 +279,11 @@ def test_the_press_points_to_the_part_in_the_work_frame(mirrored: bool, degrees:
     work_from_view = np.column_stack([matrix, [31.0, -7.0]])
     (path,), _ = image_space(pixels, work_from_view, Job(process=Process(force=FORCE)), exact=exact)
     # The contact point of eq. 10, back in the view, on the ellipse.
-    contact = path.position[1:, :2] + 3.0 * path.press[1:, 1, :2]
+    contact = path.position[1:, :2] + 3.0 * path.force_direction[1:, 1, :2]
     at = (contact - work_from_view[:, 2]) @ np.linalg.inv(matrix).T - centre
     level = np.hypot(at[:, 0] / 120, at[:, 1] / 70)
     assert level == pytest.approx(1.0, abs=0.01 if exact else 0.03)
-    assert np.linalg.norm(path.press, axis=2) == pytest.approx(1.0)
+    assert np.linalg.norm(path.force_direction, axis=2) == pytest.approx(1.0)
     # Climb: the part on the right of the travel as seen from above, in whatever way the view lies.
     assert turning(path) < 0
 
@@ -330,19 +330,19 @@ def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:
     turn = 2 * np.pi * np.arange(90) / 90
     slow, fast = np.exp(1j * turn) * 5, 0.5 * np.cos(40 * turn)
     count = np.array([30])
-    _, (kept,) = resampled(table, count, slow + 3)
+    _, (kept,) = resample(table, count, slow + 3)
     # A wave far below the cut-off passes (eq. 13), one above it is gone; 30 of 90 points: every third.
     assert kept == pytest.approx(slow[::3] + 3, abs=0.005)
-    _, (filtered,) = resampled(table, count, slow + fast)
+    _, (filtered,) = resample(table, count, slow + fast)
     assert filtered == pytest.approx(slow[::3], abs=0.01)
-    _, (rolled,) = resampled(table, count, np.roll(slow + fast, 3))
+    _, (rolled,) = resample(table, count, np.roll(slow + fast, 3))
     assert rolled == pytest.approx(np.roll(filtered, 1))
 
 
 def test_more_waypoints_than_pixels() -> None:
     table = rings([40, 60])
     turn = np.concatenate([2 * np.pi * np.arange(n) / n for n in (40, 60)])
-    result, (points,) = resampled(table, np.array([64, 96]), np.exp(1j * turn))
+    result, (points,) = resample(table, np.array([64, 96]), np.exp(1j * turn))
     wanted = np.concatenate([np.exp(2j * np.pi * np.arange(n) / n) for n in (64, 96)])
     assert result.count.tolist() == [64, 96]
     assert points == pytest.approx(wanted, abs=0.002)
@@ -353,12 +353,12 @@ def test_the_removal_keeps_its_bound_and_the_changes_of_force() -> None:
     points = x + 1j * 0.4 * np.sin(x / 15)
     press = np.full(len(x), -1j)
     force = (x > 30) & (x <= 60)
-    keep = needed(np.array([0, len(x)]), points, press, force, 1e-3, 0.05)
+    keep = choose_needed(np.array([0, len(x)]), points, press, force, 1e-3, 0.05)
     assert keep[[0, 30, 60, 100]].all()
     assert keep.sum() < 30
     left = np.interp(x, x[keep], points.imag[keep])
     assert np.abs(left - points.imag).max() <= 0.05
-    straight = needed(np.array([0, len(x)]), x + 0j, press, np.ones(len(x), dtype=bool), 1e-3, 0.05)
+    straight = choose_needed(np.array([0, len(x)]), x + 0j, press, np.ones(len(x), dtype=bool), 1e-3, 0.05)
     assert np.flatnonzero(straight).tolist() == [0, 100]
 
 
@@ -366,7 +366,7 @@ def test_diagonal_steps_are_no_slower_than_straight_ones() -> None:
     # A border of pixels that goes straight, then diagonally, and back; the same press everywhere.
     points = np.array([0, 1, 2, 3, 4 + 1j, 5 + 2j, 6 + 3j, 5 + 3j, 4 + 3j, 3 + 3j, 2 + 2j, 1 + 1j], dtype=complex)
     table = rings([len(points)])
-    along, step = observed(table, points, points + 20 * 1j)
+    along, step = observe(table, points, points + 20 * 1j)
     assert step.max() == pytest.approx(np.sqrt(2))
     assert along / step == pytest.approx(1.0)
     assert feeds(along / step, np.ones(len(points), dtype=bool), 2.0) == pytest.approx(1.0)
@@ -380,11 +380,11 @@ def test_feed_is_capped_and_never_nothing() -> None:
 def test_a_switch_does_not_flicker() -> None:
     gap = np.array([0.7, 0.2, 0.7, 0.9, 1.2, 0.8, 0.6, 1.1, 0.4, 0.7, 0.8])
     table = rings([len(gap)])
-    state = held(table, gap <= 0.5, gap > 1.0, True)
+    state = hold_switch(table, gap <= 0.5, gap > 1.0, True)
     assert state.tolist() == [True, True, True, True, False, False, False, False, True, True, True]
     # The start goes on from the end.
-    assert held(table, gap <= 0.1, gap > 1.1, True).tolist() == [False] * len(gap)
-    assert held(rings([2, 1]), np.array([False, True, False]), np.zeros(3, dtype=bool), False).tolist() == [
+    assert hold_switch(table, gap <= 0.1, gap > 1.1, True).tolist() == [False] * len(gap)
+    assert hold_switch(rings([2, 1]), np.array([False, True, False]), np.zeros(3, dtype=bool), False).tolist() == [
         True,
         True,
         False,

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.geometry.pairing import paired
+from camgen.geometry.pairing import pair
 from camgen.model.job import Input, Job, Operation, Tool, Tour
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.plan import plan
-from camgen.plan.merge import merged
+from camgen.plan.merge import merge
 from camgen.plan.trace import with_few_lifts
 
 XY = tuple[float, float]
@@ -72,7 +72,7 @@ def drawing(draw: st.DrawFn) -> list[Contour]:
 @settings(max_examples=200)
 @given(drawing())
 def test_every_line_is_run_once_in_as_few_trails_as_its_odd_nodes_allow(contours: list[Contour]) -> None:
-    made, notes = merged(contours, [False] * len(contours), 0.05)
+    made, notes = merge(contours, [False] * len(contours), 0.05)
     edges = lines(tuple(contours))
     assert lines(made) == edges
     least = 0
@@ -88,19 +88,19 @@ def test_every_line_is_run_once_in_as_few_trails_as_its_odd_nodes_allow(contours
 def test_a_letter_of_a_loop_and_a_tail_is_one_trail_and_the_ends_meet_within_the_tolerance() -> None:
     ring = chain([(0, 0), (10, 0), (10, 10), (0, 10)], closed=True, name="c1")
     tail = chain([(10, 10.03), (20, 30)], name="c2")
-    (one,), (note,) = merged([ring, tail], [False, False], 0.05)
+    (one,), (note,) = merge([ring, tail], [False, False], 0.05)
     assert not one.closed
     assert sorted([one.points[0].tolist(), one.points[-1].tolist()]) == [[10, 10], [20, 30]]
     assert note.kind == "joined"
     assert "2 contours run as 1 path" in note.what
-    assert merged([ring, tail], [False, False], 0.02) == ((ring, tail), ())
-    assert merged([ring, tail], [True, False], 0.05) == ((ring, tail), ())
+    assert merge([ring, tail], [False, False], 0.02) == ((ring, tail), ())
+    assert merge([ring, tail], [True, False], 0.05) == ((ring, tail), ())
 
 
 def test_an_arc_stays_what_it_was_where_its_end_is_drawn_a_little_aside() -> None:
     ring = chain([(0, 0), (10, 0), (10, 10), (0, 10)], closed=True)
     arc = chain([(10, 10.03), (20, 10.03)], name="c2", bulges=[1.0, 0.0])
-    (one,), _ = merged([ring, arc], [False, False], 0.05)
+    (one,), _ = merge([ring, arc], [False, False], 0.05)
     bent = np.flatnonzero(one.bulges)
     (k,) = bent.tolist()
     assert abs(one.bulges[k]) == 1.0
@@ -115,14 +115,14 @@ def test_trails_go_straight_through_crossings() -> None:
     # Two lines that cross at a vertex, and a ring through the ends of one of them.
     across = chain([(-10, 0), (0, 0), (10, 0)], name="c1")
     up = chain([(0, -10), (0, 0), (0, 10)], name="c2")
-    made, _ = merged([across, up], [False, False], 0.05)
+    made, _ = merge([across, up], [False, False], 0.05)
     assert sorted(len(c.points) for c in made) == [3, 3]
     assert {c.points[1].tolist() == [0, 0] and abs(c.points[0] + c.points[2]).max() == 0 for c in made} == {True}
 
 
 def test_layers_are_not_mixed() -> None:
     one, two = chain([(0, 0), (5, 0), (9, 0)], layer="a"), chain([(5, 0), (5, 9)], layer="b")
-    assert merged([one, two], [False, False], 0.05) == ((one, two), ())
+    assert merge([one, two], [False, False], 0.05) == ((one, two), ())
 
 
 def test_only_where_order_and_direction_do_not_count() -> None:
@@ -155,7 +155,7 @@ def test_few_points_are_paired_at_the_least_length(seed: int, pairs: int) -> Non
     least = math.inf
     for order in itertools.permutations(range(2 * pairs)):
         least = min(least, sum(math.dist(points[a], points[b]) for a, b in zip(order[::2], order[1::2], strict=True)))
-    partner = paired(points).tolist()
+    partner = pair(points).tolist()
     assert [partner[b] for b in partner] == list(range(2 * pairs))
     assert total(points, partner) == pytest.approx(least)
 
@@ -163,7 +163,7 @@ def test_few_points_are_paired_at_the_least_length(seed: int, pairs: int) -> Non
 @pytest.mark.parametrize("spread", [0, 1, 100])
 def test_many_points_are_paired_each_with_another(spread: int) -> None:
     points = np.random.default_rng(3).uniform(0, spread, (400, 2))
-    partner = paired(points).tolist()
+    partner = pair(points).tolist()
     assert [partner[b] for b in partner] == list(range(400))
     assert all(a != b for a, b in enumerate(partner))
     # Random points in a square: the shortest pairing is 0.31 sqrt(n area) long (Johnson and McGeoch); 15 % above that.

@@ -33,7 +33,7 @@ def test_whatever_is_accepted_by_column_is_not_refused(name: str, motions: list[
     accepted = post.accepts(Columns(body))
     starts = [None, None, *(m.target if isinstance(m.target, Pose) else None for m in motions)]
     for index in np.flatnonzero(accepted).tolist():
-        assert not post.refuses(body[index], starts[index]), body[index]
+        assert not post.why_not(body[index], starts[index]), body[index]
 
 
 @pytest.mark.parametrize("name", ["gcode", "grbl", "rapid"])

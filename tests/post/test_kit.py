@@ -175,8 +175,8 @@ class Nothing(KRL):
 
 
 class Shy(KRL):
-    def refuses(self, item, start):
-        return "not today" if isinstance(item, MoveL) else super().refuses(item, start)
+    def why_not(self, item, start):
+        return "not today" if isinstance(item, MoveL) else super().why_not(item, start)
 
 
 class Mute(KRL):

@@ -73,9 +73,13 @@ def assert_same(planned: Program, reading: Reading, post: PacScript) -> None:
         if isinstance(want, MoveC) and isinstance(got, MoveC):
             assert_place(want.via, got.via, limit.mm, limit.angle, limit.joint)
         if isinstance(want, (MoveL, MoveC)) and isinstance(got, (MoveL, MoveC)):
-            assert np.multiply(want.force, want.press) == pytest.approx(np.multiply(got.force, got.press), abs=0.0105)
+            assert np.multiply(want.force, want.force_direction) == pytest.approx(
+                np.multiply(got.force, got.force_direction), abs=0.0105
+            )
         if isinstance(want, Force) and isinstance(got, Force):
-            assert np.multiply(want.newtons, want.press) == pytest.approx(np.multiply(got.newtons, got.press), abs=6e-4)
+            assert np.multiply(want.newtons, want.force_direction) == pytest.approx(
+                np.multiply(got.newtons, got.force_direction), abs=6e-4
+            )
         if isinstance(want, Output):
             assert want == got
         if isinstance(want, Wait) and isinstance(got, Wait):
@@ -497,7 +501,7 @@ def test_default_force_lines_read_back_by_what_they_mean() -> None:
     last = reading.body[5]
     assert isinstance(last, MoveL)
     assert last.force == pytest.approx(8.0, abs=1e-3)
-    assert last.press == pytest.approx((-0.5, math.sqrt(3) / 2, 0.0), abs=1e-4)
+    assert last.force_direction == pytest.approx((-0.5, math.sqrt(3) / 2, 0.0), abs=1e-4)
 
 
 OWN = {
@@ -528,7 +532,7 @@ def test_force_ignored_leaves_no_trace_and_the_prepared_program_says_so() -> Non
     post = PacScript(force="ignore")
     prepared = post.prepare(pressed(), 0.01)
     assert not any(isinstance(item, Force) for item in prepared.body)
-    assert not any(isinstance(item, MoveL) and (item.force or any(item.press)) for item in prepared.body)
+    assert not any(isinstance(item, MoveL) and (item.force or any(item.force_direction)) for item in prepared.body)
     text = text_of(pressed(), force="ignore")
     assert "Force" not in text
     assert_same(prepared, read({"a": text}, {}), post)
@@ -536,14 +540,14 @@ def test_force_ignored_leaves_no_trace_and_the_prepared_program_says_so() -> Non
 
 def test_pressing_arc_becomes_lines_whose_force_turns() -> None:
     line, bend = arc(10.0, math.radians(90.0), 10.0)
-    plan = program(Force(10.0, (1.0, 0.0, 0.0)), line, replace(bend, press=(0.0, 1.0, 0.0)), Force(0.0))
+    plan = program(Force(10.0, (1.0, 0.0, 0.0)), line, replace(bend, force_direction=(0.0, 1.0, 0.0)), Force(0.0))
     post = PacScript(force="template")
     prepared = post.prepare(plan, 0.01)
     lines = [item for item in prepared.body if isinstance(item, MoveL)][1:]
     assert len(lines) > 5
     for item in lines:
         x, y = item.target.origin[0] + 10, item.target.origin[1]
-        assert item.press == pytest.approx((x / 10, y / 10, 0.0), abs=1e-9)  # away from the centre (-10, 0)
+        assert item.force_direction == pytest.approx((x / 10, y / 10, 0.0), abs=1e-9)  # away from the centre (-10, 0)
     (file,) = post.render(prepared)
     assert_same(prepared, read({"a": file.text}, {}), post)
 

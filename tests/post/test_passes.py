@@ -112,7 +112,11 @@ def test_halves_are_the_same_arc(drawn):
         here = piece.target
     assert pieces[0].target.origin == pytest.approx(arc.via.origin, abs=1e-7)
     assert pieces[0].blend > 0
-    assert (pieces[1].target, pieces[1].blend, pieces[1].press) == (arc.target, arc.blend, arc.press)
+    assert (pieces[1].target, pieces[1].blend, pieces[1].force_direction) == (
+        arc.target,
+        arc.blend,
+        arc.force_direction,
+    )
 
 
 @pytest.mark.parametrize("name", sorted(PASSES))
@@ -121,13 +125,13 @@ def test_the_press_turns_with_the_arc(name, drawn):
     start, arc, (centre, radius, _, _), _ = drawn
     for piece in PASSES[name](start, arc, 0.05):
         inwards = (centre - np.array(piece.target.origin)) / radius
-        assert piece.press == pytest.approx(tuple(inwards), abs=1e-5)
+        assert piece.force_direction == pytest.approx(tuple(inwards), abs=1e-5)
 
 
 def test_a_press_of_nothing_stays_nothing():
     arc = MoveC(Pose(TOOL_DOWN, (5.0, 5.0, 0.0)), Pose(TOOL_DOWN, (0.0, 10.0, 0.0)), 10.0)
     pieces = [p for one in PASSES.values() for p in one(Pose(TOOL_DOWN, (0.0, 0.0, 0.0)), arc, 0.05)]
-    assert {piece.press for piece in pieces} == {(0.0, 0.0, 0.0)}
+    assert {piece.force_direction for piece in pieces} == {(0.0, 0.0, 0.0)}
 
 
 def test_rotations_are_shared_where_the_tool_does_not_turn():
@@ -152,8 +156,8 @@ def test_a_replacement_that_is_turned_down_says_why() -> None:
     """V+ has no arc; where it will not take the chords either, the reason is that of the chords."""
 
     class Fussy(VPlus):
-        def refuses(self, item, start):  # type: ignore[no-untyped-def]
-            return super().refuses(item, start) or ("this line is too short" if isinstance(item, MoveL) else "")
+        def why_not(self, item, start):  # type: ignore[no-untyped-def]
+            return super().why_not(item, start) or ("this line is too short" if isinstance(item, MoveL) else "")
 
     home = MoveJ(Joints((0.0,) * 4), 100.0)
     start = Pose(TOOL_DOWN, (0.0, 0.0, 0.0))

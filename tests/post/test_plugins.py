@@ -9,7 +9,7 @@ import pytest
 
 from camgen.model.errors import JobError
 from camgen.post import Post
-from camgen.post.plugins import POSTS, READBACKS, find_post, find_readback, installed, make_post
+from camgen.post.plugins import POSTS, READBACKS, find_post, find_readback, list_installed, make_post
 
 POST = """
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ def test_the_built_in_posts_are_found_with_their_readbacks(name):
     post = find_post(name)
     assert post.name == name
     assert callable(find_readback(name))
-    entry = next(entry for entry in installed() if entry.name == name)
+    entry = next(entry for entry in list_installed() if entry.name == name)
     assert (entry.suffix, entry.about, entry.broken) == (post.suffix, post.about, "")
 
 
@@ -105,7 +105,7 @@ def install(tmp_path, monkeypatch, posts, readbacks, module):
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "strange_post", raising=False)
     importlib.invalidate_caches()
-    return {entry.name: entry for entry in installed()}
+    return {entry.name: entry for entry in list_installed()}
 
 
 def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch):

@@ -76,7 +76,9 @@ def assert_same(plan: Program, reading: Reading, tolerance: Tolerance) -> None:
             assert getattr(got, name, 0) == pytest.approx(getattr(want, name, 0), rel=0, abs=limit + 1e-9)
         assert getattr(got, "signal", "") == getattr(want, "signal", "")
         if getattr(want, "force", 0) or getattr(want, "newtons", 0):
-            assert getattr(got, "press", None) == pytest.approx(getattr(want, "press", None), abs=tolerance.angle)
+            assert getattr(got, "force_direction", None) == pytest.approx(
+                getattr(want, "force_direction", None), abs=tolerance.angle
+            )
 
 
 def assert_near(want: Pose | Joints | None, got: Pose | Joints | None, tolerance: Tolerance) -> None:

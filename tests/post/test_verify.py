@@ -92,13 +92,13 @@ def test_a_fault_goes_before_everything():
         (4, {"value": 0.0}, "output reads 0, planned is 1"),
         (5, {"seconds": 0.252}, "wait reads 0.252, planned is 0.25"),
         (6, {"newtons": 5.02}, "force reads 5.02, planned is 5"),
-        (6, {"press": (1.0, 0.0, 0.0)}, "force along x y z reads 5 0 0, planned is 0 5 0"),
+        (6, {"force_direction": (1.0, 0.0, 0.0)}, "force along x y z reads 5 0 0, planned is 0 5 0"),
         (7, {"force": 0.0}, "force reads 0, planned is 5"),
-        (7, {"press": (0.0, 0.0, 0.0)}, "force along x y z reads 0 0 0, planned is 0 5 0"),
+        (7, {"force_direction": (0.0, 0.0, 0.0)}, "force along x y z reads 0 0 0, planned is 0 5 0"),
         (8, {"via": at(20, 20)}, "middle of the arc reads 20 20 0, planned is 30 10 0"),
         (8, {"via": at(10, 10)}, "middle of the arc reads 10 10 0, planned is 30 10 0"),
         (8, {"via": at(30, 10, 1)}, "middle of the arc"),
-        (8, {"press": (0.0, 1.0, 0.0)}, "force along x y z reads 0 5 0, planned is 0 -5 0"),
+        (8, {"force_direction": (0.0, 1.0, 0.0)}, "force along x y z reads 0 5 0, planned is 0 -5 0"),
     ],
 )
 def test_a_difference_is_named(index, fields, says):
@@ -136,7 +136,7 @@ def test_too_much_and_too_little_at_the_end_are_found():
         ("orientation", 3, {"target": at(10, 0, 0, IDENTITY)}),
         ("speed", 3, {"speed": 99.0}),
         ("joint-speed", 2, {"speed": 1.0}),
-        ("force-direction", 6, {"press": (1.0, 0.0, 0.0)}),
+        ("force-direction", 6, {"force_direction": (1.0, 0.0, 0.0)}),
         ("blend", 2, {"blend": 5.0}),
     ],
 )

@@ -137,7 +137,7 @@ def test_the_page_about_this_post_shows_that_text() -> None:
 
 def test_the_class_says_what_it_carries() -> None:
     assert (VPlus.newline, VPlus.suffix, VPlus.passes) == ("\r\n", ".v2", ("chords",))
-    assert {"orientation", "speed", "joint-speed", "stop", "switches"} == VPlus.carries
+    assert {"orientation", "speed", "joint-speed", "stop", "switches"} == VPlus.verified_fields
 
 
 def test_arc_becomes_chords_on_its_circle() -> None:

@@ -18,7 +18,7 @@ from camgen.build import Result
 from camgen.geometry.arcs import circle
 from camgen.model.part import Contour, Note
 from camgen.model.pose import frozen
-from camgen.preview.curves import drawn, of_contours
+from camgen.preview.curves import draw_spans, of_contours
 from camgen.preview.page import page
 from camgen.preview.png import png
 from camgen.preview.view import View, view
@@ -62,7 +62,7 @@ def test_points_of_an_arc_lie_on_its_circle_and_cover_its_length(
     if sides[0] < 1.0 or sides[0] + sides[1] - sides[2] < 0.1:
         return
     centre, radius, _, sweep = circle(a, b, c)
-    found = drawn(np.array([a]), np.array([b]), np.array([c]), 0.01)
+    found = draw_spans(np.array([a]), np.array([b]), np.array([c]), 0.01)
     way = np.vstack([a, found.points])
     assert np.allclose(np.linalg.norm(way - centre, axis=1), radius, rtol=1e-7)
     assert np.allclose(found.points[-1], c)

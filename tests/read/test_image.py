@@ -204,7 +204,7 @@ def test_force_and_its_direction_reach_the_program(plain: tuple[Path, dict[str, 
     assert pressing
     assert all(not isinstance(m.target, Joints) for m in pressing)
     for motion in pressing:
-        assert motion.press == pytest.approx(tuple(motion.target.rotation[:, 0]), abs=1e-9)
+        assert motion.force_direction == pytest.approx(tuple(motion.target.rotation[:, 0]), abs=1e-9)
     assert "FCPressL" in result.text
     template = {"process": {"force": 2.0}, "post": {"force": "template"}}
     assert "2.0" in camgen.build(source, post="pacscript", job={**job, **template}).text

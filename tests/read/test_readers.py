@@ -9,7 +9,7 @@ import pytest
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
-from camgen.read import READERS, find_reader, find_suffix, installed, read
+from camgen.read import READERS, find_reader, find_suffix, list_installed, read
 
 BUILT_IN = ["dxf", "gcode", "image", "solid", "svg"]
 LINE = """
@@ -47,7 +47,7 @@ def _line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_built_in_readers_are_registered_like_others() -> None:
-    table = {one.name: one for one in installed()}
+    table = {one.name: one for one in list_installed()}
     assert set(BUILT_IN) <= set(table)
     for name in BUILT_IN:
         reader = table[name].reader
@@ -89,7 +89,7 @@ def test_a_foreign_reader_is_found_by_content_by_suffix_and_by_name(
     assert find_suffix("lin") == ".lin"
     assert main(["inspect", str(tmp_path / "a.line")]) == 0
     assert capsys.readouterr().out == "a line\n"
-    (line,) = (one for one in installed() if one.name == "line")
+    (line,) = (one for one in list_installed() if one.name == "line")
     assert (line.origin, line.broken) == ("strange 3.1", "")
 
 
@@ -118,7 +118,7 @@ def test_a_broken_reader_is_listed_with_its_reason_and_stops_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entry: str, module: str, says: str
 ) -> None:
     register(tmp_path, monkeypatch, f"line = {entry}", module)
-    (line,) = (one for one in installed() if one.name == "line")
+    (line,) = (one for one in list_installed() if one.name == "line")
     assert says in line.broken
     assert line.reader is None
     assert find_reader(Source(Path("a.dxf"), b"")).name == "dxf"

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from camgen.geometry.arcs import fitted, span_lengths, through
+from camgen.geometry.arcs import fit_circle, span_lengths, through
 from camgen.model.pose import rotation_from_fixed_xyz
-from camgen.read.solid.edges import Run, recognised
+from camgen.read.solid.edges import Run, recognise
 
 Array = NDArray[np.float64]
 TIGHT = 1e-7
@@ -35,7 +35,7 @@ def test_an_arc_anywhere_in_space_is_one_arc(
     radius: float, sweep: float, sides: int, turn: tuple[float, float, float], move: tuple[float, float, float]
 ) -> None:
     points = arc(radius, 0, sweep, sides) @ rotation_from_fixed_xyz(*turn).T + move
-    _, (run,) = recognised(points, False, 1e-5 * radius, TIGHT * radius)
+    _, (run,) = recognise(points, False, 1e-5 * radius, TIGHT * radius)
     assert run.kind == "arc"
     circle = run.pieces[0].circle
     assert circle is not None
@@ -48,18 +48,18 @@ def test_a_line_between_two_fillets_stays_a_line() -> None:
     # Last side of the one, line, first side of the other lie on one circle, whatever the length of the line.
     for length in (0.7, 2.0, 60.0):
         left, right = arc(5, 180, 90, 10, (0, 0)), arc(5, 90, 0, 10, (length, 0))
-        _, runs = recognised(np.concatenate([left, right]), False, 1e-3, TIGHT)
+        _, runs = recognise(np.concatenate([left, right]), False, 1e-3, TIGHT)
         assert kinds(runs) == ["arc", "line", "arc"], length
         assert [r.pieces[0].high - r.pieces[0].low for r in runs] == [10, 1, 10]
 
 
 def test_vertices_on_the_way_of_a_line_make_no_pieces() -> None:
     along = np.array([0, 3, 3.5, 20, 21, 50.0])
-    _, runs = recognised(np.outer(along, [0.6, 0.8, 0.0]), False, 1e-3, TIGHT)
+    _, runs = recognise(np.outer(along, [0.6, 0.8, 0.0]), False, 1e-3, TIGHT)
     assert kinds(runs) == ["line"]
     # A vertex that another face put on the chord of an arc does not spoil its radius.
     points = np.insert(arc(10, 0, 90, 6), 3, arc(10, 0, 90, 6)[2:4].mean(axis=0), axis=0)
-    _, (run,) = recognised(points, False, 1e-3, TIGHT * 10)
+    _, (run,) = recognise(points, False, 1e-3, TIGHT * 10)
     assert run.kind == "arc"
     assert run.pieces[0].circle is not None
     assert run.pieces[0].circle.radius == pytest.approx(10, abs=1e-9)
@@ -67,7 +67,7 @@ def test_vertices_on_the_way_of_a_line_make_no_pieces() -> None:
 
 
 def test_three_sides_of_a_polygon_with_corners_are_three_lines() -> None:
-    _, runs = recognised(arc(10, 0, 135, 3), False, 1e-3, TIGHT)  # turns of 45 deg
+    _, runs = recognise(arc(10, 0, 135, 3), False, 1e-3, TIGHT)  # turns of 45 deg
     assert kinds(runs) == ["line", "line", "line"]
 
 
@@ -75,7 +75,7 @@ def test_an_ellipse_is_a_curve() -> None:
     t = np.linspace(0, 2 * np.pi, 49)
     points = np.column_stack([20 * np.cos(t), 11 * np.sin(t), np.zeros(49)])
     points[-1] = points[0]
-    _, runs = recognised(points, True, 1e-3, TIGHT)
+    _, runs = recognise(points, True, 1e-3, TIGHT)
     assert kinds(runs) == ["curve"]
     assert runs[0].pieces[-1].high - runs[0].pieces[0].low == 48
 
@@ -84,7 +84,7 @@ def test_an_ellipse_is_a_curve() -> None:
 def test_a_loop_may_begin_anywhere(begin: int) -> None:
     loop = np.concatenate([arc(5, 180, 0, 18, (0, 30)), arc(5, 0, -180, 18, (0, 0))])
     turned = np.roll(loop, -begin, axis=0)
-    _, runs = recognised(np.concatenate([turned, turned[:1]]), True, 1e-3, TIGHT)
+    _, runs = recognise(np.concatenate([turned, turned[:1]]), True, 1e-3, TIGHT)
     assert sorted(kinds(runs)) == ["arc", "arc", "line", "line"]
     radii = [p.circle.radius for r in runs for p in r.pieces if p.circle is not None]
     assert np.allclose(radii, 5)
@@ -92,7 +92,7 @@ def test_a_loop_may_begin_anywhere(begin: int) -> None:
 
 def test_circles_by_three_points_and_by_many_agree_with_the_formula() -> None:
     points = arc(7, 10, 200, 25, (3, -4)) + np.array([0, 0, 2])
-    for circle in (through(points[0], points[9], points[-1]), fitted(points)):
+    for circle in (through(points[0], points[9], points[-1]), fit_circle(points)):
         assert circle is not None
         assert np.allclose(circle.center, [3, -4, 2])
         assert circle.radius == pytest.approx(7)

@@ -15,7 +15,7 @@ from camgen.read import find_reader, inspect, read
 from camgen.read.job_file import from_mapping
 from camgen.read.svg import tree
 from camgen.read.svg.path import tracks
-from camgen.read.svg.values import Malformed, fitted, transform, view_box
+from camgen.read.svg.values import Malformed, fit_viewport, transform, view_box
 from tests.support.files import source
 
 HEAD = (
@@ -265,7 +265,7 @@ def test_input_units_win_and_take_px(tmp_path: Path) -> None:
 def test_preserve_aspect_ratio(aspect: str, point: tuple[float, ...]) -> None:
     box = view_box("5 6 10 10")
     assert box is not None
-    matrix = fitted(box, 40, 20, aspect)
+    matrix = fit_viewport(box, 40, 20, aspect)
     assert [*(matrix @ (5, 6, 1)), matrix[0, 0], matrix[1, 1]] == pytest.approx(point)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from camgen.check.reach import Reach, reached
+from camgen.check.reach import Reach, check_reach
 from camgen.model.errors import CamgenError, NoSafeProgram
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, frozen, rotation_about, translation
 from camgen.model.program import Comment, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Program
@@ -84,7 +84,7 @@ def test_two_stretches_in_two_postures() -> None:
         MoveJ(first, 100.0), MoveL(down(0, 0), 20.0), MoveL(down(60, 0), 20.0), MoveL(down(60, 0, 30), 50.0),
         MoveJ(second, 100.0), MoveL(down(80, 60), 20.0), MoveL(down(10, 60), 20.0), MoveL(down(10, 60, 30), 50.0),
     )  # fmt: skip
-    found = sound(reached(plan, ARM, "part"))
+    found = sound(check_reach(plan, ARM, "part"))
     assert ends(found, 2).tolist() == list(first.values)
     assert ends(found, 6).tolist() == list(second.values)
     for index, sign in ((3, 1), (4, 1), (5, 1), (7, -1), (8, -1), (9, -1)):
@@ -105,7 +105,7 @@ def test_two_stretches_in_two_postures() -> None:
 
 def test_lines_and_arcs_are_looked_at_from_an_anchor_on() -> None:
     first = solution(down(0, 0), True)
-    found = sound(reached(program(MoveJ(first, 9.0), MoveC(down(50, 50), down(100, 0), 20.0)), ARM, "part"))
+    found = sound(check_reach(program(MoveJ(first, 9.0), MoveC(down(50, 50), down(100, 0), 20.0)), ARM, "part"))
     arc = tips(found)[found.owner == 3]
     assert np.hypot(arc[:, 0] - 50, arc[:, 1]) == pytest.approx(np.full(len(arc), 50.0), abs=1e-6)
     assert len(arc) >= math.pi * 50 / 10
@@ -116,9 +116,9 @@ def test_a_stretch_ends_in_the_values_of_the_next_anchor() -> None:
     """From home the arm would come with axis 5 above 0; it is told to be there with it below, so it comes so."""
     there = down(40, 0, 30)
     plain = (MoveJ(down(0, 0, 30), 50.0), MoveL(there, 20.0))
-    assert ends(sound(reached(program(*plain), ARM, "part")), 3)[4] > 0
+    assert ends(sound(check_reach(program(*plain), ARM, "part")), 3)[4] > 0
     for told in (solution(there, True), solution(there, False, 6.0), solution(there, False)):
-        found = sound(reached(program(*plain, MoveJ(told, 50.0)), ARM, "part"))
+        found = sound(check_reach(program(*plain, MoveJ(told, 50.0)), ARM, "part"))
         assert ends(found, 3) == pytest.approx(np.array(told.values), abs=1e-9)
         # The joint motion after it has nothing to do.
         assert (found.owner == 4).sum() == 1
@@ -126,7 +126,7 @@ def test_a_stretch_ends_in_the_values_of_the_next_anchor() -> None:
 
 def test_an_anchor_in_another_posture_is_gone_to_all_the_same() -> None:
     first, told = solution(down(0, 0, 30), False), solution(down(40, 0, 30), True)
-    found = sound(reached(program(MoveJ(first, 9.0), MoveL(down(40, 0, 30), 20.0), MoveJ(told, 50.0)), ARM, "part"))
+    found = sound(check_reach(program(MoveJ(first, 9.0), MoveL(down(40, 0, 30), 20.0), MoveJ(told, 50.0)), ARM, "part"))
     assert ends(found, 3)[4] > 0
     assert ends(found, 4).tolist() == list(told.values)
     assert (found.owner == 4).sum() > 20
@@ -136,7 +136,7 @@ def test_a_long_joint_motion_to_a_pose_is_no_jump_and_keeps_the_posture() -> Non
     """Axis 1 turns by 53 deg at once from one side to the other."""
     first = solution(down(0, -100, 30), True)
     plan = program(MoveJ(first, 50.0), MoveJ(down(-100, 300, 30), 50.0), MoveL(down(-100, 280, 30), 20.0))
-    found = sound(reached(plan, ARM, "part"))
+    found = sound(check_reach(plan, ARM, "part"))
     way = found.joints[found.owner == 3]
     assert np.degrees(abs(way[-1, 0] - way[0, 0])) > 45
     assert (way[:, 4] < 0).all()
@@ -154,15 +154,15 @@ def test_a_line_does_not_leap_into_another_posture() -> None:
         MoveL(Pose(frozen(rotation_about(2, math.radians(-a)) @ TOOL_DOWN), (a / 10, 0.0, 0.0)), 20.0)
         for a in (100, 200)
     ]
-    sound(reached(program(MoveJ(back, 9.0), *way), ARM, "part"))
+    sound(check_reach(program(MoveJ(back, 9.0), *way), ARM, "part"))
     with pytest.raises(NoSafeProgram, match=r"cannot run edge e1 at .*: axis 6 is beyond its limit by"):
-        reached(program(MoveJ(ahead, 9.0), *way), ARM, "part")
+        check_reach(program(MoveJ(ahead, 9.0), *way), ARM, "part")
 
 
 def test_a_line_that_starts_where_the_anchor_is_not_is_told_by_its_path() -> None:
     plan = program(MoveJ(solution(down(0, 0, 30), False), 9.0), MoveL(down(500, 0), 20.0))
     with pytest.raises(NoSafeProgram, match=r"IRB 1200 cannot run edge e1 at [0-9.]+ 0 [0-9.]+ mm: .*instruction 3"):
-        reached(plan, ARM, "part")
+        check_reach(plan, ARM, "part")
 
 
 @pytest.mark.parametrize(
@@ -178,11 +178,11 @@ def test_a_line_that_starts_where_the_anchor_is_not_is_told_by_its_path() -> Non
 )
 def test_an_anchor_that_the_arm_has_not_is_refused(values: tuple[float, ...], line: str) -> None:
     with pytest.raises(CamgenError, match=line):
-        reached(program(MoveJ(Joints(values), 9.0)), ARM, "part")
+        check_reach(program(MoveJ(Joints(values), 9.0)), ARM, "part")
 
 
 def test_joint_values_alone_are_rows_as_well() -> None:
-    found = sound(reached(program(MoveJ(Joints((0.5, 0.4, -0.3, 0.2, 0.1, 3.0)), 100.0)), ARM, "part"))
+    found = sound(check_reach(program(MoveJ(Joints((0.5, 0.4, -0.3, 0.2, 0.1, 3.0)), 100.0)), ARM, "part"))
     # Axis 6 turns by 3 rad, 172 deg, there and back; every part is at most 2 deg.
     assert found.samples >= 1 + 2 * 86
     assert np.bincount(found.owner).tolist()[0] == 1
@@ -197,7 +197,7 @@ def test_half_a_turn_along_an_arc_goes_the_way_of_its_via_point() -> None:
     ]
     last = []
     for via, end in (turned, other):
-        found = sound(reached(program(MoveJ(down(0, 0), 9.0), MoveC(via, end, 20.0)), ARM, "part"))
+        found = sound(check_reach(program(MoveJ(down(0, 0), 9.0), MoveC(via, end, 20.0)), ARM, "part"))
         arc = found.joints[found.owner == 3, 5]
         last.append(math.degrees(arc[-1] - ends(found, 2)[5]))
         assert np.abs(np.diff(np.degrees(arc))).max() <= 15
@@ -219,7 +219,7 @@ def test_costs_that_add_up_are_those_that_are_chosen(monkeypatch: pytest.MonkeyP
             costs.append(cost)
         return np.array(costs)
 
-    short = reached(plan, ARM, "part")
+    short = check_reach(plan, ARM, "part")
     monkeypatch.setattr(continuity, "_along", stepwise)
-    assert reached(plan, ARM, "part").joints.tolist() == short.joints.tolist()
+    assert check_reach(plan, ARM, "part").joints.tolist() == short.joints.tolist()
     assert np.degrees(np.ptp(short.joints[:, 5])) > 360

@@ -38,7 +38,7 @@ def posted(name: str, plan: Program, **options: Any) -> tuple[str, Program]:
     prepared = post.prepare(plan, 0.01)
     files = post.render(prepared)
     reading = find_readback(name)({file.name: file.text for file in files}, options)
-    compare(prepared, reading, post.tolerance(), post.carried(), files[0].name)
+    compare(prepared, reading, post.tolerance(), post.list_verified(), files[0].name)
     return "".join(file.text for file in files), prepared
 
 
@@ -171,7 +171,7 @@ def test_a_text_with_another_posture_is_refused(name: str) -> None:
         reading = find_readback(name)({file.name: text}, {})
         assert reading.faults == ()
         with pytest.raises(VerifyError, match=message):
-            compare(result.program, reading, result.post.tolerance(), result.post.carried(), file.name)
+            compare(result.program, reading, result.post.tolerance(), result.post.list_verified(), file.name)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -182,7 +182,7 @@ def test_a_posture_that_nobody_planned_is_refused(name: str) -> None:
     added = {"rapid": ("[0,0,0,0]", "[0,0,0,4]"), "pacscript": (", -1)", ", 0)"), "vplus": ("BREAK", "BREAK\nLEFTY")}
     reading = find_readback(name)({file.name: file.text.replace(*added[name], 1)}, {})
     with pytest.raises(VerifyError, match="reads"):
-        compare(result.program, reading, result.post.tolerance(), result.post.carried(), file.name)
+        compare(result.program, reading, result.post.tolerance(), result.post.list_verified(), file.name)
 
 
 def test_the_golden_programs_agree_with_the_geometry() -> None:

@@ -38,10 +38,12 @@ def said(reading: Reading) -> list[object]:
             target = repr(item.target.values) if isinstance(item.target, Joints) else pose(item.target)
             body.append(("J", target, repr(item.speed), repr(item.blend), item.posture))
         elif isinstance(item, MoveL):
-            body.append(("L", pose(item.target), repr((item.speed, item.blend, item.force, item.press)), item.posture))
+            body.append(
+                ("L", pose(item.target), repr((item.speed, item.blend, item.force, item.force_direction)), item.posture)
+            )
         elif isinstance(item, MoveC):
             ends = pose(item.via), pose(item.target)
-            body.append(("C", *ends, repr((item.speed, item.blend, item.force, item.press)), item.posture))
+            body.append(("C", *ends, repr((item.speed, item.blend, item.force, item.force_direction)), item.posture))
         else:
             body.append(repr(item))
     return [body, reading.lines, reading.faults, pose(reading.work), pose(reading.tool)]

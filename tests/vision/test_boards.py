@@ -9,7 +9,7 @@ import pytest
 from camgen.model.errors import JobError
 from camgen.model.pose import frozen
 from camgen.vision.boards import corners as boards
-from camgen.vision.boards.corners import Seen, seen
+from camgen.vision.boards.corners import Seen, find_board
 from camgen.vision.camera.camera import Camera
 from tests.support.board_photos import BENCH, View, charuco, chess, photo, poses
 
@@ -46,7 +46,7 @@ def test_corners_are_exact_and_better_than_opencv(kind: str, fill: float, limit:
     own, opencv = [], []
     for index in range(3):
         view = chess_photo(kind, index, fill)
-        found = seen(view.pixels, CHESS)
+        found = find_board(view.pixels, CHESS)
         assert found is not None
         assert (len(found.corners), found.of) == (54, 54)
         own.append(off(found, view, 9))
@@ -64,8 +64,8 @@ def test_corners_are_exact_and_better_than_opencv(kind: str, fill: float, limit:
 def test_a_corner_has_the_same_number_however_the_camera_is_held(columns: int, rows: int) -> None:
     target = boards.chessboard(columns, rows, 25)
     view = chess_photo("sharp", 1, 0.6, columns, rows)
-    upright = seen(view.pixels, target)
-    turned = seen(np.ascontiguousarray(view.pixels[::-1, ::-1]), target)
+    upright = find_board(view.pixels, target)
+    turned = find_board(np.ascontiguousarray(view.pixels[::-1, ::-1]), target)
     assert upright is not None
     assert turned is not None
     # The drawing is black inside of its first corner: (0, 0) mm is that corner.
@@ -76,10 +76,10 @@ def test_a_corner_has_the_same_number_however_the_camera_is_held(columns: int, r
 
 def test_colour_and_size_make_no_difference() -> None:
     view = chess_photo("sharp", 0)
-    plain = seen(view.pixels, CHESS)
-    colour = seen(np.dstack([view.pixels] * 3), CHESS)
+    plain = find_board(view.pixels, CHESS)
+    colour = find_board(np.dstack([view.pixels] * 3), CHESS)
     # Four times as large: 4.9 megapixels, so that the board is sought in a reduced picture.
-    large = seen(cv2.resize(view.pixels, (2560, 1920), interpolation=cv2.INTER_CUBIC), CHESS)
+    large = find_board(cv2.resize(view.pixels, (2560, 1920), interpolation=cv2.INTER_CUBIC), CHESS)
     assert plain is not None
     assert colour is not None
     assert large is not None
@@ -89,11 +89,11 @@ def test_colour_and_size_make_no_difference() -> None:
 
 def test_what_is_no_such_board() -> None:
     view = chess_photo("sharp", 0)
-    assert seen(view.pixels, boards.chessboard(10, 7, 25)) is None
-    assert seen(np.full((480, 640), BENCH, np.uint8), CHESS) is None
+    assert find_board(view.pixels, boards.chessboard(10, 7, 25)) is None
+    assert find_board(np.full((480, 640), BENCH, np.uint8), CHESS) is None
     half = view.pixels.copy()
     half[:, 300:] = int(BENCH)
-    assert seen(half, CHESS) is None
+    assert find_board(half, CHESS) is None
 
 
 def test_a_corner_under_a_bright_spot_is_left_out() -> None:
@@ -101,7 +101,7 @@ def test_a_corner_under_a_bright_spot_is_left_out() -> None:
     spot = view.pixels.copy()
     at = view.corners[31]
     cv2.circle(spot, tuple(np.rint(at).astype(int).tolist()), 4, 235, -1)
-    found = seen(spot, CHESS)
+    found = find_board(spot, CHESS)
     assert found is not None
     assert len(found.corners) == 53
     assert np.linalg.norm(found.corners - at, axis=1).min() > 5
@@ -116,7 +116,7 @@ def test_charuco_boards_may_be_partly_covered(columns: int, rows: int, marker: f
     pixels = view.pixels.copy()
     if covered:
         pixels[:, : int(np.median(view.corners[:, 0]))] = int(BENCH)
-    found = seen(pixels, boards.charuco(columns, rows, 25, marker))
+    found = find_board(pixels, boards.charuco(columns, rows, 25, marker))
     assert found is not None
     corners = (columns - 1) * (rows - 1)
     assert found.of == corners
@@ -131,7 +131,7 @@ def test_charuco_boards_as_opencv_drew_them_before() -> None:
     drawn = cv2.aruco.CharucoBoard((5, 6), 25, 20, cv2.aruco.getPredefinedDictionary(DICTIONARY))
     drawn.setLegacyPattern(True)
     picture = cv2.copyMakeBorder(drawn.generateImage((400, 480)), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255)
-    found = seen(cv2.GaussianBlur(picture, (0, 0), 0.8), boards.charuco(5, 6, 25, 20))
+    found = find_board(cv2.GaussianBlur(picture, (0, 0), 0.8), boards.charuco(5, 6, 25, 20))
     assert found is not None
     # Squares of 80 px from (40, 40) on; the border of a pixel is half a pixel before its centre.
     assert np.abs(found.corners - (found.places / 25 * 80 + 120 - 0.5)).max() < 0.02

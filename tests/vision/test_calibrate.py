@@ -14,7 +14,7 @@ from camgen.cli.say import voice
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
 from camgen.vision.boards.corners import Seen, chessboard
-from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, calibrated, photographed
+from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, fit_camera, photograph
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.camera.residuals import svg
 from tests.support.board_photos import charuco, chess, photo, poses, projected
@@ -58,7 +58,7 @@ def names(found: Calibration) -> list[str]:
 
 
 def test_the_true_camera_comes_out_within_its_deviations() -> None:
-    found = calibrated(photos(CAMERA, 12), BOARD, "camera")
+    found = fit_camera(photos(CAMERA, 12), BOARD, "camera")
     # Two coordinates of 648 corners, less 9 numbers of the camera and 6 of each pose.
     assert found.rms == pytest.approx(NOISE * np.sqrt(2 * (1296 - 81) / 1296), rel=0.06)
     assert np.all(np.abs(four(found.camera) - four(CAMERA)) < 4 * found.deviations[:4])
@@ -71,7 +71,7 @@ def test_the_deviations_are_those_of_many_calibrations() -> None:
     places = poses(CAMERA, SIZE, 6, seed=8)
     results, said = [], []
     for run in range(20):
-        one = calibrated([taken(CAMERA, p, f"p{i}", 100 * run + i) for i, p in enumerate(places)], BOARD, "x")
+        one = fit_camera([taken(CAMERA, p, f"p{i}", 100 * run + i) for i, p in enumerate(places)], BOARD, "x")
         results.append(np.concatenate([four(one.camera), one.camera.distortion]))
         said.append(one.deviations)
     # Twenty of them tell a deviation to 16 %.
@@ -82,11 +82,11 @@ def test_a_photo_that_contradicts_the_others_is_left_out_and_named() -> None:
     zoomed = Camera(frozen(CAMERA.matrix * [[1.05], [1.05], [1]]), CAMERA.distortion, CAMERA.size, "zoomed")
     good = photos(CAMERA, 8)
     pose = poses(CAMERA, SIZE, 1, seed=3, fill=0.5)[0]
-    found = calibrated([*good[:4], taken(zoomed, pose, "zoomed.jpg", 5), *good[4:]], BOARD, "x")
+    found = fit_camera([*good[:4], taken(zoomed, pose, "zoomed.jpg", 5), *good[4:]], BOARD, "x")
     assert names(found) == [f"p{i}" for i in range(8)]
     assert [one.name for one in found.left_out] == ["zoomed.jpg"]
     assert "contradicts the others" in found.left_out[0].why
-    assert np.array_equal(found.camera.matrix, calibrated(good, BOARD, "x").camera.matrix)
+    assert np.array_equal(found.camera.matrix, fit_camera(good, BOARD, "x").camera.matrix)
 
 
 def test_a_board_that_was_bent_in_one_photo() -> None:
@@ -94,7 +94,7 @@ def test_a_board_that_was_bent_in_one_photo() -> None:
     bent = np.column_stack([MM, 3 * np.sin(np.pi * MM[:, 0] / SIZE[0])])
     px = cv2.projectPoints(bent, *places[0], CAMERA.matrix, CAMERA.distortion)[0].reshape(-1, 2)
     all_photos = [Photo("bent", CAMERA.size, Seen(frozen(px), frozen(MM), 54)), *photos(CAMERA, 6)[1:]]
-    found = calibrated(all_photos, BOARD, "x")
+    found = fit_camera(all_photos, BOARD, "x")
     assert [one.name for one in found.left_out] == ["bent"]
 
 
@@ -103,7 +103,7 @@ def test_sound_photos_are_never_left_out() -> None:
     alone = poses(CAMERA, SIZE, 1, seed=2, fill=0.95, tilt=15)[0]
     for count in (3, 5, 10):
         middle = [taken(CAMERA, p, f"m{i}", i) for i, p in enumerate(poses(CAMERA, SIZE, count, seed=count, fill=0.4))]
-        found = calibrated([*middle, taken(CAMERA, alone, "alone", 99)], BOARD, "x")
+        found = fit_camera([*middle, taken(CAMERA, alone, "alone", 99)], BOARD, "x")
         assert found.left_out == ()
 
 
@@ -118,7 +118,7 @@ def test_a_wide_angle_lens_gets_more_coefficients_and_only_it() -> None:
         px = at[:, :2] * (focal * np.arctan2(radius, at[:, 2]) / radius)[:, None] + [318, 243]
         noise = np.random.default_rng(i).normal(0, NOISE, px.shape)
         wide.append(Photo(f"p{i}", size, Seen(frozen(px + noise), frozen(MM), 54)))
-    found = calibrated(wide, BOARD, "x")
+    found = fit_camera(wide, BOARD, "x")
     assert len(found.camera.distortion) == 8
     assert found.left_out == ()
     assert found.rms < 1.1 * NOISE * np.sqrt(2)
@@ -132,8 +132,8 @@ def test_a_wide_angle_lens_gets_more_coefficients_and_only_it() -> None:
 def test_boards_that_were_not_tilted() -> None:
     for tilt in (0.01, 0.5):
         with pytest.raises(InputError, match=r"p0 and 5 more: the photos do not tell the focal length; .* tilted"):
-            calibrated(photos(CAMERA, 6, tilt=tilt), BOARD, "x")
-    found = calibrated(photos(CAMERA, 6, tilt=4), BOARD, "x")
+            fit_camera(photos(CAMERA, 6, tilt=tilt), BOARD, "x")
+    found = fit_camera(photos(CAMERA, 6, tilt=4), BOARD, "x")
     assert any("focal length known to" in note.what for note in found.notes)
 
 
@@ -141,28 +141,28 @@ def test_parts_of_the_view_without_a_board() -> None:
     middle = [taken(CAMERA, p, f"p{i}", i) for i, p in enumerate(poses(CAMERA, SIZE, 6, seed=1, fill=0.25))]
     near = [p for p in middle if p.seen and np.abs(p.seen.corners - [320, 240]).max() < 200]
     assert len(near) >= 3
-    notes = calibrated(near, BOARD, "x").notes
+    notes = fit_camera(near, BOARD, "x").notes
     assert any("no corner seen beyond" in note.what or "nothing in the corners" in note.what for note in notes)
-    assert not any("corner" in note.what for note in calibrated(photos(CAMERA, 12), BOARD, "x").notes)
+    assert not any("corner" in note.what for note in fit_camera(photos(CAMERA, 12), BOARD, "x").notes)
 
 
 def test_large_errors_are_said() -> None:
     rough = [taken(CAMERA, p, f"p{i}", i, noise=1.5) for i, p in enumerate(poses(CAMERA, SIZE, 10, seed=1))]
-    assert any(note.what.startswith("errors of ") for note in calibrated(rough, BOARD, "x").notes)
+    assert any(note.what.startswith("errors of ") for note in fit_camera(rough, BOARD, "x").notes)
 
 
 def test_photos_that_cannot_be_used_together() -> None:
     good = photos(CAMERA, 5)
     none = Photo("bench.jpg", CAMERA.size, None)
-    found = calibrated([none, *good, Photo("again.jpg", CAMERA.size, good[1].seen)], BOARD, "x")
+    found = fit_camera([none, *good, Photo("again.jpg", CAMERA.size, good[1].seen)], BOARD, "x")
     assert [(one.name, one.why.split(":")[0]) for one in found.left_out] == [
         ("bench.jpg", "chessboard 9x6 not found"),
         ("again.jpg", "the same picture as p1"),
     ]
     with pytest.raises(InputError, match="2 of 3 photos can be used with the chessboard 9x6, 3 are needed"):
-        calibrated([none, *good[:2]], BOARD, "x")
+        fit_camera([none, *good[:2]], BOARD, "x")
     with pytest.raises(InputError, match=r"small\.jpg: is 320 x 240 px, 5 of 6 are 640 x 480"):
-        calibrated([Photo("small.jpg", (320, 240), None), *good], BOARD, "x")
+        fit_camera([Photo("small.jpg", (320, 240), None), *good], BOARD, "x")
 
 
 # -- from files
@@ -234,7 +234,7 @@ def test_a_turned_photo_is_taken_as_the_sensor_saw_it(tmp_path: Path) -> None:
     exif = b"\xff\xe1" + (len(tag) + 8).to_bytes(2, "big") + b"Exif\0\0" + tag
     (tmp_path / "plain.jpg").write_bytes(plain)
     (tmp_path / "phone.jpg").write_bytes(plain[:2] + exif + plain[2:])
-    seen = [photographed(source(tmp_path / name), BOARD) for name in ("plain.jpg", "phone.jpg")]
+    seen = [photograph(source(tmp_path / name), BOARD) for name in ("plain.jpg", "phone.jpg")]
     assert seen[0].size == seen[1].size
     assert seen[0].seen is not None
     assert seen[1].seen is not None
@@ -264,7 +264,7 @@ def test_no_photo_is_overwritten(tmp_path: Path) -> None:
 
 def test_the_picture_shows_every_corner_and_every_photo() -> None:
     blind = Photo('<b>"blind"&.jpg', CAMERA.size, None)
-    found = calibrated([*photos(CAMERA, 5), blind], BOARD, "x")
+    found = fit_camera([*photos(CAMERA, 5), blind], BOARD, "x")
     root = ET.fromstring(svg(found, "a < b"))
     kinds = [(element.get("class"), element) for element in root.iter()]
     strokes = "".join(element.get("d", "") for kind, element in kinds if kind == "arrow")

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from camgen.model.errors import InputError
 from camgen.model.pose import frozen
-from camgen.vision.camera.camera import Camera, camera_info, distorted, read_camera, undistorted
-from camgen.vision.camera.lens import bent, fold, straight
+from camgen.vision.camera.camera import Camera, camera_info, distort, read_camera, undistort
+from camgen.vision.camera.lens import distort_ideal, fold, straight
 from tests.support.files import source
 
 MATRIX = frozen([[800.0, 0, 321], [0, 802, 236], [0, 0, 1]])
@@ -41,14 +41,14 @@ def test_distorted_is_what_opencv_projects(count: int) -> None:
     rays = np.column_stack([(px - MATRIX[:2, 2]) / np.diag(MATRIX)[:2], np.ones(len(px))])
     lens = np.array(LENSES[count]) if count else None
     expected = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), MATRIX, lens)[0].reshape(-1, 2)
-    assert np.abs(distorted(camera(count), px) - expected).max() < 1e-9
+    assert np.abs(distort(camera(count), px) - expected).max() < 1e-9
 
 
 @pytest.mark.parametrize("count", LENSES)
 def test_undistorted_is_the_inverse_to_1e_9_px(count: int) -> None:
     px = grid()
-    ideal = undistorted(camera(count), px)
-    assert np.abs(distorted(camera(count), ideal) - px).max() < 1e-9
+    ideal = undistort(camera(count), px)
+    assert np.abs(distort(camera(count), ideal) - px).max() < 1e-9
     if count:
         assert np.abs(ideal - px).max() > 5  # the lenses do bend
 
@@ -56,8 +56,8 @@ def test_undistorted_is_the_inverse_to_1e_9_px(count: int) -> None:
 def test_skew_is_part_of_the_matrix() -> None:
     skewed = Camera(frozen([[800.0, 3, 321], [0, 802, 236], [0, 0, 1]]), frozen(LENSES[5]), (640, 480), "skew")
     px = grid()
-    assert np.abs(distorted(skewed, undistorted(skewed, px)) - px).max() < 1e-9
-    assert np.allclose(undistorted(skewed, np.array([[321.0, 236]])), [[321, 236]])
+    assert np.abs(distort(skewed, undistort(skewed, px)) - px).max() < 1e-9
+    assert np.allclose(undistort(skewed, np.array([[321.0, 236]])), [[321, 236]])
 
 
 def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
@@ -65,8 +65,8 @@ def test_beyond_the_turn_of_the_model_there_is_nothing() -> None:
     lens = np.array([-0.5, 0, 0, 0])
     assert fold(lens) == pytest.approx(np.sqrt(2 / 3), abs=1e-12)
     near, far = np.array([[0.81, 0]]), np.array([[0.83, 0]])
-    assert bent(lens, near)[0, 0] == pytest.approx(0.81 - 0.81**3 / 2, abs=1e-15)
-    assert np.isnan(bent(lens, far)).all()
+    assert distort_ideal(lens, near)[0, 0] == pytest.approx(0.81 - 0.81**3 / 2, abs=1e-15)
+    assert np.isnan(distort_ideal(lens, far)).all()
     assert straight(lens, np.array([[0.5442, 0]]))[0, 0] == pytest.approx(0.8095, abs=0.01)
     assert np.isnan(straight(lens, np.array([[0.5444, 0]]))).all()
 
@@ -80,13 +80,13 @@ def test_what_is_answered_is_right(k1: float, k2: float, p1: float, p2: float, k
     ideal = straight(lens, seen)
     known = np.isfinite(ideal).all(axis=1)
     assert known[17]  # near the middle there is always an answer
-    assert np.allclose(bent(lens, ideal[known]), seen[known], rtol=0, atol=1e-11)
+    assert np.allclose(distort_ideal(lens, ideal[known]), seen[known], rtol=0, atol=1e-11)
     assert np.all(np.linalg.norm(ideal[known], axis=1) < fold(lens))
 
 
 def test_coefficients_that_are_next_to_nothing() -> None:
     lens = np.array([0.1, 0, 0, 0, 5e-324])
-    assert np.allclose(bent(lens, np.array([[1.0, 0]])), [[1.1, 0]])
+    assert np.allclose(distort_ideal(lens, np.array([[1.0, 0]])), [[1.1, 0]])
 
 
 # -- files

@@ -15,8 +15,8 @@ from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import InputError
 from camgen.model.part import Contour
 from camgen.vision.lines_arcs.contours import Fit, primitives
-from camgen.vision.lines_arcs.fit import circles, joined, lines, moved, summed
-from camgen.vision.lines_arcs.polish import Chain, polished, to_arcs
+from camgen.vision.lines_arcs.fit import circles, join_sums, lines, move_sums, sum_runs
+from camgen.vision.lines_arcs.polish import Chain, polish, to_arcs
 from camgen.vision.outline import Outline, outlines
 from tests.support.outline_pictures import Drawn, disc, drawn, gear, mask_of, picture, plate, with_holes
 
@@ -306,16 +306,16 @@ def test_rectangles_are_four_lines() -> None:
 def test_sums_can_be_moved_and_joined() -> None:
     rng = np.random.default_rng(1)
     points = 300 + 200j + rng.normal(0, 5, 30) + 1j * rng.normal(0, 5, 30)
-    parts = summed(points, np.ones(30), np.array([0, 12]))
-    whole = summed(points, np.ones(30), np.array([0]))
-    both = moved(joined(parts.take(np.array([0])), parts.take(np.array([1]))), whole.origin)
+    parts = sum_runs(points, np.ones(30), np.array([0, 12]))
+    whole = sum_runs(points, np.ones(30), np.array([0]))
+    both = move_sums(join_sums(parts.take(np.array([0])), parts.take(np.array([1]))), whole.origin)
     assert both.sums == pytest.approx(whole.sums, rel=1e-9, abs=1e-6)
 
 
 def test_a_line_and_a_circle_are_found_exactly() -> None:
     t = np.linspace(0, 1, 9)
     points = np.concatenate([100 + 50j + 40 * np.exp(1j * (0.3 + 0.4 * t)), 5 + 3j + t * (30 + 40j)])
-    runs = summed(points, np.ones(18), np.array([0, 9]))
+    runs = sum_runs(points, np.ones(18), np.array([0, 9]))
     round_ = circles(runs)
     assert 1 / abs(round_.curvature[0]) == pytest.approx(40, rel=1e-6)
     assert np.abs(round_.distances(np.array([100 + 90j, 35 + 43j]))).max() < 1e-6
@@ -340,5 +340,5 @@ def test_a_long_chain_is_polished_to_its_points() -> None:
     start = corner + rng.normal(0, 0.5, 60) + 1j * rng.normal(0, 0.5, 60)
     straight = np.ones(60, dtype=bool)
     chain = Chain(start, np.zeros(60), straight, ~straight)
-    found = polished(chain, points, np.repeat(np.arange(60), 12), np.ones(720))
+    found = polish(chain, points, np.repeat(np.arange(60), 12), np.ones(720))
     assert np.abs(found.corners - corner).max() < 1e-3

@@ -14,11 +14,11 @@ from camgen.cli import markers as cli_markers
 from camgen.cli.say import voice
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import Pose, frozen
-from camgen.vision.boards.find import _detected, _measured, find
-from camgen.vision.boards.sheet import SIZES, Board, drawn_pdf, drawn_svg, sheet
-from camgen.vision.camera.camera import Camera, undistorted
+from camgen.vision.boards.find import _detect, _measure, find
+from camgen.vision.boards.sheet import SIZES, Board, draw_pdf, draw_svg, sheet
+from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.image import Picture
-from camgen.vision.plane import mapped, plane_from_pose
+from camgen.vision.plane import map_points, plane_from_pose
 from tests.vision.test_plane import error_mm, looking, seen
 
 #: 1280 x 920 px, a lens with the distortion of a good industrial one; 4 px/mm from 430 mm.
@@ -74,7 +74,7 @@ def painted(rectangles: np.ndarray, page: tuple[float, float], per_unit: float) 
 @cache
 def paper(size: str, marker: float) -> np.ndarray:
     """The sheet at 18 px/mm: 60 px for every module of a 20 mm marker."""
-    return painted(*rectangles_of_svg(drawn_svg(sheet(size, marker))), 18)
+    return painted(*rectangles_of_svg(draw_svg(sheet(size, marker))), 18)
 
 
 def pixels_of(camera: Camera) -> np.ndarray:
@@ -84,7 +84,7 @@ def pixels_of(camera: Camera) -> np.ndarray:
 
 @cache
 def rays_of_the_lens() -> np.ndarray:
-    return undistorted(CAMERA, pixels_of(CAMERA))
+    return undistort(CAMERA, pixels_of(CAMERA))
 
 
 def photo(
@@ -96,7 +96,7 @@ def photo(
     """
     width, height = camera.size
     rays = rays_of_the_lens() if camera is CAMERA else pixels_of(camera)
-    seen_mm = mapped(plane_from_pose(camera, pose).work_from_pixel, rays) + origin
+    seen_mm = map_points(plane_from_pose(camera, pose).work_from_pixel, rays) + origin
     places = np.stack([seen_mm[:, 0] * 18 - 0.5, page.shape[0] - 0.5 - seen_mm[:, 1] * 18])
     places = places.reshape(2, height, width)
     down, right = np.gradient(places, axis=(1, 2))
@@ -149,7 +149,7 @@ def test_sizes_of_the_a4_sheet() -> None:
 
 
 @pytest.mark.parametrize(
-    ("drawn", "read", "unit"), [(drawn_svg, rectangles_of_svg, 1.0), (drawn_pdf, rectangles_of_pdf, 25.4 / 72)]
+    ("drawn", "read", "unit"), [(draw_svg, rectangles_of_svg, 1.0), (draw_pdf, rectangles_of_pdf, 25.4 / 72)]
 )
 @pytest.mark.parametrize("size", ["A4", "letter"])
 def test_what_is_drawn_is_what_the_sheet_says(drawn: object, read: object, unit: float, size: str) -> None:
@@ -158,8 +158,8 @@ def test_what_is_drawn_is_what_the_sheet_says(drawn: object, read: object, unit:
     rectangles, page = read(drawn(what))  # type: ignore[operator]
     assert np.allclose(np.array(page) * unit, SIZES[size.upper()], atol=1e-3)
     pixels = painted(rectangles * unit, what.page, 10)
-    seen_there = _detected(pixels, 0)
-    measured = _measured(pixels, np.array([place for _, place in seen_there]), None)
+    seen_there = _detect(pixels, 0)
+    measured = _measure(pixels, np.array([place for _, place in seen_there]), None)
     found = {number: place for (number, _), place in zip(seen_there, measured, strict=True)}
     assert sorted(found) == list(what.ids)
     for number, corners in zip(what.ids, what.corners, strict=True):
@@ -177,11 +177,11 @@ def test_what_is_drawn_is_what_the_sheet_says(drawn: object, read: object, unit:
 
 
 def test_the_pdf_asks_for_no_scaling_and_says_what_to_measure() -> None:
-    text = drawn_pdf(A4).decode("ascii")
+    text = draw_pdf(A4).decode("ascii")
     assert "/PrintScaling /None" in text
     assert "(Measure this: 100 mm over all." in text
-    assert "Measure this: 100 mm" in drawn_svg(A4).decode()
-    assert drawn_pdf(A4) == drawn_pdf(sheet("a4"))
+    assert "Measure this: 100 mm" in draw_svg(A4).decode()
+    assert draw_pdf(A4) == draw_pdf(sheet("a4"))
 
 
 def test_a_printed_length_scales_everything() -> None:
@@ -214,9 +214,9 @@ def test_sheets_that_cannot_be(given: dict[str, object], what: str) -> None:
 @pytest.mark.parametrize("blur", [0.7, 1.5])
 def test_corners_are_found_to_a_tenth_of_a_pixel(tilt: float, blur: float) -> None:
     pose, picture = sheet_photo(tilt, blur)
-    found = _detected(picture.pixels, len(A4.ids))
+    found = _detect(picture.pixels, len(A4.ids))
     assert len(found) >= (28 if tilt < 30 else 20)
-    corners = _measured(picture.pixels, np.array([place for _, place in found]), CAMERA)
+    corners = _measure(picture.pixels, np.array([place for _, place in found]), CAMERA)
     true = np.array([seen(CAMERA, pose, A4.corners[number]) for number, _ in found])
     off = np.linalg.norm(corners - true, axis=2)
     assert off.max() < 0.1
@@ -248,8 +248,8 @@ def test_the_sheet_may_lie_turned_in_the_photo() -> None:
     turned = with_grey(picture, picture.pixels[::-1, ::-1])
     plain = Camera(matrix=CAMERA.matrix, distortion=frozen([]), size=CAMERA.size, name="plain")
     there, here = find(picture, None, A4), find(turned, None, A4)
-    px = mapped(there.pixel_from_work, INSIDE)
-    assert np.abs(mapped(here.pixel_from_work, INSIDE) - (np.array(plain.size) - 1 - px)).max() < 0.02
+    px = map_points(there.pixel_from_work, INSIDE)
+    assert np.abs(map_points(here.pixel_from_work, INSIDE) - (np.array(plain.size) - 1 - px)).max() < 0.02
     assert pose.origin[2] > 0
 
 
@@ -257,7 +257,7 @@ def test_a_sheet_that_printed_small_makes_the_part_smaller() -> None:
     _, picture = sheet_photo(0)
     small, full = find(picture, CAMERA, sheet("A4", printed=99.0)), find(picture, CAMERA, A4)
     px = np.array([[640.0, 460], [900, 500]])
-    assert np.allclose(mapped(small.work_from_pixel, px), mapped(full.work_from_pixel, px) * 0.99)
+    assert np.allclose(map_points(small.work_from_pixel, px), map_points(full.work_from_pixel, px) * 0.99)
 
 
 def test_a_part_that_stands_above_the_sheet() -> None:
@@ -392,7 +392,7 @@ def test_the_command_writes_the_sheet(name: str, tmp_path: Path, capsys: pytest.
     arguments = Namespace(output=str(target), size="A3", marker=25.0)
     assert cli_markers.run(arguments, voice(quiet=False, verbose=0)) == 0
     what = sheet("A3", 25.0)
-    assert target.read_bytes() == (drawn_pdf(what) if name.endswith("pdf") else drawn_svg(what))
+    assert target.read_bytes() == (draw_pdf(what) if name.endswith("pdf") else draw_svg(what))
     said = capsys.readouterr().err
     assert "A3 landscape, " in said
     assert "it must be 100 mm" in said

@@ -16,7 +16,7 @@ from camgen.model.pose import frozen
 from camgen.vision.image import load
 from camgen.vision.mask.cells import cells_of
 from camgen.vision.mask.channel import strips
-from camgen.vision.mask.clean import cleaned
+from camgen.vision.mask.clean import clean
 from camgen.vision.mask.level import spread_out
 from camgen.vision.mask.part_mask import Mask
 from camgen.vision.mask.part_mask import part_mask as masked
@@ -312,7 +312,7 @@ def test_cleaning_against_labels(seed: int) -> None:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(cv2.bitwise_not(wanted), connectivity=4)
     holes = [k for k in range(1, count) if stats[k, 4] < least]
     wanted[np.isin(labels, holes)] = 255
-    notes = " ".join(map(str, cleaned(mask, seen(mask.copy()), least * SCALE**2 * 0.999, "noise.png")))
+    notes = " ".join(map(str, clean(mask, seen(mask.copy()), least * SCALE**2 * 0.999, "noise.png")))
     assert np.array_equal(mask, wanted)
     assert specks or holes
     assert not specks or f"{len(specks)} speck" in notes
@@ -324,7 +324,7 @@ def test_a_thin_ring_is_a_speck_but_what_it_holds_is_not() -> None:
     cv2.circle(mask, (100, 100), 80, 255, 1)
     cv2.circle(mask, (100, 100), 40, 255, -1)
     disc = np.count_nonzero(mask[100 - 45 : 100 + 46, 100 - 45 : 100 + 46])
-    (note,) = cleaned(mask, seen(mask.copy()), 1000 * SCALE**2, "ring.png")
+    (note,) = clean(mask, seen(mask.copy()), 1000 * SCALE**2, "ring.png")
     assert np.count_nonzero(mask) == disc
     assert note.what.startswith("1 speck below 40 mm2 left out")
 

@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 from camgen.model.errors import JobError
 from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
 from camgen.vision.camera.camera import Camera
-from camgen.vision.plane import Plane, fitted, in_line, mapped, plane_from_points, plane_from_pose, pose_of, scales
+from camgen.vision.plane import (
+    Plane,
+    fit_homography,
+    in_line,
+    map_points,
+    plane_from_points,
+    plane_from_pose,
+    pose_of,
+    scales,
+)
 
 MATRIX = np.array([[5090.0, 0, 1921], [0, 5092, 1370], [0, 0, 1]])
 LENS = Camera(
@@ -40,7 +49,7 @@ def seen(camera: Camera, pose: Pose, points: np.ndarray, z: float = 0.0) -> np.n
 def error_mm(plane: Plane, camera: Camera, pose: Pose, points: np.ndarray = GRID) -> float:
     """How far off work points are that the plane finds at their true ideal pixels."""
     ideal = seen(Camera(matrix=camera.matrix, distortion=frozen([]), size=camera.size, name=""), pose, points)
-    return float(np.linalg.norm(mapped(plane.work_from_pixel, ideal) - points, axis=1).max())
+    return float(np.linalg.norm(map_points(plane.work_from_pixel, ideal) - points, axis=1).max())
 
 
 def refusal(px: object, mm: object, camera: Camera | None = None, height: float = 0.0) -> str:
@@ -87,13 +96,13 @@ def test_any_exact_homography_is_found(numbers: list[float], scale: float, away:
     """Whatever the units and however far off the origin, as long as the points are in front."""
     true = np.append(np.array(numbers) * ([0.4] * 6 + [0.3] * 2), 1.0).reshape(3, 3) + np.diag([1.0, -1.0, 0])
     unit = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (0.3, 0.6)])
-    assume(np.linalg.det(true[:2, :2] - np.outer(mapped(true, unit[:1])[0], true[2, :2])) < -0.2)
+    assume(np.linalg.det(true[:2, :2] - np.outer(map_points(true, unit[:1])[0], true[2, :2])) < -0.2)
     assume(scales(true, unit)[:, 0].min() > 0.1)
-    image = mapped(true, unit)
+    image = map_points(true, unit)
     assume(in_line(image) is None)
     source = unit * scale + away * scale
-    found = fitted(source, image)
-    assert np.abs(mapped(found, source) - image).max() < 1e-7
+    found = fit_homography(source, image)
+    assert np.abs(map_points(found, source) - image).max() < 1e-7
 
 
 def test_least_squares_beat_the_noise_of_single_points() -> None:
@@ -103,9 +112,9 @@ def test_least_squares_beat_the_noise_of_single_points() -> None:
     px = seen(PINHOLE, pose, GRID) + rng.normal(0, 0.3, (16, 2))
     plane = plane_from_points(PINHOLE, px, GRID)
     theirs = cv2.findHomography(GRID, px, 0)[0]
-    assert np.abs(mapped(plane.pixel_from_work, GRID) - mapped(theirs, GRID)).max() < 1e-3
-    ours = np.sum((mapped(plane.pixel_from_work, GRID) - px) ** 2)
-    assert ours <= np.sum((mapped(theirs, GRID) - px) ** 2) * (1 + 1e-9)
+    assert np.abs(map_points(plane.pixel_from_work, GRID) - map_points(theirs, GRID)).max() < 1e-3
+    ours = np.sum((map_points(plane.pixel_from_work, GRID) - px) ** 2)
+    assert ours <= np.sum((map_points(theirs, GRID) - px) ** 2) * (1 + 1e-9)
     mm_per_px = 700 / 5090
     assert 0.5 < plane.rms_mm / (0.3 * np.sqrt(2) * mm_per_px) < 1.2
     assert error_mm(plane, PINHOLE, pose) < 0.3 * np.sqrt(2) * mm_per_px * 1.3

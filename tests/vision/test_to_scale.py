@@ -6,9 +6,9 @@ import pytest
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
-from camgen.vision.camera.camera import Camera, distorted
+from camgen.vision.camera.camera import Camera, distort
 from camgen.vision.image import Picture
-from camgen.vision.plane import mapped, plane_from_points, plane_from_pose
+from camgen.vision.plane import map_points, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import (
     View,
     already_to_scale,
@@ -16,8 +16,8 @@ from camgen.vision.to_scale import (
     photo_from_work,
     photo_grid,
     rectify,
-    remapped,
-    shown_by,
+    remap,
+    show_by,
     work_from_photo,
 )
 from tests.vision.test_plane import LENS, MATRIX, PINHOLE, looking, seen
@@ -68,9 +68,9 @@ def test_every_view_pixel_comes_from_its_place_in_the_photo(
     # since OpenCV quantises two to 1/32 px.
     v, u = np.mgrid[: camera.size[1], : camera.size[0]].astype(np.float32)
     rows, columns = view.pixels.shape[:2]
-    shown, valid = remapped(
+    shown, valid = remap(
         np.dstack([u, v, u]),  # type: ignore[arg-type]
-        shown_by(camera, plane, camera.size),
+        show_by(camera, plane, camera.size),
         view.work_from_view,
         (columns, rows),
     )
@@ -88,7 +88,7 @@ def test_a_smooth_pattern_keeps_its_place(camera: Camera) -> None:
     small = Camera(matrix=SMALL.matrix, distortion=camera.distortion, size=SMALL.size, name="")
     pose = looking(15, height=440)
     plane = plane_from_pose(small, pose)
-    mm = work_from_photo(shown_by(small, plane, small.size), photo_grid_all(small.size))
+    mm = work_from_photo(show_by(small, plane, small.size), photo_grid_all(small.size))
     waves = 127 + 60 * np.sin(mm[:, 0] * 2 * np.pi / 12) + 60 * np.cos(mm[:, 1] * 2 * np.pi / 12)
     view = rectify(photo_of(small, np.rint(waves)), small, plane)
     x, y = np.moveaxis(places(view), 2, 0) * 2 * np.pi / 12
@@ -164,7 +164,7 @@ def test_all_of_the_photo_is_in_the_view_and_only_that_is_valid() -> None:
     pose = looking(20, about=50)
     plane = plane_from_pose(QUARTER, pose)
     view = rectify(blank(QUARTER), QUARTER, plane)
-    corners = work_from_photo(shown_by(QUARTER, plane, QUARTER.size), photo_grid(QUARTER.size, 40))
+    corners = work_from_photo(show_by(QUARTER, plane, QUARTER.size), photo_grid(QUARTER.size, 40))
     first, last = places(view)[-1, 0], places(view)[0, -1]
     assert np.all(corners.min(axis=0) >= first)
     assert np.all(corners.max(axis=0) <= last)
@@ -191,9 +191,9 @@ def test_a_lens_model_that_turns_back_shows_nothing_twice(focal: float) -> None:
     far = np.array([[1.2, 0, 1.0]])
     turned = cv2.projectPoints(far, np.zeros(3), np.zeros(3), folding.matrix, folding.distortion)[0].ravel()
     assert 0 < turned[0] < 640  # OpenCV's formula finds it in the photo: the trap is there
-    assert np.isnan(distorted(folding, np.array([[321 + 1.2 * focal, 236]]))).all()
+    assert np.isnan(distort(folding, np.array([[321 + 1.2 * focal, 236]]))).all()
     plane = plane_from_pose(folding, looking(0, height=110, at=(200, 150)))
-    shown = shown_by(folding, plane, folding.size)
+    shown = show_by(folding, plane, folding.size)
     seen_mm = work_from_photo(shown, photo_grid(folding.size, 20))
     assert np.isnan(seen_mm).any() == (focal < 700)
     region = (108.0, 58.0, 292.0, 242.0)
@@ -201,7 +201,7 @@ def test_a_lens_model_that_turns_back_shows_nothing_twice(focal: float) -> None:
     where = places(view)
     assert view.valid is not None
     assert 0.05 < view.valid.mean() < 0.9
-    ideal = (mapped(plane.pixel_from_work, where[view.valid]) - folding.matrix[:2, 2]) / focal
+    ideal = (map_points(plane.pixel_from_work, where[view.valid]) - folding.matrix[:2, 2]) / focal
     radius = np.linalg.norm(ideal, axis=1)
     assert radius.max() < np.sqrt(2 / 3)
     px = ideal * (1 - 0.5 * radius**2)[:, None] * focal + folding.matrix[:2, 2]
@@ -242,7 +242,7 @@ def test_a_horizon_in_the_photo_does_not_make_an_endless_view(camera: Camera | N
     (note,) = view.notes
     assert "of the photo left out of the view" in note.what
     # What is left is not much coarser than the finest place.
-    fine, coarse = mm_per_pixel(shown_by(camera, plane, SMALL.size), places(view)[view.valid][::50])
+    fine, coarse = mm_per_pixel(show_by(camera, plane, SMALL.size), places(view)[view.valid][::50])
     assert coarse.max() < 4.6 * fine.min()
 
 
@@ -256,10 +256,10 @@ def test_without_a_camera() -> None:
     pose = looking(15, height=110, at=(20, 15))
     pinhole = Camera(matrix=SMALL.matrix, distortion=frozen([]), size=SMALL.size, name="pinhole")
     plane = plane_from_points(None, seen(pinhole, pose, DOTS), DOTS)
-    shown = shown_by(None, plane, SMALL.size)
+    shown = show_by(None, plane, SMALL.size)
     assert np.abs(photo_from_work(shown, DOTS) - seen(pinhole, pose, DOTS)).max() < 1e-6
     view = rectify(blank(SMALL), None, plane)
-    corners = mapped(plane.work_from_pixel, np.array([[0.0, 0], [639, 0], [0, 479], [639, 479]]))
+    corners = map_points(plane.work_from_pixel, np.array([[0.0, 0], [639, 0], [0, 479], [639, 479]]))
     assert np.abs(corners.min(axis=0) - places(view)[-1, 0]).max() < view.mm_per_px
     assert np.abs(corners.max(axis=0) - places(view)[0, -1]).max() < view.mm_per_px
 

@@ -42,7 +42,7 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     lengths = tuple(edges[leg.motion.id].length - sum(leg.motion.trimmed) for leg in made.legs)
     paths = tuple(edge_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
     method = "best found" if best else "nearest neighbour"
-    notes = (*left_out(made.dropped, edges), *_advice(lost, freedom_of(job)), *_freed(made), *_said(made))
+    notes = (*left_out(made.dropped, edges), *_advice(lost, freedom_of(job)), *_note_freed(made), *_note_links(made))
     return EdgeTour(paths, _travel(made, setup, home), method, notes=notes, route=made, lengths=lengths)
 
 
@@ -54,7 +54,7 @@ def _advice(lost: Sequence[Unreached], freedom: Freedom) -> list[Note]:
     return [Note("warning", what, "a tilt or a free roll may reach them: tool.axis_tilt = 15, tool.symmetric = true")]
 
 
-def _freed(made: Route) -> list[Note]:
+def _note_freed(made: Route) -> list[Note]:
     """The edges that the nominal orientation does not reach."""
     notes = []
     for leg in made.legs:
@@ -71,7 +71,7 @@ def _freed(made: Route) -> list[Note]:
     return notes
 
 
-def _said(made: Route) -> list[Note]:
+def _note_links(made: Route) -> list[Note]:
     kinds = [piece.kind for leg in made.legs for piece in leg.link if isinstance(piece, Along)]
     free = sum(any(isinstance(p, Along) and p.kind == "approach" for p in leg.link) for leg in made.legs)
     direct = len(made.legs) - free

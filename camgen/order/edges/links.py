@@ -66,7 +66,7 @@ def seconds(robot: Robot, a: FloatArray, b: FloatArray, speed: float) -> FloatAr
     return np.asarray(np.maximum(joints, ways / speed))
 
 
-def shared(vertices: FloatArray, near: float) -> BoolArray:
+def distinct(vertices: FloatArray, near: float) -> BoolArray:
     """(2 n, 2 n): which ends of different edges are at one vertex. vertices: (2 n, 3) of the edges, not of the tool."""
     same = np.linalg.norm(vertices[:, None] - vertices[None], axis=2) < near
     own = np.arange(len(vertices)) // 2

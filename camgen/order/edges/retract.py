@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
 from camgen.plan.edges.motion import JUMP, MARGIN, Room, Setup, dense_parts, flange_poses
-from camgen.plan.edges.ways import Way, divided, rows
+from camgen.plan.edges.ways import Way, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.forward import flange, frames
 
@@ -43,7 +43,7 @@ def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]
     """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free; or why there
     is none.
     """
-    ways = [_followed(setup, room, end, joints) for end, joints in ends]
+    ways = [_follow(setup, room, end, joints) for end, joints in ends]
     found: list[Retraction | str] = ["" for _ in ends]
     left = list(range(len(ends)))
     while left:
@@ -62,11 +62,11 @@ def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]
     return [one or "the tool points up" for one in found]
 
 
-def _followed(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[Retraction | str]:
+def _follow(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[Retraction | str]:
     """What is tried, in this order, with the joints; or why the arm cannot do it."""
     for name, way in _ways(setup, room, end, joints):
         parts = dense_parts(way)
-        dense = divided(way, parts)
+        dense = divide(way, parts)
         found = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), joints, MARGIN, JUMP)
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
             yield Retraction(way, frozen(found.joints[rows(parts)]), frozen(found.joints), name)

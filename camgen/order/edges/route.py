@@ -98,9 +98,9 @@ def route(
     left, outs, dropped = _left(setup, room, motions)
     while left:
         own = [by_id[motion.id] for motion in left]
-        work = _worked(setup, room, left, outs, own, home, speed, lifted)
-        found = _ordered(work, best)
-        lost = _lost(work, found)
+        work = _work(setup, room, left, outs, own, home, speed, lifted)
+        found = _order(work, best)
+        lost = _find_lost(work, found)
         if not lost:
             legs, back = _legs(work, found)
             return Route(legs, back, tuple(dropped), found.seconds, found.nearest)
@@ -138,7 +138,7 @@ def _row(way: Way, k: int) -> Way:
     return Way(way.position[[k]], np.full((1, 3), np.nan), way.rotation[[k]])
 
 
-def _worked(
+def _work(
     setup: Setup,
     room: Room,
     motions: Sequence[Reached],
@@ -155,7 +155,7 @@ def _worked(
     free = links.seconds(setup.robot, safe[:, None], safe[None], speed)
     vertices = np.concatenate([_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)])
     direct = links.seconds(setup.robot, joints[:, None], joints[None], speed)
-    direct[lifted | ~links.shared(vertices, _VERTEX)] = math.inf
+    direct[lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
     for (a, b), hit in zip(near.tolist(), room.hits([joints[pair] for pair in near]), strict=True):
@@ -175,7 +175,7 @@ def _vertices(motion: Reached, edge: Edge) -> FloatArray:
     return np.asarray(ends)
 
 
-def _ordered(work: _Work, best: bool) -> _Found:
+def _order(work: _Work, best: bool) -> _Found:
     """The tour, all its links tested unless they are infinite."""
     known = work.known
     effort = _QUICK
@@ -227,7 +227,7 @@ def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
     return any(hits)
 
 
-def _lost(work: _Work, found: _Found) -> set[int]:
+def _find_lost(work: _Work, found: _Found) -> set[int]:
     """The motions to which, or from which, the tour has no finite link."""
     if math.isfinite(found.seconds):
         return set()

@@ -96,7 +96,7 @@ def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph
     one, two, listed = one[first_seen], two[first_seen], near.apart[once][first_seen]
     apart = np.minimum(listed, np.maximum(near.sure[one], near.sure[two]))
     if dense is not None:
-        np.maximum(apart, _measured(dense, closed, one, two), out=apart)
+        np.maximum(apart, _measure(dense, closed, one, two), out=apart)
     far = np.zeros(count)
     if home is not None:
         gap = np.sqrt(((nodes.centre - home) ** 2).sum(axis=1)) - nodes.radius
@@ -107,7 +107,7 @@ def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph
     return _Graph(one, two, apart, near.sure, far, links, forced)
 
 
-def _measured(dense: Dense, closed: NDArray[np.bool_], one: IntArray, two: IntArray) -> FloatArray:
+def _measure(dense: Dense, closed: NDArray[np.bool_], one: IntArray, two: IntArray) -> FloatArray:
     """(E,) what the nodes of each pair are apart at least: their nearest points, less what lies between these."""
     item = np.repeat(np.arange(len(closed)), np.where(closed, 1, 2))
     last = np.concatenate([item[1:] != item[:-1], [True]])

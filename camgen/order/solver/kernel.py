@@ -186,7 +186,7 @@ def undo(s: Scene, r: Run) -> None:
     r.marks[LOGS] = 1
 
 
-def chosen(s: Scene, item: int, p: int, q: int, now: int) -> int:
+def choose_sample(s: Scene, item: int, p: int, q: int, now: int) -> int:
     """The sample of a closed item with the shortest way from point p over it to point q, ``now`` if none is shorter.
 
     A sample's way differs from its neighbour's by at most twice their distance: so many samples can be passed over.
@@ -231,7 +231,7 @@ def settle(s: Scene, r: Run, item: int) -> float:
         return change
     if s.kind[item] == ONE_WAY or s.first[item + 1] - s.first[item] == 1:
         return 0.0
-    point = chosen(s, item, p, q, now)
+    point = choose_sample(s, item, p, q, now)
     if point == now:
         return 0.0
     set_point(r, item, point)

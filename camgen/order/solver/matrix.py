@@ -64,7 +64,7 @@ def shortest(between: FloatArray, first: FloatArray, last: FloatArray, seed: int
     effort: how many shuffles are tried, as a share of the usual number. ValueError for tables of other shapes, NaN or
     -inf.
     """
-    count = _checked(between, first, last)
+    count = _check(between, first, last)
     if count == 0:
         return [], []
     steps = _steps(between, first, last)
@@ -73,12 +73,12 @@ def shortest(between: FloatArray, first: FloatArray, last: FloatArray, seed: int
     start, flipped = nearest(between, first)
     home = 2 * count
     states = np.array([home, *(2 * i + back for i, back in zip(start, flipped, strict=True)), home])
-    return _items(_iterated(states, steps, seed, effort)[1:-1])
+    return _items(_iterate(states, steps, seed, effort)[1:-1])
 
 
 def nearest(between: FloatArray, first: FloatArray) -> Order:
     """Always the cheapest next end ("Following a continuous path", section 3.1), the lowest item of equal ones."""
-    count = _checked(between, first, first)
+    count = _check(between, first, first)
     left = np.ones(count, dtype=bool)
     order: list[int] = []
     flipped: list[bool] = []
@@ -105,7 +105,7 @@ def total(
     return math.fsum(legs)
 
 
-def _checked(between: FloatArray, first: FloatArray, last: FloatArray) -> int:
+def _check(between: FloatArray, first: FloatArray, last: FloatArray) -> int:
     count = len(first)
     if first.shape != (count, 2) or last.shape != (count, 2) or between.shape != (count, 2, count, 2):
         raise ValueError(f"tables of shapes {between.shape}, {first.shape}, {last.shape} do not belong together")
@@ -169,27 +169,27 @@ def _exact(steps: FloatArray) -> IntArray:
     return np.array(states[::-1])
 
 
-def _iterated(states: IntArray, steps: FloatArray, seed: int, effort: float) -> IntArray:
+def _iterate(states: IntArray, steps: FloatArray, seed: int, effort: float) -> IntArray:
     """Local search, then again and again from the best order with two neighbouring stretches exchanged and one item
     turned round; so many at once that the work is done in large arrays.
     """
     count = len(states) - 2
     dice = Dice(seed)
-    best: IntArray = _improved(states[None], steps)[0]
+    best: IntArray = _improve(states[None], steps)[0]
     least = _cost(best, steps)
     trials = math.ceil(effort * min(max(_WORK // count**2, _LEAST_SHUFFLES), _MOST_SHUFFLES))
     while trials > 0:
         batch = min(trials, max(_BATCH // count**2, 1), _WIDEST)
         trials -= batch
-        shuffled = np.stack([_shuffled(best, dice) for _ in range(batch)])
-        for trial in _improved(shuffled, steps):
+        shuffled = np.stack([_shuffle(best, dice) for _ in range(batch)])
+        for trial in _improve(shuffled, steps):
             cost = _cost(trial, steps)
             if cost < least - _EPS * abs(least):
                 best, least = trial, cost
     return best
 
 
-def _shuffled(states: IntArray, dice: Dice) -> IntArray:
+def _shuffle(states: IntArray, dice: Dice) -> IntArray:
     count = len(states) - 2
     reach = max(1, min(count // 2, 30))
     a, b = 1 + dice.below(reach), 1 + dice.below(reach)
@@ -204,7 +204,7 @@ def _cost(states: IntArray, steps: FloatArray) -> float:
     return math.fsum(steps[states[:-1], states[1:]].tolist())
 
 
-def _improved(states: IntArray, steps: FloatArray) -> IntArray:
+def _improve(states: IntArray, steps: FloatArray) -> IntArray:
     """The orders (B, n + 2), each after all moves that shorten it: the best ones first, many at a time where they do
     not overlap.
     """
@@ -286,10 +286,10 @@ def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list
             best = cost.argmin(axis=2)
             least = np.take_along_axis(cost, best[:, :, None], axis=2)[:, :, 0]
             for k, i in np.argwhere(least < -eps).tolist():
-                moves[k].append(_moved(states[k], i + 1, size, int(best[k, i]), back_to_front, float(least[k, i])))
+                moves[k].append(_move(states[k], i + 1, size, int(best[k, i]), back_to_front, float(least[k, i])))
 
 
-def _moved(states: IntArray, low: int, size: int, place: int, back_to_front: bool, gain: float) -> _Move:
+def _move(states: IntArray, low: int, size: int, place: int, back_to_front: bool, gain: float) -> _Move:
     """The stretch of ``size`` from position ``low`` put behind position ``place``."""
     stretch = states[low : low + size]
     if back_to_front:

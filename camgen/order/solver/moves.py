@@ -21,7 +21,7 @@ from camgen.order.solver.kernel import (
     after,
     ahead,
     carry,
-    chosen,
+    choose_sample,
     may_carry,
     may_turn,
     pop,
@@ -46,10 +46,10 @@ def pair(s: Scene, a: int, pa: int, out_a: int, b: int, pb: int, out_b: int) -> 
     saved = way(s, pa, pb)
     if s.kind[a] == CLOSED:
         saved += way(s, out_a, pa)
-        na = chosen(s, a, out_a, pb, pa)
+        na = choose_sample(s, a, out_a, pb, pa)
     if s.kind[b] == CLOSED:
         saved += way(s, pb, out_b)
-        nb = chosen(s, b, na, out_b, pb)
+        nb = choose_sample(s, b, na, out_b, pb)
     saved -= way(s, na, nb)
     if s.kind[a] == CLOSED:
         saved -= way(s, out_a, na)
@@ -141,7 +141,7 @@ def between(s: Scene, r: Run, head: int, tail: int, p: int, q: int) -> tuple[flo
     """
     gap = way(s, p, q)
     if head == tail and s.kind[head] == CLOSED:
-        point = chosen(s, head, p, q, r.enter[head])
+        point = choose_sample(s, head, p, q, r.enter[head])
         return way(s, p, point) + way(s, point, q) - gap, 0, point
     cost = way(s, p, r.enter[head]) + way(s, r.leave[tail], q) - gap
     turned = way(s, p, r.leave[tail]) + way(s, r.enter[head], q) - gap
@@ -294,7 +294,7 @@ def search(s: Scene, r: Run, budget: int, pause: int) -> float:
     """The tour shortened as far as ``budget`` looks at an item go; the change. All items must wait in the queue.
 
     It comes back after about ``pause`` looks, 1 or more, and goes on when it is called again: in how many calls the
-    budget is used up makes no difference. ``done`` tells when it is.
+    budget is used up makes no difference. ``is_done`` tells when it is.
     """
     stop = min(budget, r.marks[WORK] + pause)
     total = 0.0
@@ -321,6 +321,6 @@ def search(s: Scene, r: Run, budget: int, pause: int) -> float:
     return total
 
 
-def done(r: Run, budget: int) -> bool:
+def is_done(r: Run, budget: int) -> bool:
     """Whether ``search`` has nothing left to do."""
     return r.marks[WORK] >= budget or r.marks[IDLE] >= _IDLE

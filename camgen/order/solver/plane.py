@@ -15,7 +15,7 @@ from camgen.order.solver import kernel, speed
 from camgen.order.solver import moves as rounds
 from camgen.order.solver.kernel import CLOSED, Run, Scene
 
-__all__ = ["Items", "Start", "Tell", "discs_of", "shortened"]
+__all__ = ["Items", "Start", "Tell", "discs_of", "shorten"]
 
 #: Near items that are tried.
 WIDTH = 8
@@ -95,7 +95,7 @@ def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
     return number, stretch
 
 
-def shortened(
+def shorten(
     items: Items, start: Start, home: FloatArray | None, near: Near, budget: int, seed: int, tell: Tell | None = None
 ) -> Start:
     """The tour ``start`` shortened by ``budget`` looks at an item. home: x, y where it begins and ends, None: nowhere.
@@ -104,24 +104,24 @@ def shortened(
     told now and then which part of the budget is used up; who watches may stop the search (KeyboardInterrupt), and gets
     the best tour so far.
     """
-    scene, run = _made(items, start, home, near, seed)
+    scene, run = _make(items, start, home, near, seed)
     search: speed.Search = rounds.search
     pause = _PAUSE[0]
     if budget >= _WORTH and speed.available():
         columns = (np.array(value) if isinstance(value, list) else value for value in scene)
         scene = Scene(*columns)  # type: ignore[arg-type]
         run = Run(*(np.array(column) for column in run))  # type: ignore[arg-type]
-        search, pause = speed.compiled(), _PAUSE[1]
+        search, pause = speed.compile_search(), _PAUSE[1]
     if tell is None:
         search(scene, run, budget, budget)
         return _as_start(items, run.ring, run.enter)
     # An interrupt may come in the middle of a move: what is given back is the tour before it.
     ring, enter, whole = run.ring[:], run.enter[:], True
     try:
-        while not rounds.done(run, budget):
+        while not rounds.is_done(run, budget):
             search(scene, run, budget, pause)
             ring, enter = np.array(run.ring), np.array(run.enter)  # type: ignore[assignment]
-            if not rounds.done(run, budget):
+            if not rounds.is_done(run, budget):
                 tell(run.marks[kernel.WORK] / budget)
     except KeyboardInterrupt:
         whole = False
@@ -135,7 +135,7 @@ def _as_start(items: Items, ring: list[int], enter: list[int], whole: bool = Tru
     return Start(order, np.asarray(enter)[:count], whole)
 
 
-def _made(items: Items, start: Start, home: FloatArray | None, near: Near, seed: int) -> tuple[Scene, Run]:
+def _make(items: Items, start: Start, home: FloatArray | None, near: Near, seed: int) -> tuple[Scene, Run]:
     """The problem and its first tour as plain lists; home is the last item and the first in the ring."""
     count, points = len(items.kind), len(items.points)
     place = np.zeros((1, 2)) if home is None else np.asarray(home, dtype=np.float64)[None, :]

@@ -28,7 +28,7 @@ def available() -> bool:
 
 
 @cache
-def compiled() -> Search:
+def compile_search() -> Search:
     """``rounds.search`` compiled. Its first call in a new installation takes some seconds."""
     import numba  # noqa: PLC0415 (0.3 s, and an extra)
 
@@ -42,12 +42,12 @@ def compiled() -> Search:
                 copy = FunctionType(value.__code__, own, name, value.__defaults__)
                 # The cache looks at the file of a function only, not at those of the functions that it calls.
                 copy.__qualname__ = f"{name}_{digest}"
-                own[name] = functions[name] = _cached(numba.njit, copy)
+                own[name] = functions[name] = _cache(numba.njit, copy)
     search: Search = functions["search"]
     return search
 
 
-def _cached(compiler: Any, function: FunctionType) -> Any:
+def _cache(compiler: Any, function: FunctionType) -> Any:
     try:
         return compiler(cache=True)(function)
     except RuntimeError:  # no folder can be written to: then it is compiled each time

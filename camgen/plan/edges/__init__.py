@@ -10,7 +10,7 @@ import numpy as np
 from camgen.collision.cell import Surroundings, around
 from camgen.collision.hits import hits
 from camgen.collision.motion import motions
-from camgen.collision.scene import Scene, told
+from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
@@ -42,7 +42,7 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
         raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
     robot = cell.arm
     _check(job, cell)
-    edges = _chosen(solid, job)
+    edges = _choose(solid, job)
     where = around(job, robot, cell, solid, cell.meshes)
     home_of(robot, cell, where.scene)
     watch("reaching")
@@ -79,7 +79,7 @@ def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Re
     return tuple(result)
 
 
-def _chosen(solid: Solid, job: Job) -> dict[str, Edge]:
+def _choose(solid: Solid, job: Job) -> dict[str, Edge]:
     """The selected edges by their ids."""
     if not solid.edges:
         raise InputError(solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it")
@@ -107,7 +107,9 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
         raise JobError("job", what, "cell.home", "give home for this robot")
     pair = int(hits(scene, home[None])[0])
     if pair >= 0:
-        raise NoSafeProgram("job", f"home collides: {told(scene, pair)}", "cell.home", "give another, or move the part")
+        raise NoSafeProgram(
+            "job", f"home collides: {name_pair(scene, pair)}", "cell.home", "give another, or move the part"
+        )
     return home
 
 
@@ -118,7 +120,7 @@ def setup_of(robot: Robot, cell: Cell, scene: Scene) -> Setup:
         cell.base_from_work,
         cell.flange_from_tool,
         lambda joints: hits(scene, joints) < 0,
-        lambda joints: told(scene, int(hits(scene, joints[None])[0])),
+        lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
     )
 
 
@@ -128,7 +130,7 @@ def room_of(where: Surroundings) -> Room:
     def found(several: Sequence[FloatArray]) -> list[str]:
         if not several:
             return []
-        return [told(where.scene, c.pair) if c.pair >= 0 else "" for c in motions(where.scene, several, STEP)]
+        return [name_pair(where.scene, c.pair) if c.pair >= 0 else "" for c in motions(where.scene, several, STEP)]
 
     return Room(where.level, where.low, where.high, where.room, found)
 
@@ -145,7 +147,7 @@ def edge_path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
         position=way.position,
         via=way.via,
         axis=axis,
-        press=frozen(press),
+        force_direction=frozen(press),
         force=frozen(np.full(count, job.process.force)),
         feed=frozen(np.full(count, feed)),
         closed=edge.closed,

@@ -99,7 +99,7 @@ def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> Ch
         backs.append(best)
         least = np.take_along_axis(total, best[None], axis=0)[0]
         cost = np.where(states.usable[row], least + share, math.inf)
-    return _traced(states, ways, cost, backs) if np.isfinite(cost).any() else None
+    return _trace(states, ways, cost, backs) if np.isfinite(cost).any() else None
 
 
 def _time(robot: Robot, moved: FloatArray) -> FloatArray:
@@ -108,7 +108,7 @@ def _time(robot: Robot, moved: FloatArray) -> FloatArray:
     return np.where(np.isnan(time), math.inf, time)
 
 
-def _traced(states: States, ways: Steps, cost: FloatArray, backs: list[Index]) -> Chain:
+def _trace(states: States, ways: Steps, cost: FloatArray, backs: list[Index]) -> Chain:
     here = np.unravel_index(int(cost.argmin()), cost.shape)
     orientation, branch, turns = (int(k) for k in here)
     chain, moves = [(orientation, turns)], []

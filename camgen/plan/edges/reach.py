@@ -9,15 +9,15 @@ from typing import Literal
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import bent, chain
+from camgen.geometry.arcs import are_bent, chain
 from camgen.geometry.rotations import SURE_TURN
 from camgen.geometry.vectors import cross
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, Unreached, dense_parts, flange_poses
-from camgen.plan.edges.search import Grid, grid, searched
-from camgen.plan.edges.ways import Way, cut, divided, rows
+from camgen.plan.edges.search import Grid, grid, search
+from camgen.plan.edges.ways import Way, cut, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.reasons import why
 
@@ -49,7 +49,7 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreac
     before, after = np.diff(edge.points, axis=0), np.diff(position, axis=0)
     if ((before * after).sum(axis=1) < _CLOSED * (before * before).sum(axis=1)).any():
         return Unreached(edge.id, "shape", f"an offset of {short(offset, 3)} mm leaves nothing of its inner radius")
-    arc = bent(edge.points[:-1], edge.via, edge.points[1:])
+    arc = are_bent(edge.points[:-1], edge.via, edge.points[1:])
     begins, ends = chain(edge.points, np.where(arc[:, None], edge.via, np.nan)).tangents()
     tangent = _at_rows(edge, begins, ends)
     wide = arc & ((begins * ends).sum(axis=1) < np.cos(SURE_TURN))
@@ -63,13 +63,13 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreac
     ways = np.full_like(position, np.nan)
     ways[1:][arc] = via[arc]
     whole = Way(position, ways, np.broadcast_to(np.eye(3), (len(position), 3, 3)))
-    return replace(divided(whole, 1 + wide), rotation=frozen(rotation))
+    return replace(divide(whole, 1 + wide), rotation=frozen(rotation))
 
 
 def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
     """Unit offset directions at the rows (N, 3) and in the middles (N - 1, 3); NaN where there is none."""
     if direction == "burr":
-        face = _machined_last(edge)
+        face = _machine_last(edge)
         return edge.normals[:, face], edge.via_normals[:, face]
     return _mean(edge.normals), _mean(edge.via_normals)
 
@@ -80,7 +80,7 @@ def _mean(normals: FloatArray) -> FloatArray:
     return np.asarray(np.divide(total, length, out=np.full_like(total, np.nan), where=length > _OPPOSED))
 
 
-def _machined_last(edge: Edge) -> int:
+def _machine_last(edge: Edge) -> int:
     """A part does not say which of two faces was machined last: the upper one is taken, then the flat one."""
     mean = np.concatenate([edge.normals[:-1], edge.via_normals]).mean(axis=0)
     rank = [(round(float(m[2]), 6), round(float(np.linalg.norm(m)), 6)) for m in mean]
@@ -135,10 +135,10 @@ def reach(
     Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
     least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
     """
-    return tuple(_reached(edge, setup, offset, direction, freedom, trim) for edge in edges)
+    return tuple(_reach(edge, setup, offset, direction, freedom, trim) for edge in edges)
 
 
-def _reached(
+def _reach(
     edge: Edge, setup: Setup, offset: float, direction: Offset, freedom: Freedom, trim: float
 ) -> Reached | Unreached:
     way = poses(edge, offset, direction)
@@ -168,7 +168,7 @@ def _along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unr
         return plain
     collision = ""
     for choice in _grids(plain, freedom, way):
-        found = searched(setup, name, way, choice, freedom.tilt)
+        found = search(setup, name, way, choice, freedom.tilt)
         if isinstance(found, Reached):
             return found
         collision = found
@@ -193,7 +193,7 @@ def _in_vain(freedom: Freedom, collision: str) -> str:
 
 def _nominal(setup: Setup, name: str, way: Way) -> Reached | Unreached:
     parts = dense_parts(way)
-    dense = divided(way, parts)
+    dense = divide(way, parts)
     goal = flange_poses(setup, dense.position, dense.rotation)
     found = follow(setup.robot, *goal, margin=MARGIN, jump=JUMP)
     if not isinstance(found, Choice):

@@ -14,11 +14,11 @@ from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.plan.edges.chains import Chain, States, cheapest, steps
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, dense_parts, flange_poses
-from camgen.plan.edges.ways import Index, Way, counts, divided, rows
+from camgen.plan.edges.ways import Index, Way, counts, divide, rows
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import turns, within_turned, wrapped
+from camgen.robots.kinematics.joint_limits import turns, within_turned, wrap
 from camgen.robots.kinematics.singular import from_singular
 from camgen.robots.models import Robot
 
@@ -89,18 +89,18 @@ def solutions(robot: Robot, rotations: FloatArray, origins: FloatArray, moves: I
         new = np.flatnonzero(~known & (sources >= 0))
         if not len(new):
             break
-        found[0, new] = _followed(robot, rotations[0, new], origins[0, new], found[0, sources[new]])
+        found[0, new] = _follow(robot, rotations[0, new], origins[0, new], found[0, sources[new]])
         known[new] = True
     for row in range(1, looks):
-        found[row] = _followed(robot, rotations[row], origins[row], found[row - 1])
+        found[row] = _follow(robot, rotations[row], origins[row], found[row - 1])
     return found
 
 
-def _followed(robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray) -> FloatArray:
+def _follow(robot: Robot, rotations: FloatArray, origins: FloatArray, near: FloatArray) -> FloatArray:
     """Joints (C, B, J) for C poses from those of ``near`` (C, B, J)."""
     branches = near.shape[1]
     goal = np.repeat(rotations, branches, axis=0), np.repeat(origins, branches, axis=0)
-    return wrapped(robot, damped.refine(robot, *goal, near.reshape(-1, near.shape[2]))).reshape(near.shape)
+    return wrap(robot, damped.refine(robot, *goal, near.reshape(-1, near.shape[2]))).reshape(near.shape)
 
 
 #: The orientation may change over so many mm and rad: the rows of the search.
@@ -123,12 +123,12 @@ class Knots(Struct, frozen=True, eq=False):
     parts: Index
 
 
-def searched(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reached | str:
+def search(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reached | str:
     """The motion along ``way`` that costs least, its orientations free within ``grid``; or what the last one collided
     with, empty where no motion is possible at all. most: rad that the axis may lean, between rows too.
     """
     parts = counts(way, _ROW_MM, _ROW_TURN)
-    knots = Knots(way, divided(way, parts), parts)
+    knots = Knots(way, divide(way, parts), parts)
     states = _states(setup, knots.way, grid)
     ways = steps(setup.robot, states, _KNOT_JUMP)
     checked: set[int] = set()
@@ -137,7 +137,7 @@ def searched(setup: Setup, edge: str, way: Way, grid: Grid, most: float) -> Reac
         chain = cheapest(setup.robot, states, ways, setup.robot.home)
         if chain is None:
             break
-        proved = _proved(setup, edge, knots, grid, chain, most)
+        proved = _prove(setup, edge, knots, grid, chain, most)
         if isinstance(proved, Reached):
             return proved
         stretch, collision = proved[0], proved[1] or collision
@@ -155,7 +155,7 @@ def _states(setup: Setup, knots: Way, grid: Grid) -> States:
     """What the rows of ``knots`` can choose from, and which orientations can stay from row to row."""
     robot, table = setup.robot, turns(setup.robot)
     parts = counts(knots, _LOOK_MM, _LOOK_TURN)
-    at, looks = rows(parts), divided(knots, parts)
+    at, looks = rows(parts), divide(knots, parts)
     orientations = looks.rotation[:, None] @ grid.nominal_from_tool
     found = solutions(robot, *flange_poses(setup, looks.position[:, None], orientations), grid.moves)
     safe = _safe(robot, found)
@@ -199,11 +199,11 @@ def _check(setup: Setup, states: States, row: int) -> None:
     states.usable[row] &= clear[..., None]
 
 
-def _proved(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain, most: float) -> Reached | tuple[int, str]:
+def _prove(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain, most: float) -> Reached | tuple[int, str]:
     """The motion of ``chain`` as the robot makes it, or the first stretch where it fails, and what it collides with."""
     actual = replace(knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation]))
     parts = dense_parts(actual)
-    dense, at = divided(actual, parts), rows(parts)
+    dense, at = divide(actual, parts), rows(parts)
     joints = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), chain.joints[0], MARGIN, JUMP)
     if not isinstance(joints, Choice):
         return _stretch(at, joints.row), ""
@@ -211,7 +211,7 @@ def _proved(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain, mos
     if len(hit):
         return _stretch(at, int(hit[0])), setup.hit(joints.joints[hit[0]])
     kept, few = _few(knots, chain)
-    tilt, roll = lean(divided(knots.way, parts).rotation, dense.rotation)
+    tilt, roll = lean(divide(knots.way, parts).rotation, dense.rotation)
     # On an arc the axis cuts the corner between two rows that lean, or roll, differently.
     steep = np.flatnonzero(tilt > max(most, _CUT) + _EVEN)
     if len(steep):
@@ -233,4 +233,4 @@ def _few(knots: Knots, chain: Chain) -> tuple[Index, Way]:
         np.arange(low + 1, high + 1) if change else [high]
         for low, high, change in zip(at[:-1], at[1:], changes, strict=True)
     ]
-    return np.concatenate([[0], *own]), divided(knots.whole, np.where(changes, knots.parts, 1))
+    return np.concatenate([[0], *own]), divide(knots.whole, np.where(changes, knots.parts, 1))

@@ -31,7 +31,7 @@ def select(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
         if word == "not" and not negated:
             negated = True
             continue
-        (taken if negated else added).update(_meant(solid, known, word))
+        (taken if negated else added).update(_resolve(solid, known, word))
         adds, negated = adds or not negated, False
     if negated:
         raise JobError("input.select", 'nothing follows "not"', remedy='write what to leave out, like "not bottom"')
@@ -40,7 +40,7 @@ def select(solid: Solid, words: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in known if name in added - taken)
 
 
-def _meant(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
+def _resolve(solid: Solid, known: dict[str, Edge], word: str) -> set[str]:
     if word == "all":
         return set(known)
     if word == "convex":

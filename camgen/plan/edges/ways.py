@@ -61,7 +61,7 @@ def counts(way: Way, length: float, turn: float) -> Index:
     return np.asarray(np.maximum(np.ceil(most - 1e-9), 1), dtype=np.int64)
 
 
-def divided(way: Way, parts: Index) -> Way:
+def divide(way: Way, parts: Index) -> Way:
     """The same motion with segment i cut into ``parts[i - 1]`` equal ones; old row i is new row ``rows(parts)[i]``."""
     segment, after = owners(parts), ramp(parts) + 1
     share = 1.0 / parts[segment]
@@ -92,5 +92,5 @@ def cut(way: Way, low: float, high: float) -> Way:
 
 
 def rows(parts: Index) -> Index:
-    """(N,) where the rows of a way are after ``divided``."""
+    """(N,) where the rows of a way are after ``divide``."""
     return offsets(parts)

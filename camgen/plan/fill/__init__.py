@@ -25,11 +25,11 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.columns import pass_depths
-from camgen.plan.fill.cover import Coverage, lines_of, measured, painted
+from camgen.plan.fill.cover import Coverage, lines_of, measure, paint
 from camgen.plan.fill.ground import Distances, Ground, Pixels, ground
-from camgen.plan.fill.lines import Line, centre_lines, centred
+from camgen.plan.fill.lines import Line, centre, centre_lines
 from camgen.plan.image_space.border import CLOSE, foot, near
-from camgen.plan.image_space.field import beyond, sampled
+from camgen.plan.image_space.field import beyond, sample_field
 from camgen.vision.skeleton import graph, skeleton, strokes
 
 # Passes along the border, one inside the other, each the line at one distance from the border.
@@ -126,7 +126,7 @@ class _Bare(Struct, frozen=True, eq=False):
     room: Distances
 
 
-def uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> list[Line]:
+def find_uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> list[Line]:
     """Lines and dots for what of ``field`` is without ``ink``. least: pixels of a piece that is worth one."""
     pixels = np.asarray(cv2.bitwise_and(field.mask, cv2.bitwise_not(ink)), dtype=np.uint8)
     count, labels, facts, _ = cv2.connectedComponentsWithStats(pixels)
@@ -154,8 +154,8 @@ def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[L
     width = np.asarray(cv2.distanceTransform(own, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float32)
     found = strokes(graph(skeleton(own), None, width))
     result = []
-    for stroke, points in zip(found, centred(found, field, radius)[1] if found else [], strict=True):
-        room = sampled(field.depth, points) >= _ROOM_SHARE * radius
+    for stroke, points in zip(found, centre(found, field, radius)[1] if found else [], strict=True):
+        room = sample_field(field.depth, points) >= _ROOM_SHARE * radius
         closed = stroke.closed and bool(room.all()) and len(points) > 2
         result += [Line(part, closed, radius) for part in _runs(points, room)]
     return result
@@ -218,7 +218,7 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     kinds = _strokes(field, job.tool.diameter / 2 / field.mm_per_px, job)
     region = _regions(field)
     paths = _paths(field, kinds, _borders(part, field, region), region, job)
-    coverage = covered_by(field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.diameter / 2)
+    coverage = measure_coverage(field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.diameter / 2)
     return paths, (*_open(part), *_rules(kinds, region, job)), coverage
 
 
@@ -226,20 +226,20 @@ def _strokes(field: Ground, radius: float, job: Job) -> list[Kind]:
     simplify = job.tolerance.simplify
     near = max(job.tolerance.chord / field.mm_per_px, _SIMPLIFY) if simplify is None else simplify / field.mm_per_px
     wide = passes(field, radius, 2 * radius * job.operation.stepover)
-    round_ = Kind("f", [_thinned(points, True, near) for points in wide], [True] * len(wide), [False] * len(wide))
+    round_ = Kind("f", [_thin(points, True, near) for points in wide], [True] * len(wide), [False] * len(wide))
     middle = _kind("m", centre_lines(field, radius, core(field, radius)), near, radius)
-    ink = painted(*lines_of(round_.lines + middle.lines), radius, field.mask.shape[:2])
-    rest = uncovered(field, ink, radius, _WORTH_SHARE * np.pi * radius**2)
+    ink = paint(*lines_of(round_.lines + middle.lines), radius, field.mask.shape[:2])
+    rest = find_uncovered(field, ink, radius, _WORTH_SHARE * np.pi * radius**2)
     return [round_, middle, _kind("r", rest, near, 0.0)]
 
 
 def _kind(mark: str, lines: Sequence[Line], near: float, radius: float) -> Kind:
     """radius: a place less than twice as wide is thinner than the tool."""
-    points = [_thinned(line.points, line.closed, near) for line in lines]
+    points = [_thin(line.points, line.closed, near) for line in lines]
     return Kind(mark, points, [line.closed for line in lines], [line.wide < radius for line in lines])
 
 
-def _thinned(points: ComplexArray, closed: bool, near: float) -> ComplexArray:
+def _thin(points: ComplexArray, closed: bool, near: float) -> ComplexArray:
     """The points that a line needs to stay within ``near`` px (Douglas and Peucker 1973); closed: the first again."""
     if len(points) > 2 and near > 0:
         flat = np.column_stack([points.real, points.imag]).astype(np.float32)[:, None]
@@ -308,7 +308,7 @@ def _paths(
             position=position[own],
             via=via[own],
             axis=axis[own],
-            press=press[own],
+            force_direction=press[own],
             force=force[own],
             feed=feed[own],
             closed=closed,
@@ -320,13 +320,13 @@ def _paths(
     )
 
 
-def covered_by(field: Ground, paths: Sequence[ToolPath], thin: Sequence[bool], radius: float) -> Coverage:
+def measure_coverage(field: Ground, paths: Sequence[ToolPath], thin: Sequence[bool], radius: float) -> Coverage:
     """What the paths cover of the ground, mm2, from where the tool will be. thin: whose ink beside is counted apart."""
     edge = field.placed(field.edge.points) @ np.array([1, 1j])
     lines = [path.position[:, :2] @ np.array([1, 1j]) for path in paths]
     wide = [line for line, apart in zip(lines, thin, strict=True) if not apart]
     narrow = [line for line, apart in zip(lines, thin, strict=True) if apart]
-    return measured(field.edge.table, edge, wide, narrow, radius)
+    return measure(field.edge.table, edge, wide, narrow, radius)
 
 
 def _open(part: Part) -> tuple[Note, ...]:

@@ -80,7 +80,7 @@ def spans(
     return row, left, right
 
 
-def painted(start: ComplexArray, end: ComplexArray, radius: float, shape: tuple[int, int]) -> Pixels:
+def paint(start: ComplexArray, end: ComplexArray, radius: float, shape: tuple[int, int]) -> Pixels:
     """255 for the pixels (H, W) whose centres the disc passes over."""
     row, left, right = spans(start, end, radius)
     inside = (row >= 0) & (row < shape[0])
@@ -101,7 +101,7 @@ def lines_of(paths: Sequence[ComplexArray]) -> tuple[ComplexArray, ComplexArray]
     return start, np.concatenate([p[1:] if len(p) > 1 else p for p in paths])
 
 
-def measured(
+def measure(
     table: Rings, borders: ComplexArray, passes: Sequence[ComplexArray], thin: Sequence[ComplexArray], radius: float
 ) -> Coverage:
     """The coverage of what ``borders`` enclose, even-odd, by polylines. All in mm."""
@@ -160,7 +160,7 @@ def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, most: i
 
     shape = (tall, wide)
     copper = even_odd(rings(counts), at(border), shape) > 0
-    ink = painted(*lines_of([at(stroke) for stroke in strokes]), diameter / 2 / pixel, shape) > 0
+    ink = paint(*lines_of([at(stroke) for stroke in strokes]), diameter / 2 / pixel, shape) > 0
     kind = np.where(copper, np.where(ink, 1, 2), np.where(ink, 3, 0))
     place = frozen([[pixel, 0.0, low[0]], [0.0, -pixel, high[1]]])
     return Map(np.array(COLOURS, dtype=np.uint8)[kind], place)

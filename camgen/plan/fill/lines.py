@@ -13,7 +13,7 @@ from camgen.geometry.segments import IntArray
 from camgen.model.pose import FloatArray
 from camgen.plan.fill.ground import Ground, Pixels
 from camgen.plan.image_space.border import CLOSE, foot, near
-from camgen.plan.image_space.field import sampled
+from camgen.plan.image_space.field import sample_field
 from camgen.vision.skeleton import Stroke, graph, skeleton, strokes
 
 #: How far to both sides the depth is compared to find the middle, of the depth there; more than the usual depth by this
@@ -44,10 +44,10 @@ def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[Line]:
     found = strokes(graph(lines, kept, depth))
     if not found:
         return []
-    wide, points = centred(found, field, radius)
+    wide, points = centre(found, field, radius)
     result = []
     for stroke, own, half in zip(found, points, wide, strict=True):
-        ends = own if stroke.closed else _ended(own, stroke, field, radius, half)
+        ends = own if stroke.closed else _close_ends(own, stroke, field, radius, half)
         if half > _WIDER * radius and len(ends) > 2:
             result += _side_by_side(ends, stroke.closed, half, radius)
         else:
@@ -55,7 +55,7 @@ def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[Line]:
     return result
 
 
-def centred(found: Sequence[Stroke], field: Ground, radius: float) -> tuple[list[float], list[ComplexArray]]:
+def centre(found: Sequence[Stroke], field: Ground, radius: float) -> tuple[list[float], list[ComplexArray]]:
     """Half the usual width of each stroke, px, and its points in the middle."""
     count = np.array([len(s.points) for s in found])
     first, stroke, place = begins(count), owners(count), ramp(count)
@@ -73,7 +73,7 @@ def centred(found: Sequence[Stroke], field: Ground, radius: float) -> tuple[list
     tip = (np.minimum(place, count[stroke] - 1 - place) < reach) & ~closed[stroke]
     points[tip] = raw[tip]
     normal = 1j * unit(points[along(reach)] - points[along(-reach)])
-    here = sampled(field.depth, points)
+    here = sample_field(field.depth, points)
     off = _SIDE * here
     left, right = (_depths(field, points + side * off * normal, points + side * here * normal) for side in (1, -1))
     shift = np.clip((left - right) / 2, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
@@ -92,7 +92,7 @@ def _depths(field: Ground, points: ComplexArray, about: ComplexArray) -> FloatAr
     """Px (N,) from ``points`` to the border near ``about``; of the pixels where there is none."""
     row = near(field.edge, about)
     on, _ = foot(field.edge, points, np.maximum(row, 0), CLOSE)
-    seen, exact = sampled(field.depth, points), np.abs(points - on)
+    seen, exact = sample_field(field.depth, points), np.abs(points - on)
     return np.where((row >= 0) & (np.abs(exact - seen) < 1.5), exact, seen)
 
 
@@ -100,7 +100,7 @@ def _mean(columns: Sequence[ComplexArray]) -> ComplexArray:
     return np.asarray(sum(columns) / len(columns))
 
 
-def _ended(points: ComplexArray, stroke: Stroke, field: Ground, radius: float, half: float) -> ComplexArray:
+def _close_ends(points: ComplexArray, stroke: Stroke, field: Ground, radius: float, half: float) -> ComplexArray:
     """The line with its free ends where the tool's round end and the end of what it covers leave each other least."""
     # As much of the end is missed as is inked beyond it where half of the end's width lies within the tool.
     from_tip = float(np.sqrt(radius**2 - min(half, radius) ** 2 / 4))
@@ -135,7 +135,7 @@ def _end_moved(points: ComplexArray, field: Ground, from_tip: float, half: float
 def _tip(end: complex, way: complex, field: Ground, half: float) -> float:
     """How far (px) from ``end`` along ``way`` (unit) the border is."""
     step = np.arange(0.0, 4 * half + 2.0, 0.25)
-    inside = sampled(field.depth, np.asarray(end + step * way)) > _BORDER
+    inside = sample_field(field.depth, np.asarray(end + step * way)) > _BORDER
     seen = float(step[np.argmin(inside)]) if not inside.all() else float(step[-1])
     about = np.array([end + seen * way])
     row = near(field.edge, about)
@@ -147,7 +147,7 @@ def _tip(end: complex, way: complex, field: Ground, half: float) -> float:
 def _in_the_middle(point: ComplexArray, field: Ground) -> ComplexArray:
     """A dot (1,) moved to the middle between what is left and right, above and below of it."""
     for _ in range(2):
-        here = sampled(field.depth, point)
+        here = sample_field(field.depth, point)
         for way in (1.0, 1j):
             off = _SIDE * here * way
             ahead, behind = (_depths(field, point + s * off, point + s * here * way) for s in (1, -1))

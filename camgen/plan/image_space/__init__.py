@@ -24,21 +24,21 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.plan.columns import Label, pass_depths, tool_paths
 from camgen.plan.image_space.border import Border, between_pixels, border
-from camgen.plan.image_space.field import Field, Pixels, chains, field, sampled
+from camgen.plan.image_space.field import Field, Pixels, chains, field, sample_field
 from camgen.plan.image_space.tool_path import (
     Way,
-    averaged,
+    average,
+    check_reach,
+    choose_needed,
     contact_points,
     feeds,
-    given,
     iso_way,
     moving,
     nearest,
-    needed,
-    observed,
+    observe,
     pixel_way,
-    reached,
-    resampled,
+    place_borders,
+    resample,
     touching,
 )
 from camgen.vision.plane import scale_of
@@ -146,7 +146,7 @@ class _Waypoints(Struct, frozen=True, eq=False):
 
     table: Rings
     points: ComplexArray
-    press: ComplexArray
+    force_direction: ComplexArray
     feed: FloatArray
     force: BoolArray
 
@@ -178,18 +178,20 @@ def image_space(
     if not mask_pixels.any():
         return (), (Note("skipped", "no part in the mask", "choose another mask"),)
     picture = field(mask_pixels, distance + radius)
-    curves = between_pixels(chains(picture.part)) if borders is None else given(borders, picture)
+    curves = between_pixels(chains(picture.part)) if borders is None else place_borders(borders, picture)
     edge = border(*curves, picture.far.shape)
     way = iso_way(picture, edge, distance, radius) if exact else pixel_way(picture, distance, radius)
     chord = float(np.sqrt(2 * job.tool.diameter * job.tolerance.chord))
     step = max((chord if spacing is None else spacing) / mm_per_px, 1.0)
     points, touched = _waypoints(way, edge, None if exact else picture, distance, step, job.process.max_feed_factor)
     main = beside_which(edge, points.table, points.points, touched)
-    gouge = sampled(picture.far, points.points) < distance - (_CONTACT_GAP_PX if exact else _PIXEL_GAP)
+    gouge = sample_field(picture.far, points.points) < distance - (_CONTACT_GAP_PX if exact else _PIXEL_GAP)
     sound = np.bincount(points.table.loop, gouge, len(main)) == 0
-    notes = left_out(edge, reached(way, picture, edge, distance, radius), main, sound, job, mm_per_px)
+    notes = left_out(edge, check_reach(way, picture, edge, distance, radius), main, sound, job, mm_per_px)
     chain = _chain(points, _STRAIGHT_RATE * mm_per_px, job.tolerance.chord / mm_per_px)
-    return _paths(chain, labels(main, way.parent, sound), _moved(work_from_view, picture.corner), job), tuple(notes)
+    return _paths(chain, labels(main, way.parent, sound), _move_corner(work_from_view, picture.corner), job), tuple(
+        notes
+    )
 
 
 def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
@@ -215,7 +217,7 @@ def _waypoints(
     picture: where the gap between contact point and part is looked up in the distance image, as the paper does.
     """
     count = np.maximum(np.rint(perimeters(way.table, way.points) / step).astype(np.int64), 8)
-    table, (points, press) = resampled(way.table, count, way.points, way.press)
+    table, (points, press) = resample(way.table, count, way.points, way.press)
     size = np.abs(press)
     # Opposite directions may cancel out in the filter; the one before holds.
     press = unit(press)[latest(table, size > 1e-6)]
@@ -227,10 +229,10 @@ def _waypoints(
     tolerance = _CONTACT_GAP_PX if picture is None else _PIXEL_GAP
     touches = touching(table, gap, tolerance)
     contact = touches & touches[back] & (_gaps(edge, half_way, picture)[0] <= tolerance)
-    along, run = observed(table, points, contacts)
+    along, run = observe(table, points, contacts)
     # Where contact ends the filter has turned the angles already.
     sure = contact & contact[back] & contact[table.shifted(1)]
-    ratio = averaged(table, along, run, sure, round(distance / 2 / step))
+    ratio = average(table, along, run, sure, round(distance / 2 / step))
     force = contact & moving(table, along, run)
     return _Waypoints(table, points, press, feeds(ratio, sure, fastest), force), np.where(touches, row, -1)
 
@@ -238,7 +240,7 @@ def _waypoints(
 def _gaps(edge: Border, contacts: ComplexArray, picture: Field | None) -> tuple[FloatArray, IntArray]:
     """The gap (N,) px between contact points and part, and the row of ``edge`` there, -1 where none is near."""
     gap, row = nearest(edge, contacts)
-    return (gap if picture is None else sampled(picture.far, contacts)), row
+    return (gap if picture is None else sample_field(picture.far, contacts)), row
 
 
 class _Chain(Struct, frozen=True, eq=False):
@@ -246,7 +248,7 @@ class _Chain(Struct, frozen=True, eq=False):
 
     begin: ComplexArray
     end: ComplexArray
-    press: ComplexArray
+    force_direction: ComplexArray
     feed: FloatArray
     force: BoolArray
     loop: IntArray
@@ -258,8 +260,8 @@ def _chain(points: _Waypoints, rate: float, bound: float) -> _Chain:
     closed = rings(count + 1)
     place = ramp(closed.count)
     row = points.table.first[closed.loop] + place % count[closed.loop]
-    here, press, force = points.points[row], points.press[row], points.force[row]
-    keep = needed(np.append(closed.first, len(closed)), here, press, force, rate, bound)
+    here, press, force = points.points[row], points.force_direction[row], points.force[row]
+    keep = choose_needed(np.append(closed.first, len(closed)), here, press, force, rate, bound)
     step = np.append(0.0, np.abs(np.diff(here)))
     run, time = np.cumsum(step), np.cumsum(step / points.feed[row])
     vertex = np.flatnonzero(keep)
@@ -271,7 +273,7 @@ def _chain(points: _Waypoints, rate: float, bound: float) -> _Chain:
     return _Chain(here[low], here[high], pressing, feed, force[high], closed.loop[low])
 
 
-def _moved(work_from_view: FloatArray, corner: complex) -> FloatArray:
+def _move_corner(work_from_view: FloatArray, corner: complex) -> FloatArray:
     """work_from_field (2, 3): ``corner`` is the view pixel of the field's first one."""
     matrix = np.array(work_from_view, dtype=np.float64)
     matrix[:, 2] += matrix[:, :2] @ np.array([corner.real, corner.imag])
@@ -295,7 +297,7 @@ def _paths(chain: _Chain, names: list[Label | None], work_from_field: FloatArray
     shift = work_from_field[:, 2]
     segments = make(begin + shift, end + shift, np.zeros(len(begin)), place[chain.loop[used]])
     press = np.zeros((len(begin), 2, 3))
-    towards = turned(chain.press[used])
+    towards = turned(chain.force_direction[used])
     press[:, :, :2] = towards / np.linalg.norm(towards, axis=2, keepdims=True)
     feed, force = job.process.feed * chain.feed[used], np.where(chain.force[used], job.process.force, 0.0)
     # The part is on the left as the view is shown: in the work frame too, where v runs against y. Climb has it right.

@@ -117,7 +117,7 @@ def gradient(far: Distances, points: ComplexArray, radius: int) -> ComplexArray:
     return np.asarray(along + 1j * across)
 
 
-def sampled(far: Distances, points: ComplexArray) -> FloatArray:
+def sample_field(far: Distances, points: ComplexArray) -> FloatArray:
     """``far`` at ``points`` between pixels, bilinear."""
     height, width = far.shape
     u = np.clip(points.real, 0, width - 1.001)

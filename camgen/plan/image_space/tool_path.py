@@ -8,11 +8,11 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import ramp
-from camgen.geometry.rings import ComplexArray, Rings, evenly, held, rings, unit
+from camgen.geometry.rings import ComplexArray, Rings, evenly, hold_switch, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.plan.image_space.border import CLOSE, Border, border, foot, iso_line, near
-from camgen.plan.image_space.field import Distances, Field, beyond, chains, gradient, inside, sampled, within
+from camgen.plan.image_space.field import Distances, Field, beyond, chains, gradient, inside, sample_field, within
 
 #: A border of fewer pixels is no path: a spot of about two pixels, in which it is not sure that the tool centre fits.
 _FEWEST = 8
@@ -63,44 +63,44 @@ def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> Way
     radius = max(radius, _ROUND) if radius else 0.0
     mask = within(picture.far, distance + radius + _HALF)
     found = chains(mask, 1 if radius else _FEWEST)
-    points, away = _brought(picture.far, edge, found.table, found.pixels, distance + radius)
+    points, away = _bring(picture.far, edge, found.table, found.pixels, distance + radius)
     if not radius:
         table, (points, away) = evenly(found.table, points, away)
         return Way(table, points, -unit(away), found.parent, None)
     back = inside(mask)
     line = border(found.table, points, mask.shape)
     found = chains(beyond(back, radius + _HALF), _FEWEST)
-    points, away = _brought(back, line, found.table, found.pixels, -radius)
+    points, away = _bring(back, line, found.table, found.pixels, -radius)
     table, (points, away) = evenly(found.table, points, away)
     return Way(table, points, -unit(away), found.parent, back)
 
 
-def reached(way: Way, picture: Field, edge: Border, distance: float, radius: float) -> BoolArray:
+def check_reach(way: Way, picture: Field, edge: Border, distance: float, radius: float) -> BoolArray:
     """(N,) of ``edge``: whether the tool may stand where it would touch that point of the part."""
     centre = edge.points + distance * edge.away
     if way.back is None:
-        return sampled(picture.far, centre) >= distance - _REACHED_PX
-    return sampled(way.back, centre) <= max(radius, _ROUND) + _HALF + _REACHED_PX
+        return sample_field(picture.far, centre) >= distance - _REACHED_PX
+    return sample_field(way.back, centre) <= max(radius, _ROUND) + _HALF + _REACHED_PX
 
 
-def given(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings, ComplexArray]:
+def place_borders(borders: Sequence[FloatArray], picture: Field) -> tuple[Rings, ComplexArray]:
     """Borders in view pixels as curves of the field with the part on the left, a point every pixel or so."""
     table = rings([len(one) for one in borders])
     points = np.concatenate([one[:, 0] + 1j * one[:, 1] for one in borders]) - picture.corner
     table, (points,) = evenly(table, points)
     right = unit(1j * (points[table.shifted(1)] - points[table.shifted(-1)]))
-    outside = sampled(picture.far, points + 2 * right) - sampled(picture.far, points - 2 * right)
+    outside = sample_field(picture.far, points + 2 * right) - sample_field(picture.far, points - 2 * right)
     turned = np.bincount(table.loop, outside, len(table.count)) < 0
     row = np.arange(len(table))
     first, count = table.first[table.loop], table.count[table.loop]
     return table, points[np.where(turned[table.loop], 2 * first + count - 1 - row, row)]
 
 
-def _brought(
+def _bring(
     far: Distances, line: Border, table: Rings, pixels: ComplexArray, level: float
 ) -> tuple[ComplexArray, ComplexArray]:
     """Pixels at about ``level`` px from ``line``, brought there. far: the distance image of what ``line`` is around."""
-    gap = sampled(far, pixels)
+    gap = sample_field(far, pixels)
     about = pixels - gap * unit(gradient(far, pixels, _SEARCH))
     return iso_line(line, table, pixels, about, gap, level)
 
@@ -119,7 +119,7 @@ def contact_points(points: ComplexArray, press: ComplexArray, distance: float) -
     return points + distance * press
 
 
-def observed(table: Rings, points: ComplexArray, contacts: ComplexArray) -> tuple[FloatArray, FloatArray]:
+def observe(table: Rings, points: ComplexArray, contacts: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """(N,) px by which the contact point runs along, and the tool centre, on the segment that ends in each row.
 
     Their quotient is the observed feed for a tool centre of speed 1. The distance of contact points in eq. (11) is in
@@ -132,7 +132,7 @@ def observed(table: Rings, points: ComplexArray, contacts: ComplexArray) -> tupl
     return np.asarray((way * unit(step).conj()).real), np.abs(step)
 
 
-def averaged(table: Rings, along: FloatArray, step: FloatArray, contact: BoolArray, half: int) -> FloatArray:
+def average(table: Rings, along: FloatArray, step: FloatArray, contact: BoolArray, half: int) -> FloatArray:
     """(N,) observed feed for a tool centre of speed 1, over the segment of each row and ``half`` more on both sides.
 
     It is the change of an angle, in which the noise of the angle is many times as large: over a tool's radius it is no
@@ -155,12 +155,12 @@ def touching(table: Rings, gap: FloatArray, tolerance: float) -> BoolArray:
     """(N,) where contact is expected [4.2.1]: lost where the contact point is more than ``tolerance`` px from the part,
     back at half of that.
     """
-    return held(table, gap <= tolerance / 2, gap > tolerance, True)
+    return hold_switch(table, gap <= tolerance / 2, gap > tolerance, True)
 
 
 def moving(table: Rings, along: FloatArray, step: FloatArray) -> BoolArray:
     """(N,) false at sharp outer corners, where the observed feed is near zero [4.2.1]."""
-    return held(table, along >= _MOVES * step, along < _STANDS * step, True)
+    return hold_switch(table, along >= _MOVES * step, along < _STANDS * step, True)
 
 
 def nearest(edge: Border, contacts: ComplexArray) -> tuple[FloatArray, IntArray]:
@@ -180,7 +180,7 @@ _LOBES = 4
 _PRESS_TURN = np.radians(1.0)
 
 
-def resampled(table: Rings, count: IntArray, *columns: ComplexArray) -> tuple[Rings, list[ComplexArray]]:
+def resample(table: Rings, count: IntArray, *columns: ComplexArray) -> tuple[Rings, list[ComplexArray]]:
     """Closed curves of N points as curves of ``count`` (L,) points, low-pass filtered [3.4.1].
 
     The factor num / den is count / N of each curve, so that whole periods remain whole. Of up-sampling by num, the
@@ -204,7 +204,7 @@ def resampled(table: Rings, count: IntArray, *columns: ComplexArray) -> tuple[Ri
     return result, [np.einsum("nt,nt->n", column[source], weight) for column in columns]
 
 
-def needed(
+def choose_needed(
     first: IntArray, points: ComplexArray, press: ComplexArray, force: BoolArray, rate: float, bound: float
 ) -> BoolArray:
     """Which waypoints (N,) remain when the redundant ones are removed [3.4.2].

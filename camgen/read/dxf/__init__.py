@@ -65,7 +65,7 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     # At the end of most files; what a program has written behind it is rare and costs a look at everything.
     if not (b"\x00EOF\x00" in data if binary else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)):
         notes.append(Note("skipped", "the file ends before its end mark", "what would follow is lost"))
-        data = data if binary else _ended(data)
+        data = data if binary else _close_ends(data)
     try:
         document = Drawing.load(binary_tags_loader(data)) if binary else read(_text(data))
         # Damaged OBJECTS cost a document its model space, which shows only when it is asked for.
@@ -96,7 +96,7 @@ def _insist_on_dxf(name: str, data: bytes) -> None:
         raise InputError(name, "is not a DXF file", "no section in it")
 
 
-def _ended(data: bytes) -> bytes:
+def _close_ends(data: bytes) -> bytes:
     """A text that is cut short up to its last whole entity, with the marks that close it."""
     lines = data.splitlines()
     starts = [i for i in range(0, len(lines), 2) if lines[i].strip() == b"0"]
@@ -152,9 +152,9 @@ class Facts(Struct, frozen=True):
         width, height = (short(v, 3) for v in self.size)
         lines = [
             f"DXF {self.version}, units {self.units}, used part {width} x {height} mm",
-            f"entities: {_listed(self.counts)}",
+            f"entities: {_note_reasons(self.counts)}",
             f"contours: {self.closed} closed, {self.open} open",
-            *(f"layer {layer.name}: {layer.state}; {_listed(layer.counts)}" for layer in self.layers),
+            *(f"layer {layer.name}: {layer.state}; {_note_reasons(layer.counts)}" for layer in self.layers),
             *map(str, self.notes),
         ]
         return "\n".join(lines)
@@ -219,7 +219,7 @@ def _read(source: Source, settings: Input, chord: float) -> _Read:
     name, data = source.name, source.data
     document, notes = load(name, data)
     version = f"{document.dxfversion} ({document.acad_release})"
-    unit, scale, unit_notes = units.resolve(name, settings.units, *_stated(document, data))
+    unit, scale, unit_notes = units.resolve(name, settings.units, *_state(document, data))
     layers = layers_of(document, settings.layers)
     # Damaged files hold infinities; what comes of them is found and told by name.
     with np.errstate(invalid="ignore", over="ignore"):
@@ -231,11 +231,11 @@ def _read(source: Source, settings: Input, chord: float) -> _Read:
         contours, join_notes = join.contours(flat.soup, settings.join)
     size = _size(contours)
     doubts = units.doubts(*size, unit) if contours and settings.units.strip().lower() == "auto" else ()
-    left = (*_left(drawn), *_not_flat(drawn, flat), *_taken(drawn, flat), *join_notes)
+    left = (*_left(drawn), *_not_flat(drawn, flat), *_take(drawn, flat), *join_notes)
     return _Read(version, unit, drawn, contours, size, (*notes, *unit_notes, *doubts), left)
 
 
-def _stated(document: Drawing, data: bytes) -> tuple[int, int | None]:
+def _state(document: Drawing, data: bytes) -> tuple[int, int | None]:
     """$INSUNITS (0: none) and $MEASUREMENT of the header, None if there is none.
 
     ezdxf fills a header that is missing with defaults (metres), hence the look at the bytes.
@@ -255,11 +255,11 @@ def _size(contours: tuple[Contour, ...]) -> tuple[float, float]:
     return width, height
 
 
-def _listed(counts: tuple[tuple[str, int], ...]) -> str:
+def _note_reasons(counts: tuple[tuple[str, int], ...]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts) or "none"
 
 
-def _counted(counts: Counter[tuple[str, str]]) -> str:
+def _count(counts: Counter[tuple[str, str]]) -> str:
     return tally([kind for kind, _ in counts.elements()], [layer for _, layer in counts])
 
 
@@ -268,11 +268,11 @@ def _left(drawn: Drawn) -> list[Note]:
     notes = []
     for why, counts in drawn.left.items():
         if why == NOT_ASKED:
-            notes.append(Note("assumed", f"not used: {_counted(counts)}", why))
+            notes.append(Note("assumed", f"not used: {_count(counts)}", why))
         elif why in REPAIRED:
-            notes.append(Note("repaired", f"dropped: {_counted(counts)}", why))
+            notes.append(Note("repaired", f"dropped: {_count(counts)}", why))
         else:
-            notes.append(Note("skipped", _counted(counts), why))
+            notes.append(Note("skipped", _count(counts), why))
     return notes
 
 
@@ -294,7 +294,7 @@ def _not_flat(drawn: Drawn, flat: Flat) -> list[Note]:
     return notes
 
 
-def _taken(drawn: Drawn, flat: Flat) -> list[Note]:
+def _take(drawn: Drawn, flat: Flat) -> list[Note]:
     """Notes on what was taken for something simpler: heights, thickness, widths."""
     notes = []
     heights = flat.heights[np.isfinite(flat.heights)]
@@ -304,7 +304,7 @@ def _taken(drawn: Drawn, flat: Flat) -> list[Note]:
         at = short(low, 3) if high - low <= FLAT_MM else f"{short(low, 3)} to {short(high, 3)}"
         notes.append(Note("assumed", f"curves drawn at z = {at} mm", "taken as lying in the work plane"))
     if drawn.flattened:
-        notes.append(Note("assumed", f"with thickness: {_counted(drawn.flattened)}", "the curve itself is used"))
+        notes.append(Note("assumed", f"with thickness: {_count(drawn.flattened)}", "the curve itself is used"))
     if drawn.widths:
-        notes.append(Note("assumed", f"with width: {_counted(drawn.widths)}", "the centre line is used"))
+        notes.append(Note("assumed", f"with width: {_count(drawn.widths)}", "the centre line is used"))
     return notes

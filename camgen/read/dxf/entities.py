@@ -54,12 +54,12 @@ def unusable(entity: Any, block: Any, a: dict[str, Any], around: tuple[str, ...]
         return "its block contains itself"
     if not (a.get("xscale", 1.0) and a.get("yscale", 1.0)):
         return "scaled to nothing"
-    if entity.has_extension_dict and _clipped(entity):
+    if entity.has_extension_dict and _clip(entity):
         return "clipped (XCLIP), which cannot be honoured; explode it"
     return ""
 
 
-def _clipped(entity: Any) -> bool:
+def _clip(entity: Any) -> bool:
     from ezdxf.xclip import XClip  # noqa: PLC0415 - rare
 
     clip = XClip(entity)

@@ -57,10 +57,10 @@ def flatten(drawn: Drawn, chord: float) -> Flat:
     matrices = np.array(drawn.matrices)
     matrix = np.array(drawn.matrix, dtype=np.intp)
     similar, mirrored = _similar(matrices)
-    given = _concatenated([_lines(drawn), _arcs(drawn), _outlines(drawn)])
+    given = _concatenate([_lines(drawn), _arcs(drawn), _outlines(drawn)])
     which = matrix[given.owner]
-    world, low, high = _placed(drawn, given, matrices, which)
-    level = ~(high - low > _allowed(world))
+    world, low, high = _place(drawn, given, matrices, which)
+    level = ~(high - low > _allow(world))
     oval = _has_arcs(given) & ~similar[which]
     world.bulges[:] *= np.repeat(np.where(mirrored[which], -1.0, 1.0), given.counts)
     sound = credible(world)
@@ -76,7 +76,7 @@ def flatten(drawn: Drawn, chord: float) -> Flat:
             damaged.append(number)
         else:
             tilted[number] = made
-    fitted = _soup(drawn, _stitched(chains, chord))
+    fitted = _soup(drawn, _stitch(chains, chord))
     plain = level & ~(oval & sound)
     owner = np.concatenate([given.owner[plain], np.array([c.owner for c in chains], dtype=np.intp)])
     heights = np.concatenate([low[plain], [c.height for c in chains]])
@@ -120,7 +120,7 @@ def _outlines(drawn: Drawn) -> _Rows:
     return _Rows(owner, counts, rows)
 
 
-def _concatenated(parts: list[_Rows]) -> _Rows:
+def _concatenate(parts: list[_Rows]) -> _Rows:
     return _Rows(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("owner", "counts", "rows")))
 
 
@@ -138,17 +138,17 @@ def _similar(matrices: FloatArray) -> tuple[BoolArray, BoolArray]:
     return similar, np.linalg.det(matrices[:, :2, :2]) < 0
 
 
-def _placed(drawn: Drawn, given: _Rows, matrices: FloatArray, which: IntArray) -> tuple[Soup, FloatArray, FloatArray]:
+def _place(drawn: Drawn, given: _Rows, matrices: FloatArray, which: IntArray) -> tuple[Soup, FloatArray, FloatArray]:
     """The pieces in the work frame and the least and greatest height (P,) of each, arcs included."""
     rows = given.rows
     local = _soup(drawn, (given.owner, given.counts, rows[:, :2], rows[:, 3]))
     of_row = np.repeat(which, given.counts)
-    world = _mapped(matrices, of_row, rows[:, :3])
+    world = _map(matrices, of_row, rows[:, :3])
     # The middle of an arc may be the only point of it that is out of the plane.
     chord = local.points[next_row(local)] - local.points
     right = np.column_stack([chord[:, 1], -chord[:, 0]])
     middle = np.column_stack([rows[:, :2] + chord / 2 + right * rows[:, 3:] / 2, rows[:, 2]])
-    z = np.stack([world[:, 2], np.where(rows[:, 3] != 0, _mapped(matrices, of_row, middle)[:, 2], world[:, 2])])
+    z = np.stack([world[:, 2], np.where(rows[:, 3] != 0, _map(matrices, of_row, middle)[:, 2], world[:, 2])])
     starts = local.first[:-1]
     low, high = np.minimum.reduceat(z.min(axis=0), starts), np.maximum.reduceat(z.max(axis=0), starts)
     # A height that is no number must not pass as flat: it is told as damage together with x and y.
@@ -156,7 +156,7 @@ def _placed(drawn: Drawn, given: _Rows, matrices: FloatArray, which: IntArray) -
     return _soup(drawn, (given.owner, given.counts, world[:, :2].copy(), rows[:, 3].copy())), low, high
 
 
-def _mapped(matrices: FloatArray, which: IntArray, points: FloatArray) -> FloatArray:
+def _map(matrices: FloatArray, which: IntArray, points: FloatArray) -> FloatArray:
     """Points (V, 3) under their matrices."""
     if len(which) and (which == which[0]).all():
         matrix = matrices[which[0]]
@@ -164,7 +164,7 @@ def _mapped(matrices: FloatArray, which: IntArray, points: FloatArray) -> FloatA
     return np.asarray(np.einsum("vij,vj->vi", matrices[which, :3, :3], points) + matrices[which, :3, 3])
 
 
-def _allowed(soup: Soup) -> FloatArray:
+def _allow(soup: Soup) -> FloatArray:
     """How far (P,) each piece may leave its plane, mm."""
     starts = soup.first[:-1]
     size = np.maximum.reduceat(soup.points, starts) - np.minimum.reduceat(soup.points, starts)
@@ -237,7 +237,7 @@ def _ellipse(flat: FloatArray, start: float, end: float) -> FloatArray | curves.
     return center + np.cos(t)[:, None] * u + np.sin(t)[:, None] * v, bulges
 
 
-def _stitched(chains: list[_Chain], chord: float) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+def _stitch(chains: list[_Chain], chord: float) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Owner and counts (P,), points and bulges of the chains, their runs fitted and put end to end."""
     fitted = iter(curves.fit([run for c in chains for run in c.runs if isinstance(run, np.ndarray)], chord))
     points, bulges, counts = [np.zeros((0, 2))], [np.zeros(0)], []

@@ -252,7 +252,7 @@ def _table(m: Machine, code: str) -> list[float | None]:
     return m.works.setdefault(code, [None, None, None])
 
 
-def given(m: Machine, words: dict[str, float]) -> dict[int, float]:
+def take_axes(m: Machine, words: dict[str, float]) -> dict[int, float]:
     """The axis words of a line in mm, taken out, by axis."""
     return {k: words.pop(name) * m.scale for k, name in enumerate(AXES) if name in words}
 
@@ -263,7 +263,7 @@ def set_offsets(m: Machine, code: str, words: dict[str, float]) -> None:
         _cancel(m, code)
         return
     if code == "G92":
-        axes = given(m, words)
+        axes = take_axes(m, words)
         if not axes:
             raise LineError("G92 without an axis")
         for axis, value in axes.items():
@@ -279,7 +279,7 @@ def set_offsets(m: Machine, code: str, words: dict[str, float]) -> None:
     if number not in range(10):
         raise LineError(f"G10 P{number:g} is no work offset")
     target = _WORKS[int(number) - 1] if number else (m.work or "G54")
-    for axis, value in given(m, words).items():
+    for axis, value in take_axes(m, words).items():
         _set(m, kind == 20.0, target, axis, value)
 
 

@@ -11,7 +11,7 @@ from camgen.geometry.arcs import span_lengths
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Wait
 from camgen.read.gcode.arcs import Piece, pieces
-from camgen.read.gcode.machine import ARCS, AXES, RAPID, Machine, given
+from camgen.read.gcode.machine import ARCS, AXES, RAPID, Machine, take_axes
 from camgen.read.gcode.words import LineError
 
 CYCLES = frozenset({"G73", "G81", "G82", "G83", "G85", "G86", "G89"})
@@ -68,7 +68,7 @@ def _polar(m: Machine, words: dict[str, float]) -> None:
 def target(m: Machine, words: dict[str, float]) -> list[float]:
     """Where the axis words lead, absolute, mm; taken out."""
     end = list(m.at)
-    for axis, value in given(m, words).items():
+    for axis, value in take_axes(m, words).items():
         if m.incremental and not m.known[axis]:
             m.known[axis] = True
             m.note("assumed", f"{AXES[axis]} begins at 0", "an incremental motion does not say from where")
@@ -144,7 +144,7 @@ def drill(m: Machine, words: dict[str, float]) -> None:
     m.start()
     if m.level is None:
         m.level = m.at[normal]
-    _holes(m, normal, given(m, words), int(count))
+    _holes(m, normal, take_axes(m, words), int(count))
 
 
 _NEEDS = {"G73": ("Q",), "G83": ("Q",), "G82": ("P",), "G86": ("P",), "G89": ("P",)}
@@ -203,20 +203,20 @@ def _dwelling(m: Machine, axis: int, retract: float, bottom: float, clear: float
     _to(m, axis, clear)
 
 
-def _bored(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
+def _bore(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
     _in(m, axis, bottom)
     _in(m, axis, retract)
     if clear != retract:
         _to(m, axis, clear)
 
 
-def _bored_dwelling(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
+def _bore_dwelling(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
     _in(m, axis, bottom)
     m.add(Wait(_seconds(m)))
     _in(m, axis, clear)
 
 
-def _stopped(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
+def _stop(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
     if m.spindle == "M5":
         raise LineError("G86 while the spindle stands")
     _in(m, axis, bottom)
@@ -228,7 +228,7 @@ def _stopped(m: Machine, axis: int, retract: float, bottom: float, clear: float)
     m.turn()
 
 
-def _pecked(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
+def _peck(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
     step = m.sticky["Q"]
     if step <= 0:
         raise LineError(f"{m.motion} with pecks of Q{step:g}")
@@ -253,8 +253,8 @@ def _seconds(m: Machine) -> float:
 
 
 _ONE: dict[str, Callable[[Machine, int, float, float, float], None]] = {
-    "G73": _pecked, "G81": _plain, "G82": _dwelling, "G83": _pecked, "G85": _bored, "G86": _stopped,
-    "G89": _bored_dwelling,
+    "G73": _peck, "G81": _plain, "G82": _dwelling, "G83": _peck, "G85": _bore, "G86": _stop,
+    "G89": _bore_dwelling,
 }  # fmt: skip
 
 

@@ -351,7 +351,7 @@ def words_of(text: str, known: Parameters) -> Line:
 
 
 def _code(codes: dict[str, str], letter: str, number: float) -> None:
-    code = _named(letter, number)
+    code = _name(letter, number)
     group = _GROUP.get(code)
     if group is None:
         raise not_read(code, "not a code that is known")
@@ -366,5 +366,5 @@ def not_read(code: str, otherwise: str) -> UnknownWord:
 
 
 @lru_cache(maxsize=1024)
-def _named(letter: str, number: float) -> str:
+def _name(letter: str, number: float) -> str:
     return f"{letter}{round(number, 3):g}"

@@ -32,13 +32,13 @@ class Facts(Struct, frozen=True):
         lines = [
             f"3-D part of {size} mm, units {self.units}, {counted(self.faces, 'triangle')}",
             f"edges: {len(self.edges)}, {convex} convex, {len(self.edges) - convex} concave",
-            *(_told(edge) for edge in self.edges),
+            *(_describe(edge) for edge in self.edges),
             *map(str, self.notes),
         ]
         return "\n".join(lines)
 
 
-def _told(edge: Edge) -> str:
+def _describe(edge: Edge) -> str:
     """One edge: id, kind, length, angle between the faces' normals, convexity, and where it starts."""
     radius = f" of radius {short(edge.radius, 3)} mm" if edge.radius else ""
     sort = "convex" if edge.convex else "concave"

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Circle, fitted, span_lengths, through
+from camgen.geometry.arcs import Circle, fit_circle, span_lengths, through
 from camgen.geometry.vectors import cross, unit
 from camgen.model.part import Edge, EdgeKind, IntArray
 from camgen.model.pose import FloatArray, frozen
@@ -52,7 +52,7 @@ class Run(Struct, frozen=True):
     pieces: tuple[Piece, ...]
 
 
-def recognised(points: FloatArray, closed: bool, tolerance: float, tight: float) -> tuple[int, list[Run]]:
+def recognise(points: FloatArray, closed: bool, tolerance: float, tight: float) -> tuple[int, list[Run]]:
     """The runs of a chain of ``points`` (N, 3), and the vertex at which they begin.
 
     closed: the last point is the first again; the runs then count from the vertex named, round and round. tight: mm, a
@@ -60,19 +60,19 @@ def recognised(points: FloatArray, closed: bool, tolerance: float, tight: float)
     """
     if not closed:
         kept = _corners(points, tight)
-        return 0, _counted(_runs(points[kept], _pieces(points[kept], tolerance)), kept)
+        return 0, _count(_runs(points[kept], _pieces(points[kept], tolerance)), kept)
     aside = _aside(np.concatenate([points[-2:-1], points]))
     begin = int(np.argmax(aside >= aside.max() / 2))  # a corner, and the same one whatever rounding does
     points = _from(points, begin)
     kept = _corners(points, tight)
-    circle = fitted(points[kept[:-1]])
+    circle = fit_circle(points[kept[:-1]])
     if circle is not None and len(kept) > 2 * _LEAST_SIDES and _once_round(circle, points[kept], tolerance):
         return begin, [Run("circle", (Piece(0, len(points) - 1, circle),))]
     further = int(kept[_break(points[kept], _pieces(points[kept], tolerance))])
     points = _from(points, further)
     kept = _corners(points, tight)
-    runs = _joined_ends(points[kept], _runs(points[kept], _pieces(points[kept], tolerance)))
-    return (begin + further) % (len(points) - 1), _counted(runs, kept)
+    runs = _join_ends(points[kept], _runs(points[kept], _pieces(points[kept], tolerance)))
+    return (begin + further) % (len(points) - 1), _count(runs, kept)
 
 
 def _break(points: FloatArray, pieces: list[Piece]) -> int:
@@ -107,7 +107,7 @@ def _corners(points: FloatArray, tight: float) -> IntArray:
     return np.array(kept)
 
 
-def _counted(runs: list[Run], kept: IntArray) -> list[Run]:
+def _count(runs: list[Run], kept: IntArray) -> list[Run]:
     """The runs of ``points[kept]`` counted in all points."""
     around, last = int(kept[-1]), len(kept) - 1
 
@@ -130,7 +130,7 @@ def _pieces(points: FloatArray, tolerance: float) -> list[Piece]:
     while at < last:
         line = _reach(points, at, 2, _is_line, tolerance)
         arc = _reach(points, at, _LEAST_SIDES, _is_arc, tolerance)
-        circle = fitted(points[at : arc + 1]) if arc > max(line, at + 1) else None
+        circle = fit_circle(points[at : arc + 1]) if arc > max(line, at + 1) else None
         end = arc if circle is not None else line
         result.append(Piece(at, end, circle))
         at = end
@@ -196,7 +196,7 @@ def _run(pieces: list[Piece]) -> Run:
     return Run(alone if len(pieces) == 1 else "curve", tuple(pieces))
 
 
-def _joined_ends(points: FloatArray, runs: list[Run]) -> list[Run]:
+def _join_ends(points: FloatArray, runs: list[Run]) -> list[Run]:
     """The runs of a closed chain, the last one with the first one if they are one curve."""
     last, first = runs[-1], runs[0]
     if len(runs) == 1 or not _together_pieces(points, last.pieces[-1], first.pieces[0]):
@@ -258,7 +258,7 @@ def edges_of(chains: Chains, vertices: FloatArray, tolerance: float) -> list[Edg
     return result
 
 
-def ordered(edges: Iterable[Edge]) -> tuple[Edge, ...]:
+def order(edges: Iterable[Edge]) -> tuple[Edge, ...]:
     """The edges with ids, from the highest to the lowest, then by y, then by x of their middles."""
     listed = list(edges)
     if not listed:
@@ -291,7 +291,7 @@ def _single(sides: Segments, vertices: FloatArray) -> list[Edge]:
 
 def _of_chain(sides: Segments, vertices: FloatArray, closed: bool, tolerance: float, tight: float) -> list[Edge]:
     points = vertices[np.append(sides.start, sides.end[-1])]
-    begin, runs = recognised(points, closed, tolerance, tight)
+    begin, runs = recognise(points, closed, tolerance, tight)
     result = []
     for run in runs:
         rows = (begin + np.arange(run.pieces[0].low, run.pieces[-1].high)) % len(sides)

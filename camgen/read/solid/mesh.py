@@ -11,10 +11,10 @@ from camgen.model.part import FEATURE_ANGLE, BoolArray, IntArray, Note, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read.solid import topology as welding
-from camgen.read.solid.edges import edges_of, ordered
+from camgen.read.solid.edges import edges_of, order
 from camgen.read.solid.mesh_file import Soup, load
-from camgen.read.solid.sharp import Segments, chained, dangling, face_normals, segments
-from camgen.read.solid.topology import Pairs, components, ends, paired
+from camgen.read.solid.sharp import Segments, chain, dangling, face_normals, segments
+from camgen.read.solid.topology import Pairs, components, ends, pair
 
 # Faces wound so that their normals point out of the part, whatever the file says.
 
@@ -34,7 +34,7 @@ def wrongly_wound(vertices: FloatArray, faces: IntArray, pairs: Pairs) -> tuple[
     total = np.asarray(np.bincount(of, volume, len(label)), dtype=np.float64)
     closed = np.ones(len(label), dtype=bool)
     closed[of[np.concatenate([pairs.open, pairs.crowded]) // 3]] = False
-    inverted = _inverted(corners, of, total, closed)
+    inverted = _invert(corners, of, total, closed)
     return turn ^ inverted[of], odd, int(np.count_nonzero(inverted))
 
 
@@ -56,7 +56,7 @@ def _minority(faces: IntArray, pairs: Pairs, body: IntArray) -> BoolArray:
     return np.asarray((turn ^ most[body]) & (label[:count] != label[count:]))
 
 
-def _inverted(corners: FloatArray, of: IntArray, volume: FloatArray, closed: BoolArray) -> BoolArray:
+def _invert(corners: FloatArray, of: IntArray, volume: FloatArray, closed: BoolArray) -> BoolArray:
     """(bodies,) which closed ones are inside out: those of negative volume in no other one, and what is in them."""
     count = len(volume)
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
@@ -112,7 +112,7 @@ def make_solid(
     borders = _borders(mesh.vertices, mesh.faces, mesh.pairs, notes)
     sides = mesh.sides(feature_angle)
     limit = min(tolerance, _FINE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
-    edges = ordered(edges_of(chained(sides, mesh.vertices), mesh.vertices, limit))
+    edges = order(edges_of(chain(sides, mesh.vertices), mesh.vertices, limit))
     if edges:
         convex = int(np.count_nonzero(sides.convex))
         what = f"{convex} convex and {len(sides) - convex} concave sides of triangles are {counted(len(edges), 'edge')}"
@@ -130,12 +130,12 @@ def _surface(soup: Soup, name: str, mm: float | None) -> tuple[Surface, list[Not
     if mm is None and not soup.unit:
         notes.append(Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}"))
     vertices, faces = _clean(name, soup, soup.mm if mm is None else mm, notes)
-    pairs = paired(faces)
+    pairs = pair(faces)
     useless = dangling(vertices, faces, pairs)
     if useless.any():
         _count(notes, int(np.count_nonzero(useless)), "open")
         faces = faces[~useless]
-        pairs = paired(faces)
+        pairs = pair(faces)
     faces, pairs = _outward(vertices, faces, pairs, notes)
     normals, flat = face_normals(vertices, faces, pairs)
     _count(notes, flat, "flat")
@@ -147,10 +147,10 @@ def _surface(soup: Soup, name: str, mm: float | None) -> tuple[Surface, list[Not
 
 def _clean(name: str, soup: Soup, mm: float, notes: list[Note]) -> tuple[FloatArray, IntArray]:
     """Vertices in mm, and faces that have three of them and are there once."""
-    vertices, faces = welding.merged(soup.vertices * mm, soup.faces)
+    vertices, faces = welding.merge(soup.vertices * mm, soup.faces)
     proper = welding.without_degenerate(faces)
     single = welding.without_duplicates(proper)
-    joined, welds = welding.welded(vertices, single)
+    joined, welds = welding.weld(vertices, single)
     if welds:
         many = counted(welds, "vertex of rims that nearly meet was", "vertices of rims that nearly meet were")
         notes.append(Note("repaired", f"{many} welded"))
@@ -159,7 +159,7 @@ def _clean(name: str, soup: Soup, mm: float, notes: list[Note]) -> tuple[FloatAr
     _count(notes, len(proper) - len(single), "twice")
     if not len(whole):
         raise InputError(name, "has no face with an area")
-    return welding.used(vertices, whole)
+    return welding.drop_unused(vertices, whole)
 
 
 #: What is said of faces that are mended, of one and of many.
@@ -191,7 +191,7 @@ def _outward(vertices: FloatArray, faces: IntArray, pairs: Pairs, notes: list[No
     _count(notes, bodies, "bodies")
     if wrong.any():
         faces = np.where(wrong[:, None], faces[:, ::-1], faces)
-        pairs = paired(faces)
+        pairs = pair(faces)
     if pairs.turned.any():
         between = "between faces that cannot be wound alike"
         what = counted(int(pairs.turned.sum()), f"side {between} is no edge", f"sides {between} are no edges")

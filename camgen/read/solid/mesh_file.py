@@ -59,7 +59,7 @@ def load(source: Source) -> Soup:
         raise InputError(name, "the file is empty")
     if kind == ".stl":
         data, notes = _stl(name, data)
-    vertices, faces, unit = _parsed(name, data, kind)
+    vertices, faces, unit = _parse(name, data, kind)
     if not len(faces):
         raise InputError(
             name, "has no faces", "" if not len(vertices) else f"{counted(len(vertices), 'point')} only", _SAVE_AGAIN
@@ -99,7 +99,7 @@ def _is_text(data: bytes) -> bool:
     return data.lstrip()[:5].lower() == b"solid" and b"\x00" not in data[:2048]
 
 
-def _parsed(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, str]:
+def _parse(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, str]:
     import trimesh  # noqa: PLC0415 (heavy, and needed by what reads a mesh only)
 
     # Without a handler of its own trimesh's warnings would end up on stderr.

@@ -123,7 +123,7 @@ class Chains(Struct, frozen=True, eq=False):
     closed: BoolArray
 
 
-def chained(segments: Segments, vertices: FloatArray) -> Chains:
+def chain(segments: Segments, vertices: FloatArray) -> Chains:
     """All ``segments`` in chains. Which way a chain runs and where a closed one begins depends on places alone."""
     rank = np.empty(len(vertices), dtype=np.int64)
     rank[np.lexsort(vertices.T[::-1])] = np.arange(len(vertices))

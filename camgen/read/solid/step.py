@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import Circle, fitted, span_lengths, spans_through, through
+from camgen.geometry.arcs import Circle, fit_circle, span_lengths, spans_through, through
 from camgen.geometry.vectors import angles, cross
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
@@ -18,10 +18,10 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read.solid import kernel
 from camgen.read.solid import topology as welding
-from camgen.read.solid.edges import STEADY_COSINE, ordered
+from camgen.read.solid.edges import STEADY_COSINE, order
 from camgen.read.solid.kernel import Beside, Curve
 from camgen.read.solid.sharp import face_normals
-from camgen.read.solid.topology import paired
+from camgen.read.solid.topology import pair
 
 # Edges that go on smoothly as the same line or circle become one: CAD programs halve circles and cut lines.
 
@@ -39,13 +39,13 @@ def backwards(edge: Edge) -> Edge:
     )  # fmt: skip
 
 
-def directed(edge: Edge) -> Edge:
+def direct(edge: Edge) -> Edge:
     """The edge from the end with the smaller x, then y, then z; a closed one sets out towards the smaller."""
     a, b = (edge.via[0], edge.via[-1]) if edge.closed else (edge.points[0], edge.points[-1])
     return edge if np.round(a, 6).tolist() <= np.round(b, 6).tolist() else backwards(edge)
 
 
-def joined(edges: list[Edge]) -> list[Edge]:
+def join_smooth(edges: list[Edge]) -> list[Edge]:
     """The edges with those that go on as one made one."""
     chains: dict[int, Edge] = dict(enumerate(edges))
     at: dict[tuple[int, ...], list[int]] = defaultdict(list)
@@ -133,7 +133,7 @@ def edge(curve: Curve, left: Beside, right: Beside, convex: bool, tolerance: flo
     """The edge along ``curve``, without id; ``left`` and ``right`` of growing parameters, seen from outside."""
     at = np.linspace(curve.low, curve.high, _SPLINE_SAMPLES)
     points = curve.points(at)
-    kind, circle = _known(curve, points, tolerance)
+    kind, circle = _is_line_or_arc(curve, points, tolerance)
     if kind == "line":
         ends = _line_parameters(at, left, right)
         places = curve.points(ends)
@@ -141,7 +141,7 @@ def edge(curve: Curve, left: Beside, right: Beside, convex: bool, tolerance: flo
     elif circle is not None:
         ends, middles, places, via = _round(circle, at, points)
     else:
-        ends = np.array(_divided(curve, curve.low, curve.high, tolerance, _MOST_DIVISIONS))
+        ends = np.array(_divide(curve, curve.low, curve.high, tolerance, _MOST_DIVISIONS))
         places, middles = curve.points(ends), (ends[1:] + ends[:-1]) / 2
         via = _arc_middles(places, curve.points(middles))
     normals, via_normals = (np.stack([left.normals(t), right.normals(t)], axis=1) for t in (ends, middles))
@@ -155,7 +155,7 @@ def edge(curve: Curve, left: Beside, right: Beside, convex: bool, tolerance: flo
     )  # fmt: skip
 
 
-def _known(curve: Curve, points: FloatArray, tolerance: float) -> tuple[EdgeKind, Circle | None]:
+def _is_line_or_arc(curve: Curve, points: FloatArray, tolerance: float) -> tuple[EdgeKind, Circle | None]:
     """Whether the curve is a line or an arc, by its kind or, within a part of ``tolerance``, by its points."""
     if curve.kind == "Line":
         return "line", None
@@ -171,7 +171,7 @@ def _known(curve: Curve, points: FloatArray, tolerance: float) -> tuple[EdgeKind
         aside = np.linalg.norm(points - points[0] - along[:, None] * (chord / length), axis=1)
         if aside.max() <= limit and (np.diff(along) > 0).all():
             return "line", None
-    circle = fitted(points[:-1] if length <= limit else points)
+    circle = fit_circle(points[:-1] if length <= limit else points)
     if circle is None or circle.distances(points).max(initial=0.0) > limit:
         return "curve", None
     return ("arc", circle) if (np.diff(circle.angles(points[:-1])) > 0).all() else ("curve", None)
@@ -196,15 +196,15 @@ def _round(circle: Circle, at: FloatArray, points: FloatArray) -> tuple[FloatArr
     return parameters[::2], parameters[1::2], places[::2], places[1::2]
 
 
-def _divided(curve: Curve, low: float, high: float, tolerance: float, depth: int) -> list[float]:
+def _divide(curve: Curve, low: float, high: float, tolerance: float, depth: int) -> list[float]:
     """Parameters from ``low`` to ``high`` between which the curve keeps to the arc through ends and middle."""
     points = curve.points(np.linspace(low, high, 2 * _WITHIN + 1))
     if depth == 0 or _fits(points, tolerance):
         return [low, high]
     middle = (low + high) / 2
     return [
-        *_divided(curve, low, middle, tolerance, depth - 1)[:-1],
-        *_divided(curve, middle, high, tolerance, depth - 1),
+        *_divide(curve, low, middle, tolerance, depth - 1)[:-1],
+        *_divide(curve, middle, high, tolerance, depth - 1),
     ]
 
 
@@ -259,16 +259,16 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     try:
         edges, borders = _edges(shape, tolerance, feature_angle, notes)
         deflection = float(np.clip(_DEFLECTION * kernel.size(shape), _FINEST, _COARSEST))
-        vertices, faces = welding.merged(*kernel.triangles(shape, deflection, _ANGLE))
+        vertices, faces = welding.merge(*kernel.triangles(shape, deflection, _ANGLE))
     except (failure, *kernel.STUMBLES) as error:
         again = "export it again from the CAD program"
         raise InputError(source.name, "the CAD kernel stumbles over its faces", "", again) from error
-    faces, _ = welding.welded(vertices, welding.without_degenerate(faces))
+    faces, _ = welding.weld(vertices, welding.without_degenerate(faces))
     faces = welding.without_duplicates(welding.without_degenerate(faces))
     if not len(faces):
         raise InputError(source.name, "has no faces", "curves or points only", "export the part as a solid")
-    vertices, faces = welding.used(vertices, faces)
-    normals, _ = face_normals(vertices, faces, paired(faces))
+    vertices, faces = welding.drop_unused(vertices, faces)
+    normals, _ = face_normals(vertices, faces, pair(faces))
     faces.flags.writeable = False
     return Solid(
         source.stem, source.name, units, frozen(vertices), faces, frozen(normals), edges, borders, tuple(notes)
@@ -313,7 +313,7 @@ def _edges(
             sharp = _sharp(meeting, tolerance, feature_angle)
             left_out["smooth"] += sharp is None
             found += [sharp] if sharp is not None else []
-    edges = ordered(directed(e) for e in joined(found))
+    edges = order(direct(e) for e in join_smooth(found))
     _say(notes, left_out, found, len(edges), feature_angle)
     if borders:
         what = f"{counted(len(borders), 'edge has', 'edges have')} a face on one side only"

@@ -31,7 +31,7 @@ def ends(faces: IntArray, half: IntArray) -> tuple[IntArray, IntArray]:
     return corners[half], corners[half - half % 3 + (half + 1) % 3]
 
 
-def paired(faces: IntArray) -> Pairs:
+def pair(faces: IntArray) -> Pairs:
     """The half-edges of ``faces`` (F, 3), no face with a vertex twice."""
     start = faces.reshape(-1)
     end = faces[:, [1, 2, 0]].reshape(-1)
@@ -71,7 +71,7 @@ _SPREAD = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9)
 _WELD = 1e-5
 
 
-def merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def merge(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """The mesh with equal vertices made one, in the order in which they first appear."""
     places = np.ascontiguousarray(vertices) + 0.0  # no -0.0: it would look different
     words = places.view(np.uint64)
@@ -85,12 +85,12 @@ def merged(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]
     return places[np.sort(index)], np.asarray(rank[inverse.reshape(-1)][faces])
 
 
-def welded(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
+def weld(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
     """The faces with vertices of open rims that lie close together made one, and how many vertices that were.
 
     Only rims: inside a closed surface nothing needs to be closed, and small faces must not fall flat.
     """
-    rim = np.unique(np.concatenate(ends(faces, paired(faces).open)))
+    rim = np.unique(np.concatenate(ends(faces, pair(faces).open)))
     if not len(rim):
         return faces, 0
     limit = _WELD * float(np.linalg.norm(np.ptp(vertices, axis=0)))
@@ -143,7 +143,7 @@ def without_duplicates(faces: IntArray) -> IntArray:
     return faces[kept]
 
 
-def used(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def drop_unused(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Only the vertices that a face has."""
     kept = np.zeros(len(vertices), dtype=bool)
     kept[faces] = True

@@ -24,7 +24,7 @@ from camgen.read.files import Files
 from camgen.read.pieces import tally
 from camgen.read.svg.flatten import flatten
 from camgen.read.svg.tree import Drawn, walk
-from camgen.read.svg.values import MM_PER_PX, Box, Malformed, combined, fitted, length, view_box
+from camgen.read.svg.values import MM_PER_PX, Box, Malformed, combine, fit_viewport, length, view_box
 
 # The page of an SVG document: mm of its units, and where the work frame lies on it.
 
@@ -67,7 +67,7 @@ def page_of(file: str, attributes: Mapping[str, str], wanted: str) -> Page:
         if box is None:
             return _even(f"{short(MM_PER_PX, 9)} mm/unit", MM_PER_PX, None, sizes, notes)
         aspect = attributes.get("preserveAspectRatio", "")
-        matrix = fitted(box, sizes[0] * MM_PER_PX, sizes[1] * MM_PER_PX, aspect)
+        matrix = fit_viewport(box, sizes[0] * MM_PER_PX, sizes[1] * MM_PER_PX, aspect)
         return _page(matrix, sizes[1] * MM_PER_PX, box, sizes, notes)
     except Malformed as error:
         raise InputError(file, str(error), "the svg element", "mend it, or save the drawing again") from error
@@ -114,7 +114,7 @@ def _even(name: str, scale: float, box: Box | None, sizes: tuple[float, float] |
         width, height = sizes or (0.0, 0.0)
         box = Box(0.0, 0.0, width, height)
     matrix = np.array([[scale, 0.0, -box.x * scale], [0.0, scale, -box.y * scale]])
-    return _made(matrix, box.height * scale, (box.width, box.height), name, notes)
+    return _make(matrix, box.height * scale, (box.width, box.height), name, notes)
 
 
 def _page(matrix: FloatArray, height: float, box: Box, sizes: tuple[float, float], notes: tuple[Note, ...]) -> Page:
@@ -123,17 +123,17 @@ def _page(matrix: FloatArray, height: float, box: Box, sizes: tuple[float, float
     name = f"{short(sx, 9)} mm/unit" if abs(sx - sy) <= 1e-9 * sx else f"{short(sx, 6)} and {short(sy, 6)} mm/unit"
     if abs(sx - 1) <= 1e-6 and abs(sy - 1) <= 1e-6:
         name = "mm"
-    page = _made(matrix, height, (box.width, box.height), name, notes)
+    page = _make(matrix, height, (box.width, box.height), name, notes)
     told = " x ".join(short(v * MM_PER_PX, 3) for v in sizes) + " mm"
     return Page(page.matrix, page.view, page.units, told, page.open, page.notes)
 
 
-def _made(matrix: FloatArray, height: float, view: tuple[float, float], name: str, notes: tuple[Note, ...]) -> Page:
+def _make(matrix: FloatArray, height: float, view: tuple[float, float], name: str, notes: tuple[Note, ...]) -> Page:
     """With y turned up, from the lower edge of the page."""
     up = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, height]])
     known = height > 0
     told = f"{short(view[0] * float(matrix[0, 0]), 3)} x {short(height, 3)} mm" if known else "of no stated size"
-    return Page(combined(up, matrix), view, name, told, not known, notes)
+    return Page(combine(up, matrix), view, name, told, not known, notes)
 
 
 _MOST_BYTES = 200_000_000
@@ -192,16 +192,18 @@ def inspect(source: Source, job: Job, _files: Files) -> Facts:
         kinds[kind] += count
         by_layer.setdefault(layer, Counter())[kind] += count
     why_not = found.drawn.layers.why_not
-    layers = tuple((harmless(name), why_not(name) or "used", _listed(by_layer[name])) for name in sorted(by_layer))
+    layers = tuple(
+        (harmless(name), why_not(name) or "used", _note_reasons(by_layer[name])) for name in sorted(by_layer)
+    )
     closed = sum(c.closed for c in found.contours)
     points = np.concatenate([c.points for c in found.contours]) if found.contours else np.zeros((1, 2))
     width, height = np.ptp(points, axis=0).tolist()
     opened = len(found.contours) - closed
-    return Facts(found.units, found.page, layers, _listed(kinds), closed, opened, (width, height), found.notes)
+    return Facts(found.units, found.page, layers, _note_reasons(kinds), closed, opened, (width, height), found.notes)
 
 
 def _read(source: Source, settings: Input, chord: float) -> _Read:
-    root = _parsed(source.name, source.data)
+    root = _parse(source.name, source.data)
     page = page_of(source.name, root.attrib, settings.units)
     layers = Layers({}, {}, tuple(g.strip().casefold() for g in settings.layers))
     # Damaged files hold infinities; what comes of them is found and told.
@@ -213,7 +215,7 @@ def _read(source: Source, settings: Input, chord: float) -> _Read:
     return _Read(page.units, page.told, drawn, contours, (*page.notes, *notes, *_left(drawn), *joints))
 
 
-def _parsed(name: str, data: bytes) -> ElementTree.Element:
+def _parse(name: str, data: bytes) -> ElementTree.Element:
     """The root element. A document that defines entities is refused: they can make any file of one."""
     if len(data) > _MOST_BYTES:
         raise InputError(name, f"has more than {_MOST_BYTES:,} bytes", remedy="split the drawing")
@@ -239,16 +241,16 @@ def _from_corner(contours: tuple[Contour, ...]) -> tuple[tuple[Contour, ...], tu
     if not contours:
         return contours, ()
     low = np.min([c.points.min(axis=0) for c in contours], axis=0)
-    moved = tuple(Contour(_fixed(c.points - low), c.bulges, c.closed, c.layer, c.id) for c in contours)
+    moved = tuple(Contour(_fix(c.points - low), c.bulges, c.closed, c.layer, c.id) for c in contours)
     return moved, (Note("assumed", "the origin is the drawing's own lower left corner", "it states no page"),)
 
 
-def _fixed(points: FloatArray) -> FloatArray:
+def _fix(points: FloatArray) -> FloatArray:
     points.flags.writeable = False
     return points
 
 
-def _listed(counts: Counter[str]) -> str:
+def _note_reasons(counts: Counter[str]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items())) or "none"
 
 
@@ -264,7 +266,7 @@ def _left(drawn: Drawn) -> list[Note]:
             notes.append(Note("skipped", what, why))
     effects = +drawn.effects
     if effects:
-        notes.append(Note("skipped", _listed(effects), "curves are drawn whole and plain"))
+        notes.append(Note("skipped", _note_reasons(effects), "curves are drawn whole and plain"))
     if drawn.dashed:
         notes.append(Note("assumed", f"with dashes: {drawn.dashed}", "the whole line is drawn"))
     return notes

@@ -30,7 +30,7 @@ class _Pieces(Struct):
 def flatten(drawn: Drawn, chord: float) -> Soup:
     """Pieces of all that was drawn, one per subpath. chord: mm, the deviation allowed for curves."""
     placed = [
-        (k, track.closed, [_placed(run, matrix) for run in track.runs])
+        (k, track.closed, [_place(run, matrix) for run in track.runs])
         for k, (tracks, matrix) in enumerate(zip(drawn.tracks, drawn.matrices, strict=True))
         for track in tracks
     ]
@@ -52,7 +52,7 @@ def flatten(drawn: Drawn, chord: float) -> Soup:
     return _soup(drawn, (np.concatenate(points), np.concatenate(bulges)), counts, closed, shape)
 
 
-def _placed(run: FloatArray | Oval, matrix: FloatArray) -> FloatArray | curves.Outline:
+def _place(run: FloatArray | Oval, matrix: FloatArray) -> FloatArray | curves.Outline:
     """A run under its matrix: points and bulges as they are, or rational Bezier segments to be fitted."""
     linear, shift = matrix[:, :2], matrix[:, 2]
     if isinstance(run, Oval):

@@ -15,7 +15,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.layers import Layers
 from camgen.read.svg.path import KINDS, Track, shape
-from camgen.read.svg.values import Malformed, combined, fitted, length, transform, view_box
+from camgen.read.svg.values import Malformed, combine, fit_viewport, length, transform, view_box
 
 # Whether the style of an element lets it be drawn: attributes, simple rules of style sheets, inheritance.
 
@@ -84,7 +84,7 @@ def declarations(text: str) -> Style:
     return found
 
 
-def styled(parent: Style, tag: str, attributes: Mapping[str, str], sheet: Sheet) -> Style:
+def is_styled(parent: Style, tag: str, attributes: Mapping[str, str], sheet: Sheet) -> Style:
     """The style of an element: its attributes, then the sheet, then its style attribute, else its parent's."""
     own = {name: value.strip().lower() for name, value in attributes.items() if name in PROPERTIES}
     own |= sheet.of(tag, attributes)
@@ -95,7 +95,7 @@ def styled(parent: Style, tag: str, attributes: Mapping[str, str], sheet: Sheet)
     return result
 
 
-def gone(style: Style) -> str:
+def is_gone(style: Style) -> str:
     """Why an element and all that it holds is not shown, "" where it is."""
     if style.get("display") == "none":
         return "display is none"
@@ -176,10 +176,10 @@ def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float]
             ids.setdefault(element.attrib["id"], element)
         if element.tag == _SVG + "style":
             sheet.add("".join(element.itertext()))
-    place = _Place(matrix, styled({}, "svg", root.attrib, sheet), view)
+    place = _Place(matrix, is_styled({}, "svg", root.attrib, sheet), view)
     walker = _Walk(drawn, sheet, ids)
     # Depth first by a list: documents nest deeper than Python calls.
-    todo = [(child, place) for child in reversed(root)] if not gone(place.style) else []
+    todo = [(child, place) for child in reversed(root)] if not is_gone(place.style) else []
     steps = 0
     while todo:
         element, place = todo.pop()
@@ -207,9 +207,9 @@ class _Walk(Struct):
         tag = element.tag.removeprefix(_SVG)
         if tag in _SILENT:
             return
-        style = styled(place.style, tag, element.attrib, self.sheet)
+        style = is_styled(place.style, tag, element.attrib, self.sheet)
         layer = place.layer or harmless(_own_layer(style))
-        why = gone(style)
+        why = is_gone(style)
         if why:
             for inner in element.iter():
                 kind = str(inner.tag).removeprefix(_SVG)
@@ -228,7 +228,7 @@ class _Walk(Struct):
     ) -> Iterator[tuple[Element, _Place]]:
         matrix = place.matrix
         if "transform" in element.attrib:
-            matrix = combined(matrix, transform(element.attrib["transform"]))
+            matrix = combine(matrix, transform(element.attrib["transform"]))
         here = _Place(matrix, style, place.view, place.layer, place.layered, place.inside)
         if tag in KINDS:
             self._draw(element, tag, here, layer)
@@ -237,7 +237,7 @@ class _Walk(Struct):
         elif tag in _GROUPS:
             if tag == "svg":
                 here = _viewport(element, here, element.attrib)
-            here = _grouped(element, tag, here)
+            here = _group(element, tag, here)
             yield from ((child, here) for child in element)
         elif tag in ("text", "image", "foreignObject"):
             self.drawn.leave("only shapes and paths are drawn", tag, layer)
@@ -276,14 +276,14 @@ class _Walk(Struct):
         if name in place.inside or len(place.inside) > _DEEPEST_REFERENCE:
             raise Malformed("refers to itself")
         x, y = (length(element.attrib.get(key, "0"), key, place.view) for key in ("x", "y"))
-        matrix = combined(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
+        matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
         inside = place.inside | {name}
         here = _Place(matrix, place.style, place.view, place.layer, place.layered, inside)
         if target.tag in (_SVG + "symbol", _SVG + "svg"):
             size = {**target.attrib, **{k: v for k, v in element.attrib.items() if k in ("width", "height")}}
-            style = styled(place.style, "symbol", target.attrib, self.sheet)
-            if gone(style):
-                self.drawn.leave(gone(style), "use", layer)
+            style = is_styled(place.style, "symbol", target.attrib, self.sheet)
+            if is_gone(style):
+                self.drawn.leave(is_gone(style), "use", layer)
                 return
             here = _viewport(target, _with_style(here, style), size)
             yield from ((child, here) for child in target)
@@ -302,17 +302,17 @@ def _viewport(element: Element, place: _Place, size: dict[str, str]) -> _Place:
     matrix = place.matrix
     if element.tag == _SVG + "svg":
         x, y = (length(element.attrib.get(key, "0"), key, place.view) for key in ("x", "y"))
-        matrix = combined(matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
+        matrix = combine(matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
     view = (width, height)
     if box is not None:
         if width <= 0 or height <= 0:
             raise Malformed("a viewport without size")
-        matrix = combined(matrix, fitted(box, width, height, element.attrib.get("preserveAspectRatio", "")))
+        matrix = combine(matrix, fit_viewport(box, width, height, element.attrib.get("preserveAspectRatio", "")))
         view = (box.width, box.height)
     return _Place(matrix, place.style, view, place.layer, place.layered, place.inside)
 
 
-def _grouped(element: Element, tag: str, place: _Place) -> _Place:
+def _group(element: Element, tag: str, place: _Place) -> _Place:
     """The place inside a group, which may name the layer: the innermost Inkscape layer, else the outermost group."""
     if tag != "g":
         return place

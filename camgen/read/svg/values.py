@@ -104,7 +104,7 @@ def _cos_sin(degrees: float) -> tuple[float, float]:
     return math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
 
 
-def combined(outer: FloatArray, inner: FloatArray) -> FloatArray:
+def combine(outer: FloatArray, inner: FloatArray) -> FloatArray:
     """The matrix (2, 3) that does ``inner`` and then ``outer``."""
     return np.column_stack([outer[:, :2] @ inner[:, :2], outer[:, :2] @ inner[:, 2] + outer[:, 2]])
 
@@ -128,7 +128,7 @@ def view_box(text: str | None) -> Box | None:
     return Box(*values)
 
 
-def fitted(box: Box, width: float, height: float, aspect: str) -> FloatArray:
+def fit_viewport(box: Box, width: float, height: float, aspect: str) -> FloatArray:
     """The matrix (2, 3) from ``box`` to a viewport of this size, by preserveAspectRatio (section 7.8)."""
     words = [word for word in aspect.split() if word != "defer"] or ["xMidYMid"]
     sx, sy = width / box.width, height / box.height

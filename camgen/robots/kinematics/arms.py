@@ -132,11 +132,11 @@ def _spherical(zero: AtZero, length: float, angle: float) -> Spherical | None:
     base_from_arm = _frame(z, y, zero.points[0])
     points = (np.vstack([zero.points, wrist]) - base_from_arm.origin) @ base_from_arm.rotation
     flange = base_from_arm.inverse() @ zero.base_from_flange
-    arm = _measured(base_from_arm, points, d @ base_from_arm.rotation, flange)
+    arm = _measure(base_from_arm, points, d @ base_from_arm.rotation, flange)
     return arm if min(arm.c2, math.hypot(arm.a2, arm.c3)) > _LENGTH else None
 
 
-def _measured(base_from_arm: Pose, points: FloatArray, d: FloatArray, flange: Pose) -> Spherical:
+def _measure(base_from_arm: Pose, points: FloatArray, d: FloatArray, flange: Pose) -> Spherical:
     """The arm whose axes have these ``points``, the wrist centre last (7, 3), and directions ``d`` (6, 3) at 0."""
     upper, fore = points[2] - points[1], points[6] - points[2]
     # The signs of axes 4 to 6 are those that make the forearm, the turn of axis 5 and the flange point forward.

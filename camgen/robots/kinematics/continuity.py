@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.inverse import inverse
-from camgen.robots.kinematics.joint_limits import turns, within_turned, wrapped
+from camgen.robots.kinematics.joint_limits import turns, within_turned, wrap
 from camgen.robots.kinematics.singular import from_singular
 from camgen.robots.models import Robot
 
@@ -30,15 +30,15 @@ def candidates(robot: Robot, rotations: FloatArray, origins: FloatArray, start: 
     the first rows leave free.
     """
     if robot.arm is None:
-        return _tracked(robot, rotations, origins)
+        return _track(robot, rotations, origins)
     solutions = inverse(robot, rotations, origins, start)
     if robot.kind != "spherical-wrist":
         return solutions
     free = np.asarray((from_singular(robot, solutions)[:, :, ::2] < _FREE).any(axis=2))
-    return _kept(robot, rotations, origins, solutions, free) if free.any() else solutions
+    return _keep_free(robot, rotations, origins, solutions, free) if free.any() else solutions
 
 
-def _kept(
+def _keep_free(
     robot: Robot, rotations: FloatArray, origins: FloatArray, solutions: FloatArray, free: NDArray[np.bool_]
 ) -> FloatArray:
     """``solutions`` with free joints taken, in each branch, from the last row before in which they were not free, or
@@ -56,14 +56,14 @@ def _kept(
     return solutions
 
 
-def _tracked(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
+def _track(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     """For arms without a closed form: each solution of the first row followed from row to row."""
     rows = np.full((len(origins), damped.SEEDS, len(robot.joints)), np.nan)
     rows[0] = inverse(robot, rotations[:1], origins[:1])[0]
     for row in range(1, len(origins)):
         alive = np.flatnonzero(np.isfinite(rows[row - 1, :, 0]))
         goal = np.broadcast_to(rotations[row], (len(alive), 3, 3)), np.broadcast_to(origins[row], (len(alive), 3))
-        rows[row, alive] = wrapped(robot, damped.refine(robot, *goal, rows[row - 1, alive]))
+        rows[row, alive] = wrap(robot, damped.refine(robot, *goal, rows[row - 1, alive]))
     return rows
 
 
@@ -124,9 +124,9 @@ def follow(
     table = turns(robot)
     usable = _usable(robot, found, table, margin)
     columns = np.flatnonzero(usable.any(axis=(0, 2)))
-    few = _needed(table, usable)
+    few = _count_needed(table, usable)
     kept, usable, table = found[:, columns], usable[:, columns][:, :, few], table[few]
-    first = _turned(kept[0], table) - start
+    first = _add_turns(kept[0], table) - start
     cost = np.where(usable[0] & ~(ties.joined & _leaps(robot, first, jump)), _time(robot, first), math.inf)
     if not np.isfinite(cost).any():
         return Stuck(0, found, start[None] if ties.joined else np.empty((0, found.shape[2])))
@@ -140,14 +140,14 @@ def follow(
         if len(lost):
             before = np.concatenate([cost[None], costs])[lost[0]]
             at = row + int(lost[0])
-            return Stuck(at, found, _turned(kept[at - 1], table)[np.isfinite(before)])
+            return Stuck(at, found, _add_turns(kept[at - 1], table)[np.isfinite(before)])
         cost = costs[-1]
-    states = _traced(_ended(robot, cost, _turned(kept[-1], table), ties.end), backs)
+    states = _trace(_close_ends(robot, cost, _add_turns(kept[-1], table), ties.end), backs)
     branches, chosen = np.divmod(states, len(table))
     return Choice(kept[np.arange(len(kept)), branches] + math.tau * table[chosen], columns[branches])
 
 
-def _needed(table: Index, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _count_needed(table: Index, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The rows of ``table`` (T,) within the turns that any candidate of (N, B, T) can make; those of 0 turns always."""
     most = np.abs(table[usable.any(axis=(0, 1))]).max(axis=0, initial=0)
     return np.asarray((np.abs(table) <= most).all(axis=1))
@@ -192,7 +192,7 @@ def _along(
     return costs
 
 
-def _ended(robot: Robot, cost: FloatArray, last: FloatArray, end: FloatArray | None) -> FloatArray:
+def _close_ends(robot: Robot, cost: FloatArray, last: FloatArray, end: FloatArray | None) -> FloatArray:
     """The costs (B, T) of ending in ``last`` (B, T, J), with the way to ``end``; only the states there, if any is."""
     if end is None:
         return cost
@@ -208,7 +208,7 @@ def _leaps(robot: Robot, moved: FloatArray, jump: float) -> NDArray[np.bool_]:
     return np.asarray((np.abs(moved) > jump)[..., turning].any(axis=-1))
 
 
-def _turned(solutions: FloatArray, table: Index) -> FloatArray:
+def _add_turns(solutions: FloatArray, table: Index) -> FloatArray:
     """``solutions`` (..., B, J) with each combination of turns: (..., B, T, J)."""
     return np.asarray(solutions[..., None, :] + math.tau * table)
 
@@ -251,7 +251,7 @@ def _transitions(
     return np.where(lost, size, index) + branch, times
 
 
-def _traced(cost: FloatArray, backs: NDArray[np.int32]) -> Index:
+def _trace(cost: FloatArray, backs: NDArray[np.int32]) -> Index:
     """The states (N,) of the cheapest chain, from its end."""
     states = np.empty(len(backs), dtype=np.int64)
     states[-1] = cost.argmin()

@@ -31,7 +31,7 @@ def frames(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
             rotations[:, k + 1] = rotation @ joint.previous_from_joint.rotation
         else:
             origins[:, k + 1] = origins[:, k] + rotation @ place
-            rotations[:, k + 1] = rotation @ _turned(joint, serial[:, k])
+            rotations[:, k + 1] = rotation @ _rotate(joint, serial[:, k])
     return rotations, origins
 
 
@@ -58,7 +58,7 @@ def jacobian(robot: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray, 
     return serial @ robot.coupling, last @ robot.flange.rotation, tip
 
 
-def _turned(joint: Joint, angles: FloatArray) -> FloatArray:
+def _rotate(joint: Joint, angles: FloatArray) -> FloatArray:
     """previous_from_joint's rotation (N, 3, 3) at N angles."""
     parts = np.stack([np.ones(len(angles)), np.cos(angles), np.sin(angles)], axis=1)
     return np.asarray((parts @ _parts(joint)).reshape(-1, 3, 3))

@@ -9,7 +9,7 @@ from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics import planar as flat
 from camgen.robots.kinematics import spherical
 from camgen.robots.kinematics.arms import Gantry, Scara
-from camgen.robots.kinematics.joint_limits import joints_of, theta_of, wrapped
+from camgen.robots.kinematics.joint_limits import joints_of, theta_of, wrap
 from camgen.robots.models import Robot
 
 
@@ -27,7 +27,7 @@ def inverse(robot: Robot, rotations: FloatArray, origins: FloatArray, near: Floa
     if isinstance(arm, Gantry):
         return flat.gantry_values(arm, rotations, origins)
     if arm is None:
-        return wrapped(robot, damped.solve(robot, rotations, origins))
+        return wrap(robot, damped.solve(robot, rotations, origins))
     if isinstance(arm, Scara):
         return joints_of(robot, arm, flat.scara_angles(arm, rotations, origins))
     kept = np.full(len(robot.joints), np.nan) if near is None else near

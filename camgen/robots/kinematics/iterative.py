@@ -36,11 +36,11 @@ def solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArra
     The seeds: ``guesses``, and an even spread over the limits for the rest.
     """
     parts = range(0, len(origins), _CHUNK)
-    found = [_solved(robot, rotations[i : i + _CHUNK], origins[i : i + _CHUNK]) for i in parts]
+    found = [_solve(robot, rotations[i : i + _CHUNK], origins[i : i + _CHUNK]) for i in parts]
     return np.concatenate([np.empty((0, SEEDS, len(robot.joints))), *found])
 
 
-def _solved(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
+def _solve(robot: Robot, rotations: FloatArray, origins: FloatArray) -> FloatArray:
     tries = _TRIES if resembling(robot.joints, robot.flange) is None else SEEDS
     near = guesses(robot, rotations, origins, tries)
     start = np.where(np.isnan(near), _spread(robot, tries), near).reshape(len(origins) * tries, -1)

@@ -23,10 +23,10 @@ def theta_of(robot: Robot, arm: Spherical | Scara, joints: FloatArray) -> FloatA
 
 def joints_of(robot: Robot, arm: Spherical | Scara, theta: FloatArray) -> FloatArray:
     """The joint values (..., J), wrapped, for angles of the closed form (..., J)."""
-    return wrapped(robot, ((theta - arm.offsets) * arm.signs) @ np.linalg.inv(robot.coupling).T)
+    return wrap(robot, ((theta - arm.offsets) * arm.signs) @ np.linalg.inv(robot.coupling).T)
 
 
-def wrapped(robot: Robot, joints: FloatArray) -> FloatArray:
+def wrap(robot: Robot, joints: FloatArray) -> FloatArray:
     """``joints`` (..., J) with every turning joint within half a turn of the middle of its limits: those of the serial
     chain where a rod sets them.
     """

@@ -50,7 +50,7 @@ def why(
     clear = good[_clearance(robot, good) >= margin]
     if not len(clear):
         return _singular(robot, good, row)
-    return _unconnected(robot, own, stuck.reached, row, margin, jump)
+    return _explain_gap(robot, own, stuck.reached, row, margin, jump)
 
 
 def _clearance(robot: Robot, joints: FloatArray) -> FloatArray:
@@ -91,7 +91,7 @@ def _singular(robot: Robot, joints: FloatArray, row: int) -> Reason:
     return Reason(row, "singular", -1, float(best.min()), f"singular, {name}: {_degrees(float(best.min()))} away")
 
 
-def _unconnected(robot: Robot, own: FloatArray, reached: FloatArray, row: int, margin: float, jump: float) -> Reason:
+def _explain_gap(robot: Robot, own: FloatArray, reached: FloatArray, row: int, margin: float, jump: float) -> Reason:
     """``own`` (B, J) solve the row, but nothing leads there from ``reached`` (M, J)."""
     turning = np.array([not joint.sliding for joint in robot.joints])
     moved = own[None] - reached[:, None]

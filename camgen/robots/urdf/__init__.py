@@ -50,10 +50,10 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
         remedy = "narrow the limits of some: half of what is stated is enough for most paths"
         raise InputError(file, "its joints can make too many whole turns", "limits", remedy)
     arm = replace(arm, home=_home(arm))
-    return _spared(replace(arm, touching=touching(arm)))
+    return _spare(replace(arm, touching=touching(arm)))
 
 
-def _spared(robot: Robot) -> Robot:
+def _spare(robot: Robot) -> Robot:
     """With a note on links that are no neighbours, and yet not tested against each other."""
     pairs = [(robot.links[i].name, robot.links[j].name) for i, j in robot.touching if j > i + 1]
     said = [f"{a} and {b} overlap in every posture: they are not tested against each other" for a, b in pairs]
@@ -114,7 +114,7 @@ def _home(robot: Robot) -> FloatArray:
     rest = np.where((low < 0) & (high > 0) & turning, 0.0, (low + high) / 2)
     best, clear = rest, -1.0
     for bent in range(min(int(turning.sum()), 2) + 1):
-        every = np.array([_bent(rest, joints) for joints in _signed(np.flatnonzero(turning).tolist(), bent)])
+        every = np.array([_measure_bend(rest, joints) for joints in _sign(np.flatnonzero(turning).tolist(), bent)])
         every = every[((low <= every) & (every <= high)).all(axis=1)]
         clears = _clearness(robot, every, turning).round(9)  # of two bends that do as well, the first
         if clears.max(initial=-1.0) > clear:
@@ -124,14 +124,14 @@ def _home(robot: Robot) -> FloatArray:
     return frozen(best)
 
 
-def _signed(joints: list[int], count: int) -> Iterator[tuple[tuple[int, int], ...]]:
+def _sign(joints: list[int], count: int) -> Iterator[tuple[tuple[int, int], ...]]:
     """Each choice of ``count`` joints, each with a sign."""
     for chosen in itertools.combinations(joints, count):
         for signs in itertools.product((1, -1), repeat=count):
             yield tuple(zip(chosen, signs, strict=True))
 
 
-def _bent(rest: FloatArray, joints: tuple[tuple[int, int], ...]) -> FloatArray:
+def _measure_bend(rest: FloatArray, joints: tuple[tuple[int, int], ...]) -> FloatArray:
     values = rest.copy()
     for joint, sign in joints:
         values[joint] += sign * _BEND

@@ -64,7 +64,7 @@ def around(vertices: FloatArray, faces: IntArray) -> list[Box]:
     points, corners = vertices[np.unique(faces)], vertices[faces]
     single = _upright(points.min(axis=0), points.max(axis=0))
     best, size = [single], _volume([single]) * _WORTH_FACTOR
-    for boxes in ([_turned(points)], *(_sliced(corners, axis) for axis in range(3))):
+    for boxes in ([_box_along_axes(points)], *(_slice(corners, axis) for axis in range(3))):
         if _volume(boxes) < size:
             best, size = boxes, _volume(boxes)
     return best
@@ -81,7 +81,7 @@ def _upright(low: FloatArray, high: FloatArray, rotation: FloatArray = IDENTITY)
     return Box(Pose(rotation, (x, y, z)), (a, b, c))
 
 
-def _turned(points: FloatArray) -> Box:
+def _box_along_axes(points: FloatArray) -> Box:
     """The cuboid along the principal axes of the points."""
     _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     rotation = frozen(np.column_stack([axes[0], axes[1], np.cross(axes[0], axes[1])]))
@@ -89,7 +89,7 @@ def _turned(points: FloatArray) -> Box:
     return _upright(own.min(axis=0), own.max(axis=0), rotation)
 
 
-def _sliced(corners: FloatArray, axis: int) -> list[Box]:
+def _slice(corners: FloatArray, axis: int) -> list[Box]:
     """Up to three cuboids, one behind the other along ``axis``, around triangles (F, 3, 3)."""
     low, high = _slices(corners, axis)
     kept = np.isfinite(low[:, 0])
@@ -152,7 +152,7 @@ def touching(robot: Robot) -> tuple[tuple[int, int], ...]:
     spread = rng.uniform(robot.limits[:, 0], robot.limits[:, 1], (_OVERLAP_SAMPLES, len(robot.joints)))
     rotations, origins = frames(robot, np.vstack([robot.home, spread]))
     bodies = [
-        _placed(link.boxes, robot.pad, rotations[:, k], origins[:, k]) if link.boxes else None
+        _place(link.boxes, robot.pad, rotations[:, k], origins[:, k]) if link.boxes else None
         for k, link in enumerate(robot.links)
     ]
     pairs = []
@@ -163,7 +163,7 @@ def touching(robot: Robot) -> tuple[tuple[int, int], ...]:
     return tuple(pairs)
 
 
-def _placed(boxes: tuple[Box, ...], pad: float, rotations: FloatArray, origins: FloatArray) -> _Boxes:
+def _place(boxes: tuple[Box, ...], pad: float, rotations: FloatArray, origins: FloatArray) -> _Boxes:
     """B boxes of a link in S places of it: axes (S, B, 3, 3), centres (S, B, 3) and half edges (B, 3)."""
     own = np.stack([box.link_from_box.rotation for box in boxes])
     centres = np.array([box.link_from_box.origin for box in boxes])

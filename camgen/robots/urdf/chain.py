@@ -43,7 +43,7 @@ def chain_of(of: Description, tip: str) -> Chain:
     """
     above = _above(of)
     root = _root(of, above)
-    tip, notes = (_named(of, tip), []) if tip else _found(of, _depths(of, root), root)
+    tip, notes = (_name_tip(of, tip), []) if tip else _find(of, _depths(of, root), root)
     way = _way(above, tip)
     moving = [joint for joint in way if joint.type != "fixed"]
     if not moving:
@@ -53,8 +53,8 @@ def chain_of(of: Description, tip: str) -> Chain:
     bodies, left = _bodies(of, root, moving)
     base = _BASE if _BASE in bodies[0] else root
     base_from_root = bodies[0][base].inverse()
-    bodies = (_moved(bodies[0], base_from_root), *bodies[1:])
-    joints = _folded(moving, bodies)
+    bodies = (_rebase(bodies[0], base_from_root), *bodies[1:])
+    joints = _fold(moving, bodies)
     notes += [
         f"{joint.name} has no limits: -360 to 360 deg are taken" for joint in moving if joint.type == "continuous"
     ]
@@ -87,13 +87,13 @@ def _root(of: Description, above: dict[str, RawJoint]) -> str:
         raise InputError(of.file, "has no links")
     if len(roots) > 1:
         raise InputError(
-            of.file, f"has {len(roots)} roots: {_listed(roots)}", remedy="join them, or remove what is loose"
+            of.file, f"has {len(roots)} roots: {_list(roots)}", remedy="join them, or remove what is loose"
         )
     root = roots[0] if roots else ""
     depths = _depths(of, root)
     rest = [name for name in of.links if name not in depths]
     if rest:
-        raise InputError(of.file, f"links hang on each other in a loop: {_listed(rest)}", remedy="camgen moves chains")
+        raise InputError(of.file, f"links hang on each other in a loop: {_list(rest)}", remedy="camgen moves chains")
     return root
 
 
@@ -125,13 +125,13 @@ def _way(above: dict[str, RawJoint], tip: str) -> list[RawJoint]:
     return way[::-1]
 
 
-def _named(of: Description, tip: str) -> str:
+def _name_tip(of: Description, tip: str) -> str:
     if tip not in of.links:
-        raise InputError(of.file, f"there is no link {tip}", remedy=f"there are {_listed(list(of.links))}")
+        raise InputError(of.file, f"there is no link {tip}", remedy=f"there are {_list(list(of.links))}")
     return tip
 
 
-def _found(of: Description, depths: dict[str, int], root: str) -> tuple[str, list[str]]:
+def _find(of: Description, depths: dict[str, int], root: str) -> tuple[str, list[str]]:
     """The link at the end of the chain, and what has to be said about the choice."""
     for words in _TIPS:
         named = [name for name in of.links if _words(name)[-len(words) :] == words]
@@ -142,12 +142,12 @@ def _found(of: Description, depths: dict[str, int], root: str) -> tuple[str, lis
     most = max(depths[name] for name in ends)
     tip = _only(of, [name for name in ends if depths[name] == most])
     others = [name for name in ends if name != tip]
-    return tip, [f"the tip is {tip}, farthest from {root}" + (f", not {_listed(others)}" if others else "")]
+    return tip, [f"the tip is {tip}, farthest from {root}" + (f", not {_list(others)}" if others else "")]
 
 
 def _only(of: Description, names: list[str]) -> str:
     if len(names) > 1:
-        what = f"it is not clear which link is the flange: {_listed(names)}"
+        what = f"it is not clear which link is the flange: {_list(names)}"
         raise InputError(of.file, what, "cell.robot", "name it after the file: FILE.urdf#LINK")
     return names[0]
 
@@ -204,11 +204,11 @@ def _bodies(of: Description, root: str, moving: list[RawJoint]) -> tuple[tuple[d
     return tuple(bodies), left
 
 
-def _moved(body: dict[str, Pose], new_from_old: Pose) -> dict[str, Pose]:
+def _rebase(body: dict[str, Pose], new_from_old: Pose) -> dict[str, Pose]:
     return {name: new_from_old @ place for name, place in body.items()}
 
 
-def _folded(moving: list[RawJoint], bodies: tuple[dict[str, Pose], ...]) -> tuple[Joint, ...]:
+def _fold(moving: list[RawJoint], bodies: tuple[dict[str, Pose], ...]) -> tuple[Joint, ...]:
     """The joints, each in the frame of the one before it."""
     return tuple(
         Joint(joint.name, joint.sliding, body[joint.parent] @ joint.parent_from_child, joint.axis)
@@ -216,5 +216,5 @@ def _folded(moving: list[RawJoint], bodies: tuple[dict[str, Pose], ...]) -> tupl
     )
 
 
-def _listed(names: list[str]) -> str:
+def _list(names: list[str]) -> str:
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")

@@ -90,7 +90,7 @@ def place(element: Element, where: str) -> Pose:
     return Pose(rotation_from_fixed_xyz(roll, pitch, yaw), (1000 * x, 1000 * y, 1000 * z))
 
 
-def rounded_angles(element: Element) -> int:
+def round_angles(element: Element) -> int:
     """How many angles of its ``origin`` were taken as the multiples of 90 deg that they are rounded from."""
     words = _angles(element.find("origin"))
     return sum(abs(_angle(word) - float(word)) > _EXACT for word in words)
@@ -181,14 +181,14 @@ class Description(Struct, frozen=True, eq=False):
 
 def read_description(path: Path, files: Files) -> Description:
     """The links and joints in the file ``path``. InputError with the element that is wrong."""
-    root = _parsed(str(path), _content(path, files))
+    root = _parse(str(path), _content(path, files))
     try:
-        return _described(path, root)
+        return _describe(path, root)
     except Wrong as wrong:
         raise InputError(str(path), wrong.what, wrong.where, wrong.remedy) from None
 
 
-def _described(path: Path, root: Element) -> Description:
+def _describe(path: Path, root: Element) -> Description:
     links: dict[str, tuple[Shape, ...]] = {}
     for element in root.findall("link"):
         name = name_of(element, "name")
@@ -205,7 +205,7 @@ def _described(path: Path, root: Element) -> Description:
             if end not in links:
                 raise Wrong(f"there is no link {end}", f"joint {joint.name}")
         joints[joint.name] = joint
-    rounded = sum(rounded_angles(element) for element in root.findall("joint"))
+    rounded = sum(round_angles(element) for element in root.findall("joint"))
     name = one_line(root.get("name", "").strip()[:60]) or path.stem
     return Description(str(path), name, links, tuple(joints.values()), rounded)
 
@@ -290,7 +290,7 @@ def _content(path: Path, files: Files) -> bytes:
         raise InputError(file, f"cannot be read: {reason(error)}") from error
 
 
-def _parsed(file: str, data: bytes) -> Element:
+def _parse(file: str, data: bytes) -> Element:
     xacro = InputError(file, "is xacro, from which a URDF is made", remedy="expand it: xacro arm.xacro > arm.urdf")
     if file.lower().endswith(".xacro"):
         raise xacro

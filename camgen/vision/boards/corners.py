@@ -23,7 +23,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.vision.boards.sheet import DICTIONARY, Board
 from camgen.vision.image import Pixels
-from camgen.vision.plane import depth, fitted, in_line, scales
+from camgen.vision.plane import depth, fit_homography, in_line, scales
 
 if TYPE_CHECKING:
     import cv2
@@ -59,7 +59,7 @@ class _Windows(Struct, frozen=True, eq=False):
     weight: FloatArray
 
 
-def fitted_saddles(grey: Pixels, near: FloatArray, axes: FloatArray, radius: FloatArray) -> Saddles:
+def fit_saddles(grey: Pixels, near: FloatArray, axes: FloatArray, radius: FloatArray) -> Saddles:
     """The corners next to ``near`` (N, 2) px, at most their radius (N,) px away.
 
     axes: (N, 2, 2), the columns are the directions of the two edges in the photo. radius: of the round window in which
@@ -76,7 +76,7 @@ def fitted_saddles(grey: Pixels, near: FloatArray, axes: FloatArray, radius: Flo
     for _ in range(_PASSES):
         windows = _cut_out(grey, corners, radius)
         found = _with_contrast(windows, found)
-        found, misfit = _fitted(windows, found)
+        found, misfit = _fit(windows, found)
         kept = kept & np.isfinite(found).all(axis=1) & (np.hypot(*(corners + found[:, :2] - near).T) < radius)
         found = np.where(kept[:, None], found, start)
         corners = np.where(kept[:, None], corners + found[:, :2], near)
@@ -117,7 +117,7 @@ def _with_contrast(windows: _Windows, found: FloatArray) -> FloatArray:
     return unit
 
 
-def _fitted(windows: _Windows, found: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _fit(windows: _Windows, found: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Levenberg-Marquardt, for each corner its own damping; the numbers (N, 9) and the rms misfit (N,)."""
     damping = np.full(len(found), _DAMPING)
     values, slopes = _model(windows, found)
@@ -135,15 +135,15 @@ def _fitted(windows: _Windows, found: FloatArray) -> tuple[FloatArray, FloatArra
         tried_cost = (windows.weight * tried_error**2).sum(axis=1)
         better = tried_cost <= cost
         step = np.abs(tried - found)[better][:, :2].max(initial=0.0)
-        found, cost = _chosen(better, tried, found), _chosen(better, tried_cost, cost)
-        error, slopes = _chosen(better, tried_error, error), _chosen(better, tried_slopes, slopes)
+        found, cost = _model_saddle(better, tried, found), _model_saddle(better, tried_cost, cost)
+        error, slopes = _model_saddle(better, tried_error, error), _model_saddle(better, tried_slopes, slopes)
         damping = np.where(better, damping / 5, damping * 8)
         if step < _SETTLED and (better | (damping > 1e3)).all():
             break
     return found, np.sqrt(cost / windows.weight.sum(axis=1))
 
 
-def _chosen(which: NDArray[np.bool_], yes: FloatArray, no: FloatArray) -> FloatArray:
+def _model_saddle(which: NDArray[np.bool_], yes: FloatArray, no: FloatArray) -> FloatArray:
     return np.where(which.reshape(-1, *[1] * (yes.ndim - 1)), yes, no)
 
 
@@ -245,21 +245,21 @@ def charuco(columns: int, rows: int, square: float, marker: float, dictionary: s
     return board
 
 
-def seen(pixels: Pixels, target: Target) -> Seen | None:
+def find_board(pixels: Pixels, target: Target) -> Seen | None:
     """The board in a photo, (H, W) grey or (H, W, 3) blue, green, red; None if it is not there."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     grey = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
     reduction = math.ceil(math.sqrt(grey.size / _SOUGHT))
     for factor in (reduction, 1)[: 1 + (reduction > 1)]:
-        for rough in _sought(grey, factor, target):
-            found = _measured(grey, rough, target)
+        for rough in _seek(grey, factor, target):
+            found = _measure(grey, rough, target)
             if found is not None:
                 return found
     return None
 
 
-def _sought(grey: Pixels, factor: int, target: Target) -> Iterator[_Rough]:
+def _seek(grey: Pixels, factor: int, target: Target) -> Iterator[_Rough]:
     """What may be the board in the picture reduced by ``factor``; px of the full one."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
@@ -304,18 +304,18 @@ def _charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
             yield _Rough(np.asarray(corners, dtype=np.float64).reshape(-1, 2), which)
 
 
-def _measured(grey: Pixels, rough: _Rough, target: Target) -> Seen | None:
+def _measure(grey: Pixels, rough: _Rough, target: Target) -> Seen | None:
     """The corners as fitted; None if too few of them are corners of such a board."""
     columns, rows = _corners_of(target)
     row, column = np.divmod(rough.numbers, columns)
     places = np.column_stack([column, row]) * target.square
     if in_line(places) is not None or in_line(rough.corners) is not None:
         return None
-    homography = fitted(places, rough.corners)
+    homography = fit_homography(places, rough.corners)
     if depth(homography, places).min() <= 0:
         return None
     radius = _free(target) * scales(homography, places)[:, 0] - (0 if isinstance(target, Chessboard) else _BLUR)
-    saddles = fitted_saddles(grey, rough.corners, _axes(homography, places), radius)
+    saddles = fit_saddles(grey, rough.corners, _axes(homography, places), radius)
     contrast = saddles.contrast * np.where((row + column) % 2, -1, 1)
     sign = np.sign(np.median(contrast))
     contrast = contrast * sign

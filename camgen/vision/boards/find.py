@@ -22,9 +22,9 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.vision.boards.sheet import DICTIONARY, Board, Sheet
-from camgen.vision.camera.camera import Camera, distorted, undistorted
+from camgen.vision.camera.camera import Camera, distort, undistort
 from camgen.vision.image import Picture, Pixels
-from camgen.vision.plane import Plane, fitted, mapped, plane_from_points, same_pixels, suspect
+from camgen.vision.plane import Plane, fit_homography, map_points, plane_from_points, same_pixels, suspect
 
 #: Markers are sought in a picture of at most so many pixels.
 _SOUGHT = 2_500_000
@@ -75,22 +75,22 @@ def find(picture: Picture, camera: Camera | None, target: Sheet | Board, *, heig
     notes = found.notes
     if dropped:
         why = "they are not where the others put them: covered, bent, or from another sheet?"
-        notes = (*notes, Note("warning", f"{found.kind} {_listed(dropped)} left out", why))
+        notes = (*notes, Note("warning", f"{found.kind} {_list(dropped)} left out", why))
     return replace(plane, notes=(*notes, *plane.notes))
 
 
 def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
     grey = _grey(picture.pixels)
-    seen = _detected(grey, len(sheet.ids))
+    seen = _detect(grey, len(sheet.ids))
     times = Counter(number for number, _ in seen)
     strange = sorted(set(times) - set(sheet.ids))
     double = sorted(number for number, count in times.items() if count > 1)
     usable = sorted((pair for pair in seen if times[pair[0]] == 1 and pair[0] in sheet.ids), key=lambda pair: pair[0])
     notes = []
     if strange:
-        notes.append(Note("warning", f"marker {_listed(strange)} ignored", "not on this sheet"))
+        notes.append(Note("warning", f"marker {_list(strange)} ignored", "not on this sheet"))
     if double:
-        notes.append(Note("warning", f"marker {_listed(double)} ignored", "in the photo more than once"))
+        notes.append(Note("warning", f"marker {_list(double)} ignored", "in the photo more than once"))
     if len(usable) < 2:
         extra = "".join(f"; {note.what}: {note.why}" for note in notes)
         what = f"shows {len(usable)} of the {len(sheet.ids)} markers of the {sheet.label}{extra}"
@@ -101,7 +101,7 @@ def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
         what = f"only {len(usable)} of {len(sheet.ids)} markers found"
         notes.append(Note("warning", what, "the plane is less exact than with four or more around the part"))
     marks = [number for number, _ in usable]
-    corners = _measured(grey, np.array([place for _, place in usable]), camera)
+    corners = _measure(grey, np.array([place for _, place in usable]), camera)
     names = [f"marker {number} corner {i}" for number in marks for i in (1, 2, 3, 4)]
     owners = np.repeat(marks, 4)
     rows = [sheet.ids.index(number) for number in marks]
@@ -130,14 +130,14 @@ def _board(picture: Picture, board: Board) -> _Found:
 
 def _agreeing(found: _Found, camera: Camera | None) -> tuple[NDArray[np.bool_], list[int]]:
     """Which points are kept, and the numbers of the marks that are left out because a corner is clearly wrong."""
-    ideal = found.px if camera is None else undistorted(camera, found.px)
+    ideal = found.px if camera is None else undistort(camera, found.px)
     # A mark where the lens model shows nothing says nothing.
     kept = ~np.isin(found.owners, found.owners[~np.isfinite(ideal).all(axis=1)])
     dropped: list[int] = []
     most = int(_LEFT_OUT * len(set(found.owners.tolist())))
     while len(dropped) < most and np.count_nonzero(kept) > 5:
         px, mm = ideal[kept], found.mm[kept]
-        residuals = np.linalg.norm(mapped(fitted(mm, px), mm) - px, axis=1)
+        residuals = np.linalg.norm(map_points(fit_homography(mm, px), mm) - px, axis=1)
         odd = suspect(mm, px, residuals)
         if odd.error < _WRONG_PX or odd.chance > _WRONG_CHANCE:
             break
@@ -156,7 +156,7 @@ def _grey(pixels: Pixels) -> Pixels:
     return pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
 
 
-def _detected(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
+def _detect(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
     """(number, corners (4, 2)) of the markers in the picture; reduced first, in full if that shows less than half."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
@@ -182,14 +182,14 @@ def _detected(grey: Pixels, expected: int) -> list[tuple[int, FloatArray]]:
     return found
 
 
-def _measured(grey: Pixels, corners: FloatArray, camera: Camera | None) -> FloatArray:
+def _measure(grey: Pixels, corners: FloatArray, camera: Camera | None) -> FloatArray:
     """The corners (M, 4, 2) of black squares on white, clockwise in the photo, where lines along their sides meet."""
     for most in _HALF_MOST:
         edge = _edges(grey, corners, most)
         flat = edge.reshape(-1, 2)
-        ideal = (flat if camera is None else undistorted(camera, flat)).reshape(edge.shape)
+        ideal = (flat if camera is None else undistort(camera, flat)).reshape(edge.shape)
         met = _intersections(ideal).reshape(-1, 2)
-        corners = (met if camera is None else distorted(camera, met)).reshape(corners.shape)
+        corners = (met if camera is None else distort(camera, met)).reshape(corners.shape)
     return corners
 
 
@@ -227,5 +227,5 @@ def _intersections(edge: FloatArray) -> FloatArray:
     return met
 
 
-def _listed(numbers: Sequence[int]) -> str:
+def _list(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers))

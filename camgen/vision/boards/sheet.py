@@ -133,7 +133,7 @@ def _fitting(length: float, marker: float) -> int:
 _Rectangle = tuple[float, float, float, float]
 
 
-def drawn_svg(what: Sheet) -> bytes:
+def draw_svg(what: Sheet) -> bytes:
     """The sheet as an SVG page in mm, to be printed at 100 %."""
     width, height = what.page
     paths = "".join(f'<path d="{"".join(_svg_rectangle(r, height) for r in group)}"/>\n' for group in _rectangles(what))
@@ -146,7 +146,7 @@ def drawn_svg(what: Sheet) -> bytes:
     return f'<svg xmlns="http://www.w3.org/2000/svg" {page}>\n{paths}{words}</svg>\n'.encode()
 
 
-def drawn_pdf(what: Sheet) -> bytes:
+def draw_pdf(what: Sheet) -> bytes:
     """The sheet as a PDF page of its true size. Viewers are asked to print it unscaled (PDF 1.7, 12.2)."""
     point = 72 / 25.4
     content = [f"{point:.9f} 0 0 {point:.9f} 0 0 cm"]

@@ -18,8 +18,8 @@ from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.vision.boards.corners import Chessboard, Seen, Target, seen
-from camgen.vision.camera.camera import Camera, undistorted
+from camgen.vision.boards.corners import Chessboard, Seen, Target, find_board
+from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.image import load
 
 # Camera, lens and board poses that fit the corners of many photos, and which of the photos contradict the others.
@@ -125,7 +125,7 @@ def rms(used: Sequence[Used]) -> float:
 
 def holds(camera: Camera) -> bool:
     """Whether the lens model has an answer all along the border of the photo."""
-    return bool(np.isfinite(undistorted(camera, border(camera.size))).all())
+    return bool(np.isfinite(undistort(camera, border(camera.size))).all())
 
 
 def border(size: tuple[int, int]) -> FloatArray:
@@ -238,24 +238,24 @@ def calibrate(sources: Sequence[Source], target: Target, name: str, stage: Calla
     photos: list[Photo] = []
     for source in sources:
         stage(f"photo {len(photos) + 1} of {len(sources)}")
-        photos.append(photographed(source, target))
+        photos.append(photograph(source, target))
     stage("calibrating")
     if not any(photo.seen for photo in photos):
         raise InputError(_together(photos), f"no photo shows the {target.label}", remedy=_other_board(sources, target))
-    return calibrated(photos, target, name)
+    return fit_camera(photos, target, name)
 
 
-def photographed(source: Source, target: Target) -> Photo:
+def photograph(source: Source, target: Target) -> Photo:
     """The board in a photo. InputError if it cannot be read, or was turned by its Exif orientation."""
     picture = load(source, sensor=True)
     if picture.turned:
         what = "is a TIFF turned by its Exif orientation, a lens calibration belongs to the pixels of the sensor"
         raise InputError(picture.name, what, remedy="save the photos without the orientation, or leave this one out")
     height, width = picture.pixels.shape[:2]
-    return Photo(picture.name, (width, height), seen(picture.pixels, target))
+    return Photo(picture.name, (width, height), find_board(picture.pixels, target))
 
 
-def calibrated(photos: Sequence[Photo], target: Target, name: str) -> Calibration:
+def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibration:
     """The camera from photos in which the board has been sought. InputError as for ``calibrate``."""
     size = _one_size(photos)
     good, left_out = _distinct(photos, target)
@@ -305,7 +305,7 @@ def _other_board(sources: Sequence[Source], target: Target) -> str:
     if isinstance(target, Chessboard):
         if min(target.columns, target.rows) > 3:
             fewer = Chessboard(target.columns - 1, target.rows - 1, target.square)
-            if any(photographed(source, fewer).seen for source in sources[:LEAST_PHOTOS]):
+            if any(photograph(source, fewer).seen for source in sources[:LEAST_PHOTOS]):
                 return f"they show a {fewer.label}: give --board {fewer.columns}x{fewer.rows}, the inner corners"
         return "--board counts inner corners, one fewer than squares each way; a board with markers needs --marker"
     return "--board counts the squares of a ChArUco board; check --dictionary, and the light"

@@ -17,7 +17,7 @@ from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
-from camgen.vision.camera.lens import COUNTS, bent, straight
+from camgen.vision.camera.lens import COUNTS, distort_ideal, straight
 
 if TYPE_CHECKING:
     import cv2
@@ -161,17 +161,17 @@ def from_storage(file: str, text: str) -> Data:
     except (cv2.error, SystemError) as error:  # SystemError: what OpenCV's constructor makes of its own errors
         raise InputError(file, f"cannot be read by OpenCV: {_reason(error)}", remedy=_AGAIN) from error
     _one_camera(file, keys)
-    matrix_key = _named(file, keys, _MATRIX_KEYS, "camera matrix")
-    lens_key = _named(file, keys, _LENS_KEYS, "distortion coefficients")
+    matrix_key = _name(file, keys, _MATRIX_KEYS, "camera matrix")
+    lens_key = _name(file, keys, _LENS_KEYS, "distortion coefficients")
     name, model = (_first_text(root, keys, which) for which in (_NAME_KEYS, _MODEL_KEYS))
     if any(root.getNode(key).isInt() and root.getNode(key).real() for key in _FISHEYE_KEYS if key in keys):
         model = "fisheye"
     return Data(
-        matrix=_stored(file, root.getNode(matrix_key), matrix_key),
+        matrix=_store(file, root.getNode(matrix_key), matrix_key),
         matrix_key=matrix_key,
-        lens=_stored(file, root.getNode(lens_key), lens_key),
+        lens=_store(file, root.getNode(lens_key), lens_key),
         lens_key=lens_key,
-        size=_stored_size(file, root, keys),
+        size=_store_size(file, root, keys),
         name=name,
         model=model.lower(),
     )
@@ -184,7 +184,7 @@ def _one_camera(file: str, keys: Sequence[str]) -> None:
         raise InputError(file, what, remedy="keep the matrix and the distortion of the one that takes the photos")
 
 
-def _named(file: str, keys: Sequence[str], known: Sequence[str], what: str) -> str:
+def _name(file: str, keys: Sequence[str], known: Sequence[str], what: str) -> str:
     found = [key for key in known if key in keys]
     if not found:
         held = f"it holds {_cut(', '.join(keys))}" if keys else "it holds no named values"
@@ -199,12 +199,12 @@ def _first_text(root: cv2.FileNode, keys: Sequence[str], known: Sequence[str]) -
     return next((str(node.string()) for node in nodes if node.isString()), "")
 
 
-def _stored(file: str, node: cv2.FileNode, key: str) -> FloatArray:
+def _store(file: str, node: cv2.FileNode, key: str) -> FloatArray:
     """A matrix of OpenCV, or plain lists of numbers."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     try:
-        found = node.mat() if node.isMap() else _listed(node)
+        found = node.mat() if node.isMap() else _list(node)
     except (cv2.error, SystemError) as error:
         raise InputError(file, f"{key} cannot be read by OpenCV: {_reason(error)}", remedy=_AGAIN) from error
     if found is None or found.ndim > 2:
@@ -212,17 +212,17 @@ def _stored(file: str, node: cv2.FileNode, key: str) -> FloatArray:
     return np.asarray(found, dtype=np.float64)
 
 
-def _listed(node: cv2.FileNode) -> FloatArray | None:
+def _list(node: cv2.FileNode) -> FloatArray | None:
     items = [node.at(i) for i in range(node.size())] if node.isSeq() else []
     if all(item.isInt() or item.isReal() for item in items):
         return np.array([item.real() for item in items])
-    rows = [_listed(item) for item in items]
+    rows = [_list(item) for item in items]
     lengths = {-1 if row is None or row.ndim != 1 else len(row) for row in rows}
     return np.array(rows) if len(lengths) == 1 and lengths != {-1} else None
 
 
-def _stored_size(file: str, root: cv2.FileNode, keys: Sequence[str]) -> tuple[int, int]:
-    pair = next((_listed(root.getNode(key)) for key in _PAIR_KEYS if key in keys), None)
+def _store_size(file: str, root: cv2.FileNode, keys: Sequence[str]) -> tuple[int, int]:
+    pair = next((_list(root.getNode(key)) for key in _PAIR_KEYS if key in keys), None)
     if pair is None:
         nodes = [next((root.getNode(k) for k in which if k in keys), None) for which in (_WIDTH_KEYS, _HEIGHT_KEYS)]
         pair = np.array([node.real() if node is not None and (node.isInt() or node.isReal()) else -1 for node in nodes])
@@ -264,7 +264,7 @@ class Camera(Struct, frozen=True, eq=False):
     name: str
 
 
-def undistorted(camera: Camera, points: FloatArray) -> FloatArray:
+def undistort(camera: Camera, points: FloatArray) -> FloatArray:
     """Pixels (N, 2) of the photo as a camera with this matrix and no distortion would have them.
 
     Solved to 1e-9 px. nan where the lens model shows nothing: beyond the place where it stops rising and turns back.
@@ -272,9 +272,9 @@ def undistorted(camera: Camera, points: FloatArray) -> FloatArray:
     return _onto(camera, straight(camera.distortion, _from(camera, points)))
 
 
-def distorted(camera: Camera, points: FloatArray) -> FloatArray:
-    """Photo pixels (N, 2) of undistorted ones: the inverse of ``undistorted``. nan beyond the turn of the model."""
-    return _onto(camera, bent(camera.distortion, _from(camera, points)))
+def distort(camera: Camera, points: FloatArray) -> FloatArray:
+    """Photo pixels (N, 2) of undistorted ones: the inverse of ``undistort``. nan beyond the turn of the model."""
+    return _onto(camera, distort_ideal(camera.distortion, _from(camera, points)))
 
 
 def _from(camera: Camera, points: FloatArray) -> FloatArray:
@@ -303,7 +303,7 @@ def read_camera(source: Source) -> Camera:
         raise InputError(name, "is empty", remedy=_LOOKS)
     stored = text.lstrip().startswith(("%YAML:", "<", "{")) or "!!opencv-matrix" in text
     read: Callable[[str, str], Data] = from_storage if stored else from_camera_info
-    return _checked(read(name, text), source)
+    return _check(read(name, text), source)
 
 
 def camera_info(camera: Camera) -> str:
@@ -317,7 +317,7 @@ def camera_info(camera: Camera) -> str:
     lines = [
         f"image_width: {camera.size[0]}",
         f"image_height: {camera.size[1]}",
-        f"camera_name: {_quoted(camera.name)}",
+        f"camera_name: {_quote(camera.name)}",
         *_matrix("camera_matrix", camera.matrix),
         f"distortion_model: {model}",
         *_matrix("distortion_coefficients", camera.distortion[None]),
@@ -333,13 +333,13 @@ def _matrix(name: str, values: FloatArray) -> list[str]:
     return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{numbers}]"]
 
 
-def _quoted(name: str) -> str:
+def _quote(name: str) -> str:
     """A YAML string. Quoted always: a bare ``on`` or ``1e5`` would be read as something else."""
     escaped = name.encode("unicode_escape").decode("ascii").replace('"', '\\"')
     return f'"{escaped}"'
 
 
-def _checked(data: Data, source: Source) -> Camera:
+def _check(data: Data, source: Source) -> Camera:
     file = source.name
     model = data.model or _RATIONAL
     if model not in _MODELS:

@@ -34,9 +34,9 @@ _FARTHEST_RATIO = 1e3
 _NOTHING = 1e-60
 
 
-def bent(lens: FloatArray, ideal: FloatArray) -> FloatArray:
+def distort_ideal(lens: FloatArray, ideal: FloatArray) -> FloatArray:
     """Where a lens with these coefficients (n,) shows ideal points (N, 2); nan beyond its fold."""
-    c = _padded(lens)
+    c = _pad(lens)
     seen, slopes = _model(c, ideal)
     out = ~_before_fold(slopes, ideal, fold(lens))
     tilt = _tilt(c)
@@ -47,20 +47,21 @@ def bent(lens: FloatArray, ideal: FloatArray) -> FloatArray:
 
 
 def straight(lens: FloatArray, seen: FloatArray) -> FloatArray:
-    """The ideal points (N, 2) that a lens shows at ``seen`` (N, 2): the inverse of ``bent``, nan where there is none.
+    """The ideal points (N, 2) that a lens shows at ``seen`` (N, 2): the inverse of ``distort_ideal``, nan where there
+    is none.
 
     Newton's method from the solution of the radial part alone, which is found in a table.
     """
-    c, farthest = _padded(lens), fold(lens)
+    c, farthest = _pad(lens), fold(lens)
     level = np.linalg.inv(_tilt(c))
     lifted = seen @ level[:, :2].T + level[:, 2]
     target = lifted[:, :2] / lifted[:, 2:]
     ideal = _radial_start(c, target, farthest)
     for _ in range(_ROUNDS):
         found, slopes = _model(c, ideal)
-        step = _solved(slopes, target - found)
+        step = _solve(slopes, target - found)
         step[~np.isfinite(step).all(axis=1)] = 0
-        ideal = _held(ideal + step, farthest)
+        ideal = _hold_inside(ideal + step, farthest)
         if not np.any(np.abs(step) > 1e-16 * (1 + np.abs(ideal))):
             break
     found, slopes = _model(c, ideal)
@@ -76,7 +77,7 @@ def fold(lens: FloatArray) -> float:
 
     x f(s) = x n / d rises while n d + 2 s (n' d - n d') > 0 and d > 0.
     """
-    c = _padded(lens)
+    c = _pad(lens)
     n, d = np.array([1, c[0], c[1], c[4]]), np.array([1, c[5], c[6], c[7]])
     bend = polynomial.polysub(
         polynomial.polymul(polynomial.polyder(n), d), polynomial.polymul(n, polynomial.polyder(d))
@@ -98,7 +99,7 @@ def _first_root(p: FloatArray) -> float:
     return float(beyond[0]) if len(beyond) else np.inf
 
 
-def _padded(lens: FloatArray) -> FloatArray:
+def _pad(lens: FloatArray) -> FloatArray:
     return np.concatenate([lens, np.zeros(COUNTS[-1] - len(lens))])
 
 
@@ -132,7 +133,7 @@ def _before_fold(slopes: FloatArray, ideal: FloatArray, farthest: float) -> NDAr
         return np.asarray((np.hypot(*ideal.T) < farthest) & (area > 0), dtype=np.bool_)
 
 
-def _solved(slopes: FloatArray, right: FloatArray) -> FloatArray:
+def _solve(slopes: FloatArray, right: FloatArray) -> FloatArray:
     """The 2 x 2 systems of Newton's method by Cramer's rule; not finite where one is singular."""
     (a, b), (c, d) = slopes[:, 0].T, slopes[:, 1].T
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -142,7 +143,7 @@ def _solved(slopes: FloatArray, right: FloatArray) -> FloatArray:
     return found
 
 
-def _held(ideal: FloatArray, farthest: float) -> FloatArray:
+def _hold_inside(ideal: FloatArray, farthest: float) -> FloatArray:
     """Points beyond the fold drawn back to just inside of it."""
     if not np.isfinite(farthest):
         return ideal
@@ -168,7 +169,7 @@ def _radial_start(c: FloatArray, target: FloatArray, farthest: float) -> FloatAr
     found = np.interp(radius, np.maximum.accumulate(shown(table)), table)
     with np.errstate(invalid="ignore"):
         start = target * np.where(radius > 0, found / radius, 1)[:, None]
-    return _held(np.asarray(start, dtype=np.float64), farthest)
+    return _hold_inside(np.asarray(start, dtype=np.float64), farthest)
 
 
 def _tilt(c: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from camgen.model.part import Contour, IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
-from camgen.vision.lines_arcs.joints import Joints, cleared, joints, normals, oriented, small_corners, tangents
+from camgen.vision.lines_arcs.joints import Joints, clear, joints, normals, orient, small_corners, tangents
 from camgen.vision.lines_arcs.polish import (
     Chain,
     along,
@@ -28,10 +28,10 @@ from camgen.vision.lines_arcs.polish import (
     beyond,
     errors,
     fillets_of,
-    polished,
-    repaired,
+    polish,
+    repair,
 )
-from camgen.vision.lines_arcs.runs import Runs, blocks, fitted, merged, relaxed, rougher, trimmed, within
+from camgen.vision.lines_arcs.runs import Runs, blocks, fit_runs, merge, relax, rougher, trim, within
 from camgen.vision.outline import Outline
 from camgen.vision.plane import scale_of
 
@@ -56,31 +56,31 @@ class Divided(Struct, frozen=True, eq=False):
     counts: BoolArray
 
 
-def divided(loops: Rings, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray) -> Divided:
+def divide_loops(loops: Rings, halfway: ComplexArray, sigma: FloatArray, blur: FloatArray) -> Divided:
     """Lines and arcs of closed loops of points where the grey value is half-way; sigma, blur (L,) px."""
     weight, told = np.ones(len(halfway)), sigma
-    runs = merged(blocks(loops), loops, halfway, weight, sigma)
+    runs = merge(blocks(loops), loops, halfway, weight, sigma)
     for _ in range(_ROUNDS):
-        sigma = rougher(runs, loops, halfway, fitted(runs, loops, halfway, weight, sigma)[1], told)
+        sigma = rougher(runs, loops, halfway, fit_runs(runs, loops, halfway, weight, sigma)[1], told)
         for _ in range(_RELAXED):
-            _, curves, _ = fitted(runs, loops, halfway, weight, sigma)
-            runs = relaxed(runs, loops, halfway, curves, sigma)
-            _, curves, _ = fitted(runs, loops, halfway, weight, sigma)
-            weight = trimmed(runs, loops, halfway, curves, sigma, blur)
+            _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
+            runs = relax(runs, loops, halfway, curves, sigma)
+            _, curves, _ = fit_runs(runs, loops, halfway, weight, sigma)
+            weight = trim(runs, loops, halfway, curves, sigma, blur)
         for _ in range(_CORNERS):
             runs, curves = _without_corners(runs, loops, halfway, weight, sigma, blur)
             found = joints(curves, runs, loops, halfway, sigma, blur)
-            weight = cleared(found, curves, runs, loops, halfway) * trimmed(runs, loops, halfway, curves, sigma, blur)
-        runs = merged(runs, loops, halfway, weight, sigma)
+            weight = clear(found, curves, runs, loops, halfway) * trim(runs, loops, halfway, curves, sigma, blur)
+        runs = merge(runs, loops, halfway, weight, sigma)
     curves = _curves(runs, loops, halfway, weight, sigma)
     points = _put_right(runs, loops, halfway, curves, blur)
     curves = _curves(runs, loops, points, weight, sigma)
     found = joints(curves, runs, loops, points, sigma, blur)
-    return Divided(points, runs, curves, found, cleared(found, curves, runs, loops, points))
+    return Divided(points, runs, curves, found, clear(found, curves, runs, loops, points))
 
 
 def _curves(runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Curves:
-    return oriented(fitted(runs, loops, points, weight, sigma)[1], runs, loops, points)
+    return orient(fit_runs(runs, loops, points, weight, sigma)[1], runs, loops, points)
 
 
 def _without_corners(
@@ -91,11 +91,11 @@ def _without_corners(
     small = small_corners(curves, runs, loops, points, blur) | ((runs.count < _LEAST_POINTS) & runs.several())
     if not small.any():
         return runs, curves
-    runs = _given_away(runs, loops, small, curves)
+    runs = _give_away(runs, loops, small, curves)
     return runs, _curves(runs, loops, points, weight, sigma)
 
 
-def _given_away(runs: Runs, loops: Rings, small: BoolArray, curves: Curves) -> Runs:
+def _give_away(runs: Runs, loops: Rings, small: BoolArray, curves: Curves) -> Runs:
     """``small`` runs given to their neighbours, half each: of neighbours the one that bends most."""
     after, before = runs.following(), runs.before()
     rank = np.empty(len(runs), dtype=np.int64)
@@ -163,7 +163,7 @@ def primitives(
     loops = rings(np.array([len(o.halfway) for o in outlines]))
     halfway = np.concatenate([o.halfway for o in outlines]) @ np.array([1, 1j])
     sigma = np.array([np.hypot(o.sigma, _HIDDEN) for o in outlines])
-    parts = divided(loops, halfway, sigma, np.array([o.blur for o in outlines]))
+    parts = divide_loops(loops, halfway, sigma, np.array([o.blur for o in outlines]))
     rows, begin = parts.runs.rows(loops)
     ends = np.searchsorted(parts.runs.loop, np.arange(len(outlines) + 1))
     contours: list[Contour] = []
@@ -175,7 +175,7 @@ def primitives(
         found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline, matrix)
         if found is None:
             found = _polygon(outline, matrix)
-            notes.append(_kept(k, None if found is None else found[1].cut))
+            notes.append(_keep(k, None if found is None else found[1].cut))
         elif found[1].doubtful:
             stretches = counted(found[1].doubtful, "stretch", "stretches")
             what = f"{stretches} of outline {k + 1} kept as lines from point to point"
@@ -186,7 +186,7 @@ def primitives(
     return tuple(contours), tuple(fits), tuple(notes)
 
 
-def _kept(k: int, cut: float | None) -> Note:
+def _keep(k: int, cut: float | None) -> Note:
     """cut: px2 of small loops that were cut off, None where the outline is left out."""
     if cut is None:
         return Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
@@ -212,7 +212,7 @@ def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, m
     counts = counts & beyond(chain, fillets, points, piece)
     bad = astray(chain, fillets, points, piece, counts, sigma)
     fillets = replace(fillets, reach=np.where(bad | np.roll(bad, 1), 0.0, fillets.reach))
-    shape = _in_work(*_halved(*repaired(chain, fillets, bad, points, piece)), matrix)
+    shape = _in_work(*_halve(*repair(chain, fillets, bad, points, piece)), matrix)
     if bad.all() or not _simple(shape, matrix):
         return None
     error = errors(chain, points, piece)[counts & ~bad[piece]]
@@ -255,10 +255,10 @@ def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArr
     turn += 2 * np.pi * np.round((curves.curvature * way - turn) / (2 * np.pi))
     straight = curves.curvature == 0
     bulges = np.where(straight, 0.0, np.tan(turn.clip(-6.25, 6.25) / 4))
-    return polished(Chain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)), piece
+    return polish(Chain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)), piece
 
 
-def _halved(corners: ComplexArray, bulges: FloatArray) -> tuple[ComplexArray, FloatArray]:
+def _halve(corners: ComplexArray, bulges: FloatArray) -> tuple[ComplexArray, FloatArray]:
     """Arcs of more than half a circle as two."""
     none = np.zeros(len(corners), dtype=np.bool_)
     middle = along(Chain(corners, bulges, none, none), 0.5)

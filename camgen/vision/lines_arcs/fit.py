@@ -64,7 +64,7 @@ class Curves(Struct, frozen=True, eq=False):
         return np.asarray(2 * self.form[:, 0])
 
 
-def summed(points: ComplexArray, weight: FloatArray, first: IntArray) -> Sums:
+def sum_runs(points: ComplexArray, weight: FloatArray, first: IntArray) -> Sums:
     """Sums over runs of consecutive ``points`` (N,) that begin at the rows ``first`` (P,)."""
     count = np.diff(np.append(first, len(points)))
     origin = points[first + count // 2]
@@ -75,7 +75,7 @@ def summed(points: ComplexArray, weight: FloatArray, first: IntArray) -> Sums:
     return Sums(origin, np.add.reduceat(columns * weight, first, axis=1).T)
 
 
-def moved(runs: Sums, origin: ComplexArray) -> Sums:
+def move_sums(runs: Sums, origin: ComplexArray) -> Sums:
     """The same sums about other origins (P,)."""
     shift = origin - runs.origin
     a, b = shift.real, shift.imag
@@ -98,12 +98,12 @@ def moved(runs: Sums, origin: ComplexArray) -> Sums:
     return Sums(origin, np.stack(columns, axis=1))
 
 
-def joined(one: Sums, two: Sums) -> Sums:
+def join_sums(one: Sums, two: Sums) -> Sums:
     """Sums of each run of ``one`` together with that of ``two``, about their common centre."""
     n = np.maximum(one.sums[:, 0] + two.sums[:, 0], 1e-12)
     share = two.sums[:, 0] / n
     middle = one.origin + (two.origin - one.origin) * share
-    return Sums(middle, moved(one, middle).sums + moved(two, middle).sums)
+    return Sums(middle, move_sums(one, middle).sums + move_sums(two, middle).sums)
 
 
 def lines(runs: Sums) -> Curves:
@@ -123,7 +123,7 @@ def circles(runs: Sums) -> Curves:
     """The circle or line of each run that Taubin's fit finds: nearly unbiased, also for short arcs."""
     n = np.maximum(runs.sums[:, 0], 1e-12)
     middle = (runs.sums[:, 1] + 1j * runs.sums[:, 2]) / n
-    centred = moved(runs, runs.origin + middle)
+    centred = move_sums(runs, runs.origin + middle)
     _, _, _, xx, xy, yy, xz, yz, z, zz = centred.sums.T
     size = np.sqrt(np.maximum(4 * z / n, 1e-12))
     value, vector = _smallest((zz - z * z / n) / size**2, xx, yy, xz / size, yz / size, xy)

@@ -43,7 +43,7 @@ class Joints(Struct, frozen=True, eq=False):
     zone: FloatArray
 
 
-def oriented(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> Curves:
+def orient(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> Curves:
     """The same curves, signed so that 1j times the gradient of the form points along the run."""
     middle = _row(runs, loops, runs.count // 2)
     before, after = _row(runs, loops, np.maximum(runs.count // 2 - 1, 0)), _row(runs, loops, runs.count // 2 + 1)
@@ -134,7 +134,7 @@ def valley(x: FloatArray, y: FloatArray) -> FloatArray:
     return found
 
 
-def cleared(found: Joints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> BoolArray:
+def clear(found: Joints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> BoolArray:
     """(N,) which points of the loops count: those that no corner has rounded, as long as a run keeps a few."""
     before = runs.before()
     rows, begin = runs.rows(loops)

@@ -39,12 +39,12 @@ class Chain(Struct, frozen=True, eq=False):
     smooth: BoolArray
 
 
-def polished(chain: Chain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> Chain:
+def polish(chain: Chain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> Chain:
     """``chain`` moved to fit ``points`` (N,) best; piece (N,): ascending, which one each belongs to."""
     corners, bulges = chain.corners, chain.bulges
     for _ in range(_ROUNDS):
         matrix, right = _normal_equations(Chain(corners, bulges, chain.straight, chain.smooth), points, piece, weight)
-        step = _solved(matrix, right)
+        step = _solve(matrix, right)
         move = step[:, 0] + 1j * step[:, 1]
         size = np.abs(move)
         corners = corners + move * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-12))
@@ -135,7 +135,7 @@ def _add_tangents(chain: Chain, matrix: FloatArray, right: FloatArray) -> None:
             np.add.at(matrix, (places[:, i], np.full(len(k), j - i + 2)), rows[:, i, :, None] * rows[:, j, None, :])
 
 
-def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """The steps (K, 3), in windows of so many corners that what lies beyond does not matter."""
     count = len(right)
     size = min(count, _WINDOW)
@@ -270,7 +270,7 @@ def _depths(corners: ComplexArray, inwards: ComplexArray, points: ComplexArray, 
     return valley(three.imag.T, three.real.T)
 
 
-def repaired(
+def repair(
     chain: Chain, fillets: Fillets, bad: BoolArray, points: ComplexArray, piece: IntArray
 ) -> tuple[ComplexArray, FloatArray]:
     """Corners and bulges with the fillets put in, and with ``bad`` (K,) pieces as lines from point to point."""

@@ -14,7 +14,7 @@ from camgen.geometry.ragged import begins, following, owners, ramp, stretches
 from camgen.geometry.rings import ComplexArray, Rings
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
-from camgen.vision.lines_arcs.fit import BoolArray, Curves, Sums, best, joined, summed
+from camgen.vision.lines_arcs.fit import BoolArray, Curves, Sums, best, join_sums, sum_runs
 
 #: Points of the runs that everything begins with.
 _BLOCK = 2
@@ -74,28 +74,28 @@ def blocks(loops: Rings) -> Runs:
     return Runs(loops.first[loop] + low, high - low, loop)
 
 
-def fitted(
+def fit_runs(
     runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray
 ) -> tuple[Sums, Curves, FloatArray]:
     """Sums, curves and prices of the runs; weight (N,): which points count; sigma (L,) px."""
     rows, begin = runs.rows(loops)
-    sums = summed(points[rows], weight[rows], begin)
+    sums = sum_runs(points[rows], weight[rows], begin)
     curves, cost = best(sums, sigma[runs.loop], _PRICE)
     return sums, curves, cost
 
 
-def merged(runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Runs:
+def merge(runs: Runs, loops: Rings, points: ComplexArray, weight: FloatArray, sigma: FloatArray) -> Runs:
     """Neighbours joined until none gains by it. Points that do not count at a corner must be paid when it goes."""
-    sums, _, cost = fitted(runs, loops, points, weight, sigma)
+    sums, _, cost = fit_runs(runs, loops, points, weight, sigma)
     begins, ends = _left_out(runs, loops, weight)
     for _ in range(_ROUNDS):
         after = runs.following()
-        pair = joined(sums, sums.take(after))
+        pair = join_sums(sums, sums.take(after))
         both = best(pair, sigma[runs.loop], _PRICE)[1]
         paid = _FAR_SIGMAS**2 * (ends + begins[after])
         gain = cost + cost[after] - both - paid
         gain[~runs.several()] = -np.inf
-        chosen = _chosen(runs, after, gain)
+        chosen = _choose_joins(runs, after, gain)
         if not len(chosen):
             break
         gone = after[chosen]
@@ -120,7 +120,7 @@ def _left_out(runs: Runs, loops: Rings, weight: FloatArray) -> tuple[FloatArray,
     return np.add.reduceat(out * early, begin), np.add.reduceat(out * ~early, begin)
 
 
-def _chosen(runs: Runs, after: IntArray, gain: FloatArray) -> IntArray:
+def _choose_joins(runs: Runs, after: IntArray, gain: FloatArray) -> IntArray:
     """Runs to be joined with the one after: what gains, and costs less than joining either of the two elsewhere."""
     before = runs.before()
     # Gains of the same size are told apart by a number without pattern, so that many are chosen at a time.
@@ -133,7 +133,7 @@ def _chosen(runs: Runs, after: IntArray, gain: FloatArray) -> IntArray:
     return np.flatnonzero(low & (gain > 0))
 
 
-def relaxed(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray) -> Runs:
+def relax(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray) -> Runs:
     """Every end between two runs where both together fit best; the middle of each run stays with it."""
     several, after = runs.several(), runs.following()
     half = runs.count // 2
@@ -171,7 +171,7 @@ def _lowest(total: FloatArray, begin: IntArray, size: IntArray) -> IntArray:
     return first
 
 
-def trimmed(
+def trim(
     runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigma: FloatArray, blur: FloatArray
 ) -> FloatArray:
     """Weights (N,): 0 for points at the ends of a run, as far as the blur may round them, that are off its curve."""

@@ -101,7 +101,7 @@ def otsu(values: Floats, cells: Cells) -> float:
     return float(cv2.threshold(seen, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0]) + 0.5
 
 
-def settled(channel: Channel, part: Bools | None, cells: Cells, bench: Bench | None = None) -> Found | None:
+def settle(channel: Channel, part: Bools | None, cells: Cells, bench: Bench | None = None) -> Found | None:
     """``part`` drawn again at the local levels until it stays, twice at most. None: there is no part, or no bench."""
     bench = bench or bench_of(channel.cells, cells.valid)
     for _ in range(_TURNS):
@@ -164,7 +164,7 @@ class _Light(Struct, frozen=True, eq=False):
 _FIT = 10.0
 
 
-def found_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> Found | None:
+def find_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) -> Found | None:
     """The part in the channel of the difference; None where nothing differs. InputError: another bench."""
     before = cells_of(empty, None).values
     now, before = (a.reshape(*a.shape[:2], -1) for a in (cells.values, before))
@@ -177,7 +177,7 @@ def found_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) ->
         return None
     for axis in (_axis(apart, part, cells), None):
         pixelwise = partial(_difference, pixels, empty, light, axis, cells.size)
-        found = settled(Channel(pixelwise, _along(axis, apart), black=None), part, cells)
+        found = settle(Channel(pixelwise, _along(axis, apart), black=None), part, cells)
         # Where a part is here lighter and there darker than the bench, only the size of the difference shows it all.
         if found is not None and (axis is None or same(found.part, part)):
             return found
@@ -187,14 +187,14 @@ def found_by_background(pixels: Bytes, cells: Cells, empty: Bytes, name: str) ->
 def _light(before: Floats, now: Floats, valid: Bools, name: str) -> tuple[Floats, float]:
     """Gain (h, w) and offset that turn the empty bench into the bench of the photo, from the rim, then from all."""
     edge = rim(valid)
-    gain, offset, sigma = _fitted(before, now, edge)
-    gain, offset, sigma = _fitted(before, now, edge | (valid & (np.abs(now - gain * before - offset) < 4 * sigma)))
+    gain, offset, sigma = _fit_gain(before, now, edge)
+    gain, offset, sigma = _fit_gain(before, now, edge | (valid & (np.abs(now - gain * before - offset) < 4 * sigma)))
     if sigma > _FIT:
         raise _other_bench(name)
     return gain, offset
 
 
-def _fitted(before: Floats, now: Floats, where: Bools) -> tuple[Floats, float, float]:
+def _fit_gain(before: Floats, now: Floats, where: Bools) -> tuple[Floats, float, float]:
     """Gain, offset and what is left, a standard deviation."""
     at = some(where)
     b, wanted = (values[at].astype(np.float64) for values in (before, now))
@@ -246,7 +246,7 @@ Colour = tuple[float, float, float]
 _SCALE = 2.55
 
 
-def found_by_colour(pixels: Bytes, cells: Cells, given: Colour | None) -> Found | None:
+def find_by_colour(pixels: Bytes, cells: Cells, given: Colour | None) -> Found | None:
     """The part in the channel in which it stands out by its colour. None where nothing does.
 
     given: (red, green, blue), 0 to 255: the bench's colour if most of the rim has it, else the part's. None: that of
@@ -266,7 +266,7 @@ def found_by_colour(pixels: Bytes, cells: Cells, given: Colour | None) -> Found 
             part = (away < distance) & cells.valid
     if part is None or not part.any() or not (cells.valid & ~part).any():
         return None
-    return _projected(pixels, cells, part) or _by_distance(pixels, cells, surfaces, part)
+    return _project(pixels, cells, part) or _by_distance(pixels, cells, surfaces, part)
 
 
 def _distance(colours: Floats, bench: Floats) -> Floats:
@@ -280,7 +280,7 @@ def _lab(colours: Floats) -> Floats:
     return np.asarray(cv2.cvtColor(scaled, cv2.COLOR_BGR2Lab), np.float32)
 
 
-def _projected(pixels: Bytes, cells: Cells, part: Bools) -> Found | None:
+def _project(pixels: Bytes, cells: Cells, part: Bools) -> Found | None:
     """Fisher's linear discriminant of bench and part, if it tells them apart as the distance does: one colour each."""
     pure = depth(part) > MIXED, (depth(~part) > MIXED) & cells.valid
     if not (pure[0].any() and pure[1].any()):
@@ -300,7 +300,7 @@ def _projected(pixels: Bytes, cells: Cells, part: Bools) -> Found | None:
         np.asarray(cells.values @ weights[0, :3] + weights[0, 3], np.float32),
         black=float(weights[0, 3]),
     )
-    found = settled(channel, part, cells)
+    found = settle(channel, part, cells)
     return found if found is not None and same(found.part, part) else None
 
 
@@ -313,7 +313,7 @@ def _by_distance(pixels: Bytes, cells: Cells, bench: Floats, part: Bools) -> Fou
             far[rows] = _distance(pixels[rows].astype(np.float32), there)
         return far
 
-    return settled(Channel(everywhere, _distance(cells.values, bench), black=None), part, cells)
+    return settle(Channel(everywhere, _distance(cells.values, bench), black=None), part, cells)
 
 
 # Noise that would break the boundary up is smoothed away before the comparison, and only then.

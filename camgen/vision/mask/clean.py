@@ -28,7 +28,7 @@ class Piece(Struct, frozen=True, eq=False):
     filled: float
 
 
-def cleaned(mask: Bytes, view: View, min_area: float, name: str) -> tuple[Note, ...]:
+def clean(mask: Bytes, view: View, min_area: float, name: str) -> tuple[Note, ...]:
     """Drops specks and fills small holes in ``mask`` (H, W), in place. InputError: no part, or not the whole part.
 
     min_area: mm2. Pieces hang together over corners, holes over sides.

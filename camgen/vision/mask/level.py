@@ -66,7 +66,7 @@ def halfway(values: Floats, part: Bools, cells: Cells, bench: Bench, black: floa
     outside = bench.values + np.float32(np.median(values[near[1]] - bench.values[near[1]]))
     inside = _inside(values, near[0], outside, black)
     tiles = _nodes(np.asarray((inside + outside) / 2, np.float32), tile)
-    tiles += (_tiled(values - inside, inner, tile) + _tiled(values - outside, outer, tile)) / 2
+    tiles += (_tile(values - inside, inner, tile) + _tile(values - outside, outer, tile)) / 2
     along = spread_out(tiles, tile, values.shape)[near[0] | near[1]]
     low, high = np.percentile(along, [2, 98])
     means = [float(np.mean(values[band])) for band in near]
@@ -99,25 +99,25 @@ def _side(region: Bools, cells: Cells) -> Floats:
     return np.where(band, np.float32(1), np.where(deep > start, _FAR_WEIGHT, np.float32(0)))
 
 
-def _tiled(off: Floats, weight: Floats, tile: int) -> Floats:
+def _tile(off: Floats, weight: Floats, tile: int) -> Floats:
     """(m, n): mean of ``off`` near each tile, towards 0 where nothing there counts."""
     sums = [cv2.GaussianBlur(_means(one, tile), (0, 0), 1.2) for one in (weight * off, weight)]
     return np.asarray(sums[0] / (sums[1] + _DOUBT), np.float32)
 
 
 def _means(values: Floats, tile: int) -> Floats:
-    padded = _padded(values, tile, cv2.BORDER_CONSTANT)
+    padded = _pad(values, tile, cv2.BORDER_CONSTANT)
     size = (padded.shape[1] // tile, padded.shape[0] // tile)
     return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def _nodes(smooth: Floats, tile: int) -> Floats:
-    padded = _padded(smooth, tile, cv2.BORDER_REPLICATE)
+    padded = _pad(smooth, tile, cv2.BORDER_REPLICATE)
     size = (padded.shape[1] // tile, padded.shape[0] // tile)
     return np.asarray(cv2.resize(padded, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _padded(values: Floats, tile: int, how: int) -> Floats:
+def _pad(values: Floats, tile: int, how: int) -> Floats:
     """So large that whole tiles cover the cells and the pixels that have no cell."""
     rows, columns = ((n // tile + 1) * tile - n for n in values.shape)
     return np.asarray(cv2.copyMakeBorder(values, 0, rows, 0, columns, how, value=0), np.float32)

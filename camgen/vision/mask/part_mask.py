@@ -27,15 +27,15 @@ from camgen.vision.mask.channel import (
     Found,
     as_it_is,
     differing,
-    found_by_background,
-    found_by_colour,
+    find_by_background,
+    find_by_colour,
     otsu,
     quiet,
     same,
-    settled,
+    settle,
     split_at,
 )
-from camgen.vision.mask.clean import cleaned
+from camgen.vision.mask.clean import clean
 from camgen.vision.mask.level import beyond, spread_out
 from camgen.vision.to_scale import View
 
@@ -79,7 +79,7 @@ class Choice(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...] = ()
 
 
-def chosen(pixels: Bytes, empty: Bytes | None, cells: Cells, asked: Asked) -> Choice:
+def choose_mask(pixels: Bytes, empty: Bytes | None, cells: Cells, asked: Asked) -> Choice:
     """The part by the method asked for. InputError where it shows none."""
     if asked.method == "background" and empty is not None:
         choice = _background(pixels, empty, cells, asked)
@@ -104,7 +104,7 @@ def _grey(pixels: Bytes, cells: Cells) -> Channel:
 def _otsu(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
     channel = _grey(pixels, cells)
     level = otsu(channel.cells, cells)
-    found = settled(channel, split_at(channel.cells, cells, level, asked.invert), cells)
+    found = settle(channel, split_at(channel.cells, cells, level, asked.invert), cells)
     return Choice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", found) if found else None
 
 
@@ -125,7 +125,7 @@ def _threshold(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
 def _adaptive(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
     channel = _grey(pixels, cells)
     bench = bench_of(channel.cells, cells.valid)
-    found = settled(channel, differing(channel.cells, cells, bench, asked.invert), cells, bench)
+    found = settle(channel, differing(channel.cells, cells, bench, asked.invert), cells, bench)
     if found is None:
         return None
     return Choice("adaptive", "the threshold follows the light on the bench", found, notes=_other_side(found, cells))
@@ -147,20 +147,20 @@ def _other_side(found: Found, cells: Cells) -> tuple[Note, ...]:
 def _color(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
     if pixels.ndim == 2:
         raise InputError(asked.name, "is grey", remedy='[image] mask = "color" needs a picture in colour')
-    found = found_by_colour(pixels, cells, asked.color)
+    found = find_by_colour(pixels, cells, asked.color)
     why = "the bench's colour is measured along the border" if asked.color is None else "a colour is given"
     return Choice("color", why, found) if found else None
 
 
 def _background(pixels: Bytes, empty: Bytes, cells: Cells, asked: Asked) -> Choice | None:
-    found = found_by_background(pixels, cells, empty, asked.name)
+    found = find_by_background(pixels, cells, empty, asked.name)
     return Choice("background", "a photo of the empty bench is given", found) if found else None
 
 
 def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
     """Grey, if it shows the part clearly and all of it, else colour: grey is nearer to what a lens and a blur do."""
     grey = _adaptive(pixels, cells, asked)
-    if _coloured(cells):
+    if _find_coloured(cells):
         reason = _for_colour(pixels, cells, asked, grey)
         colour = _color(pixels, cells, asked) if reason else None
         if colour is not None:
@@ -217,7 +217,7 @@ def _variation(found: Found) -> str:
     return short(max(found.levels.without, found.bench.sigma), 1)
 
 
-def _coloured(cells: Cells) -> bool:
+def _find_coloured(cells: Cells) -> bool:
     if cells.values.ndim == 2:
         return False
     blue, green, red = (cells.values[::2, ::2, k] for k in range(3))
@@ -268,12 +268,12 @@ def part_mask(view: View, settings: Image = _DEFAULTS, background: View | None =
     JobError: settings that do not fit together. InputError: no part, or one that touches the border of what the photo
     shows.
     """
-    _checked(view, background)
+    _check(view, background)
     asked = Asked(_method(settings, background), settings.threshold, _colour(settings), settings.invert, name)
     cells = cells_of(view.pixels, view.valid)
     if not cells.valid.any():
         raise InputError(name, "shows nothing of the work plane", remedy="check the work plane and the region")
-    choice = chosen(view.pixels, None if background is None else background.pixels, cells, asked)
+    choice = choose_mask(view.pixels, None if background is None else background.pixels, cells, asked)
     channel, levels = choice.found.channel, choice.found.levels
     grey, notes = quiet(channel.pixels(), choice.found, cells)
     level: float | Floats = levels.middle if choice.level is None else float(choice.level)
@@ -283,7 +283,7 @@ def part_mask(view: View, settings: Image = _DEFAULTS, background: View | None =
     pixels = beyond(grey, level, dark)
     if view.valid is not None:
         pixels[~view.valid] = 0
-    notes += cleaned(pixels, view, settings.min_area, name)
+    notes += clean(pixels, view, settings.min_area, name)
     # Views, since the grey picture may be the caller's own.
     pixels, grey = pixels.view(), grey.view()
     for array in (pixels, grey, level):
@@ -317,13 +317,13 @@ def _colour(settings: Image) -> Colour | None:
     return red, green, blue
 
 
-def _checked(view: View, background: View | None) -> None:
+def _check(view: View, background: View | None) -> None:
     if background is not None and background.pixels.shape != view.pixels.shape:
-        shapes = " and ".join(_told(one) for one in (background, view))
+        shapes = " and ".join(_describe(one) for one in (background, view))
         remedy = "take both with the same camera and settings, and treat both alike"
         raise JobError("[image] background", f"its picture and the photo differ: {shapes}", remedy=remedy)
 
 
-def _told(view: View) -> str:
+def _describe(view: View) -> str:
     height, width = view.pixels.shape[:2]
     return f"{width} x {height} px in {'grey' if view.pixels.ndim == 2 else 'colour'}"

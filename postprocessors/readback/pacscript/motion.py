@@ -242,13 +242,13 @@ def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float, at_o
 
 
 @lru_cache(maxsize=64)
-def _figured(figure: int) -> Posture:
+def _read_figure(figure: int) -> Posture:
     return Posture(figure=figure)
 
 
 def _posture(place: Pose | Joints) -> Posture | None:
     """The figure of a position, if it has one."""
-    return _figured(place.figure) if isinstance(place, Figured) else None
+    return _read_figure(place.figure) if isinstance(place, Figured) else None
 
 
 def _shape(start: Vec3, via: Vec3, end: Vec3) -> str:
@@ -307,13 +307,13 @@ _manner = lru_cache(maxsize=1024)(manner_of)
 
 def _place_plain(position: str, turn: str) -> Pose:
     """``P()`` with x, y, z and the rest."""
-    rotation, figure = _turned(turn)
+    rotation, figure = _read_turn(turn)
     origin = _numbers.decode(f"[{position}]")
     return Pose(rotation, origin) if figure == UNDEFINED else Figured(rotation, origin, figure)
 
 
 @lru_cache(maxsize=1024)
-def _turned(turn: str) -> tuple[FloatArray, int]:
+def _read_turn(turn: str) -> tuple[FloatArray, int]:
     """The rotation and the figure that follow x, y, z in the brackets of ``P()``, as the long way reads them."""
     value = evaluate(f"P(0, 0, 0{turn})", nothing)
     if not isinstance(value, Pose):

@@ -88,7 +88,7 @@ def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: 
             _directive(text, number, macros, source)
             continue
         if macros.pattern:
-            text = _expanded(text, number, macros, macros.pattern, source)
+            text = _expand(text, number, macros, macros.pattern, source)
         if text:
             current = _statement(text, number, current, main, source)
     if current is not None:
@@ -132,7 +132,7 @@ def _directive(text: str, number: int, macros: _Macros, source: Source) -> None:
         source.faults.append(Fault(number, f"{text.split(maxsplit=1)[0]} is not evaluated"))
 
 
-def _expanded(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], source: Source) -> str:
+def _expand(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], source: Source) -> str:
     for _ in range(_DEEPEST_MACRO):
         if not pattern.search(text):
             return text

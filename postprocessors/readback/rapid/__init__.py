@@ -115,7 +115,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
 
 def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain: bool) -> Reading:
     """As ``read``; without ``plain`` every statement is read by the general rules alone, which says the same."""
-    known = _known(options)
+    known = _is_known(options)
     program = Linked(known.longest_name)
     line = 1
     for text in files.values():
@@ -170,10 +170,10 @@ def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth
     elif call.name in STATEMENTS:
         STATEMENTS[call.name](state, call)
     else:
-        _run_routine(program, state, _called(program, routine, call, depth), depth + 1)
+        _run_routine(program, state, _find_called(program, routine, call, depth), depth + 1)
 
 
-def _called(program: Linked, routine: Routine, call: Call, depth: int) -> Routine:
+def _find_called(program: Linked, routine: Routine, call: Call, depth: int) -> Routine:
     """The PROC that a statement calls."""
     found = program.find(routine, call.name)
     if found is None:
@@ -185,7 +185,7 @@ def _called(program: Linked, routine: Routine, call: Call, depth: int) -> Routin
     return found
 
 
-def _known(options: Mapping[str, object]) -> Known:
+def _is_known(options: Mapping[str, object]) -> Known:
     given = options.get("signals", _SIGNALS)
     signals = {str(name).lower(): str(key) for key, name in given.items()} if isinstance(given, Mapping) else {}
     return Known(

@@ -115,7 +115,7 @@ _PRESSING = frozenset(name for name in MOTIONS if name.startswith("fc"))
 
 def motion(state: State, call: Call) -> Bound:
     """One motion statement, and what it says beside its points. Wrong when it cannot be read."""
-    values = _bound(state, call)
+    values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
     bound = Bound(call.name, speed, _blend(values), values, _posture(values))
     if call.name == "moveabsj":
@@ -176,7 +176,7 @@ def _posture(values: Mapping[str, Value]) -> Posture | None:
     return Posture((cf1, cf4, cf6, cfx)) if cf1 or cf4 or cf6 or cfx else None
 
 
-def _bound(state: State, call: Call) -> dict[str, Value]:
+def _bind(state: State, call: Call) -> dict[str, Value]:
     """The arguments of a motion by name, their types checked; notes tool and work object."""
     positional, optional = MOTIONS[call.name]
     if len(call.args) != len(positional):

@@ -104,7 +104,7 @@ def whole_move(text: str) -> tuple[str, str, str, str, str, str]:
     return name, target, speed, zone, tool, work
 
 
-def shown(token: Token) -> str:
+def show_token(token: Token) -> str:
     """A token for a message, short and on one line."""
     return "the end of the file" if token[0] == "end" else ascii(token[1][:40])
 
@@ -252,13 +252,13 @@ class Calls:
     def expect(self, mark: str) -> None:
         """Takes ``mark`` or raises Wrong."""
         if not self.accept(mark):
-            raise Wrong(self.token[2], f"{mark} expected, found {shown(self.token)}")
+            raise Wrong(self.token[2], f"{mark} expected, found {show_token(self.token)}")
 
     def name(self, what: str) -> str:
         """Takes a name that is no reserved word."""
         kind, text, line, _ = self.token
         if kind != "name" or text.lower() in RESERVED:
-            raise Wrong(line, f"{what} expected, found {shown(self.token)}")
+            raise Wrong(line, f"{what} expected, found {show_token(self.token)}")
         self.take()
         return text
 
@@ -321,7 +321,7 @@ class Calls:
             return tuple(items)
         if text in ("+", "-") and self.token[0] == "number":
             return number(text + self.take()[1], line)
-        raise Wrong(line, f"a value expected, found {shown(token)}")
+        raise Wrong(line, f"a value expected, found {show_token(token)}")
 
     def named(self, depth: int) -> Expr:
         """A name, TRUE, FALSE or a function with its arguments."""
@@ -467,7 +467,7 @@ class _Parser(Calls):
             if self.word() == "module":
                 found.append(self.module())
             else:
-                self.faults.append(Fault(self.token[2], f"{shown(self.token)} stands outside a module"))
+                self.faults.append(Fault(self.token[2], f"{show_token(self.token)} stands outside a module"))
                 while self.token[0] != "end" and self.word() != "module":
                     self.take()
         return found
@@ -515,7 +515,7 @@ class _Parser(Calls):
             self.skip_past(f"end{word}")
             raise Wrong(line, f"{word.upper()} is not read")
         else:
-            what = shown(self.take())
+            what = show_token(self.take())
             raise Wrong(line, f"a declaration expected, found {what}")
 
     def skip_past(self, word: str) -> None:
@@ -582,7 +582,7 @@ class _Parser(Calls):
         if kind not in ("name", "move"):
             self.take()
             if text != ";":  # an empty statement
-                raise Wrong(line, f"a statement expected, found {shown(token)}")
+                raise Wrong(line, f"a statement expected, found {show_token(token)}")
             return
         if text.lower() in RESERVED:
             self.control()

@@ -253,7 +253,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
         faults.setdefault((line, one_line(what)[:_LONGEST_FAULT]))
 
     machine = _run(files, options, report)
-    work, body, lines = _translated(machine, report)
+    work, body, lines = _translate(machine, report)
     ordered = sorted(faults, key=lambda f: f[0])
     return Reading(tuple(body), tuple(lines), tuple(Fault(line, what) for line, what in ordered), work, machine.tool)
 
@@ -264,13 +264,13 @@ def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report
     programs: dict[str, Routine] = {}
     for routine in found:
         programs.setdefault(canonical(routine.name), routine)
-    machine = Machine(programs, report, _rated(options), _signal_names(options), _known(options))
+    machine = Machine(programs, report, _rate(options), _signal_names(options), _list_known(options))
     for start in _start(list(programs.values()), report):
         machine.run(start)
     return machine
 
 
-def _rated(options: Mapping[str, object]) -> float:
+def _rate(options: Mapping[str, object]) -> float:
     value = options.get("rated", _RATED)
     return float(value) if isinstance(value, (int, float)) and value > 0 else _RATED
 
@@ -280,7 +280,7 @@ def _signal_names(options: Mapping[str, object]) -> dict[int, str]:
     return {n: str(name) for name, n in table.items() if isinstance(n, int)} if isinstance(table, Mapping) else {}
 
 
-def _known(options: Mapping[str, object]) -> frozenset[str]:
+def _list_known(options: Mapping[str, object]) -> frozenset[str]:
     """Locations that the text need not define."""
     if options.get("declare", True):
         return frozenset()
@@ -302,7 +302,7 @@ def _start(found: list[Routine], report: Report) -> list[Routine]:
     return roots[:1]
 
 
-def _translated(robot: Robot, report: Report) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
+def _translate(robot: Robot, report: Report) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
     """The common frame, the instructions with poses in it, and their lines."""
     # Most frames are the same object as the one before.
     given = [frame for frame, _ in groupby(robot.frames) if frame is not None]
