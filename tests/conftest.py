@@ -3,6 +3,9 @@ import os
 import pytest
 from hypothesis import settings
 
+# As the command line does: threads of linear algebra take each other's time where every core runs tests already.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # No deadline: how long an example takes depends on what else the machine does. In CI every run tries the same examples,
 # so one that fails can be run again. At a desk new ones are tried each time.
 settings.register_profile("desk", deadline=None)
