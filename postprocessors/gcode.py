@@ -44,14 +44,14 @@ from .rs274 import COOLANT, Rs274, check_signals
 _PECK_DIGITS, _LEAST_PECK_MM = 6, 1e-6
 
 
-class Stroke(Struct, frozen=True):
+class DrillStroke(Struct, frozen=True):
     """A way straight up or down to z, mm. feed: mm/s, 0 for a rapid motion."""
 
     z: float
     feed: float
 
 
-class Hole(Struct, frozen=True, eq=False):
+class CycleHole(Struct, frozen=True, eq=False):
     """One cycle. first, last: the instructions that it replaces. motions: what it does, the same way in as few motions
     as the controller makes of it. words: of its line, but for X and Y. across: whether its first motion leads to it.
     """
@@ -73,13 +73,13 @@ class Hole(Struct, frozen=True, eq=False):
         return next(motion.speed for motion in self.motions if isinstance(motion, MoveL))
 
 
-def holes(columns: Columns, decimals: int) -> list[Hole]:
+def holes(columns: Columns, decimals: int) -> list[CycleHole]:
     """The holes among the instructions ``columns`` that are cycles."""
     ends, kinds = columns.ends, columns.moves_are(MoveJ)
     if len(ends) < 3:
         return []
     down = (np.diff(ends, axis=0)[:, 2] < -SAME_POINT_MM) & (np.diff(ends[:, :2], axis=0) == 0).all(axis=1)
-    found: list[Hole] = []
+    found: list[CycleHole] = []
     for k in np.flatnonzero(kinds[:-1] & columns.posed[:-1] & down).tolist():
         if found and int(columns.at[k]) < found[-1].last:
             continue
@@ -89,7 +89,7 @@ def holes(columns: Columns, decimals: int) -> list[Hole]:
     return found
 
 
-def _hole(columns: Columns, k: int, decimals: int) -> Hole | None:
+def _hole(columns: Columns, k: int, decimals: int) -> CycleHole | None:
     """The hole that begins above with motion ``k``."""
     last = _back(columns, k)
     if last is None:
@@ -107,7 +107,7 @@ def _hole(columns: Columns, k: int, decimals: int) -> Hole | None:
         motions.append(MoveL(target, stroke.feed) if stroke.feed else MoveJ(target, above.speed))
     across = k > 0 and _leads(columns.pose(k - 1), above.target, decimals)
     first = int(columns.at[k + (not across)])
-    return Hole(first, int(columns.at[last]), (*([above] if across else []), *motions), words, across)
+    return CycleHole(first, int(columns.at[last]), (*([above] if across else []), *motions), words, across)
 
 
 def _leads(before: Pose | None, above: Pose, decimals: int) -> bool:
@@ -142,15 +142,17 @@ def _goes_on(columns: Columns, j: int) -> bool:
     return bool((columns.ends[j + 1, :2] == columns.ends[j, :2]).all())
 
 
-def _strokes(moves: Sequence[MoveJ | MoveL], top: float, travel: float) -> list[Stroke]:
+def _strokes(moves: Sequence[MoveJ | MoveL], top: float, travel: float) -> list[DrillStroke]:
     """Motions up and down, one stroke for those that go on in the same way; none where they are of no hole.
 
     travel: mm/s; a line at that speed is a rapid motion on this machine.
     """
-    each = [Stroke(_z(move), 0.0 if isinstance(move, MoveJ) or move.speed == travel else move.speed) for move in moves]
+    each = [
+        DrillStroke(_z(move), 0.0 if isinstance(move, MoveJ) or move.speed == travel else move.speed) for move in moves
+    ]
     if any(stroke.feed > travel for stroke in each):
         return []
-    strokes = [Stroke(top, -1.0)]
+    strokes = [DrillStroke(top, -1.0)]
     for stroke in each:
         on = stroke.feed == strokes[-1].feed
         if on and (strokes[-1].z - strokes[-2].z) * (stroke.z - strokes[-1].z) >= 0:
@@ -163,17 +165,17 @@ def _z(move: MoveJ | MoveL) -> float:
     return pose_of(move).origin[2]
 
 
-def _words(top: float, strokes: Sequence[Stroke], decimals: int) -> str:
+def _words(top: float, strokes: Sequence[DrillStroke], decimals: int) -> str:
     """The words of the cycle that makes ``strokes`` from the height ``top``; empty where none does."""
     retract, rest = (top, strokes) if strokes[0].feed else (strokes[0].z, strokes[1:])
     cuts = [stroke for stroke in rest if stroke.feed]
     levels = [retract, *(cut.z for cut in cuts)]
     if not cuts or len({cut.feed for cut in cuts}) > 1 or any(b >= a - SAME_POINT_MM for a, b in pairwise(levels)):
         return ""
-    wanted = [Stroke(cuts[0].z, cuts[0].feed)]
+    wanted = [DrillStroke(cuts[0].z, cuts[0].feed)]
     for before, cut in pairwise(cuts):
-        wanted += [Stroke(retract, 0.0), Stroke(before.z + PECK_CLEARANCE_MM, 0.0), cut]
-    wanted.append(Stroke(top, 0.0))
+        wanted += [DrillStroke(retract, 0.0), DrillStroke(before.z + PECK_CLEARANCE_MM, 0.0), cut]
+    wanted.append(DrillStroke(top, 0.0))
     if len(rest) != len(wanted):
         return ""
     if any(a.feed != b.feed or abs(a.z - b.z) > SAME_POINT_MM for a, b in zip(rest, wanted, strict=True)):
@@ -197,7 +199,7 @@ def _peck(levels: Sequence[float]) -> float:
     return step + _LEAST_PECK_MM if left > step - 1e-4 else step
 
 
-def rows(body: Sequence[Instruction], found: Sequence[Hole]) -> Iterator[tuple[Hole, bool, bool]]:
+def rows(body: Sequence[Instruction], found: Sequence[CycleHole]) -> Iterator[tuple[CycleHole, bool, bool]]:
     """Each hole, whether the cycle before it still holds, and whether it is the last for which its own does."""
     joins = [
         one.words == two.words
@@ -240,7 +242,7 @@ class GCode(Rs274):
     #: The printed analog value, empty while force is off.
     _pressing: str = field(default="", init=False, repr=False)
     #: By identity, with the motion itself: the cycle that it begins, whether it goes on and ends; None inside of one.
-    _cycles: dict[int, tuple[Motion, tuple[Hole, bool, bool] | None]] = field(
+    _cycles: dict[int, tuple[Motion, tuple[CycleHole, bool, bool] | None]] = field(
         default_factory=dict, init=False, repr=False
     )
 

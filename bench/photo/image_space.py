@@ -27,7 +27,7 @@ import shapely
 
 from bench.machine import machine
 from camgen.geometry.arcs import path_length
-from camgen.model.job import Job, Operation, Process, Tool
+from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.path import ToolPath
 from camgen.plan.image_space import image_space
 
@@ -152,7 +152,7 @@ def in_view(loop: np.ndarray, view: np.ndarray) -> np.ndarray:
 
 
 def planned(pixels: np.ndarray, view: np.ndarray, route: str, part: Drawn) -> tuple[ToolPath, ...]:
-    job = Job(tool=Tool(diameter=2 * RADIUS), process=Process(feed=5.0, force=2.0))
+    job = Job(tool=ToolTable(diameter=2 * RADIUS), process=ProcessTable(feed=5.0, force=2.0))
     borders = [in_view(loop, view) for loop in part.loops] if route == "border" else None
     paths, _ = image_space(pixels, view, job, exact=route != "pixels", borders=borders)
     assert len(paths) == len(part.loops), f"{len(paths)} paths beside {len(part.loops)} loops"
@@ -201,8 +201,8 @@ def speed(runs: int) -> None:
     pixels[150:2600, 200:3650] = 255
     cv2.fillPoly(pixels, rings, 0, shift=8)
     view = np.array([[0.143, 0.0, 0.0], [0.0, -0.143, 0.0]])
-    tool = Tool(diameter=2 * RADIUS)
-    jobs = {"": Job(tool=tool), ", corner radius 2": Job(tool=tool, operation=Operation(corner_radius=2.0))}
+    tool = ToolTable(diameter=2 * RADIUS)
+    jobs = {"": Job(tool=tool), ", corner radius 2": Job(tool=tool, operation=OperationTable(corner_radius=2.0))}
     print(f"\n| 10.5 megapixels, 36 paths | best of {runs}, s |\n|---|---|")
     print(f"| cv2.distanceTransform and cv2.findContours alone | {best(runs, bare, pixels):.3f} |")
     before = peak()

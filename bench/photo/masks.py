@@ -20,7 +20,7 @@ from camgen.model.errors import CamgenError
 from camgen.read.files import Files
 from camgen.vision.image import load
 from camgen.vision.mask.part_mask import Mask, part_mask
-from camgen.vision.to_scale import View, already_to_scale
+from camgen.vision.to_scale import ScaledView, already_to_scale
 
 ENDS = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 GOAL = 1.3
@@ -56,7 +56,7 @@ def told(mask: Mask) -> str:
     return f"{mask.method} | {level} | {int(stats[1:, 4].sum())} | {count - 1} | {holes} | {mask.why}"
 
 
-def row(name: str, view: View, runs: int) -> tuple[str, float]:
+def row(name: str, view: ScaledView, runs: int) -> tuple[str, float]:
     """A row of the table, and how many times as long the mask took as the bare calls."""
     height, width = view.pixels.shape[:2]
     plain = seconds(lambda: bare(view.pixels), runs)
@@ -69,7 +69,7 @@ def row(name: str, view: View, runs: int) -> tuple[str, float]:
     return f"| {name} | {width} x {height} | {told(mask)} | {1000 * taken:.1f} | {times:.2f} |", times
 
 
-def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> View:
+def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> ScaledView:
     """A disc with twelve holes, seen with so many pixels and a blur of 1 px; the light falls off by ``slope``."""
     size = width / WIDTH
     height = round(2748 * size)
@@ -82,7 +82,7 @@ def drawn(part: float, bench: float, slope: float, noise: float, width: int) -> 
     grey = cv2.GaussianBlur((bench + (part - bench) * shape) * light, (0, 0), 1.0)
     grey += np.random.default_rng(7).normal(0, noise, grey.shape).astype(np.float32)
     pixels = np.clip(np.rint(grey), 0, 255).astype(np.uint8)
-    return View(pixels, np.array([[0.143, 0, 0], [0, -0.143, 0.143 * height]]), 0.143)
+    return ScaledView(pixels, np.array([[0.143, 0, 0], [0, -0.143, 0.143 * height]]), 0.143)
 
 
 def main() -> int:

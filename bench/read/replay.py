@@ -19,7 +19,7 @@ from time import perf_counter
 
 from bench.machine import machine
 from camgen.model.program import MoveC, MoveJ, MoveL
-from camgen.read.gcode.interpreter import Run, interpret
+from camgen.read.gcode.interpreter import ProgramRun, interpret
 
 _CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
 _NUMBER = re.compile(r"-?\d+\.?\d*")
@@ -103,7 +103,7 @@ class Found:
     fault: str
 
 
-def against(run: Run, judge: Judge) -> Found:
+def against(run: ProgramRun, judge: Judge) -> Found:
     """Every motion of the replay against the judge's. An arc must pass through its points in its sense."""
     mine = [item for item in run.body if isinstance(item, (MoveJ, MoveL, MoveC))]
     theirs = judge.moves[run.held :]

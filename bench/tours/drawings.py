@@ -34,7 +34,7 @@ CHAINS, LINKS = 100_000, 9
 
 def million(chains: int) -> None:
     """Loose segments in no order, some drawn twice, joined to chains and ordered."""
-    from camgen.model.job import Job, Operation  # noqa: PLC0415
+    from camgen.model.job import Job, OperationTable  # noqa: PLC0415
     from camgen.model.part import Part  # noqa: PLC0415
     from camgen.order.arrange import arrange  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
@@ -43,7 +43,7 @@ def million(chains: int) -> None:
     print(machine(), end="\n\n")
     soup = loose(np.random.default_rng(1), chains)
     clock = [time.perf_counter()]
-    job = Job(operation=Operation(kind="trace"))
+    job = Job(operation=OperationTable(kind="trace"))
     made, notes = contours(soup, job.input.join)
     clock.append(time.perf_counter())
     part, merged = with_few_lifts(Part("", "", "mm", made, notes), job)
@@ -103,12 +103,12 @@ def row(file: Path, tool: str | None) -> str | None:
     """The line of the table for one drawing; None for one with fewer than five contours or nothing to trace."""
     from bench.tours.search import between, measured  # noqa: PLC0415
     from camgen.model.errors import CamgenError  # noqa: PLC0415
-    from camgen.model.job import Job, Operation  # noqa: PLC0415
+    from camgen.model.job import Job, OperationTable  # noqa: PLC0415
     from camgen.order.arrange import arrange, measure_travel  # noqa: PLC0415
     from camgen.plan.trace import trace, with_few_lifts  # noqa: PLC0415
     from camgen.read import read  # noqa: PLC0415
 
-    job = Job(operation=Operation(kind="trace", inside_first=False))
+    job = Job(operation=OperationTable(kind="trace", inside_first=False))
     try:
         part = read(file, job)
     except CamgenError:

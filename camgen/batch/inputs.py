@@ -17,23 +17,23 @@ from camgen.read.files import identity
 _NO_INPUTS = (".toml", NAME)
 
 
-class Input(Struct, frozen=True):
+class BatchInput(Struct, frozen=True):
     """A file to build, and the folder of its program below the output folder."""
 
     source: Path
     folder: PurePath
 
 
-def find_inputs(patterns: Sequence[str]) -> list[Input]:
+def find_inputs(patterns: Sequence[str]) -> list[BatchInput]:
     """The inputs in order of their names, each once. JobError for a pattern that matches none.
 
     Of a pattern, the folders from the first wildcard on are kept for the program: ``parts/**/*.dxf`` puts that of
     ``parts/a/lid.dxf`` into ``a/``. A name without wildcard has none.
     """
-    inputs: dict[str, Input] = {}
+    inputs: dict[str, BatchInput] = {}
     for pattern in patterns:
         for path, folder in _matches(pattern):
-            inputs.setdefault(identity(path), Input(path, folder))
+            inputs.setdefault(identity(path), BatchInput(path, folder))
     return sorted(inputs.values(), key=lambda one: one.source.as_posix())
 
 

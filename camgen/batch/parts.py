@@ -8,7 +8,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from camgen.batch.inputs import Input
+from camgen.batch.inputs import BatchInput
 from camgen.batch.state import Outcome, Record, Task, is_unchanged
 from camgen.build.inputs import digest_of
 from camgen.model.errors import CamgenError, JobError
@@ -28,12 +28,12 @@ class Order(Struct, frozen=True):
     strict: bool
 
 
-class Part(Struct, frozen=True):
+class BatchPart(Struct, frozen=True):
     """One input. program: its first file, below the output folder. digest: of all that the program is made from.
     Exactly one of the last three is there: what is to be built, what is built already, why it cannot be built.
     """
 
-    input: Input
+    input: BatchInput
     program: str
     digest: str
     task: Task | None = None
@@ -42,8 +42,8 @@ class Part(Struct, frozen=True):
 
 
 def look_at(
-    inputs: Sequence[Input], order: Order, folder: Path, records: Mapping[str, Record]
-) -> tuple[list[Part], dict[str, int]]:
+    inputs: Sequence[BatchInput], order: Order, folder: Path, records: Mapping[str, Record]
+) -> tuple[list[BatchPart], dict[str, int]]:
     """The parts in order, and who may write which file (in small letters, since many systems do not tell the case):
     the first file of each program belongs to its part. JobError where two claim one, or one is an input.
     """
@@ -62,7 +62,7 @@ def look_at(
     return [_unless_there(part, folder, records) for part in parts], owners
 
 
-def _part(place: int, one: Input, order: Order, suffix: str, made_by: str) -> Part:
+def _part(place: int, one: BatchInput, order: Order, suffix: str, made_by: str) -> BatchPart:
     name = one.source.stem
     job_file = None
     files = Files()  # of this part alone: its bytes are not kept while the others are looked at
@@ -72,17 +72,19 @@ def _part(place: int, one: Input, order: Order, suffix: str, made_by: str) -> Pa
         name = str(job.post.get("program") or name)
         total = f"{made_by} {one.source.name} {name} {order.strict} {digest_of(job, [one.source], files)}"
     except CamgenError as error:
-        return Part(one, (one.folder / (name + suffix)).as_posix(), "", outcome=Outcome(error.exit_code, str(error)))
+        return BatchPart(
+            one, (one.folder / (name + suffix)).as_posix(), "", outcome=Outcome(error.exit_code, str(error))
+        )
     task = Task(place, one.source, order.post, job, str(job_file or "job"), order.strict, __version__)
     digest = hashlib.sha256(total.encode("utf-8", "surrogateescape")).hexdigest()
-    return Part(one, (one.folder / (name + suffix)).as_posix(), digest, task)
+    return BatchPart(one, (one.folder / (name + suffix)).as_posix(), digest, task)
 
 
-def _unless_there(part: Part, folder: Path, records: Mapping[str, Record]) -> Part:
+def _unless_there(part: BatchPart, folder: Path, records: Mapping[str, Record]) -> BatchPart:
     record = records.get(part.program)
     if part.task is None or not is_unchanged(record, part.digest, folder / part.input.folder):
         return part
-    return Part(part.input, part.program, part.digest, record=record)
+    return BatchPart(part.input, part.program, part.digest, record=record)
 
 
 def _maker(post: str) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from camgen.batch.state import Outcome, Sums, Task, fault
+from camgen.batch.state import BuildSums, Outcome, Task, fault
 from camgen.build import Result, build, no_collector, program_files
 from camgen.model.errors import CamgenError, rename_errors
 from camgen.model.files import Source
@@ -54,10 +54,10 @@ def _outcome(task: Task) -> Outcome:
         return fault(f"{task.source}: fault: {type(error).__name__}: {error}", traceback.format_exc())
 
 
-def _sums(result: Result) -> Sums:
+def _sums(result: Result) -> BuildSums:
     told = msgspec.convert(result.report, _Told)  # the numbers are those of build's report
     notes = dict(sorted(Counter[str](note.kind for note in result.notes).items()))
-    return Sums(len(result.tour.paths), told.tour.work_mm, told.tour.travel_mm, told.time_s, notes)
+    return BuildSums(len(result.tour.paths), told.tour.work_mm, told.tour.travel_mm, told.time_s, notes)
 
 
 def list_carried(job: Job) -> list[str]:

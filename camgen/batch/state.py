@@ -38,7 +38,7 @@ class Task(Struct, frozen=True):
     carried: tuple[tuple[str, bytes], ...] = ()
 
 
-class Sums(Struct, frozen=True):
+class BuildSums(Struct, frozen=True):
     """What a program amounts to: mm, s; notes: how many of each kind."""
 
     paths: int
@@ -57,7 +57,7 @@ class Outcome(Struct, frozen=True):
     error: str = ""
     trace: str = ""
     files: tuple[tuple[str, bytes], ...] = ()
-    sums: Sums | None = None
+    sums: BuildSums | None = None
 
 
 def fault(what: str, trace: str = "") -> Outcome:
@@ -76,7 +76,7 @@ class Record(Struct, frozen=True):
     program: str
     digest: str
     files: dict[str, str]
-    sums: Sums
+    sums: BuildSums
 
 
 def load_records(folder: Path) -> dict[str, Record]:

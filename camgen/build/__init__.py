@@ -17,7 +17,7 @@ from msgspec import Struct
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
-from camgen.check import check
+from camgen.check import Checks, check
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.report import report as report_of
 from camgen.check.time import cycle
@@ -33,7 +33,7 @@ from camgen.model.program import Program
 from camgen.model.text import counted, short
 from camgen.model.version import __version__
 from camgen.order import order
-from camgen.plan import EdgePlan, Watch, ignore_stages, plan
+from camgen.plan import EdgePlan, Plan, Watch, ignore_stages, plan
 from camgen.plan.fill.cover import Coverage
 from camgen.post import OutputFile, Post
 from camgen.post.plugins import dynamics_of, find_post, find_readback, make_post
@@ -126,13 +126,10 @@ def build(
     planned = plan(read.part, settings, read.cell, watch)
     _insist(planned.part, planned.notes, bool(planned.paths), strict)
     tour = order(planned, settings, read.cell, watch)
-    notes = (*planned.notes, *tour.notes)
-    _insist(planned.part, notes, bool(tour.paths), strict)
+    _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
     watch("programming")
-    title, header = (
-        poster.program or name or planned.part.name,
-        _header(sources, planned.part, poster, settings, read.cell, read.digest),
-    )
+    title = poster.program or name or planned.part.name
+    header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
     program = poster.prepare(lower(tour, read.cell, settings, title, header), settings.tolerance.chord)
     if read.cell.arm:
         watch("checking")
@@ -142,21 +139,34 @@ def build(
     watch("verifying")
     reading = readback({file.name: file.text for file in posted}, settings.post)
     deviation = compare(checks.program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
+    return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, deviation)
+
+
+def _sum_up(
+    plan: Plan,
+    tour: Tour,
+    cell: Workcell,
+    job: Job,
+    post: Post,
+    checks: Checks,
+    files: tuple[OutputFile, ...],
+    deviation: Deviation,
+) -> Result:
     return Result(
-        part=planned.part,
-        job=settings,
-        post=poster,
-        cell=read.cell,
+        part=plan.part,
+        job=job,
+        post=post,
+        cell=cell,
         tour=tour,
-        notes=(*notes, *note_urdf(settings.cell.robot, read.cell.arm)),
+        notes=(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm)),
         program=checks.program,
-        files=posted,
+        files=files,
         deviation=deviation,
         motions=sum_up(checks.program.columns),
-        cycle=cycle(checks.program, dynamics_of(poster, settings), checks.reach, read.cell.arm),
+        cycle=cycle(checks.program, dynamics_of(post, job), checks.reach, cell.arm),
         reach=checks.reach,
         clear=checks.clear,
-        coverage=planned.coverage,
+        coverage=plan.coverage,
         where=checks.where,
     )
 

@@ -34,7 +34,7 @@ from camgen.robots.posture import postures
 STEP, _STEP_TURN, _STEP_SWEEP, _STEP_JOINT = 10.0, math.radians(10.0), math.radians(40.0), math.radians(2.0)
 
 
-class Rows(Struct, frozen=True, eq=False):
+class MotionRows(Struct, frozen=True, eq=False):
     """R rows on the way of M motions. way: the TCP in the work frame; row 0 is where the first motion ends. motion:
     (R,) the motion that each row belongs to. at: (M,) the row in which each motion ends. free: (R,) rows to which the
     joints are interpolated from the row before.
@@ -46,7 +46,7 @@ class Rows(Struct, frozen=True, eq=False):
     free: NDArray[np.bool_]
 
 
-def sample_motions(program: Program, way: Way) -> Rows:
+def sample_motions(program: Program, way: Way) -> MotionRows:
     """The rows of ``program``. way: of the TCP, a row for each motion."""
     free = program.columns.moves_are(MoveJ)
     way, own = _through_middles(way, program)
@@ -57,7 +57,7 @@ def sample_motions(program: Program, way: Way) -> Rows:
     )
     motion = np.concatenate([own[:1], np.repeat(own[1:], parts)])
     at = np.flatnonzero(np.append(motion[1:] != motion[:-1], True))
-    return Rows(divide(way, parts), motion, at, free[motion])
+    return MotionRows(divide(way, parts), motion, at, free[motion])
 
 
 def ends(program: Program, robot: Robot, anchors: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -191,7 +191,7 @@ def _way(program: Program, robot: Robot, anchors: FloatArray) -> Way:
     return Way(position, middles, rotation)
 
 
-def _follow(program: Program, robot: Robot, file: str, found: Rows, anchors: FloatArray) -> FloatArray:
+def _follow(program: Program, robot: Robot, file: str, found: MotionRows, anchors: FloatArray) -> FloatArray:
     """The joint values (R, J) of all rows, one stretch between anchors after the other."""
     rotations, origins = _flanges(program, found)
     joints = np.empty((len(origins), len(robot.home)))
@@ -213,14 +213,14 @@ def _follow(program: Program, robot: Robot, file: str, found: Rows, anchors: Flo
     return joints
 
 
-def _refusal(program: Program, robot: Robot, file: str, found: Rows, row: int, text: str) -> NoSafeProgram:
+def _refusal(program: Program, robot: Robot, file: str, found: MotionRows, row: int, text: str) -> NoSafeProgram:
     index = int(program.columns.at[found.motion[row]])
     place = " ".join(short(v, 1) for v in found.way.position[row].tolist())
     what = f"{robot.name} cannot run {program.place_of(index)} at {place} mm: {text}"
     return NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
 
 
-def _flanges(program: Program, found: Rows) -> tuple[FloatArray, FloatArray]:
+def _flanges(program: Program, found: MotionRows) -> tuple[FloatArray, FloatArray]:
     """base_from_flange of the rows: rotations (R, 3, 3) and origins (R, 3)."""
     base, tool = program.base_from_work, program.flange_from_tool.inverse()
     rotations = base.rotation @ found.way.rotation

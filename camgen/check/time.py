@@ -130,7 +130,7 @@ def from_rest(way: FloatArray, speed: FloatArray | float, acceleration: FloatArr
 # The motions of a program as curves: lengths, directions at both ends, radii, and how far the tool turns.
 
 
-class Shape(Struct, frozen=True, eq=False):
+class MotionShapes(Struct, frozen=True, eq=False):
     """M motions. end: (M, 3) mm, work frame, NaN where it is not known. length: (M,) mm of the TCP, 0 where not known.
     first, last: (M, 3) unit vectors of travel at both ends. radius: (M,) mm, infinite but for arcs. turn: (M,) rad of
     the tool on the way.
@@ -144,7 +144,7 @@ class Shape(Struct, frozen=True, eq=False):
     turn: FloatArray
 
 
-def shape_motions(program: Program, arm: Robot | None) -> Shape:
+def shape_motions(program: Program, arm: Robot | None) -> MotionShapes:
     """The motions of ``program``. arm: tells where joint values put the tool; without one that is not known."""
     columns = program.columns
     end, turn = _place(program, arm)
@@ -162,7 +162,7 @@ def shape_motions(program: Program, arm: Robot | None) -> Shape:
         first[arc], last[arc] = found.tangents()
         radius[arc] = np.where(found.curved, found.radius, np.inf)
     first, last = unit(np.nan_to_num(first)), unit(np.nan_to_num(last))
-    return Shape(end, np.nan_to_num(length), first, last, radius, turn)
+    return MotionShapes(end, np.nan_to_num(length), first, last, radius, turn)
 
 
 def _place(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
@@ -255,7 +255,7 @@ def _joints(rows: _Arm, count: int, pace: Dynamics) -> FloatArray:
     return np.asarray(from_rest(ways, 1.0, 1.0 / pace.ramp).max(axis=0))
 
 
-def _pieces(program: Program, shape: Shape, pace: Dynamics, going: Mask, rows: _Arm | None) -> _Pieces:
+def _pieces(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, rows: _Arm | None) -> _Pieces:
     """The motions that are ``going`` with what limits their speed, row by row where the joints are known.
 
     That is their feed, what the tool can turn meanwhile, and on arcs the acceleration across: v^2 = a r.
@@ -278,7 +278,7 @@ def _pieces(program: Program, shape: Shape, pace: Dynamics, going: Mask, rows: _
         return _Pieces(owner, piece, np.minimum(most[place], piece / slowest), gain[place])
 
 
-def _corners(program: Program, shape: Shape, pace: Dynamics, going: Mask) -> tuple[FloatArray, FloatArray]:
+def _corners(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask) -> tuple[FloatArray, FloatArray]:
     """Squared speed allowed at the end of each motion that is ``going``, and how far around it that holds, (G,) each.
 
     The machine stands before and after all that is no line or arc, and where something is switched. A blend of 0 is a

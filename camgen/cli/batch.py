@@ -15,8 +15,8 @@ from msgspec import Struct
 
 from camgen.batch import cluster, pool, state
 from camgen.batch.inputs import find_inputs
-from camgen.batch.parts import Order, Part, look_at
-from camgen.batch.state import Outcome, Sums, Task
+from camgen.batch.parts import BatchPart, Order, look_at
+from camgen.batch.state import BuildSums, Outcome, Task
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import clean
 from camgen.cli.say import Voice, duration, out, table
@@ -42,7 +42,7 @@ class _Row(Struct, frozen=True):
     code: int = 0
     error: str = ""
     files: tuple[str, ...] = ()
-    sums: Sums | None = None
+    sums: BuildSums | None = None
 
 
 def run(arguments: Namespace, says: Voice) -> int:
@@ -103,7 +103,7 @@ class _Batch(Struct):
 
     says: Voice
     folder: Path
-    parts: list[Part]
+    parts: list[BatchPart]
     records: dict[str, state.Record]
     owners: dict[str, int]
     rows: dict[int, _Row] = msgspec.field(default_factory=dict)

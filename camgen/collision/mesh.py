@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, every
-from camgen.collision.tree import Tree, ask, grow
+from camgen.collision.tree import BoxTree, ask, grow
 from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, frozen
 
@@ -25,7 +25,7 @@ _BOXES = 512
 class Mesh(Struct, frozen=True, eq=False):
     """A part's surface in its own frame. box: around all. surface: fcl's collision object. closed: it bounds a body."""
 
-    tree: Tree
+    tree: BoxTree
     box: Boxes
     surface: Any
     closed: bool
@@ -62,7 +62,7 @@ def find_struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
     return found
 
 
-def _surface(tree: Tree, boxes: Boxes) -> BoolArray:
+def _surface(tree: BoxTree, boxes: Boxes) -> BoolArray:
     """Which boxes (N,) meet a triangle. One corner within a box settles it; others are tested triangle by triangle."""
     reach, steep = boxes.reach, np.abs(boxes.axes)
 
@@ -115,7 +115,7 @@ def inside(mesh: Mesh, points: FloatArray) -> BoolArray:
     return np.abs(total) >= axes
 
 
-def _through(tree: Tree, points: FloatArray, axis: int) -> FloatArray:
+def _through(tree: BoxTree, points: FloatArray, axis: int) -> FloatArray:
     """The counts along both rays of an axis, summed (N,)."""
     u, v = (axis + 1) % 3, (axis + 2) % 3
 

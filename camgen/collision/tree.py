@@ -15,7 +15,7 @@ _FAN = 8
 _CELLS = 1023.0
 
 
-class Tree(Struct, frozen=True, eq=False):
+class BoxTree(Struct, frozen=True, eq=False):
     """corners: (F, 3, 3) the triangles in the tree's order. lows, highs: (K, 3) per level, from the top to the
     triangles; the children of node i are the nodes 8 i to 8 i + 7 below it.
     """
@@ -25,7 +25,7 @@ class Tree(Struct, frozen=True, eq=False):
     highs: tuple[FloatArray, ...]
 
 
-def grow(corners: FloatArray) -> Tree:
+def grow(corners: FloatArray) -> BoxTree:
     """The tree over triangles (F, 3, 3), F > 0: neighbours along Morton's curve through the middles are siblings."""
     middles = corners.mean(axis=1)
     span = np.maximum(np.ptp(middles, axis=0).max(), 1e-9)
@@ -36,7 +36,7 @@ def grow(corners: FloatArray) -> Tree:
         begins = np.arange(0, len(lows[-1]), _FAN)
         lows.append(np.minimum.reduceat(lows[-1], begins))
         highs.append(np.maximum.reduceat(highs[-1], begins))
-    return Tree(corners, tuple(lows[::-1]), tuple(highs[::-1]))
+    return BoxTree(corners, tuple(lows[::-1]), tuple(highs[::-1]))
 
 
 def _spread(values: IntArray) -> IntArray:
@@ -52,7 +52,7 @@ Meets = Callable[[IntArray, FloatArray, FloatArray], BoolArray]
 Known = Callable[[IntArray, FloatArray], BoolArray]
 
 
-def ask(tree: Tree, count: int, meets: Meets, known: Known | None = None) -> tuple[IntArray, IntArray, BoolArray]:
+def ask(tree: BoxTree, count: int, meets: Meets, known: Known | None = None) -> tuple[IntArray, IntArray, BoolArray]:
     """Which questions 0 to ``count`` - 1 meet the boxes of which triangles, and which were known on the way and need no
     triangles (``count``,).
     """

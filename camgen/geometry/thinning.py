@@ -19,7 +19,7 @@ from camgen.model.pose import FloatArray
 IntArray = NDArray[np.int64]
 
 
-class Chains(Struct, frozen=True, eq=False):
+class Polylines(Struct, frozen=True, eq=False):
     """Contours end to end: chain k is the rows first[k] to first[k + 1]. A closed one ends with its first point again.
 
     points: (V, 2) mm. bulges: (V,) of the segment that leaves a point. fixed: rows that must stay, sorted.
@@ -31,7 +31,7 @@ class Chains(Struct, frozen=True, eq=False):
     fixed: IntArray
 
     @classmethod
-    def of(cls, contours: Sequence[Contour]) -> Chains:
+    def of(cls, contours: Sequence[Contour]) -> Polylines:
         """A closed chain of lines starts at its point farthest from its middle: most likely a corner."""
         points, bulges, fixed = [], [], []
         at = 0
@@ -57,7 +57,7 @@ class Chains(Struct, frozen=True, eq=False):
         return cls(np.concatenate(points), np.concatenate(bulges), np.array(firsts), np.array(fixed))
 
 
-def thin(chains: Chains, tolerance: float) -> IntArray:
+def thin(chains: Polylines, tolerance: float) -> IntArray:
     """The rows to keep, sorted: no dropped point is farther than ``tolerance`` from the line over it."""
     points = chains.points
     kept = [chains.fixed]

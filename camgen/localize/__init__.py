@@ -13,8 +13,8 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.localize.coarse import Poses, field
-from camgen.localize.doubt import Rival, Seen, alike, beside, freedom, measure_seen, rivals, stray, thin, weakness
-from camgen.localize.fine import TUKEY, Fit, cost, on, refine
+from camgen.localize.doubt import Rival, SeenShare, alike, beside, freedom, measure_seen, rivals, stray, thin, weakness
+from camgen.localize.fine import TUKEY, ScanFit, cost, on, refine
 from camgen.localize.model import Cloud, Model, model_part
 from camgen.localize.starts import starts, symmetries, things
 from camgen.model.errors import InputError
@@ -61,7 +61,7 @@ class Location(Struct, frozen=True, eq=False):
     within: float
     rms: float
     used: int
-    seen: Seen
+    seen: SeenShare
     rivals: tuple[Rival, ...]
     next_best: Rival | None
     free: str
@@ -118,12 +118,14 @@ def _size(name: str, size: float, points: FloatArray) -> None:
     raise InputError(name, "the scan cannot show this model", where, remedy)
 
 
-def _search(model: Model, samples: Cloud, points: FloatArray, given: Pose, stage: Callable[[str], None]) -> list[Fit]:
+def _search(
+    model: Model, samples: Cloud, points: FloatArray, given: Pose, stage: Callable[[str], None]
+) -> list[ScanFit]:
     """Refined poses, the right one among them: near ``given``, and if the part is not clearly there, everywhere."""
     within, few = WITHIN * model.size, points[:_FEW]
     ground, sets = field(model, samples), things(model, points[:_SOME])
     same = symmetries(model, ground)
-    fits: list[Fit] = []
+    fits: list[ScanFit] = []
     for place in (given, None):
         stage("searching everywhere" if place is None else "searching near by")
         fits += _look(model, samples, few, starts(model, ground, sets, place))
@@ -137,7 +139,7 @@ def _search(model: Model, samples: Cloud, points: FloatArray, given: Pose, stage
     return fits
 
 
-def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[Fit]:
+def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[ScanFit]:
     """Each pose refined with a few points, those that are far from the best with fewer."""
     poses = zip(found.rotations, found.origins, strict=True)
     fits = [refine(model, samples, few[:_FEWER], pose, 0.02 * model.size) for pose in poses]
@@ -150,7 +152,7 @@ def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[F
     ]
 
 
-def _best(model: Model, samples: Cloud, few: FloatArray, fits: list[Fit]) -> Fit:
+def _best(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -> ScanFit:
     """The one that puts the points best onto the model."""
     return min(fits, key=lambda fit: cost(model, samples, few[:_FEWER], fit, WITHIN * model.size))
 
@@ -161,8 +163,8 @@ def _judge(
     samples: Cloud,
     points: FloatArray,
     middle: FloatArray,
-    final: Fit,
-    others: tuple[list[Fit], list[float], float],
+    final: ScanFit,
+    others: tuple[list[ScanFit], list[float], float],
 ) -> Location:
     """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part."""
     within = WITHIN * model.size

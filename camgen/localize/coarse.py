@@ -18,7 +18,7 @@ _PHI, _PSI = 2**0.5, 1.533751168755204288118041
 _FARTHEST_TURN = 0.5
 
 
-class Field(Struct, frozen=True, eq=False):
+class DistanceField(Struct, frozen=True, eq=False):
     """For each cell of a grid around the model the sample nearest to its middle. A look-up instead of a search.
 
     low: (3,) corner, mm. cell: mm. nearest: (nx, ny, nz). points, normals: (S, 3) of the samples.
@@ -55,7 +55,7 @@ class Poses(Struct, frozen=True, eq=False):
         return np.asarray(moved + self.origins[:, None])
 
 
-def field(model: Model, samples: Cloud) -> Field:
+def field(model: Model, samples: Cloud) -> DistanceField:
     """The field of a model."""
     side = float((model.high - model.low).max())
     cell = side / _CELLS
@@ -64,7 +64,7 @@ def field(model: Model, samples: Cloud) -> Field:
     axes = [low[k] + cell * (np.arange(counts[k]) + 0.5) for k in range(3)]
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     nearest = samples.nearest(middles)[0][:, 0].reshape(tuple(counts))
-    return Field(low, cell, nearest, model.samples, model.sample_normals)
+    return DistanceField(low, cell, nearest, model.samples, model.sample_normals)
 
 
 def rotations(count: int) -> FloatArray:
@@ -77,7 +77,7 @@ def rotations(count: int) -> FloatArray:
     return from_quaternions(w, x, y, z)
 
 
-def slide(field: Field, points: FloatArray, poses: Poses, scale: float, plain: float) -> Poses:
+def slide(field: DistanceField, points: FloatArray, poses: Poses, scale: float, plain: float) -> Poses:
     """One Gauss-Newton step of all ``poses`` (model_from_scan): ``points`` (n, 3) of the scan go to the planes of the
     samples that they are near to. scale: mm, beyond which a point counts little (Geman and McClure). plain: 0..1, how
     much the samples themselves pull besides their planes, which is what moves poses from afar.
@@ -113,7 +113,7 @@ def turn_poses(vectors: FloatArray) -> FloatArray:
     return from_vectors(vectors * (_FARTHEST_TURN / np.maximum(angle, _FARTHEST_TURN)))
 
 
-def fit(field: Field, points: FloatArray, poses: Poses, scale: float) -> FloatArray:
+def fit(field: DistanceField, points: FloatArray, poses: Poses, scale: float) -> FloatArray:
     """How much of the scan each pose (B,) puts near the model, 0..1: 1 on it, 1/2 at ``scale`` mm."""
     at = poses.apply(points)
     off = at - field.points[field.at(at)]

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.localize.coarse import Poses, turn_poses
-from camgen.localize.fine import Fit, cost, on, refine
+from camgen.localize.fine import ScanFit, cost, on, refine
 from camgen.localize.model import Cloud, Model
 from camgen.localize.starts import corners
 from camgen.model.pose import FloatArray, Pose, angle_between, frozen
@@ -36,7 +36,7 @@ class Rival(Struct, frozen=True, eq=False):
     cost: float
 
 
-class Seen(Struct, frozen=True):
+class SeenShare(Struct, frozen=True):
     """Shares 0..1 of the model's surface that have points of the scan: of all, and of what faces as those points do."""
 
     all: float
@@ -44,13 +44,13 @@ class Seen(Struct, frozen=True):
 
 
 def rivals(
-    model: Model, final: Fit, others: tuple[list[Fit], list[float], float], same: float, middle: FloatArray
+    model: Model, final: ScanFit, others: tuple[list[ScanFit], list[float], float], same: float, middle: FloatArray
 ) -> tuple[tuple[Rival, ...], Rival | None]:
     """Other poses that fit as well as the best, by turn, and the best of those that do not. ``others``: fits, costs."""
     fits, costs, _ = others
     best = min(costs)
     apart = [(fit, c - best) for fit, c in zip(fits, costs, strict=True) if _off(model, fit, final) > _limit(model)]
-    equal: list[tuple[Fit, float]] = []
+    equal: list[tuple[ScanFit, float]] = []
     for fit, worse in apart:
         if worse <= same and all(_off(model, fit, known) > _limit(model) for known, _ in equal):
             equal.append((fit, worse))
@@ -59,7 +59,7 @@ def rivals(
     return tuple(told), None if less is None else _rival(model, less[0], final, less[1], middle)
 
 
-def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[Fit]) -> Poses:
+def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -> Poses:
     """Poses by which a thin part may have been missed: its other side lies on the points, within the search's reach.
 
     The best two fits, moved by the thickness along and against the face that most points lie on. None if the part is
@@ -78,7 +78,7 @@ def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[Fit]) -> Po
     return Poses(np.array(turns), np.array(origins))
 
 
-def alike(fit: Fit, symmetries: Poses) -> Poses:
+def alike(fit: ScanFit, symmetries: Poses) -> Poses:
     """The poses by which the model looks about the same as by ``fit``; ``symmetries`` put the model onto itself."""
     return Poses(symmetries.rotations @ fit.rotation, symmetries.rotations @ fit.origin + symmetries.origins)
 
@@ -88,7 +88,7 @@ def thin(model: Model) -> bool:
     return 2 * model.volume < _THIN * model.size * model.area
 
 
-def stray(model: Model, samples: Cloud, few: FloatArray, fit: Fit, within: float) -> float:
+def stray(model: Model, samples: Cloud, few: FloatArray, fit: ScanFit, within: float) -> float:
     """Points in the model's box, without a margin at its sides, that do not lie on the model, per point that does: 0
     where the part stands, more where it only seems to.
     """
@@ -103,23 +103,23 @@ def _limit(model: Model) -> float:
     return _DIFFERENT_SHARE * model.size
 
 
-def _places(model: Model, fit: Fit) -> FloatArray:
+def _places(model: Model, fit: ScanFit) -> FloatArray:
     """The corners of the model's box in the scan."""
     return np.asarray((corners(model) - fit.origin) @ fit.rotation)
 
 
-def _off(model: Model, a: Fit, b: Fit) -> float:
+def _off(model: Model, a: ScanFit, b: ScanFit) -> float:
     return float(np.linalg.norm(_places(model, a) - _places(model, b), axis=1).max())
 
 
-def _rival(model: Model, fit: Fit, final: Fit, worse: float, middle: FloatArray) -> Rival:
+def _rival(model: Model, fit: ScanFit, final: ScanFit, worse: float, middle: FloatArray) -> Rival:
     turn = math.degrees(angle_between(frozen(final.rotation), frozen(fit.rotation)))
     shift = float(np.linalg.norm((_places(model, fit) - _places(model, final)).mean(axis=0)))
     x, y, z = (middle - fit.rotation.T @ fit.origin).tolist()
     return Rival(Pose(frozen(fit.rotation.T), (x, y, z)), turn, shift, worse)
 
 
-def freedom(model: Model, samples: Cloud, few: FloatArray, final: Fit, limits: tuple[float, float]) -> str:
+def freedom(model: Model, samples: Cloud, few: FloatArray, final: ScanFit, limits: tuple[float, float]) -> str:
     """What motion of the part changes nothing, in words, "" if there is none: it is nudged along the motion that the
     points hold least, and stays there. ``limits``: mm and cost, as for equal poses.
     """
@@ -139,7 +139,7 @@ def freedom(model: Model, samples: Cloud, few: FloatArray, final: Fit, limits: t
     return _name_motion(final, motion)
 
 
-def _name_motion(final: Fit, motion: FloatArray) -> str:
+def _name_motion(final: ScanFit, motion: FloatArray) -> str:
     """A motion (6,) in words, in the scan's frame."""
     turn, shift = motion[:3], motion[3:]
     back = final.rotation.T
@@ -157,7 +157,7 @@ def _direction(vector: FloatArray) -> str:
     return "[" + ", ".join(f"{v + 0.0:.2f}" for v in unit.tolist()) + "]"
 
 
-def weakness(final: Fit) -> str:
+def weakness(final: ScanFit) -> str:
     """The motion that the points hold weakly, in words, "" if none."""
     values, vectors = np.linalg.eigh(final.information)
     if float(values[0]) >= _WEAK * float(values[-1]):
@@ -165,7 +165,7 @@ def weakness(final: Fit) -> str:
     return _name_motion(final, vectors[:, 0])
 
 
-def measure_seen(model: Model, points: FloatArray, final: Fit, within: float) -> Seen:
+def measure_seen(model: Model, points: FloatArray, final: ScanFit, within: float) -> SeenShare:
     """How much of the model the scan shows. The side that was looked at is where the normals of what was seen point on
     average; what other parts of the model hide is not taken off.
     """
@@ -180,4 +180,4 @@ def measure_seen(model: Model, points: FloatArray, final: Fit, within: float) ->
     view = normals[hit].mean(axis=0) if hit.any() else np.zeros(3)
     length = float(np.linalg.norm(view))
     facing = normals @ (view / length) > _FACING if length > 0.2 else np.ones(len(normals), dtype=bool)
-    return Seen(float(hit.mean()), float(hit[facing].mean()))
+    return SeenShare(float(hit.mean()), float(hit[facing].mean()))

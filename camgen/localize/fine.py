@@ -21,7 +21,7 @@ _SLACK_SHARE = 0.2
 _STILL_SHARE = 5e-7
 
 
-class Fit(Struct, frozen=True, eq=False):
+class ScanFit(Struct, frozen=True, eq=False):
     """A refined pose: model_from_scan as ``rotation`` (3, 3) and ``origin`` (3,), mm.
 
     noise: standard deviation of the residuals, robust, mm. rms: of the points that count, mm. used: which they are.
@@ -42,7 +42,9 @@ class Fit(Struct, frozen=True, eq=False):
         return np.asarray(points @ self.rotation.T + self.origin)
 
 
-def refine(model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float) -> Fit:
+def refine(
+    model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatArray, FloatArray], gate: float
+) -> ScanFit:
     """The pose near ``start`` (model_from_scan) that puts ``points`` (N, 3) onto the model.
 
     gate: mm, points farther from the model do not count; it closes as the residuals shrink. Where fewer than seven
@@ -51,7 +53,7 @@ def refine(model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatA
     rotation, origin = start
     floor, still = 1e-6 * model.size, _STILL_SHARE * model.size
     noise = gate / TUKEY
-    found = Fit(rotation, origin, np.inf, np.inf, np.zeros(0, dtype=np.int64), np.zeros((6, 6)), np.zeros(3), 1.0)
+    found = ScanFit(rotation, origin, np.inf, np.inf, np.zeros(0, dtype=np.int64), np.zeros((6, 6)), np.zeros(3), 1.0)
     for _ in range(_ROUNDS):
         at = points @ rotation.T + origin
         reach = max(TUKEY * noise, 10 * floor)
@@ -80,7 +82,7 @@ def refine(model: Model, samples: Cloud, points: FloatArray, start: tuple[FloatA
 
 def _step(
     model: Model, touch: Touch, at: FloatArray, noise: float, pose: tuple[FloatArray, FloatArray]
-) -> tuple[Fit, FloatArray, FloatArray]:
+) -> tuple[ScanFit, FloatArray, FloatArray]:
     """One Gauss-Newton step: the fit before it, and the turn (3, 3) about its centre and shift (3,) that it takes."""
     ratio = (touch.distance / (TUKEY * noise)) ** 2
     weight = np.where(ratio < 1, (1 - ratio) ** 2, 0.0)
@@ -97,7 +99,7 @@ def _step(
     damped = matrix + 1e-9 * np.eye(6)
     step = -np.linalg.solve(damped, pulled.T @ off / total)
     rms = float(np.sqrt((off[counts] ** 2).mean()))
-    fit = Fit(pose[0], pose[1], noise, rms, touch.point[counts], matrix, centre, arm)
+    fit = ScanFit(pose[0], pose[1], noise, rms, touch.point[counts], matrix, centre, arm)
     return fit, turn_poses(step[None, :3] / arm)[0], step[3:]
 
 
@@ -115,7 +117,7 @@ def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, 
     return normals, off
 
 
-def cost(model: Model, samples: Cloud, points: FloatArray, fit: Fit, gate: float) -> float:
+def cost(model: Model, samples: Cloud, points: FloatArray, fit: ScanFit, gate: float) -> float:
     """How badly ``points`` (N, 3) lie on the model, 0..1: mean of the squared distances in units of ``gate`` (mm), 1
     for what is beyond.
     """

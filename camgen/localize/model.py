@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.tree import Tree, ask, grow
+from camgen.collision.tree import BoxTree, ask, grow
 from camgen.geometry.ragged import begins, owners, stretches
 from camgen.geometry.vectors import dots, unit
 from camgen.model.part import BoolArray, IntArray
@@ -23,7 +23,7 @@ class Model(Struct, frozen=True, eq=False):
     evenly. low, high: (3,), corners of the box around it. size: its diagonal.
     """
 
-    tree: Tree
+    tree: BoxTree
     normals: FloatArray
     samples: FloatArray
     sample_normals: FloatArray
@@ -99,7 +99,7 @@ class Cloud:
         return np.asarray(found, dtype=np.int64), np.sqrt(np.asarray(square, dtype=np.float64))
 
 
-class Pairs(Struct, frozen=True, eq=False):
+class TouchPairs(Struct, frozen=True, eq=False):
     """Which triangles may be the closest to which points: (K,) each, sorted by point."""
 
     point: IntArray
@@ -115,7 +115,7 @@ class Touch(Struct, frozen=True, eq=False):
     distance: FloatArray
 
 
-def candidates(model: Model, samples: Cloud, points: FloatArray, reach: float, slack: float) -> Pairs:
+def candidates(model: Model, samples: Cloud, points: FloatArray, reach: float, slack: float) -> TouchPairs:
     """The triangles that may be closest to ``points`` (N, 3) which are within ``reach`` of the model, also after they
     have moved by ``slack`` (mm). Points farther away are in no pair.
 
@@ -136,7 +136,7 @@ def candidates(model: Model, samples: Cloud, points: FloatArray, reach: float, s
     pairs = _box(model, samples, places[-1], limits, sizes[-1])
     for some, of, size in zip(places[-2::-1], wholes[::-1], sizes[-2::-1], strict=True):
         pairs = _prune(model, some, *_join(of, pairs), limits, size)
-    return Pairs(near[pairs.point], pairs.triangle)
+    return TouchPairs(near[pairs.point], pairs.triangle)
 
 
 def _cells(points: FloatArray, low: FloatArray, cell: float) -> tuple[FloatArray, IntArray]:
@@ -148,7 +148,7 @@ def _cells(points: FloatArray, low: FloatArray, cell: float) -> tuple[FloatArray
     return low + cell * (cells[first] + 0.5), of.reshape(-1)
 
 
-def _box(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float, float], cell: float) -> Pairs:
+def _box(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float, float], cell: float) -> TouchPairs:
     """The pairs of cells, as ``_prune`` leaves them, from the tree."""
     radius = cell * np.sqrt(0.75)
     # A sample is at most as close as the surface: its distance bounds that of the closest triangle from above.
@@ -165,7 +165,7 @@ def _box(model: Model, samples: Cloud, middles: FloatArray, limits: tuple[float,
     return _prune(model, middles, which[order], triangle[order], limits, cell)
 
 
-def _join(of: IntArray, pairs: Pairs) -> tuple[IntArray, IntArray]:
+def _join(of: IntArray, pairs: TouchPairs) -> tuple[IntArray, IntArray]:
     """Each place with all triangles of the cell that it is in, ``of`` (N,): places and triangles (K,), by place."""
     count = np.bincount(pairs.point, minlength=int(of.max(initial=-1)) + 1)
     return owners(count[of]), pairs.triangle[stretches(begins(count)[of], count[of])]
@@ -173,22 +173,22 @@ def _join(of: IntArray, pairs: Pairs) -> tuple[IntArray, IntArray]:
 
 def _prune(
     model: Model, places: FloatArray, place: IntArray, triangle: IntArray, limits: tuple[float, float], cell: float
-) -> Pairs:
+) -> TouchPairs:
     """The pairs, sorted by place, of cells (mm, 0 for points) that reach within the first limit (mm) of the model,
     without triangles that nowhere in the cell come within the second of the closest.
     """
     if not len(place):
-        return Pairs(place, triangle)
+        return TouchPairs(place, triangle)
     radius = cell * np.sqrt(0.75)
     off = places[place] - closest(model.tree.corners[triangle], places[place])
     away = np.sqrt(dots(off, off))
     begins = np.flatnonzero(np.diff(place, prepend=-1))
     least = np.repeat(np.minimum.reduceat(away, begins), np.diff(begins, append=len(place)))
     kept = (away <= least + limits[1] + 2 * radius) & (least <= limits[0] + radius)
-    return Pairs(place[kept], triangle[kept])
+    return TouchPairs(place[kept], triangle[kept])
 
 
-def find_touched(model: Model, pairs: Pairs, points: FloatArray) -> Touch:
+def find_touched(model: Model, pairs: TouchPairs, points: FloatArray) -> Touch:
     """The closest of the candidates for each point that has any."""
     at = closest(model.tree.corners[pairs.triangle], points[pairs.point])
     away = np.linalg.norm(points[pairs.point] - at, axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.localize.coarse import Field, Poses, fit, rotations, slide, thin
+from camgen.localize.coarse import DistanceField, Poses, fit, rotations, slide, thin
 from camgen.localize.model import Model
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose
@@ -45,7 +45,7 @@ def things(model: Model, points: FloatArray) -> list[FloatArray]:
     return [thin(some, _POINTS) for some in sets]
 
 
-def starts(model: Model, field: Field, sets: list[FloatArray], given: Pose | None = None) -> Poses:
+def starts(model: Model, field: DistanceField, sets: list[FloatArray], given: Pose | None = None) -> Poses:
     """Poses (model_from_scan) worth refining, the best first, all different, of the ``things`` of a scan.
 
     given: scan_from_model as far as it is known. The search then begins only with what is turned little from it.
@@ -62,7 +62,7 @@ def starts(model: Model, field: Field, sets: list[FloatArray], given: Pose | Non
     return different(model, poses[best[fits[best] > _WORTH_SHARE * fits[best[0]]]], _DIFFERENT_SHARE * model.size)
 
 
-def symmetries(model: Model, field: Field) -> Poses:
+def symmetries(model: Model, field: DistanceField) -> Poses:
     """Poses of the model that put its surface about onto itself: found by the search, and half a turn about each
     principal axis, which the search meets only nearly where the part is thin.
     """
@@ -75,7 +75,7 @@ def symmetries(model: Model, field: Field) -> Poses:
 
 
 def _slide(
-    model: Model, field: Field, points: FloatArray, turns: FloatArray, origin: tuple[float, float, float] | None
+    model: Model, field: DistanceField, points: FloatArray, turns: FloatArray, origin: tuple[float, float, float] | None
 ) -> Poses:
     """The best of ``turns`` (B, 3, 3) about the middle of the points, and of the first with ``origin``, slid onto the
     model.

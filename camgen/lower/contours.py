@@ -19,7 +19,7 @@ from camgen.lower import columns as lower_rows
 from camgen.lower.columns import ZONES, Orientations, Rows
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
-from camgen.model.job import Job, Process
+from camgen.model.job import Job, ProcessTable
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen
 from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program, Wait
@@ -204,7 +204,7 @@ def _points(column: FloatArray) -> list[Vec3]:
     return list(zip(*column.T.tolist(), strict=True))
 
 
-def _heights(rows: Rows, runs: list[_Run], process: Process) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _heights(rows: Rows, runs: list[_Run], process: ProcessTable) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Above the start, where the feed begins, above the end: (R, 3) each.
 
     All of them are measured from where the path was planned, not from its depth: the material of the first pass is
@@ -232,7 +232,7 @@ def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
     return np.where(straight, clearance - point[:, 2], clearance)
 
 
-def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
+def _enter(table: _Table, run: int, process: ProcessTable, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
     """From the end of the run before to the start of this one, process off."""
     one, row = table.runs[run], table.first[run]
     rotation, contact = table.orientations.ends[row], table.position[row]
@@ -262,7 +262,7 @@ def _enter(table: _Table, run: int, process: Process, from_home: bool, cartesian
     yield MoveL(Pose(rotation, contact), feed, path=one.number)
 
 
-def _leave(table: _Table, run: int, process: Process, cartesian: bool) -> Iterator[Instruction]:
+def _leave(table: _Table, run: int, process: ProcessTable, cartesian: bool) -> Iterator[Instruction]:
     """Up to the height of travel, unless the next run starts where this one ended."""
     following = run + 1
     last = following == len(table.runs)
@@ -283,7 +283,7 @@ def _rapid(cartesian: bool, target: Pose, speed: float, blend: float, path: int)
     return kind(target, speed, blend, path=path)
 
 
-def _zone(process: Process, *neighbours: float) -> float:
+def _zone(process: ProcessTable, *neighbours: float) -> float:
     """The blend at a corner of travel: it stays in the upper half of the clearance and of its two neighbours."""
     room = min(process.clearance, *neighbours) / 2 + 1e-9
     return next((zone for zone in ZONES if zone <= room), 0.0)
@@ -293,12 +293,12 @@ def _same(a: Vec3, b: Vec3) -> bool:
     return math.dist(a, b) < SAME_POINT_MM
 
 
-def dwell(process: Process) -> list[Instruction]:
+def dwell(process: ProcessTable) -> list[Instruction]:
     """The wait after something is switched on."""
     return [Wait(process.dwell)] if process.dwell > 0 else []
 
 
-def signal(process: Process) -> str:
+def signal(process: ProcessTable) -> str:
     """The output that is on along a path, empty: none. JobError."""
     if process.signal == "auto":
         return "" if process.spindle > 0 else "process"
@@ -307,7 +307,7 @@ def signal(process: Process) -> str:
     return process.signal
 
 
-def _work(table: _Table, run: int, process: Process) -> Iterator[Instruction]:
+def _work(table: _Table, run: int, process: ProcessTable) -> Iterator[Instruction]:
     """The segments of a run between force on, process on and process off, force off."""
     first, last = table.first[run], table.last[run]
     name = signal(process)

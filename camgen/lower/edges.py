@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from camgen.geometry.rotations import between
 from camgen.lower.contours import dwell, origins, signal
 from camgen.model.cell import Cell
-from camgen.model.job import Job, Process
+from camgen.model.job import Job, ProcessTable
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
 from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
 from camgen.order import EdgeTour
@@ -52,7 +52,7 @@ def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[
         yield replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
 
 
-def _link(link: Sequence[Piece], process: Process) -> Iterator[Instruction]:
+def _link(link: Sequence[Piece], process: ProcessTable) -> Iterator[Instruction]:
     turned = False
     for piece in link:
         if isinstance(piece, Turn):
@@ -65,7 +65,7 @@ def _link(link: Sequence[Piece], process: Process) -> Iterator[Instruction]:
         turned = isinstance(piece, Turn)
 
 
-def _state(way: Way, process: Process) -> Iterator[Instruction]:
+def _state(way: Way, process: ProcessTable) -> Iterator[Instruction]:
     """After a motion to joints an arc has no start that the text knows: a motion to where the tool is states it."""
     if not math.isnan(way.via[1, 0]):
         yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel)
@@ -76,7 +76,7 @@ def joints_of(values: FloatArray) -> Joints:
     return Joints(tuple(values.tolist()))
 
 
-def _approach(piece: Along, process: Process) -> Iterator[Instruction]:
+def _approach(piece: Along, process: ProcessTable) -> Iterator[Instruction]:
     """At the speed of travel but for the last ``process.approach`` mm, which are run at the feed."""
     way = piece.way
     last = float(way.length[-1])
@@ -102,7 +102,7 @@ def _along(way: Way, speed: float) -> Iterator[Instruction]:
         yield _segment(way, row, speed, 0.0)
 
 
-def _work(motion: Reached, feed: float, process: Process) -> Iterator[Instruction]:
+def _work(motion: Reached, feed: float, process: ProcessTable) -> Iterator[Instruction]:
     """The processing motion between force on, process on and process off, force off."""
     name, force = signal(process), process.force
     if force > 0:

@@ -23,7 +23,7 @@ class Table(Struct, frozen=True, forbid_unknown_fields=True):
     """Base of all tables."""
 
 
-class Input(Table, frozen=True):
+class InputTable(Table, frozen=True):
     """[input]: how the file is read."""
 
     units: Annotated[str, Meta(description="unit of the drawing: auto (the file's own), mm, cm, m, inch, ft, ...")] = (
@@ -39,7 +39,7 @@ class Input(Table, frozen=True):
     ] = "convex"
 
 
-class Image(Table, frozen=True):
+class ImageTable(Table, frozen=True):
     """[image]: a picture of a part, its scale and what in it is the part."""
 
     mm_per_px: Annotated[Positive | None, Meta(description="scale of a picture that is seen straight from above")] = (
@@ -68,7 +68,7 @@ class Image(Table, frozen=True):
     min_area: Annotated[NotNegative, Meta(description="smaller specks and holes are dropped and counted, mm2")] = 1.0
 
 
-class Camera(Table, frozen=True):
+class CameraTable(Table, frozen=True):
     """[camera]: the lens of a photo, and where the work plane is in it."""
 
     file: Annotated[str, Meta(description="calibration: camgen calibrate's, camera_info of ROS, or OpenCV's")] = ""
@@ -86,7 +86,7 @@ class Camera(Table, frozen=True):
     height: Annotated[float, Meta(description="height of the part's top face above points or markers, mm")] = 0.0
 
 
-class Operation(Table, frozen=True):
+class OperationTable(Table, frozen=True):
     """[operation]: what is done along the contours."""
 
     kind: Annotated[
@@ -132,7 +132,7 @@ class Operation(Table, frozen=True):
     ] = "mean"
 
 
-class Tool(Table, frozen=True):
+class ToolTable(Table, frozen=True):
     """[tool]: the tool and how it is held."""
 
     diameter: Annotated[Positive, Meta(description="cutting diameter, mm")] = 6.0
@@ -150,7 +150,7 @@ class Tool(Table, frozen=True):
     ] = None
 
 
-class Process(Table, frozen=True):
+class ProcessTable(Table, frozen=True):
     """[process]: speeds, force, heights and the signal."""
 
     feed: Annotated[Positive, Meta(description="speed of the contact point along the contour, mm/s")] = 20.0
@@ -174,7 +174,7 @@ class Process(Table, frozen=True):
     dwell: Annotated[NotNegative, Meta(description="wait after the signal or the spindle is switched on, s")] = 0.0
 
 
-class Tour(Table, frozen=True):
+class TourTable(Table, frozen=True):
     """[tour]: the order of the contours."""
 
     method: Annotated[
@@ -193,7 +193,7 @@ class Tour(Table, frozen=True):
     ] = "any"
 
 
-class Page(Table, frozen=True):
+class PageTable(Table, frozen=True):
     """[page]: the paper of a drawing job; the work frame is at its lower left corner."""
 
     size: Annotated[
@@ -229,7 +229,7 @@ class CellTable(Table, frozen=True):
     safety: Annotated[NotNegative, Meta(description="room above part and fixtures on the way between edges, mm")] = 10.0
 
 
-class Tolerance(Table, frozen=True):
+class ToleranceTable(Table, frozen=True):
     """[tolerance]: how far curves may be left."""
 
     chord: Annotated[Positive, Meta(description="deviation of lines and arcs from the drawn curve, mm")] = 0.01
@@ -245,14 +245,14 @@ class Tolerance(Table, frozen=True):
 class Job(Table, frozen=True):
     """A whole job."""
 
-    input: Input = Input()
-    image: Image = Image()
-    camera: Camera = Camera()
-    operation: Operation = Operation()
-    tool: Tool = Tool()
-    process: Process = Process()
-    tour: Tour = Tour()
-    page: Page = Page()
+    input: InputTable = InputTable()
+    image: ImageTable = ImageTable()
+    camera: CameraTable = CameraTable()
+    operation: OperationTable = OperationTable()
+    tool: ToolTable = ToolTable()
+    process: ProcessTable = ProcessTable()
+    tour: TourTable = TourTable()
+    page: PageTable = PageTable()
     cell: CellTable = CellTable()
-    tolerance: Tolerance = Tolerance()
+    tolerance: ToleranceTable = ToleranceTable()
     post: dict[str, object] = {}

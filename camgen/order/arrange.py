@@ -18,7 +18,7 @@ from camgen.model.path import ToolPath, Tour
 from camgen.order.search import Choices, is_bound_worth, looks, lower_bound, sample_paths, search
 from camgen.order.solver.plane import Tell
 from camgen.order.starts import Starts, ends_of, reverse_each, starting_each, starts
-from camgen.order.tree import Tree
+from camgen.order.tree import StartTree
 
 #: The methods and what the summary calls them.
 _METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "local search"}
@@ -113,7 +113,7 @@ class _Walk(Struct, frozen=True, eq=False):
 
     paths: Sequence[ToolPath]
     where: Starts
-    tree: Tree
+    tree: StartTree
     waits_for: Sequence[int]
     ranks: Sequence[int]
     waits: list[int]
@@ -132,7 +132,7 @@ def _nearest_neighbour(
     """The nearest next path of all whose turn it is: those with nothing left inside, rank by rank."""
     begins, ends = (column.tolist() for column in ends_of(paths))
     chosen = Choices([], [0] * len(paths), [0.0] * len(paths))
-    walk = _Walk(paths, where, Tree(where), waits_for, ranks, _enclose(waits_for), begins, ends, chosen)
+    walk = _Walk(paths, where, StartTree(where), waits_for, ranks, _enclose(waits_for), begins, ends, chosen)
     turns = sorted(set(ranks))
     ready = [not count and rank == turns[0] for count, rank in zip(walk.waits, ranks, strict=True)]
     for index, may in enumerate(ready):

@@ -8,7 +8,7 @@ from camgen.model.path import Tour
 
 if TYPE_CHECKING:
     from camgen.order.edges.route import Route
-    from camgen.read.gcode.interpreter import Run
+    from camgen.read.gcode.interpreter import ProgramRun
 
 
 class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
@@ -21,4 +21,4 @@ class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
 class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
     """The paths of a program that was read, and what it does."""
 
-    run: Run
+    run: ProgramRun

@@ -28,7 +28,7 @@ _FAN = 6
 _GRID = 65535
 
 
-class Tree:
+class StartTree:
     """The starts of the paths that may be run next.
 
     Of starts at the same distance the lowest number wins. But a start that is touched (within 1e-6 mm) is taken as

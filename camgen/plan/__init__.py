@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
     from camgen.model.part import Edge
     from camgen.plan.edges.motion import Reached, Unreached
-    from camgen.read.gcode.interpreter import Run
+    from camgen.read.gcode.interpreter import ProgramRun
 
 #: What is called when a stage begins or has got somewhere: what the user is told.
 Watch = Callable[[str], None]
@@ -69,7 +69,7 @@ class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
 class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
     """The motions of a program that was read, as they stand in it. travel: mm of its rapid motions."""
 
-    run: Run
+    run: ProgramRun
     travel: float
 
 

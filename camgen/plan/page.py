@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from camgen.geometry.segments import bounds, from_contours
 from camgen.model.errors import InputError, JobError
-from camgen.model.job import Job, Page
+from camgen.model.job import Job, PageTable
 from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
@@ -38,7 +38,7 @@ def on_page(part: Part, job: Job) -> Part:
     """
     page = job.page
     if not page.size:
-        if page != Page():
+        if page != PageTable():
             raise JobError("job", "[page] has no effect without a size", "page.size", 'set page.size, for example "A4"')
         return part
     if part.solid is not None:
@@ -72,7 +72,7 @@ def on_page(part: Part, job: Job) -> Part:
     )
 
 
-def page_size(page: Page) -> tuple[float, float]:
+def page_size(page: PageTable) -> tuple[float, float]:
     """Width and height of the page, mm. JobError if it is not known or not a size."""
     if isinstance(page.size, str):
         name, _, turned = page.size.strip().lower().partition(" ")
@@ -87,7 +87,7 @@ def page_size(page: Page) -> tuple[float, float]:
     return page.size[0], page.size[1]
 
 
-def _ratio(part: Part, page: Page, drawn: FloatArray, room: FloatArray) -> float:
+def _ratio(part: Part, page: PageTable, drawn: FloatArray, room: FloatArray) -> float:
     """The factor on the part: the smaller of the two ratios to fit, or what the job says."""
     if page.scale == "true":
         return 1.0
@@ -114,7 +114,7 @@ def _unit(part: Part) -> float:
     raise JobError("job", f"a scale per unit does not go with units {part.units}", "page.scale", remedy)
 
 
-def _leaves(part: Part, page: Page, size: tuple[float, float], drawn: FloatArray) -> InputError:
+def _leaves(part: Part, page: PageTable, size: tuple[float, float], drawn: FloatArray) -> InputError:
     what = f"the drawing is {_describe(drawn)}, the page {_describe(size)} with a margin of {short(page.margin, 3)} mm"
     return InputError(part.source, f"leaves the page: {what}", "page.scale", 'set page.scale to "fit" or a larger page')
 
@@ -143,7 +143,7 @@ def _move_raster(raster: Raster, ratio: float, shift: FloatArray) -> Raster:
 # What would be drawn of a picture, for ``camgen inspect``: strokes, scale and size on the page.
 
 
-class Facts(Struct, frozen=True):
+class DrawingFacts(Struct, frozen=True):
     """What a picture is as a drawing; its ``str`` is a page to print. Lengths mm. lines, arcs: of all strokes.
 
     use: what is done with them, "" where they are drawn.
@@ -174,7 +174,7 @@ class Facts(Struct, frozen=True):
         return "\n".join(lines)
 
 
-def inspect(raw: Part, job: Job) -> Facts:
+def inspect(raw: Part, job: Job) -> DrawingFacts:
     """What ``job`` makes of a picture that was read as a drawing. Errors as of a build."""
     assert raw.raster is not None
     part = simplify(on_page(raw, job), job)
@@ -184,7 +184,7 @@ def inspect(raw: Part, job: Job) -> Facts:
     arcs = sum(int((c.bulges != 0).sum()) for c in part.contours)
     extent = (box[:, 2:].max(axis=0) - box[:, :2].min(axis=0)).tolist() if len(box) else [0.0, 0.0]
     height, width = raw.raster.photo.shape[:2]
-    return Facts(
+    return DrawingFacts(
         size=(width, height),
         scale=part.units,
         strokes=len(part.contours),

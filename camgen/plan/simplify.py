@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.segments import from_contours
-from camgen.geometry.thinning import Chains, thin
+from camgen.geometry.thinning import Polylines, thin
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import frozen
@@ -57,7 +57,7 @@ def _long_enough(contours: Sequence[Contour], least: float, notes: list[Note]) -
 
 
 def _thin(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple[Contour, ...]:
-    chains = Chains.of(contours)
+    chains = Polylines.of(contours)
     kept = thin(chains, tolerance)
     ends = np.searchsorted(kept, chains.first)
     result = []

@@ -25,7 +25,7 @@ def by_order(k: int, count: int) -> str:
     return "#" + "".join(f"{v:02x}" for v in rgb)
 
 
-class Page(Struct, frozen=True, eq=False):
+class Paper(Struct, frozen=True, eq=False):
     """From the work frame (mm, y up) to the page: scale, then the page position of the work origin."""
 
     scale: float
@@ -37,7 +37,7 @@ class Page(Struct, frozen=True, eq=False):
         return np.asarray(points[:, :2] * (self.scale, -self.scale) + (self.x, self.y), dtype=np.float64)
 
 
-class Chains(Struct, frozen=True, eq=False):
+class PageChains(Struct, frozen=True, eq=False):
     """Many chains in one table. points (N, 2); bulge (N,): of the segment that ends at the point; first: (M,) rows
     where a chain begins.
     """
@@ -47,7 +47,7 @@ class Chains(Struct, frozen=True, eq=False):
     first: IntArray
 
 
-def of_contours(contours: Sequence[Contour]) -> Chains:
+def of_contours(contours: Sequence[Contour]) -> PageChains:
     """The contours, closed ones with their first point again at the end."""
     rows, bulges = [], []
     for contour in contours:
@@ -57,23 +57,23 @@ def of_contours(contours: Sequence[Contour]) -> Chains:
     return _chains(rows, bulges)
 
 
-def of_paths(paths: Sequence[ToolPath]) -> Chains:
+def of_paths(paths: Sequence[ToolPath]) -> PageChains:
     """The tool paths."""
     if not paths:
         return _chains([], [])
     points = np.concatenate([path.position for path in paths])[:, :2]
     via = np.concatenate([path.via for path in paths])[:, :2]
     before = np.concatenate([points[:1], points[:-1]])
-    return Chains(points, bulges(before, via, points), begins([len(path.position) for path in paths]))
+    return PageChains(points, bulges(before, via, points), begins([len(path.position) for path in paths]))
 
 
-def _chains(rows: Sequence[FloatArray], bulges: Sequence[FloatArray]) -> Chains:
+def _chains(rows: Sequence[FloatArray], bulges: Sequence[FloatArray]) -> PageChains:
     if not rows:
-        return Chains(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=int))
-    return Chains(np.concatenate(rows), np.concatenate(bulges), begins([len(r) for r in rows]))
+        return PageChains(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=int))
+    return PageChains(np.concatenate(rows), np.concatenate(bulges), begins([len(r) for r in rows]))
 
 
-def path_data(chains: Chains, page: Page) -> list[str]:
+def path_data(chains: PageChains, page: Paper) -> list[str]:
     """The ``d`` of every chain, arcs as arcs."""
     if not len(chains.first):
         return []
@@ -98,7 +98,7 @@ def path_data(chains: Chains, page: Page) -> list[str]:
     return ["".join(words[a:b]) for a, b in zip(begins, [*begins[1:], len(words)], strict=True)]
 
 
-def bounds(chains: Sequence[Chains]) -> tuple[FloatArray, FloatArray]:
+def bounds(chains: Sequence[PageChains]) -> tuple[FloatArray, FloatArray]:
     """Least and greatest corner, work frame, arcs exact."""
     every = np.concatenate([np.zeros((0, 2)), *(one.points for one in chains), *(_extremes(one) for one in chains)])
     if not len(every):
@@ -106,7 +106,7 @@ def bounds(chains: Sequence[Chains]) -> tuple[FloatArray, FloatArray]:
     return every.min(axis=0), every.max(axis=0)
 
 
-def _extremes(chains: Chains) -> FloatArray:
+def _extremes(chains: PageChains) -> FloatArray:
     """The points (N, 2) of the arcs that lie farthest in x and y, where an arc goes so far."""
     inner = chains.bulge != 0
     inner[chains.first] = False
@@ -125,7 +125,7 @@ def _extremes(chains: Chains) -> FloatArray:
     return np.concatenate(found)
 
 
-def arrows(path: ToolPath, page: Page, every: float) -> list[tuple[float, float, float]]:
+def arrows(path: ToolPath, page: Paper, every: float) -> list[tuple[float, float, float]]:
     """Page x, y and direction (deg, clockwise) of arrows, one for about ``every`` page mm, one at least."""
     lengths = span_lengths(path.position, path.via[1:]) * page.scale
     ends = np.cumsum(lengths)

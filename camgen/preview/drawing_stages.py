@@ -18,7 +18,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.fill.cover import coverage_map
 from camgen.plan.page import page_size
-from camgen.preview.draw import Page, by_order, of_contours, of_paths, path_data
+from camgen.preview.draw import Paper, by_order, of_contours, of_paths, path_data
 from camgen.preview.panels import WIDE, Crop, Panel, faint, image, line, make_crop, on_panel, sheet, show_crop
 
 #: Radius of the points, and width of the drawn lines, page mm. Colours from the first stroke to the last.
@@ -110,14 +110,14 @@ def _order(raster: Raster, tour: Tour, job: Job) -> Panel:
         (x0, x1), (y0, y1) = ends.tolist()
         width, height, corner = x1 - x0, y1 - y0, (x0, y0)
     scale = WIDE / width
-    page = Page(scale, -corner[0] * scale, (corner[1] + height) * scale)
+    page = Paper(scale, -corner[0] * scale, (corner[1] + height) * scale)
     content = [f'<rect class="sheet" width="{WIDE}" height="{height * scale:.2f}"/>', *_strokes(tour, page)]
     count = f"{len(tour.paths)} {'holes, travel' if job.operation.kind == 'drill' else 'strokes, pen up'}"
     told = f"{short(width, 1)} x {short(height, 1)} mm: {count} {short(tour.travel, 1)} mm, by order"
     return Panel(told, height * scale, content)
 
 
-def _strokes(tour: Tour, page: Page) -> Iterator[str]:
+def _strokes(tour: Tour, page: Paper) -> Iterator[str]:
     data = path_data(of_paths(tour.paths), page)
     edges = np.unique(np.linspace(0, len(data), _BINS + 1).astype(int)).tolist()
     for a, b in pairwise(edges):

@@ -10,7 +10,7 @@ from camgen.model.drawing import draw_svg
 from camgen.model.part import Part
 from camgen.model.path import Tour
 from camgen.preview.curves import of_spans
-from camgen.preview.draw import Chains, Page, bounds, by_order, of_contours, of_paths, path_data
+from camgen.preview.draw import PageChains, Paper, bounds, by_order, of_contours, of_paths, path_data
 
 #: The picture is made as large as fits in here, px, with a margin around it.
 _SIZE, _MARGIN = 480.0, 12.0
@@ -31,7 +31,7 @@ def _draw_tour(tour: Tour) -> str:
         return _draw([])
     ends = [np.stack([a.position[-1, :2], b.position[0, :2]]) for a, b in zip(tour.paths, tour.paths[1:], strict=False)]
     ways = (
-        Chains(np.concatenate(ends), np.zeros(2 * len(ends)), np.arange(0, 2 * len(ends), 2, dtype=np.int64))
+        PageChains(np.concatenate(ends), np.zeros(2 * len(ends)), np.arange(0, 2 * len(ends), 2, dtype=np.int64))
         if ends
         else None
     )
@@ -39,22 +39,22 @@ def _draw_tour(tour: Tour) -> str:
     return _draw([*travel, (of_paths(tour.paths), [by_order(k, count) for k in range(count)])])
 
 
-def _chains(part: Part) -> list[Chains]:
+def _chains(part: Part) -> list[PageChains]:
     if part.solid is None:
         return [of_contours(part.contours)] if part.contours else []
     size = float(np.linalg.norm(np.ptp(part.solid.vertices, axis=0)))
     spans = of_spans([(edge.points, edge.via) for edge in part.solid.edges], 1e-3 * size)
     first = np.cumsum([0, *spans.counts[:-1].tolist()])
-    return [Chains(spans.points[:, :2], np.zeros(len(spans.points)), first)] if len(spans.points) else []
+    return [PageChains(spans.points[:, :2], np.zeros(len(spans.points)), first)] if len(spans.points) else []
 
 
-def _draw(groups: Sequence[tuple[Chains, Sequence[str]]]) -> str:
+def _draw(groups: Sequence[tuple[PageChains, Sequence[str]]]) -> str:
     """Chains, each in its colour, as one picture."""
     low, high = bounds([chains for chains, _ in groups])
     wide, tall = (max(float(v), 1e-6) for v in high - low)
     scale = (_SIZE - 2 * _MARGIN) / max(wide, tall)
     width, height = wide * scale + 2 * _MARGIN, tall * scale + 2 * _MARGIN
-    page = Page(scale, _MARGIN - float(low[0]) * scale, _MARGIN + float(high[1]) * scale)
+    page = Paper(scale, _MARGIN - float(low[0]) * scale, _MARGIN + float(high[1]) * scale)
     lines = [
         f'<path d="{data}" stroke="{colour}"/>'
         for chains, colours in groups

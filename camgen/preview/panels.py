@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import one_line
 from camgen.model.part import Note, Raster
 from camgen.model.pose import FloatArray
-from camgen.preview.draw import Page
+from camgen.preview.draw import Paper
 
 Pixels = NDArray[np.uint8]
 
@@ -94,10 +94,10 @@ def make_crop(raster: Raster) -> Crop:
     return Crop(left, top, right, bottom, scale, WIDE * (bottom - top) / (right - left))
 
 
-def on_panel(raster: Raster, crop: Crop) -> Page:
+def on_panel(raster: Raster, crop: Crop) -> Paper:
     """From the work frame to the panel. A view's u runs along x, its v against y."""
     corner = raster.work_from_view @ (crop.left - 0.5, crop.top - 0.5, 1.0)
-    return Page(crop.scale, -float(corner[0]) * crop.scale, float(corner[1]) * crop.scale)
+    return Paper(crop.scale, -float(corner[0]) * crop.scale, float(corner[1]) * crop.scale)
 
 
 def image(pixels: Pixels, wide: float, high: float, smooth: bool = True) -> str:

@@ -13,7 +13,7 @@ from camgen.geometry.arcs import bulges
 from camgen.model.part import Note, Part, Raster
 from camgen.model.path import Tour
 from camgen.model.pose import FloatArray
-from camgen.preview.draw import Chains, of_contours, path_data
+from camgen.preview.draw import PageChains, of_contours, path_data
 from camgen.preview.panels import WIDE, Crop, Panel, Pixels, faint, image, line, make_crop, on_panel, sheet, show_crop
 
 #: How far apart the normals are drawn, mm of the page.
@@ -107,7 +107,7 @@ def _colour(name: str, low: float, values: Sequence[FloatArray], tour: Tour, ras
     return Panel(told, crop.high, lines)
 
 
-def _segments(tour: Tour) -> Chains:
+def _segments(tour: Tour) -> PageChains:
     """Every segment of the paths as a chain of its own."""
     pairs, rows = [np.zeros((0, 2))], [np.zeros(0)]
     for path in tour.paths:
@@ -116,4 +116,4 @@ def _segments(tour: Tour) -> Chains:
         pairs.append(np.stack([start, end], axis=1).reshape(-1, 2))
         rows.append(np.stack([np.zeros(len(bulge)), bulge], axis=1).ravel())
     points = np.concatenate(pairs)
-    return Chains(points, np.concatenate(rows), np.arange(0, len(points), 2))
+    return PageChains(points, np.concatenate(rows), np.arange(0, len(points), 2))

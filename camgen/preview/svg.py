@@ -16,7 +16,7 @@ from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.text import counted
-from camgen.preview.draw import Page, arrows, bounds, by_order, of_contours, of_paths, path_data
+from camgen.preview.draw import Paper, arrows, bounds, by_order, of_contours, of_paths, path_data
 
 #: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
 _WIDE, _HIGH, _MARGIN, _TITLE = 277.0, 200.0, 10.0, 16.0
@@ -40,7 +40,7 @@ path,line{fill:none;stroke-linecap:round;stroke-linejoin:round}.arrow{stroke:non
 class _Sheet(Struct, frozen=True):
     """The page and its size, page mm. bottom: where the legend begins."""
 
-    page: Page
+    page: Paper
     width: float
     bottom: float
 
@@ -80,7 +80,7 @@ def _sheet(part: Part, tour: Tour) -> _Sheet:
     width = max(wide * scale, _LEAST_PAGE_MM) + 2 * _MARGIN
     left = (width - wide * scale) / 2
     top = _TITLE + 6
-    page = Page(scale, left - float(low[0]) * scale, top + float(high[1]) * scale)
+    page = Paper(scale, left - float(low[0]) * scale, top + float(high[1]) * scale)
     return _Sheet(page, width, top + high_mm * scale + 8)
 
 
@@ -90,12 +90,12 @@ def _facts(part: Part, tour: Tour) -> str:
     )
 
 
-def _contours(contours: Sequence[Contour], page: Page, kind: str) -> Iterator[str]:
+def _contours(contours: Sequence[Contour], page: Paper, kind: str) -> Iterator[str]:
     if contours:
         yield f'<path class="{kind}" d="{"".join(path_data(of_contours(contours), page))}"/>'
 
 
-def _travel(tour: Tour, page: Page) -> Iterator[str]:
+def _travel(tour: Tour, page: Paper) -> Iterator[str]:
     if len(tour.paths) > 1:
         ends = page.place(np.array([path.position[-1] for path in tour.paths[:-1]]))
         starts = page.place(np.array([path.position[0] for path in tour.paths[1:]]))
@@ -103,7 +103,7 @@ def _travel(tour: Tour, page: Page) -> Iterator[str]:
         yield '<path class="travel" d="' + "".join(f"M{a:.2f} {b:.2f}L{c:.2f} {d:.2f}" for a, b, c, d in rows) + '"/>'
 
 
-def _paths(tour: Tour, page: Page) -> Iterator[str]:
+def _paths(tour: Tour, page: Paper) -> Iterator[str]:
     """The tool paths, one element each while they are few, else one for each colour."""
     paths = tour.paths
     data = path_data(of_paths(paths), page)
@@ -120,7 +120,7 @@ def _paths(tour: Tour, page: Page) -> Iterator[str]:
         yield f'<path class="path" stroke="{by_order(a, len(paths))}" d="{"".join(data[a:b])}"/>'
 
 
-def _arrows(path: ToolPath, page: Page, colour: str) -> Iterator[str]:
+def _arrows(path: ToolPath, page: Paper, colour: str) -> Iterator[str]:
     size = min(1.0, path_length(path) * page.scale / 12)
     if size < 0.3:
         return
@@ -129,7 +129,7 @@ def _arrows(path: ToolPath, page: Page, colour: str) -> Iterator[str]:
         yield f'<path class="arrow" style="fill:{colour}" transform="{place}" d="M1.5 0L-1 -1.1L-.4 0L-1 1.1Z"/>'
 
 
-def _starts(paths: Sequence[ToolPath], page: Page) -> Iterator[str]:
+def _starts(paths: Sequence[ToolPath], page: Paper) -> Iterator[str]:
     """A dot at every start, with the number of the path in it while they are few."""
     numbered = len(paths) <= _NUMBERS
     largest = 2.0 if len(paths) <= 60 else 1.5

@@ -15,7 +15,7 @@ from camgen.model.part import Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import short
 from camgen.preview import Built
-from camgen.preview.curves import Chains, of_contours, of_spans
+from camgen.preview.curves import SpaceChains, of_contours, of_spans
 from camgen.preview.track import Arm, Track, track
 from camgen.robots.models import Box, Link
 
@@ -92,7 +92,7 @@ def _nearest(points: FloatArray, at: FloatArray, place: FloatArray) -> float:
 _FINE = 2e-5
 
 
-class Line(Struct, frozen=True):
+class ViewLine(Struct, frozen=True):
     """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
     was skipped.
     """
@@ -127,8 +127,8 @@ class View(Struct, frozen=True, eq=False):
 
     title: str
     facts: tuple[tuple[str, str], ...]
-    lines: tuple[Line, ...]
-    chains: Chains
+    lines: tuple[ViewLine, ...]
+    chains: SpaceChains
     solid: Solid | None
     rows: tuple[Row, ...]
     track: Track
@@ -182,18 +182,18 @@ def _sag(result: Built) -> float:
     return max(float(np.linalg.norm(np.ptp(points, axis=0))) * _FINE, 1e-4) if len(points) else 1e-3
 
 
-def _lines(result: Built, sag: float) -> tuple[tuple[Line, ...], Chains]:
+def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains]:
     """The contours and edges of the part, and how they are drawn."""
     contours = tuple(c for c in result.part.contours if len(c.points) > 1)
     edges = result.part.solid.edges if result.part.solid else ()
     flat, sharp = of_contours(contours, sag), of_spans([(edge.points, edge.via) for edge in edges], sag)
-    chains = Chains(np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts]))
+    chains = SpaceChains(np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts]))
     names = [(c.id, c.layer, c.closed) for c in contours]
     names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
     why = reasons([note for note in result.notes if note.kind == "skipped"])
     done = {ident for path in result.tour.paths for ident in path.contours}
     lines = [
-        Line(
+        ViewLine(
             id=clean(ident),
             layer=clean(layer),
             closed=closed,
@@ -206,10 +206,10 @@ def _lines(result: Built, sag: float) -> tuple[tuple[Line, ...], Chains]:
     return _trim(result, lines, chains) if edges else (tuple(lines), chains)
 
 
-def _trim(result: Built, lines: Sequence[Line], chains: Chains) -> tuple[tuple[Line, ...], Chains]:
+def _trim(result: Built, lines: Sequence[ViewLine], chains: SpaceChains) -> tuple[tuple[ViewLine, ...], SpaceChains]:
     """Edges that are run without their ends, with these as lines of their own."""
     work = {path.id: path.position for path in result.tour.paths}
-    pieces: list[tuple[Line, FloatArray]] = []
+    pieces: list[tuple[ViewLine, FloatArray]] = []
     for line, points in zip(lines, np.split(chains.points, np.cumsum(chains.counts)[:-1]), strict=True):
         if line.state != "done" or not line.why:
             pieces.append((line, points))
@@ -218,12 +218,12 @@ def _trim(result: Built, lines: Sequence[Line], chains: Chains) -> tuple[tuple[L
         rest = replace(line, state="skipped", closed=False)
         found = [(rest, before), (replace(line, why="", closed=False), inner), (rest, after)]
         pieces += [(one, part) for one, part in found if len(part)]
-    made = Chains(np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces]))
+    made = SpaceChains(np.concatenate([part for _, part in pieces]), np.array([len(part) for _, part in pieces]))
     lengths = _lengths(made)
     return tuple(replace(one, length=long) for (one, _), long in zip(pieces, lengths, strict=True)), made
 
 
-def _lengths(chains: Chains) -> list[float]:
+def _lengths(chains: SpaceChains) -> list[float]:
     """Of each chain as it is drawn, mm."""
     if not len(chains.counts):
         return []

@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
-from camgen.model.job import Camera, Job
+from camgen.model.job import CameraTable, Job
 from camgen.model.part import Part
 from camgen.model.plugins import entries, load, origin
 from camgen.read.files import Files
@@ -50,7 +50,7 @@ class Reader(Struct, frozen=True):
     recognise: Callable[[bytes], bool] = recognise_none
 
 
-class Installed(Struct, frozen=True):
+class InstalledReader(Struct, frozen=True):
     """One line of the table. broken: why the reader cannot be used, empty when it can."""
 
     entry: EntryPoint
@@ -68,21 +68,21 @@ class Installed(Struct, frozen=True):
         return origin(self.entry)
 
 
-def list_installed() -> list[Installed]:
+def list_installed() -> list[InstalledReader]:
     """All readers by name; a broken one is listed with its reason."""
     found = []
     for entry in entries(READERS):
         try:
             reader = load(entry)
         except JobError as error:
-            found.append(Installed(entry, None, str(error)))
+            found.append(InstalledReader(entry, None, str(error)))
             continue
         if isinstance(reader, Reader) and reader.name == entry.name:
-            found.append(Installed(entry, reader, ""))
+            found.append(InstalledReader(entry, reader, ""))
         else:
             what = f"is called {reader.name}" if isinstance(reader, Reader) else "is not a camgen.read.Reader"
             why = JobError(f"reader {entry.name}", what, entry.value, "mend or remove its package")
-            found.append(Installed(entry, None, str(why)))
+            found.append(InstalledReader(entry, None, str(why)))
     return found
 
 
@@ -146,4 +146,4 @@ def is_drawing(job: Job) -> bool:
     """Whether a picture is a drawing: to be traced, filled, drilled or laid on a page, and no photo."""
     kind = job.operation.kind
     drawing = kind in _KINDS or (kind == "auto" and bool(job.page.size))
-    return drawing and job.camera == Camera() and job.image.mask in ("auto", "otsu", "threshold")
+    return drawing and job.camera == CameraTable() and job.image.mask in ("auto", "otsu", "threshold")

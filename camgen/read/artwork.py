@@ -10,14 +10,14 @@ import numpy as np
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
-from camgen.model.job import Image, Job
+from camgen.model.job import ImageTable, Job
 from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import frozen
 from camgen.model.text import short
 from camgen.read.files import Files
 from camgen.vision.image import Picture, load
 from camgen.vision.ink import borders, ink_of
-from camgen.vision.to_scale import View, already_to_scale
+from camgen.vision.to_scale import ScaledView, already_to_scale
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
@@ -61,7 +61,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     return Part(source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", tuple(contours), notes, raster)
 
 
-def _view(picture: Picture, job: Job) -> View:
+def _view(picture: Picture, job: Job) -> ScaledView:
     """To scale; on a page whose scale is not the picture's own a pixel counts as 1 mm until it is laid there."""
     image = job.image
     given = image.mm_per_px is not None or image.width_mm is not None
@@ -71,13 +71,13 @@ def _view(picture: Picture, job: Job) -> View:
             raise JobError(
                 "[image]", f"mm_per_px and width_mm have no effect: {what}", remedy='use page.scale = "true"'
             )
-        return View(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
+        return ScaledView(picture.pixels, already_to_scale(picture, 1.0).work_from_view, 1.0)
     return already_to_scale(picture, image.mm_per_px, image.width_mm)
 
 
 def _nothing_unused(job: Job) -> None:
     """JobError for a setting of photos: the user believes that it does something."""
-    default = Image()
+    default = ImageTable()
     for key in ("region", "tones", "background", "color", "min_area"):
         if getattr(job.image, key) != getattr(default, key):
             remedy = "leave it out; input.min_length drops what is small"

@@ -15,8 +15,7 @@ from msgspec.structs import replace
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
-from camgen.model.job import Camera as CameraTable
-from camgen.model.job import Job
+from camgen.model.job import CameraTable, Job
 from camgen.model.part import Note, Part, Raster
 from camgen.model.pose import FloatArray, pose_from_values
 from camgen.model.text import counted, short
@@ -25,11 +24,11 @@ from camgen.vision.boards.find import find
 from camgen.vision.boards.sheet import RULER, Board, Sheet, sheet
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.image import Picture, load
-from camgen.vision.lines_arcs.contours import Fit, primitives
+from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.mask.part_mask import Mask, part_mask
 from camgen.vision.outline import outlines
 from camgen.vision.plane import Plane, plane_from_points, plane_from_pose
-from camgen.vision.to_scale import Region, View, already_to_scale, cut_out, frame_view, rectify
+from camgen.vision.to_scale import Region, ScaledView, already_to_scale, cut_out, frame_view, rectify
 
 #: A ChArUco board by its squares.
 _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
@@ -38,7 +37,7 @@ _BOARD = re.compile(r"(\d{1,2})x(\d{1,2})")
 _LARGE, _COARSER, _ROOM_PX, _ROOM_SHARE = 2_000_000, 4, 24, 0.12
 
 
-class Facts(Struct, frozen=True):
+class PictureFacts(Struct, frozen=True):
     """What is in a picture; its ``str`` is a page to print. part: why none is found, where none is."""
 
     size: tuple[int, int]
@@ -64,7 +63,7 @@ class _Seen(Struct, frozen=True):
     picture: Picture
     camera: Camera | None
     plane: Plane | None
-    view: View
+    view: ScaledView
     mask: Mask
 
 
@@ -86,7 +85,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
     )
 
 
-def _tell_fit(fits: Sequence[Fit]) -> tuple[Note, ...]:
+def _tell_fit(fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
     """How well the lines and arcs follow what was measured."""
     if not fits:
         return ()
@@ -96,7 +95,7 @@ def _tell_fit(fits: Sequence[Fit]) -> tuple[Note, ...]:
     return (Note("assumed", what, f"they leave the measured edge by {most:.3f} mm at most, {rms:.3f} mm rms"),)
 
 
-def inspect(source: Source, job: Job, files: Files) -> Facts:
+def inspect(source: Source, job: Job, files: Files) -> PictureFacts:
     """What is in the picture ``source``, as far as its scale is known."""
     picture = load(source)
     height, width = picture.pixels.shape[:2]
@@ -105,13 +104,13 @@ def inspect(source: Source, job: Job, files: Files) -> Facts:
         part = read(source, job, files)
     except (InputError, JobError) as error:
         known = f"{short(25.4 / picture.dpi, 5)} mm/px from its DPI" if picture.dpi else "not known"
-        return Facts((width, height), colour, known, str(error), picture.notes)
+        return PictureFacts((width, height), colour, known, str(error), picture.notes)
     pieces = sum(len(c.points) for c in part.contours)
     holes = f"{counted(len(part.contours), 'contour')}, {counted(pieces, 'line or arc', 'lines and arcs')}"
     low = np.min([c.points.min(axis=0) for c in part.contours], axis=0)
     high = np.max([c.points.max(axis=0) for c in part.contours], axis=0)
     size = " x ".join(short(v, 2) for v in (high - low).tolist())
-    return Facts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
+    return PictureFacts((width, height), colour, part.units, f"{size} mm, {holes}", part.notes)
 
 
 def _see(source: Source, job: Job, files: Files) -> _Seen:
@@ -192,7 +191,9 @@ class _Way(Struct, frozen=True):
     job: Job
 
 
-def _mask(way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int) -> tuple[View, Mask]:
+def _mask(
+    way: _Way, picture: Picture, empty: Picture | None, region: Region | None, coarser: int
+) -> tuple[ScaledView, Mask]:
     view = _view(way, picture, region, coarser)
     background = None if empty is None else _view(way, empty, region, coarser)
     return view, part_mask(view, way.job.image, background, picture.name)
@@ -239,7 +240,7 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
     return None
 
 
-def _view(way: _Way, picture: Picture, region: Region | None, coarser: int) -> View:
+def _view(way: _Way, picture: Picture, region: Region | None, coarser: int) -> ScaledView:
     if way.plane is not None:
         return rectify(picture, way.camera, way.plane, region, coarser)
     if way.camera is not None:
@@ -282,7 +283,7 @@ def _frame(seen: _Seen) -> FloatArray:
     return frame_view(seen.view, seen.camera, seen.plane, (width, height))
 
 
-def _scale(view: View) -> str:
+def _scale(view: ScaledView) -> str:
     return f"{short(view.mm_per_px, 5)} mm/px"
 
 

@@ -15,7 +15,7 @@ import msgspec
 from msgspec.structs import replace
 
 from camgen.model.errors import JobError
-from camgen.model.job import Job, Operation
+from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import FILES, settings, split_name, tables
 from camgen.model.plugins import OPERATIONS, entries
 from camgen.read.files import Files
@@ -184,7 +184,7 @@ def _with_kind(tree: Tree) -> Job:
     """The job of ``tree``. ``operation.kind`` may also name an operation that another package brings."""
     operation = tree.get("operation", {})
     kind = operation.get("kind")
-    known = get_args(get_args(get_type_hints(Operation, include_extras=True)["kind"])[0])
+    known = get_args(get_args(get_type_hints(OperationTable, include_extras=True)["kind"])[0])
     if kind in known or kind not in {entry.name for entry in entries(OPERATIONS)}:
         return msgspec.convert(tree, Job)
     job = msgspec.convert(tree | {"operation": operation | {"kind": "auto"}}, Job)

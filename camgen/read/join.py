@@ -35,7 +35,7 @@ from camgen.read.pieces import (
 # Chains of drawn pieces: which pieces follow each other, and how their ends are made to meet.
 
 
-class Joints(Struct, frozen=True):
+class EndJoints(Struct, frozen=True):
     """Gaps that were closed, the largest in mm, and contours made of several layers."""
 
     count: int
@@ -70,7 +70,7 @@ def chain(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list
     return [chain for _, chain, _ in found], [loop for _, _, loop in found]
 
 
-def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: float) -> tuple[Soup, Joints]:
+def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: float) -> tuple[Soup, EndJoints]:
     """The chains as pieces; where ends do not coincide a line gives way, two arcs get a short line between them."""
     sizes = np.array([len(c) for c in chains], dtype=np.intp)
     entered = np.array([e for c in chains for e in c], dtype=np.intp)
@@ -106,7 +106,7 @@ def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: floa
         kind=soup.kind[heads],
     )
     wide = gaps[gaps > same]
-    return made, Joints(len(wide), float(wide.max(initial=0.0)), len(np.unique(strange)))
+    return made, EndJoints(len(wide), float(wide.max(initial=0.0)), len(np.unique(strange)))
 
 
 def _meet(
@@ -179,7 +179,7 @@ def _drop(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
     return soup.take(keep)
 
 
-def _joint_notes(joints: Joints, tolerance: float) -> list[Note]:
+def _joint_notes(joints: EndJoints, tolerance: float) -> list[Note]:
     notes = []
     limit = f"input.join = {short(tolerance, 6)} mm"
     if joints.count:
@@ -200,7 +200,7 @@ class _Ends(Struct, frozen=True, eq=False):
     length: FloatArray
 
 
-def _join(soup: Soup, tolerance: float) -> tuple[Soup, Joints]:
+def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
     """The soup with its open pieces chained; in order of the first piece of each chain."""
     same = same_distance(soup)
     tolerance = max(tolerance, 4 * same)

@@ -89,10 +89,10 @@ def _chain(points: Any, name: str) -> _Chain:
 
 def _make_solid(mesh: Any, name: str) -> Part:
     from camgen.read.solid.mesh import make_solid  # noqa: PLC0415 (only for what needs it)
-    from camgen.read.solid.mesh_file import Soup  # noqa: PLC0415
+    from camgen.read.solid.mesh_file import MeshSoup  # noqa: PLC0415
 
     vertices, faces = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64)
     if not np.isfinite(vertices).all():
         raise InputError(name, "a coordinate is not finite", remedy="give numbers, mm")
-    found = make_solid(Soup(vertices, faces, "mm", 1.0, ()), name, name)
+    found = make_solid(MeshSoup(vertices, faces, "mm", 1.0, ()), name, name)
     return Part(name, name, found.units, (), found.notes, solid=found)

@@ -34,7 +34,7 @@ _FARTHEST_PX = 2.5
 _BEND, _BEND_APART = 3, 6
 
 
-class Edge(Struct, frozen=True, eq=False):
+class MaskEdge(Struct, frozen=True, eq=False):
     """halfway (N,): where the grey value is half-way between the plateaus, px. shift (N,): from there to the edge,
     where the border bends evenly. found (N,): which of them are more than the border of the mask. blur (L,): s of each
     loop, px. contrast (N,): inside minus outside; misfit (N,): rms of what the fit leaves, grey values.
@@ -68,7 +68,7 @@ class _Fit(Struct, frozen=True, eq=False):
     misfit: Float32
 
 
-def fit_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexArray) -> Edge:
+def fit_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexArray) -> MaskEdge:
     """The edges beside ``chain`` (N,), the outermost pixels of the mask along closed loops, the part on the left."""
     outward = 1j * directions(loops, chain)
     upright = np.abs(outward.imag) > np.abs(outward.real)
@@ -87,7 +87,7 @@ def fit_edge(grey: Pixels | Float32, mask: Pixels, loops: Rings, chain: ComplexA
     found = np.abs(fit.at - 0.5) < _FARTHEST_PX
     points = chain + axis * np.where(found, fit.at, 0.5)
     shift = outward * (_even(loops, bend) * fit.blur[loops.loop] ** 2 / 2)
-    return Edge(points, shift, found, fit.blur.astype(np.float64), fit.contrast, fit.misfit)
+    return MaskEdge(points, shift, found, fit.blur.astype(np.float64), fit.contrast, fit.misfit)
 
 
 def _improve(profiles: _Profiles, fit: _Fit, outward: ComplexArray, bend: FloatArray) -> _Fit:
@@ -277,24 +277,24 @@ def _chains(mask: Pixels) -> tuple[Rings, ComplexArray, NDArray[np.bool_]]:
     return rings(np.array([len(c) for c in chains])), flat @ np.array([1, 1j]), tree[0, :, 3] >= 0
 
 
-def _without_edge(loops: Rings, edge: Edge) -> NDArray[np.bool_]:
+def _without_edge(loops: Rings, edge: MaskEdge) -> NDArray[np.bool_]:
     """(L,) loops whose grey values are much the same on both sides, or change sides, or lie far from the mask."""
     contrast = np.abs(loops.mean(edge.contrast))
     misfit = np.sqrt(loops.mean(edge.misfit.astype(np.float64) ** 2))
     return np.asarray((contrast < _LEAST_CONTRAST * misfit) | (contrast < 2.0) | (loops.mean(edge.found * 1.0) < 0.9))
 
 
-def _edge_of_mask(mask: Pixels, loops: Rings, chain: ComplexArray) -> Edge:
+def _edge_of_mask(mask: Pixels, loops: Rings, chain: ComplexArray) -> MaskEdge:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     soft = cv2.GaussianBlur(mask, (0, 0), _MASK_BLUR)
     return fit_edge(np.asarray(soft, dtype=np.uint8), mask, loops, chain)
 
 
-def _mix(loops: Rings, edge: Edge, other: Edge, where: NDArray[np.bool_]) -> Edge:
+def _mix(loops: Rings, edge: MaskEdge, other: MaskEdge, where: NDArray[np.bool_]) -> MaskEdge:
     """``edge`` with the loops ``where`` (L,) from ``other``."""
     rows = where[loops.loop]
-    return Edge(
+    return MaskEdge(
         np.where(rows, other.halfway, edge.halfway),
         np.where(rows, other.shift, edge.shift),
         np.where(rows, other.found, edge.found),

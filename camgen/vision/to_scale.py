@@ -275,7 +275,7 @@ _LARGER = 6.0
 _PHOTO_SAMPLES = 33
 
 
-class View(Struct, frozen=True, eq=False):
+class ScaledView(Struct, frozen=True, eq=False):
     """A to-scale picture of the work plane.
 
     pixels: (H, W) grey or (H, W, 3) blue, green, red; uint8. work_from_view: (2, 3), mm of the centre of pixel (u, v),
@@ -291,7 +291,7 @@ class View(Struct, frozen=True, eq=False):
 
 def already_to_scale(
     picture: Picture, mm_per_px: float | None = None, width_mm: float | None = None, dpi: float | None = None
-) -> View:
+) -> ScaledView:
     """The view of a picture that needs no rectification; the origin is the lower left corner of its lower left pixel.
 
     Its scale is one of the three, else the picture's own DPI. JobError for two of them or one that is not positive,
@@ -315,10 +315,10 @@ def already_to_scale(
             raise _no_scale(picture)
     notes = () if given else (Note("assumed", f"scale of {short(mm_per_px, 5)} mm/px from the file's DPI"),)
     s = mm_per_px
-    return View(picture.pixels, frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]]), s, None, notes)
+    return ScaledView(picture.pixels, frozen([[s, 0, s / 2], [0, -s, (height - 0.5) * s]]), s, None, notes)
 
 
-def cut_out(view: View, region: Region | None, coarser: int = 1) -> View:
+def cut_out(view: ScaledView, region: Region | None, coarser: int = 1) -> ScaledView:
     """What ``view`` shows of ``region`` (mm), in pixels so many times as large. InputError where it shows nothing."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
@@ -339,7 +339,7 @@ def cut_out(view: View, region: Region | None, coarser: int = 1) -> View:
         pixels = cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
         shift = (coarser - 1) / 2
         matrix = np.column_stack([matrix[:, :2] * coarser, matrix @ (shift, shift, 1.0)])
-    return View(pixels, frozen(matrix), view.mm_per_px * coarser, None, view.notes)
+    return ScaledView(pixels, frozen(matrix), view.mm_per_px * coarser, None, view.notes)
 
 
 def _no_scale(picture: Picture) -> InputError:
@@ -354,7 +354,7 @@ def _no_scale(picture: Picture) -> InputError:
 
 def rectify(
     picture: Picture, camera: Camera | None, plane: Plane, region: Region | None = None, coarser: int = 1
-) -> View:
+) -> ScaledView:
     """The to-scale view of what the photo shows of the plane, or of ``region`` (x and y from, x and y to, mm).
 
     coarser: for a look at the whole, which costs less the coarser it is: pixels so many times as large.
@@ -377,10 +377,10 @@ def rectify(
     pixels, valid = remap(picture.pixels, shown, work_from_view, (columns, rows))
     for array in (pixels, valid):
         array.flags.writeable = False
-    return View(pixels, work_from_view, scale, None if valid.all() else valid, tuple(notes))
+    return ScaledView(pixels, work_from_view, scale, None if valid.all() else valid, tuple(notes))
 
 
-def frame_view(view: View, camera: Camera | None, plane: Plane, size: tuple[int, int]) -> FloatArray:
+def frame_view(view: ScaledView, camera: Camera | None, plane: Plane, size: tuple[int, int]) -> FloatArray:
     """The border of the view in a photo of ``size`` (width, height), (N, 2) px; nan where the lens shows nothing."""
     height, width = view.pixels.shape[:2]
     steps = np.linspace(0.0, 1.0, _PHOTO_SAMPLES)[:-1]

@@ -13,7 +13,7 @@ from camgen.geometry.arcs import circle
 from camgen.lower import lower
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
-from camgen.model.job import CellTable, Job, Process, Tolerance, Tool
+from camgen.model.job import CellTable, Job, ProcessTable, ToleranceTable, ToolTable
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, Pose, angle_between, frozen, pose_from_values, rotation_about, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
@@ -23,7 +23,7 @@ from camgen.robots.workcell import equip
 
 ROBOT = Cell("arm", translation(100, 0, 0), translation(0, 0, 0), Joints((0.0, 0.1, 0.2, 0.0, 0.3, 0.0)))
 MILL = Cell("mill", translation(0, 0, 0), translation(0, 0, 0), Pose(TOOL_DOWN, (0.0, 0.0, 50.0)))
-FOLLOW = Tool(orient="follow")
+FOLLOW = ToolTable(orient="follow")
 
 
 def path(points, bulges=None, force_direction=None, force=None, feed=20.0, **more):
@@ -72,7 +72,7 @@ SQUARE = path([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)], closed=True)
 
 
 def test_a_square_becomes_the_written_sequence():
-    job = Job(process=Process(dwell=0.25), tool=Tool(length=80.0))
+    job = Job(process=ProcessTable(dwell=0.25), tool=ToolTable(length=80.0))
     assert dump(program(SQUARE, job=job)) == (
         "camgen-ir 1\nname part\nwork 100 0 0 q 1 0 0 0\ntool 0 0 80 q 1 0 0 0\n# made for a test\n"
         'path ["c1", "cut", ""]\n'
@@ -95,7 +95,7 @@ def test_a_square_becomes_the_written_sequence():
 
 
 def test_a_mill_travels_by_rapid_motions_only():
-    job = Job(process=Process(spindle=9000, dwell=1.0, travel=50.0))
+    job = Job(process=ProcessTable(spindle=9000, dwell=1.0, travel=50.0))
     body = program(SQUARE, path([(60, 0), (70, 0)], id="c2"), cell=MILL, job=job).body
     assert [type(i) for i in body[:3]] == [MoveJ, Output, Wait]
     assert body[1] == Output("spindle", 9000)
@@ -109,11 +109,11 @@ def test_a_mill_travels_by_rapid_motions_only():
 @pytest.mark.parametrize(
     ("process", "signal"),
     [
-        (Process(), "process"),
-        (Process(spindle=1.0), None),
-        (Process(spindle=1.0, signal="air"), "air"),
-        (Process(signal=""), None),
-        (Process(signal="glue"), "glue"),
+        (ProcessTable(), "process"),
+        (ProcessTable(spindle=1.0), None),
+        (ProcessTable(spindle=1.0, signal="air"), "air"),
+        (ProcessTable(signal=""), None),
+        (ProcessTable(signal="glue"), "glue"),
     ],
 )
 def test_the_signal(process, signal):
@@ -124,7 +124,7 @@ def test_the_signal(process, signal):
 
 def test_the_spindle_is_no_signal():
     with pytest.raises(JobError, match=r"process\.signal"):
-        program(SQUARE, job=Job(process=Process(signal="spindle")))
+        program(SQUARE, job=Job(process=ProcessTable(signal="spindle")))
 
 
 def test_travel_between_paths_is_high_and_rounds_its_two_upper_corners():
@@ -150,7 +150,7 @@ def test_a_path_that_starts_where_the_last_ended_needs_no_travel():
 
 
 def test_the_feed_begins_above_the_uncut_top_whatever_the_depth():
-    body = program(path([(0, 0), (9, 0)], depths=(6.0,)), job=Job(process=Process(approach=1.5))).body
+    body = program(path([(0, 0), (9, 0)], depths=(6.0,)), job=Job(process=ProcessTable(approach=1.5))).body
     travelled = [
         i.target.origin[2] for i in body if isinstance(i, (MoveL, MoveJ)) and i.speed == 100 and i.target != ROBOT.home
     ]
@@ -198,9 +198,9 @@ def test_an_open_path_that_keeps_its_direction_retracts_between_passes():
 @pytest.mark.parametrize(
     ("process", "expected"),
     [
-        (Process(approach=0.0), [(0, 0, 20, 100), (0, 0, 0, 100)]),
-        (Process(approach=20.0), [(0, 0, 20, 100), (0, 0, 0, 20)]),
-        (Process(approach=2.0), [(0, 0, 20, 100), (0, 0, 2, 100), (0, 0, 0, 20)]),
+        (ProcessTable(approach=0.0), [(0, 0, 20, 100), (0, 0, 0, 100)]),
+        (ProcessTable(approach=20.0), [(0, 0, 20, 100), (0, 0, 0, 20)]),
+        (ProcessTable(approach=2.0), [(0, 0, 20, 100), (0, 0, 2, 100), (0, 0, 0, 20)]),
     ],
 )
 def test_no_motion_without_a_way(process, expected):
@@ -211,7 +211,7 @@ def test_no_motion_without_a_way(process, expected):
 
 def test_an_approach_above_the_clearance_is_an_error():
     with pytest.raises(JobError, match=r"path c1.*process\.clearance"):
-        program(SQUARE, job=Job(process=Process(approach=21.0)))
+        program(SQUARE, job=Job(process=ProcessTable(approach=21.0)))
 
 
 def test_a_tilted_tool_goes_back_along_its_own_axis():
@@ -259,7 +259,7 @@ def test_blends_of_a_polyline_are_those_of_its_corners(steps, tolerance):
     for turn, length in steps:
         heading += turn
         points.append((points[-1][0] + length * math.cos(heading), points[-1][1] + length * math.sin(heading)))
-    body = program(path(points), job=Job(tolerance=Tolerance(chord=tolerance))).body
+    body = program(path(points), job=Job(tolerance=ToleranceTable(chord=tolerance))).body
     first = body.index(Output("process", 1.0)) + 1
     cuts = body[first : first + len(steps)]
     for i, cut in enumerate(cuts[:-1]):
@@ -398,7 +398,7 @@ def tours(draw):
 @settings(max_examples=120)
 @given(tours(), st.sampled_from([ROBOT, MILL]), st.sampled_from(["fixed", "follow"]), st.sampled_from([0.0, 8000.0]))
 def test_any_program(paths, cell, orient, spindle):
-    job = Job(tool=Tool(orient=orient), process=Process(spindle=spindle, signal="on"))
+    job = Job(tool=ToolTable(orient=orient), process=ProcessTable(spindle=spindle, signal="on"))
     body = program(*paths, cell=cell, job=job).body
     on = pressing = False
     seen: list[str] = []
@@ -447,7 +447,7 @@ def test_the_job_goes_before_the_cell():
 
 
 def test_without_a_cell_the_tool_is_as_long_as_it_is():
-    cell = equip(ROBOT, Job(tool=Tool(length=42.0)))
+    cell = equip(ROBOT, Job(tool=ToolTable(length=42.0)))
     assert cell.flange_from_tool.origin == (0, 0, 42)
     assert cell.home is ROBOT.home
     assert cell.base_from_work is ROBOT.base_from_work
@@ -486,7 +486,7 @@ def test_a_sliding_joint_of_the_home_is_in_mm() -> None:
 def test_with_force_every_pass_leaves_the_surface_before_the_next() -> None:
     def lifts(force: float) -> int:
         loop = path([(0, 0), (40, 0), (40, 30), (0, 0)], force_direction=[[(0, 1)] * 2] * 3, force=force, closed=True)
-        body = program(replace(loop, depths=(1.0, 2.0)), job=Job(process=Process(force=force))).body
+        body = program(replace(loop, depths=(1.0, 2.0)), job=Job(process=ProcessTable(force=force))).body
         return sum(isinstance(item, MoveL) and item.target.origin[2] == 20.0 for item in body)
 
     assert lifts(5.0) == lifts(0.0) + 1

@@ -9,7 +9,7 @@ import pytest
 
 import camgen
 from camgen.lower import lower
-from camgen.model.job import Job, Operation, Process, Tool
+from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.model.path import Tour
 from camgen.model.pose import Pose
@@ -20,7 +20,9 @@ from tests.support.drawn import circle, rectangle
 
 
 def program(*contours: Contour, post: str = "rapid", **operation: Any) -> tuple[Instruction, ...]:
-    job = Job(tool=Tool(orient="follow"), operation=Operation(**operation), process=Process(clearance=30))
+    job = Job(
+        tool=ToolTable(orient="follow"), operation=OperationTable(**operation), process=ProcessTable(clearance=30)
+    )
     found = plan(Part("part", "part.dxf", "mm", contours, ()), job)
     return lower(Tour(found.paths, 0.0, ""), find_post(post).cell(), job, "part", ()).body
 

@@ -8,7 +8,7 @@ import pytest
 from camgen.geometry.arcs import path_length, span_lengths
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
-from camgen.model.job import Job, Operation, Process
+from camgen.model.job import Job, OperationTable, ProcessTable
 from camgen.model.part import Contour, Note
 from camgen.model.path import ToolPath
 from camgen.order.leads import add_leads
@@ -18,7 +18,7 @@ from tests.support.drawn import circle, contour, part, rectangle
 
 
 def led(*contours: Contour, **operation: object) -> tuple[list[ToolPath], list[Note]]:
-    job = Job(operation=Operation(**operation))  # type: ignore[arg-type]
+    job = Job(operation=OperationTable(**operation))  # type: ignore[arg-type]
     drawn = part(*contours)
     return add_leads(plan(drawn, job).paths, drawn, job)
 
@@ -83,7 +83,7 @@ def test_overlap_runs_on_beyond_the_seam() -> None:
 
 
 def test_no_force_along_a_lead() -> None:
-    job = Job(operation=Operation(lead_in=4.0, lead_out=4.0), process=Process(force=5.0))
+    job = Job(operation=OperationTable(lead_in=4.0, lead_out=4.0), process=ProcessTable(force=5.0))
     drawn = part(circle(0, 0, 20))
     ((path,), _) = add_leads(plan(drawn, job).paths, drawn, job)
     assert path.force[1] == 0.0
@@ -92,7 +92,7 @@ def test_no_force_along_a_lead() -> None:
 
 
 def test_a_lead_beside_an_outer_corner_keeps_to_the_feed() -> None:
-    job = Job(operation=Operation(lead_in=4.0, lead_out=4.0), process=Process(feed=10.0))
+    job = Job(operation=OperationTable(lead_in=4.0, lead_out=4.0), process=ProcessTable(feed=10.0))
     drawn = part(rectangle(0, 0, 60, 40))
     (planned,) = plan(drawn, job).paths
     corner = starting_at(planned, int(np.argmax(planned.feed[1:])) + 1, 0.5)

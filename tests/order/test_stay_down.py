@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from camgen.build import build
 from camgen.geometry.intersect import gaps
 from camgen.geometry.segments import from_contours, make, points_at
-from camgen.model.job import CellTable, Job, Operation, Process, Tool
+from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import Pose, frozen
 from camgen.model.program import MoveC, MoveJ, MoveL, Output
@@ -132,7 +132,7 @@ def test_no_way_is_taken_down_that_comes_near_a_block() -> None:
     cells = rng.sample([(x, y) for x in range(8) for y in range(8)], 30)
     contours = tuple(block(25.0 * x, 25.0 * y, rng.uniform(8, 20), f"c{k}") for k, (x, y) in enumerate(cells))
     part = Part("p", "p.dxf", "mm", contours, ())
-    job = Job(operation=Operation(depth=1.0), tool=Tool(diameter=3.0), process=Process(stay_down=True),
+    job = Job(operation=OperationTable(depth=1.0), tool=ToolTable(diameter=3.0), process=ProcessTable(stay_down=True),
               cell=CellTable())  # fmt: skip
     tour = arrange(follow(part, job)[0], "best", (0.0, 0.0), True)
     led, _ = stay_down(tour, part, job)

@@ -8,17 +8,17 @@ import pytest
 from camgen.geometry.arcs import path_length
 from camgen.geometry.intersect import Obstacles
 from camgen.geometry.segments import from_contours
-from camgen.model.job import Job, Operation, Process, Tool
+from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath
 from camgen.plan import Plan, plan
 from tests.support.drawn import circle, contour, part, rectangle, rounded
 
-SIX = Tool(diameter=6.0)
+SIX = ToolTable(diameter=6.0)
 
 
 def planned(*contours: Contour, **operation: object) -> Plan:
-    job = Job(tool=SIX, operation=Operation(**operation), process=Process(feed=10.0, force=5.0))  # type: ignore[arg-type]
+    job = Job(tool=SIX, operation=OperationTable(**operation), process=ProcessTable(feed=10.0, force=5.0))  # type: ignore[arg-type]
     return plan(part(*contours), job)
 
 
@@ -152,7 +152,7 @@ def test_what_the_tool_cannot_touch_is_measured() -> None:
 
 
 def test_trace_runs_on_every_line() -> None:
-    job = Job(operation=Operation(kind="trace"), process=Process(feed=10.0))
+    job = Job(operation=OperationTable(kind="trace"), process=ProcessTable(feed=10.0))
     result = plan(part(circle(0, 0, 10), contour([(0, 0), (3, 4)], closed=False)), job)
     assert [path_length(p) for p in result.paths] == pytest.approx([20 * math.pi, 5.0])
     assert not any(p.force_direction.any() for p in result.paths)
@@ -169,7 +169,7 @@ def test_outlines_drawn_with_rounded_numbers_stay_whole(diameter: float, digits:
         c, s = math.cos(k * math.pi / 2), math.sin(k * math.pi / 2)
         corners.append(arc @ np.array([[c, s], [-s, c]]) + centre)
     outline = contour(np.concatenate(corners).round(digits).tolist())
-    job = Job(tool=Tool(diameter=diameter))
+    job = Job(tool=ToolTable(diameter=diameter))
     result = plan(part(outline), job)
     assert [(p.id, p.closed) for p in result.paths] == [("c1", True)]
     assert not [n for n in result.notes if n.kind == "skipped"]

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from camgen.geometry.rings import hold_switch, rings
 from camgen.geometry.segments import BoolArray
 from camgen.model.errors import InputError, JobError
-from camgen.model.job import Job, Operation, Process, Tolerance, Tool
+from camgen.model.job import Job, OperationTable, ProcessTable, ToleranceTable, ToolTable
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
@@ -54,8 +54,8 @@ def rectified(scale: float, height: int) -> FloatArray:
 def planned(
     pixels: Pixels, scale: float = SCALE, *, exact: bool = True, diameter: float = TOOL, **operation: object
 ) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    process = Process(feed=FEED, force=FORCE)
-    job = Job(tool=Tool(diameter=diameter), operation=Operation(**operation), process=process)  # type: ignore[arg-type]
+    process = ProcessTable(feed=FEED, force=FORCE)
+    job = Job(tool=ToolTable(diameter=diameter), operation=OperationTable(**operation), process=process)  # type: ignore[arg-type]
     return image_space(pixels, rectified(scale, len(pixels)), job, exact=exact)
 
 
@@ -277,7 +277,7 @@ def test_the_press_points_to_the_part_in_the_work_frame(mirrored: bool, degrees:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     matrix = SCALE * np.array([[c, -s], [s, c]]) @ np.diag([1.0, 1.0 if mirrored else -1.0])
     work_from_view = np.column_stack([matrix, [31.0, -7.0]])
-    (path,), _ = image_space(pixels, work_from_view, Job(process=Process(force=FORCE)), exact=exact)
+    (path,), _ = image_space(pixels, work_from_view, Job(process=ProcessTable(force=FORCE)), exact=exact)
     # The contact point of eq. 10, back in the view, on the ellipse.
     contact = path.position[1:, :2] + 3.0 * path.force_direction[1:, 1, :2]
     at = (contact - work_from_view[:, 2]) @ np.linalg.inv(matrix).T - centre
@@ -302,7 +302,7 @@ def test_borders_that_are_known_better() -> None:
     turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     circle = np.column_stack([middle.real + np.cos(turn) * 200, middle.imag + np.sin(turn) * 200])
     hole = np.column_stack([middle.real + np.cos(turn) * 80, middle.imag + np.sin(turn) * 80])
-    job = Job(process=Process(feed=FEED, force=FORCE))
+    job = Job(process=ProcessTable(feed=FEED, force=FORCE))
     view = rectified(SCALE, size)
     paths, _ = image_space(mask((away <= 200) & (away > 80)), view, job, borders=[circle, hole])
     for path, radius in zip(paths, (200 * SCALE + 3, 80 * SCALE - 3), strict=True):
@@ -314,9 +314,9 @@ def test_redundant_waypoints_go_and_the_path_stays() -> None:
     size, half, centre = 520, 150.0, complex(260.3, 259.6)
     corners = turned([(-half, -half), (half, -half), (half, half), (-half, half)], 20, centre)
     pixels = mask(polygon(size, corners))
-    view, tool = rectified(SCALE, size), Tool(diameter=TOOL)
-    (all_of_them,), _ = image_space(pixels, view, Job(tool=tool, tolerance=Tolerance(chord=1e-7)), spacing=0.5)
-    (few,), _ = image_space(pixels, view, Job(tool=tool, tolerance=Tolerance(chord=0.01)), spacing=0.5)
+    view, tool = rectified(SCALE, size), ToolTable(diameter=TOOL)
+    (all_of_them,), _ = image_space(pixels, view, Job(tool=tool, tolerance=ToleranceTable(chord=1e-7)), spacing=0.5)
+    (few,), _ = image_space(pixels, view, Job(tool=tool, tolerance=ToleranceTable(chord=0.01)), spacing=0.5)
     assert len(few.position) < len(all_of_them.position) / 3
     begin, end = places(few)[:-1], places(few)[1:]
     way = end - begin
@@ -444,11 +444,11 @@ def test_what_an_image_has_no_answer_to() -> None:
     pixels, _, size = disc(30.0)
     view = rectified(SCALE, size)
     with pytest.raises(JobError, match=r'"left" is not known .*operation\.side'):
-        image_space(pixels, view, Job(operation=Operation(side="left")))
+        image_space(pixels, view, Job(operation=OperationTable(side="left")))
     with pytest.raises(JobError, match=r"0\.2 mm is 1\.4 px of the view .*tool\.diameter"):
-        image_space(pixels, view, Job(tool=Tool(diameter=0.2)))
+        image_space(pixels, view, Job(tool=ToolTable(diameter=0.2)))
     with pytest.raises(JobError, match=r"beside a part of .*tool\.diameter"):
-        image_space(pixels, view, Job(tool=Tool(diameter=2000.0)))
+        image_space(pixels, view, Job(tool=ToolTable(diameter=2000.0)))
     with pytest.raises(InputError, match="not to scale"):
         image_space(pixels, np.array([[0.1, 0.0, 0.0], [0.0, -0.11, 0.0]]), Job())
     with pytest.raises(InputError, match="not to scale"):

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from camgen.geometry.pairing import pair
-from camgen.model.job import Input, Job, Operation, Tool, Tour
+from camgen.model.job import InputTable, Job, OperationTable, ToolTable, TourTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.plan import plan
@@ -128,12 +128,14 @@ def test_layers_are_not_mixed() -> None:
 def test_only_where_order_and_direction_do_not_count() -> None:
     rings = [chain([(0, 0), (10, 0), (10, 10), (0, 10)], True), chain([(10, 10), (20, 10), (20, 20)], True, name="c2")]
     part = Part("p", "p.dxf", "mm", tuple(rings), ())
-    trace = Operation(kind="trace")
+    trace = OperationTable(kind="trace")
     plans = {
         "trace": Job(operation=trace),
-        "as drawn": Job(operation=trace, tour=Tour(method="as-drawn")),
-        "turning": Job(operation=trace, tool=Tool(orient="follow")),
-        "beside": Job(operation=Operation(kind="follow"), tool=Tool(diameter=1.0), input=Input(join=0.0)),
+        "as drawn": Job(operation=trace, tour=TourTable(method="as-drawn")),
+        "turning": Job(operation=trace, tool=ToolTable(orient="follow")),
+        "beside": Job(
+            operation=OperationTable(kind="follow"), tool=ToolTable(diameter=1.0), input=InputTable(join=0.0)
+        ),
     }
     counts = {name: sum("networks" in note.what for note in plan(part, job).notes) for name, job in plans.items()}
     assert counts == {"trace": 1, "as drawn": 0, "turning": 0, "beside": 0}
@@ -141,7 +143,7 @@ def test_only_where_order_and_direction_do_not_count() -> None:
     held = Part("p", "p.dxf", "mm", (*rings, inner), ())
     # The outline with a hole in it is cut out by itself after the hole.
     assert with_few_lifts(held, Job(operation=trace))[1] == ()
-    assert len(with_few_lifts(held, Job(operation=Operation(kind="trace", inside_first=False)))[0].contours) == 2
+    assert len(with_few_lifts(held, Job(operation=OperationTable(kind="trace", inside_first=False)))[0].contours) == 2
 
 
 def total(points: np.ndarray, partner: list[int]) -> float:

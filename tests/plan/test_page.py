@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from camgen.geometry.segments import bounds, from_contours
 from camgen.model.errors import InputError, JobError
-from camgen.model.job import Page
+from camgen.model.job import PageTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.plan.page import on_page, page_size
@@ -38,7 +38,7 @@ def box(part: Part) -> list[float]:
     ],
 )  # fmt: skip
 def test_sizes(size: str | list[float], expected: tuple[float, float]) -> None:
-    assert page_size(Page(size=size)) == expected
+    assert page_size(PageTable(size=size)) == expected
 
 
 @given(

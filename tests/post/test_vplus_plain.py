@@ -6,7 +6,7 @@ from unittest.mock import patch
 import pytest
 from camgen_posts.readback.vplus import read
 from camgen_posts.readback.vplus import text as vplus_text
-from camgen_posts.readback.vplus.robot import Robot
+from camgen_posts.readback.vplus.robot import RobotState
 from camgen_posts.readback.vplus.text import PIECE
 from hypothesis import given
 from hypothesis import strategies as st
@@ -87,13 +87,13 @@ def test_after_a_motion_that_is_not_read_the_place_is_not_known(lost: str) -> No
 def test_the_short_ways_are_open_and_the_long_way_shuts_them() -> None:
     """Without this the comparison could hold the long way against itself."""
     calls: list[str] = []
-    whole, one = Robot.stretch, Robot.plain
+    whole, one = RobotState.stretch, RobotState.plain
 
-    def stretch(robot: Robot, plain: object) -> bool:
+    def stretch(robot: RobotState, plain: object) -> bool:
         calls.append("stretch")
         return whole(robot, plain)  # type: ignore[arg-type]
 
-    def plain(robot: Robot, statement: object) -> bool:
+    def plain(robot: RobotState, statement: object) -> bool:
         calls.append("plain")
         return one(robot, statement)  # type: ignore[arg-type]
 

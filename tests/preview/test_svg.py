@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
-from camgen.preview.draw import Page, arrows, bounds, of_contours, of_paths, path_data
+from camgen.preview.draw import Paper, arrows, bounds, of_contours, of_paths, path_data
 from camgen.preview.svg import svg
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -44,17 +44,17 @@ PART = Part("plate", "plate.dxf", "mm", (PLATE, HOLE), ())
 
 def test_an_arc_of_a_contour_keeps_its_radius_and_turns_the_same_way_on_the_page() -> None:
     # Two half circles counter-clockwise about (50, 25) with radius 10, drawn at twice the size.
-    (data,) = path_data(of_contours([HOLE]), Page(2.0, 0.0, 100.0))
+    (data,) = path_data(of_contours([HOLE]), Paper(2.0, 0.0, 100.0))
     assert data == "M80.00 50.00A20.00 20.00 0 0 0 120.00 50.00A20.00 20.00 0 0 0 80.00 50.00"
 
 
 def test_a_clockwise_arc_has_the_other_sweep() -> None:
-    (data,) = path_data(of_contours([contour([(0, 0), (10, 0)], [-1, 0], closed=False)]), Page(1.0, 0.0, 0.0))
+    (data,) = path_data(of_contours([contour([(0, 0), (10, 0)], [-1, 0], closed=False)]), Paper(1.0, 0.0, 0.0))
     assert data == "M0.00 0.00A5.00 5.00 0 0 1 10.00 0.00"
 
 
 def test_a_tool_path_is_drawn_like_the_contour_of_the_same_shape() -> None:
-    page = Page(1.5, 3.0, 70.0)
+    page = Paper(1.5, 3.0, 70.0)
     assert path_data(of_paths([ring(50, 25, 10)]), page) == path_data(of_contours([HOLE]), page)
 
 
@@ -87,14 +87,14 @@ def test_bounds_of_an_arc_are_those_of_its_points(bulge: float) -> None:
 def test_arrows_point_along_the_travel() -> None:
     # A line to the right is 0 deg; upwards in the drawing is -90 deg on the page, whose y points down.
     right, up = path([(0, 0), (10, 0)], {}), path([(0, 0), (0, 10)], {})
-    page = Page(1.0, 0.0, 0.0)
+    page = Paper(1.0, 0.0, 0.0)
     assert arrows(right, page, 90) == [(5.0, 0.0, 0.0)]
     assert arrows(up, page, 90) == [(0.0, -5.0, -90.0)]
     assert len(arrows(path([(0, 0), (10, 0), (20, 0), (30, 0)], {}), page, 10)) == 3
 
 
 def test_the_arrow_of_an_arc_sits_on_the_arc() -> None:
-    found = arrows(ring(0, 0, 10), Page(1.0, 0.0, 0.0), 1000)
+    found = arrows(ring(0, 0, 10), Paper(1.0, 0.0, 0.0), 1000)
     assert found == [(0.0, 10.0, 0.0)]  # the bottom, which is y = +10 on the page, towards +x
 
 

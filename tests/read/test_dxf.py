@@ -15,7 +15,7 @@ from ezdxf.xclip import XClip
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
-from camgen.model.job import Input, Job, Tolerance
+from camgen.model.job import InputTable, Job, ToleranceTable
 from camgen.model.part import Contour, Part
 from camgen.read import dxf
 from camgen.read.files import Files
@@ -40,13 +40,13 @@ def new(units: int = 4, version: str = "R2010") -> tuple[Drawing, Any]:
     return document, document.modelspace()
 
 
-def read_bytes(name: str, data: bytes, settings: Input, chord: float) -> Part:
-    job = Job(input=settings, tolerance=Tolerance(chord=chord))
+def read_bytes(name: str, data: bytes, settings: InputTable, chord: float) -> Part:
+    job = Job(input=settings, tolerance=ToleranceTable(chord=chord))
     return dxf.read(Source(Path(name), data), job, Files())
 
 
 def read(document: Drawing, **settings: Any) -> Part:
-    return read_bytes("test.dxf", written(document).encode(), Input(**settings), 0.01)
+    return read_bytes("test.dxf", written(document).encode(), InputTable(**settings), 0.01)
 
 
 def written(document: Drawing) -> str:
@@ -260,7 +260,7 @@ def test_references_that_cannot_be_used() -> None:
     space.add_blockref("OTHER", (0, 0))
     # ezdxf writes no scale of 0 but reads it.
     text = written(document).replace(" 41\n0.125\n", " 41\n0.0\n")
-    part = read_bytes("test.dxf", text.encode(), Input(), 0.01)
+    part = read_bytes("test.dxf", text.encode(), InputTable(), 0.01)
     assert len(part.contours) == 2
     assert notes(part) == [
         "skipped: 1 INSERT on layer 0 (its block contains itself)",
@@ -413,7 +413,7 @@ def test_units(code: int, wanted: str, mm: float) -> None:
 
 def test_a_file_without_header_has_no_unit() -> None:
     data = b"0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n10\n0\nENDSEC\n0\nEOF\n"
-    part = read_bytes("bare.dxf", data, Input(), 0.01)
+    part = read_bytes("bare.dxf", data, InputTable(), 0.01)
     assert length(part.contours[0]) == pytest.approx(20 * math.pi)
     assert notes(part) == [
         "assumed: 1 drawing unit = 1 mm (the file states no unit; set input.units if that is not meant)"
@@ -458,7 +458,7 @@ def test_a_glob_without_layer_is_a_slip(glob: str) -> None:
 def test_names_from_the_file_stay_on_one_line() -> None:
     data = "0\nSECTION\n2\nENTITIES\n0\nTEXT\n8\nA) M3;\u2028x\n1\nt\n"
     data += "0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n10\n0\nENDSEC\n0\nEOF\n"
-    part = read_bytes("x.dxf", data.encode(), Input(), 0.01)
+    part = read_bytes("x.dxf", data.encode(), InputTable(), 0.01)
     assert all(str(n).isprintable() for n in part.notes)
     assert any("A_ M3_" in n.what for n in part.notes)
 
@@ -468,7 +468,7 @@ def test_names_from_the_file_stay_on_one_line() -> None:
 
 def test_a_file_cut_short_is_read_as_far_as_it_goes() -> None:
     data = (FIXTURES / "parts" / "bracket.dxf").read_bytes()
-    part = read_bytes("cut.dxf", data[:1500], Input(), 0.01)
+    part = read_bytes("cut.dxf", data[:1500], InputTable(), 0.01)
     assert notes(part)[0] == "skipped: the file ends before its end mark (what would follow is lost)"
     assert [c.closed for c in part.contours] == [True, True, True]
 
@@ -476,7 +476,7 @@ def test_a_file_cut_short_is_read_as_far_as_it_goes() -> None:
 def outcome(data: bytes) -> Part | str:
     """What was read, or the error's line."""
     try:
-        return read_bytes("bad.dxf", data, Input(), 0.01)
+        return read_bytes("bad.dxf", data, InputTable(), 0.01)
     except (InputError, JobError) as error:
         return str(error)
 

@@ -6,7 +6,7 @@ import pytest
 
 from camgen.cli import main
 from camgen.model.errors import JobError
-from camgen.model.job import Input, Job
+from camgen.model.job import InputTable, Job
 from camgen.read import find_reader, inspect
 from tests.support.files import source
 
@@ -23,12 +23,12 @@ def test_the_edges_of_a_mesh_are_listed(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_units_of_a_mesh_are_those_of_the_job() -> None:
-    inches = str(inspect(PARTS / "rfa1.stl", Job(input=Input(units="inch"))))
+    inches = str(inspect(PARTS / "rfa1.stl", Job(input=InputTable(units="inch"))))
     assert "3-D part of 3175 x 2413 x 1778 mm" in inches
     with pytest.raises(JobError, match="unknown unit"):
-        inspect(PARTS / "rfa1.stl", Job(input=Input(units="elbow")))
+        inspect(PARTS / "rfa1.stl", Job(input=InputTable(units="elbow")))
     with pytest.raises(JobError, match="states its own"):
-        inspect(PARTS / "rfa1.step", Job(input=Input(units="inch")))
+        inspect(PARTS / "rfa1.step", Job(input=InputTable(units="inch")))
 
 
 def test_a_job_file_can_be_written(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from camgen.geometry.arcs import fit_circle, span_lengths, through
 from camgen.model.pose import rotation_from_fixed_xyz
-from camgen.read.solid.edges import Run, recognise
+from camgen.read.solid.edges import SideRun, recognise
 
 Array = NDArray[np.float64]
 TIGHT = 1e-7
@@ -22,7 +22,7 @@ def arc(radius: float, start: float, end: float, sides: int, center: tuple[float
     return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle), np.zeros(sides + 1)])
 
 
-def kinds(runs: list[Run]) -> list[str]:
+def kinds(runs: list[SideRun]) -> list[str]:
     return [r.kind for r in runs]
 
 

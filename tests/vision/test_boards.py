@@ -9,7 +9,7 @@ import pytest
 from camgen.model.errors import JobError
 from camgen.model.pose import frozen
 from camgen.vision.boards import corners as boards
-from camgen.vision.boards.corners import Seen, find_board
+from camgen.vision.boards.corners import SeenBoard, find_board
 from camgen.vision.camera.camera import Camera
 from tests.support.board_photos import BENCH, View, charuco, chess, photo, poses
 
@@ -31,7 +31,7 @@ def chess_photo(kind: str, index: int, fill: float = 0.6, columns: int = 9, rows
     return photo(CAMERA, chess(columns, rows, 25), pose, seed=index, **KINDS[kind])
 
 
-def off(found: Seen | None, view: View, columns: int) -> np.ndarray:
+def off(found: SeenBoard | None, view: View, columns: int) -> np.ndarray:
     """Distance of each corner from where the corner of its place truly is, px."""
     assert found is not None
     column, row = np.rint(found.places / 25).astype(int).T

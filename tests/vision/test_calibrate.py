@@ -13,7 +13,7 @@ from camgen.cli import calibrate as cli_calibrate
 from camgen.cli.say import voice
 from camgen.model.errors import InputError, JobError
 from camgen.model.pose import frozen
-from camgen.vision.boards.corners import Seen, chessboard
+from camgen.vision.boards.corners import SeenBoard, chessboard
 from camgen.vision.camera.calibrate import Calibration, Photo, calibrate, fit_camera, photograph
 from camgen.vision.camera.camera import Camera, read_camera
 from camgen.vision.camera.residuals import svg
@@ -38,7 +38,7 @@ NOISE = 0.05
 def taken(camera: Camera, pose: tuple[np.ndarray, np.ndarray], name: str, seed: int, noise: float = NOISE) -> Photo:
     """A photo whose corners are those of the camera, and noise."""
     errors = np.random.default_rng(seed).normal(0, noise, MM.shape)
-    return Photo(name, camera.size, Seen(frozen(projected(camera, pose, MM) + errors), frozen(MM), 54))
+    return Photo(name, camera.size, SeenBoard(frozen(projected(camera, pose, MM) + errors), frozen(MM), 54))
 
 
 def photos(camera: Camera, count: int, tilt: float = 35, fill: float = 0.6) -> list[Photo]:
@@ -93,7 +93,7 @@ def test_a_board_that_was_bent_in_one_photo() -> None:
     places = poses(CAMERA, SIZE, 6, seed=6)
     bent = np.column_stack([MM, 3 * np.sin(np.pi * MM[:, 0] / SIZE[0])])
     px = cv2.projectPoints(bent, *places[0], CAMERA.matrix, CAMERA.distortion)[0].reshape(-1, 2)
-    all_photos = [Photo("bent", CAMERA.size, Seen(frozen(px), frozen(MM), 54)), *photos(CAMERA, 6)[1:]]
+    all_photos = [Photo("bent", CAMERA.size, SeenBoard(frozen(px), frozen(MM), 54)), *photos(CAMERA, 6)[1:]]
     found = fit_camera(all_photos, BOARD, "x")
     assert [one.name for one in found.left_out] == ["bent"]
 
@@ -117,7 +117,7 @@ def test_a_wide_angle_lens_gets_more_coefficients_and_only_it() -> None:
         radius = np.hypot(at[:, 0], at[:, 1])
         px = at[:, :2] * (focal * np.arctan2(radius, at[:, 2]) / radius)[:, None] + [318, 243]
         noise = np.random.default_rng(i).normal(0, NOISE, px.shape)
-        wide.append(Photo(f"p{i}", size, Seen(frozen(px + noise), frozen(MM), 54)))
+        wide.append(Photo(f"p{i}", size, SeenBoard(frozen(px + noise), frozen(MM), 54)))
     found = fit_camera(wide, BOARD, "x")
     assert len(found.camera.distortion) == 8
     assert found.left_out == ()

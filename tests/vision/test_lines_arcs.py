@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import InputError
 from camgen.model.part import Contour
-from camgen.vision.lines_arcs.contours import Fit, primitives
+from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.lines_arcs.fit import circles, join_sums, lines, move_sums, sum_runs
-from camgen.vision.lines_arcs.polish import Chain, polish, to_arcs
+from camgen.vision.lines_arcs.polish import FittedChain, polish, to_arcs
 from camgen.vision.outline import Outline, outlines
 from tests.support.outline_pictures import Drawn, disc, drawn, gear, mask_of, picture, plate, with_holes
 
@@ -26,7 +26,7 @@ PIXELS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 def recovered(
     part: Drawn, height: int, width: int, blur: float = 0.7, noise: float = 2.0
-) -> tuple[tuple[Contour, ...], tuple[Fit, ...]]:
+) -> tuple[tuple[Contour, ...], tuple[OutlineFit, ...]]:
     grey = picture(part, height, width, blur, noise)
     contours, fits, notes = primitives(outlines(grey, mask_of(grey))[0], PIXELS)
     assert not notes
@@ -339,6 +339,6 @@ def test_a_long_chain_is_polished_to_its_points() -> None:
     rng = np.random.default_rng(2)
     start = corner + rng.normal(0, 0.5, 60) + 1j * rng.normal(0, 0.5, 60)
     straight = np.ones(60, dtype=bool)
-    chain = Chain(start, np.zeros(60), straight, ~straight)
+    chain = FittedChain(start, np.zeros(60), straight, ~straight)
     found = polish(chain, points, np.repeat(np.arange(60), 12), np.ones(720))
     assert np.abs(found.corners - corner).max() < 1e-3

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from camgen.model.errors import CamgenError, InputError, JobError
-from camgen.model.job import Image
+from camgen.model.job import ImageTable
 from camgen.model.pose import frozen
 from camgen.vision.image import load
 from camgen.vision.mask.cells import cells_of
@@ -20,7 +20,7 @@ from camgen.vision.mask.clean import clean
 from camgen.vision.mask.level import spread_out
 from camgen.vision.mask.part_mask import Mask
 from camgen.vision.mask.part_mask import part_mask as masked
-from camgen.vision.to_scale import View, already_to_scale
+from camgen.vision.to_scale import ScaledView, already_to_scale
 from tests.support.files import source
 
 WIDTH, HEIGHT = 620, 480
@@ -66,13 +66,15 @@ def scene(
     return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
 
 
-def seen(pixels: np.ndarray, valid: np.ndarray | None = None) -> View:
+def seen(pixels: np.ndarray, valid: np.ndarray | None = None) -> ScaledView:
     affine = frozen([[SCALE, 0, SCALE / 2], [0, -SCALE, (len(pixels) - 0.5) * SCALE]])
-    return View(pixels, affine, SCALE, valid)
+    return ScaledView(pixels, affine, SCALE, valid)
 
 
-def part_mask(view: View, background: View | None = None, name: str = "picture", **settings: object) -> Mask:
-    return masked(view, msgspec.convert(settings, Image), background, name)
+def part_mask(
+    view: ScaledView, background: ScaledView | None = None, name: str = "picture", **settings: object
+) -> Mask:
+    return masked(view, msgspec.convert(settings, ImageTable), background, name)
 
 
 def overlap(mask: Mask, shape: np.ndarray = SHAPE) -> float:

@@ -10,7 +10,7 @@ from camgen.vision.camera.camera import Camera, distort
 from camgen.vision.image import Picture
 from camgen.vision.plane import map_points, plane_from_points, plane_from_pose
 from camgen.vision.to_scale import (
-    View,
+    ScaledView,
     already_to_scale,
     mm_per_pixel,
     photo_from_work,
@@ -31,7 +31,7 @@ SMALL = Camera(
 )
 
 
-def places(view: View) -> np.ndarray:
+def places(view: ScaledView) -> np.ndarray:
     """mm of every view pixel, (H, W, 2)."""
     v, u = np.mgrid[: view.pixels.shape[0], : view.pixels.shape[1]]
     return np.dstack([u, v]) @ view.work_from_view[:, :2].T + view.work_from_view[:, 2]

@@ -21,7 +21,7 @@ from camgen.robots.models import Robot
 CHANGE = 0.05
 
 
-class Chain(Struct, frozen=True, eq=False):
+class PoseChain(Struct, frozen=True, eq=False):
     """orientation: (K,) indices into the grid. moves: (K - 1,) that lead there. branch. joints: (K, J). cost: s."""
 
     orientation: Index
@@ -79,7 +79,7 @@ def steps(robot: Robot, states: States, jump: float) -> Steps:
     return Steps(time, np.where(lost, np.int16(len(table)), before))
 
 
-def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> Chain | None:
+def cheapest(robot: Robot, states: States, ways: Steps, start: FloatArray) -> PoseChain | None:
     """The chain with the least sum of times, the slowest joint counting, from ``start`` (J,), of the orientations'
     cost, averaged over the rows, and of changes.
     """
@@ -108,7 +108,7 @@ def _time(robot: Robot, moved: FloatArray) -> FloatArray:
     return np.where(np.isnan(time), math.inf, time)
 
 
-def _trace(states: States, ways: Steps, cost: FloatArray, backs: list[Index]) -> Chain:
+def _trace(states: States, ways: Steps, cost: FloatArray, backs: list[Index]) -> PoseChain:
     here = np.unravel_index(int(cost.argmin()), cost.shape)
     orientation, branch, turns = (int(k) for k in here)
     chain, moves = [(orientation, turns)], []
@@ -120,4 +120,4 @@ def _trace(states: States, ways: Steps, cost: FloatArray, backs: list[Index]) ->
         moves.append(move)
     chosen, turned = np.array(chain[::-1]).T
     joints = states.joints[np.arange(len(chosen)), chosen, branch] + math.tau * states.table[turned]
-    return Chain(chosen, np.array(moves[::-1], dtype=np.int64), branch, joints, float(cost.min()))
+    return PoseChain(chosen, np.array(moves[::-1], dtype=np.int64), branch, joints, float(cost.min()))

@@ -11,7 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from camgen.model.job import Process
+from camgen.model.job import ProcessTable
 from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.plan.edges.ways import Index, Way, counts
 from camgen.robots.models import Robot
@@ -107,7 +107,7 @@ class Reached(Struct, frozen=True, eq=False):
         return most if max(most) > 1e-6 else None
 
 
-def feed_of(motion: Reached, length: float, process: Process) -> float:
+def feed_of(motion: Reached, length: float, process: ProcessTable) -> float:
     """The feed of the TCP, so that the point on the edge, ``length`` mm long, runs at ``process.feed``."""
     factor = float(motion.way.length.sum()) / length if length > 0 else 1.0
     return process.feed * min(factor, process.max_feed_factor)

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from camgen.geometry.rotations import from_vectors, turns_about_z
 from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
-from camgen.plan.edges.chains import Chain, States, cheapest, steps
+from camgen.plan.edges.chains import PoseChain, States, cheapest, steps
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, dense_parts, flange_poses
 from camgen.plan.edges.ways import Index, Way, counts, divide, rows
 from camgen.robots.kinematics import iterative as damped
@@ -199,7 +199,9 @@ def _check(setup: Setup, states: States, row: int) -> None:
     states.usable[row] &= clear[..., None]
 
 
-def _prove(setup: Setup, edge: str, knots: Knots, grid: Grid, chain: Chain, most: float) -> Reached | tuple[int, str]:
+def _prove(
+    setup: Setup, edge: str, knots: Knots, grid: Grid, chain: PoseChain, most: float
+) -> Reached | tuple[int, str]:
     """The motion of ``chain`` as the robot makes it, or the first stretch where it fails, and what it collides with."""
     actual = replace(knots.way, rotation=frozen(knots.way.rotation @ grid.nominal_from_tool[chain.orientation]))
     parts = dense_parts(actual)
@@ -225,7 +227,7 @@ def _stretch(at: Index, row: int) -> int:
     return int(np.clip(np.searchsorted(at, row) - 1, 0, len(at) - 2))
 
 
-def _few(knots: Knots, chain: Chain) -> tuple[Index, Way]:
+def _few(knots: Knots, chain: PoseChain) -> tuple[Index, Way]:
     """The rows that the program needs: all in segments where the orientation changes, else the segments' ends."""
     at = rows(knots.parts)
     changes = np.add.reduceat(chain.moves != 0, at[:-1]) > 0

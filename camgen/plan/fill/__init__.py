@@ -27,7 +27,7 @@ from camgen.model.text import counted, short
 from camgen.plan.columns import pass_depths
 from camgen.plan.fill.cover import Coverage, lines_of, measure, paint
 from camgen.plan.fill.ground import Distances, Ground, Pixels, ground
-from camgen.plan.fill.lines import Line, centre, centre_lines
+from camgen.plan.fill.lines import CentreLine, centre, centre_lines
 from camgen.plan.image_space.border import CLOSE, foot, near
 from camgen.plan.image_space.field import beyond, sample_field
 from camgen.vision.skeleton import graph, skeleton, strokes
@@ -126,7 +126,7 @@ class _Bare(Struct, frozen=True, eq=False):
     room: Distances
 
 
-def find_uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> list[Line]:
+def find_uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> list[CentreLine]:
     """Lines and dots for what of ``field`` is without ``ink``. least: pixels of a piece that is worth one."""
     pixels = np.asarray(cv2.bitwise_and(field.mask, cv2.bitwise_not(ink)), dtype=np.uint8)
     count, labels, facts, _ = cv2.connectedComponentsWithStats(pixels)
@@ -146,7 +146,7 @@ def find_uncovered(field: Ground, ink: Pixels, radius: float, least: float) -> l
     return lines + [touch for touch in touches if touch is not None]
 
 
-def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[Line]:
+def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[CentreLine]:
     """The centre lines of the pieces ``wide`` (N,), where the tool has room."""
     own = wide[bare.labels].astype(np.uint8) * np.uint8(255)
     if not cv2.countNonZero(own):
@@ -157,11 +157,11 @@ def _lines(field: Ground, bare: _Bare, wide: BoolArray, radius: float) -> list[L
     for stroke, points in zip(found, centre(found, field, radius)[1] if found else [], strict=True):
         room = sample_field(field.depth, points) >= _ROOM_SHARE * radius
         closed = stroke.closed and bool(room.all()) and len(points) > 2
-        result += [Line(part, closed, radius) for part in _runs(points, room)]
+        result += [CentreLine(part, closed, radius) for part in _runs(points, room)]
     return result
 
 
-def _touch(field: Ground, ink: Pixels, bare: _Bare, piece: int, radius: float) -> Line | None:
+def _touch(field: Ground, ink: Pixels, bare: _Bare, piece: int, radius: float) -> CentreLine | None:
     """One touch, between a piece and where the tool has most room near it, if it covers more than it spoils."""
     left, top, wide, high, _ = bare.facts[piece].tolist()
     reach = int(np.ceil(radius))
@@ -182,7 +182,7 @@ def _touch(field: Ground, ink: Pixels, bare: _Bare, piece: int, radius: float) -
         gained, spoiled = int((fresh > 0).sum()), int((fresh < 0).sum())
         if gained >= _PAYS * spoiled and 2 * gained >= len(rows) and gained - spoiled > most:
             best, most = place, gained - spoiled
-    return Line(np.array([best + complex(u, v)]), False, radius) if most > 0 else None
+    return CentreLine(np.array([best + complex(u, v)]), False, radius) if most > 0 else None
 
 
 def _runs(points: ComplexArray, where: BoolArray) -> list[ComplexArray]:
@@ -233,7 +233,7 @@ def _strokes(field: Ground, radius: float, job: Job) -> list[Kind]:
     return [round_, middle, _kind("r", rest, near, 0.0)]
 
 
-def _kind(mark: str, lines: Sequence[Line], near: float, radius: float) -> Kind:
+def _kind(mark: str, lines: Sequence[CentreLine], near: float, radius: float) -> Kind:
     """radius: a place less than twice as wide is thinner than the tool."""
     points = [_thin(line.points, line.closed, near) for line in lines]
     return Kind(mark, points, [line.closed for line in lines], [line.wide < radius for line in lines])

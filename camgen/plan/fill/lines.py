@@ -29,7 +29,7 @@ _BORDER = 0.275
 _DOT = 0.3
 
 
-class Line(Struct, frozen=True, eq=False):
+class CentreLine(Struct, frozen=True, eq=False):
     """points: (N,) px, N = 1 for a dot, the first not repeated where closed. wide: half the width there, px."""
 
     points: ComplexArray
@@ -37,7 +37,7 @@ class Line(Struct, frozen=True, eq=False):
     wide: float
 
 
-def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[Line]:
+def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[CentreLine]:
     """The lines along the middle of ``field`` where it is not ``kept`` (H, W), for a tool of ``radius`` px."""
     depth = field.depth
     lines = skeleton(field.mask, kept)
@@ -51,7 +51,7 @@ def centre_lines(field: Ground, radius: float, kept: Pixels) -> list[Line]:
         if half > _WIDER * radius and len(ends) > 2:
             result += _side_by_side(ends, stroke.closed, half, radius)
         else:
-            result.append(Line(ends, stroke.closed and len(ends) > 2, half))
+            result.append(CentreLine(ends, stroke.closed and len(ends) > 2, half))
     return result
 
 
@@ -155,11 +155,11 @@ def _in_the_middle(point: ComplexArray, field: Ground) -> ComplexArray:
     return point
 
 
-def _side_by_side(points: ComplexArray, closed: bool, half: float, radius: float) -> list[Line]:
+def _side_by_side(points: ComplexArray, closed: bool, half: float, radius: float) -> list[CentreLine]:
     """Two lines that together reach both borders; of an open line they are one, there and back."""
     ahead = np.roll(points, -1) - points if closed else np.diff(points, append=points[-1:])
     behind = points - np.roll(points, 1) if closed else np.diff(points, prepend=points[:1])
     off = 1j * unit(ahead + behind) * (half - radius)
     if closed:
-        return [Line(points + off, True, half), Line(points - off, True, half)]
-    return [Line(np.concatenate([points + off, (points - off)[::-1]]), True, half)]
+        return [CentreLine(points + off, True, half), CentreLine(points - off, True, half)]
+    return [CentreLine(np.concatenate([points + off, (points - off)[::-1]]), True, half)]

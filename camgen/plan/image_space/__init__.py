@@ -26,7 +26,7 @@ from camgen.plan.columns import Label, pass_depths, tool_paths
 from camgen.plan.image_space.border import Border, between_pixels, border
 from camgen.plan.image_space.field import Field, Pixels, chains, field, sample_field
 from camgen.plan.image_space.tool_path import (
-    Way,
+    PixelWay,
     average,
     check_reach,
     choose_needed,
@@ -210,7 +210,7 @@ def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
 
 
 def _waypoints(
-    way: Way, edge: Border, picture: Field | None, distance: float, step: float, fastest: float
+    way: PixelWay, edge: Border, picture: Field | None, distance: float, step: float, fastest: float
 ) -> tuple[_Waypoints, IntArray]:
     """Waypoints ``step`` px apart with feed and force, and the row (N,) of ``edge`` that each touches, -1 for none.
 

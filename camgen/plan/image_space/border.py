@@ -18,7 +18,7 @@ from camgen.geometry.ragged import ramp
 from camgen.geometry.rings import ComplexArray, Rings, latest, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.plan.image_space.field import Chains
+from camgen.plan.image_space.field import FieldCurves
 
 Singles = NDArray[np.float32]
 
@@ -62,7 +62,7 @@ def border(table: Rings, points: ComplexArray, shape: tuple[int, ...]) -> Border
     return Border(table, points, away, rows)
 
 
-def between_pixels(found: Chains) -> tuple[Rings, ComplexArray]:
+def between_pixels(found: FieldCurves) -> tuple[Rings, ComplexArray]:
     """The smooth curves between the pixels of a mask and those outside, from its chains. Loops keep their order."""
     table, inner, outer = _links(found)
     middle = (inner + outer) / 2
@@ -95,7 +95,7 @@ def _parts(points: ComplexArray) -> tuple[Singles, Singles]:
     return points.real.astype(np.float32), points.imag.astype(np.float32)
 
 
-def _links(found: Chains) -> tuple[Rings, ComplexArray, ComplexArray]:
+def _links(found: FieldCurves) -> tuple[Rings, ComplexArray, ComplexArray]:
     """Pixel pairs (inside, outside) along the borders, in order.
 
     At each pixel, what lies between the step back to the pixel before and the step on to the next, counter-clockwise

@@ -33,7 +33,7 @@ class Field(Struct, frozen=True, eq=False):
     corner: complex
 
 
-class Chains(Struct, frozen=True, eq=False):
+class FieldCurves(Struct, frozen=True, eq=False):
     """The borders of a mask in order, the mask on the left as seen on the screen (Suzuki's border following).
 
     table and pixels (N,): integer pixels of the mask. hole: (L,). parent: (L,) the border around each, -1 for none.
@@ -76,7 +76,7 @@ def inside(mask: Pixels) -> Distances:
     return _distances(cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
 
 
-def chains(mask: Pixels, fewest: int = 1) -> Chains:
+def chains(mask: Pixels, fewest: int = 1) -> FieldCurves:
     """The borders of ``mask`` [3.2.4], from the top down; those of less than ``fewest`` pixels and what they hold are
     left out.
     """
@@ -95,7 +95,7 @@ def chains(mask: Pixels, fewest: int = 1) -> Chains:
     table = rings([len(found[k]) for k in keep])
     pixels = np.concatenate([found[k].reshape(-1, 2) for k in keep]) if keep else np.zeros((0, 2))
     parent = [new[above[k]] if above[k] >= 0 else -1 for k in keep]
-    return Chains(
+    return FieldCurves(
         table, pixels[:, 0] + 1j * pixels[:, 1], np.array([hole[k] for k in keep], dtype=bool), np.array(parent, int)
     )
 

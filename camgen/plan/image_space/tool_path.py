@@ -26,7 +26,7 @@ _ROUND = 2.0
 _REACHED_PX = 1.0
 
 
-class Way(Struct, frozen=True, eq=False):
+class PixelWay(Struct, frozen=True, eq=False):
     """Closed curves about a pixel from point to point, pixels of the field, the part on the left as seen on the screen.
 
     press: (N,) unit vectors of the force angle theta_f. parent: (L,) the curve around each, -1 for none. back: distance
@@ -40,7 +40,7 @@ class Way(Struct, frozen=True, eq=False):
     back: Distances | None
 
 
-def pixel_way(picture: Field, distance: float, radius: float) -> Way:
+def pixel_way(picture: Field, distance: float, radius: float) -> PixelWay:
     """The integer pixels of the border of the offset mask, as in the paper [3.2.4]: theta_f = theta_g - 180 from the
     gradient of the distance image at each pixel [3.2.3].
     """
@@ -49,10 +49,10 @@ def pixel_way(picture: Field, distance: float, radius: float) -> Way:
     found = chains(mask if back is None else beyond(back, radius), _FEWEST)
     half = int(np.clip(distance / 3, 1, _NORMAL))
     press = -unit(gradient(picture.far, found.pixels, half))
-    return Way(found.table, found.pixels, press, found.parent, back)
+    return PixelWay(found.table, found.pixels, press, found.parent, back)
 
 
-def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> Way:
+def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> PixelWay:
     """The iso-line of the distance to the part's border ``edge``, and its gradient there.
 
     The border of the offset mask gives which lines there are and about where; each of its pixels is then brought to the
@@ -66,16 +66,16 @@ def iso_way(picture: Field, edge: Border, distance: float, radius: float) -> Way
     points, away = _bring(picture.far, edge, found.table, found.pixels, distance + radius)
     if not radius:
         table, (points, away) = evenly(found.table, points, away)
-        return Way(table, points, -unit(away), found.parent, None)
+        return PixelWay(table, points, -unit(away), found.parent, None)
     back = inside(mask)
     line = border(found.table, points, mask.shape)
     found = chains(beyond(back, radius + _HALF), _FEWEST)
     points, away = _bring(back, line, found.table, found.pixels, -radius)
     table, (points, away) = evenly(found.table, points, away)
-    return Way(table, points, -unit(away), found.parent, back)
+    return PixelWay(table, points, -unit(away), found.parent, back)
 
 
-def check_reach(way: Way, picture: Field, edge: Border, distance: float, radius: float) -> BoolArray:
+def check_reach(way: PixelWay, picture: Field, edge: Border, distance: float, radius: float) -> BoolArray:
     """(N,) of ``edge``: whether the tool may stand where it would touch that point of the part."""
     centre = edge.points + distance * edge.away
     if way.back is None:

@@ -17,11 +17,11 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
-from camgen.model.job import Input, Job
+from camgen.model.job import InputTable, Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.text import counted, harmless, short
 from camgen.read import join, units
-from camgen.read.dxf.entities import REPAIRED, Drawn, walk
+from camgen.read.dxf.entities import REPAIRED, DrawnEntities, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
 from camgen.read.files import Files
@@ -133,7 +133,7 @@ class LayerFacts(Struct, frozen=True):
     counts: tuple[tuple[str, int], ...]
 
 
-class Facts(Struct, frozen=True):
+class DxfFacts(Struct, frozen=True):
     """What is in a DXF file; its ``str`` is a page to print.
 
     closed and open: contours after joining; size: mm; notes as of ``read``.
@@ -163,7 +163,7 @@ class Facts(Struct, frozen=True):
 class _Read(Struct, frozen=True):
     version: str
     units: str
-    drawn: Drawn
+    drawn: DrawnEntities
     contours: tuple[Contour, ...]
     size: tuple[float, float]
     about_file: tuple[Note, ...]
@@ -188,7 +188,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     return Part(source.stem, name, found.units, found.contours, found.notes)
 
 
-def inspect(source: Source, job: Job, _files: Files) -> Facts:
+def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
     """What is in the drawing. ``InputError`` if it cannot be read, ``JobError`` as for ``read``."""
     found = _read(source, job.input, job.tolerance.chord)
     drawn = found.drawn
@@ -203,7 +203,7 @@ def inspect(source: Source, job: Job, _files: Files) -> Facts:
         if counts or key not in _ALWAYS
     )
     closed = sum(c.closed for c in found.contours)
-    return Facts(
+    return DxfFacts(
         version=found.version,
         units=found.units,
         layers=layers,
@@ -215,7 +215,7 @@ def inspect(source: Source, job: Job, _files: Files) -> Facts:
     )
 
 
-def _read(source: Source, settings: Input, chord: float) -> _Read:
+def _read(source: Source, settings: InputTable, chord: float) -> _Read:
     name, data = source.name, source.data
     document, notes = load(name, data)
     version = f"{document.dxfversion} ({document.acad_release})"
@@ -263,7 +263,7 @@ def _count(counts: Counter[tuple[str, str]]) -> str:
     return tally([kind for kind, _ in counts.elements()], [layer for _, layer in counts])
 
 
-def _left(drawn: Drawn) -> list[Note]:
+def _left(drawn: DrawnEntities) -> list[Note]:
     """One note per reason for which entities were not used."""
     notes = []
     for why, counts in drawn.left.items():
@@ -276,7 +276,7 @@ def _left(drawn: Drawn) -> list[Note]:
     return notes
 
 
-def _not_flat(drawn: Drawn, flat: Flat) -> list[Note]:
+def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
     """Notes on curves that leave the plane, by name, and on those whose numbers make no curve."""
     notes = []
     if flat.damaged:
@@ -294,7 +294,7 @@ def _not_flat(drawn: Drawn, flat: Flat) -> list[Note]:
     return notes
 
 
-def _take(drawn: Drawn, flat: Flat) -> list[Note]:
+def _take(drawn: DrawnEntities, flat: Flat) -> list[Note]:
     """Notes on what was taken for something simpler: heights, thickness, widths."""
     notes = []
     heights = flat.heights[np.isfinite(flat.heights)]

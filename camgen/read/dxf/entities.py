@@ -113,7 +113,7 @@ class Smooth(Struct, frozen=True):
     weights: FloatArray | None
 
 
-class Drawn(Struct, eq=False):
+class DrawnEntities(Struct, eq=False):
     """Columns, filled by the walk. Owner numbers count the pieces in drawing order and index ``matrix`` etc.
 
     lines: x, y, z of start and end. arcs: center x, y, z, radius, start and sweep in degrees. outlines: rows x, y, z,
@@ -164,7 +164,7 @@ class _Place(Struct, eq=False):
     blocks: tuple[str, ...] = ()
     by_extrusion: dict[tuple[float, float, float], int] = field(default_factory=dict)
 
-    def in_ocs(self, drawn: Drawn, extrusion: Any) -> int:
+    def in_ocs(self, drawn: DrawnEntities, extrusion: Any) -> int:
         """Index of the matrix for numbers in the object coordinate system of ``extrusion``."""
         if extrusion is None:
             return self.index
@@ -177,9 +177,9 @@ class _Place(Struct, eq=False):
         return self.by_extrusion[key]
 
 
-def walk(name: str, document: Drawing, scale: float, layers: Layers) -> Drawn:
+def walk(name: str, document: Drawing, scale: float, layers: Layers) -> DrawnEntities:
     """All entities of model space with blocks expanded. scale: mm per drawing unit. ``InputError`` if too many."""
-    drawn = Drawn([np.diag([scale, scale, scale, 1.0])], layers)
+    drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers)
     _entities(name, drawn, document.modelspace(), _Place(0, ""))
     for layout in document.layouts:
         if layout.is_any_paperspace:
@@ -189,7 +189,7 @@ def walk(name: str, document: Drawing, scale: float, layers: Layers) -> Drawn:
     return drawn
 
 
-def _entities(name: str, drawn: Drawn, entities: Iterable[Any], place: _Place) -> None:
+def _entities(name: str, drawn: DrawnEntities, entities: Iterable[Any], place: _Place) -> None:
     for entity in entities:
         kind = entity.dxftype()
         attributes = entity.dxfattribs()
@@ -218,7 +218,7 @@ def _entities(name: str, drawn: Drawn, entities: Iterable[Any], place: _Place) -
                 drawn.leave(why, kind, layer)
 
 
-def _line(drawn: Drawn, _: Any, a: Attributes, layer: str, place: _Place) -> str:
+def _line(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
     start, end = a.get("start"), a.get("end")
     if start is None or end is None:
         return _DAMAGED
@@ -228,15 +228,17 @@ def _line(drawn: Drawn, _: Any, a: Attributes, layer: str, place: _Place) -> str
     return ""
 
 
-def _arc(drawn: Drawn, _: Any, a: Attributes, layer: str, place: _Place) -> str:
+def _arc(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
     return _round(drawn, "ARC", a, layer, place, (a.get("start_angle", 0.0), a.get("end_angle", 360.0)))
 
 
-def _circle(drawn: Drawn, _: Any, a: Attributes, layer: str, place: _Place) -> str:
+def _circle(drawn: DrawnEntities, _: Any, a: Attributes, layer: str, place: _Place) -> str:
     return _round(drawn, "CIRCLE", a, layer, place, (0.0, 360.0))
 
 
-def _round(drawn: Drawn, kind: str, a: Attributes, layer: str, place: _Place, angles: tuple[float, float]) -> str:
+def _round(
+    drawn: DrawnEntities, kind: str, a: Attributes, layer: str, place: _Place, angles: tuple[float, float]
+) -> str:
     center, radius = a.get("center"), a.get("radius", 1.0)
     if center is None or not all(map(math.isfinite, (radius, *angles))):
         return _DAMAGED
@@ -255,7 +257,7 @@ def sweep(start: float, end: float, turn: float) -> float:
     return (end - start) % turn or turn
 
 
-def _lwpolyline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+def _lwpolyline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
     rows = entity.lwpoints.values
     if not len(rows):
         return _DAMAGED
@@ -270,7 +272,7 @@ def _lwpolyline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Pl
     return ""
 
 
-def _polyline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+def _polyline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
     flags = a.get("flags", 0)
     if flags & 0x50:
         return "a mesh"
@@ -294,7 +296,7 @@ def _polyline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Plac
     return ""
 
 
-def _ellipse(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+def _ellipse(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
     major, ratio = entity.dxf.major_axis, entity.dxf.ratio
     start, end = a.get("start_param", 0.0), a.get("end_param", math.tau)
     if not all(map(math.isfinite, (*major.xyz, ratio, start, end))) or not major or not ratio:
@@ -306,7 +308,7 @@ def _ellipse(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place
     return ""
 
 
-def _spline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
+def _spline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> str:
     # ezdxf raises ValueError for counts that do not fit and for too few points, ZeroDivisionError for equal ones.
     try:
         tool = entity.construction_tool()
@@ -319,7 +321,7 @@ def _spline(drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place)
     return ""
 
 
-_KINDS: dict[str, Callable[[Drawn, Any, Attributes, str, _Place], str]] = {
+_KINDS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Place], str]] = {
     "LINE": _line,
     "ARC": _arc,
     "CIRCLE": _circle,
@@ -330,7 +332,7 @@ _KINDS: dict[str, Callable[[Drawn, Any, Attributes, str, _Place], str]] = {
 }
 
 
-def _insert(name: str, drawn: Drawn, entity: Any, a: Attributes, layer: str, place: _Place) -> None:
+def _insert(name: str, drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place: _Place) -> None:
     """The block's entities, once per cell of the array."""
     for attrib in entity.attribs:
         drawn.leave(_NO_CURVE, "ATTRIB", attrib.dxfattribs().get("layer", "0"))

@@ -15,7 +15,7 @@ from msgspec import Struct
 from camgen.geometry import curves
 from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.pose import FloatArray
-from camgen.read.dxf.entities import Drawn, Smooth
+from camgen.read.dxf.entities import DrawnEntities, Smooth
 from camgen.read.pieces import FARTHEST, BoolArray, IntArray, Soup, credible, next_row
 
 #: A curve may leave its plane by this much (mm), or by this part of its size.
@@ -52,7 +52,7 @@ class _Chain(Struct, frozen=True, eq=False):
     height: float
 
 
-def flatten(drawn: Drawn, chord: float) -> Flat:
+def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     """Pieces of all that was drawn. chord: mm, the deviation allowed for ellipses and splines."""
     matrices = np.array(drawn.matrices)
     matrix = np.array(drawn.matrix, dtype=np.intp)
@@ -87,13 +87,13 @@ def flatten(drawn: Drawn, chord: float) -> Flat:
 # --- lines and arcs --------------------------------------------------------------------------------------------------
 
 
-def _lines(drawn: Drawn) -> _Rows:
+def _lines(drawn: DrawnEntities) -> _Rows:
     ends = np.array(drawn.lines).reshape(-1, 3)
     owner = np.array(drawn.line_owner, dtype=np.intp)
     return _Rows(owner, np.full(len(owner), 2), np.column_stack([ends, np.zeros(len(ends))]))
 
 
-def _arcs(drawn: Drawn) -> _Rows:
+def _arcs(drawn: DrawnEntities) -> _Rows:
     """Arcs and circles as polylines with a bulge, in parts of at most a half circle."""
     x, y, z, radius, start, sweep = np.array(drawn.arcs).reshape(-1, 6).T
     owner = np.array(drawn.arc_owner, dtype=np.intp)
@@ -111,7 +111,7 @@ def _arcs(drawn: Drawn) -> _Rows:
     return _Rows(owner, counts, rows)
 
 
-def _outlines(drawn: Drawn) -> _Rows:
+def _outlines(drawn: DrawnEntities) -> _Rows:
     owner = np.array(drawn.outline_owner, dtype=np.intp)
     counts = np.array([len(o) for o in drawn.outlines], dtype=np.intp)
     rows = np.concatenate(drawn.outlines) if drawn.outlines else np.zeros((0, 4))
@@ -138,7 +138,9 @@ def _similar(matrices: FloatArray) -> tuple[BoolArray, BoolArray]:
     return similar, np.linalg.det(matrices[:, :2, :2]) < 0
 
 
-def _place(drawn: Drawn, given: _Rows, matrices: FloatArray, which: IntArray) -> tuple[Soup, FloatArray, FloatArray]:
+def _place(
+    drawn: DrawnEntities, given: _Rows, matrices: FloatArray, which: IntArray
+) -> tuple[Soup, FloatArray, FloatArray]:
     """The pieces in the work frame and the least and greatest height (P,) of each, arcs included."""
     rows = given.rows
     local = _soup(drawn, (given.owner, given.counts, rows[:, :2], rows[:, 3]))
@@ -174,7 +176,7 @@ def _allow(soup: Soup) -> FloatArray:
 # --- ellipses and splines --------------------------------------------------------------------------------------------
 
 
-def _oval(drawn: Drawn, given: _Rows, piece: int, matrix: FloatArray, height: float) -> _Chain:
+def _oval(drawn: DrawnEntities, given: _Rows, piece: int, matrix: FloatArray, height: float) -> _Chain:
     """A piece with arcs under a matrix that makes them elliptical."""
     first = int(given.counts[:piece].sum())
     rows = given.rows[first : first + given.counts[piece]]
@@ -255,7 +257,7 @@ def _stitch(chains: list[_Chain], chord: float) -> tuple[IntArray, IntArray, Flo
 # --- soup ------------------------------------------------------------------------------------------------------------
 
 
-def _soup(drawn: Drawn, pieces: tuple[IntArray, IntArray, FloatArray, FloatArray]) -> Soup:
+def _soup(drawn: DrawnEntities, pieces: tuple[IntArray, IntArray, FloatArray, FloatArray]) -> Soup:
     """A soup of owner and counts (P,), points and bulges."""
     owner, counts, points, bulges = pieces
     layers, kinds = sorted(set(drawn.layer)), sorted(set(drawn.kind))

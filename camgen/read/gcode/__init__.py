@@ -14,12 +14,12 @@ from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Outp
 from camgen.model.text import counted, short
 from camgen.read.files import Files
 from camgen.read.gcode.arcs import LINUXCNC
-from camgen.read.gcode.interpreter import Recorded, Run, interpret
+from camgen.read.gcode.interpreter import ProgramRun, Recorded, interpret
 
 SUFFIXES = (".nc", ".ngc", ".gcode", ".tap")
 
 
-class Facts(Struct, frozen=True):
+class ProgramFacts(Struct, frozen=True):
     """What is in a program; its ``str`` is a page to print. low, high: the corners of its motions at feed, mm."""
 
     lines: int
@@ -64,7 +64,7 @@ def read(source: Source, job: Job, _files: Files) -> Recorded:
     return Recorded(name=source.stem, source=source.name, units=run.units, contours=(), notes=_notes(run), run=run)
 
 
-def inspect(source: Source, job: Job, _files: Files) -> Facts:
+def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
     """What is in the program, also where it cannot be replayed to its end. InputError if it is no text."""
     lines = _lines(source)
     run = interpret(lines, replace(LINUXCNC, helix=job.tolerance.chord))
@@ -76,7 +76,7 @@ def inspect(source: Source, job: Job, _files: Files) -> Facts:
     names: dict[type[Instruction], str] = {
         MoveJ: "rapid motion", MoveL: "line", MoveC: "arc", Output: "output", Wait: "wait"
     }  # fmt: skip
-    return Facts(
+    return ProgramFacts(
         lines=len(lines) - (lines[-1] == ""),
         units=run.units,
         counts={name: int(columns.are(kind).sum()) for kind, name in names.items()},
@@ -89,7 +89,7 @@ def inspect(source: Source, job: Job, _files: Files) -> Facts:
     )
 
 
-def _notes(run: Run) -> tuple[Note, ...]:
+def _notes(run: ProgramRun) -> tuple[Note, ...]:
     notes = tuple(replace(note, what=f"line {line}: {note.what}") for line, note in run.remarks)
     if run.ended or run.stopped:
         return notes

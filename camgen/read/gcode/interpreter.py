@@ -28,7 +28,7 @@ _KNOWN = 200
 _SPEED = re.compile(r"[sS][ \t]*[-+.0-9\[#]")
 
 
-class Run(Struct, frozen=True, eq=False):
+class ProgramRun(Struct, frozen=True, eq=False):
     """What a program does.
 
     body: motions with the tool straight down, rapid ones as MoveJ, those that may round their corner with a blend of 1;
@@ -50,7 +50,7 @@ class Run(Struct, frozen=True, eq=False):
     units: str
 
 
-def interpret(lines: Sequence[str], limits: Limits = LINUXCNC) -> Run:
+def interpret(lines: Sequence[str], limits: Limits = LINUXCNC) -> ProgramRun:
     """What the lines of a program do. limits: of its arcs. Never raises for a text."""
     m = Machine(limits, on_off=not _has_speed(lines))
     stopped, unread = None, False
@@ -65,7 +65,7 @@ def interpret(lines: Sequence[str], limits: Limits = LINUXCNC) -> Run:
             switch_off(m)
         except LineError as error:
             stopped, unread = (m.line, str(error)), isinstance(error, UnknownWord)
-    return Run(
+    return ProgramRun(
         tuple(m.body),
         tuple(m.lines),
         m.notes(),
@@ -355,4 +355,4 @@ class Flow(Struct):
 class Recorded(Part, frozen=True, eq=False, kw_only=True):
     """A part whose motions were written down before: what ``operation.kind = "replay"`` runs again."""
 
-    run: Run
+    run: ProgramRun

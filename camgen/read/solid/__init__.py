@@ -17,7 +17,7 @@ from camgen.read.solid import mesh, step
 from camgen.read.units import MM
 
 
-class Facts(Struct, frozen=True):
+class SolidFacts(Struct, frozen=True):
     """What is in a 3-D part; its ``str`` is a page to print. size: mm."""
 
     units: str
@@ -47,12 +47,12 @@ def _describe(edge: Edge) -> str:
     return f"{edge.id}: {edge.kind}{radius}, {size}, {sort}, from {start}"
 
 
-def inspect(source: Source, job: Job, _files: Files) -> Facts:
+def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
     """What is in the 3-D part. InputError if there is none."""
     found = solid(source, job)
     low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
     x, y, z = np.subtract(high, low).tolist()
-    return Facts(harmless(found.units), (x, y, z), len(found.faces), found.edges, found.notes)
+    return SolidFacts(harmless(found.units), (x, y, z), len(found.faces), found.edges, found.notes)
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:

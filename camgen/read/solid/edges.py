@@ -13,7 +13,7 @@ from camgen.geometry.arcs import Circle, fit_circle, span_lengths, through
 from camgen.geometry.vectors import cross, unit
 from camgen.model.part import Edge, EdgeKind, IntArray
 from camgen.model.pose import FloatArray, frozen
-from camgen.read.solid.sharp import CORNER, Chains, Segments
+from camgen.read.solid.sharp import CORNER, SharpSides, SideChains
 
 # A chain of short sides as what it was before it was meshed: lines, arcs, circles, and curves of both.
 
@@ -32,7 +32,7 @@ _LONG_SIDE = 2.0
 _LIKE_BENDS = 2.0
 
 
-class Piece(Struct, frozen=True, eq=False):
+class EdgePiece(Struct, frozen=True, eq=False):
     """Vertices low..high of a chain (high may pass its end where it is closed). circle: of an arc, else None."""
 
     low: int
@@ -45,14 +45,14 @@ class Piece(Struct, frozen=True, eq=False):
         return self.high - self.low == 1
 
 
-class Run(Struct, frozen=True):
+class SideRun(Struct, frozen=True):
     """Pieces that are one edge."""
 
     kind: EdgeKind
-    pieces: tuple[Piece, ...]
+    pieces: tuple[EdgePiece, ...]
 
 
-def recognise(points: FloatArray, closed: bool, tolerance: float, tight: float) -> tuple[int, list[Run]]:
+def recognise(points: FloatArray, closed: bool, tolerance: float, tight: float) -> tuple[int, list[SideRun]]:
     """The runs of a chain of ``points`` (N, 3), and the vertex at which they begin.
 
     closed: the last point is the first again; the runs then count from the vertex named, round and round. tight: mm, a
@@ -67,7 +67,7 @@ def recognise(points: FloatArray, closed: bool, tolerance: float, tight: float) 
     kept = _corners(points, tight)
     circle = fit_circle(points[kept[:-1]])
     if circle is not None and len(kept) > 2 * _LEAST_SIDES and _once_round(circle, points[kept], tolerance):
-        return begin, [Run("circle", (Piece(0, len(points) - 1, circle),))]
+        return begin, [SideRun("circle", (EdgePiece(0, len(points) - 1, circle),))]
     further = int(kept[_break(points[kept], _pieces(points[kept], tolerance))])
     points = _from(points, further)
     kept = _corners(points, tight)
@@ -75,7 +75,7 @@ def recognise(points: FloatArray, closed: bool, tolerance: float, tight: float) 
     return (begin + further) % (len(points) - 1), _count(runs, kept)
 
 
-def _break(points: FloatArray, pieces: list[Piece]) -> int:
+def _break(points: FloatArray, pieces: list[EdgePiece]) -> int:
     """Where to begin a closed chain: at an end of its longest piece, which the place it was begun at did not cut."""
     lengths = [float(np.linalg.norm(points[p.high] - points[p.low])) for p in pieces]
     longest = pieces[int(np.argmax(np.round(lengths, 6)))]
@@ -107,14 +107,14 @@ def _corners(points: FloatArray, tight: float) -> IntArray:
     return np.array(kept)
 
 
-def _count(runs: list[Run], kept: IntArray) -> list[Run]:
+def _count(runs: list[SideRun], kept: IntArray) -> list[SideRun]:
     """The runs of ``points[kept]`` counted in all points."""
     around, last = int(kept[-1]), len(kept) - 1
 
     def place(k: int) -> int:
         return int(kept[k]) if k <= last else around + int(kept[k - last])
 
-    return [Run(r.kind, tuple(Piece(place(p.low), place(p.high), p.circle) for p in r.pieces)) for r in runs]
+    return [SideRun(r.kind, tuple(EdgePiece(place(p.low), place(p.high), p.circle) for p in r.pieces)) for r in runs]
 
 
 def _once_round(circle: Circle, points: FloatArray, tolerance: float) -> bool:
@@ -122,9 +122,9 @@ def _once_round(circle: Circle, points: FloatArray, tolerance: float) -> bool:
     return bool(np.abs(circle.distances(points)).max() <= tolerance and (np.diff(angles) > 0).all())
 
 
-def _pieces(points: FloatArray, tolerance: float) -> list[Piece]:
+def _pieces(points: FloatArray, tolerance: float) -> list[EdgePiece]:
     """Lines and arcs one after the other, each as long as it can be; a line where both are."""
-    result: list[Piece] = []
+    result: list[EdgePiece] = []
     last = len(points) - 1
     at = 0
     while at < last:
@@ -132,7 +132,7 @@ def _pieces(points: FloatArray, tolerance: float) -> list[Piece]:
         arc = _reach(points, at, _LEAST_SIDES, _is_arc, tolerance)
         circle = fit_circle(points[at : arc + 1]) if arc > max(line, at + 1) else None
         end = arc if circle is not None else line
-        result.append(Piece(at, end, circle))
+        result.append(EdgePiece(at, end, circle))
         at = end
     return result
 
@@ -180,7 +180,7 @@ def _is_arc(points: FloatArray, tolerance: float) -> bool:
     return bool(alike[1:-1].all() and np.count_nonzero(alike) >= _LEAST_SIDES)
 
 
-def _runs(points: FloatArray, pieces: list[Piece]) -> list[Run]:
+def _runs(points: FloatArray, pieces: list[EdgePiece]) -> list[SideRun]:
     """Pieces that are one curve together."""
     groups = [[pieces[0]]]
     for piece in pieces[1:]:
@@ -191,22 +191,22 @@ def _runs(points: FloatArray, pieces: list[Piece]) -> list[Run]:
     return [_run(group) for group in groups]
 
 
-def _run(pieces: list[Piece]) -> Run:
+def _run(pieces: list[EdgePiece]) -> SideRun:
     alone: EdgeKind = "line" if pieces[0].circle is None else "arc"
-    return Run(alone if len(pieces) == 1 else "curve", tuple(pieces))
+    return SideRun(alone if len(pieces) == 1 else "curve", tuple(pieces))
 
 
-def _join_ends(points: FloatArray, runs: list[Run]) -> list[Run]:
+def _join_ends(points: FloatArray, runs: list[SideRun]) -> list[SideRun]:
     """The runs of a closed chain, the last one with the first one if they are one curve."""
     last, first = runs[-1], runs[0]
     if len(runs) == 1 or not _together_pieces(points, last.pieces[-1], first.pieces[0]):
         return runs
     around = len(points) - 1
-    moved = [Piece(p.low + around, p.high + around, p.circle) for p in first.pieces]
-    return [*runs[1:-1], Run("curve", (*last.pieces, *moved))]
+    moved = [EdgePiece(p.low + around, p.high + around, p.circle) for p in first.pieces]
+    return [*runs[1:-1], SideRun("curve", (*last.pieces, *moved))]
 
 
-def _together_pieces(points: FloatArray, a: Piece, b: Piece) -> bool:
+def _together_pieces(points: FloatArray, a: EdgePiece, b: EdgePiece) -> bool:
     """Whether ``b`` goes on from ``a`` as a curve does: smoothly, and with much the same bend."""
     if not all(p.single or p.circle is not None for p in (a, b)):
         return False
@@ -238,7 +238,7 @@ _TIGHT = 2.0**-22
 _ORDER_STEP_MM = 1e-3
 
 
-class Spans(Struct, frozen=True, eq=False):
+class EdgeSpans(Struct, frozen=True, eq=False):
     """The columns of an edge, or of a part of it."""
 
     points: FloatArray
@@ -247,7 +247,7 @@ class Spans(Struct, frozen=True, eq=False):
     via_normals: FloatArray
 
 
-def edges_of(chains: Chains, vertices: FloatArray, tolerance: float) -> list[Edge]:
+def edges_of(chains: SideChains, vertices: FloatArray, tolerance: float) -> list[Edge]:
     """All edges of ``chains``, arcs recognised within ``tolerance`` (mm), without ids."""
     size = np.diff(chains.first)
     limits = tolerance, _TIGHT * float(np.abs(vertices).max(initial=0.0))
@@ -276,7 +276,7 @@ def _middle(edge: Edge) -> FloatArray:
     return np.asarray(both.min(axis=0) + both.max(axis=0)) / 2
 
 
-def _single(sides: Segments, vertices: FloatArray) -> list[Edge]:
+def _single(sides: SharpSides, vertices: FloatArray) -> list[Edge]:
     """Chains of one side: lines, all at once."""
     points = frozen(np.stack([vertices[sides.start], vertices[sides.end]], axis=1))
     via = frozen(points.mean(axis=1, keepdims=True))
@@ -289,7 +289,7 @@ def _single(sides: Segments, vertices: FloatArray) -> list[Edge]:
     ]
 
 
-def _of_chain(sides: Segments, vertices: FloatArray, closed: bool, tolerance: float, tight: float) -> list[Edge]:
+def _of_chain(sides: SharpSides, vertices: FloatArray, closed: bool, tolerance: float, tight: float) -> list[Edge]:
     points = vertices[np.append(sides.start, sides.end[-1])]
     begin, runs = recognise(points, closed, tolerance, tight)
     result = []
@@ -301,7 +301,7 @@ def _of_chain(sides: Segments, vertices: FloatArray, closed: bool, tolerance: fl
     return result
 
 
-def _edge(run: Run, corners: FloatArray, sides: Segments) -> Edge:
+def _edge(run: SideRun, corners: FloatArray, sides: SharpSides) -> Edge:
     """One edge: ``corners`` (N, 3) are the vertices along it, ``sides`` the N - 1 sides between them."""
     base = run.pieces[0].low
     weight = np.linalg.norm(np.diff(corners, axis=0), axis=1)
@@ -314,23 +314,25 @@ def _edge(run: Run, corners: FloatArray, sides: Segments) -> Edge:
     )  # fmt: skip
 
 
-def _spans(piece: Piece, low: int, high: int, corners: FloatArray, sides: Segments, weight: FloatArray) -> Spans:
+def _spans(
+    piece: EdgePiece, low: int, high: int, corners: FloatArray, sides: SharpSides, weight: FloatArray
+) -> EdgeSpans:
     points, normals = corners[low : high + 1], sides.normals[low:high]
     if piece.circle is None:
         return _straight(points, normals, weight[low:high])
     return _round(piece.circle, points, normals, weight[low:high])
 
 
-def _straight(points: FloatArray, normals: FloatArray, weight: FloatArray) -> Spans:
+def _straight(points: FloatArray, normals: FloatArray, weight: FloatArray) -> EdgeSpans:
     """Spans of a line: one, unless the normals turn along it."""
     steady = np.append(False, (np.einsum("ijk,ijk->ij", normals[1:], normals[:-1]) > STEADY_COSINE).all(axis=1))
     kept = np.flatnonzero(~steady)
     via_normals = unit(np.add.reduceat(normals * weight[:, None, None], kept))
     chosen = points[np.append(kept, len(points) - 1)]
-    return Spans(chosen, (chosen[1:] + chosen[:-1]) / 2, _between(via_normals), via_normals)
+    return EdgeSpans(chosen, (chosen[1:] + chosen[:-1]) / 2, _between(via_normals), via_normals)
 
 
-def _round(circle: Circle, points: FloatArray, normals: FloatArray, weight: FloatArray) -> Spans:
+def _round(circle: Circle, points: FloatArray, normals: FloatArray, weight: FloatArray) -> EdgeSpans:
     """Spans of an arc, at most half circles; side by side where the faces do not turn with it."""
     angles = circle.angles(points)
     angles[0], angles[-1] = 0.0, angles[-1] if angles[-1] > 1e-6 else 2 * np.pi
@@ -338,12 +340,12 @@ def _round(circle: Circle, points: FloatArray, normals: FloatArray, weight: Floa
     local = np.einsum("smk,sjk->sjm", _frames(circle, middles), normals)
     mean = unit(np.einsum("s,sjm->jm", weight, local))
     if (np.einsum("sjm,jm->sj", local, mean) < np.cos(_STEADY)).any():
-        return Spans(points, circle.at(middles), _between(normals), normals)
+        return EdgeSpans(points, circle.at(middles), _between(normals), normals)
     count = max(1, int(np.ceil(angles[-1] / np.pi - 1e-6)))
     at = np.linspace(0.0, angles[-1], 2 * count + 1)
     places, turned = circle.at(at), np.einsum("smk,jm->sjk", _frames(circle, at), mean)
     places[0], places[-1] = points[0], points[-1]  # neighbours share these to the last bit
-    return Spans(places[::2], places[1::2], turned[::2], turned[1::2])
+    return EdgeSpans(places[::2], places[1::2], turned[::2], turned[1::2])
 
 
 def _frames(circle: Circle, angles: FloatArray) -> FloatArray:
@@ -359,7 +361,7 @@ def _between(normals: FloatArray) -> FloatArray:
     return np.concatenate([normals[:1], inner, normals[-1:]])
 
 
-def _together(parts: list[Spans]) -> Spans:
+def _together(parts: list[EdgeSpans]) -> EdgeSpans:
     """The spans of all ``parts``; where two meet, the mean of their normals."""
     if len(parts) == 1:
         return parts[0]
@@ -368,4 +370,4 @@ def _together(parts: list[Spans]) -> Spans:
     normals = [part for p, j in zip(parts, joints, strict=False) for part in (p.normals[1:-1], j)]
     normals = [parts[0].normals[:1], *normals, parts[-1].normals[1:]]
     via, via_normals = (np.concatenate([getattr(p, name) for p in parts]) for name in ("via", "via_normals"))
-    return Spans(points, via, np.concatenate(normals), via_normals)
+    return EdgeSpans(points, via, np.concatenate(normals), via_normals)

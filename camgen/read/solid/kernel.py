@@ -136,7 +136,7 @@ class Curve:
         return np.array(circle.Location().Coord()), np.array(axis.Direction().Coord()), float(circle.Radius())
 
 
-class Beside:
+class FacesBeside:
     """A face along one of its edges."""
 
     def __init__(self, edge: Any, face: Any) -> None:

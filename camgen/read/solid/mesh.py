@@ -12,8 +12,8 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read.solid import topology as welding
 from camgen.read.solid.edges import edges_of, order
-from camgen.read.solid.mesh_file import Soup, load
-from camgen.read.solid.sharp import Segments, chain, dangling, face_normals, segments
+from camgen.read.solid.mesh_file import MeshSoup, load
+from camgen.read.solid.sharp import SharpSides, chain, dangling, face_normals, segments
 from camgen.read.solid.topology import Pairs, components, ends, pair
 
 # Faces wound so that their normals point out of the part, whatever the file says.
@@ -83,7 +83,7 @@ class Surface(Struct, frozen=True, eq=False):
     pairs: Pairs
     units: str
 
-    def sides(self, feature_angle: float) -> Segments:
+    def sides(self, feature_angle: float) -> SharpSides:
         """The sides of triangles where two faces meet at more than ``feature_angle`` (rad)."""
         return segments(self.vertices, self.faces, self.normals, self.pairs, feature_angle)
 
@@ -100,7 +100,7 @@ def read(
 
 
 def make_solid(
-    soup: Soup,
+    soup: MeshSoup,
     stem: str,
     name: str,
     mm: float | None = None,
@@ -125,7 +125,7 @@ def surface(source: Source, mm: float | None = None) -> tuple[Surface, list[Note
     return _surface(load(source), source.name, mm)
 
 
-def _surface(soup: Soup, name: str, mm: float | None) -> tuple[Surface, list[Note]]:
+def _surface(soup: MeshSoup, name: str, mm: float | None) -> tuple[Surface, list[Note]]:
     notes = list(soup.notes)
     if mm is None and not soup.unit:
         notes.append(Note("assumed", "1 unit of the mesh = 1 mm", f"the file states no unit; {_SET_UNITS}"))
@@ -145,7 +145,7 @@ def _surface(soup: Soup, name: str, mm: float | None) -> tuple[Surface, list[Not
     return Surface(frozen(vertices), faces, frozen(normals), pairs, units), notes
 
 
-def _clean(name: str, soup: Soup, mm: float, notes: list[Note]) -> tuple[FloatArray, IntArray]:
+def _clean(name: str, soup: MeshSoup, mm: float, notes: list[Note]) -> tuple[FloatArray, IntArray]:
     """Vertices in mm, and faces that have three of them and are there once."""
     vertices, faces = welding.merge(soup.vertices * mm, soup.faces)
     proper = welding.without_degenerate(faces)

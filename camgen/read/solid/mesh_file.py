@@ -39,7 +39,7 @@ _QUIET = logging.NullHandler()
 _SAVE_AGAIN = "export it again from the CAD program"
 
 
-class Soup(Struct, frozen=True, eq=False):
+class MeshSoup(Struct, frozen=True, eq=False):
     """vertices (V, 3) in units of the file, faces (F, 3). unit: its name, "" if the format has none, mm: its size."""
 
     vertices: FloatArray
@@ -49,7 +49,7 @@ class Soup(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def load(source: Source) -> Soup:
+def load(source: Source) -> MeshSoup:
     """The triangles in ``source``. ``InputError`` if it is no mesh, has no faces, or holds numbers that are none."""
     name, kind = source.name, source.suffix
     if kind not in SUFFIXES:
@@ -72,7 +72,7 @@ def load(source: Source) -> Soup:
             f"{counted(len(wrong), 'face has', 'faces have')} coordinates that are not numbers, or beyond all measure"
         )
         raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", _SAVE_AGAIN)
-    return Soup(vertices, faces, unit, _MM.get(unit, 1.0), notes)
+    return MeshSoup(vertices, faces, unit, _MM.get(unit, 1.0), notes)
 
 
 def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:

@@ -16,7 +16,7 @@ _STEPS = 8 * 2.0**-24
 _FLAT_RUN = 64
 
 
-class Segments(Struct, frozen=True, eq=False):
+class SharpSides(Struct, frozen=True, eq=False):
     """Sides of triangles between two faces. start, end: (M,) vertices. angle: (M,) rad. convex: (M,).
 
     normals: (M, 2, 3) of the face on the left of the way and of the one on the right, seen from outside.
@@ -31,13 +31,13 @@ class Segments(Struct, frozen=True, eq=False):
     def __len__(self) -> int:
         return len(self.start)
 
-    def take(self, rows: IntArray | BoolArray) -> Segments:
+    def take(self, rows: IntArray | BoolArray) -> SharpSides:
         """Those of ``rows``, in their order."""
-        return Segments(self.start[rows], self.end[rows], self.normals[rows], self.angle[rows], self.convex[rows])
+        return SharpSides(self.start[rows], self.end[rows], self.normals[rows], self.angle[rows], self.convex[rows])
 
-    def turned(self, which: BoolArray) -> Segments:
+    def turned(self, which: BoolArray) -> SharpSides:
         """Those of ``which`` (M,) run the other way, so that left is right."""
-        return Segments(
+        return SharpSides(
             np.where(which, self.end, self.start),
             np.where(which, self.start, self.end),
             np.where(which[:, None, None], self.normals[:, ::-1], self.normals),
@@ -94,7 +94,7 @@ def _leaders(flat: BoolArray, longest: IntArray, pairs: Pairs) -> IntArray:
 
 def segments(
     vertices: FloatArray, faces: IntArray, normals: FloatArray, pairs: Pairs, feature_angle: float
-) -> Segments:
+) -> SharpSides:
     """The sides where two faces, wound alike, meet at more than ``feature_angle`` (rad).
 
     Convex: the normals turn about the way as they do round a block, from the left face to the right one.
@@ -106,7 +106,7 @@ def segments(
     both = np.stack([normals[half[rows] // 3], normals[other[rows] // 3]], axis=1)
     start, end = ends(faces, half[rows])
     convex = dots(cross(both[:, 0], both[:, 1]), vertices[end] - vertices[start]) > 0
-    return Segments(start, end, both, angles(both[:, 0], both[:, 1]), convex)
+    return SharpSides(start, end, both, angles(both[:, 0], both[:, 1]), convex)
 
 
 # Sharp sides of triangles put end to end: as long as just two of one kind meet, and turn only a little.
@@ -115,29 +115,29 @@ def segments(
 CORNER = float(np.radians(41.0))
 
 
-class Chains(Struct, frozen=True, eq=False):
+class SideChains(Struct, frozen=True, eq=False):
     """segments: in running order, chain after chain. first: (K + 1,) where each chain begins in them. closed: (K,)."""
 
-    segments: Segments
+    segments: SharpSides
     first: IntArray
     closed: BoolArray
 
 
-def chain(segments: Segments, vertices: FloatArray) -> Chains:
+def chain(segments: SharpSides, vertices: FloatArray) -> SideChains:
     """All ``segments`` in chains. Which way a chain runs and where a closed one begins depends on places alone."""
     rank = np.empty(len(vertices), dtype=np.int64)
     rank[np.lexsort(vertices.T[::-1])] = np.arange(len(vertices))
     segments = segments.turned(rank[segments.start] > rank[segments.end])
     order, turned, first, closed = _runs(_mates(segments, vertices), _seeds(segments, rank))
-    return Chains(segments.take(order).turned(turned), first, closed)
+    return SideChains(segments.take(order).turned(turned), first, closed)
 
 
-def _seeds(segments: Segments, rank: IntArray) -> IntArray:
+def _seeds(segments: SharpSides, rank: IntArray) -> IntArray:
     """(M,) the segments by where they start, then where they end: the order in which chains are begun."""
     return np.lexsort((rank[segments.end], rank[segments.start]))
 
 
-def _mates(segments: Segments, vertices: FloatArray) -> IntArray:
+def _mates(segments: SharpSides, vertices: FloatArray) -> IntArray:
     """(2 M,) the end that each end of a segment goes on with, -1 if the chain ends there.
 
     End 2 s is the start of segment s, 2 s + 1 its end.

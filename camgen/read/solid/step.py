@@ -19,7 +19,7 @@ from camgen.model.text import counted
 from camgen.read.solid import kernel
 from camgen.read.solid import topology as welding
 from camgen.read.solid.edges import STEADY_COSINE, order
-from camgen.read.solid.kernel import Beside, Curve
+from camgen.read.solid.kernel import Curve, FacesBeside
 from camgen.read.solid.sharp import face_normals
 from camgen.read.solid.topology import pair
 
@@ -129,7 +129,7 @@ _WITHIN = 4
 _MOST_DIVISIONS = 20
 
 
-def edge(curve: Curve, left: Beside, right: Beside, convex: bool, tolerance: float) -> Edge:
+def edge(curve: Curve, left: FacesBeside, right: FacesBeside, convex: bool, tolerance: float) -> Edge:
     """The edge along ``curve``, without id; ``left`` and ``right`` of growing parameters, seen from outside."""
     at = np.linspace(curve.low, curve.high, _SPLINE_SAMPLES)
     points = curve.points(at)
@@ -177,7 +177,7 @@ def _is_line_or_arc(curve: Curve, points: FloatArray, tolerance: float) -> tuple
     return ("arc", circle) if (np.diff(circle.angles(points[:-1])) > 0).all() else ("curve", None)
 
 
-def _line_parameters(at: FloatArray, left: Beside, right: Beside) -> FloatArray:
+def _line_parameters(at: FloatArray, left: FacesBeside, right: FacesBeside) -> FloatArray:
     """Where a line is divided: at its ends, and on the way if the normals turn."""
     at = at[:: (_SPLINE_SAMPLES - 1) // 4]
     normals = np.stack([left.normals(at), right.normals(at)])
@@ -340,7 +340,7 @@ def _sharp(meeting: kernel.Meeting, tolerance: float, feature_angle: float) -> E
     A face lies on the left of its edges as they run in it, seen from outside. Convex: see ``sharp.segments``.
     """
     (edge_a, face_a), (edge_b, face_b) = meeting.uses
-    left, right = kernel.Beside(edge_a, face_a), kernel.Beside(edge_b, face_b)
+    left, right = kernel.FacesBeside(edge_a, face_a), kernel.FacesBeside(edge_b, face_b)
     if not kernel.forward(edge_a):
         left, right = right, left
     curve = kernel.Curve(meeting.edge)

@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.job import Input, Job
+from camgen.model.job import InputTable, Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless, short
@@ -23,8 +23,8 @@ from camgen.read.dxf.layers import NOT_ASKED, Layers
 from camgen.read.files import Files
 from camgen.read.pieces import tally
 from camgen.read.svg.flatten import flatten
-from camgen.read.svg.tree import Drawn, walk
-from camgen.read.svg.values import MM_PER_PX, Box, Malformed, combine, fit_viewport, length, view_box
+from camgen.read.svg.tree import DrawnShape, walk
+from camgen.read.svg.values import MM_PER_PX, Malformed, ViewBox, combine, fit_viewport, length, view_box
 
 # The page of an SVG document: mm of its units, and where the work frame lies on it.
 
@@ -36,7 +36,7 @@ _OLD_INKSCAPE = ("0.4", "0.91")
 _VERSION = "{http://www.inkscape.org/namespaces/inkscape}version"
 
 
-class Page(Struct, frozen=True, eq=False):
+class SvgPage(Struct, frozen=True, eq=False):
     """matrix: (2, 3), mm in the work frame of the document's user units. view: of the viewport in user units.
 
     open: the document states no height, so that its lower left corner is not known.
@@ -50,7 +50,7 @@ class Page(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def page_of(file: str, attributes: Mapping[str, str], wanted: str) -> Page:
+def page_of(file: str, attributes: Mapping[str, str], wanted: str) -> SvgPage:
     """The page by width, height, viewBox and preserveAspectRatio, or by ``input.units`` where it is given."""
     try:
         box = view_box(attributes.get("viewBox"))
@@ -73,7 +73,7 @@ def page_of(file: str, attributes: Mapping[str, str], wanted: str) -> Page:
         raise InputError(file, str(error), "the svg element", "mend it, or save the drawing again") from error
 
 
-def _sizes(attributes: Mapping[str, str], box: Box | None) -> tuple[float, float] | None:
+def _sizes(attributes: Mapping[str, str], box: ViewBox | None) -> tuple[float, float] | None:
     """Width and height in px; None where the file leaves them to whoever shows it. One follows from the other."""
     given: list[float | None] = []
     for name in ("width", "height"):
@@ -108,16 +108,20 @@ def _pixels(attributes: Mapping[str, str]) -> tuple[Note, ...]:
     return (Note("assumed", "96 px = 1 inch", f"the file's size is in px; {_OVERRIDE}"),)
 
 
-def _even(name: str, scale: float, box: Box | None, sizes: tuple[float, float] | None, notes: tuple[Note, ...]) -> Page:
+def _even(
+    name: str, scale: float, box: ViewBox | None, sizes: tuple[float, float] | None, notes: tuple[Note, ...]
+) -> SvgPage:
     """A page on which one unit is ``scale`` mm."""
     if box is None:
         width, height = sizes or (0.0, 0.0)
-        box = Box(0.0, 0.0, width, height)
+        box = ViewBox(0.0, 0.0, width, height)
     matrix = np.array([[scale, 0.0, -box.x * scale], [0.0, scale, -box.y * scale]])
     return _make(matrix, box.height * scale, (box.width, box.height), name, notes)
 
 
-def _page(matrix: FloatArray, height: float, box: Box, sizes: tuple[float, float], notes: tuple[Note, ...]) -> Page:
+def _page(
+    matrix: FloatArray, height: float, box: ViewBox, sizes: tuple[float, float], notes: tuple[Note, ...]
+) -> SvgPage:
     """A page whose box is laid into its size."""
     sx, sy = float(matrix[0, 0]), float(matrix[1, 1])
     name = f"{short(sx, 9)} mm/unit" if abs(sx - sy) <= 1e-9 * sx else f"{short(sx, 6)} and {short(sy, 6)} mm/unit"
@@ -125,21 +129,21 @@ def _page(matrix: FloatArray, height: float, box: Box, sizes: tuple[float, float
         name = "mm"
     page = _make(matrix, height, (box.width, box.height), name, notes)
     told = " x ".join(short(v * MM_PER_PX, 3) for v in sizes) + " mm"
-    return Page(page.matrix, page.view, page.units, told, page.open, page.notes)
+    return SvgPage(page.matrix, page.view, page.units, told, page.open, page.notes)
 
 
-def _make(matrix: FloatArray, height: float, view: tuple[float, float], name: str, notes: tuple[Note, ...]) -> Page:
+def _make(matrix: FloatArray, height: float, view: tuple[float, float], name: str, notes: tuple[Note, ...]) -> SvgPage:
     """With y turned up, from the lower edge of the page."""
     up = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, height]])
     known = height > 0
     told = f"{short(view[0] * float(matrix[0, 0]), 3)} x {short(height, 3)} mm" if known else "of no stated size"
-    return Page(combine(up, matrix), view, name, told, not known, notes)
+    return SvgPage(combine(up, matrix), view, name, told, not known, notes)
 
 
 _MOST_BYTES = 200_000_000
 
 
-class Facts(Struct, frozen=True):
+class SvgFacts(Struct, frozen=True):
     """What is in an SVG file; its ``str`` is a page to print. size: of the drawing, mm. notes as of ``read``."""
 
     units: str
@@ -166,7 +170,7 @@ class Facts(Struct, frozen=True):
 class _Read(Struct, frozen=True):
     units: str
     page: str
-    drawn: Drawn
+    drawn: DrawnShape
     contours: tuple[Contour, ...]
     notes: tuple[Note, ...]
 
@@ -183,7 +187,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     return Part(source.stem, source.name, found.units, found.contours, found.notes)
 
 
-def inspect(source: Source, job: Job, _files: Files) -> Facts:
+def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
     """What is in the drawing. Errors as of ``read``, but a drawing may be empty."""
     found = _read(source, job.input, job.tolerance.chord)
     kinds: Counter[str] = Counter()
@@ -199,10 +203,10 @@ def inspect(source: Source, job: Job, _files: Files) -> Facts:
     points = np.concatenate([c.points for c in found.contours]) if found.contours else np.zeros((1, 2))
     width, height = np.ptp(points, axis=0).tolist()
     opened = len(found.contours) - closed
-    return Facts(found.units, found.page, layers, _note_reasons(kinds), closed, opened, (width, height), found.notes)
+    return SvgFacts(found.units, found.page, layers, _note_reasons(kinds), closed, opened, (width, height), found.notes)
 
 
-def _read(source: Source, settings: Input, chord: float) -> _Read:
+def _read(source: Source, settings: InputTable, chord: float) -> _Read:
     root = _parse(source.name, source.data)
     page = page_of(source.name, root.attrib, settings.units)
     layers = Layers({}, {}, tuple(g.strip().casefold() for g in settings.layers))
@@ -254,7 +258,7 @@ def _note_reasons(counts: Counter[str]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items())) or "none"
 
 
-def _left(drawn: Drawn) -> list[Note]:
+def _left(drawn: DrawnShape) -> list[Note]:
     """One note per reason for which something was not used, and for what was taken for something simpler."""
     notes = []
     for why, counts in drawn.left.items():

@@ -11,7 +11,7 @@ from camgen.geometry import curves
 from camgen.model.pose import FloatArray
 from camgen.read.pieces import Soup
 from camgen.read.svg.path import Oval
-from camgen.read.svg.tree import Drawn
+from camgen.read.svg.tree import DrawnShape
 
 #: How far conjugate diameters may be from equal and square to count as those of a circle.
 _ROUND = 1e-9
@@ -27,7 +27,7 @@ class _Pieces(Struct):
     shape: list[int]
 
 
-def flatten(drawn: Drawn, chord: float) -> Soup:
+def flatten(drawn: DrawnShape, chord: float) -> Soup:
     """Pieces of all that was drawn, one per subpath. chord: mm, the deviation allowed for curves."""
     placed = [
         (k, track.closed, [_place(run, matrix) for run in track.runs])
@@ -87,7 +87,7 @@ def _oval(
 
 
 def _soup(
-    drawn: Drawn, rows: tuple[FloatArray, FloatArray], first: list[int], closed: list[bool], shape: list[int]
+    drawn: DrawnShape, rows: tuple[FloatArray, FloatArray], first: list[int], closed: list[bool], shape: list[int]
 ) -> Soup:
     layers, kinds = sorted(set(drawn.names)), sorted(set(drawn.kinds))
     layer_of, kind_of = ({name: k for k, name in enumerate(names)} for names in (layers, kinds))

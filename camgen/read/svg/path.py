@@ -40,14 +40,14 @@ class Oval(Struct, frozen=True, eq=False):
 Run = FloatArray | Oval
 
 
-class Track(Struct, frozen=True, eq=False):
+class Subpath(Struct, frozen=True, eq=False):
     """One subpath: runs end to end, in user units."""
 
     runs: tuple[Run, ...]
     closed: bool
 
 
-def tracks(data: str) -> tuple[list[Track], str]:
+def tracks(data: str) -> tuple[list[Subpath], str]:
     """The subpaths of the path data up to its first fault, and what that is: "" for none (section 8.3.9)."""
     pen = _Pen()
     try:
@@ -91,7 +91,7 @@ class _Pen:
     """The state that path data changes: where the pen is, where the subpath began, the last control point."""
 
     def __init__(self) -> None:
-        self.done: list[Track] = []
+        self.done: list[Subpath] = []
         self.runs: list[Run] = []
         self.rows: list[tuple[float, ...]] = []
         self.size = 0
@@ -124,7 +124,7 @@ class _Pen:
         """Ends the subpath."""
         self._flush()
         if self.runs:
-            self.done.append(Track(tuple(self.runs), closed))
+            self.done.append(Subpath(tuple(self.runs), closed))
         self.runs = []
 
     def _flush(self) -> None:
@@ -254,7 +254,7 @@ View = tuple[float, float]
 Attributes = Mapping[str, str]
 
 
-def shape(kind: str, attributes: Attributes, view: View) -> tuple[list[Track], str]:
+def shape(kind: str, attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
     """The subpaths of a shape and what is wrong with it. Raises Malformed where nothing of it can be drawn."""
     return _SHAPES[kind](attributes, view)
 
@@ -264,33 +264,33 @@ def _value(attributes: Attributes, name: str, view: View, default: float = 0.0) 
     return default if text is None or text.strip() == "auto" else length(text, name, view)
 
 
-def _path(attributes: Attributes, view: View) -> tuple[list[Track], str]:  # noqa: ARG001 (one of a table)
+def _path(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:  # noqa: ARG001 (one of a table)
     return tracks(attributes.get("d", ""))
 
 
-def _line(attributes: Attributes, view: View) -> tuple[list[Track], str]:
+def _line(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
     x1, y1, x2, y2 = (_value(attributes, name, view) for name in ("x1", "y1", "x2", "y2"))
-    return [Track((np.array([[x1, y1], [x2, y2]]),), False)], ""
+    return [Subpath((np.array([[x1, y1], [x2, y2]]),), False)], ""
 
 
-def _points(attributes: Attributes, closed: bool) -> tuple[list[Track], str]:
+def _points(attributes: Attributes, closed: bool) -> tuple[list[Subpath], str]:
     values = numbers(attributes.get("points", ""))
     fault = "an odd number of coordinates" if len(values) % 2 else ""
     points = np.array(values[: len(values) // 2 * 2]).reshape(-1, 2)
     if closed and len(points):
         points = np.concatenate([points, points[:1]])
-    return ([Track((points,), closed)] if len(points) > 1 else []), fault
+    return ([Subpath((points,), closed)] if len(points) > 1 else []), fault
 
 
-def _polyline(attributes: Attributes, view: View) -> tuple[list[Track], str]:  # noqa: ARG001
+def _polyline(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:  # noqa: ARG001
     return _points(attributes, False)
 
 
-def _polygon(attributes: Attributes, view: View) -> tuple[list[Track], str]:  # noqa: ARG001
+def _polygon(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:  # noqa: ARG001
     return _points(attributes, True)
 
 
-def _rect(attributes: Attributes, view: View) -> tuple[list[Track], str]:
+def _rect(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
     x, y, w, h = (_value(attributes, name, view) for name in ("x", "y", "width", "height"))
     if w < 0 or h < 0:
         raise Malformed("a negative size")
@@ -301,7 +301,7 @@ def _rect(attributes: Attributes, view: View) -> tuple[list[Track], str]:
     rx, ry = (0.0, 0.0) if math.isnan(rx) or min(rx, ry) <= 0 else (min(rx, w / 2), min(ry, h / 2))
     if rx == 0:
         corners = np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h], [x, y]])
-        return [Track((corners,), True)], ""
+        return [Subpath((corners,), True)], ""
     runs: list[Run] = []
     quarter = math.pi / 2
     first, second = np.array([rx, 0.0]), np.array([0.0, ry])
@@ -314,31 +314,31 @@ def _rect(attributes: Attributes, view: View) -> tuple[list[Track], str]:
     for begin, end, center, turn in sides:
         runs.append(np.array([begin, end]))
         runs.append(Oval(np.array(center), first, second, turn * quarter, (turn + 1) * quarter))
-    return [Track(tuple(runs), True)], ""
+    return [Subpath(tuple(runs), True)], ""
 
 
-def _round(attributes: Attributes, view: View, rx: float, ry: float) -> tuple[list[Track], str]:
+def _round(attributes: Attributes, view: View, rx: float, ry: float) -> tuple[list[Subpath], str]:
     if rx < 0 or ry < 0:
         raise Malformed("a negative radius")
     if rx == 0 or ry == 0:
         return [], ""
     center = np.array([_value(attributes, "cx", view), _value(attributes, "cy", view)])
     oval = Oval(center, np.array([rx, 0.0]), np.array([0.0, ry]), 0.0, 2 * math.pi)
-    return [Track((oval,), True)], ""
+    return [Subpath((oval,), True)], ""
 
 
-def _circle(attributes: Attributes, view: View) -> tuple[list[Track], str]:
+def _circle(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
     radius = _value(attributes, "r", view)
     return _round(attributes, view, radius, radius)
 
 
-def _ellipse(attributes: Attributes, view: View) -> tuple[list[Track], str]:
+def _ellipse(attributes: Attributes, view: View) -> tuple[list[Subpath], str]:
     rx, ry = _value(attributes, "rx", view, math.nan), _value(attributes, "ry", view, math.nan)
     rx, ry = (ry if math.isnan(rx) else rx), (rx if math.isnan(ry) else ry)
     return _round(attributes, view, *((0.0, 0.0) if math.isnan(rx) else (rx, ry)))
 
 
-_SHAPES: dict[str, Callable[[Attributes, View], tuple[list[Track], str]]] = {
+_SHAPES: dict[str, Callable[[Attributes, View], tuple[list[Subpath], str]]] = {
     "path": _path,
     "line": _line,
     "polyline": _polyline,

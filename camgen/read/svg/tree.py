@@ -14,7 +14,7 @@ from camgen.model.errors import InputError
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.layers import Layers
-from camgen.read.svg.path import KINDS, Track, shape
+from camgen.read.svg.path import KINDS, Subpath, shape
 from camgen.read.svg.values import Malformed, combine, fit_viewport, length, transform, view_box
 
 # Whether the style of an element lets it be drawn: attributes, simple rules of style sheets, inheritance.
@@ -34,7 +34,7 @@ _SELECTOR = re.compile(r"(?P<tag>[\w-]+|\*)?(?:\.(?P<cls>[\w-]+)|#(?P<id>[\w-]+)
 Style = dict[str, str]
 
 
-class Sheet(Struct):
+class StyleSheet(Struct):
     """Rules by what they select: (tag, class, id) to declarations. unknown: selectors that were not understood."""
 
     rules: dict[tuple[str, str, str], Style] = field(default_factory=dict)
@@ -84,7 +84,7 @@ def declarations(text: str) -> Style:
     return found
 
 
-def is_styled(parent: Style, tag: str, attributes: Mapping[str, str], sheet: Sheet) -> Style:
+def is_styled(parent: Style, tag: str, attributes: Mapping[str, str], sheet: StyleSheet) -> Style:
     """The style of an element: its attributes, then the sheet, then its style attribute, else its parent's."""
     own = {name: value.strip().lower() for name, value in attributes.items() if name in PROPERTIES}
     own |= sheet.of(tag, attributes)
@@ -134,11 +134,11 @@ _MARKERS = ("marker", "marker-start", "marker-mid", "marker-end")
 _DEEPEST_REFERENCE, _MOST_ELEMENTS = 64, 2_000_000
 
 
-class Drawn(Struct):
+class DrawnShape(Struct):
     """What the walk collects. One shape is tracks under a matrix on a layer; ``left`` counts by reason, kind, layer."""
 
     layers: Layers
-    tracks: list[tuple[Track, ...]] = field(default_factory=list)
+    tracks: list[tuple[Subpath, ...]] = field(default_factory=list)
     matrices: list[FloatArray] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
@@ -166,10 +166,10 @@ class _Place(Struct, frozen=True):
     inside: frozenset[str] = frozenset()
 
 
-def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float], layers: Layers) -> Drawn:
+def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float], layers: Layers) -> DrawnShape:
     """All shapes below ``root``. matrix: (2, 3), mm of its user units. InputError for a document that never ends."""
-    drawn = Drawn(layers)
-    sheet = Sheet()
+    drawn = DrawnShape(layers)
+    sheet = StyleSheet()
     ids: dict[str, Element] = {}
     for element in root.iter():
         if "id" in element.attrib:
@@ -196,8 +196,8 @@ def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float]
 class _Walk(Struct):
     """What every step needs."""
 
-    drawn: Drawn
-    sheet: Sheet
+    drawn: DrawnShape
+    sheet: StyleSheet
     ids: dict[str, Element]
 
     def step(self, element: Element, place: _Place) -> Iterator[tuple[Element, _Place]]:

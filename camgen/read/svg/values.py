@@ -109,7 +109,7 @@ def combine(outer: FloatArray, inner: FloatArray) -> FloatArray:
     return np.column_stack([outer[:, :2] @ inner[:, :2], outer[:, :2] @ inner[:, 2] + outer[:, 2]])
 
 
-class Box(Struct, frozen=True):
+class ViewBox(Struct, frozen=True):
     """A viewBox: x, y, width, height in user units."""
 
     x: float
@@ -118,17 +118,17 @@ class Box(Struct, frozen=True):
     height: float
 
 
-def view_box(text: str | None) -> Box | None:
+def view_box(text: str | None) -> ViewBox | None:
     """The box of a viewBox attribute; None where there is none. Raises Malformed for one that is empty or no box."""
     if text is None or not text.strip():
         return None
     values = numbers(text)
     if len(values) != 4 or not all(map(math.isfinite, values)) or values[2] <= 0 or values[3] <= 0:
         raise Malformed("viewBox is no box")
-    return Box(*values)
+    return ViewBox(*values)
 
 
-def fit_viewport(box: Box, width: float, height: float, aspect: str) -> FloatArray:
+def fit_viewport(box: ViewBox, width: float, height: float, aspect: str) -> FloatArray:
     """The matrix (2, 3) from ``box`` to a viewport of this size, by preserveAspectRatio (section 7.8)."""
     words = [word for word in aspect.split() if word != "defer"] or ["xMidYMid"]
     sx, sy = width / box.width, height / box.height

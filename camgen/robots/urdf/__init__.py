@@ -20,7 +20,7 @@ from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.kinematics.joint_limits import turns
 from camgen.robots.models import Box, Link, Robot, Trust
 from camgen.robots.urdf.boxes import boxes_of, touching
-from camgen.robots.urdf.chain import Chain, chain_of, limits_of
+from camgen.robots.urdf.chain import JointChain, chain_of, limits_of
 from camgen.robots.urdf.xml import Description, read_description
 
 #: mm by which boxes are grown, as those of the built-in robots.
@@ -60,7 +60,7 @@ def _spare(robot: Robot) -> Robot:
     return replace(robot, notes=(*robot.notes, *said))
 
 
-def _links(described: Description, chain: Chain, files: Files) -> tuple[tuple[Link, ...], list[str]]:
+def _links(described: Description, chain: JointChain, files: Files) -> tuple[tuple[Link, ...], list[str]]:
     """What moves together, with its boxes, and notes on what has none."""
     links, notes = [], []
     names = [chain.base, *(joint.child for joint in chain.raw)]
@@ -74,7 +74,7 @@ def _links(described: Description, chain: Chain, files: Files) -> tuple[tuple[Li
     return tuple(links), notes
 
 
-def _bare(described: Description, chain: Chain, links: tuple[Link, ...], notes: list[str]) -> Robot:
+def _bare(described: Description, chain: JointChain, links: tuple[Link, ...], notes: list[str]) -> Robot:
     """The robot, its home at the middle of the limits and no links taken for touching."""
     limits = frozen([limits_of(joint) for joint in chain.raw])
     count = len(chain.joints)

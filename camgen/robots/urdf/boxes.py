@@ -17,7 +17,7 @@ from camgen.read.files import Files
 from camgen.read.solid.mesh_file import load
 from camgen.robots.kinematics.forward import frames
 from camgen.robots.models import Box, Robot
-from camgen.robots.urdf.xml import Shape, mesh_path
+from camgen.robots.urdf.xml import UrdfShape, mesh_path
 
 #: A mesh is looked at in so many slices along each axis, and becomes so many cuboids at most.
 _SLICES, _MOST_CUBOIDS = 16, 3
@@ -29,7 +29,7 @@ _THIN = 0.01
 _CROSS = math.sqrt(0.5)
 
 
-def boxes_of(link: str, shapes: tuple[Shape, ...], folder: Path, files: Files) -> tuple[tuple[Box, ...], list[str]]:
+def boxes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> tuple[tuple[Box, ...], list[str]]:
     """Cuboids around the shapes, in the frame of the link, and notes on what has none. folder: of the URDF."""
     boxes: list[Box] = []
     notes = []
@@ -51,7 +51,7 @@ def boxes_of(link: str, shapes: tuple[Shape, ...], folder: Path, files: Files) -
     return tuple(boxes), notes
 
 
-def _simple(shape: Shape) -> list[Box]:
+def _simple(shape: UrdfShape) -> list[Box]:
     """The cuboid around a box or a sphere; two around a cylinder, crosswise, which leaves its corners out."""
     a, b, c = (size / 2 for size in shape.size)
     if shape.kind != "cylinder":

@@ -23,7 +23,7 @@ _NO_LIMIT_RAD = 4 * math.tau
 _HERE = translation(0.0, 0.0, 0.0)
 
 
-class Chain(Struct, frozen=True, eq=False):
+class JointChain(Struct, frozen=True, eq=False):
     """joints: of the chain. raw: the same as described. flange: last_joint_from_flange. base, tip: names of links.
     bodies: for the base and each joint the links that move with it, and where: body_from_link. notes: what was assumed.
     """
@@ -37,7 +37,7 @@ class Chain(Struct, frozen=True, eq=False):
     notes: tuple[str, ...]
 
 
-def chain_of(of: Description, tip: str) -> Chain:
+def chain_of(of: Description, tip: str) -> JointChain:
     """The chain to the link ``tip``, or to the flange where it is "". InputError for what is no single tree of links,
     and for a chain with joints that an arm does not have.
     """
@@ -59,7 +59,7 @@ def chain_of(of: Description, tip: str) -> Chain:
         f"{joint.name} has no limits: -360 to 360 deg are taken" for joint in moving if joint.type == "continuous"
     ]
     notes += [f"{name} moves by itself: it is left out" for name in left]
-    return Chain(joints, tuple(moving), bodies[-1][tip], base, tip, bodies, tuple(notes))
+    return JointChain(joints, tuple(moving), bodies[-1][tip], base, tip, bodies, tuple(notes))
 
 
 def limits_of(joint: RawJoint) -> tuple[float, float]:

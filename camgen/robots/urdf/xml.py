@@ -32,7 +32,7 @@ _LONGEST = 500
 ZERO: Vec3 = (0.0, 0.0, 0.0)
 
 
-class Wrong(Exception):
+class UrdfError(Exception):
     """An element that cannot be meant; whoever knows the file's name makes an InputError of it."""
 
     def __init__(self, what: str, where: str = "", remedy: str = "") -> None:
@@ -44,11 +44,11 @@ def name_of(element: Element, key: str, where: str = "") -> str:
     """The attribute ``key``, which has to be there."""
     value = element.get(key, "").strip()
     if not value:
-        raise Wrong(f"{element.tag} has no {key}", where, f'give it {key}="..."')
+        raise UrdfError(f"{element.tag} has no {key}", where, f'give it {key}="..."')
     if len(value) > _LONGEST:
-        raise Wrong(f"{element.tag} {value[:20]}... has a {key} of {len(value)} letters", where, "shorten it")
+        raise UrdfError(f"{element.tag} {value[:20]}... has a {key} of {len(value)} letters", where, "shorten it")
     if not value.isprintable():
-        raise Wrong(f"{element.tag} has a {key} that cannot be printed", where, "rename it")
+        raise UrdfError(f"{element.tag} has a {key} that cannot be printed", where, "rename it")
     return value
 
 
@@ -56,10 +56,10 @@ def number(text: str, where: str) -> float:
     """A finite number of a size that lengths in m and angles in rad have."""
     text = text.strip()
     if not _NUMBER.fullmatch(text):
-        raise Wrong(f'"{text[:40]}" is not a number', where)
+        raise UrdfError(f'"{text[:40]}" is not a number', where)
     value = float(text)
     if not abs(value) < _DAMAGED_BEYOND:
-        raise Wrong(f"{text[:40]} is beyond all measure", where, "lengths are m, angles rad")
+        raise UrdfError(f"{text[:40]} is beyond all measure", where, "lengths are m, angles rad")
     return value
 
 
@@ -76,7 +76,7 @@ def three(element: Element | None, key: str, default: Vec3, where: str) -> Vec3:
         return default
     words = text.split()
     if len(words) != 3:
-        raise Wrong(f"three numbers are needed, not {len(words)}", f"{where}, {key}")
+        raise UrdfError(f"three numbers are needed, not {len(words)}", f"{where}, {key}")
     x, y, z = (number(word, f"{where}, {key}") for word in words)
     return (x, y, z)
 
@@ -119,7 +119,7 @@ def direction(element: Element, where: str) -> Vec3:
     stated = three(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"{where}, axis")
     length = math.hypot(*stated)
     if length < 1e-6:
-        raise Wrong("the axis has no direction", where, "give axis xyz, of length 1")
+        raise UrdfError("the axis has no direction", where, "give axis xyz, of length 1")
     x, y, z = (value / length for value in stated)
     return (x, y, z)
 
@@ -156,7 +156,7 @@ class RawJoint(Struct, frozen=True, eq=False):
         return self.type == "prismatic"
 
 
-class Shape(Struct, frozen=True, eq=False):
+class UrdfShape(Struct, frozen=True, eq=False):
     """A solid of a link. kind: box, cylinder, sphere or mesh. size: edge lengths of the cuboid around it, mm; of a mesh
     the scale that takes its numbers to m. mesh: the name of its file.
     """
@@ -174,7 +174,7 @@ class Description(Struct, frozen=True, eq=False):
 
     file: str
     name: str
-    links: dict[str, tuple[Shape, ...]]
+    links: dict[str, tuple[UrdfShape, ...]]
     joints: tuple[RawJoint, ...]
     rounded: int
 
@@ -184,26 +184,26 @@ def read_description(path: Path, files: Files) -> Description:
     root = _parse(str(path), _content(path, files))
     try:
         return _describe(path, root)
-    except Wrong as wrong:
+    except UrdfError as wrong:
         raise InputError(str(path), wrong.what, wrong.where, wrong.remedy) from None
 
 
 def _describe(path: Path, root: Element) -> Description:
-    links: dict[str, tuple[Shape, ...]] = {}
+    links: dict[str, tuple[UrdfShape, ...]] = {}
     for element in root.findall("link"):
         name = name_of(element, "name")
         if name in links:
-            raise Wrong(f"there are two links {name}", remedy="rename one")
+            raise UrdfError(f"there are two links {name}", remedy="rename one")
         bodies = element.findall("collision") or element.findall("visual")
         links[name] = tuple(_shape(body, f"link {name}") for body in bodies)
     joints: dict[str, RawJoint] = {}
     for element in root.findall("joint"):
         joint = _joint(element)
         if joint.name in joints:
-            raise Wrong(f"there are two joints {joint.name}", remedy="rename one")
+            raise UrdfError(f"there are two joints {joint.name}", remedy="rename one")
         for end in (joint.parent, joint.child):
             if end not in links:
-                raise Wrong(f"there is no link {end}", f"joint {joint.name}")
+                raise UrdfError(f"there is no link {end}", f"joint {joint.name}")
         joints[joint.name] = joint
     rounded = sum(round_angles(element) for element in root.findall("joint"))
     name = one_line(root.get("name", "").strip()[:60]) or path.stem
@@ -215,7 +215,7 @@ def _joint(element: Element) -> RawJoint:
     where = f"joint {name}"
     kind = name_of(element, "type", where)
     if kind not in TYPES:
-        raise Wrong(f'"{kind[:40]}" is not a type of joint', where, f"known are {', '.join(TYPES)}")
+        raise UrdfError(f'"{kind[:40]}" is not a type of joint', where, f"known are {', '.join(TYPES)}")
     mimic = element.find("mimic")
     return RawJoint(
         name=name,
@@ -232,7 +232,7 @@ def _joint(element: Element) -> RawJoint:
 def _end(element: Element, tag: str, where: str) -> str:
     end = element.find(tag)
     if end is None:
-        raise Wrong(f"it has no {tag}", where, f'give it <{tag} link="..."/>')
+        raise UrdfError(f"it has no {tag}", where, f'give it <{tag} link="..."/>')
     return name_of(end, "link", where)
 
 
@@ -244,24 +244,24 @@ def _limit(element: Element, unit: float, where: str) -> Limit:
     return Limit(*(None if value is None else value * unit for value in values))
 
 
-def _shape(element: Element, where: str) -> Shape:
+def _shape(element: Element, where: str) -> UrdfShape:
     geometry = element.find("geometry")
     kinds = [] if geometry is None else [child for child in geometry if child.tag in _SHAPES]
     if len(kinds) != 1:
-        raise Wrong(f"{element.tag} needs one shape, {', '.join(_SHAPES)}", where)
+        raise UrdfError(f"{element.tag} needs one shape, {', '.join(_SHAPES)}", where)
     own = kinds[0]
     link_from_shape = place(element, f"{where}, {element.tag}")
     if own.tag == "mesh":
         scale = three(own, "scale", (1.0, 1.0, 1.0), f"{where}, mesh")
-        return Shape("mesh", link_from_shape, scale, name_of(own, "filename", where))
+        return UrdfShape("mesh", link_from_shape, scale, name_of(own, "filename", where))
     if own.tag == "box":
         x, y, z = three(own, "size", ZERO, f"{where}, box")
     else:
         x = y = 2 * (optional(own, "radius", f"{where}, {own.tag}") or 0.0)
         z = x if own.tag == "sphere" else optional(own, "length", f"{where}, {own.tag}") or 0.0
     if min(x, y, z) <= 0:
-        raise Wrong(f"a {own.tag} has no size", where, "give lengths above 0, m")
-    return Shape(own.tag, link_from_shape, (1000 * x, 1000 * y, 1000 * z))
+        raise UrdfError(f"a {own.tag} has no size", where, "give lengths above 0, m")
+    return UrdfShape(own.tag, link_from_shape, (1000 * x, 1000 * y, 1000 * z))
 
 
 class _DeclaredError(Exception):

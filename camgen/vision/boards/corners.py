@@ -203,7 +203,7 @@ class Chessboard(Struct, frozen=True):
 Target = Chessboard | Board
 
 
-class Seen(Struct, frozen=True, eq=False):
+class SeenBoard(Struct, frozen=True, eq=False):
     """A board in a photo. corners: (N, 2) px; places: (N, 2) mm on the board; of: how many corners the board has."""
 
     corners: FloatArray
@@ -245,7 +245,7 @@ def charuco(columns: int, rows: int, square: float, marker: float, dictionary: s
     return board
 
 
-def find_board(pixels: Pixels, target: Target) -> Seen | None:
+def find_board(pixels: Pixels, target: Target) -> SeenBoard | None:
     """The board in a photo, (H, W) grey or (H, W, 3) blue, green, red; None if it is not there."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
@@ -304,7 +304,7 @@ def _charuco(grey: Pixels, target: Board) -> Iterator[_Rough]:
             yield _Rough(np.asarray(corners, dtype=np.float64).reshape(-1, 2), which)
 
 
-def _measure(grey: Pixels, rough: _Rough, target: Target) -> Seen | None:
+def _measure(grey: Pixels, rough: _Rough, target: Target) -> SeenBoard | None:
     """The corners as fitted; None if too few of them are corners of such a board."""
     columns, rows = _corners_of(target)
     row, column = np.divmod(rough.numbers, columns)
@@ -329,7 +329,7 @@ def _measure(grey: Pixels, rough: _Rough, target: Target) -> Seen | None:
     corners, places = saddles.corners[good], places[good]
     if isinstance(target, Chessboard) and (columns + rows) % 2 and sign < 0:
         corners, places = corners[::-1], (np.array([columns - 1, rows - 1]) * target.square - places)[::-1]
-    return Seen(frozen(corners), frozen(places), columns * rows)
+    return SeenBoard(frozen(corners), frozen(places), columns * rows)
 
 
 def _corners_of(target: Target) -> tuple[int, int]:

@@ -18,7 +18,7 @@ from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.vision.boards.corners import Chessboard, Seen, Target, find_board
+from camgen.vision.boards.corners import Chessboard, SeenBoard, Target, find_board
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.image import load
 
@@ -40,7 +40,7 @@ class Used(Struct, frozen=True, eq=False):
     """A photo that the calibration rests on. errors: (N, 2) px, the corners as seen less as calculated."""
 
     name: str
-    seen: Seen
+    seen: SeenBoard
     errors: FloatArray
 
     @property
@@ -61,7 +61,7 @@ class LeftOut(Struct, frozen=True):
     why: str
 
 
-class Fit(Struct, frozen=True, eq=False):
+class LensFit(Struct, frozen=True, eq=False):
     """matrix (3, 3) px and lens (n,) that fit the photos used best; the standard deviations (4 + n,) of fx, fy, cx, cy
     (px) and the coefficients.
     """
@@ -87,7 +87,9 @@ class Fit(Struct, frozen=True, eq=False):
         return sum(2 * len(one.errors) - 6 for one in self.used) - len(self.deviations)
 
 
-def best_fit(boards: Sequence[tuple[str, Seen]], size: tuple[int, int]) -> tuple[Fit, list[LeftOut], list[Note]]:
+def best_fit(
+    boards: Sequence[tuple[str, SeenBoard]], size: tuple[int, int]
+) -> tuple[LensFit, list[LeftOut], list[Note]]:
     """The fit to the photos (name, board) of ``size`` px that agree with each other, those left out, and the lens
     model's note. InputError if they do not determine a camera.
     """
@@ -136,7 +138,7 @@ def border(size: tuple[int, int]) -> FloatArray:
     return np.concatenate(sides)
 
 
-def _fit(boards: Sequence[tuple[str, Seen]], size: tuple[int, int], count: int) -> Fit:
+def _fit(boards: Sequence[tuple[str, SeenBoard]], size: tuple[int, int], count: int) -> LensFit:
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     places = [np.column_stack([seen.places, np.zeros(len(seen.places))]).astype(np.float32) for _, seen in boards]
@@ -161,7 +163,7 @@ def _fit(boards: Sequence[tuple[str, Seen]], size: tuple[int, int], count: int) 
         pose = np.linalg.qr(slopes[:, :6])[0]
         free = slopes[:, 6 : 10 + count] - pose @ (pose.T @ slopes[:, 6 : 10 + count])
         known += free.T @ free
-    fit = Fit(matrix, lens, np.zeros(4 + count), tuple(used))
+    fit = LensFit(matrix, lens, np.zeros(4 + count), tuple(used))
     return replace(fit, deviations=_deviations(known, fit.squares / fit.freedom))
 
 
@@ -174,7 +176,9 @@ def _deviations(known: FloatArray, variance: float) -> FloatArray:
     return spread
 
 
-def _agreeing(boards: Sequence[tuple[str, Seen]], size: tuple[int, int], fit: Fit) -> tuple[Fit, list[LeftOut]]:
+def _agreeing(
+    boards: Sequence[tuple[str, SeenBoard]], size: tuple[int, int], fit: LensFit
+) -> tuple[LensFit, list[LeftOut]]:
     """The fit to the photos that agree with each other, and the others, the worst one first."""
     odd: list[LeftOut] = []
     kept = list(boards)
@@ -209,7 +213,7 @@ class Photo(Struct, frozen=True, eq=False):
 
     name: str
     size: tuple[int, int]
-    seen: Seen | None
+    seen: SeenBoard | None
 
 
 class Calibration(Struct, frozen=True, eq=False):
@@ -284,9 +288,9 @@ def _one_size(photos: Sequence[Photo]) -> tuple[int, int]:
     return most
 
 
-def _distinct(photos: Sequence[Photo], target: Target) -> tuple[list[tuple[str, Seen]], list[LeftOut]]:
+def _distinct(photos: Sequence[Photo], target: Target) -> tuple[list[tuple[str, SeenBoard]], list[LeftOut]]:
     """The photos with a board, each once, and why not the others."""
-    good: list[tuple[str, Seen]] = []
+    good: list[tuple[str, SeenBoard]] = []
     left_out: list[LeftOut] = []
     for photo in photos:
         if photo.seen is None:
@@ -316,7 +320,7 @@ def _together(photos: Sequence[Photo]) -> str:
     return photos[0].name + (f" and {more} more" if more else "")
 
 
-def _doubts(camera: Camera, fit: Fit) -> list[Note]:
+def _doubts(camera: Camera, fit: LensFit) -> list[Note]:
     """What makes this calibration worse than it could be."""
     notes = []
     vague = float((fit.deviations[:2] / np.diag(fit.matrix)[:2]).max())

@@ -44,7 +44,7 @@ _MODEL_KEYS = ("distortion_model", "distortionModel", "camera_model")
 _FISHEYE_KEYS = ("fisheye_model", "fisheye", "Calibrate_UseFisheyeModel")
 
 
-class Data(Struct, frozen=True, eq=False):
+class CameraData(Struct, frozen=True, eq=False):
     """The parts of a camera file and what it calls them. matrix, lens: of any shape; model: "" where none is named."""
 
     matrix: FloatArray
@@ -59,7 +59,7 @@ class Data(Struct, frozen=True, eq=False):
 # -- ROS camera_info
 
 
-def from_camera_info(file: str, text: str) -> Data:
+def from_camera_info(file: str, text: str) -> CameraData:
     """camera_info YAML. InputError for what is no YAML, missing keys, and matrices of another size than said."""
     import yaml  # noqa: PLC0415 (loaded only by what needs it)
 
@@ -79,7 +79,7 @@ def from_camera_info(file: str, text: str) -> Data:
         if key in root and _matrix_data(file, root, key).shape != shape:
             raise InputError(file, f"{key} is not {shape[0]} x {shape[1]}", remedy=_AGAIN)
     model = next((root[key] for key in ("distortion_model", "camera_model") if key in root), "plumb_bob")
-    return Data(
+    return CameraData(
         matrix=_matrix_data(file, root, "camera_matrix"),
         matrix_key="camera_matrix",
         lens=_matrix_data(file, root, "distortion_coefficients"),
@@ -150,7 +150,7 @@ def _cut(text: str) -> str:
 # -- OpenCV FileStorage
 
 
-def from_storage(file: str, text: str) -> Data:
+def from_storage(file: str, text: str) -> CameraData:
     """An OpenCV FileStorage: YAML, XML or JSON. InputError as for camera_info."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
@@ -166,7 +166,7 @@ def from_storage(file: str, text: str) -> Data:
     name, model = (_first_text(root, keys, which) for which in (_NAME_KEYS, _MODEL_KEYS))
     if any(root.getNode(key).isInt() and root.getNode(key).real() for key in _FISHEYE_KEYS if key in keys):
         model = "fisheye"
-    return Data(
+    return CameraData(
         matrix=_store(file, root.getNode(matrix_key), matrix_key),
         matrix_key=matrix_key,
         lens=_store(file, root.getNode(lens_key), lens_key),
@@ -302,7 +302,7 @@ def read_camera(source: Source) -> Camera:
     if not text.strip():
         raise InputError(name, "is empty", remedy=_LOOKS)
     stored = text.lstrip().startswith(("%YAML:", "<", "{")) or "!!opencv-matrix" in text
-    read: Callable[[str, str], Data] = from_storage if stored else from_camera_info
+    read: Callable[[str, str], CameraData] = from_storage if stored else from_camera_info
     return _check(read(name, text), source)
 
 
@@ -339,7 +339,7 @@ def _quote(name: str) -> str:
     return f'"{escaped}"'
 
 
-def _check(data: Data, source: Source) -> Camera:
+def _check(data: CameraData, source: Source) -> Camera:
     file = source.name
     model = data.model or _RATIONAL
     if model not in _MODELS:

@@ -19,9 +19,9 @@ from camgen.model.part import Contour, IntArray, Note
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
-from camgen.vision.lines_arcs.joints import Joints, clear, joints, normals, orient, small_corners, tangents
+from camgen.vision.lines_arcs.joints import CornerJoints, clear, joints, normals, orient, small_corners, tangents
 from camgen.vision.lines_arcs.polish import (
-    Chain,
+    FittedChain,
     along,
     astray,
     astray_beyond,
@@ -52,7 +52,7 @@ class Divided(Struct, frozen=True, eq=False):
     points: ComplexArray
     runs: Runs
     curves: Curves
-    joints: Joints
+    joints: CornerJoints
     counts: BoolArray
 
 
@@ -132,7 +132,7 @@ _CHORD = 0.02
 _MOST_LOST = 0.98
 
 
-class Fit(Struct, frozen=True):
+class OutlineFit(Struct, frozen=True):
     """How well a contour follows its outline: rms_mm and max_mm of the points away from rounded corners, and how many
     lines and arcs it has. doubtful: stretches that no line or arc follows, kept as lines from point to point.
     cut: px2 of small loops that were cut off a polygon.
@@ -148,7 +148,7 @@ class Fit(Struct, frozen=True):
 
 def primitives(
     outlines: Sequence[Outline], work_from_view: FloatArray, layer: str = "0"
-) -> tuple[tuple[Contour, ...], tuple[Fit, ...], tuple[Note, ...]]:
+) -> tuple[tuple[Contour, ...], tuple[OutlineFit, ...], tuple[Note, ...]]:
     """The ``outlines`` (view pixels) as contours in the work frame (mm), and how well each fits.
 
     work_from_view: (2, 3), mm of a pixel centre; a similarity, v may run against y. Outer contours run
@@ -167,7 +167,7 @@ def primitives(
     rows, begin = parts.runs.rows(loops)
     ends = np.searchsorted(parts.runs.loop, np.arange(len(outlines) + 1))
     contours: list[Contour] = []
-    fits: list[Fit] = []
+    fits: list[OutlineFit] = []
     notes: list[Note] = []
     for k, outline in enumerate(outlines):
         mine = np.arange(ends[k], ends[k + 1])
@@ -196,7 +196,7 @@ def _keep(k: int, cut: float | None) -> Note:
     return Note("warning", what, "no lines and arcs follow it soundly")
 
 
-_Found = tuple[tuple[FloatArray, FloatArray], Fit]
+_Found = tuple[tuple[FloatArray, FloatArray], OutlineFit]
 
 
 def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, matrix: FloatArray) -> _Found | None:
@@ -219,12 +219,12 @@ def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, m
     return shape, _fit(error, shape[1], int(bad.sum()), matrix)
 
 
-def _fit(error: FloatArray, bulges: FloatArray, doubtful: int, matrix: FloatArray) -> Fit:
+def _fit(error: FloatArray, bulges: FloatArray, doubtful: int, matrix: FloatArray) -> OutlineFit:
     """error: distances of points, px."""
     size = scale_of(matrix) * np.abs(error)
     arcs = int((bulges != 0).sum())
     rms, most = (float(np.sqrt((size**2).mean())), float(size.max())) if len(size) else (0.0, 0.0)
-    return Fit(rms, most, len(bulges) - arcs, arcs, doubtful)
+    return OutlineFit(rms, most, len(bulges) - arcs, arcs, doubtful)
 
 
 def _circle(parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, matrix: FloatArray) -> _Found | None:
@@ -243,7 +243,7 @@ def _circle(parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, 
     return shape, _fit(error, shape[1], 0, matrix)
 
 
-def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArray) -> tuple[Chain, IntArray]:
+def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArray) -> tuple[FittedChain, IntArray]:
     """Lines and arcs through the points of several runs, and which of them each point belongs to."""
     piece = np.repeat(np.arange(len(mine)), parts.runs.count[mine])
     curves = parts.curves.take(mine)
@@ -255,13 +255,13 @@ def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArr
     turn += 2 * np.pi * np.round((curves.curvature * way - turn) / (2 * np.pi))
     straight = curves.curvature == 0
     bulges = np.where(straight, 0.0, np.tan(turn.clip(-6.25, 6.25) / 4))
-    return polish(Chain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)), piece
+    return polish(FittedChain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)), piece
 
 
 def _halve(corners: ComplexArray, bulges: FloatArray) -> tuple[ComplexArray, FloatArray]:
     """Arcs of more than half a circle as two."""
     none = np.zeros(len(corners), dtype=np.bool_)
-    middle = along(Chain(corners, bulges, none, none), 0.5)
+    middle = along(FittedChain(corners, bulges, none, none), 0.5)
     large = np.flatnonzero(np.abs(bulges) > 1)
     half = np.tan(np.arctan(bulges) / 2)
     corners = np.insert(corners, large + 1, middle[large])
@@ -298,4 +298,4 @@ def _polygon(outline: Outline, matrix: FloatArray) -> _Found | None:
     ring = shapely.get_coordinates(shapely.normalize(drawn).exterior)[:-1]
     # A normalised ring runs clockwise in u and v, which in the work frame is counter-clockwise.
     corners = (ring[::-1] if outline.hole else ring) @ np.array([1, 1j])
-    return _in_work(corners, np.zeros(len(corners)), matrix), Fit(0.0, 0.0, len(corners), 0, 1, cut)
+    return _in_work(corners, np.zeros(len(corners)), matrix), OutlineFit(0.0, 0.0, len(corners), 0, 1, cut)

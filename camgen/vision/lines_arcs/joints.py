@@ -30,7 +30,7 @@ _NEAR_PX = 4.0
 _CORE = (3, 4)
 
 
-class Joints(Struct, frozen=True, eq=False):
+class CornerJoints(Struct, frozen=True, eq=False):
     """For each run the joint at its end, with the run after it. vertex (P,) px; turn (P,) rad, signed; crossing (P,):
     whether the curves cross there; smooth (P,): whether they touch within the noise. zone (P,): px around the vertex
     that the blur has rounded.
@@ -54,7 +54,7 @@ def orient(curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> Cu
 
 def joints(
     curves: Curves, runs: Runs, loops: Rings, points: ComplexArray, sigma: FloatArray, blur: FloatArray
-) -> Joints:
+) -> CornerJoints:
     """Joints of oriented ``curves`` with those that follow; sigma, blur (L,) px."""
     after = runs.following()
     end = points[_row(runs, loops, runs.count)]
@@ -69,7 +69,7 @@ def joints(
     smooth &= ~crossing | (np.abs(turn) < _SHALLOW)
     vertex = np.where(smooth, touch, np.where(crossing, vertex, _between(curves, other, near)))
     turn = _turn(curves, other, vertex)
-    return Joints(vertex, turn, crossing, smooth, np.where(smooth, 0.0, _zone(turn, s)))
+    return CornerJoints(vertex, turn, crossing, smooth, np.where(smooth, 0.0, _zone(turn, s)))
 
 
 def crossings(one: Curves, two: Curves, near: ComplexArray) -> tuple[ComplexArray, BoolArray]:
@@ -134,7 +134,7 @@ def valley(x: FloatArray, y: FloatArray) -> FloatArray:
     return found
 
 
-def clear(found: Joints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> BoolArray:
+def clear(found: CornerJoints, curves: Curves, runs: Runs, loops: Rings, points: ComplexArray) -> BoolArray:
     """(N,) which points of the loops count: those that no corner has rounded, as long as a run keeps a few."""
     before = runs.before()
     rows, begin = runs.rows(loops)

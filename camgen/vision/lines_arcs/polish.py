@@ -28,7 +28,7 @@ _LONGEST_STEP = 1.0
 _STEP_PX = 1e-6
 
 
-class Chain(Struct, frozen=True, eq=False):
+class FittedChain(Struct, frozen=True, eq=False):
     """corners (K,) px; bulges (K,) of the pieces that leave them; straight (K,): pieces that stay lines; smooth (K,):
     corners that stay tangential.
     """
@@ -39,17 +39,19 @@ class Chain(Struct, frozen=True, eq=False):
     smooth: BoolArray
 
 
-def polish(chain: Chain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> Chain:
+def polish(chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> FittedChain:
     """``chain`` moved to fit ``points`` (N,) best; piece (N,): ascending, which one each belongs to."""
     corners, bulges = chain.corners, chain.bulges
     for _ in range(_ROUNDS):
-        matrix, right = _normal_equations(Chain(corners, bulges, chain.straight, chain.smooth), points, piece, weight)
+        matrix, right = _normal_equations(
+            FittedChain(corners, bulges, chain.straight, chain.smooth), points, piece, weight
+        )
         step = _solve(matrix, right)
         move = step[:, 0] + 1j * step[:, 1]
         size = np.abs(move)
         corners = corners + move * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-12))
         bulges = np.where(chain.straight, 0.0, bulges + step[:, 2].clip(-0.3, 0.3))
-    return Chain(corners, bulges, chain.straight, chain.smooth)
+    return FittedChain(corners, bulges, chain.straight, chain.smooth)
 
 
 def to_arcs(points: ComplexArray, a: ComplexArray, b: ComplexArray, bulge: FloatArray) -> FloatArray:
@@ -65,7 +67,7 @@ def to_arcs(points: ComplexArray, a: ComplexArray, b: ComplexArray, bulge: Float
 
 
 def _normal_equations(
-    chain: Chain, points: ComplexArray, piece: IntArray, weight: FloatArray
+    chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Blocks (K, 5, 3, 3) that couple corner k with k - 2 .. k + 2, and the right side (K, 3): x, y, bulge."""
     count = len(chain.corners)
@@ -87,7 +89,7 @@ def _normal_equations(
     return matrix, right
 
 
-def _products(chain: Chain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> FloatArray:
+def _products(chain: FittedChain, points: ComplexArray, piece: IntArray, weight: FloatArray) -> FloatArray:
     """(K, 5, 6): for each piece, sums of the products of the five slopes of its points' distances with one another and
     with the distances; the slopes are those by x, y of its start, its bulge, and x, y of its end.
     """
@@ -110,7 +112,7 @@ def _products(chain: Chain, points: ComplexArray, piece: IntArray, weight: Float
     return products
 
 
-def _add_tangents(chain: Chain, matrix: FloatArray, right: FloatArray) -> None:
+def _add_tangents(chain: FittedChain, matrix: FloatArray, right: FloatArray) -> None:
     """One heavy row for each tangential corner: the piece that arrives and the one that leaves have one direction."""
     k = np.flatnonzero(chain.smooth)
     count = len(chain.corners)
@@ -190,7 +192,7 @@ class Fillets(Struct, frozen=True, eq=False):
     lost: BoolArray
 
 
-def along(chain: Chain, share: float | FloatArray) -> ComplexArray:
+def along(chain: FittedChain, share: float | FloatArray) -> ComplexArray:
     """The place (K,) at ``share`` of each piece."""
     a, b, sweep = chain.corners, np.roll(chain.corners, -1), 4 * np.arctan(chain.bulges)
     arc = np.abs(sweep) > 1e-6
@@ -200,12 +202,12 @@ def along(chain: Chain, share: float | FloatArray) -> ComplexArray:
     return np.asarray(a + (b - a) * part)
 
 
-def errors(chain: Chain, points: ComplexArray, piece: IntArray) -> FloatArray:
+def errors(chain: FittedChain, points: ComplexArray, piece: IntArray) -> FloatArray:
     """Signed distances (N,) px of points from their pieces."""
     return to_arcs(points, chain.corners[piece], np.roll(chain.corners, -1)[piece], chain.bulges[piece])
 
 
-def beyond(chain: Chain, fillets: Fillets, points: ComplexArray, piece: IntArray) -> BoolArray:
+def beyond(chain: FittedChain, fillets: Fillets, points: ComplexArray, piece: IntArray) -> BoolArray:
     """Which points (N,) no fillet has to do with."""
     after, reach = np.roll(chain.corners, -1)[piece], np.roll(fillets.reach, -1)[piece]
     at_start = np.abs(points - chain.corners[piece]) < fillets.reach[piece]
@@ -218,7 +220,7 @@ def astray_beyond(sigma: float) -> float:
 
 
 def astray(
-    chain: Chain, fillets: Fillets, points: ComplexArray, piece: IntArray, counts: BoolArray, sigma: float
+    chain: FittedChain, fillets: Fillets, points: ComplexArray, piece: IntArray, counts: BoolArray, sigma: float
 ) -> BoolArray:
     """Which pieces (K,) do not follow their points; of two that meet in a corner that is none, the one with fewer."""
     count = len(chain.corners)
@@ -235,7 +237,7 @@ def astray(
     return bad | ~np.isfinite(chain.bulges)
 
 
-def fillets_of(chain: Chain, points: ComplexArray, piece: IntArray, blur: float, sigma: float) -> Fillets:
+def fillets_of(chain: FittedChain, points: ComplexArray, piece: IntArray, blur: float, sigma: float) -> Fillets:
     """The small radii at the corners of ``chain``, told by how far its points keep from the corner.
 
     The picture of a corner of radius r passes the vertex at the root of the sum of two squares: the distance of the
@@ -271,7 +273,7 @@ def _depths(corners: ComplexArray, inwards: ComplexArray, points: ComplexArray, 
 
 
 def repair(
-    chain: Chain, fillets: Fillets, bad: BoolArray, points: ComplexArray, piece: IntArray
+    chain: FittedChain, fillets: Fillets, bad: BoolArray, points: ComplexArray, piece: IntArray
 ) -> tuple[ComplexArray, FloatArray]:
     """Corners and bulges with the fillets put in, and with ``bad`` (K,) pieces as lines from point to point."""
     begin = np.searchsorted(piece, np.arange(len(bad) + 1))
@@ -294,13 +296,13 @@ def repair(
     return np.concatenate(corners), np.concatenate(shapes)
 
 
-def _lengths(chain: Chain) -> FloatArray:
+def _lengths(chain: FittedChain) -> FloatArray:
     chord, half = np.abs(np.roll(chain.corners, -1) - chain.corners), 2 * np.arctan(chain.bulges)
     safe = np.where(np.abs(half) > 1e-9, half, 1.0)
     return np.asarray(np.maximum(chord * np.where(np.abs(half) > 1e-9, safe / np.sin(safe), 1.0), 1e-9))
 
 
-def _share(chain: Chain, points: ComplexArray) -> FloatArray:
+def _share(chain: FittedChain, points: ComplexArray) -> FloatArray:
     """Where on each piece the foot of its point (K,) lies, 0 at the start, 1 at the end."""
     a, b, g = chain.corners, np.roll(chain.corners, -1), chain.bulges
     arc = np.abs(g) > 1e-6

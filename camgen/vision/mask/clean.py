@@ -11,7 +11,7 @@ from camgen.model.errors import InputError
 from camgen.model.part import Note
 from camgen.model.text import counted, short
 from camgen.vision.mask.cells import Bools, Bytes
-from camgen.vision.to_scale import View
+from camgen.vision.to_scale import ScaledView
 
 #: Nothing smaller has an outline.
 _LEAST_PIXELS = 12.0
@@ -20,7 +20,7 @@ _PARENT = 3
 Ring = NDArray[np.int32]
 
 
-class Piece(Struct, frozen=True, eq=False):
+class MaskPiece(Struct, frozen=True, eq=False):
     """A connected piece of the mask. pixels: how many it has; filled: the same with its holes."""
 
     ring: Ring
@@ -28,7 +28,7 @@ class Piece(Struct, frozen=True, eq=False):
     filled: float
 
 
-def clean(mask: Bytes, view: View, min_area: float, name: str) -> tuple[Note, ...]:
+def clean(mask: Bytes, view: ScaledView, min_area: float, name: str) -> tuple[Note, ...]:
     """Drops specks and fills small holes in ``mask`` (H, W), in place. InputError: no part, or not the whole part.
 
     min_area: mm2. Pieces hang together over corners, holes over sides.
@@ -50,7 +50,7 @@ def clean(mask: Bytes, view: View, min_area: float, name: str) -> tuple[Note, ..
         raise _nothing(view, outer, pixels, least * mm2, name)
     specks = outer & ~kept
     for k in np.flatnonzero(specks).tolist():
-        _erase(mask, Piece(rings[k], float(pixels[k]), float(filled[k])))
+        _erase(mask, MaskPiece(rings[k], float(pixels[k]), float(filled[k])))
     small = ~outer & (filled < least)
     small[~outer] &= kept[parents[~outer]]
     for k in np.flatnonzero(small).tolist():
@@ -70,7 +70,7 @@ def clean(mask: Bytes, view: View, min_area: float, name: str) -> tuple[Note, ..
     )
 
 
-def _erase(mask: Bytes, piece: Piece) -> None:
+def _erase(mask: Bytes, piece: MaskPiece) -> None:
     if piece.filled - piece.pixels < _LEAST_PIXELS:
         cv2.drawContours(mask, [piece.ring], -1, 0, cv2.FILLED)
         return
@@ -79,7 +79,7 @@ def _erase(mask: Bytes, piece: Piece) -> None:
     cv2.floodFill(mask, None, (u, v), 0, flags=8)
 
 
-def _nothing(view: View, outer: Bools, pixels: NDArray[np.float64], least: float, name: str) -> InputError:
+def _nothing(view: ScaledView, outer: Bools, pixels: NDArray[np.float64], least: float, name: str) -> InputError:
     size = short(float(pixels[outer].sum()) * view.mm_per_px**2, 3)
     what = f"shows no part of {short(least, 3)} mm2 or more"
     if outer.any():
@@ -87,7 +87,7 @@ def _nothing(view: View, outer: Bools, pixels: NDArray[np.float64], least: float
     return InputError(name, what, remedy="check its scale, set [image] min_area lower, or choose another [image] mask")
 
 
-def _whole(rings: list[Ring], view: View, name: str) -> None:
+def _whole(rings: list[Ring], view: ScaledView, name: str) -> None:
     """InputError where a piece reaches the border of what the photo shows."""
     height, width = view.pixels.shape[:2]
     beside = _beside_unseen(view.valid)

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError, JobError
-from camgen.model.job import Image
+from camgen.model.job import ImageTable
 from camgen.model.part import Note
 from camgen.model.text import short
 from camgen.vision.mask.cells import Bools, Bytes, Cells, Floats, bench_of, cells_of, depth
@@ -37,7 +37,7 @@ from camgen.vision.mask.channel import (
 )
 from camgen.vision.mask.clean import clean
 from camgen.vision.mask.level import beyond, spread_out
-from camgen.vision.to_scale import View
+from camgen.vision.to_scale import ScaledView
 
 # The methods by name, and how ``auto`` chooses among them.
 
@@ -69,7 +69,7 @@ class Asked(Struct, frozen=True, eq=False):
     name: str
 
 
-class Choice(Struct, frozen=True, eq=False):
+class MaskChoice(Struct, frozen=True, eq=False):
     """What was found and how. level: a given one, instead of halfway."""
 
     method: Method
@@ -79,7 +79,7 @@ class Choice(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...] = ()
 
 
-def choose_mask(pixels: Bytes, empty: Bytes | None, cells: Cells, asked: Asked) -> Choice:
+def choose_mask(pixels: Bytes, empty: Bytes | None, cells: Cells, asked: Asked) -> MaskChoice:
     """The part by the method asked for. InputError where it shows none."""
     if asked.method == "background" and empty is not None:
         choice = _background(pixels, empty, cells, asked)
@@ -101,14 +101,14 @@ def _grey(pixels: Bytes, cells: Cells) -> Channel:
     return Channel(lambda: np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8), np.asarray(grey, np.float32))
 
 
-def _otsu(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+def _otsu(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     channel = _grey(pixels, cells)
     level = otsu(channel.cells, cells)
     found = settle(channel, split_at(channel.cells, cells, level, asked.invert), cells)
-    return Choice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", found) if found else None
+    return MaskChoice("otsu", f"Otsu's threshold, {short(level, 1)}, finds the part", found) if found else None
 
 
-def _threshold(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+def _threshold(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     channel = _grey(pixels, cells)
     level = asked.threshold if asked.threshold is not None else otsu(channel.cells, cells)
     found = as_it_is(channel, split_at(channel.cells, cells, level, asked.invert), cells)
@@ -119,16 +119,18 @@ def _threshold(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
     if abs(level - middle) > _OFF_MIDDLE * contrast:
         what = f"the threshold {short(level, 1)} is not halfway between part and bench ({short(middle, 1)})"
         notes = (Note("warning", what, "the outline lies beside the edge, by a part of its blur"),)
-    return Choice("threshold", f"the threshold {short(level, 1)} is given", found, level, notes)
+    return MaskChoice("threshold", f"the threshold {short(level, 1)} is given", found, level, notes)
 
 
-def _adaptive(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+def _adaptive(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     channel = _grey(pixels, cells)
     bench = bench_of(channel.cells, cells.valid)
     found = settle(channel, differing(channel.cells, cells, bench, asked.invert), cells, bench)
     if found is None:
         return None
-    return Choice("adaptive", "the threshold follows the light on the bench", found, notes=_other_side(found, cells))
+    return MaskChoice(
+        "adaptive", "the threshold follows the light on the bench", found, notes=_other_side(found, cells)
+    )
 
 
 def _other_side(found: Found, cells: Cells) -> tuple[Note, ...]:
@@ -144,20 +146,20 @@ def _other_side(found: Found, cells: Cells) -> tuple[Note, ...]:
     return (Note("warning", what, why),)
 
 
-def _color(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+def _color(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     if pixels.ndim == 2:
         raise InputError(asked.name, "is grey", remedy='[image] mask = "color" needs a picture in colour')
     found = find_by_colour(pixels, cells, asked.color)
     why = "the bench's colour is measured along the border" if asked.color is None else "a colour is given"
-    return Choice("color", why, found) if found else None
+    return MaskChoice("color", why, found) if found else None
 
 
-def _background(pixels: Bytes, empty: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+def _background(pixels: Bytes, empty: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     found = find_by_background(pixels, cells, empty, asked.name)
-    return Choice("background", "a photo of the empty bench is given", found) if found else None
+    return MaskChoice("background", "a photo of the empty bench is given", found) if found else None
 
 
-def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
+def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     """Grey, if it shows the part clearly and all of it, else colour: grey is nearer to what a lens and a blur do."""
     grey = _adaptive(pixels, cells, asked)
     if _find_coloured(cells):
@@ -169,11 +171,11 @@ def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> Choice | None:
         return None
     if grey.found.clear < _CLEAR_CONTRAST:
         note = Note("warning", "part and bench hardly differ", "look at the mask, or give [image] background")
-        return Choice(grey.method, f"{grey.why}; {_apart(grey.found)}", grey.found, notes=(*grey.notes, note))
+        return MaskChoice(grey.method, f"{grey.why}; {_apart(grey.found)}", grey.found, notes=(*grey.notes, note))
     return _by_light(cells, asked, grey)
 
 
-def _for_colour(pixels: Bytes, cells: Cells, asked: Asked, grey: Choice | None) -> str:
+def _for_colour(pixels: Bytes, cells: Cells, asked: Asked, grey: MaskChoice | None) -> str:
     """Why colour is better than grey; empty if it is not. Judged by a part of the cells, evenly spread."""
     step = max(1, math.isqrt(cells.valid.size // _ENOUGH))
     few = Cells(
@@ -188,7 +190,7 @@ def _for_colour(pixels: Bytes, cells: Cells, asked: Asked, grey: Choice | None) 
     return "colour shows more of the part than grey does" if more else ""
 
 
-def _by_light(cells: Cells, asked: Asked, grey: Choice) -> Choice:
+def _by_light(cells: Cells, asked: Asked, grey: MaskChoice) -> MaskChoice:
     """Otsu's threshold if the light is even and it finds the same; the simpler way is the one to be told."""
     bench = grey.found.bench.values[cells.valid]
     low, middle, high = np.percentile(bench, [1, 50, 99]).tolist()
@@ -199,11 +201,11 @@ def _by_light(cells: Cells, asked: Asked, grey: Choice) -> Choice:
     plain = split_at(channel.cells, cells, otsu(channel.cells, cells), asked.invert)
     if not same(plain, grey.found.part):
         return _because(grey, "one threshold for the whole picture finds something else than the bench's rim says")
-    return _because(Choice("otsu", "", grey.found, notes=grey.notes), "the light is even")
+    return _because(MaskChoice("otsu", "", grey.found, notes=grey.notes), "the light is even")
 
 
-def _because(choice: Choice, reason: str) -> Choice:
-    return Choice(choice.method, f"{reason}; {_apart(choice.found)}", choice.found, notes=choice.notes)
+def _because(choice: MaskChoice, reason: str) -> MaskChoice:
+    return MaskChoice(choice.method, f"{reason}; {_apart(choice.found)}", choice.found, notes=choice.notes)
 
 
 def _apart(found: Found) -> str:
@@ -230,7 +232,7 @@ def _more(colour: Bools, grey: Bools) -> bool:
     return bool(np.count_nonzero(colour & ~around) > _MORE * np.count_nonzero(colour))
 
 
-_METHODS: dict[Method, Callable[[Bytes, Cells, Asked], Choice | None]] = {
+_METHODS: dict[Method, Callable[[Bytes, Cells, Asked], MaskChoice | None]] = {
     "auto": _auto,
     "otsu": _otsu,
     "threshold": _threshold,
@@ -239,7 +241,7 @@ _METHODS: dict[Method, Callable[[Bytes, Cells, Asked], Choice | None]] = {
 }
 
 
-_DEFAULTS = Image()
+_DEFAULTS = ImageTable()
 
 
 class Mask(Struct, frozen=True, eq=False):
@@ -259,7 +261,9 @@ class Mask(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...] = ()
 
 
-def part_mask(view: View, settings: Image = _DEFAULTS, background: View | None = None, name: str = "picture") -> Mask:
+def part_mask(
+    view: ScaledView, settings: ImageTable = _DEFAULTS, background: ScaledView | None = None, name: str = "picture"
+) -> Mask:
     """The mask of the part, or parts, in ``view``. ``name`` is the file's, for errors.
 
     background: the same view of the empty bench. A setting of one method chooses it where ``mask`` is auto. threshold:
@@ -292,7 +296,7 @@ def part_mask(view: View, settings: Image = _DEFAULTS, background: View | None =
     return Mask(pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes)
 
 
-def _method(settings: Image, background: View | None) -> Method:
+def _method(settings: ImageTable, background: ScaledView | None) -> Method:
     """The method meant: one that needs a setting must have it, and a setting alone is enough."""
     given: dict[Method, bool] = {
         "background": background is not None,
@@ -307,7 +311,7 @@ def _method(settings: Image, background: View | None) -> Method:
     return method
 
 
-def _colour(settings: Image) -> Colour | None:
+def _colour(settings: ImageTable) -> Colour | None:
     if settings.color is None:
         return None
     if not (len(settings.color) == 3 and all(0 <= c <= 255 for c in settings.color)):
@@ -317,13 +321,13 @@ def _colour(settings: Image) -> Colour | None:
     return red, green, blue
 
 
-def _check(view: View, background: View | None) -> None:
+def _check(view: ScaledView, background: ScaledView | None) -> None:
     if background is not None and background.pixels.shape != view.pixels.shape:
         shapes = " and ".join(_describe(one) for one in (background, view))
         remedy = "take both with the same camera and settings, and treat both alike"
         raise JobError("[image] background", f"its picture and the photo differ: {shapes}", remedy=remedy)
 
 
-def _describe(view: View) -> str:
+def _describe(view: ScaledView) -> str:
     height, width = view.pixels.shape[:2]
     return f"{width} x {height} px in {'grey' if view.pixels.ndim == 2 else 'colour'}"

@@ -17,7 +17,7 @@ from camgen.post import Fault, Reading
 from . import force, motion
 from .machine import Machine
 from .motion import Plain, carry_out
-from .text import Procedure, Source, Statement, read_source
+from .text import Procedure, SourceText, Statement, read_source
 from .values import Unreadable, Value, arguments, evaluate, index, number
 
 #: Calls may nest so deep; so many statements are carried out before the program counts as endless.
@@ -82,7 +82,7 @@ _MOTIONS = (MoveJ, MoveL, MoveC)
 class _Run:
     """One pass through a source."""
 
-    def __init__(self, machine: Machine, source: Source, templates: list[force.Template]) -> None:
+    def __init__(self, machine: Machine, source: SourceText, templates: list[force.Template]) -> None:
         self.machine, self.source, self.templates = machine, source, templates
         self.steps = 0
 

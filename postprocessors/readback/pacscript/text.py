@@ -33,19 +33,19 @@ class Procedure:
 
 
 @dataclass(slots=True)
-class Source:
+class SourceText:
     """The procedures by lower-case name and what is wrong with the text around them."""
 
     procedures: dict[str, Procedure] = field(default_factory=dict)
     faults: list[Fault] = field(default_factory=list)
 
 
-def read_source(files: Mapping[str, str], short: bool) -> Source:
+def read_source(files: Mapping[str, str], short: bool) -> SourceText:
     """All files in order. ``Main`` of a file after the first is known by the file's name, as ``Call`` calls it.
 
     short: motions in the usual spelling become ``Plain``.
     """
-    source = Source()
+    source = SourceText()
     line = 0
     for index, (name, text) in enumerate(files.items()):
         pieces = (PIECE if short else LINE).finditer(text)
@@ -72,7 +72,7 @@ class _Macros:
     pattern: re.Pattern[str] | None = None
 
 
-def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: Source) -> int:
+def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: SourceText) -> int:
     """Reads a file, ``before`` lines after the start; returns the number of its last line."""
     macros = _Macros()
     current: Procedure | None = None
@@ -107,7 +107,7 @@ def _is_plain(piece: re.Match[str], number: int, macros: _Macros, current: Proce
     return True
 
 
-def _statement(text: str, number: int, current: Procedure | None, main: str, source: Source) -> Procedure | None:
+def _statement(text: str, number: int, current: Procedure | None, main: str, source: SourceText) -> Procedure | None:
     """Files a statement; returns the procedure that the next one belongs to."""
     if _CLOSING.fullmatch(text):
         if current is None:
@@ -124,7 +124,7 @@ def _statement(text: str, number: int, current: Procedure | None, main: str, sou
     return current
 
 
-def _directive(text: str, number: int, macros: _Macros, source: Source) -> None:
+def _directive(text: str, number: int, macros: _Macros, source: SourceText) -> None:
     if define := _DEFINE.fullmatch(text):
         macros.texts[define[1].lower()] = define[2]
         macros.pattern = re.compile(rf"\b(?:{'|'.join(macros.texts)})\b", re.IGNORECASE | re.ASCII)
@@ -132,7 +132,7 @@ def _directive(text: str, number: int, macros: _Macros, source: Source) -> None:
         source.faults.append(Fault(number, f"{text.split(maxsplit=1)[0]} is not evaluated"))
 
 
-def _expand(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], source: Source) -> str:
+def _expand(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], source: SourceText) -> str:
     for _ in range(_DEEPEST_MACRO):
         if not pattern.search(text):
             return text
@@ -143,7 +143,7 @@ def _expand(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], s
     return ""
 
 
-def _open(opening: re.Match[str], number: int, main: str, source: Source) -> Procedure:
+def _open(opening: re.Match[str], number: int, main: str, source: SourceText) -> Procedure:
     name = opening[2].lower()
     name = main if name == "main" else name
     matches = [_PARAMETER.fullmatch(p) for p in (opening[3] or "").split(",") if p.strip()]

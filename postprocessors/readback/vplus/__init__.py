@@ -19,7 +19,7 @@ from camgen.model.program import Instruction, MoveJ, MoveL
 from camgen.post import Fault, Reading
 
 from .expressions import Expression, variable
-from .robot import POSTURES, Robot, same
+from .robot import POSTURES, RobotState, same
 from .text import (
     BASE,
     NULL,
@@ -72,8 +72,8 @@ class _Exhausted(Exception):
     """More instructions than any program needs."""
 
 
-class Machine(Robot):
-    """The controller: the robot and the programs that it runs. The other arguments as those of ``Robot``."""
+class Machine(RobotState):
+    """The controller: the robot and the programs that it runs. The other arguments as those of ``RobotState``."""
 
     def __init__(
         self,
@@ -302,7 +302,7 @@ def _start(found: list[Routine], report: Report) -> list[Routine]:
     return roots[:1]
 
 
-def _translate(robot: Robot, report: Report) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
+def _translate(robot: RobotState, report: Report) -> tuple[Pose | None, Sequence[Instruction], Sequence[int]]:
     """The common frame, the instructions with poses in it, and their lines."""
     # Most frames are the same object as the one before.
     given = [frame for frame, _ in groupby(robot.frames) if frame is not None]

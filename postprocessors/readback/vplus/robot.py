@@ -38,7 +38,7 @@ POSTURES = frozenset(word for pair in _PAIRS for word in pair)
 _PROFILE = re.compile(r"\(\s*\d\s*\)\s*(?=[\d.])")
 
 
-class Robot(Variables):
+class RobotState(Variables):
     """The robot while a text is carried out. body: what it does, in order. lines, frames: for each its line, and what
     its target is given in, None where it has no pose. tool: None while it is the controller's.
 
