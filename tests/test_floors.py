@@ -1,6 +1,7 @@
 """A module imports its own folder and lower ones, and nothing goes round in a circle (docs/architecture.md)."""
 
 import ast
+import tomllib
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -67,3 +68,9 @@ def test_there_is_no_circle() -> None:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_every_folder_is_packed() -> None:
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    folders = [name for name, path in FILES.items() if path.name == "__init__.py"]
+    assert sorted(listed) == sorted(name.replace("postprocessors", "camgen_posts") for name in folders)
