@@ -56,7 +56,7 @@ SMOKES = [
         lacking("playwright") or lacking(program="chromium"),
     ),
     Smoke("tours.order 50", (2,), {"paths": (50, 50), "of it": (5, 60)}),
-    Smoke("tours.search 20", (4,), {"paths": (20, 20), "travel, m": (0.15, 0.3), "bound, m": (0.1, 0.3)}),
+    Smoke("tours.search 20", (3,), {"paths": (20, 20), "travel, m": (0.15, 0.3), "bound, m": (0.1, 0.3)}),
     Smoke("tours.drawings {here}/dxf", (1,), {"paths": (9, 9), "as drawn": (150, 250), "default": (80, 150)}),
     Smoke("tours.drawings million 50", (1,), {"segments": (500, 500), "chains": (50, 50)}),
     Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),

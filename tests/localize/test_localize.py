@@ -122,7 +122,7 @@ def test_half_a_turn_of_rfa2_fits_as_well():
 
 
 def test_a_cylinder_may_turn_about_its_axis():
-    mesh = trimesh.creation.cylinder(radius=30, height=80, sections=64)
+    mesh = trimesh.creation.cylinder(radius=30, height=80, sections=32)
     turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0])[:3, :3]
     found = localize("scan", shape(mesh), scan(mesh, 6000, 3) @ turn.T)
     assert found.free == "turning it about x"
@@ -162,11 +162,12 @@ def test_the_rim_of_one_face_holds_it_sideways():
 # -- refusals
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_another_part_is_not_found(seed):
-    wrong = (trimesh.creation.box((60, 60, 60)), MESHES["rfa2"])[seed]
+@pytest.mark.parametrize(
+    ("wrong", "there"), [(trimesh.creation.box((60, 60, 60)), MESHES["rfa1"]), (MESHES["rfa1"], MESHES["rfa2"])]
+)
+def test_another_part_is_not_found(wrong, there):
     with pytest.raises(InputError, match="the model was not found in the scan"):
-        localize("scan", shape(wrong), scan(MESHES["rfa1"], 4_000, seed, ROUND, 0.1, 0.2))
+        localize("scan", shape(wrong), scan(there, 4_000, 1, ROUND, 0.1, 0.2))
 
 
 def test_a_pose_that_leaves_points_inside_the_part_is_none():
@@ -178,7 +179,7 @@ def test_a_pose_that_leaves_points_inside_the_part_is_none():
 
 
 def test_a_room_of_dust_holds_no_part():
-    dust = np.random.default_rng(0).uniform(0, 150, (5000, 3))
+    dust = np.random.default_rng(0).uniform(0, 150, (500, 3))
     with pytest.raises(InputError, match="was not found"):
         localize("dust", shape(MESHES["rfa1"]), dust)
 
