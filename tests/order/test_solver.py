@@ -114,7 +114,7 @@ def test_small_scenes_are_solved_and_no_tour_is_below_the_bound(seed: int, count
 def test_the_bound_is_below_every_tour_found(seed: int, count: int, at: bool) -> None:
     items = scene(random.Random(seed), count, spread=random.Random(seed).choice([0.5, 20.0, 200.0]))
     home = HOME if at else None
-    found = travel(items, shorten(items, drawn(items), home, near_of(items), 2000, 0), home)
+    found = travel(items, shorten(items, drawn(items), home, near_of(items), 500, 0), home)
     bounds = [at_least(items, home, found, rounds) for rounds in (1, 10, 100)]
     assert 0 <= bounds[0] <= bounds[1] <= bounds[2] <= found + 1e-9
 
