@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import path_length
 from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
+from camgen.order import tree
 from camgen.order.arrange import arrange, measure_travel
 from camgen.order.starts import SEAM, reverse_each, starting_at
 
@@ -416,10 +417,18 @@ def test_many_are_reversed_as_one_is(paths: list[ToolPath]) -> None:
             assert np.array_equal(getattr(back, name), getattr(alone, name), equal_nan=True)
 
 
-def test_thousands_at_one_point_are_ordered_in_time_that_does_not_explode() -> None:
-    # Quadratic, this is 10^9 distances: minutes. It takes half a second.
-    fan = [line((0, 0), (math.cos(i), math.sin(i))) for i in range(30_000)]
-    assert len(arrange(fan, "nearest", (0, 0), inside_first=False).paths) == 30_000
+def test_thousands_at_one_point_are_no_quadratic_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked, scan = [0], tree._scan
+
+    def counted(pot: list[tree.Line | tree.Arc], x: float, y: float, best: float, choice: int) -> tuple[float, int]:
+        looked[0] += len(pot)
+        return scan(pot, x, y, best, choice)
+
+    monkeypatch.setattr(tree, "_scan", counted)
+    count = 5_000
+    fan = [line((0, 0), (math.cos(i), math.sin(i))) for i in range(count)]
+    assert len(arrange(fan, "nearest", (0, 0), inside_first=False).paths) == count
+    assert count <= looked[0] < 40 * count  # quadratic, it would be 2,500 times as many
 
 
 def test_no_heavy_import() -> None:
