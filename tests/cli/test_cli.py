@@ -584,7 +584,7 @@ def test_numbers_for_people() -> None:
     ]  # fmt: skip
     assert [say.length(mm) for mm in (0.04, 9999.94, 12345.6)] == ["0.0 mm", "9999.9 mm", "12.35 m"]
     assert [say.size(n) for n in (1, 9999, 10_000, 12_345_678)] == ["1 byte", "9 999 bytes", "10 kB", "12.3 MB"]
-    assert say.listed(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
+    assert say.join_names(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
 
 
 def test_so_many_paths_that_no_order_is_searched_say_what_searches_one(here: Path, capsys: Captured) -> None:

@@ -197,7 +197,7 @@ def test_strict_refuses_what_leaves_an_edge_out(plate: Path) -> None:
     [
         ("operation", {"kind": "trace"}, '"trace" is for flat parts'),
         ("tour", {"method": "as-drawn"}, "have no drawn order"),
-        ("input", {"select": "not all"}, "picks none of the 12 edges"),
+        ("input", {"select": "not all"}, "picks no edge; the part has 12 edges"),
         ("input", {"select": "e99"}, "has no edge e99"),
         ("cell", {"fixtures": [[0, 0, 0, 1, 1]]}, "a box has 5 values"),
         ("cell", {"fixtures": [[0, 0, 0, 1, 1, 0]]}, "a box has no size"),

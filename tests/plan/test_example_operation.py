@@ -71,7 +71,7 @@ def test_a_solid_is_refused_before_the_operation_sees_it(site: Path) -> None:
 
 
 def test_the_job_of_the_page_builds_on_the_command_line(site: Path, tmp_path: Path) -> None:
-    (tmp_path / "job.toml").write_text(re.search(r"^```toml\n(.*?)^```$", PAGE, re.S | re.M)[1])  # type: ignore[index]
+    (tmp_path / "job.toml").write_text(re.search(r"^```text\n(.*?)^```$", PAGE, re.S | re.M)[1])  # type: ignore[index]
     part = str(ROOT / "fixtures" / "parts" / "bracket.dxf")
     done = run(
         site, "-m", "camgen", "build", part, "--post", "gcode", "--job", "job.toml", "-o", "a.ngc", folder=tmp_path

@@ -98,7 +98,7 @@ def test_the_short_ways_are_open_and_the_long_way_shuts_them() -> None:
         return one(robot, statement)  # type: ignore[arg-type]
 
     text = BY_HAND.replace("MOVES wf:TRANS(7,8,9.5", "moves wf:trans(7,8,9.5")
-    with patch(PARTS + "vplus.robot.Robot.stretch", stretch), patch(PARTS + "vplus.robot.Robot.plain", plain):
+    with patch(PARTS + "vplus.robot.RobotState.stretch", stretch), patch(PARTS + "vplus.robot.RobotState.plain", plain):
         read({"a": text}, {})
         assert {"stretch", "plain"} == set(calls)
         calls.clear()

@@ -164,25 +164,25 @@ def test_a_click_on_a_path_names_its_row(opened: Any) -> None:
 def test_keys_play_step_turn_and_measure(opened: Any) -> None:
     one = opened("flat")
     keys = one.page.keyboard
-    keys.print_force("ArrowRight")
+    keys.press("ArrowRight")
     first = one.run("camgen.player.time")
-    keys.print_force("ArrowRight")
+    keys.press("ArrowRight")
     assert one.run("camgen.player.time") > first > 0
-    keys.print_force("ArrowLeft")
+    keys.press("ArrowLeft")
     assert one.run("camgen.player.time") == pytest.approx(first)
     one.run("camgen.player.speed = 0.01")  # so that the end is far, however long the next look takes
-    keys.print_force(" ")
+    keys.press(" ")
     one.page.wait_for_function("first => camgen.player.on && camgen.player.time > first", arg=first)
-    keys.print_force(" ")
+    keys.press(" ")
     assert not one.run("camgen.player.on")
-    keys.print_force("s")
+    keys.press("s")
     assert one.run("camgen.look.tilt") == 0
-    keys.print_force("t")
+    keys.press("t")
     assert one.run("camgen.look.tilt") == pytest.approx(np.pi / 2)
-    keys.print_force("?")
+    keys.press("?")
     assert one.page.locator("#keys").is_visible()
-    keys.print_force("?")
-    keys.print_force("m")
+    keys.press("?")
+    keys.press("m")
     assert one.run("camgen.measure.on")
 
 
@@ -207,9 +207,9 @@ def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
     assert (
         np.abs((spots[:8].max(axis=0) + spots[:8].min(axis=0)) / 2 - (area["width"] / 2, area["height"] / 2)).max() < 60
     )
-    one.page.keyboard.print_force("f")
+    one.page.keyboard.press("f")
     part = seen()[0]
-    one.page.keyboard.print_force("F")
+    one.page.keyboard.press("F")
     whole, spots = seen()
     assert part > begun > whole
     assert part > 0.7 * min(area["width"], area["height"])
@@ -219,7 +219,7 @@ def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
 
 def test_two_clicks_measure_a_distance_between_corners(opened: Any) -> None:
     one = opened("flat")
-    one.page.keyboard.print_force("m")
+    one.page.keyboard.press("m")
     # The straight sides of the outline end where its round corners begin: 80 x 50 mm, radius 10.
     ends = one.run(
         """() => {

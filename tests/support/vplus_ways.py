@@ -30,7 +30,7 @@ def the_long_way() -> Iterator[None]:
             ("vplus.text.PIECE", LINES),
             ("vplus.text._REMEMBERED", 0),
             ("vplus.robot._KEPT", 0),
-            ("vplus.robot.Robot.plain", lambda *_: False),
+            ("vplus.robot.RobotState.plain", lambda *_: False),
             ("vplus.robot.pace", lambda _: None),
         ):
             stack.enter_context(patch(PARTS + name, value))

@@ -13,6 +13,7 @@ import pytest
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import ImageTable
 from camgen.model.pose import frozen
+from camgen.model.text import counted
 from camgen.vision.image import load
 from camgen.vision.mask.cells import cells_of
 from camgen.vision.mask.channel import strips
@@ -318,7 +319,7 @@ def test_cleaning_against_labels(seed: int) -> None:
     assert np.array_equal(mask, wanted)
     assert specks or holes
     assert not specks or f"{len(specks)} speck" in notes
-    assert not holes or f"{len(holes)} hole" in notes
+    assert not holes or counted(len(holes), "hole") in notes
 
 
 def test_a_thin_ring_is_a_speck_but_what_it_holds_is_not() -> None:

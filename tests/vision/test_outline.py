@@ -147,7 +147,7 @@ def test_a_part_told_by_colour_alone_takes_the_border_of_the_mask() -> None:
     mask = mask_of(picture(part, 140, 140, 0.7))
     grey = picture(part, 140, 140, 0.7, 3.0, low=120.0, high=120.5)
     loops, notes = outlines(grey, mask)
-    assert [note.what for note in notes] == ["1 of 1 outlines taken from the mask alone"]
+    assert [note.what for note in notes] == ["1 of 1 outline taken from the mask alone"]
     error = outwards(loops[0], 70.2 + 69.7j, 50)
     assert abs(error.mean()) < 0.05
     assert rms(error) < 0.16
@@ -161,7 +161,7 @@ def test_small_borders_are_counted_and_nothing_is_no_part() -> None:
     loops, notes = outlines(grey, mask)
     assert len(loops) == 1
     assert notes[-1].kind == "skipped"
-    assert notes[-1].what == "1 borders of fewer than 8 points"
+    assert notes[-1].what == "1 border of fewer than 8 points"
     none, notes = outlines(grey, np.zeros_like(mask))
     assert none == ()
     assert notes[0].what == "no part in the mask"
