@@ -15,7 +15,6 @@ from camgen.geometry.vectors import cross, dots, unit
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Vec3
-from camgen.model.tolerance import NONZERO
 
 #: An arc whose height is below this part of its chord is straight; of three points in another order, the sine of the
 #: angle between them. Beyond it the centre is so far away that it has no digits left.
@@ -46,15 +45,19 @@ class Spans(Struct, frozen=True, eq=False):
     sweep: FloatArray
     length: FloatArray
 
-    def point(self, fraction: FloatArray) -> FloatArray:
-        """(K, 3): the points at ``fraction`` (K,) 0..1 of each one's length."""
-        points = self.start + fraction[:, None] * (self.end - self.start)
-        c = self.curved
-        angle = (fraction[c] - 0.5) * self.sweep[c]
+    def point(self, fraction: FloatArray, row: IntArray | None = None) -> FloatArray:
+        """(M, 3): the points at ``fraction`` (M,) 0..1 of the length of those at ``row`` (M,), else of all in order."""
+        row = np.arange(len(self.length)) if row is None else row
+        points = np.empty((len(row), 3))
+        curved = self.curved[row]
+        at, k = np.flatnonzero(~curved), row[~curved]
+        points[at] = self.start[k] + fraction[at, None] * (self.end[k] - self.start[k])
+        at, k = np.flatnonzero(curved), row[curved]
+        angle, radius = (fraction[at] - 0.5) * self.sweep[k], self.radius[k]
         # From the middle, not from the centre: a flat arc's centre is far away and would cost digits.
-        rise = -2 * self.radius[c] * np.sin(angle / 2) ** 2
-        run = self.radius[c] * np.sin(angle)
-        points[c] = self.via[c] + rise[:, None] * self.towards[c] + run[:, None] * self.along[c]
+        rise = -2 * radius * np.sin(angle / 2) ** 2
+        run = radius * np.sin(angle)
+        points[at] = self.via[k] + rise[:, None] * self.towards[k] + run[:, None] * self.along[k]
         return points
 
     def tangents(self) -> tuple[FloatArray, FloatArray]:
@@ -63,18 +66,18 @@ class Spans(Struct, frozen=True, eq=False):
         Half-way along an arc its tangent is parallel to its chord. The chord of half the arc makes equal angles with
         the tangents at its two ends, so each end tangent is the arc's chord mirrored about the chord of that half.
         """
-        along = unit(self.end - self.start)
-        leaves, arrives = along.copy(), along.copy()
-        c = self.curved
-        if c.any():
-            for out, half in ((leaves, self.via - self.start), (arrives, self.end - self.via)):
-                mirror = unit(half[c])
-                out[c] = 2 * dots(mirror, along[c])[:, None] * mirror - along[c]
+        leaves, arrives = self.along.copy(), self.along.copy()
+        arc = np.flatnonzero(self.curved)
+        if len(arc):
+            via, along = self.via[arc], self.along[arc]
+            for out, half in ((leaves, via - self.start[arc]), (arrives, self.end[arc] - via)):
+                mirror = unit(half)
+                out[arc] = 2 * dots(mirror, along)[:, None] * mirror - along
         return leaves, arrives
 
     def to_middle(self, vectors: FloatArray) -> FloatArray:
         """``vectors`` (K, 3) at the start, turned with the arc to its middle, where the travel is along the chord."""
-        start, along = self.tangents()[0], unit(self.end - self.start)
+        start, along = self.tangents()[0], self.along
         axis = unit(cross(start, along))
         turned = np.zeros_like(vectors)
         for here, there in ((start, along), (cross(axis, start), cross(axis, along)), (axis, axis)):
@@ -93,27 +96,29 @@ def spans(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
     """
     curved = ~np.isnan(via[:, 0])
     chord = end - start
-    length = np.linalg.norm(chord, axis=1)
-    along = chord / np.maximum(length, NONZERO)[:, None]
+    length = np.sqrt(dots(chord, chord))
+    along = chord / np.where(length > 0, length, 1.0)[:, None]
     towards = np.zeros_like(chord)
     radius, sweep = np.zeros_like(length), np.zeros_like(length)
-    if curved.any():
-        rise = via[curved] - (start[curved] + end[curved]) / 2
-        height = np.maximum(np.linalg.norm(rise, axis=1), _LEAST_HEIGHT_MM)
-        half = length[curved] / 2
-        towards[curved] = rise / height[:, None]
-        radius[curved] = (half**2 + height**2) / (2 * height)
-        sweep[curved] = 4 * np.arctan2(height, half)
-        length[curved] = radius[curved] * sweep[curved]
+    arc = np.flatnonzero(curved)
+    if len(arc):
+        rise = via[arc] - (start[arc] + end[arc]) / 2
+        height, half = np.maximum(np.sqrt(dots(rise, rise)), _LEAST_HEIGHT_MM), length[arc] / 2
+        towards[arc] = rise / height[:, None]
+        radius[arc] = (half**2 + height**2) / (2 * height)
+        sweep[arc] = 4 * np.arctan2(height, half)
+        length[arc] = radius[arc] * sweep[arc]
     return Spans(start, end, via, curved, towards, along, radius, sweep, length)
 
 
 def spans_through(start: FloatArray, via: FloatArray, end: FloatArray) -> Spans:
     """``spans`` with ``via`` anywhere on the arcs, of any sweep; a line where the three points are on one."""
     a, b = start - via, end - via
-    sizes = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
-    curved = np.linalg.norm(cross(a, b), axis=1) > FLAT * sizes
-    return spans(start, np.where(curved[:, None], arc_middles(start, via, end), np.nan), end)
+    normal = cross(a, b)
+    arc = np.flatnonzero(dots(normal, normal) > FLAT**2 * dots(a, a) * dots(b, b))
+    middle = np.full_like(via, np.nan)
+    middle[arc] = arc_middles(start[arc], via[arc], end[arc])
+    return spans(start, middle, end)
 
 
 def chain(points: FloatArray, via: FloatArray) -> Spans:

@@ -191,8 +191,8 @@ def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArr
 def _at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
     """Points x, y (K, 2) of closed paths, ``length`` mm along each."""
     number, rest = _segment(known, path, length)
-    shape = known.where.shape.pick(number)
-    return shape.point(rest / np.maximum(shape.length, NONZERO))[:, :2]
+    shape = known.where.shape
+    return shape.point(rest / np.maximum(shape.length[number], NONZERO), number)[:, :2]
 
 
 def _place(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:

@@ -45,7 +45,7 @@ def draw_spans(start: FloatArray, via: FloatArray, end: FloatArray, sag: float) 
     fraction = place / counts[owner]
     points = end[owner].copy()
     inner = np.flatnonzero(place < counts[owner])
-    points[inner] = found.pick(owner[inner]).point(fraction[inner])
+    points[inner] = found.point(fraction[inner], owner[inner])
     return DrawnSpans(points, owner, fraction)
 
 

@@ -65,10 +65,10 @@ def divide(way: Way, parts: Index) -> Way:
     """The same motion with segment i cut into ``parts[i - 1]`` equal ones; old row i is new row ``rows(parts)[i]``."""
     segment, after = owners(parts), ramp(parts) + 1
     share = 1.0 / parts[segment]
-    span, kept = way.spans.pick(segment), rows(parts)
-    position = np.concatenate([way.position[:1], span.point(after * share)])
+    spans, kept = way.spans, rows(parts)
+    position = np.concatenate([way.position[:1], spans.point(after * share, segment)])
     position[kept] = way.position
-    via = np.concatenate([np.full((1, 3), np.nan), span.point((after - 0.5) * share)])
+    via = np.concatenate([np.full((1, 3), np.nan), spans.point((after - 0.5) * share, segment)])
     via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
     whole = parts[segment] == 1
     via[1:][whole] = way.via[1:][segment[whole]]
@@ -84,11 +84,12 @@ def cut(way: Way, low: float, high: float) -> Way:
     segment = np.flatnonzero(after - before > 0)
     span = np.maximum(way.length[segment], NONZERO)
     start, stop = (before[segment] - ends[segment]) / span, (after[segment] - ends[segment]) / span
+    spans = way.spans
     own, first = np.concatenate([segment[:1], segment]), np.concatenate([start[:1], stop])
-    via = np.concatenate([np.full((1, 3), np.nan), way.spans.pick(segment).point((start + stop) / 2)])
+    via = np.concatenate([np.full((1, 3), np.nan), spans.point((start + stop) / 2, segment)])
     via[1:][np.isnan(way.via[1:, 0])[segment]] = np.nan
     rotation = between(way.rotation[:-1], way.rotation[1:], own, first)
-    return Way(frozen(way.spans.pick(own).point(first)), frozen(via), frozen(rotation))
+    return Way(frozen(spans.point(first, own)), frozen(via), frozen(rotation))
 
 
 def rows(parts: Index) -> Index:
