@@ -26,7 +26,7 @@ from camgen.plan.simplify import simplify
 from camgen.plan.trace import trace
 from camgen.read import read
 from camgen.read.job_file import from_mapping
-from camgen.vision.plane import scale_of
+from camgen.vision.similarity import scale_of
 
 DEFAULT = Path(__file__).parents[3] / "shared" / "data" / "image"
 JOB = from_mapping({"operation": {"kind": "trace"}, "page": {"size": "A4"}})

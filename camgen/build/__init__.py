@@ -33,8 +33,7 @@ from camgen.model.program import Program
 from camgen.model.text import counted, short
 from camgen.model.version import __version__
 from camgen.order import order
-from camgen.plan import EdgePlan, Plan, Watch, ignore_stages, plan
-from camgen.plan.fill.cover import Coverage
+from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, plan
 from camgen.post import OutputFile, Post
 from camgen.post.plugins import dynamics_of, find_post, find_readback, make_post
 from camgen.post.verify import Deviation, compare

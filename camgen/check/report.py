@@ -14,7 +14,7 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen
 from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.plan.fill.cover import Coverage
+from camgen.plan import Coverage
 
 #: The value of each of ``checks`` as long as the cell has no robot model.
 NOT_CHECKED = "not checked"

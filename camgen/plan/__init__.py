@@ -19,7 +19,6 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, entries, find, load
 from camgen.model.text import counted
-from camgen.plan.fill.cover import Coverage
 from camgen.plan.page import on_page
 from camgen.read.gcode.interpreter import Recorded
 
@@ -37,6 +36,38 @@ Options = TypeVar("Options")
 
 def ignore_stages(_: str) -> None:
     """Nobody watches: then nobody can stop a search but with all the rest."""
+
+
+#: Below this share of covered copper the summary warns.
+_ENOUGH = 0.98
+
+
+class Coverage(Struct, frozen=True):
+    """Areas, mm2. copper: what is to be covered. covered: of it, by ink. outside: ink beside it, of passes. thin: ink
+    beside it that only centre lines leave, of tracks thinner than the tool.
+    """
+
+    copper: float
+    covered: float
+    outside: float
+    thin: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether so little is bare that nobody need look."""
+        return self.covered >= _ENOUGH * self.copper
+
+    def percent(self, area: float) -> float:
+        """``area``, mm2, as a share of the copper."""
+        return 100 * area / self.copper if self.copper else 0.0
+
+    def __str__(self) -> str:
+        left = self.copper - self.covered
+        return (
+            f"{self.percent(self.covered):.2f} % of {self.copper:.1f} mm2 covered, {left:.2f} mm2 not; ink outside "
+            f"{self.percent(self.outside):.2f} % ({self.outside:.2f} mm2), beside thin tracks "
+            f"{self.percent(self.thin):.2f} % ({self.thin:.2f} mm2)"
+        )
 
 
 class Plan(Struct, frozen=True, eq=False):

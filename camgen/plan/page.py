@@ -17,9 +17,8 @@ from camgen.model.job import Job, PageTable
 from camgen.model.part import Contour, Note, Part, Raster
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.plan.simplify import simplify
 from camgen.read.units import MM
-from camgen.vision.plane import scale_of
+from camgen.vision.similarity import scale_of
 
 #: Width and height upright, mm: ISO 216 and ANSI.
 SIZES = {
@@ -176,6 +175,8 @@ class DrawingFacts(Struct, frozen=True):
 
 def inspect(raw: Part, job: Job) -> DrawingFacts:
     """What ``job`` makes of a picture that was read as a drawing. Errors as of a build."""
+    from camgen.plan.simplify import simplify  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
+
     assert raw.raster is not None
     part = simplify(on_page(raw, job), job)
     segments = from_contours(part.contours)

@@ -19,7 +19,7 @@ from camgen.model.pose import frozen
 from camgen.model.text import counted, grouped, short
 from camgen.plan.border_arcs import with_arcs
 from camgen.read import is_drawing
-from camgen.vision.plane import scale_of
+from camgen.vision.similarity import scale_of
 
 #: The border of pixels lies up to half a pixel beside the line that it shows, and a little more where it turns.
 _PIXELS = 1.0

@@ -16,18 +16,6 @@ from camgen.model.text import counted, short
 from camgen.vision.camera.camera import Camera, undistort
 from camgen.vision.image import Picture
 
-
-def scale_of(work_from_view: FloatArray) -> float:
-    """The mm per pixel of a transform (2, 3) that keeps shapes (PIST eq. 14); InputError for any other."""
-    matrix = np.asarray(work_from_view, dtype=np.float64)
-    square = matrix[:, :2].T @ matrix[:, :2] if matrix.shape == (2, 3) else np.zeros((2, 2))
-    scale = float(np.sqrt(np.trace(square) / 2))
-    if not np.isfinite(matrix).all() or scale <= 0 or np.abs(square / scale**2 - np.eye(2)).max() > 1e-6:
-        what = "the view is not to scale: one pixel is not as long in every direction"
-        raise InputError("view", what, remedy="rectify the photo first")
-    return scale
-
-
 # Homographies between two planes: the direct linear transformation, its refinement, and pairs that do not fit.
 
 #: Below this ratio of breadth to length a set of points is a line.

@@ -24,8 +24,9 @@ from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
+from camgen.plan import Coverage
 from camgen.plan.columns import pass_depths
-from camgen.plan.fill.cover import Coverage, lines_of, measure, paint
+from camgen.plan.fill.cover import lines_of, measure, paint
 from camgen.plan.fill.ground import Distances, Ground, Pixels, ground
 from camgen.plan.fill.lines import CentreLine, centre, centre_lines
 from camgen.plan.image_space.border import CLOSE, foot, near

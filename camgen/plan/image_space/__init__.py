@@ -41,7 +41,7 @@ from camgen.plan.image_space.tool_path import (
     resample,
     touching,
 )
-from camgen.vision.plane import scale_of
+from camgen.vision.similarity import scale_of
 
 # What the paths of an image are called, and notes on what they leave out.
 

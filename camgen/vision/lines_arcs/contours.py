@@ -33,7 +33,7 @@ from camgen.vision.lines_arcs.polish import (
 )
 from camgen.vision.lines_arcs.runs import Runs, blocks, fit_runs, merge, relax, rougher, trim, within
 from camgen.vision.outline import Outline
-from camgen.vision.plane import scale_of
+from camgen.vision.similarity import scale_of
 
 # Outlines divided into runs for lines and arcs: the order of the steps.
 
