@@ -291,6 +291,11 @@ def test_strict(here: Path, capsys: Captured) -> None:
     assert [row[0] for row in rows.values()] == ["built", "failed", "built"]
 
 
+def _hear_interrupts() -> None:
+    """Tests that a shell runs in the background inherit that Ctrl-C is not heard."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="sends signals of POSIX")
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_a_batch_that_is_ended_goes_on_where_it_was(how: signal.Signals, here: Path, capsys: Captured) -> None:
@@ -300,7 +305,11 @@ def test_a_batch_that_is_ended_goes_on_where_it_was(how: signal.Signals, here: P
         (here / f"parts/{name}.dxf").write_text(PLATE.format(radius=8 + ord(name[0]) % 10 / 10))
     command = ["batch", "parts/*.dxf", "--post", "./fatal.py", "--jobs", "2", "-o", "out"]
     with subprocess.Popen(
-        [sys.executable, "-m", "camgen", *command], stderr=subprocess.PIPE, text=True, start_new_session=True
+        [sys.executable, "-m", "camgen", *command],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=_hear_interrupts,  # noqa: PLW1509 (nothing else runs in this process but what starts it)
     ) as process:
         wait_for("programs", lambda: len(list((here / "out").glob("*.ngc"))) >= 5 and (here / "hangs").exists())
         if how == signal.SIGINT:
