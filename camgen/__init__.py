@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         job,
         lower,
         order,
-        page,
         part,
         plan,
         post,
@@ -45,7 +44,7 @@ _HOMES = {
     name: home
     for home, names in {
         "build": "Result build",
-        "build.stages": "cell check job lower order page part plan post preview read read_back verify",
+        "build.stages": "cell check job lower order part plan post preview read read_back verify",
         "model.errors": "CamgenError InputError JobError NoSafeProgram Refused VerifyError",
         "model.job": "Job",
         "model.part": "Contour Edge Note Part Solid",
@@ -64,7 +63,7 @@ __all__ = [
     "CamgenError", "Comment", "Contour", "Edge", "Force", "InputError", "Job", "JobError", "Joints", "MoveC", "MoveJ",
     "MoveL", "NoSafeProgram", "Note", "Operation", "Origin", "Output", "Part", "Plan", "Pose", "Post", "Program",
     "Reader", "Reading", "Refused", "Result", "Solid", "ToolPath", "Tour", "VerifyError", "Wait", "Workcell",
-    "__version__", "build", "cell", "check", "job", "lower", "order", "page", "part", "plan", "post", "preview",
+    "__version__", "build", "cell", "check", "job", "lower", "order", "part", "plan", "post", "preview",
     "read", "read_back", "verify",
 ]  # fmt: skip
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from msgspec.structs import replace
 
 import camgen
 
@@ -126,3 +127,28 @@ def test_values_are_short_to_print_and_draw_themselves() -> None:
 def test_importing_the_package_loads_none_of_the_heavy_ones() -> None:
     code = "import camgen, sys; print([m for m in ('numpy', 'cv2', 'ezdxf', 'shapely', 'msgspec') if m in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_the_cell_of_a_program_is_not_guessed() -> None:
+    tour = camgen.order(camgen.plan(camgen.part(SQUARE)))
+    for stage in (camgen.lower, camgen.check):
+        with pytest.raises(camgen.JobError, match=r"cell: is not given; give what camgen\.cell makes"):
+            stage(tour if stage is camgen.lower else camgen.lower(tour, cell="gcode"))
+
+
+def test_changed_paths_of_edges_are_refused_and_those_of_drawings_run() -> None:
+    plan = camgen.plan(camgen.read(PARTS / "rfa1.stl"), {}, "rapid")
+    with pytest.raises(camgen.JobError, match="follow from the job"):
+        camgen.order(replace(plan, paths=plan.paths[:1]), {}, camgen.cell("rapid", {}, plan.part))
+    flat = camgen.plan(camgen.part([SQUARE, [(60, 0), (90, 0), (90, 9), (60, 0)]]))
+    assert len(camgen.order(replace(flat, paths=flat.paths[:1])).paths) == 1
+
+
+def test_notes_of_the_reader_stay_whatever_an_operation_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    from camgen.plan import operations  # noqa: PLC0415 (patched here only)
+
+    part = replace(camgen.part(SQUARE), notes=(camgen.Note("skipped", "3 TEXT", "no curves"),))
+    real = operations.FOLLOW.plan
+    silent = replace(operations.FOLLOW, plan=lambda *given: replace(real(*given), notes=()))
+    monkeypatch.setattr(operations, "FOLLOW", silent)
+    assert camgen.plan(part).notes == part.notes

@@ -125,6 +125,10 @@ def _bytes_of(part: Part) -> bytes:
     columns: list[NDArray[Any]] = [column for c in part.contours for column in (c.points, c.bulges)]
     if part.solid is not None:
         columns += [part.solid.vertices, part.solid.faces]
+    if part.raster is not None:
+        columns += [part.raster.mask, *part.raster.borders]
+    if isinstance(part, Recorded):
+        return repr(part.run).encode()
     names = [(c.id, c.layer, c.closed) for c in part.contours]
     return msgspec.json.encode(names) + b"".join(column.tobytes() for column in columns)
 

@@ -16,14 +16,14 @@ from camgen.build.inputs import join_parts, read_cell
 from camgen.check import Checks
 from camgen.check import check as check_program
 from camgen.lower import lower as lower_tour
+from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Part
-from camgen.model.path import ToolPath, Tour
+from camgen.model.path import Tour
 from camgen.model.program import Program
 from camgen.order import order as order_plan
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
-from camgen.plan.page import on_page
 from camgen.post import OutputFile, Reading
 from camgen.post.plugins import find_post, find_readback
 from camgen.post.verify import Deviation, compare
@@ -76,25 +76,21 @@ def plan(part: Part, job: JobLike = None, cell: CellLike | None = None, watch: W
     return plan_part(part, settings, _cell(cell, settings, part), watch)
 
 
-def order(
-    plan: Plan | Sequence[ToolPath], job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages
-) -> Tour:
+def order(plan: Plan, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages) -> Tour:
     """The paths of a plan as one tour. cell: the tool comes from its home and goes back. watch: as in ``plan``."""
     settings = settings_of(job, Files())
-    if not isinstance(plan, Plan):
-        plan = Plan(Part("part", "part", "mm", (), ()), tuple(plan), ())
     return order_plan(plan, settings, _cell(cell, settings, plan.part), watch)
 
 
 def lower(
-    tour: Tour, job: JobLike = None, cell: CellLike = "gcode", name: str = "part", header: Sequence[str] = ()
+    tour: Tour, job: JobLike = None, cell: CellLike | None = None, name: str = "part", header: Sequence[str] = ()
 ) -> Program:
     """The program that runs ``tour`` from and back to the home of ``cell``. name, header: of the program."""
     settings = settings_of(job, Files())
     return lower_tour(tour, _take_cell(cell, settings), settings, name, tuple(header))
 
 
-def check(program: Program, job: JobLike = None, cell: CellLike = "gcode", plan: Plan | None = None) -> Checks:
+def check(program: Program, job: JobLike = None, cell: CellLike | None = None, plan: Plan | None = None) -> Checks:
     """Reach, joint limits and collisions of ``program`` with the arm of ``cell``, links included; nothing without one.
 
     plan: of a 3-D part, which knows what there is to run into. NoSafeProgram with the motion and the reason.
@@ -131,16 +127,14 @@ def preview(result: Result, suffix: str = ".svg") -> bytes:
     return draw(result, Path(f"preview{suffix}"))
 
 
-def page(part: Part, job: JobLike = None) -> Part:
-    """``part`` on the page of ``job``, as large as it goes; as it is without one."""
-    return on_page(part, settings_of(job, Files()))
-
-
 def _cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
     if not isinstance(cell, str):
         return cell
     return read_cell(part, job, find_post(cell).cell(), Files())
 
 
-def _take_cell(cell: CellLike, job: Job) -> Workcell:
+def _take_cell(cell: CellLike | None, job: Job) -> Workcell:
+    """The frames and the home of a program are never guessed."""
+    if cell is None:
+        raise JobError("cell", "is not given", remedy='give what camgen.cell makes, or the name of a post: "rapid"')
     return read_cell(None, job, find_post(cell).cell(), Files()) if isinstance(cell, str) else cell

@@ -5,6 +5,7 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from camgen.model.cell import Cell
+from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import Tour
@@ -21,14 +22,21 @@ def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_
 
     watch: is told how far a search is. NoSafeProgram where no free way leads to any edge of a 3-D part.
     """
+    if isinstance(plan, (EdgePlan, ReplayPlan)) and plan.paths is not plan.made:
+        raise changed_paths()
     if isinstance(plan, ReplayPlan):
-        return ReplayTour(plan.paths, plan.travel, "as-drawn", run=plan.run)
+        return ReplayTour(plan.paths, plan.travel, "as-drawn", run=plan.run, made=plan.paths)
     if isinstance(plan, EdgePlan):
         from camgen.order.edges import order_edges  # noqa: PLC0415 (fcl is loaded only by what needs it)
 
         return order_edges(plan, job, cell, watch)
     watch("ordering")
     return _order_paths(plan, job, cell, watch)
+
+
+def changed_paths() -> JobError:
+    """The error where paths were changed that are not what is run: their motions are."""
+    return JobError("paths", "of edges and of replays follow from the job", remedy="change the job, and plan again")
 
 
 def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:

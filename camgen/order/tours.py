@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from camgen.model.path import Tour
+from camgen.model.path import ToolPath, Tour
 
 if TYPE_CHECKING:
     from camgen.order.edges.route import Route
@@ -12,13 +12,17 @@ if TYPE_CHECKING:
 
 
 class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
-    """Edges of a 3-D part. route: the motions with the links that lead to them. lengths: mm of each leg's edge."""
+    """Edges of a 3-D part. route: the motions with the links that lead to them. lengths: mm of each leg's edge. made:
+    the paths.
+    """
 
     route: Route
     lengths: tuple[float, ...]
+    made: tuple[ToolPath, ...]
 
 
 class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
-    """The paths of a program that was read, and what it does."""
+    """The paths of a program that was read, and what it does. made: the paths."""
 
     run: ProgramRun
+    made: tuple[ToolPath, ...]

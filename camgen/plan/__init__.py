@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 
 import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
@@ -88,20 +89,22 @@ class Plan(Struct, frozen=True, eq=False):
 
 class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
     """The processing motions along edges that the arm reaches, a path each. edges: all that were asked for, mm.
-    unreached: those without a motion. where: what there is to run into.
+    unreached: those without a motion. where: what there is to run into. made: the paths, which follow from these.
     """
 
     edges: tuple[Edge, ...]
     motions: tuple[Reached, ...]
     unreached: tuple[Unreached, ...]
     where: Surroundings
+    made: tuple[ToolPath, ...]
 
 
 class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
-    """The motions of a program that was read, as they stand in it. travel: mm of its rapid motions."""
+    """The motions of a program that was read, as they stand in it. travel: mm of its rapid motions. made: the paths."""
 
     run: ProgramRun
     travel: float
+    made: tuple[ToolPath, ...]
 
 
 class Operation(Struct, frozen=True):
@@ -123,7 +126,10 @@ def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_s
     """
     part = _simplify(on_page(part, job), job)
     watch("planning")
-    return find_operation(part, job).plan(part, job, cell, watch)
+    made = find_operation(part, job).plan(part, job, cell, watch)
+    # What the reader left out is told whatever an operation of another package makes of it.
+    untold = tuple(note for note in part.notes if note not in made.notes)
+    return replace(made, notes=(*untold, *made.notes)) if untold else made
 
 
 def find_operation(part: Part, job: Job) -> Operation:

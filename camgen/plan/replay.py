@@ -34,7 +34,7 @@ def plan_replay(part: Part, job: Job) -> ReplayPlan:
         for number, (low, high) in enumerate(_stretches(columns), 1)
     )
     travel = math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist())
-    return ReplayPlan(part, paths, part.notes, run=part.run, travel=travel)
+    return ReplayPlan(part, paths, part.notes, run=part.run, travel=travel, made=paths)
 
 
 def _stretches(columns: Columns) -> list[tuple[int, int]]:

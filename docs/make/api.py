@@ -18,7 +18,6 @@ SECTIONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "camgen.build.stages",
         (
             "job", "read", "part", "cell", "plan", "order", "lower", "check", "post", "read_back", "verify", "preview",
-            "page",
         ),
     ),
     ("What is read", "camgen.model.part", ("Part", "Contour", "Solid", "Edge", "Note")),

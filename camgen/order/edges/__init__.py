@@ -43,7 +43,7 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     paths = tuple(edge_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
     method = "best found" if best else "nearest neighbour"
     notes = (*left_out(made.dropped, edges), *_advice(lost, freedom_of(job)), *_note_freed(made), *_note_links(made))
-    return EdgeTour(paths, _travel(made, setup, home), method, notes=notes, route=made, lengths=lengths)
+    return EdgeTour(paths, _travel(made, setup, home), method, notes=notes, route=made, lengths=lengths, made=paths)
 
 
 def _advice(lost: Sequence[Unreached], freedom: Freedom) -> list[Note]:

@@ -56,7 +56,9 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
         raise none_left(part, len(edges), lost[0])
     paths = tuple(edge_path(motion, edges[motion.id], job) for motion in good)
     notes = (*part.notes, *where.notes, *left_out(lost, edges))
-    return EdgePlan(part, paths, notes, edges=tuple(edges.values()), motions=good, unreached=lost, where=where)
+    return EdgePlan(
+        part, paths, notes, edges=tuple(edges.values()), motions=good, unreached=lost, where=where, made=paths
+    )
 
 
 def freedom_of(job: Job) -> Freedom:
