@@ -152,9 +152,9 @@ class DxfFacts(Struct, frozen=True):
         width, height = (short(v, 3) for v in self.size)
         lines = [
             f"DXF {self.version}, units {self.units}, used part {width} x {height} mm",
-            f"entities: {_note_reasons(self.counts)}",
+            f"entities: {_list_counts(self.counts)}",
             f"contours: {self.closed} closed, {self.open} open",
-            *(f"layer {layer.name}: {layer.state}; {_note_reasons(layer.counts)}" for layer in self.layers),
+            *(f"layer {layer.name}: {layer.state}; {_list_counts(layer.counts)}" for layer in self.layers),
             *map(str, self.notes),
         ]
         return "\n".join(lines)
@@ -255,7 +255,7 @@ def _size(contours: tuple[Contour, ...]) -> tuple[float, float]:
     return width, height
 
 
-def _note_reasons(counts: tuple[tuple[str, int], ...]) -> str:
+def _list_counts(counts: tuple[tuple[str, int], ...]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts) or "none"
 
 

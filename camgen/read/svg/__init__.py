@@ -196,14 +196,12 @@ def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
         kinds[kind] += count
         by_layer.setdefault(layer, Counter())[kind] += count
     why_not = found.drawn.layers.why_not
-    layers = tuple(
-        (harmless(name), why_not(name) or "used", _note_reasons(by_layer[name])) for name in sorted(by_layer)
-    )
+    layers = tuple((harmless(name), why_not(name) or "used", _list_counts(by_layer[name])) for name in sorted(by_layer))
     closed = sum(c.closed for c in found.contours)
     points = np.concatenate([c.points for c in found.contours]) if found.contours else np.zeros((1, 2))
     width, height = np.ptp(points, axis=0).tolist()
     opened = len(found.contours) - closed
-    return SvgFacts(found.units, found.page, layers, _note_reasons(kinds), closed, opened, (width, height), found.notes)
+    return SvgFacts(found.units, found.page, layers, _list_counts(kinds), closed, opened, (width, height), found.notes)
 
 
 def _read(source: Source, settings: InputTable, chord: float) -> _Read:
@@ -245,16 +243,16 @@ def _from_corner(contours: tuple[Contour, ...]) -> tuple[tuple[Contour, ...], tu
     if not contours:
         return contours, ()
     low = np.min([c.points.min(axis=0) for c in contours], axis=0)
-    moved = tuple(Contour(_fix(c.points - low), c.bulges, c.closed, c.layer, c.id) for c in contours)
+    moved = tuple(Contour(_freeze(c.points - low), c.bulges, c.closed, c.layer, c.id) for c in contours)
     return moved, (Note("assumed", "the origin is the drawing's own lower left corner", "it states no page"),)
 
 
-def _fix(points: FloatArray) -> FloatArray:
+def _freeze(points: FloatArray) -> FloatArray:
     points.flags.writeable = False
     return points
 
 
-def _note_reasons(counts: Counter[str]) -> str:
+def _list_counts(counts: Counter[str]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items())) or "none"
 
 
@@ -270,7 +268,7 @@ def _left(drawn: DrawnShape) -> list[Note]:
             notes.append(Note("skipped", what, why))
     effects = +drawn.effects
     if effects:
-        notes.append(Note("skipped", _note_reasons(effects), "curves are drawn whole and plain"))
+        notes.append(Note("skipped", _list_counts(effects), "curves are drawn whole and plain"))
     if drawn.dashed:
         notes.append(Note("assumed", f"with dashes: {drawn.dashed}", "the whole line is drawn"))
     return notes

@@ -114,7 +114,7 @@ def _home(robot: Robot) -> FloatArray:
     rest = np.where((low < 0) & (high > 0) & turning, 0.0, (low + high) / 2)
     best, clear = rest, -1.0
     for bent in range(min(int(turning.sum()), 2) + 1):
-        every = np.array([_measure_bend(rest, joints) for joints in _sign(np.flatnonzero(turning).tolist(), bent)])
+        every = np.array([_bend(rest, joints) for joints in _sign(np.flatnonzero(turning).tolist(), bent)])
         every = every[((low <= every) & (every <= high)).all(axis=1)]
         clears = _clearness(robot, every, turning).round(9)  # of two bends that do as well, the first
         if clears.max(initial=-1.0) > clear:
@@ -131,7 +131,7 @@ def _sign(joints: list[int], count: int) -> Iterator[tuple[tuple[int, int], ...]
             yield tuple(zip(chosen, signs, strict=True))
 
 
-def _measure_bend(rest: FloatArray, joints: tuple[tuple[int, int], ...]) -> FloatArray:
+def _bend(rest: FloatArray, joints: tuple[tuple[int, int], ...]) -> FloatArray:
     values = rest.copy()
     for joint, sign in joints:
         values[joint] += sign * _BEND

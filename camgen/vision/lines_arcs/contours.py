@@ -175,7 +175,7 @@ def primitives(
         found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline, matrix)
         if found is None:
             found = _polygon(outline, matrix)
-            notes.append(_keep(k, None if found is None else found[1].cut))
+            notes.append(_note_kept(k, None if found is None else found[1].cut))
         elif found[1].doubtful:
             stretches = counted(found[1].doubtful, "stretch", "stretches")
             what = f"{stretches} of outline {k + 1} kept as lines from point to point"
@@ -186,7 +186,7 @@ def primitives(
     return tuple(contours), tuple(fits), tuple(notes)
 
 
-def _keep(k: int, cut: float | None) -> Note:
+def _note_kept(k: int, cut: float | None) -> Note:
     """cut: px2 of small loops that were cut off, None where the outline is left out."""
     if cut is None:
         return Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
