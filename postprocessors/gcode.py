@@ -225,6 +225,9 @@ class GCode(Rs274):
     about: ClassVar[str] = "G-code for LinuxCNC (RS-274/NGC), three-axis mill"
     works: ClassVar[tuple[str, ...]] = (*Rs274.works, "G59.1", "G59.2", "G59.3")
 
+    lift: bool = field(
+        default=True, kw_only=True, metadata={"help": "G53 G0 Z0 first: the machine's zero of Z is its top"}
+    )
     tool: int = field(default=0, kw_only=True, metadata={"help": "tool to change to and measure by; 0: no change"})
     path_tolerance: float = field(default=0.01, kw_only=True, metadata={"help": "G64 P, mm; 0: exact path (G61)"})
     cycles: bool = field(default=True, kw_only=True, metadata={"help": "G81 and G83 for holes; false: each motion"})
@@ -288,8 +291,12 @@ class GCode(Rs274):
     def begin(self, program: Program) -> Sequence[str]:
         """Q0 keeps LinuxCNC from joining lines, so that the path stays within P."""
         path = f"G64 P{short(self.path_tolerance, 4)} Q0" if self.path_tolerance else "G61"
-        change = (f"T{self.tool} M6", "G43") if self.tool else ()
-        return [*super().begin(program), path, *change]
+        return [*super().begin(program), path]
+
+    def ready(self) -> Sequence[str]:
+        """Up before G49: a length that was on would lower the next height by itself. Then the tool and its length."""
+        up = ("G53 G0 Z0",) if self.lift else ()
+        return (*up, *super().ready(), *((f"T{self.tool} M6", "G43") if self.tool else ()))
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
         """G0, or the cycle that begins with it."""

@@ -226,7 +226,8 @@ def time_motions(
     swing = columns.moves_are(MoveJ) & (rows is not None)
     still = ~swing & (shape.length < SAME_POINT_MM)
     seconds = np.zeros(len(swing))
-    seconds[still] = from_rest(shape.turn[still], pace.turning, pace.turning / pace.ramp)
+    turning = np.where(columns.turn > 0, np.minimum(columns.turn, pace.turning), pace.turning)[still]
+    seconds[still] = from_rest(shape.turn[still], turning, pace.turning / pace.ramp)
     if rows is not None:
         rest = swing | still
         seconds[rest] = np.maximum(seconds, _joints(rows, len(swing), pace))[rest]

@@ -80,6 +80,8 @@ def _tail(item: Motion) -> str:
         text += f" blend {short(item.blend, _DIGITS)}"
     if not isinstance(item, MoveJ) and (item.force or any(item.force_direction)):
         text += f" force {short(item.force, _DIGITS)} press {_numbers(item.force_direction, _ANGLE_DIGITS)}"
+    if isinstance(item, MoveL) and item.turn:
+        text += f" turn {short(item.turn, _ANGLE_DIGITS)}"
     if item.path >= 0:
         text += f" path {item.path}" + (" work" if item.work else "")
     if item.joints is not None:
@@ -124,7 +126,7 @@ def _parse_origin(rest: str) -> Origin:
 _HERE = Pose(rotation_from_quaternion((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
 #: What stands for a word of the head that is not there.
 _NEUTRAL: dict[str, Any] = {"name": "", "work": _HERE, "tool": _HERE}
-_TAIL_WORDS = ("speed", "blend", "force", "press", "at", "path", "confdata", "figure", "switches")
+_TAIL_WORDS = ("speed", "blend", "force", "press", "turn", "at", "path", "confdata", "figure", "switches")
 
 
 def _parse_pose(words: list[str]) -> Pose:
@@ -184,7 +186,7 @@ def _parse_instruction(word: str, rest: str) -> Instruction:
     x, y, z = map(float, tail.get("press", ["0"] * 3))
     manner = (speed, blend, force, (x, y, z), joints, posture, *owner)
     if word == "movel":
-        return MoveL(_parse_pose(head), *manner)
+        return MoveL(_parse_pose(head), *manner, turn=float(tail.get("turn", ["0"])[0]))
     if word == "movec":
         middle = head.index("to")
         return MoveC(_parse_pose(head[:middle]), _parse_pose(head[middle + 1 :]), *manner)

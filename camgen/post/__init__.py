@@ -55,6 +55,7 @@ class Tolerance(Struct, frozen=True):
     """How exactly the text carries a program: half the last printed digit, with the rounding of angles on top.
 
     mm: per coordinate. angle: rad of an orientation. joint: rad (or mm) per joint. speed: mm/s. force: N. seconds: s.
+    turn: rad/s of the tool on the spot.
     """
 
     mm: float
@@ -63,6 +64,7 @@ class Tolerance(Struct, frozen=True):
     speed: float
     force: float
     seconds: float
+    turn: float = 1e-5
 
 
 class Fault(Struct, frozen=True):
@@ -114,7 +116,8 @@ class Post(ABC):
     #: Names of the passes that may replace what ``why_not`` turns down, in the order in which they are tried.
     passes: ClassVar[tuple[str, ...]] = ("chords",)
     #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J; "blend":
-    #: its radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons;
+    #: its radius; "stop": only whether the motion stops at its target; "turn": the speed of a turn on the spot;
+    #: "force-direction": not only the newtons;
     #: "confdata", "figure", "switches": so much of ``ir.Posture``.
     verified_fields: ClassVar[frozenset[str]] = frozenset(
         {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}

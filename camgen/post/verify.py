@@ -287,6 +287,8 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     if "speed" in carries:
         yield both.moving("speed", "speed", ~rapid, tolerance.speed)
     every = np.ones(both.moves, np.bool_)
+    if "turn" in carries and np.any(both.plan.turn[: both.moves]):
+        yield both.moving("speed of turning", "turn", both.plan.turn[: both.moves] > 0, tolerance.turn)
     if "blend" in carries:
         yield both.moving("blend", "blend", every, tolerance.mm)
     for name in (name for name in _NEUTRAL if name in carries):

@@ -13,7 +13,19 @@ from camgen.check.reach import check_reach
 from camgen.check.time import durations, squares, time_motions
 from camgen.model.cell import Dynamics
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+    put_off_first,
+)
 from camgen.post.plugins import find_post, make_post
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
@@ -30,7 +42,7 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 
 def seconds(*body: Instruction, pace: Dynamics = PACE, start: Pose | None = None) -> list[float]:
     """Of each motion after the first, which ends at the origin."""
-    program = Program("p", FRAME, FRAME, (MoveJ(start or at(0, 0), 100.0), *body))
+    program = Program("p", FRAME, FRAME, put_off_first((MoveJ(start or at(0, 0), 100.0), *body)))
     found: list[float] = time_motions(program, pace, None, None)[0].tolist()
     assert found[0] == 0.0  # where it comes from is not known
     return found[1:]

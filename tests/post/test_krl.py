@@ -9,7 +9,7 @@ import pytest
 
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import TOOL_DOWN, Pose, rotation_about
-from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, put_off_first
 from camgen.post.plugins import find_post, find_readback, make_post
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "example_post"
@@ -25,7 +25,9 @@ def at(x, y, z=0.0, rotation=TOOL_DOWN):
 def text(*body, name="part", **options):
     cell = KRL.cell()
     post = make_post(KRL, options)
-    program = Program(name, cell.base_from_work, cell.flange_from_tool, (HOME, *body), ("FOLD the rest",))
+    program = Program(
+        name, cell.base_from_work, cell.flange_from_tool, put_off_first((HOME, *body)), ("FOLD the rest",)
+    )
     (file,) = post.render(post.prepare(program, 0.01))
     return file
 

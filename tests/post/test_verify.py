@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import arc_middles
 from camgen.model.errors import VerifyError
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about, rotation_about_axis, translation
-from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, put_off_first
 from camgen.post import Fault, Reading, Tolerance
 from camgen.post.passes import along
 from camgen.post.verify import ARC_SLACK, compare
@@ -41,7 +41,7 @@ BODY = (
 
 
 def program(body=BODY):
-    return Program("p", translation(1, 2, 3), translation(0, 0, 100), tuple(body))
+    return Program("p", translation(1, 2, 3), translation(0, 0, 100), put_off_first(tuple(body)))
 
 
 def reading(body=BODY, **more):

@@ -15,7 +15,19 @@ from hypothesis import strategies as st
 
 from camgen.model.errors import CamgenError, JobError, Refused
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, angle_between, frozen, rotation_about, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+    put_off_first,
+)
 from camgen.post import Reading
 from camgen.post.plugins import make_post
 
@@ -29,7 +41,7 @@ def down(x: float, y: float, z: float) -> Pose:
 
 
 def program(*body: Instruction, name: str = "part", header: tuple[str, ...] = ()) -> Program:
-    return Program(name, CELL.base_from_work, CELL.flange_from_tool, body, header)
+    return Program(name, CELL.base_from_work, CELL.flange_from_tool, put_off_first(body), header)
 
 
 def render(source: Program, options: dict[str, object] | None = None, chord: float = 0.01) -> tuple[Program, str]:

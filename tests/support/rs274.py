@@ -18,7 +18,7 @@ import pytest
 from hypothesis import strategies as st
 
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3, translation
-from camgen.model.program import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Wait, put_off_first
 from camgen.post import Post, Reading, Tolerance
 from tests.support.waiting import LONG
 
@@ -195,7 +195,9 @@ def at(x: float, y: float, z: float) -> Pose:
 
 def program(*body: Instruction, name: str = "demo", header: tuple[str, ...] = ()) -> Program:
     """A program of ``body`` after the home position of the built-in cell."""
-    return Program(name, translation(0, 0, 0), translation(0, 0, 100), (MoveJ(at(0, 0, 50), 100.0), *body), header)
+    return Program(
+        name, translation(0, 0, 0), translation(0, 0, 100), put_off_first((MoveJ(at(0, 0, 50), 100.0), *body)), header
+    )
 
 
 def posted(post: Post, plan: Program, chord: float = 0.01) -> tuple[Program, str]:

@@ -14,7 +14,7 @@ from camgen_posts.readback.vplus.text import PIECE
 from camgen_posts.vplus import VPlus
 
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
-from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Output, Program, Wait, put_off_first
 from camgen.post import Reading
 from camgen.post.plugins import make_post
 
@@ -76,7 +76,7 @@ def printed(count: int, options: dict[str, object], turning: bool = False) -> st
             body += [Output("process", float(k % 2)), Wait(0.25)]
     body += [MoveL(Pose(TOOL_DOWN, (0, 0, 20)), 50), MoveJ(CELL.home, 100.0)]
     post = make_post(VPlus, options)
-    plan = Program("part", CELL.base_from_work, CELL.flange_from_tool, tuple(body), ("a remark",))
+    plan = Program("part", CELL.base_from_work, CELL.flange_from_tool, put_off_first(body), ("a remark",))
     (file,) = post.render(post.prepare(plan, 0.01))
     return file.text
 

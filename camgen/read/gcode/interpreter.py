@@ -15,6 +15,7 @@ from camgen.read.gcode.machine import (
     MOST,
     Machine,
     feed,
+    lift,
     speed_and_tool,
     stop,
     switch_off,
@@ -138,6 +139,8 @@ def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None
     if "S" in words or "T" in words:
         speed_and_tool(m, words, found)
     motion = found.pop("motion", "")
+    if "machine coordinates" in found:
+        lift(m, motion, words)
     if motion:
         found.pop("cycle off", None)  # the other code holds, and a cycle goes on
     for group in HANDLERS if found else ():
