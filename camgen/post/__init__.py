@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -104,8 +104,8 @@ class Post(ABC):
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
     *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, print_force, why_not, accepts,
-    assemble, cell, tolerance, dynamics, list_verified; prepare only around a call of the base's. *Don't*: render, line,
-    note.
+    split, assemble, cell, tolerance, dynamics, list_verified; prepare only around a call of the base's. *Don't*:
+    render, line, note.
     """
 
     #: What ``--post`` says, the file name's ending, the line end, and one line for ``camgen posts``.
@@ -177,6 +177,15 @@ class Post(ABC):
     def why_not(self, item: Instruction, start: Pose | None) -> str:  # noqa: ARG002 (for those who override)
         """Why the controller cannot do ``item`` from the pose ``start``; empty when it can. Ends with the remedy."""
         return ""
+
+    def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Sequence[str]]:  # noqa: ARG002
+        """The body in parts of at most ``max_lines`` lines. printed: the lines of each instruction, in order."""
+        parts: list[list[str]] = [[]]
+        for lines in printed:
+            if self.max_lines and len(parts[-1]) + len(lines) > self.max_lines and parts[-1]:
+                parts.append([])
+            parts[-1] += lines
+        return parts
 
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """Files from the printed body, one part unless it was longer than ``max_lines``."""
@@ -252,14 +261,8 @@ class Post(ABC):
 
     def render(self, program: Program) -> tuple[OutputFile, ...]:
         """The program as files. Every instruction must be one that the controller has (``prepare``)."""
-        parts: list[list[str]] = [[]]
         of = self._printers()
-        for item in program.body:
-            lines = of[type(item)](item)
-            if self.max_lines and len(parts[-1]) + len(lines) > self.max_lines and parts[-1]:
-                parts.append([])
-            parts[-1] += lines
-        return self.assemble(program, parts)
+        return self.assemble(program, self.split(program, (of[type(item)](item) for item in program.body)))
 
     def line(self, item: Instruction) -> Sequence[str]:
         """The lines of one instruction."""

@@ -57,7 +57,7 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 
 def posted(*body: Instruction, **options: object) -> str:
     home = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 200.0)
-    post = make_post(Rapid, options)
+    post = make_post(Rapid, {"force_calibrated": True} | options)
     prepared = post.prepare(Program("part", translation(3, 4, 5), translation(0, 0, 9), (home, *body)), 0.01)
     return post.render(prepared)[0].text
 
@@ -83,6 +83,7 @@ def test_every_motion_that_the_post_writes_with_points_is_a_small_record() -> No
         *(("call", name) for name in ("confj", "confl", "moveabsj")),
         ("inline", "movej"), ("inline", "movel"), ("call", "setdo"), ("inline", "movec"), ("inline", "movel"),
         *(("inline", name) for name in ("fcpress1lstart", "fcpressl", "fcpressc", "fcpressend")),
+        ("call", "setdo"),
     ]  # fmt: skip
     assert both({"part.mod": text}, {}).faults == ()
 

@@ -8,6 +8,7 @@ from typing import cast
 
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Wait
+from camgen.model.text import counted
 from camgen.post import Fault, Remark
 
 from .data import Value, numbers
@@ -27,25 +28,25 @@ def _signal(state: State, call: Call) -> str:
     return state.known.signals.get(name.lower(), name)
 
 
-def _set_signal(state: State, call: Call) -> None:
-    """SetDO, SetAO: a signal and its value."""
+def switch(state: State, call: Call) -> Output:
+    """What SetDO, SetAO (a signal and its value), Set or Reset (a signal) do."""
     signal = _signal(state, call)
-    if len(call.args) != 2:
-        raise Wrong(call.line, f"{call.name} has 2 arguments, not {len(call.args)}")
+    count = 2 if call.name in ("setdo", "setao") else 1
+    if len(call.args) != count:
+        raise Wrong(call.line, f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}")
+    if count == 1:
+        return Output(signal, 1.0 if call.name == "set" else 0.0)
     value = cast(float, state.scope.value(call.args[1], "num", call.line))
     if call.name == "setdo" and value not in (0, 1):
         raise Wrong(call.line, "a digital output is 0 or 1")
-    state.stopped(call.name)
-    state.add(Output(signal, value), call.line)
+    return Output(signal, value)
 
 
 def _switch_signal(state: State, call: Call) -> None:
-    """Set, Reset: a signal."""
-    signal = _signal(state, call)
-    if len(call.args) != 1:
-        raise Wrong(call.line, f"{call.name} has 1 argument, not {len(call.args)}")
+    """SetDO, SetAO, Set, Reset."""
+    item = switch(state, call)
     state.stopped(call.name)
-    state.add(Output(signal, 1.0 if call.name == "set" else 0.0), call.line)
+    state.add(item, call.line)
 
 
 def _wait(state: State, call: Call) -> None:
@@ -69,6 +70,21 @@ def _configuration(_state: State, call: Call) -> None:
         raise Wrong(call.line, f"{call.name} needs \\On or \\Off")
 
 
+def _singularity(_state: State, call: Call) -> None:
+    """SingArea: what the arm does near a singularity, which no instruction holds."""
+    if call.args or call.options not in ((("wrist", None),), (("off", None),)):
+        raise Wrong(call.line, "singarea needs \\Wrist or \\Off")
+
+
+def _acceleration(state: State, call: Call) -> None:
+    """AccSet: acceleration and ramp in %, which no instruction holds."""
+    if len(call.args) != 2 or call.options:
+        raise Wrong(call.line, "accset needs acceleration and ramp")
+    for value in call.args:
+        if not 0 < cast(float, state.scope.value(value, "num", call.line)) <= 100:
+            raise Wrong(call.line, "accset is in %, up to 100")
+
+
 def _calibrate(state: State, call: Call) -> None:
     """FCCalib: sets the force sensor to zero, with the load of the tool."""
     if len(call.args) != 1 or call.options:
@@ -81,9 +97,11 @@ def _calibrate(state: State, call: Call) -> None:
     state.stopped(call.name)
 
 
+SWITCHES = ("setdo", "setao", "set", "reset")
 STATEMENTS: dict[str, Callable[[State, Call], None]] = {
-    "setdo": _set_signal, "setao": _set_signal, "set": _switch_signal, "reset": _switch_signal, "waittime": _wait,
-    "confl": _configuration, "confj": _configuration, "fccalib": _calibrate,
+    **dict.fromkeys(SWITCHES, _switch_signal), "waittime": _wait,
+    "confl": _configuration, "confj": _configuration, "fccalib": _calibrate, "singarea": _singularity,
+    "accset": _acceleration,
 }  # fmt: skip
 
 
