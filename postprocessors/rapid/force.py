@@ -7,7 +7,7 @@ A section is ``Force`` on, motions that press, ``Force`` off, one motion that le
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import sweep_and_height
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, Vec3
-from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL
+from camgen.model.program import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL
 from camgen.model.text import fixed
 from camgen.post.passes import PASSES
 
@@ -39,7 +39,8 @@ def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
 
 
 def settle(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]:
-    """Each ``Force`` moved right before its motion, which becomes straight; one that leaves the surface also stops.
+    """Each ``Force`` moved right before its motion, which becomes straight; one that leaves the surface also stops, and
+    what is remarked before it, on what comes next, is remarked after it.
 
     A force takes effect with the next motion, so nothing changes by the first; FCPress1LStart and FCPressEnd are
     straight, and FCPressEnd has no zone.
@@ -47,15 +48,20 @@ def settle(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]
     result: list[Instruction] = []
     waiting: Force | None = None
     start: Pose | None = None
+    remarks: list[Instruction] = []
     for item in body:
         if isinstance(item, Force):
             waiting = item
             continue
+        if isinstance(item, Comment) and waiting is not None and waiting.newtons == 0:
+            remarks.append(item)
+            continue
         if isinstance(item, (MoveJ, MoveL, MoveC)):
             if waiting is not None:
                 result.append(waiting)
-                result += _opening(waiting, item, start, chord)
+                result += [*_opening(waiting, item, start, chord), *remarks]
                 waiting = None
+                remarks.clear()
             else:
                 result.append(item)
             start = item.target if isinstance(item.target, Pose) else None
@@ -153,36 +159,36 @@ def choose_calibrations(post: str, body: Sequence[Instruction]) -> frozenset[int
     Raises Refused where there is none before the first.
     """
     chosen: set[int] = set()
-    way: list[int] = []
+    way: dict[int, Motion] = {}
     leaving = -1
     for index, item in enumerate(body):
         if isinstance(item, Force) and item.newtons > 0:
-            found = _farthest(body, way, leaving, item.force_direction)
+            found = _farthest(way, leaving, item.force_direction)
             if found is None and not chosen:
                 what = "no motion in the air before pressing, where the force sensor can be set to zero"
                 raise Refused(post, index, what, "raise process.clearance")
             chosen |= set() if found is None else {found}
         elif isinstance(item, Force):
-            way, leaving = [], index + 1
+            way, leaving = {}, index + 1
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
-            way.append(index)
+            way[index] = item
     return frozenset(chosen)
 
 
-def _farthest(body: Sequence[Instruction], way: Sequence[int], leaving: int, press: Vec3) -> int | None:
+def _farthest(way: Mapping[int, Motion], leaving: int, press: Vec3) -> int | None:
     """Of the motions ``way``, the last of which goes to the surface, the one after which the sensor is set to zero.
 
     Rather one to a pose that is in the air for sure than one to joints, and rather that than the one that has just left
     the surface, at index ``leaving``.
     """
-    start = body[way[-1]].target if way else None
+    start = way[max(way)].target if way else None
     if not isinstance(start, Pose):
         return None
-    clear = {k: _measure(start, body[k].target, press) for k in way}
+    clear = {k: _measure(start, motion.target, press) for k, motion in way.items()}
     most = max((v for k, v in clear.items() if k != leaving), default=0.0)
     if most >= _AIR:
         return max(k for k, v in clear.items() if k != leaving and v >= most - 1e-6)
-    joints = [k for k in way if isinstance(body[k].target, Joints)]
+    joints = [k for k, motion in way.items() if isinstance(motion.target, Joints)]
     if joints:
         return joints[-1]
     return leaving if clear.get(leaving, 0.0) >= _AIR else None

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from msgspec import Struct
 
-from camgen.model.program import Comment, Motion, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.program import Comment, Force, Motion, MoveC, MoveJ, MoveL, Output, Program
 
 from .options import legal_name
 
@@ -43,17 +43,23 @@ class Names:
 def owners(program: Program) -> Iterator[int]:
     """For each instruction the path in whose routine it stands, -1: main.
 
-    A remark belongs to the motion after it. What is switched on outside a path is also switched off outside, though
-    the motion before it was one of a path.
+    A remark belongs to the motion after it, the motion that leaves the surface to the path that pressed. What is
+    switched on outside a path is also switched off outside, though the motion before it was one of a path.
     """
     following = _next_paths(program)
-    here = -1
+    here = last = -1
     on: set[str] = set()
+    leaving = False
     for item, path in zip(program.body, following, strict=True):
         if isinstance(item, (MoveJ, MoveL, MoveC, Comment)):
-            if path != here:
+            wanted = last if leaving else path
+            if wanted != here:
                 on.clear()
-            here = path
+                here = wanted
+            leaving = False
+            last = last if isinstance(item, Comment) else here
+        elif isinstance(item, Force):
+            leaving = item.newtons == 0
         elif isinstance(item, Output):
             if path != here and not (item.value == 0 and item.signal in on):
                 here = -1

@@ -545,6 +545,24 @@ def test_paths_that_do_not_fit_into_a_module_stand_in_others() -> None:
     compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
 
 
+def test_a_routine_that_presses_also_leaves_the_surface() -> None:
+    """The way off the surface is the first of the next path; the remark on that path follows it."""
+    pressing_on = [
+        MoveL(on_disc(0), 50.0, path=0),
+        Output("process", 1),
+        Force(25.0, inward(0)),
+        replace(pressed(0.1), path=0),
+    ]
+    up = MoveL(on_disc(0.1, 9), 50.0, path=1)
+    body = [HOME, *pressing_on, Output("process", 0), Force(0.0), Comment("path c2"), up, *along(1, 10), HOME]
+    prepared, files = posted(pathed(*body))
+    text = files["plate.mod"]
+    work = ["SetDO", "FCPress1LStart", "v20", "SetDO", "FCPressEnd"]
+    assert routines(files)["c1"] == ["MoveL", *work, "ERROR", "RAISE"]
+    assert "PROC c2()\n        ! path c2\n        ! path 1\n        MoveL" in text
+    compare(prepared, read(files, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
 # The ERROR handler ----------------------------------------------------------------------------------------------
 
 ONE = pathed(HOME, *along(0, 10), *along(1, 20), HOME)
