@@ -89,7 +89,7 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
 
 
 def _with_line_feeds(data: bytes) -> bytes:
-    """The text with line feeds where lines end in carriage returns alone, as programs of the old Macintosh wrote them."""
+    """The text with line feeds where lines end in carriage returns alone, as on the old Macintosh."""
     return data if data.startswith(_BINARY) or b"\n" in data else data.replace(b"\r", b"\n")
 
 
