@@ -35,7 +35,7 @@ from camgen.model.version import __version__
 from camgen.order import order
 from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, plan
 from camgen.post import OutputFile, Post
-from camgen.post.plugins import dynamics_of, find_post, find_readback, make_post
+from camgen.post.plugins import dynamics_of, fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import Deviation, compare
 from camgen.read.files import Files
 from camgen.read.gcode.interpreter import Recorded
@@ -136,7 +136,7 @@ def build(
     checks = check(program, settings, read.cell, where, planned.part.source)
     posted = poster.render(checks.program)
     watch("verifying")
-    reading = readback({file.name: file.text for file in posted}, settings.post)
+    reading = readback({file.name: file.text for file in posted}, fill_tables(type(poster), settings.post))
     deviation = compare(checks.program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
     return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, deviation)
 

@@ -46,7 +46,7 @@ from camgen.model.program import (
 )
 from camgen.model.program_text import dump
 from camgen.post import OutputFile, Post, Readback
-from camgen.post.plugins import make_post
+from camgen.post.plugins import fill_tables, make_post
 from camgen.post.verify import compare
 
 # The programs of the conformance kit: every instruction, poles of angles, small and large numbers, hostile words.
@@ -283,7 +283,7 @@ def _findings(
     unknown = set(lacks) - set(FEATURES) - set(WHOLE)
     if unknown:
         raise ValueError(f"no such feature: {sorted(unknown)}; there are {[*FEATURES, *WHOLE]}")
-    options = {**options, **case.options}
+    options = fill_tables(post, {**options, **case.options})
     program = case.program(post.cell())
     before = dump(program)
     try:
