@@ -311,6 +311,8 @@ class Rs274(Post):
 
     def why_not_signal(self, item: Output) -> str:
         """Why the signal cannot be set: the dialect's."""
+        if item.signal == "spindle" and item.value < 0:
+            return f"the spindle is to turn backwards (M4, {-item.value:g} rpm), and this post prints M3 alone"
         if item.signal == "spindle":
             return "" if 0 <= item.value <= _FASTEST else f"a spindle speed of {item.value:g} rpm cannot be meant"
         if item.signal not in self.signals:

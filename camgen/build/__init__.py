@@ -17,6 +17,7 @@ from msgspec import Struct
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
+from camgen.build.refusals import tell_by_input
 from camgen.check import Checks, check
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.report import report as report_of
@@ -129,11 +130,13 @@ def build(
     watch("programming")
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
-    program = poster.prepare(lower(tour, read.cell, settings, title, header), settings.tolerance.chord)
-    if read.cell.arm:
-        watch("checking")
+    lowered = lower(tour, read.cell, settings, title, header)
     where = planned.where if isinstance(planned, EdgePlan) else None
-    checks = check(program, settings, read.cell, where, planned.part.source)
+    with tell_by_input(planned.part, lowered):
+        program = poster.prepare(lowered, settings.tolerance.chord)
+        if read.cell.arm:
+            watch("checking")
+        checks = check(program, settings, read.cell, where, planned.part.source)
     posted = poster.render(checks.program)
     watch("verifying")
     reading = readback({file.name: file.text for file in posted}, fill_tables(type(poster), settings.post))

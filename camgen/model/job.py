@@ -162,6 +162,10 @@ class ProcessTable(Table, frozen=True):
     max_feed_factor: Annotated[
         float, Meta(ge=1, description="the tool centre may run so many times faster than the feed on outer curves")
     ] = 2.0
+    max_feed: Annotated[
+        Positive | None,
+        Meta(description="replay: feeds above it become this, mm/s; not set: no feed is changed"),
+    ] = None
     travel: Annotated[Positive, Meta(description="speed between contours, mm/s")] = 100.0
     acceleration: Annotated[
         Positive | None, Meta(description="of the machine, mm/s2, for the time alone; not set: what its post assumes")

@@ -80,6 +80,8 @@ class PacScript(PacScriptOptions):
         if item.signal not in self.signals:
             return f"the signal {item.signal} has no IO number; add it to post.signals"
         if item.signal == "spindle":
+            if item.value < 0:
+                return f"the spindle is to turn backwards ({-item.value:g} rpm), and an IO is on or off"
             remedy = 'set the speed at its drive and post.spindle to "on-off"'
             return "" if self.spindle == "on-off" else f"an IO does not carry a spindle speed; {remedy}"
         return "" if item.value in (0, 1) else f"an IO is on or off, not {item.value:g}; use 0 or 1"

@@ -236,7 +236,7 @@ def _read(source: Source, settings: InputTable, chord: float) -> _Read:
         flat = flatten(drawn, chord)
         contours, join_notes = join.contours(flat.soup, settings.join)
     size = _size(contours)
-    doubts = units.doubts(*size, unit) if contours and settings.units.strip().lower() == "auto" else ()
+    doubts = units.doubts(size, unit, name) if contours and settings.units.strip().lower() == "auto" else ()
     left = (*_left(drawn), *_not_flat(drawn, flat), *_take(drawn, flat), *join_notes)
     return _Read(version, unit, drawn, contours, size, (*notes, *unit_notes, *doubts), left)
 
