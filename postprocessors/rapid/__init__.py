@@ -45,6 +45,7 @@ from .options import (
     NO_MASS,
     SAFE,
     RapidOptions,
+    Speed,
     legal_name,
     motion_data,
     name_speeds,
@@ -61,6 +62,8 @@ _NEUTRAL = "0,0,0,0"
 #: Least and greatest speed, mm/s, and least blend radius, mm.
 _LEAST_SPEED_AND_ZONE, _FASTEST = 0.001, 99999
 _IN, _IN2 = "    ", "        "
+#: Ends force control where a program that was aborted has left it on (both words from public force programs).
+_DEACT = f"{_IN2}IF FCIsForceMode() FCDeact;"
 
 
 @dataclass
@@ -71,14 +74,16 @@ class Rapid(RapidOptions):
     suffix: ClassVar[str] = ".mod"
     about: ClassVar[str] = "ABB RAPID modules (IRC5, OmniCore, S4)"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
-    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {"confdata"}
+    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {"confdata", "turn"}
 
     #: Rotations as they are printed, by identity, with the rotation itself: programs share them.
     _rotations: dict[int, tuple[FloatArray, str]] = field(default_factory=dict, init=False, repr=False)
     #: The change of force that the next motion makes.
     _change: Force | None = field(default=None, init=False, repr=False)
+    #: Whether a motion is printed.
+    _begun: bool = field(default=False, init=False, repr=False)
     #: The speeds that have a name.
-    _named: frozenset[str] = field(default=frozenset(), init=False, repr=False)
+    _named: frozenset[Speed] = field(default=frozenset(), init=False, repr=False)
     #: The names of routines and modules that the program has so far.
     _names: Names = field(default_factory=lambda: Names(LONGEST, ()), init=False, repr=False)
 
@@ -165,12 +170,15 @@ class Rapid(RapidOptions):
     # -- instructions --------------------------------------------------------------------------------------------
 
     def print_force(self, item: Force) -> Sequence[str]:
-        """Force on and off are part of the next motion."""
+        """Force on and off are part of the next motion; before the first one it is asked whether force is on."""
+        if not self._begun:
+            return (_DEACT,)
         self._change = item
         return ()
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
         """MoveAbsJ to joints, in deg, else MoveJ."""
+        self._begun = True
         if isinstance(motion.target, Pose):
             return (f"{_IN2}MoveJ {self._target(motion.target, motion)},{self._tail(motion)};",)
         angles = ",".join(fixed(math.degrees(v), _JOINT_DIGITS) for v in motion.target.values)
@@ -236,7 +244,8 @@ class Rapid(RapidOptions):
         return self._rotations[id(rotation)][1]
 
     def _speed(self, motion: Motion) -> str:
-        return speed_text(motion.speed, self._named)
+        turn = motion.turn if isinstance(motion, MoveL) else 0.0
+        return speed_text(motion.speed, turn, self._named)
 
     def _tail(self, motion: Motion) -> str:
         """Speed, force while pressing, zone, tool and work object."""
@@ -291,14 +300,14 @@ class Rapid(RapidOptions):
     def _handler(self, program: Program, *, main: bool) -> list[str]:
         """The ERROR handler: in main it drops the process, elsewhere it hands the error on to main."""
         outputs = self._outputs(program)
-        deact = self.force_deact and any(isinstance(item, Force) for item in program.body)
+        deact = any(isinstance(item, Force) for item in program.body)
         if self.on_error == "none" or not (outputs or deact):
             return []
         if not main:
             return [f"{_IN}ERROR", f"{_IN2}RAISE;"]
         lines = [*call(SAFE)] if outputs else []
         if deact:
-            lines.append(f"{_IN2}IF FCIsForceMode() FCDeact;")
+            lines.append(_DEACT)
         return [f"{_IN}ERROR", *lines, f"{_IN2}{self.on_error.upper()};"]
 
     def _safe(self, program: Program) -> list[str]:

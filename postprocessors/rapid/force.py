@@ -88,6 +88,7 @@ class _Section:
     moved: bool = False
     leaving: bool = False
     start: Pose | None = None
+    begun: bool = False
 
 
 def check_sections(post: str, body: Sequence[Instruction]) -> None:
@@ -98,6 +99,7 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
         if isinstance(item, Force):
             reason = _change(section, item)
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
+            section.begun = True
             reason = _explain_move(section, item)
             section.start = item.target if isinstance(item.target, Pose) else None
         if reason:
@@ -107,7 +109,9 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
 
 
 def _change(section: _Section, item: Force) -> str:
-    """Why the force cannot change here."""
+    """Why the force cannot change here. Before the first motion it is put off, whether it is on or not."""
+    if not section.begun and item.newtons == 0:
+        return ""
     if section.leaving or (section.force is not None and not section.moved):
         return "two changes of force without a motion between them"
     if item.newtons > 0:

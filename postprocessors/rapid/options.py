@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from dataclasses import dataclass, field
@@ -52,7 +53,7 @@ _RESIDENT = "base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".spli
 SAFE = "camSafe"
 _TAKEN = {*_INSTALLED, *_RESIDENT, SAFE.lower(), *(f"v{v}" for v in SPEEDS), *ZONES.values()}
 #: Names that the post gives to the speeds and zones that it declares.
-_OURS = re.compile(r"[vz]cam\d[\d_]*", re.IGNORECASE)
+_OURS = re.compile(r"[vz]cam\d[\d_]*(t\d[\d_]*)?", re.IGNORECASE)
 
 
 def name_fault(name: str, longest: int, installed: bool = False) -> str:
@@ -81,30 +82,50 @@ def legal_name(text: str, longest: int, prefix: str = "m") -> str:
 # Speeds and zones. All that the text says of a speed, its name and its components, is decided here.
 
 
-def name_speeds(columns: Columns) -> frozenset[str]:
-    """Which speeds of a program, as they are printed, get a name: those of most motions."""
-    used: Counter[str] = Counter()
-    for speed, count in zip(*np.unique(columns.speed, return_counts=True), strict=True):
-        used[short(float(speed), DIGITS)] += int(count)
-    others = [text for text in used if float(text) not in SPEEDS]
-    ranked = sorted(others, key=lambda text: (-used[text], float(text)))
+#: The components of a speed that a program decides, as they are printed: mm/s of the TCP, deg/s that it turns.
+Speed = tuple[str, str]
+#: What the tool turns at, deg/s, in every predefined speed: a motion that travels is limited by its TCP.
+_ON_THE_WAY = "500"
+
+
+def _components(speed: float, turn: float) -> Speed:
+    return short(speed, DIGITS), short(math.degrees(turn), DIGITS) if turn else _ON_THE_WAY
+
+
+def name_speeds(columns: Columns) -> frozenset[Speed]:
+    """Which speeds of a program get a name: those of most motions."""
+    used: Counter[Speed] = Counter()
+    pairs, counts = np.unique(np.column_stack([columns.speed, columns.turn]), axis=0, return_counts=True)
+    for (speed, turn), count in zip(pairs.tolist(), counts.tolist(), strict=True):
+        used[_components(speed, turn)] += count
+    others = [one for one in used if not _is_predefined(one)]
+    ranked = sorted(others, key=lambda one: (-used[one], *map(float, one)))
     return frozenset(ranked[:MOST_NAMED])
 
 
+def _is_predefined(speed: Speed) -> bool:
+    return speed[1] == _ON_THE_WAY and float(speed[0]) in SPEEDS
+
+
 @lru_cache(maxsize=1000)
-def speed_text(speed: float, named: frozenset[str]) -> str:
-    """The speeddata of ``speed`` (mm/s): predefined where there is one, else by its name, else written out."""
-    text = short(speed, DIGITS)
-    if float(text) in SPEEDS:
-        return f"v{text}"
-    return "vCam" + text.replace(".", "_") if text in named else _speeddata(text)
-
-
-def _speeddata(tcp: str) -> str:
-    """The components of a speed: mm/s of the TCP, deg/s that it turns, mm/s and deg/s of external axes; the last three
-    as in the predefined ones.
+def speed_text(speed: float, turn: float, named: frozenset[Speed]) -> str:
+    """The speeddata of ``speed`` (mm/s), for a turn on the spot with ``turn`` (rad/s): predefined where there is one,
+    else by its name, else written out.
     """
-    return f"[{tcp},500,5000,1000]"
+    one = _components(speed, turn)
+    if _is_predefined(one):
+        return f"v{one[0]}"
+    return _name_of(one) if one in named else _speeddata(one)
+
+
+def _name_of(speed: Speed) -> str:
+    tcp, turn = (text.replace(".", "_") for text in speed)
+    return f"vCam{tcp}" + ("" if turn == _ON_THE_WAY else f"t{turn}")
+
+
+def _speeddata(speed: Speed) -> str:
+    """The components of a speed; those of external axes, mm/s and deg/s, as in the predefined ones."""
+    return f"[{speed[0]},{speed[1]},5000,1000]"
 
 
 @lru_cache(maxsize=1000)
@@ -114,13 +135,13 @@ def zone_name(blend: float) -> str:
     return "fine" if text == "0" else ZONES.get(text) or "zCam" + text.replace(".", "_")
 
 
-def motion_data(columns: Columns, named: frozenset[str]) -> list[str]:
+def motion_data(columns: Columns, named: frozenset[Speed]) -> list[str]:
     """Declarations of the speeds that have a name and of the zones that are not predefined, slow and small ones first.
 
     A zone's ratio of 1.5 to the TCP radius is that of the predefined ones.
     """
-    speeds = sorted(map(float, named))
-    lines = [f"CONST speeddata {speed_text(v, named)}:={_speeddata(short(v, DIGITS))};" for v in speeds]
+    speeds = sorted(named, key=lambda one: tuple(map(float, one)))
+    lines = [f"CONST speeddata {_name_of(one)}:={_speeddata(one)};" for one in speeds]
     zones = {short(blend, DIGITS) for blend in np.unique(columns.blend).tolist()}
     for r in sorted(zones - {"0"} - set(ZONES), key=float):
         wide, angle = short(1.5 * float(r), DIGITS + 1), short(0.15 * float(r), DIGITS + 2)
@@ -194,9 +215,6 @@ class RapidOptions(Post):
     )
     force_calibrated: bool = field(
         default=False, kw_only=True, metadata={"help": "the cell sets the force sensor to zero, the program need not"}
-    )
-    force_deact: bool = field(
-        default=False, kw_only=True, metadata={"help": "the ERROR handler of main ends force control with FCDeact"}
     )
     force_threshold: float = field(
         default=50.0, kw_only=True, metadata={"help": "part of the force to feel before travel goes on, %"}

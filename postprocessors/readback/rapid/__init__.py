@@ -239,9 +239,11 @@ def _handle(
             if one.value:
                 raise Wrong(call.line, "an ERROR handler that switches something on")
             off.add(one.signal)
+        elif call.name == "fcdeact":
+            continue
         elif call.name in MOTIONS or call.name in STATEMENTS:
             raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
-        elif call.name != "fcdeact":
+        else:
             called = _find_called(program, routine, call, depth)
             off |= _handle(program, state, called, called.body, depth + 1)[0]
     return off, ""

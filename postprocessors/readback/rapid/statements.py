@@ -97,11 +97,21 @@ def _calibrate(state: State, call: Call) -> None:
     state.stopped(call.name)
 
 
+def _deactivate(state: State, call: Call) -> None:
+    """FCDeact: force control is off."""
+    if call.args or call.options:
+        raise Wrong(call.line, "fcdeact has no arguments")
+    if state.pressing is not None:
+        raise Wrong(call.line, "fcdeact while pressing, before FCPressEnd")
+    state.stopped(call.name)
+    state.add(Force(0.0), call.line)
+
+
 SWITCHES = ("setdo", "setao", "set", "reset")
 STATEMENTS: dict[str, Callable[[State, Call], None]] = {
     **dict.fromkeys(SWITCHES, _switch_signal), "waittime": _wait,
-    "confl": _configuration, "confj": _configuration, "fccalib": _calibrate, "singarea": _singularity,
-    "accset": _acceleration,
+    "confl": _configuration, "confj": _configuration, "fccalib": _calibrate, "fcdeact": _deactivate,
+    "singarea": _singularity, "accset": _acceleration,
 }  # fmt: skip
 
 
@@ -135,7 +145,8 @@ def motion(state: State, call: Call) -> Bound:
     """One motion statement, and what it says beside its points. Wrong when it cannot be read."""
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
-    bound = Bound(call.name, speed, _blend(values), values, _posture(values))
+    turn = math.radians(numbers(values["speed"])[1])
+    bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
         _move(state, call.line, bound, None, Joints(tuple(math.radians(v) for v in axes)))
@@ -172,18 +183,26 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
     else:
         if state.pressing is not None:
             state.faults.append(Fault(line, f"{bound.name} while pressing, before FCPressEnd"))
-        state.add(_free(bound, via, target), line)
+        state.add(_free(bound, via, target, _turn(state, bound, target)), line)
     state.here = target if isinstance(target, Pose) else None
     state.blending = line if bound.blend > 0 else 0
 
 
-def _free(bound: Bound, via: Pose | None, target: Pose | Joints) -> Motion:
+def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
+    """The speed of turning, rad/s, of a motion whose TCP stays where it is; 0 where it travels or does not turn."""
+    here = state.here
+    if here is None or isinstance(target, Joints) or here.origin != target.origin:
+        return 0.0
+    return 0.0 if here.rotation is target.rotation else bound.turn
+
+
+def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
     """A motion without force."""
     if isinstance(target, Joints) or bound.name == "movej":
         return MoveJ(target, bound.speed, bound.blend, posture=bound.posture)
     if via is not None:
         return MoveC(via, target, bound.speed, bound.blend, posture=bound.posture)
-    return MoveL(target, bound.speed, bound.blend, posture=bound.posture)
+    return MoveL(target, bound.speed, bound.blend, posture=bound.posture, turn=turn)
 
 
 def _posture(values: Mapping[str, Value]) -> Posture | None:
@@ -266,7 +285,7 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
         state.stopped(name)
         state.pressing = None
         state.add(Force(0.0), line)
-        state.add(MoveL(target, speed, blend, posture=bound.posture), line)
+        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=_turn(state, bound, target)), line)
         return
     else:
         force = cast(float, bound.values["force"]) * state.known.sign * state.pressing[1]
@@ -277,7 +296,8 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
     if via is not None:
         state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture), line)
     else:
-        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture), line)
+        turn = _turn(state, bound, target)
+        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture, turn=turn), line)
 
 
 def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:

@@ -428,6 +428,8 @@ _STRUCTURE = frozenset(("module", "endmodule", "proc", "endproc", "func", "endfu
 _CONTINUES = frozenset(("else", "elseif", "endif", "endfor", "endwhile", "endtest", "case", "default", "then", "do"))
 #: Words with which a statement begins that is read in ERROR handlers alone.
 _HANDLES = frozenset(("if", "raise", "exit"))
+#: The only IF that is read outside of them.
+_ASKS = re.compile(r"if\s+FCIsForceMode\b", re.IGNORECASE)
 _DATA = frozenset(("local", "task", "const", "pers", "var"))
 
 
@@ -565,6 +567,8 @@ class _Parser(Calls):
                     data.append(self.routine_data(bool(body) or handler is not None))
                 elif handler is not None and self.word() in _HANDLES:
                     handler.append(self.handling())
+                elif handler is None and self.word() == "if" and _ASKS.match(self.text, self.token[3]):
+                    body.append(self.handling())
                 else:
                     self.statement(body if handler is None else handler)
             except Wrong as wrong:
@@ -574,7 +578,7 @@ class _Parser(Calls):
         return _routine(line, name, local, data, body, handler)
 
     def handling(self) -> Call:
-        """What only an ERROR handler may say here: RAISE, EXIT, and the end of force control where it is on."""
+        """The end of force control where it is on, and what only an ERROR handler may say here: RAISE, EXIT."""
         _, text, line, _ = self.take()
         if text.lower() == "if":
             for mark in ("fcisforcemode", "(", ")", "fcdeact"):
