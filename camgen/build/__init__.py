@@ -160,7 +160,7 @@ def _sum_up(
         post=post,
         cell=cell,
         tour=tour,
-        notes=(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm)),
+        notes=(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm), *post.warn(checks.program)),
         program=checks.program,
         files=files,
         deviation=deviation,

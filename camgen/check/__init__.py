@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 class Checks(Struct, frozen=True, eq=False):
-    """What was found. program: with joints and posture where an arm is known. where: what there is to run into. All
-    None where the cell has no arm.
+    """What was found. program: with joints, posture and shares where an arm is known. where: what there is to run into.
+    All None where the cell has no arm.
     """
 
     program: Program
@@ -38,8 +38,10 @@ def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = N
         return Checks(program)
     from camgen.check.collide import check_clear  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
     from camgen.check.reach import check_reach  # noqa: PLC0415
+    from camgen.check.shares import share_joints  # noqa: PLC0415
     from camgen.collision.cell import around  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
     where = where or around(job, cell.arm, cell, None, cell.meshes)
-    return Checks(reach.program, reach, check_clear(where, reach.program, reach, name or program.name), where)
+    clear = check_clear(where, reach.program, reach, name or program.name)
+    return Checks(share_joints(reach, cell.arm), reach, clear, where)

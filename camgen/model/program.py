@@ -55,7 +55,8 @@ class Origin(Struct, frozen=True):
 
 class MoveJ(Struct, frozen=True, eq=False, gc=False):
     """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s. joints and
-    posture: of the arm at a target that is a pose, where a robot is known. path: see ``MoveL``.
+    posture: of the arm at a target that is a pose, where a robot is known. path: see ``MoveL``. share: of the greatest
+    speeds of the joints, at which the TCP keeps to ``speed``; 0: not known.
     """
 
     target: Pose | Joints
@@ -65,6 +66,7 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
     posture: Posture | None = None
     path: int = -1
     work: bool = False
+    share: float = 0.0
 
 
 class MoveL(Struct, frozen=True, eq=False, gc=False):
@@ -213,6 +215,14 @@ class Columns:
         return column(self.moves, "speed")
 
     @cached_property
+    def share(self) -> FloatArray:
+        """(M,): of the joints' greatest speeds, 0 where it is not known."""
+        share = np.zeros(len(self.moves))
+        swing = self.moves_are(MoveJ)
+        share[swing] = column(take(self.moves, swing), "share")
+        return share
+
+    @cached_property
     def blend(self) -> FloatArray:
         """(M,): mm."""
         return column(self.moves, "blend")
@@ -322,6 +332,9 @@ def check(columns: Columns, paths: int = 0) -> None:
         *_first(at[:1][~columns.moves_are(MoveJ)[:1]], "the first motion must be joint-interpolated"),
         *_not_finite(columns),
         *_first(at[~(speed > 0) | (blend < 0)], "a speed must be positive and a blend not negative"),
+        *_first(
+            at[~((columns.share >= 0) & (columns.share <= 1))], "a share of the joints' speeds must be from 0 to 1"
+        ),
         *_first(at[(columns.path < -1) | (columns.path >= paths)], "a motion belongs to a path that there is none of"),
         *_first(at[columns.turned & ~(columns.turn > 0)], "a motion that only turns the tool has no speed of turning"),
         *_first(at[~(columns.turn >= 0)], "a speed of turning must not be negative"),

@@ -52,7 +52,7 @@ def text_of(plan: Program, **options: object) -> str:
 def body_of(plan: Program, **options: object) -> list[str]:
     """The lines between the settings and GiveArm, without the two opening motions of ``program``."""
     lines = [line.strip() for line in text_of(plan, **options).splitlines()]
-    return lines[lines.index("ChangeWork 1") + 3 : lines.index("GiveArm")]
+    return lines[lines.index("ChangeWork 1") + 3 : len(lines) - 1 - lines[::-1].index("GiveArm")]
 
 
 def spoken(body: tuple[Instruction, ...]) -> list[Instruction]:
@@ -110,20 +110,30 @@ SMALL = """\
 ' external speed: the pendant's, 100 % for the planned speeds
 Sub Main
     TakeArm Keep = 0
+    ' Mps() is a percentage: 0.1 m/s is over 0.5 % of any arm, 0.1 mm/s not over 0.1 %
+    Dim unit As Single = 1
+    If Mps(0.1) > 0.2 Then
+        unit = 0.001
+    End If
+    ' now Mps(100 * unit) is 100 mm/s; no motion where that is not 0.5 to 20 %
+    If Mps(100 * unit) < 0.5 Or Mps(100 * unit) > 20 Then
+        GiveArm
+        Exit Sub
+    End If
     Speed 10
     Accel 50, 50
     ChangeTool 1
     ChangeWork 1
-    Move P, @0 J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000), Speed = Mps(0.1)
-    Move P, @P P(12.500, 8.000, 20.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.1)
-    Move L, @0 P(12.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.02)
+    Move P, @0 J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000), Speed = Mps(100 * unit)
+    Move P, @P P(12.500, 8.000, 20.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(100 * unit)
+    Move L, @0 P(12.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(20 * unit)
     ' contour c1
     Set IO[24]
     Delay 150
-    Move L, @P P(52.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.0155)
-    Move C, P(62.500, 18.000, 0.000, 180.0000, 0.0000, 0.0000, -1), @0 P(52.500, 28.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.02)
+    Move L, @P P(52.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(15.5 * unit)
+    Move C, P(62.500, 18.000, 0.000, 180.0000, 0.0000, 0.0000, -1), @0 P(52.500, 28.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(20 * unit)
     Reset IO[24]
-    Move L, @0 P(52.500, 28.000, 20.000, 180.0000, 0.0000, 90.0000, -1), Speed = Mps(0.1)
+    Move L, @0 P(52.500, 28.000, 20.000, 180.0000, 0.0000, 90.0000, -1), Speed = Mps(100 * unit)
     GiveArm
 End Sub
 """  # noqa: E501
@@ -157,7 +167,7 @@ def test_small_program_is_this_text() -> None:
 def test_small_program_reads_back() -> None:
     reading = read({"bracket.pcs": SMALL}, {})
     assert_same(small(), reading, PacScript())
-    assert reading.lines == (15, 16, 17, 19, 20, 21, 22, 23, 24)
+    assert reading.lines == (25, 26, 27, 29, 30, 31, 32, 33, 34)
     assert reading.work is None
     assert reading.tool is None
 
@@ -195,7 +205,7 @@ def test_orientation_is_rz_ry_rx_in_degrees() -> None:
         rotation_about(2, math.radians(rz)) @ rotation_about(1, math.radians(ry)) @ rotation_about(0, math.radians(rx))
     )
     (line,) = body_of(program(MoveL(Pose(rotation, (1, 2, 3)), 20.0)))
-    assert line == "Move L, @0 P(1.000, 2.000, 3.000, 25.0000, -40.0000, 110.0000, -1), Speed = Mps(0.02)"
+    assert line == "Move L, @0 P(1.000, 2.000, 3.000, 25.0000, -40.0000, 110.0000, -1), Speed = Mps(20 * unit)"
 
 
 def test_posture_without_a_joint_move_is_said_to_be_open() -> None:
@@ -222,9 +232,10 @@ def test_speed_in_percent_of_what_the_external_speed_leaves() -> None:
 
 @given(st.floats(0.05, 5000.0), st.sampled_from([0.0, 30.0]))
 def test_written_speed_is_exact_to_a_thousandth(speed: float, external: float) -> None:
-    (line,) = body_of(program(MoveL(down(1, 0), speed)), ext_speed=external)
-    written = float(re.search(r"Mps\((.*)\)", line)[1]) * 1000 * (external or 100) / 100
-    assert written == pytest.approx(speed, rel=1e-3)
+    for mps, metres in (("ask", 1), ("mm/s", 1), ("m/s", 1000)):
+        (line,) = body_of(program(MoveL(down(1, 0), speed)), ext_speed=external, mps=mps)
+        written = float(re.search(r"Mps\(([0-9.]+)( \* unit)?\)$", line)[1]) * metres * (external or 100) / 100
+        assert written == pytest.approx(speed, rel=1e-3)
 
 
 def test_splits_into_subs_at_stops() -> None:
@@ -232,9 +243,9 @@ def test_splits_into_subs_at_stops() -> None:
     plan = program(*body)
     text = text_of(plan, max_lines=12)
     main, *subs = re.split(r"^Sub ", text, flags=re.MULTILINE)[1:]
-    names = [sub.split()[0] for sub in subs]
+    names = [sub.split("(")[0] for sub in subs]
     assert names == [f"bracket_part{i}" for i in range(1, len(subs) + 1)]
-    assert [line.split()[1] for line in main.splitlines() if "Call" in line] == names
+    assert [line.split()[1] for line in main.splitlines() if "Call" in line] == [f"{name}(unit)" for name in names]
     for sub in subs:
         lines = sub.splitlines()[1:-1]
         assert len(lines) <= 12
@@ -638,8 +649,12 @@ def script(*lines: str, before: tuple[str, ...] = ()) -> str:
     return "\n".join((*head, *lines, "GiveArm", "End Sub", ""))
 
 
+#: Programs written by hand mean m/s, unless they are about that.
+METRES: dict[str, object] = {"mps": "m/s"}
+
+
 def reading_of(*lines: str, options: dict[str, object] | None = None, before: tuple[str, ...] = ()) -> Reading:
-    return read({"part.pcs": script(*lines, before=before)}, options or {})
+    return read({"part.pcs": script(*lines, before=before)}, METRES | (options or {}))
 
 
 def last_motion(reading: Reading) -> MoveJ | MoveL | MoveC:
@@ -738,7 +753,7 @@ def test_outputs_are_named_by_the_signals() -> None:
 def test_second_file_is_called_by_its_name_and_lines_go_on() -> None:
     main = script("Call PartA")
     part = "Sub Main\nMove L, @0 P(7)" + S + "\nEnd Sub\n"
-    reading = read({"part.pcs": main, "PartA.pcs": part}, {})
+    reading = read({"part.pcs": main, "PartA.pcs": part}, METRES)
     assert reading.faults == ()
     assert reading.lines == (3, main.count("\n") + 2)
 
