@@ -217,7 +217,7 @@ class PacScript(PacScriptOptions):
         return (Note("warning", f"slowest motion: {slow}", why),) if slow else ()
 
     def _settings(self, program: Program) -> list[str]:
-        """The unit of Mps, and what TakeArm may have reset. Speed changes the acceleration too: Accel comes after it."""
+        """The unit of Mps, and what TakeArm may have reset. Accel comes after Speed, which changes it too."""
         accel = short(self.accel, _PERCENT)
         lines = ["TakeArm Keep = 0", *(_ASK if self._asks else ())]
         lines += [*([f"ExtSpeed {short(self.ext_speed, _PERCENT)}"] if self.ext_speed else [])]

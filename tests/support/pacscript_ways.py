@@ -36,7 +36,7 @@ def said(reading: Reading) -> list[object]:
     for item in reading.body:
         if isinstance(item, MoveJ):
             target = repr(item.target.values) if isinstance(item.target, Joints) else pose(item.target)
-            body.append(("J", target, repr(item.speed), repr(item.blend), item.posture))
+            body.append(("J", target, repr((item.speed, item.share, item.blend)), item.posture))
         elif isinstance(item, MoveL):
             body.append(
                 ("L", pose(item.target), repr((item.speed, item.blend, item.force, item.force_direction)), item.posture)

@@ -26,8 +26,8 @@ _ASSIGNMENT = re.compile(r"([a-z]\w*)\s*=\s*([^=].*)", re.IGNORECASE | re.ASCII)
 def carry_out_if(machine: Machine, statements: list[Statement], at: int) -> int | None:
     """Carries out a block ``If ... Then`` on ``Mps``; by how many statements to go on, None for another condition.
 
-    In its branches names may be given values, which then depend on the unit. Other statements may only stand in a branch
-    that is not gone into.
+    In its branches names may be given values, which then depend on the unit. Other statements may only stand in a
+    branch that is not gone into.
     """
     found = _IF.fullmatch(_text(statements[at]))
     if found is None or "mps" not in found[1].lower():

@@ -19,7 +19,7 @@ class Unreadable(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Either:
-    """A number that depends on the unit that the controller reads ``Mps`` in: one value for each of ``Machine.units``."""
+    """A number that depends on the unit in which the controller reads ``Mps``: one for each of ``Machine.units``."""
 
     values: tuple[float, ...]
 
