@@ -208,7 +208,7 @@ class PacScript(PacScriptOptions):
         least = 100 * self._scaled(float(mm_s)) / _LEAST_PERCENT
         if self.rated or self.speed == "percent" or least >= _FASTEST_ARM:
             return ""
-        return f"{mm_s:g} mm/s, under 0.1 % of an arm that does more than {least:g} mm/s"
+        return f"{short(mm_s, 2)} mm/s, under 0.1 % of an arm that does more than {round(least, -1):.0f} mm/s"
 
     def warn(self, program: Program) -> tuple[Note, ...]:
         """A speed that may be below the least one of the controller."""
@@ -340,7 +340,7 @@ class PacScript(PacScriptOptions):
         per_digit = 10**-_SPEED if self.speed == "mps" else self.rated / 100 * 10**-_PERCENT
         share = 0.51 * 10 ** -(_PERCENT + 2)
         mm, force = 0.501 * 10**-self.decimals, 2 * _FORCE_STEP_N
-        return Tolerance(mm, 3 * degree, degree, 0.51 * per_digit, force, 0.00051, share)
+        return Tolerance(mm, 3 * degree, degree, 0.51 * per_digit, force, 0.00051, share=share)
 
 
 def _figure(motion: Motion) -> int | None:
