@@ -51,4 +51,4 @@ def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float) -> float:
     fastest = np.linalg.norm(flange[:, :3] + np.cross(flange[:, 3:], rotation @ np.asarray(tip)), axis=1).max()
     turning = np.abs(rate[[not joint.sliding for joint in robot.joints]]).max(initial=0.0)
     limits = [1.0, *(most / rate for most, rate in ((speed, fastest), (_FASTEST_TURN, turning)) if rate > 0)]
-    return math.floor(float(min(limits)) * 10**_DIGITS) / 10**_DIGITS
+    return float(math.floor(float(min(limits)) * 10**_DIGITS) / 10**_DIGITS)

@@ -288,7 +288,8 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     if "joint-speed" in carries:
         yield both.moving("speed", "speed", rapid & ~shared, tolerance.speed)
     if "speed" in carries:
-        yield both.moving("speed", "speed", ~rapid, tolerance.speed)
+        # Where only the tool turns, the TCP has none.
+        yield both.moving("speed", "speed", ~rapid & (both.plan.turn[: both.moves] == 0), tolerance.speed)
     every = np.ones(both.moves, np.bool_)
     if "turn" in carries and np.any(both.plan.turn[: both.moves]):
         yield both.moving("speed of turning", "turn", both.plan.turn[: both.moves] > 0, tolerance.turn)

@@ -58,7 +58,7 @@ class PacScript(PacScriptOptions):
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
     verified_fields: ClassVar[frozenset[str]] = frozenset(
-        {"orientation", "speed", "joint-speed", "joint-share", "stop", "force-direction", "figure"}
+        {"orientation", "speed", "joint-speed", "joint-share", "stop", "turn", "force-direction", "figure"}
     )
 
     #: The force that the controller presses with (N, work frame), None while force control is off.
@@ -83,6 +83,7 @@ class PacScript(PacScriptOptions):
             case Comment():
                 return ""
         reason = self._speed_reason(item.speed)
+        reason = reason or self._turn_reason(item)
         if self.pass_mark == "mm" and item.blend != int(item.blend):
             reason = reason or f'a blend of {item.blend:g} mm is no whole number; set post.pass_mark to "P"'
         if isinstance(item, MoveJ):
@@ -107,6 +108,16 @@ class PacScript(PacScriptOptions):
     def _scaled(self, mm_s: float) -> float:
         """The internal speed that gives ``mm_s`` under the external speed, as both are multiplied."""
         return mm_s * 100 / (self.ext_speed or 100)
+
+    def _turning(self, motion: MoveL) -> float:
+        """The internal speed of a turn on the spot, %."""
+        return self._scaled(100 * math.degrees(motion.turn) / self.rated_turn)
+
+    def _turn_reason(self, item: Motion) -> str:
+        if not isinstance(item, MoveL) or not item.turn or _LEAST_PERCENT <= self._turning(item) <= _MOST_PERCENT:
+            return ""
+        numbers = f"a turn at {math.degrees(item.turn):g} deg/s is {self._turning(item):.4g} % of {self.rated_turn:g}"
+        return f"{numbers}, the controller takes 0.1 to 100 %; change process.turn or mend post.rated_turn"
 
     def _speed_reason(self, mm_s: float) -> str:
         if self.rated and not _LEAST_PERCENT <= self._percent(mm_s) <= _MOST_PERCENT:
@@ -289,6 +300,8 @@ class PacScript(PacScriptOptions):
         return f"@{passing}" if motion.blend else "@0"
 
     def _tail(self, motion: Motion) -> str:
+        if isinstance(motion, MoveL) and motion.turn:
+            return f", Speed = {short(self._turning(motion), _PERCENT)}"
         if isinstance(motion, MoveJ) and motion.share:
             return f", Speed = {short(self._scaled(100 * motion.share), _PERCENT)}"
         if self.speed == "percent":
@@ -340,7 +353,8 @@ class PacScript(PacScriptOptions):
         per_digit = 10**-_SPEED if self.speed == "mps" else self.rated / 100 * 10**-_PERCENT
         share = 0.51 * 10 ** -(_PERCENT + 2)
         mm, force = 0.501 * 10**-self.decimals, 2 * _FORCE_STEP_N
-        return Tolerance(mm, 3 * degree, degree, 0.51 * per_digit, force, 0.00051, share=share)
+        turn = math.radians(share * self.rated_turn)
+        return Tolerance(mm, 3 * degree, degree, 0.51 * per_digit, force, 0.00051, turn, share)
 
 
 def _figure(motion: Motion) -> int | None:

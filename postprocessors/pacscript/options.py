@@ -46,7 +46,8 @@ waitmotion while work workattribute workpos writebytearray xor zforce p j t v i 
 """))  # fmt: skip
 #: Least and greatest value of the options that are numbers.
 _RANGES = {
-    "tool": (0, 63), "work": (0, 63), "rated": (0, 1e5), "ext_speed": (0, 100), "internal_speed": (0.1, 100),
+    "tool": (0, 63), "work": (0, 63), "rated": (0, 1e5), "rated_turn": (1, 1e4), "ext_speed": (0, 100),
+    "internal_speed": (0.1, 100),
     "accel": (0.0001, 100), "force_table": (1, 10), "decimals": (1, 6), "max_lines": (0, 10**9),
 }  # fmt: skip
 
@@ -65,6 +66,9 @@ class PacScriptOptions(Post):
         default="ask", metadata={"help": "unit of Mps(); ask: the program finds it out"}
     )
     rated: float = field(default=0.0, metadata={"help": "mm/s that 100 % stands for; 0: not known"})
+    rated_turn: float = field(
+        default=500.0, metadata={"help": "deg/s that 100 % is, for turns on the spot; a slower arm turns slower"}
+    )
     ext_speed: float = field(default=0.0, metadata={"help": "external speed, %; 0: the pendant's is left as it is"})
     internal_speed: float = field(default=10.0, metadata={"help": "% for motions added by hand without a Speed"})
     accel: float = field(default=50.0, metadata={"help": "acceleration and deceleration, %"})

@@ -25,7 +25,19 @@ from camgen.model.pose import (
     rotation_from_quaternion,
     translation,
 )
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+    put_off_first,
+)
 from camgen.post import Reading
 from camgen.post.plugins import make_post
 
@@ -40,7 +52,7 @@ def down(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*body: Instruction, name: str = "bracket", header: tuple[str, ...] = ()) -> Program:
-    return Program(name, WORK, TOOL, (MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body), header)
+    return Program(name, WORK, TOOL, put_off_first((MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body)), header)
 
 
 def text_of(plan: Program, **options: object) -> str:
@@ -154,7 +166,7 @@ def small() -> Program:
         Output("process", 0.0),
         MoveL(Pose(turned, (52.5, 28, 20)), 100.0),
     )
-    return Program("bracket", WORK, TOOL, body, ("camgen 0.1.0", "layer (holes) M3"))
+    return Program("bracket", WORK, TOOL, put_off_first(body), ("camgen 0.1.0", "layer (holes) M3"))
 
 
 def test_small_program_is_this_text() -> None:

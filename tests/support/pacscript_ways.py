@@ -13,7 +13,7 @@ from camgen_posts.readback.pacscript import read
 from camgen_posts.readback.pacscript.motion import LINE, PIECE
 
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, pose_from_values, rotation_about, translation
-from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait, put_off_first
 from camgen.post import Reading
 from camgen.post.plugins import make_post
 
@@ -75,7 +75,7 @@ def printed(count: int, options: dict[str, object], force: float = 0.0, turning:
     body += [MoveL(Pose(TOOL_DOWN, (0, 0, 20)), 50), MoveJ(home, 100.0)]
     post = make_post(PacScript, options)
     frames = pose_from_values((300.0, -75.0, 150.0, 0.0, 0.0, 90.0)), translation(0, 0, 100)
-    plan = Program("part", *frames, tuple(body), ("a remark",))
+    plan = Program("part", *frames, put_off_first(body), ("a remark",))
     (file,) = post.render(post.prepare(plan, 0.01))
     return file.text
 

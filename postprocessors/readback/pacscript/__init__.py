@@ -47,22 +47,27 @@ _NOT_EVALUATED = frozenset(
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
-    """What the program says; see ``Reading``. Options: rated, mps, signals, force_on, force_change, force_off.
+    """What the program says; see ``Reading``. Options: rated, rated_turn, mps, signals, force_on, force_change,
+    force_off.
 
     A blend of ``@P`` is given as 1 mm, as its radius is the controller's. Speeds in percent are of ``rated``. Where mps
     does not name a unit, both are tried, and must give the same speeds.
     """
     templates = force.templates(options)
     source = read_source(files, short=not force.may_say(templates, "Move"))
-    rated = options.get("rated", 0.0)
-    known = float(rated) if isinstance(rated, (int, float)) and rated > 0 else 0.0
-    machine = Machine(known, _names(options), units=_units(options))
+    rated, turning = (_positive(options, key, default) for key, default in (("rated", 0.0), ("rated_turn", 500.0)))
+    machine = Machine(rated, _names(options), turning, _units(options))
     if main := source.procedures.get("main"):
         _Run(machine, source, templates).procedure(main)
         _finish(machine)
     faults = sorted({*source.faults, *machine.faults}, key=lambda fault: (fault.line, fault.what))
     work, tool = (machine.frames.get((kind, machine.numbers[kind])) for kind in ("work", "tool"))
     return Reading(tuple(machine.body), tuple(machine.lines), tuple(faults), work, tool)
+
+
+def _positive(options: Mapping[str, object], key: str, default: float) -> float:
+    value = options.get(key, default)
+    return float(value) if isinstance(value, (int, float)) and value > 0 else default
 
 
 def _units(options: Mapping[str, object]) -> tuple[float, ...]:

@@ -27,6 +27,8 @@ class Machine:
 
     rated: float
     signals: Mapping[int, str]
+    #: deg/s of a turn on the spot at 100 %.
+    rated_turn: float = 500.0
     #: mm/s that ``Mps(1)`` may be: one value where the unit is known, else all of ``UNITS``.
     units: tuple[float, ...] = tuple(UNITS.values())
     line: int = 0
@@ -121,6 +123,10 @@ class Machine:
             return self.mm_per_second(value), 0.0
         share = value / 100 * self.external / 100
         return share * (self.rated or _RATED), share
+
+    def turning(self, value: float) -> float:
+        """The speed of a turn on the spot by its internal speed in %, rad/s."""
+        return math.radians(value / 100 * self.external / 100 * self.rated_turn)
 
     def by_unit(self, value: Mps) -> list[float]:
         """mm/s for each of ``units``."""
