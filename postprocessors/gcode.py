@@ -183,20 +183,24 @@ def _words(top: float, strokes: Sequence[DrillStroke], decimals: int) -> str:
     words = f"Z{short(levels[-1], decimals)} R{short(retract, _PECK_DIGITS)}"
     if len(cuts) == 1:
         return f"G81 {words}"
-    peck = _peck(levels)
+    peck = _peck(levels, decimals)
     return f"G83 {words} Q{short(peck, _PECK_DIGITS)}" if peck else ""
 
 
-def _peck(levels: Sequence[float]) -> float:
-    """The Q of the pecks from ``levels[0]`` through the others; 0 where they are not of one depth."""
+def _peck(levels: Sequence[float], decimals: int) -> float:
+    """The Q of the pecks from ``levels[0]`` through the others; 0 where no Q makes just these.
+
+    LinuxCNC goes down by Q from the printed R while it is above the printed Z: these decide how many it makes. A Z
+    that is rounded down would leave a last peck of that rounding.
+    """
     step, count = levels[0] - levels[1], len(levels) - 1
     if any(abs(levels[0] - k * step - levels[k]) > SAME_POINT_MM for k in range(1, count)):
         return 0.0
-    left = levels[0] - (count - 1) * step - levels[-1]
-    if left > step + SAME_POINT_MM:
+    depth = float(short(levels[0], _PECK_DIGITS)) - float(short(levels[-1], decimals))
+    peck = round(max(step, depth / count + _LEAST_PECK_MM), _PECK_DIGITS)
+    if (count - 1) * peck > depth - _LEAST_PECK_MM:
         return 0.0
-    # A Q that divides the depth might leave a last peck of nothing, by rounding.
-    return step + _LEAST_PECK_MM if left > step - 1e-4 else step
+    return peck if (count - 1) * (peck - step) < 0.5 * 10**-decimals else 0.0
 
 
 def rows(body: Sequence[Instruction], found: Sequence[CycleHole]) -> Iterator[tuple[CycleHole, bool, bool]]:

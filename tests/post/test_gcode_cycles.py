@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from camgen.model.program import Comment, Instruction, MoveC, MoveJ, MoveL, Output, Wait
@@ -65,6 +65,16 @@ def test_pecks_from_the_height_of_approach_are_g83():
 def test_a_peck_that_divides_the_depth_leaves_no_last_one_of_nothing():
     lines, _, _ = told(*hole(5, 6, -1, -4, -7, -10))
     assert lines[1] == "G98 G83 X5 Y6 Z-10 R2 Q3.000001 F300"
+
+
+def test_a_depth_that_is_rounded_makes_no_peck_of_its_rounding():
+    lines, _, _ = told(*hole(5, 6, -1.7419208, -3.4838208, near=0.0))
+    assert lines[1] == "G98 G83 X5 Y6 Z-3.484 R0 Q1.742001 F300"
+
+
+def test_a_last_peck_that_rounding_takes_away_is_no_cycle():
+    lines, _, _ = told(*hole(5, 6, -1, -4, -7, -7.0004))
+    assert not any("G83" in line for line in lines)
 
 
 @pytest.mark.parametrize(
@@ -130,6 +140,8 @@ def drilled(chosen) -> list[Instruction]:
         max_size=8,
     )
 )
+# The printed Z is 0.00016 mm deeper than two pecks: Q once left a third one of that depth.
+@example([("pecked", 1.0, 0.0, 1.7419, 2, 0.0, 1.7419208485678386)])
 def test_linuxcnc_drills_as_planned(chosen):
     ready, text = posted(gcode(), program(*drilled(chosen)))
     canon = run(text)
