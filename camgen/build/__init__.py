@@ -25,7 +25,7 @@ from camgen.check.time import cycle
 from camgen.lower import lower
 from camgen.model.cell import Cell
 from camgen.model.drawing import draw_svg
-from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import Tour
@@ -125,23 +125,38 @@ def build(
     read = read_inputs(sources, settings, poster.cell(), files)
     planned = plan(read.part, settings, read.cell, watch)
     _insist(planned.part, planned.notes, bool(planned.paths), strict)
-    tour = order(planned, settings, read.cell, watch)
-    _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
-    watch("programming")
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
-    lowered = lower(tour, read.cell, settings, title, header)
     where = planned.where if isinstance(planned, EdgePlan) else None
-    with tell_by_input(planned.part, lowered):
-        program = poster.prepare(lowered, settings.tolerance.chord)
-        if read.cell.arm:
-            watch("checking")
-        checks = check(program, settings, read.cell, where, planned.part.source)
+    while True:
+        tour = order(planned, settings, read.cell, watch)
+        _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
+        watch("programming")
+        lowered = lower(tour, read.cell, settings, title, header)
+        try:
+            with tell_by_input(planned.part, lowered):
+                program = poster.prepare(lowered, settings.tolerance.chord)
+                if read.cell.arm:
+                    watch("checking")
+                checks = check(program, settings, read.cell, where, planned.part.source)
+            break
+        except Blocked as error:
+            planned = _leave_out(planned, tour, error)
     posted = poster.render(checks.program)
     watch("verifying")
     reading = readback({file.name: file.text for file in posted}, fill_tables(type(poster), settings.post))
     deviation = compare(checks.program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
     return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, deviation)
+
+
+def _leave_out(plan: Plan, tour: Tour, error: Blocked) -> Plan:
+    """The plan without the edges that the check of its program lost; the error itself where they are no edges."""
+    lost = [(tour.paths[one.path].id, one.kind, one.why) for one in error.lost if one.path >= 0]
+    if not isinstance(plan, EdgePlan) or not lost:
+        raise error
+    from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+
+    return leave_out(plan, lost)
 
 
 def _sum_up(

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from camgen.model.errors import NoSafeProgram, Refused
+from camgen.model.errors import Blocked, NoSafeProgram, Refused
 from camgen.model.part import Part
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Force, MoveC, MoveJ, MoveL, Program
@@ -35,6 +35,8 @@ def tell_by_input(part: Part, program: Program) -> Iterator[None]:
         if not doubt:
             raise
         remedy = "; ".join(filter(None, [error.remedy, doubt]))
+        if isinstance(error, Blocked):
+            raise Blocked(error.file, error.what, error.where, remedy, error.lost) from error
         raise NoSafeProgram(error.file, error.what, error.where, remedy) from error
 
 

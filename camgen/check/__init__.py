@@ -31,8 +31,8 @@ class Checks(Struct, frozen=True, eq=False):
 def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = None, name: str = "") -> Checks:
     """Whether the arm of ``cell`` can run ``program``, links included, and meets nothing.
 
-    where: what there is to run into, where it is known already. name: of the input, for messages. NoSafeProgram with
-    the motion, the place and the reason, JobError for an arm that the program is not for.
+    where: what there is to run into, where it is known already. name: of the input, for messages. Blocked with the
+    motion, the place, the reason and the paths it concerns, JobError for an arm that the program is not for.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         return Checks(program)
@@ -43,5 +43,5 @@ def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = N
 
     reach = check_reach(program, cell.arm, name or program.name)
     where = where or around(job, cell.arm, cell, None, cell.meshes)
-    clear = check_clear(where, reach.program, reach, name or program.name)
+    clear = check_clear(where, reach, cell.arm, name or program.name)
     return Checks(share_joints(reach, cell.arm), reach, clear, where)

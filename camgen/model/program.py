@@ -492,6 +492,13 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         path = int(self.columns.path[motion]) if motion >= 0 else -1
         return self.paths[path] if path >= 0 else None
 
+    def path_at(self, index: int) -> int:
+        """The path that the motion at ``index`` of the body belongs to; for the way home that of the last before it;
+        -1: none.
+        """
+        before = self.columns.path[: int(np.searchsorted(self.columns.at, index, side="right"))]
+        return int(before[before >= 0][-1]) if (before >= 0).any() else -1
+
     def place_of(self, index: int) -> str:
         """Where the motion at ``index`` of the body is, in words."""
         origin = self.path_of(index)

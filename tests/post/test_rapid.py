@@ -31,6 +31,7 @@ from camgen.model.program import (
     Posture,
     Program,
     Wait,
+    put_off_first,
 )
 from camgen.post import Reading, Tolerance
 from camgen.post.plugins import find_post, find_readback, make_post
@@ -47,7 +48,7 @@ def at(x: float, y: float, z: float) -> Pose:
 
 
 def program(*body: Instruction, name: str = "plate") -> Program:
-    return Program(name, translation(300, -75, 100), translation(0, 0, 100), body, ("made by hand",))
+    return Program(name, translation(300, -75, 100), translation(0, 0, 100), put_off_first(body), ("made by hand",))
 
 
 def posted(plan: Program, **options: object) -> tuple[Program, dict[str, str]]:
@@ -471,7 +472,9 @@ def along(path: int, x: float, rise: bool = True, signal: str = "process") -> li
 
 
 def pathed(*body: Instruction, ids: Sequence[str] = ("c1", "c2"), name: str = "plate") -> Program:
-    return Program(name, translation(300, -75, 100), translation(0, 0, 100), body, (), tuple(map(Origin, ids)))
+    return Program(
+        name, translation(300, -75, 100), translation(0, 0, 100), put_off_first(body), (), tuple(map(Origin, ids))
+    )
 
 
 def routines(files: Mapping[str, str]) -> dict[str, list[str]]:
