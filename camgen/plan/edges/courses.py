@@ -46,13 +46,14 @@ def follow_closely(setup: Setup, way: Way, joints: FloatArray, along: BoolArray)
         middle = kept[before] + 1
         even = (joints[before] + joints[before + 1]) / 2
         exact = nearest(setup.robot, *flange_poses(setup, way.position[middle], way.rotation[middle]), even)
-        none: BoolArray = np.isnan(exact).any(axis=1)
+        none: BoolArray = np.asarray(np.isnan(exact).any(axis=1))
         lost.append(at[before[none]])
         exact = np.where(none[:, None], even, exact)
-        wide = middle[setup.apart(exact, even) > APART]
+        far: BoolArray = np.asarray(setup.apart(exact, even) > APART)
+        wide = middle[far]
         at = _insert(at, kept, middle, (at[before] + at[before + 1]) / 2)
         joints = _insert(joints, kept, middle, exact)
-        open_ = np.zeros(len(way) - 1, dtype=bool)
+        open_ = np.zeros(len(way) - 1, dtype=np.bool_)
         open_[wide - 1] = open_[wide] = True
     lost.append(at[:-1][open_])
     return Course(joints, at, np.unique(np.concatenate(lost).astype(np.int64)))
