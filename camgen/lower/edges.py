@@ -32,14 +32,18 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
     if process.spindle > 0:
         body += [Output("spindle", process.spindle), *dwell(process)]
     for number, (leg, length) in enumerate(zip(route.legs, lengths, strict=True)):
+        out, way = _split(leg.link)
+        body += _belonging(_link(out, job), number - 1, False)
         body.append(Comment(f"edge {leg.motion.id}"))
-        link = [*_link(leg.link, job)]
+        link = [*_link(way, job)]
         if isinstance(leg.link[-1], Turn):
             link += _state(leg.motion.way, process)
         body += _belonging(link, number, False)
         body += _belonging(_work(leg.motion, feed_of(leg.motion, length, process), job), number, True)
+    out, way = _split(route.back[:-1])
+    body += _belonging(_link(out, job), len(route.legs) - 1, False)
     body.append(Comment("back to home"))
-    body += _link(route.back[:-1], job)
+    body += _link(way, job)
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, process.travel))
@@ -50,6 +54,12 @@ def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[
     """``items`` with the path of the motions among them."""
     for item in items:
         yield replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
+
+
+def _split(link: Sequence[Piece]) -> tuple[Sequence[Piece], Sequence[Piece]]:
+    """The way up from the edge before, and that to the next one."""
+    count = int(bool(link) and isinstance(link[0], Along) and link[0].kind == "retraction")
+    return link[:count], link[count:]
 
 
 def _link(link: Sequence[Piece], job: Job) -> Iterator[Instruction]:

@@ -315,10 +315,6 @@ class Rapid(RapidOptions):
         outputs = self._outputs(program)
         return self._proc(SAFE, outputs) if outputs and self.on_error != "none" else []
 
-    def _routine(self, program: Program, routine: Routine) -> list[str]:
-        lines = [line for item in routine.items for line in item]
-        return self._proc(routine.name, [*lines, *self._handler(program, main=False)])
-
     def _proc(self, name: str, lines: Sequence[str]) -> list[str]:
         return ["", f"{_IN}PROC {name}()", *lines, f"{_IN}ENDPROC"]
 
@@ -373,7 +369,8 @@ class Rapid(RapidOptions):
         self._named = name_speeds(program.columns)
         self._names = Names(self.longest, {*self._given(), self.module_name(program).lower()})
         main, *routines = cut(program, self._calibrated(program, printed), self.max_lines, self._names)
-        return [[line for item in main.items for line in item], *(self._routine(program, one) for one in routines)]
+        handler = self._handler(program, main=False)
+        return [_flat(main), *(self._proc(one.name, [*_flat(one), *handler]) for one in routines)]
 
     def _calibrated(self, program: Program, printed: Iterable[Printed]) -> Iterator[Printed]:
         """The lines of each instruction, with FCCalib after the motions into the air before pressing."""
@@ -420,6 +417,10 @@ class Rapid(RapidOptions):
 def _far(pose: Pose) -> bool:
     x, y, z = pose.origin
     return not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST)
+
+
+def _flat(routine: Routine) -> list[str]:
+    return [line for item in routine.items for line in item]
 
 
 def _round(pose: Pose, decimals: int) -> Pose:

@@ -83,12 +83,14 @@ class Linked:
         for module in self.modules:
             local = {d.name.lower(): d for d in module.data if d.local}
             routines = {r.name.lower(): r for r in module.routines if r.local}
-            self.value_all(self.scope(local, self.data), module.data)
+            shared = self.scope(local, self.data)
+            self.value_all(shared, module.data)
             for routine in module.routines:
                 for data in routine.data:
                     self.legal(data.name, data.line)
                 own = {d.name.lower(): d for d in routine.data}
-                self.scopes[routine] = self.scope(own, local, self.data)
+                # Routines without data of their own see the same, so that what one motion says is bound once for all.
+                self.scopes[routine] = self.scope(own, local, self.data) if own else shared
                 self.home[routine] = routines
                 self.value_all(self.scopes[routine], routine.data)
 
