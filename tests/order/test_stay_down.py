@@ -112,7 +112,7 @@ def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_n
         ("a clamp aside", {"cell": {"fixtures": [[30, 60, -5, 40, 80, 10]]}}, 1),
         ("a clamp that holds all of it", {"cell": {"fixtures": [[-900, -900, -5, 900, 900, 10]]}}, 0),
         ("two passes", {"operation": {"depth": 2.0, "passes": 2}}, 0),
-        ("force", {"process": {"force": 5.0}}, 0),
+        ("force", {"process": {"force": 5.0}, "post": {"force_calibrated": True}}, 0),
         ("marks", {"operation": {"kind": "trace"}}, 0),
     ],
 )
