@@ -85,7 +85,7 @@ class Rapid(RapidOptions):
     #: The speeds that have a name.
     _named: frozenset[Speed] = field(default=frozenset(), init=False, repr=False)
     #: The names of routines and modules that the program has so far.
-    _names: Names = field(default_factory=lambda: Names(LONGEST, ()), init=False, repr=False)
+    _names: Names = field(default_factory=lambda: Names(LONGEST, ()), init=False, repr=False, compare=False)
 
     # -- legality ------------------------------------------------------------------------------------------------
 
