@@ -24,6 +24,7 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.plan import EdgePlan, Watch
+from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, feed_of
 from camgen.plan.edges.reach import reach
@@ -48,7 +49,8 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     robot = cell.arm
     _check(job, cell)
     edges = _choose(solid, job)
-    where = around(job, robot, cell, solid, cell.meshes)
+    tip = own_contact(edges.values(), job)
+    where = around(job, robot, cell, solid, cell.meshes, tip)
     home_of(robot, cell, where.scene)
     watch("reaching")
     setup = setup_of(robot, cell, where.scene)
@@ -60,10 +62,17 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     if not good:
         raise none_left(part, len(edges), lost[0])
     paths = tuple(edge_path(motion, edges[motion.id], job) for motion in good)
-    notes = (*part.notes, *where.notes, *left_out(lost, edges))
+    notes = (*part.notes, *where.notes, *_note_contact(tip), *left_out(lost, edges))
     return EdgePlan(
         part, paths, notes, edges=tuple(edges.values()), motions=good, unreached=lost, where=where, made=paths
     )
+
+
+def _note_contact(tip: float) -> list[Note]:
+    if tip == 0:
+        return []
+    why = f"the rims that it works bend into it by up to {short(tip, 2)} mm: tool.diameter, operation.offset"
+    return [Note("assumed", "its own edge may enter the tool's tip", why)]
 
 
 def freedom_of(job: Job) -> Freedom:

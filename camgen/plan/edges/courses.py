@@ -35,7 +35,8 @@ def follow_closely(setup: Setup, way: Way, joints: FloatArray, along: BoolArray)
     """The motion through the poses of ``way`` with its ``joints`` (N, J), rad or mm. along: (N - 1,) the segments in
     which the TCP keeps to the way; in others the joints run evenly, and nothing is added.
     """
-    at, open_ = np.arange(len(joints), dtype=np.float64), np.asarray(along, dtype=bool)
+    at = np.arange(len(joints), dtype=np.float64)
+    open_: BoolArray = np.asarray(along, dtype=bool)
     lost: list[FloatArray] = []
     for _ in range(_HALVINGS):
         before = np.flatnonzero(open_)
