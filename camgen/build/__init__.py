@@ -213,7 +213,7 @@ def poster_of(name: str, job: Job, origin: str) -> Post:
 
 
 def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:
-    """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out."""
+    """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out or went wrong."""
     skipped = [note for note in notes if note.kind == "skipped"]
     if not part.contours and part.solid is None and not isinstance(part, Recorded):
         raise InputError(part.source, "nothing to work on", remedy="camgen inspect shows what the file holds")
@@ -221,9 +221,11 @@ def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) ->
         # What the planner left out comes last; what the reader left out is not why the contours have no path.
         last = next((note for note in reversed(skipped) if note not in part.notes), Note("skipped", "nothing fits"))
         raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
-    if strict and skipped:
-        what = f"--strict and {len(skipped)} left out, first: {skipped[0].what}"
-        raise NoSafeProgram(part.source, what, skipped[0].why, "mend the input, or build without --strict")
+    failing = skipped or [note for note in notes if note.strict]
+    if strict and failing:
+        what = f"{len(skipped)} left out, first: {skipped[0].what}" if skipped else failing[0].what
+        remedy = "mend the input, or build without --strict"
+        raise NoSafeProgram(part.source, f"--strict and {what}", failing[0].why, remedy)
 
 
 def _header(

@@ -61,6 +61,9 @@ SMOKES = [
     Smoke("tours.drawings million 50", (1,), {"segments": (500, 500), "chains": (50, 50)}),
     Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),
     Smoke("plan.follow {here}/dxf/plate.dxf 3", (1,), {"paths": (3, 3), "working points off mm": (0, 0.02)}),
+    Smoke(
+        "plan.random_parts 8 0 1", (5,), {"dropped": (0, 0), "deepest gouge mm": (0, 0.011), "holes late": (0, 0)}
+    ),
     Smoke("plan.boards {here}/none 1 400", (4, 2), {"covered": (95, 100), "invented": (0, 0), "rms, px": (0, 0.2)}),
     Smoke("plan.drawing {here}/image", (1,), {"strokes": (8, 8), "off (px)": (0.1, 1.5)}),
     Smoke("robots.cycle --lines 1000", (10, 2), {"length over speed, s": (1, 60), "time, s": (1, 60)}),
