@@ -26,6 +26,7 @@ from camgen.model.pose import (
     translation,
 )
 from camgen.model.program import (
+    Columns,
     Comment,
     Force,
     Instruction,
@@ -62,9 +63,10 @@ def text_of(plan: Program, **options: object) -> str:
 
 
 def body_of(plan: Program, **options: object) -> list[str]:
-    """The lines between the settings and GiveArm, without the two opening motions of ``program``."""
+    """The lines between the two opening motions of ``program`` and GiveArm."""
     lines = [line.strip() for line in text_of(plan, **options).splitlines()]
-    return lines[lines.index("ChangeWork 1") + 3 : len(lines) - 1 - lines[::-1].index("GiveArm")]
+    opening = [k for k, line in enumerate(lines) if line.startswith("Move P")]
+    return lines[opening[1] + 1 : len(lines) - 1 - lines[::-1].index("GiveArm")]
 
 
 def spoken(body: tuple[Instruction, ...]) -> list[Instruction]:
@@ -80,7 +82,10 @@ def assert_same(planned: Program, reading: Reading, post: PacScript) -> None:
         assert type(want) is type(got)
         if isinstance(want, (MoveJ, MoveL, MoveC)) and isinstance(got, (MoveJ, MoveL, MoveC)):
             assert_place(want.target, got.target, limit.mm, limit.angle, limit.joint)
-            assert got.speed == pytest.approx(want.speed, abs=limit.speed, rel=0)
+            if turn := getattr(want, "turn", 0.0):
+                assert getattr(got, "turn", 0.0) == pytest.approx(turn, abs=limit.turn, rel=0)
+            else:
+                assert got.speed == pytest.approx(want.speed, abs=limit.speed, rel=0)
             assert (want.blend > 0) == (got.blend > 0)
         if isinstance(want, MoveC) and isinstance(got, MoveC):
             assert_place(want.via, got.via, limit.mm, limit.angle, limit.joint)
@@ -136,6 +141,7 @@ Sub Main
     Accel 50, 50
     ChangeTool 1
     ChangeWork 1
+    Reset IO[24]
     Move P, @0 J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000), Speed = Mps(100 * unit)
     Move P, @P P(12.500, 8.000, 20.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(100 * unit)
     Move L, @0 P(12.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(20 * unit)
@@ -179,7 +185,7 @@ def test_small_program_is_this_text() -> None:
 def test_small_program_reads_back() -> None:
     reading = read({"bracket.pcs": SMALL}, {})
     assert_same(small(), reading, PacScript())
-    assert reading.lines == (25, 26, 27, 29, 30, 31, 32, 33, 34)
+    assert reading.lines == (25, 26, 27, 28, 30, 31, 32, 33, 34, 35)
     assert reading.work is None
     assert reading.tool is None
 
@@ -318,58 +324,69 @@ def test_cell_is_within_the_reach_of_the_arm() -> None:
 
 
 @pytest.mark.parametrize(
-    ("item", "options", "message"),
+    ("item", "options", "index", "message"),
     [
-        (Output("coolant", 1.0), {}, "the signal coolant has no IO number; add it to post.signals"),
-        (Output("process", 0.5), {}, "an IO is on or off, not 0.5; use 0 or 1"),
+        (Output("coolant", 1.0), {}, 0, "the signal coolant has no IO number; add it to post.signals"),
+        (Output("process", 0.5), {}, 3, "an IO is on or off, not 0.5; use 0 or 1"),
         (
             Output("spindle", 9000.0),
             {"signals": {"spindle": 25}},
+            0,
             'an IO does not carry a spindle speed; set the speed at its drive and post.spindle to "on-off"',
         ),
-        (Wait(3e6), {}, "the wait is longer than a Delay holds; shorten it"),
-        (MoveL(down(1, 0), 0.01), {}, "0.01 mm/s is too slow to be written to 0.1 %; raise the speed"),
+        (Wait(3e6), {}, 2, "the wait is longer than a Delay holds; shorten it"),
+        (MoveL(down(1, 0), 0.01), {}, 2, "0.01 mm/s is too slow to be written to 0.1 %; raise the speed"),
         (
             MoveL(down(1, 0), 120.0),
             {"rated": 100.0},
+            2,
             "120 mm/s is 120 % of the rated 100 mm/s, the controller takes 0.1 to 100 %; "
             "change the speed or mend post.rated",
         ),
         (
             MoveL(down(1, 0), 20.0),
             {"speed": "percent", "rated": 8e4},
+            2,
             "20 mm/s is 0.025 % of the rated 80000 mm/s, the controller takes 0.1 to 100 %; "
             "change the speed or mend post.rated",
         ),
         (
             MoveJ(Joints((0.0,) * 4), 100.0),
             {},
+            2,
             "J() of 4 axes: four-axis arms slide on axis 3, J() ends with 8; "
             "give a pose, or the angles of an arm that only turns",
         ),
         (
             Force(10.0, (0.0, 1.0, 0.0)),
             {},
+            3,
             "the arguments of force control are not public; "
             'check post.force_on and set post.force to "template", or to "ignore"',
         ),
         (
             Force(10.0),
             {"force": "template"},
+            3,
             "the force has no direction; follow one side of the contour",
         ),
         (
             Force(6000.0, (1.0, 0.0, 0.0)),
             {"force": "template"},
+            3,
             "6000 N is more than the 5000 N of a force table; lower the force",
         ),
     ],
 )
-def test_refusal_names_index_reason_and_remedy(item: Instruction, options: dict[str, object], message: str) -> None:
-    plan = program(item, Force(0.0)) if isinstance(item, Force) else program(item)
+def test_refusal_names_index_reason_and_remedy(
+    item: Instruction, options: dict[str, object], index: int, message: str
+) -> None:
+    """What switches off an output or the force that is used stands first: instruction 0."""
+    off = Output(item.signal, 0.0) if isinstance(item, Output) else Force(0.0)
+    plan = program(item, off) if isinstance(item, (Output, Force)) else program(item)
     with pytest.raises(Refused) as error:
         make_post(PacScript, options).prepare(plan, 0.01)
-    assert str(error.value) == f"pacscript: {message} (instruction 2)"
+    assert str(error.value) == f"pacscript: {message} (instruction {index})"
 
 
 def test_fractional_pass_mark_is_refused_in_millimetres() -> None:
@@ -448,7 +465,7 @@ def test_spindle_as_on_and_off_keeps_its_speed_as_a_remark() -> None:
     assert lines[:2] == ["' spindle at 9000 rpm: set at its drive", "Set IO[25]"]
     assert lines[-1] == "Reset IO[25]"
     prepared = make_post(PacScript, options).prepare(plan, 0.01)
-    assert [item.value for item in prepared.body if isinstance(item, Output)] == [1.0, 0.0]
+    assert [item.value for item in prepared.body if isinstance(item, Output)] == [0.0, 1.0, 0.0]
 
 
 def arc(radius: float, sweep: float, force: float = 0.0) -> tuple[MoveL, MoveC]:
@@ -520,8 +537,8 @@ def test_default_force_lines_read_back_by_what_they_mean() -> None:
     text = text_of(pressed(), force="template")
     reading = read({"a": text}, {})
     assert_same(pressed(), reading, PacScript(force="template"))
-    assert reading.body[2] == Force(10.0, (0.0, 1.0, 0.0))
-    last = reading.body[5]
+    assert (reading.body[0], reading.body[3]) == (Force(0.0), Force(10.0, (0.0, 1.0, 0.0)))
+    last = reading.body[6]
     assert isinstance(last, MoveL)
     assert last.force == pytest.approx(8.0, abs=1e-3)
     assert last.force_direction == pytest.approx((-0.5, math.sqrt(3) / 2, 0.0), abs=1e-4)
@@ -621,12 +638,15 @@ def bodies(draw: st.DrawFn) -> tuple[Instruction, ...]:
     )
     for chunk in draw(st.lists(st.one_of(single.map(lambda item: [item]), arcs()), max_size=12)):
         items += chunk
-    items.append(MoveL(down(0, 0), 20.0))
+    items += [Output("process", 0.0), MoveL(down(0, 0), 20.0)]
     for i, item in enumerate(items):
         following = next((other for other in items[i + 1 :] if not isinstance(other, Comment)), None)
         if isinstance(item, MoveL) and not isinstance(following, (MoveJ, MoveL, MoveC)):
             items[i] = replace(item, blend=0.0)
-    return tuple(items)
+    columns = Columns(items)
+    for index in columns.at[columns.turned].tolist():
+        items[index] = replace(items[index], turn=draw(st.floats(0.01, 8.0)))
+    return put_off_first(items)
 
 
 OPTIONS: list[dict[str, object]] = [

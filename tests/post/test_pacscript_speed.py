@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 import camgen
 from camgen.model.errors import Refused, VerifyError
-from camgen.model.pose import TOOL_DOWN, Pose, translation
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
 from camgen.model.program import Comment, Instruction, Joints, MoveJ, MoveL, Program
 from camgen.post import Reading, Remark
 from camgen.post.plugins import make_post
@@ -258,6 +258,18 @@ def test_a_percentage_that_no_controller_takes_is_refused(share: float, external
     with pytest.raises(Refused) as refused:
         text_of(shared(share), ext_speed=external)
     assert str(refused.value) == message
+
+
+@pytest.mark.parametrize("degrees", [90.0, 1e-7])
+def test_a_turn_on_the_spot_is_a_percentage(degrees: float) -> None:
+    """60 deg/s of 500 are 12 %; also where the turn is too small to be printed."""
+    turned = Pose(frozen(rotation_about(2, math.radians(degrees)) @ TOOL_DOWN), (0.0, 0.0, 20.0))
+    plan = program(MoveJ(down(0, 0, 20), 60.0), MoveL(turned, 20.0, turn=math.radians(60.0)))
+    text = text_of(plan)
+    assert text.count(", Speed = 12\n") == 1
+    verify(plan, text)
+    with pytest.raises(VerifyError, match="speed of turning reads"):
+        verify(plan, text.replace("Speed = 12\n", "Speed = 13\n"))
 
 
 # -- the least speed ------------------------------------------------------------------------------------------------

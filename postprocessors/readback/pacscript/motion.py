@@ -6,7 +6,6 @@ import math
 import re
 from functools import lru_cache
 
-import numpy as np
 from msgspec import Struct
 from msgspec.json import Decoder
 
@@ -211,19 +210,13 @@ def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, spee
         machine.emit_motion(MoveJ(target, limit, blend, posture=posture, share=share), passing)
     elif isinstance(target, Joints):
         raise Unreadable("a straight line to joints is not evaluated")
-    elif not isinstance(speed, Mps) and _is_turn(machine.here, target):
-        # Its speed in mm/s says nothing: the TCP stays where it is.
+    elif not isinstance(speed, Mps) and machine.here is not None and machine.here.origin == target.origin:
+        # A turn on the spot, though it may be less than a printed digit. Its speed in mm/s says nothing.
         limit, turn = machine.joint_speed(speed)[0], machine.turning(speed)
         machine.emit_motion(MoveL(target, limit, blend, *machine.pressing(), posture=posture, turn=turn), passing)
     else:
         mm_s = machine.mm_per_second(speed)
         machine.emit_motion(MoveL(target, mm_s, blend, *machine.pressing(), posture=posture), passing)
-
-
-def _is_turn(here: Pose | None, target: Pose) -> bool:
-    if here is None or here.origin != target.origin:
-        return False
-    return here.rotation is not target.rotation and not np.array_equal(here.rotation, target.rotation)
 
 
 def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool) -> None:
