@@ -53,6 +53,8 @@ class Machine:
     #: Speeds that have been worked out with the present values of the names, by their text.
     speeds: dict[str, float | Mps] = field(default_factory=dict)
     _open_unit: bool = False
+    #: A speed by ``Mps`` and its mm/s: most motions have the one of the motion before.
+    _last: tuple[Mps | None, float] = (None, 0.0)
 
     def fault(self, what: str) -> None:
         """Notes a fault of the current line; what it quotes is cut short."""
@@ -108,7 +110,9 @@ class Machine:
     def mm_per_second(self, value: float | Mps) -> float:
         """An internal speed times the external one (manual: both are multiplied)."""
         if isinstance(value, Mps):
-            return self._one(self.by_unit(value)) * self.external / 100
+            if value is not self._last[0]:
+                self._last = value, self._one(self.by_unit(value))
+            return self._last[1] * self.external / 100
         if not self.rated:
             self.fault(f"a speed in percent, taken of {_RATED:g} mm/s; give the option rated")
             self.rated = _RATED
