@@ -10,7 +10,7 @@ import numpy as np
 from camgen.model.errors import Blocked, NoSafeProgram, Refused
 from camgen.model.part import Part
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Force, MoveC, MoveJ, MoveL, Program
+from camgen.model.program import Force, MoveC, MoveJ, MoveL, Output, Program
 from camgen.model.text import short
 from camgen.plan.unused import is_idle
 from camgen.read.gcode.interpreter import Recorded
@@ -54,12 +54,17 @@ def _of_line(error: Refused, part: Recorded, program: Program) -> Refused:
 
 
 def _line(part: Recorded, program: Program, index: int) -> int:
-    """The line of an instruction, 0 where it is none of the program that was read."""
+    """The line of an instruction, 0 where it is none of the program that was read. What puts an output off before the
+    first motion is there for the first line that switches it.
+    """
     if index < 0:
         return 0
     wanted = _own(program.body[index])
-    found = (line for item, line in zip(part.run.body, part.run.lines, strict=True) if _own(item) is wanted)
-    return next(found, 0)
+    read = list(zip(part.run.body, part.run.lines, strict=True))
+    found = [line for item, line in read if _own(item) is wanted]
+    if isinstance(wanted, Output):
+        found += [line for item, line in read if isinstance(item, Output) and item.signal == wanted.signal]
+    return found[0] if found else 0
 
 
 def _own(item: object) -> object:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, islice, takewhile
 from typing import ClassVar
 
 import numpy as np
@@ -114,7 +114,10 @@ class PacScript(PacScriptOptions):
         return self._scaled(100 * math.degrees(motion.turn) / self.rated_turn)
 
     def _turn_reason(self, item: Motion) -> str:
-        if not isinstance(item, MoveL) or not item.turn or _LEAST_PERCENT <= self._turning(item) <= _MOST_PERCENT:
+        if not isinstance(item, MoveL) or not item.turn:
+            return ""
+        # As it is printed: a turn at just the rated speed may be a rounding above 100 %.
+        if _LEAST_PERCENT <= round(self._turning(item), _PERCENT) <= _MOST_PERCENT:
             return ""
         numbers = f"a turn at {math.degrees(item.turn):g} deg/s is {self._turning(item):.4g} % of {self.rated_turn:g}"
         return f"{numbers}, the controller takes 0.1 to 100 %; change process.turn or mend post.rated_turn"
@@ -215,7 +218,7 @@ class PacScript(PacScriptOptions):
     def _slowest(self, program: Program) -> str:
         """The slowest motion by ``Mps`` where an arm may be too fast for it, empty where none is or ``rated`` tells."""
         columns = program.columns
-        mm_s = columns.speed[columns.share == 0].min(initial=np.inf)
+        mm_s = columns.speed[(columns.share == 0) & (columns.turn == 0)].min(initial=np.inf)
         least = 100 * self._scaled(float(mm_s)) / _LEAST_PERCENT
         if self.rated or self.speed == "percent" or least >= _FASTEST_ARM:
             return ""
@@ -228,9 +231,12 @@ class PacScript(PacScriptOptions):
         return (Note("warning", f"slowest motion: {slow}", why),) if slow else ()
 
     def _settings(self, program: Program) -> list[str]:
-        """The unit of Mps, and what TakeArm may have reset. Accel comes after Speed, which changes it too."""
+        """All off, whatever the program does next; the unit of Mps, and what TakeArm may have reset. Accel comes after
+        Speed, which changes it too.
+        """
         accel = short(self.accel, _PERCENT)
-        lines = ["TakeArm Keep = 0", *(_ASK if self._asks else ())]
+        off = (line for item in program.body[: _count_off(program)] for line in self.line(item))
+        lines = ["TakeArm Keep = 0", *off, *(_ASK if self._asks else ())]
         lines += [*([f"ExtSpeed {short(self.ext_speed, _PERCENT)}"] if self.ext_speed else [])]
         lines += [f"Speed {short(self.internal_speed, _PERCENT)}", f"Accel {accel}, {accel}"]
         if self.define:
@@ -324,6 +330,10 @@ class PacScript(PacScriptOptions):
 
     # -- files ---------------------------------------------------------------------------------------------------
 
+    def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Sequence[str]]:
+        """The body behind what puts all off, which stands among the settings."""
+        return super().split(program, islice(printed, _count_off(program), None))
+
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """One file; a body of more than ``max_lines`` lines becomes several Subs that Main calls in turn."""
         name = self.program or derive(program.name)
@@ -355,6 +365,15 @@ class PacScript(PacScriptOptions):
         mm, force = 0.501 * 10**-self.decimals, 2 * _FORCE_STEP_N
         turn = math.radians(share * self.rated_turn)
         return Tolerance(mm, 3 * degree, degree, 0.51 * per_digit, force, 0.00051, turn, share)
+
+
+def _count_off(program: Program) -> int:
+    """How many instructions at the start of a program put outputs and force control off."""
+    return len(list(takewhile(_is_off, program.body)))
+
+
+def _is_off(item: Instruction) -> bool:
+    return (isinstance(item, Output) and item.value == 0) or (isinstance(item, Force) and item.newtons == 0)
 
 
 def _figure(motion: Motion) -> int | None:

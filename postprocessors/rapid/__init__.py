@@ -59,7 +59,7 @@ _JOINT_DIGITS, _Q_DIGITS = 4, 7
 _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 #: confdata where no posture is known for sure; the supervision of postures is then off.
 _NEUTRAL = "0,0,0,0"
-#: Least and greatest speed, mm/s, and least blend radius, mm.
+#: Least and greatest speed, mm/s and deg/s, and least blend radius, mm.
 _LEAST_SPEED_AND_ZONE, _FASTEST = 0.001, 99999
 _IN, _IN2 = "    ", "        "
 #: Ends force control where a program that was aborted has left it on (both words from public force programs).
@@ -105,8 +105,8 @@ class Rapid(RapidOptions):
         if not any(isinstance(item, Force) for item in program.body):
             return super().prepare(program, chord)
         check_sections(self.name, program.body)
-        first = next(k for k, item in enumerate(program.body) if isinstance(item, Force))
-        if not (self.force_load or self.force_calibrated):
+        first = next((k for k, item in enumerate(program.body) if isinstance(item, Force) and item.newtons > 0), None)
+        if first is not None and not (self.force_load or self.force_calibrated):
             what = "the force sensor is not set to zero before pressing"
             remedy = "give post.force_load, or say post.force_calibrated = true where the cell does it"
             raise Refused(self.name, first, what, remedy)
@@ -121,6 +121,8 @@ class Rapid(RapidOptions):
         """Motions without joints to poses, in bounds, that are no arcs."""
         speed, blend = columns.speed, columns.blend
         fine = columns.posed & ~columns.moves_are(MoveC) & (speed >= _LEAST_SPEED_AND_ZONE) & (speed <= _FASTEST)
+        turn = np.degrees(columns.turn)
+        fine &= (turn == 0) | ((turn >= _LEAST_SPEED_AND_ZONE) & (turn <= _FASTEST))
         fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= FARTHEST))
         fine[fine] = (np.abs(columns.ends[fine]) <= FARTHEST).all(axis=1)
         fine[fine] = [move.joints is None for move in take(columns.moves, fine)]
@@ -154,6 +156,9 @@ class Rapid(RapidOptions):
                 return f"{counted(len(joints.values), 'joint value')}; RAPID here is for arms of six axes"
         if (isinstance(target, Pose) and _far(target)) or (isinstance(motion, MoveC) and _far(motion.via)):
             return f"a coordinate of more than {FARTHEST} mm, which a num does not carry exactly"
+        turn = math.degrees(motion.turn) if isinstance(motion, MoveL) else 0.0
+        if turn and not _LEAST_SPEED_AND_ZONE <= turn <= _FASTEST:
+            return f"a turn at {turn:g} deg/s; use {_LEAST_SPEED_AND_ZONE} to {_FASTEST} for process.turn"
         if not _LEAST_SPEED_AND_ZONE <= motion.speed <= _FASTEST:
             return f"a speed of {motion.speed:g} mm/s; use {_LEAST_SPEED_AND_ZONE} to {_FASTEST}"
         if motion.blend and not _LEAST_SPEED_AND_ZONE <= motion.blend <= FARTHEST:
@@ -366,6 +371,7 @@ class Rapid(RapidOptions):
 
     def split(self, program: Program, printed: Iterable[Printed]) -> Sequence[Printed]:
         """The body of main, then whole routines that it calls."""
+        self._begun, self._change = False, None
         self._named = name_speeds(program.columns)
         self._names = Names(self.longest, {*self._given(), self.module_name(program).lower()})
         main, *routines = cut(program, self._calibrated(program, printed), self.max_lines, self._names)

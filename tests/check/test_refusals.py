@@ -19,11 +19,11 @@ def rectangle(folder, size, units, x=0.0):
 @pytest.mark.parametrize(
     ("post", "what"),
     [
-        ("gcode", "a coordinate is beyond 99999 mm (instruction 9)"),
-        ("rapid", "a coordinate of more than 8388 mm, which a num does not carry exactly (instruction 6)"),
+        ("gcode", "a coordinate is beyond 99999 mm (instruction 10)"),
+        ("rapid", "a coordinate of more than 8388 mm, which a num does not carry exactly (instruction 7)"),
         (
             "vplus",
-            "at (-3, 60000, 0) mm is beyond 8192 mm, where a V+ real is too coarse (instruction 6); "
+            "at (-3, 60000, 0) mm is beyond 8192 mm, where a V+ real is too coarse (instruction 7); "
             "move the origin nearer",
         ),
     ],
@@ -51,5 +51,27 @@ def test_an_arm_that_does_not_reach_names_the_unit_of_what_is_large(tmp_path):
 
 
 def test_another_refusal_is_told_by_the_post(tmp_path):
-    with pytest.raises(Refused, match=r"^gcode: a feed of 0\.006 mm/min cannot be meant; change process\.feed"):
-        build(rectangle(tmp_path, 50, units=4), post="gcode", job={"process": {"feed": 0.0001}})
+    """In mm/min; the way down to the contact, which comes first, runs at a third of the feed unless it has its own."""
+    for process, feed in (({"feed": 0.0001}, "0.002"), ({"feed": 0.0001, "plunge": 5.0}, "0.006")):
+        with pytest.raises(Refused, match=rf"^gcode: a feed of {feed} mm/min cannot be meant; change process\.feed"):
+            build(rectangle(tmp_path, 50, units=4), post="gcode", job={"process": process})
+
+
+REPLAYED = "G21 G90 G94\nG0 Z5\nM3 S900\nM7\nG0 X0 Y0\nG1 Z0 F300\nG1 X50\nG0 Z5\nM9\nM5\nM2\n"
+
+
+@pytest.mark.parametrize(
+    ("post", "signals", "says"),
+    [
+        ("rapid", {}, "line 3: no output is named for spindle"),
+        ("rapid", {"spindle": "aoRpm"}, "line 4: no output is named for mist"),
+        ("pacscript", {}, "line 3: the signal spindle has no IO number"),
+        ("gcode", {}, "line 4: signal mist has no output"),
+        ("grbl", {}, "line 4: signal mist has no output"),
+    ],
+)
+def test_an_output_that_is_none_names_the_line_that_first_switches_it(tmp_path, post, signals, says):
+    """Though it is put off before, by an instruction that stands on no line of what was read."""
+    (tmp_path / "old.nc").write_text(REPLAYED)
+    with pytest.raises(Refused, match=rf"^old\.nc: {post} refuses {says} .*; (set|add|give).* post\.signals"):
+        build(tmp_path / "old.nc", post=post, job={"post": {"signals": signals}})

@@ -26,7 +26,6 @@ from camgen.model.pose import (
     translation,
 )
 from camgen.model.program import (
-    Columns,
     Comment,
     Force,
     Instruction,
@@ -37,10 +36,10 @@ from camgen.model.program import (
     Output,
     Program,
     Wait,
-    put_off_first,
 )
 from camgen.post import Reading
 from camgen.post.plugins import make_post
+from tests.support.bodies import safe, turning
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
@@ -53,7 +52,7 @@ def down(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*body: Instruction, name: str = "bracket", header: tuple[str, ...] = ()) -> Program:
-    return Program(name, WORK, TOOL, put_off_first((MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body)), header)
+    return Program(name, WORK, TOOL, safe((MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body)), header)
 
 
 def text_of(plan: Program, **options: object) -> str:
@@ -82,10 +81,10 @@ def assert_same(planned: Program, reading: Reading, post: PacScript) -> None:
         assert type(want) is type(got)
         if isinstance(want, (MoveJ, MoveL, MoveC)) and isinstance(got, (MoveJ, MoveL, MoveC)):
             assert_place(want.target, got.target, limit.mm, limit.angle, limit.joint)
-            if turn := getattr(want, "turn", 0.0):
-                assert getattr(got, "turn", 0.0) == pytest.approx(turn, abs=limit.turn, rel=0)
-            else:
+            if not turn_of(want):  # where the TCP stays in its place it has no speed
                 assert got.speed == pytest.approx(want.speed, abs=limit.speed, rel=0)
+            elif isinstance(got, MoveL):
+                assert got.turn == pytest.approx(turn_of(want), abs=limit.turn, rel=0)
             assert (want.blend > 0) == (got.blend > 0)
         if isinstance(want, MoveC) and isinstance(got, MoveC):
             assert_place(want.via, got.via, limit.mm, limit.angle, limit.joint)
@@ -101,6 +100,10 @@ def assert_same(planned: Program, reading: Reading, post: PacScript) -> None:
             assert want == got
         if isinstance(want, Wait) and isinstance(got, Wait):
             assert got.seconds == pytest.approx(want.seconds, abs=5.1e-4, rel=0)
+
+
+def turn_of(item: MoveJ | MoveL | MoveC) -> float:
+    return item.turn if isinstance(item, MoveL) else 0.0
 
 
 def assert_place(want: Pose | Joints, got: Pose | Joints, mm: float, angle: float, joint: float) -> None:
@@ -127,6 +130,7 @@ SMALL = """\
 ' external speed: the pendant's, 100 % for the planned speeds
 Sub Main
     TakeArm Keep = 0
+    Reset IO[24]
     ' Mps() is a percentage: 0.1 m/s is over 0.5 % of any arm, 0.1 mm/s not over 0.1 %
     Dim unit As Single = 1
     If Mps(0.1) > 0.2 Then
@@ -141,7 +145,6 @@ Sub Main
     Accel 50, 50
     ChangeTool 1
     ChangeWork 1
-    Reset IO[24]
     Move P, @0 J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000), Speed = Mps(100 * unit)
     Move P, @P P(12.500, 8.000, 20.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(100 * unit)
     Move L, @0 P(12.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(20 * unit)
@@ -172,7 +175,7 @@ def small() -> Program:
         Output("process", 0.0),
         MoveL(Pose(turned, (52.5, 28, 20)), 100.0),
     )
-    return Program("bracket", WORK, TOOL, put_off_first(body), ("camgen 0.1.0", "layer (holes) M3"))
+    return Program("bracket", WORK, TOOL, safe(body), ("camgen 0.1.0", "layer (holes) M3"))
 
 
 def test_small_program_is_this_text() -> None:
@@ -185,7 +188,7 @@ def test_small_program_is_this_text() -> None:
 def test_small_program_reads_back() -> None:
     reading = read({"bracket.pcs": SMALL}, {})
     assert_same(small(), reading, PacScript())
-    assert reading.lines == (25, 26, 27, 28, 30, 31, 32, 33, 34, 35)
+    assert reading.lines == (11, 26, 27, 28, 30, 31, 32, 33, 34, 35)
     assert reading.work is None
     assert reading.tool is None
 
@@ -326,6 +329,7 @@ def test_cell_is_within_the_reach_of_the_arm() -> None:
 @pytest.mark.parametrize(
     ("item", "options", "index", "message"),
     [
+        # A signal that the post does not have is refused where it is put off first.
         (Output("coolant", 1.0), {}, 0, "the signal coolant has no IO number; add it to post.signals"),
         (Output("process", 0.5), {}, 3, "an IO is on or off, not 0.5; use 0 or 1"),
         (
@@ -381,9 +385,7 @@ def test_cell_is_within_the_reach_of_the_arm() -> None:
 def test_refusal_names_index_reason_and_remedy(
     item: Instruction, options: dict[str, object], index: int, message: str
 ) -> None:
-    """What switches off an output or the force that is used stands first: instruction 0."""
-    off = Output(item.signal, 0.0) if isinstance(item, Output) else Force(0.0)
-    plan = program(item, off) if isinstance(item, (Output, Force)) else program(item)
+    plan = program(item, Force(0.0)) if isinstance(item, Force) else program(item)
     with pytest.raises(Refused) as error:
         make_post(PacScript, options).prepare(plan, 0.01)
     assert str(error.value) == f"pacscript: {message} (instruction {index})"
@@ -537,7 +539,8 @@ def test_default_force_lines_read_back_by_what_they_mean() -> None:
     text = text_of(pressed(), force="template")
     reading = read({"a": text}, {})
     assert_same(pressed(), reading, PacScript(force="template"))
-    assert (reading.body[0], reading.body[3]) == (Force(0.0), Force(10.0, (0.0, 1.0, 0.0)))
+    assert reading.body[0] == Force(0.0)
+    assert reading.body[3] == Force(10.0, (0.0, 1.0, 0.0))
     last = reading.body[6]
     assert isinstance(last, MoveL)
     assert last.force == pytest.approx(8.0, abs=1e-3)
@@ -625,6 +628,15 @@ def arcs(draw: st.DrawFn) -> list[Instruction]:
 
 
 @st.composite
+def turns(draw: st.DrawFn) -> list[Instruction]:
+    """A line, and a turn where it ends, by any angle or by hardly one, at 0.1 to 100 % of 500 deg/s."""
+    there, rate = draw(poses()), math.radians(draw(st.floats(0.5, 500.0)))
+    little = rotation_about(2, draw(st.sampled_from([1e-12, 1e-7, 1e-3]))) @ there.rotation
+    end = draw(st.one_of(rotations().map(lambda pose: pose.rotation), st.just(frozen(little))))
+    return [MoveL(there, draw(speed)), MoveL(Pose(end, there.origin), draw(speed), turn=rate)]
+
+
+@st.composite
 def bodies(draw: st.DrawFn) -> tuple[Instruction, ...]:
     items: list[Instruction] = [MoveJ(HOME, 100.0)]
     joints = st.lists(st.floats(-6.0, 6.0), min_size=6, max_size=8).map(lambda v: Joints(tuple(v)))
@@ -636,17 +648,14 @@ def bodies(draw: st.DrawFn) -> tuple[Instruction, ...]:
         st.builds(Wait, st.floats(0.0, 100.0)),
         st.builds(Comment, st.text(max_size=90)),
     )
-    for chunk in draw(st.lists(st.one_of(single.map(lambda item: [item]), arcs()), max_size=12)):
+    for chunk in draw(st.lists(st.one_of(single.map(lambda item: [item]), arcs(), turns()), max_size=12)):
         items += chunk
-    items += [Output("process", 0.0), MoveL(down(0, 0), 20.0)]
+    items.append(MoveL(down(0, 0), 20.0))
     for i, item in enumerate(items):
         following = next((other for other in items[i + 1 :] if not isinstance(other, Comment)), None)
         if isinstance(item, MoveL) and not isinstance(following, (MoveJ, MoveL, MoveC)):
             items[i] = replace(item, blend=0.0)
-    columns = Columns(items)
-    for index in columns.at[columns.turned].tolist():
-        items[index] = replace(items[index], turn=draw(st.floats(0.01, 8.0)))
-    return put_off_first(items)
+    return turning(items, 1.0)
 
 
 OPTIONS: list[dict[str, object]] = [
@@ -665,7 +674,7 @@ def test_round_trip(body: tuple[Instruction, ...], options: dict[str, object]) -
         )
     post = make_post(PacScript, options)
     assert isinstance(post, PacScript)
-    prepared = post.prepare(Program("part", WORK, TOOL, body), 0.01)
+    prepared = post.prepare(Program("part", WORK, TOOL, safe(body)), 0.01)
     (file,) = post.render(prepared)
     reading = read({file.name: file.text}, options)
     assert_same(prepared, reading, post)

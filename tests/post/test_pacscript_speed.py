@@ -13,10 +13,11 @@ from msgspec.structs import replace
 import camgen
 from camgen.model.errors import Refused, VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
-from camgen.model.program import Comment, Instruction, Joints, MoveJ, MoveL, Program
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveJ, MoveL, Output, Program
 from camgen.post import Reading, Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
+from tests.support.bodies import safe
 
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
 WORK, TOOL = translation(300, -75, 150), translation(0, 0, 100)
@@ -28,7 +29,7 @@ def down(x: float, y: float = 0.0, z: float = 0.0) -> Pose:
 
 
 def program(*body: Instruction) -> Program:
-    return Program("part", WORK, TOOL, (MoveJ(HOME, 100.0), *body))
+    return Program("part", WORK, TOOL, safe((MoveJ(HOME, 100.0), *body)))
 
 
 def small() -> Program:
@@ -50,9 +51,11 @@ def verify(plan: Program, text: str, **options: object) -> None:
 # -- a controller of our own: each statement of the text by what it does --------------------------------------------
 
 
-def run(text: str, mps: Callable[[float], float]) -> list[float]:
-    """The percentages of the motions that a controller makes whose function Mps is ``mps``."""
-    names: dict[str, object] = {"Mps": mps}
+def run(text: str, mps: Callable[[float], float], switched: list[str] | None = None) -> list[float]:
+    """The percentages of the motions that a controller makes whose function Mps is ``mps``. switched: takes what it
+    switches, in order.
+    """
+    names: dict[str, object] = {"Mps": mps, "switched": [] if switched is None else switched}
     subs: dict[str, list[str]] = {}
     for line in text.splitlines():
         if line.startswith("Sub "):
@@ -74,6 +77,8 @@ def perform(subs: dict[str, list[str]], name: str, names: dict[str, object]) -> 
             continue
         elif row == "Exit Sub":
             return found
+        elif row.startswith(("Set ", "Reset ", "Force")):
+            names["switched"].append(row)  # type: ignore[attr-defined]
         elif row.startswith("Call "):
             found += perform(subs, re.split(r"[ (]", row)[1], dict(names))
         elif match := re.fullmatch(r"(?:Dim )?(\w+)(?: As Single)? = ([\d.]+)", row):
@@ -102,6 +107,44 @@ def test_every_arm_runs_the_planned_speed(
 @pytest.mark.parametrize("mps", [lambda said: said, lambda said: -said, lambda said: 1e6 * said, lambda _: 0.0])
 def test_a_controller_that_gives_no_percentage_makes_no_motion(mps: Callable[[float], float]) -> None:
     assert run(text_of(small()), mps) == []
+
+
+PRESSING = (
+    MoveL(down(1), 20.0),
+    Output("process", 1.0),
+    Force(9.0, (0.0, 1.0, 0.0)),
+    MoveL(down(2), 20.0, 0.0, 9.0, (0.0, 1.0, 0.0)),
+    Force(0.0),
+    Output("process", 0.0),
+    Output("coolant", 0.0),
+    MoveL(down(2, 0, 20), 20.0),
+)
+#: Every output and force control, each put off as the page says.
+OFF = ["Reset IO[24]", "Reset IO[7]", "ForceCtrl False ' verify"]
+TEMPLATE = {"force": "template", "signals": {"process": 24, "coolant": 7}}
+
+
+@pytest.mark.parametrize("options", [{}, {"max_lines": 2}, {"mps": "mm/s"}, {"speed": "percent", "rated": 2000.0}])
+def test_all_is_off_whether_the_program_goes_on_or_not(options: dict[str, object]) -> None:
+    """The question about Mps may leave the Sub: what an aborted run has left on is off by then."""
+    text = text_of(program(*PRESSING), **TEMPLATE, **options)
+    switched: list[str] = []
+    assert (run(text, lambda _: 0.0, switched) == []) == (not options.keys() & {"mps", "speed"})
+    assert switched[:3] == OFF
+    on = (line for line in text.splitlines() if re.match(r" *(If|Set|Move|Call|ForceCtrl True)\b", line))
+    assert text.index("TakeArm Keep = 0") < text.index(OFF[0]) < text.index(OFF[2]) < text.index(next(on))
+    assert [text.count(line) for line in OFF] == [2, 2, 2]  # at the start, and where the program itself does so
+    verify(program(*PRESSING), text, **TEMPLATE, **options)
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [(OFF[0], "output process 0"), (OFF[1], "output coolant 0"), (OFF[2], "force 0 N")],
+)
+def test_a_reset_at_the_start_that_is_lost_is_found(line: str, what: str) -> None:
+    text = text_of(program(*PRESSING), **TEMPLATE)
+    with pytest.raises(VerifyError, match=rf"instruction {OFF.index(line)}: instruction reads .*, planned is {what}"):
+        verify(program(*PRESSING), text.replace(f"    {line}\n", "", 1), **TEMPLATE)
 
 
 def test_a_named_unit_is_not_asked_for() -> None:
@@ -260,16 +303,96 @@ def test_a_percentage_that_no_controller_takes_is_refused(share: float, external
     assert str(refused.value) == message
 
 
-@pytest.mark.parametrize("degrees", [90.0, 1e-7])
-def test_a_turn_on_the_spot_is_a_percentage(degrees: float) -> None:
-    """60 deg/s of 500 are 12 %; also where the turn is too small to be printed."""
-    turned = Pose(frozen(rotation_about(2, math.radians(degrees)) @ TOOL_DOWN), (0.0, 0.0, 20.0))
-    plan = program(MoveJ(down(0, 0, 20), 60.0), MoveL(turned, 20.0, turn=math.radians(60.0)))
+# -- turns on the spot ----------------------------------------------------------------------------------------------
+
+
+def turning(degrees: float) -> Program:
+    """To a point, a quarter turn there at so many deg/s, and on."""
+    turned = frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN)
+    quarter = MoveL(Pose(turned, (0.0, 0.0, 0.0)), 20.0, turn=math.radians(degrees))
+    return program(MoveL(down(0), 12.5), quarter, MoveL(Pose(turned, (9.0, 0.0, 0.0)), 20.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "percent"),
+    [
+        ({}, "12"),  # 60 of 500 deg/s
+        ({"rated_turn": 240.0}, "25"),
+        ({"rated_turn": 700.0}, "8.5714"),
+        ({"ext_speed": 50.0}, "24"),
+        ({"mps": "m/s"}, "12"),
+        ({"speed": "percent", "rated": 2000.0}, "12"),
+    ],
+)
+def test_a_turn_on_the_spot_is_a_percentage_of_the_rated_turn(options: dict[str, object], percent: str) -> None:
+    text = text_of(turning(60.0), **options)
+    there, turn, on = (row.strip() for row in text.splitlines() if "Move L" in row)
+    assert turn == f"Move L, @0 P(0.000, 0.000, 0.000, 180.0000, 0.0000, 90.0000, -1), Speed = {percent}"
+    if "speed" not in options:
+        assert "Mps(" in there
+        assert "Mps(" in on
+    verify(turning(60.0), text, **options)
+    reading = read({"part.pcs": text}, options)
+    assert [item.turn for item in reading.body if isinstance(item, MoveL)] == pytest.approx(
+        [0.0, math.radians(60.0), 0.0], abs=PacScript(rated_turn=700.0).tolerance().turn
+    )
+
+
+@pytest.mark.parametrize(
+    ("said", "reads"),
+    [("100", "8.726646"), ("12.0002", "1.047215"), ("11.9998", "1.04718"), ("Mps(20 * unit)", "0"), ("Mps(20)", None)],
+)
+def test_another_speed_of_turning_is_found(said: str, reads: str | None) -> None:
+    """rad/s: 100 % are 500 deg/s. By Mps, of which 20 alone would also be another speed, a turn has none."""
+    text = text_of(turning(60.0))
+    assert text.count("Speed = 12\n") == 1
+    what = "20 or 20000 mm/s" if reads is None else f"speed of turning reads {reads}, planned is 1.047198"
+    with pytest.raises(VerifyError, match=what):
+        verify(turning(60.0), text.replace("Speed = 12\n", f"Speed = {said}\n"))
+
+
+def test_a_turn_that_its_digits_do_not_show_is_one_too() -> None:
+    little = frozen(rotation_about(2, 1e-9) @ TOOL_DOWN)
+    plan = program(MoveL(down(0), 12.5), MoveL(Pose(little, (0.0, 0.0, 0.0)), 20.0, turn=math.radians(60.0)))
     text = text_of(plan)
-    assert text.count(", Speed = 12\n") == 1
     verify(plan, text)
     with pytest.raises(VerifyError, match="speed of turning reads"):
         verify(plan, text.replace("Speed = 12\n", "Speed = 13\n"))
+
+
+def test_a_turn_that_was_written_for_another_arm_is_found() -> None:
+    with pytest.raises(VerifyError, match="speed of turning"):
+        verify(turning(60.0), text_of(turning(60.0), rated_turn=240.0))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "options", "numbers"),
+    [
+        (0.4, {}, "a turn at 0.4 deg/s is 0.08 % of 500"),
+        (501.0, {}, "a turn at 501 deg/s is 100.2 % of 500"),
+        (60.0, {"rated_turn": 50.0}, "a turn at 60 deg/s is 120 % of 50"),
+        (60.0, {"ext_speed": 10.0}, "a turn at 60 deg/s is 120 % of 500"),
+    ],
+)
+def test_a_turn_that_no_controller_makes_is_refused(degrees: float, options: dict[str, object], numbers: str) -> None:
+    with pytest.raises(Refused) as refused:
+        text_of(turning(degrees), **options)
+    assert str(refused.value) == (
+        f"pacscript: {numbers}, the controller takes 0.1 to 100 %; change process.turn or mend post.rated_turn "
+        "(instruction 2)"
+    )
+    for within in (0.5, 500.0):
+        verify(turning(within), text_of(turning(within)))
+
+
+def test_a_turn_while_pressing_keeps_its_force() -> None:
+    press = (0.0, 1.0, 0.0)
+    turned = frozen(rotation_about(2, 0.3) @ TOOL_DOWN)
+    quarter = MoveL(Pose(turned, (2.0, 0.0, 0.0)), 20.0, 0.0, 9.0, press, turn=1.0)
+    plan = program(*PRESSING[:4], quarter, *PRESSING[4:])
+    text = text_of(plan, **TEMPLATE)
+    assert text.count("Speed = 11.4592\n") == 1  # 57.2958 of 500 deg/s
+    verify(plan, text, **TEMPLATE)
 
 
 # -- the least speed ------------------------------------------------------------------------------------------------
@@ -291,6 +414,13 @@ def test_a_speed_that_may_be_below_the_least_one_is_told(speed: float, options: 
     assert ("slowest" in text_of(plan, **options)) == bool(told)
     notes = make_post(PacScript, options).warn(plan)
     assert [note.what for note in notes] == ([f"slowest motion: {told}"] if told else [])
+
+
+def test_the_speed_of_a_turn_is_none_of_these() -> None:
+    plan = turning(60.0)
+    slow = plan.with_body(tuple(replace(one, speed=1.0) if getattr(one, "turn", 0) else one for one in plan.body))
+    assert "slowest" not in text_of(slow)
+    assert make_post(PacScript, {}).warn(slow) == ()
 
 
 def test_the_build_says_so() -> None:

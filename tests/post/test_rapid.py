@@ -16,8 +16,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.model.errors import JobError, Refused
-from camgen.model.pose import TOOL_DOWN, Pose, angle_between, rotation_from_axes, rotation_from_quaternion, translation
+from camgen.model.errors import JobError, Refused, VerifyError
+from camgen.model.pose import (
+    TOOL_DOWN,
+    Pose,
+    angle_between,
+    frozen,
+    rotation_about,
+    rotation_from_axes,
+    rotation_from_quaternion,
+    translation,
+)
 from camgen.model.program import (
     Comment,
     Force,
@@ -31,11 +40,11 @@ from camgen.model.program import (
     Posture,
     Program,
     Wait,
-    put_off_first,
 )
-from camgen.post import Reading, Tolerance
+from camgen.post import Reading, Remark, Tolerance
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
+from tests.support.bodies import safe, turning
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 HOME = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0)), 200.0)
@@ -48,7 +57,7 @@ def at(x: float, y: float, z: float) -> Pose:
 
 
 def program(*body: Instruction, name: str = "plate") -> Program:
-    return Program(name, translation(300, -75, 100), translation(0, 0, 100), put_off_first(body), ("made by hand",))
+    return Program(name, translation(300, -75, 100), translation(0, 0, 100), safe(body), ("made by hand",))
 
 
 def posted(plan: Program, **options: object) -> tuple[Program, dict[str, str]]:
@@ -78,6 +87,8 @@ def assert_same(plan: Program, reading: Reading, tolerance: Tolerance) -> None:
         for name, limit in (("speed", tolerance.speed), ("blend", tolerance.mm), ("seconds", tolerance.seconds),
                             ("value", 5e-4), ("force", tolerance.force), ("newtons", tolerance.force)):  # fmt: skip
             assert getattr(got, name, 0) == pytest.approx(getattr(want, name, 0), rel=0, abs=limit + 1e-9)
+        if getattr(want, "turn", 0):  # any motion of the text has a speed of turning
+            assert getattr(got, "turn", 0) == pytest.approx(getattr(want, "turn", 0), rel=0, abs=tolerance.turn)
         assert getattr(got, "signal", "") == getattr(want, "signal", "")
         if getattr(want, "force", 0) or getattr(want, "newtons", 0):
             assert getattr(got, "force_direction", None) == pytest.approx(
@@ -92,6 +103,16 @@ def assert_near(want: Pose | Joints | None, got: Pose | Joints | None, tolerance
     if isinstance(want, Pose) and isinstance(got, Pose):
         assert got.origin == pytest.approx(want.origin, rel=0, abs=tolerance.mm + 1e-9)
         assert angle_between(want.rotation, got.rotation) <= tolerance.angle
+
+
+def turned(x: float, angle: float) -> Pose:
+    return Pose(frozen(rotation_about(2, angle) @ TOOL_DOWN), (x, 0.0, 0.0))
+
+
+def spot(degrees: float, speed: float = 100.0, angle: float = 1.0) -> Program:
+    """To a point, a turn there at so many deg/s, and on."""
+    turn = MoveL(turned(0, angle), speed, turn=math.radians(degrees))
+    return program(HOME, MoveL(at(0, 0, 0), 100.0), turn, MoveL(turned(9, angle), 100.0))
 
 
 # The text, by hand ----------------------------------------------------------------------------------------------
@@ -124,6 +145,7 @@ def test_small_program_to_the_letter() -> None:
     PROC main()
         ConfJ\\Off;
         ConfL\\Off;
+        SetDO doProcess,0;
         MoveAbsJ [[0.0000,0.0000,0.0000,0.0000,30.0000,0.0000],{E9}],v200,fine,tCamgen;
         ! layer _A___ENDPROC_
         MoveJ [[10.000,10.000,20.000],{DOWN},v100,z5,{tail}
@@ -148,7 +170,7 @@ ENDMODULE
     assert files == {"plate.mod": expected}
     reading = find_readback("rapid")(files, {})
     assert_same(prepared, reading, Rapid().tolerance())
-    assert reading.lines == (13, 15, 16, 17, 18, 19, 21, 22)
+    assert reading.lines == (13, 14, 16, 17, 18, 19, 20, 22, 23)
     assert_near(reading.work, translation(300, -75, 100), Rapid().tolerance())
     assert_near(reading.tool, translation(0, 0, 100), Rapid().tolerance())
     assert find_post("rapid") is Rapid
@@ -208,7 +230,9 @@ def test_tool_and_work_may_be_on_the_controller() -> None:
 def test_spindle_is_an_analog_output() -> None:
     options = {"signals": {"spindle": "aoSpindle", "process": "doAir"}}
     plan = program(HOME, Output("spindle", 12000), Output("process", 1))
-    assert lines(plan, **options)[1:] == ["SetAO aoSpindle,12000;", "SetDO doAir,1;"]
+    home = f"MoveAbsJ [[0.0000,0.0000,0.0000,0.0000,30.0000,0.0000],{E9}],v200,fine,tCamgen;"
+    off = ["SetAO aoSpindle,0;", "SetDO doAir,0;"]
+    assert lines(plan, **options) == [*off, home, "SetAO aoSpindle,12000;", "SetDO doAir,1;", *off]
     assert_same(plan, read(posted(plan, **options)[1], options), Rapid().tolerance())
 
 
@@ -252,16 +276,17 @@ def test_a_pressing_section(sign: int, plus: str) -> None:
     got = lines(plan, **options)
     start = f"[[20.000,0.000,-2.000],[0.0000000,0.0000000,1.0000000,0.0000000],[0,0,0,0],{E9}]"
     tail = "tCamgen\\WObj:=wCamgen;"
-    assert got[1:3] == ["WaitTime\\InPos,0;", "FCCalib lTool;"]  # at the home position, in the air
-    assert got[4:7] == [
+    assert got[:2] == ["SetDO doProcess,0;", "IF FCIsForceMode() FCDeact;"]
+    assert got[3:5] == ["WaitTime\\InPos,0;", "FCCalib lTool;"]  # at the home position, in the air
+    assert got[6:9] == [
         "SetDO doProcess,1;",
         f"FCPress1LStart {start},",
         f"v20,\\Fx:={plus}25,50\\ForceChange:=10,fine,{tail}",
     ]
-    assert got[7].startswith("FCPressL [[19.900,1.997,-2.000],")
-    assert got[7].endswith(f",v20,{plus}24.5,z1,{tail}")
-    assert got[10].startswith("FCPressEnd [[20.000,0.000,9.000],")
-    assert got[10].endswith(f",v50,{tail}")
+    assert got[9].startswith("FCPressL [[19.900,1.997,-2.000],")
+    assert got[9].endswith(f",v20,{plus}24.5,z1,{tail}")
+    assert got[12].startswith("FCPressEnd [[20.000,0.000,9.000],")
+    assert got[12].endswith(f",v50,{tail}")
     prepared, files = posted(plan, **options)
     assert_same(prepared, read(files, options), Rapid().tolerance())
 
@@ -313,6 +338,8 @@ FOLLOW = 'set tool.orient = "follow", so that the tool turns with the surface'
         (program(MoveJ(Joints((0.0,) * 4), 9.0)), "4 joint values; RAPID here is for arms of six axes"),
         (program(HOME, MoveL(at(9000, 0, 0), 9.0)), "a coordinate of more than 8388 mm"),
         (program(HOME, MoveL(at(0, 0, 0), 1e-4)), "a speed of 0.0001 mm/s; use 0.001 to 99999"),
+        (spot(1e-4), "a turn at 0.0001 deg/s; use 0.001 to 99999 for process.turn (instruction 2)"),
+        (spot(1e6), "a turn at 1e+06 deg/s; use 0.001 to 99999 for process.turn"),
         (program(HOME, MoveL(at(0, 0, 0), 9.0, 1e-4), HOME), "a blend radius of 0.0001 mm; use 0, or 0.001 to"),
         (program(HOME, MoveC(at(1, 1, 0), at(2, 0, 0), 9.0)), "an arc from a pose that is not known"),
         (program(HOME, MoveL(at(0, 0, 0), 9.0), MoveC(at(1, 0, 0), at(2, 0, 0), 9.0)),
@@ -400,8 +427,10 @@ blends = st.one_of(st.sampled_from([0.0, 0.3, 1.0, 5.0]), st.floats(0.001, 300))
 HOSTILE = ["x\n! ; MODULE b", 'a"b', "ENDPROC\rENDMODULE", "%%%", "9\u2028SetDO do1,1;"]
 comments = st.one_of(st.text(), st.sampled_from(HOSTILE))
 arcs = st.builds(MoveC, poses, poses, speeds, blends)
+# A turn where the motion before it ends, which ``settled`` moves there.
+spots = st.builds(MoveL, poses, speeds, turn=st.floats(1e-3, 9.0))
 instructions = st.one_of(
-    st.builds(MoveL, poses, speeds, blends), st.builds(MoveJ, poses, speeds, blends),
+    spots, st.builds(MoveL, poses, speeds, blends), st.builds(MoveJ, poses, speeds, blends),
     st.builds(MoveJ, joint_values, speeds, blends), arcs, st.builds(Wait, st.floats(0, 100)),
     st.builds(Output, st.just("process"), st.sampled_from([0.0, 1.0])), st.builds(Comment, comments),
 )  # fmt: skip
@@ -416,12 +445,17 @@ def settled(body: list[Instruction]) -> tuple[Instruction, ...]:
         assert isinstance(before, (MoveJ, MoveL, MoveC))
         if isinstance(item, MoveC) and (not isinstance(before.target, Pose) or not proper(before.target, item)):
             continue
+        if isinstance(item, MoveL) and item.turn:
+            if isinstance(before.target, Pose):
+                result.append(replace(item, target=Pose(item.target.rotation, before.target.origin)))
+                last = len(result) - 1
+            continue
         if isinstance(item, (Wait, Output)):
             result[last] = replace(before, blend=0.0)
         result.append(item)
         if isinstance(item, (MoveJ, MoveL, MoveC)):
             last = len(result) - 1
-    return tuple(result)
+    return turning(result, 1.0)
 
 
 def proper(start: Pose, arc: MoveC) -> bool:
@@ -446,7 +480,7 @@ def test_a_long_program_is_split_into_modules() -> None:
     assert list(files) == ["plate.mod", "plate_part1.mod", "plate_part2.mod", "plate_part3.mod"]
     main = files["plate.mod"]
     assert main.index("part_1;") < main.index("part_2;") < main.index("part_3;")
-    assert files["plate_part2.mod"].startswith("MODULE plate_part2\n\n    PROC part_2()\n        MoveL [[9.000,")
+    assert files["plate_part2.mod"].startswith("MODULE plate_part2\n\n    PROC part_2()\n        MoveL [[8.000,")
     assert all(text.count("tooldata") == (name == "plate.mod") for name, text in files.items())
     reading = read(files, {})
     assert_same(prepared, reading, Rapid().tolerance())
@@ -472,9 +506,7 @@ def along(path: int, x: float, rise: bool = True, signal: str = "process") -> li
 
 
 def pathed(*body: Instruction, ids: Sequence[str] = ("c1", "c2"), name: str = "plate") -> Program:
-    return Program(
-        name, translation(300, -75, 100), translation(0, 0, 100), put_off_first(body), (), tuple(map(Origin, ids))
-    )
+    return Program(name, translation(300, -75, 100), translation(0, 0, 100), safe(body), (), tuple(map(Origin, ids)))
 
 
 def routines(files: Mapping[str, str]) -> dict[str, list[str]]:
@@ -491,7 +523,20 @@ def test_each_path_is_a_routine_that_main_calls() -> None:
     settings = ["ConfJ", "ConfL"]
     work = ["MoveL", "SetDO", "MoveL", "SetDO"]
     assert routines(files) == {
-        "main": [*settings, "MoveAbsJ", "SetAO", "c1", "c2", "SetAO", "MoveAbsJ", "ERROR", "camSafe", "RAISE"],
+        "main": [
+            *settings,
+            "SetAO",
+            "SetDO",
+            "MoveAbsJ",
+            "SetAO",
+            "c1",
+            "c2",
+            "SetAO",
+            "MoveAbsJ",
+            "ERROR",
+            "camSafe",
+            "RAISE",
+        ],
         "camSafe": ["SetAO", "SetDO"],
         "c1": [*work, "ERROR", "RAISE"],
         "c2": [*work, "MoveL", "ERROR", "RAISE"],
@@ -582,11 +627,59 @@ def test_an_error_drops_the_process(on_error: str, last: str) -> None:
     assert "camSafe" not in without
 
 
-def test_force_control_is_ended_on_demand() -> None:
-    text = posted(pressing(pressed(0), pressed(0.1)), force_deact=True)[1]["plate.mod"]
-    assert "    ERROR\n        IF FCIsForceMode() FCDeact;\n        RAISE;\n" in text
-    assert read({"a": text}, {}).faults == ()
-    assert "FCDeact" not in posted(ONE, force_deact=True)[1]["plate.mod"]
+ASKED = "        IF FCIsForceMode() FCDeact;\n"
+
+
+def test_force_control_is_ended_before_the_first_motion_and_by_an_error() -> None:
+    plan = pressing(Output("process", 1), pressed(0), pressed(0.1), Output("process", 0))
+    prepared, files = posted(plan)
+    text = files["plate.mod"]
+    assert f"ConfL\\Off;\n        SetDO doProcess,0;\n{ASKED}        MoveAbsJ " in text
+    assert f"    ERROR\n        camSafe;\n{ASKED}        RAISE;\n" in text
+    assert text.count("FCDeact") == 2
+    reading = read(files, {})
+    assert reading.body[:2] == (Output("process", 0.0), Force(0.0))
+    compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+    assert "FCDeact" not in posted(ONE)[1]["plate.mod"]
+
+
+UNASKED = r"fcdeact without IF FCIsForceMode\(\): it may be an error where force control is off"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "what"),
+    [
+        (ASKED, "", "instruction 1: instruction reads MoveJ to 6 joint values, planned is force 0 N"),
+        (ASKED, "        FCDeact;\n", UNASKED),
+        (f"camSafe;\n{ASKED}", "camSafe;\n        FCDeact;\n", UNASKED),
+        (ASKED, "        IF FCIsForceMode() FCAct;\n", r"IF is read as IF FCIsForceMode\(\) FCDeact; alone"),
+        (ASKED, "        IF NOT FCIsForceMode() FCDeact;\n", "IF is a statement that is not read"),
+        ("        SetDO doProcess,0;\n", "", "instruction 0: instruction reads force 0 N, planned is output process 0"),
+    ],
+)
+def test_what_puts_off_at_the_start_is_verified(before: str, after: str, what: str) -> None:
+    plan = pressing(Output("process", 1), pressed(0), pressed(0.1), Output("process", 0))
+    prepared, files = posted(plan)
+    wrong = files["plate.mod"].replace(before, after, 1)
+    with pytest.raises(VerifyError, match=what):
+        compare(prepared, read({"a": wrong}, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_an_end_of_force_control_that_does_not_ask_is_read() -> None:
+    """In programs from elsewhere it stands after pressing; there it is right, and remarked on alone."""
+    end = f"FCPressEnd {POINT},v5,t1\\WObj:=w1;\nFCDeact;"
+    way = f"MoveL {POINT},v5,fine,t1\\WObj:=w1;\nFCPress1LStart {POINT},v5,\\Fx:=5,50,fine,t1\\WObj:=w1;\n"
+    reading = read({"m.mod": module(way + end)}, {})
+    (remark,) = reading.faults
+    assert isinstance(remark, Remark)
+    assert remark.line == 9
+    assert reading.body[-1] == Force(0.0)
+
+
+def test_a_post_prints_a_program_twice_alike() -> None:
+    post = Rapid(force_calibrated=True)
+    prepared = post.prepare(pressing(pressed(0)), 0.01)
+    assert post.render(prepared) == post.render(prepared)
 
 
 @pytest.mark.parametrize(
@@ -616,6 +709,75 @@ def test_a_routine_that_ends_the_program_drops_the_process_too() -> None:
     text = posted(ONE)[1]["plate.mod"]
     ends = text.replace("ERROR\n        RAISE;", "ERROR\n        EXIT;", 1)
     assert [one.what for one in read({"a": ends}, {}).faults] == ["the ERROR handler of c1 leaves process on"]
+
+
+# Turns on the spot ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("degrees", "speed", "name", "data"),
+    [
+        (60.0, 100.0, "vCam100t60", "[100,60,5000,1000]"),
+        (60.0, 37.5, "vCam37_5t60", "[37.5,60,5000,1000]"),
+        (12.345, 100.0, "vCam100t12_345", "[100,12.345,5000,1000]"),
+        (500.0, 100.0, "v100", ""),
+    ],
+)
+def test_a_turn_on_the_spot_has_its_v_ori(degrees: float, speed: float, name: str, data: str) -> None:
+    """The second component of a speeddata limits it, deg/s; in a predefined one that is 500."""
+    prepared, files = posted(spot(degrees, speed))
+    text = files["plate.mod"]
+    assert re.findall(r"CONST speeddata (\S+):=(.*);", text) == ([(name, data)] if data else [])
+    assert [re.findall(r"],(\w+),fine,tCamgen", line)[0] for line in text.splitlines() if "MoveL" in line] == [
+        *("v100", name, "v100")
+    ]
+    reading = read(files, {})
+    turns = [item.turn for item in reading.body if isinstance(item, MoveL)]
+    assert turns == pytest.approx([0.0, math.radians(degrees), 0.0], abs=1e-5)
+    compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "reads"),
+    [
+        (",vCam100t60,", ",v100,", "8.726646"),  # 500 deg/s
+        ("[100,60,5000,1000]", "[100,500,5000,1000]", "8.726646"),
+        (",vCam100t60,", ",[100,500,5000,1000],", "8.726646"),
+        (",vCam100t60,", ",[100,61,5000,1000],", "1.064651"),
+    ],
+)
+def test_a_turn_at_another_speed_is_found(before: str, after: str, reads: str) -> None:
+    prepared, files = posted(spot(60.0))
+    assert files["plate.mod"].count(before) == 1
+    wrong = read({"a": files["plate.mod"].replace(before, after)}, {})
+    assert wrong.faults == ()
+    with pytest.raises(VerifyError, match=f"instruction 2: speed of turning reads {reads}, planned is 1.047198"):
+        compare(prepared, wrong, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_a_turn_that_its_digits_do_not_show_is_one_too() -> None:
+    prepared, files = posted(spot(60.0, angle=1e-9))
+    compare(prepared, read(files, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_turns_of_many_speeds_are_written_out() -> None:
+    turns = [MoveL(turned(0, k), 100.0, turn=math.radians(10 + k)) for k in range(1, 9)]
+    prepared, files = posted(program(HOME, MoveL(at(0, 0, 0), 100.0), *turns))
+    text = files["plate.mod"]
+    assert text.count("CONST speeddata") == 6
+    assert text.count(",[100,17,5000,1000],fine,") == text.count(",[100,18,5000,1000],fine,") == 1
+    compare(prepared, read(files, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_a_turn_while_pressing_has_its_v_ori() -> None:
+    """A tool that presses along its axis turns about it."""
+    along = (0.0, 0.0, -1.0)
+    held = MoveL(turned(9, 1.0), 20.0, 0.0, 5.0, along, turn=math.radians(60.0))
+    body = [MoveL(at(0, 0, 0), 9.0), Force(5.0, along), MoveL(at(9, 0, 0), 20.0, 0.0, 5.0, along), held, Force(0.0)]
+    prepared, files = posted(program(HOME, *body, MoveL(at(9, 0, 50), 20.0)))
+    (line,) = (line for line in files["plate.mod"].splitlines() if "FCPressL" in line)
+    assert line.endswith(",vCam20t60,5,fine,tCamgen\\WObj:=wCamgen;")
+    compare(prepared, read(files, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
 
 
 # Speeds, frames, settings ---------------------------------------------------------------------------------------
@@ -667,7 +829,8 @@ def test_a_load_that_nobody_weighed_is_told() -> None:
 
 def test_settings_of_the_arm_stand_before_the_first_motion() -> None:
     text = posted(ONE, sing_area="wrist", acc_set=[50, 40])[1]["plate.mod"]
-    assert "        ConfL\\Off;\n        SingArea\\Wrist;\n        AccSet 50,40;\n        MoveAbsJ " in text
+    set_up = "        ConfL\\Off;\n        SingArea\\Wrist;\n        AccSet 50,40;\n"
+    assert f"{set_up}        SetDO doProcess,0;\n        MoveAbsJ " in text
     assert read({"a": text}, {}).faults == ()
     assert "SingArea\\Off;" in posted(ONE, sing_area="off")[1]["plate.mod"]
     wrong = text.replace("SingArea\\Wrist", "SingArea\\Hand").replace("AccSet 50,40", "AccSet 50,140")
@@ -683,7 +846,7 @@ def test_pressing_with_a_sensor_that_is_not_zero_is_refused() -> None:
     with pytest.raises(Refused, match="the force sensor is not set to zero before pressing") as caught:
         make_post(Rapid, {}).prepare(pressing(pressed(0)), 0.01)
     assert "give post.force_load, or say post.force_calibrated = true where the cell does it" in str(caught.value)
-    assert caught.value.index == 2
+    assert caught.value.index == 3  # after what puts force control off, the home position and the way there
 
 
 def sections(*between: Instruction) -> list[str]:
@@ -698,9 +861,10 @@ def sections(*between: Instruction) -> list[str]:
 def test_the_sensor_is_set_to_zero_after_a_stop_in_the_air() -> None:
     """At the height of travel, which was to be passed at 5 mm, not 1.5 mm above the start."""
     got = sections()
-    assert got[1].startswith("MoveL [[20.000,0.000,30.000]")
-    assert ",fine," in got[1]
-    assert got[2:4] == ["WaitTime\\InPos,0;", "FCCalib lTool;"]
+    assert got[0] == "IF FCIsForceMode() FCDeact;"
+    assert got[2].startswith("MoveL [[20.000,0.000,30.000]")
+    assert ",fine," in got[2]
+    assert got[3:5] == ["WaitTime\\InPos,0;", "FCCalib lTool;"]
     assert got.count("FCCalib lTool;") == 1  # the tool stays at the surface between the sections
 
 
@@ -719,8 +883,8 @@ def test_a_zero_in_the_air_is_needed_before_the_first_section() -> None:
     body = pressing(pressed(0)).body
     far = MoveL(on_disc(1.0), 50.0)
     with pytest.raises(Refused, match="pressing from a pose that is not known"):
-        posted(program(HOME, *body[2:]), force_load="lTool")
-    low = program(MoveJ(on_disc(0.5), 9.0), far, *body[1:])
+        posted(program(HOME, *body[3:]), force_load="lTool")
+    low = program(MoveJ(on_disc(0.5), 9.0), far, *body[2:])
     with pytest.raises(Refused, match="no motion in the air before pressing, where the force sensor can be set to"):
         choose_calibrations("rapid", low.body)
 

@@ -9,9 +9,10 @@ from camgen_posts.readback.rapid import read, read_with
 from camgen_posts.readback.rapid.syntax import Call, Inline, parse, read_plain
 
 from camgen.model.pose import TOOL_DOWN, Pose, translation
-from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, put_off_first
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
 from camgen.post import Reading
 from camgen.post.plugins import make_post
+from tests.support.bodies import safe
 from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program
 
 
@@ -58,9 +59,7 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 def posted(*body: Instruction, **options: object) -> str:
     home = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 200.0)
     post = make_post(Rapid, {"force_calibrated": True} | options)
-    prepared = post.prepare(
-        Program("part", translation(3, 4, 5), translation(0, 0, 9), put_off_first((home, *body))), 0.01
-    )
+    prepared = post.prepare(Program("part", translation(3, 4, 5), translation(0, 0, 9), safe((home, *body))), 0.01)
     return post.render(prepared)[0].text
 
 
@@ -82,10 +81,11 @@ def test_every_motion_that_the_post_writes_with_points_is_a_small_record() -> No
         force_arcs=True,
     )
     assert kinds(text) == [
-        *(("call", name) for name in ("confj", "confl", "moveabsj")),
+        *(("call", name) for name in ("confj", "confl", "setdo", "if fcdeact", "moveabsj")),
         ("inline", "movej"), ("inline", "movel"), ("call", "setdo"), ("inline", "movec"), ("inline", "movel"),
         *(("inline", name) for name in ("fcpress1lstart", "fcpressl", "fcpressc", "fcpressend")),
-        ("call", "setdo"),
+        ("call", "setdo"),  # at the end of main
+        ("call", "setdo"),  # of camSafe
     ]  # fmt: skip
     assert both({"part.mod": text}, {}).faults == ()
 

@@ -14,7 +14,7 @@ from camgen.post import Fault, Reading
 
 from .data import PREDEFINED, RESIDENT, Scope, Value
 from .state import Known, State
-from .statements import MOTIONS, STATEMENTS, SWITCHES, inline, motion, switch
+from .statements import DEACTIVATIONS, MOTIONS, STATEMENTS, SWITCHES, check_deactivation, inline, motion, switch
 from .syntax import Call, Data, Inline, Module, Routine, Wrong, parse
 
 #: Names that the text may not give again.
@@ -241,8 +241,8 @@ def _handle(
             if one.value:
                 raise Wrong(call.line, "an ERROR handler that switches something on")
             off.add(one.signal)
-        elif call.name == "fcdeact":
-            continue
+        elif call.name in DEACTIVATIONS:
+            check_deactivation(state, call)
         elif call.name in MOTIONS or call.name in STATEMENTS:
             raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
         else:

@@ -13,7 +13,7 @@ from camgen.post import Fault, Remark
 
 from .data import Value, numbers
 from .state import Bound, State
-from .syntax import Call, Expr, Inline, Ref, Wrong
+from .syntax import DEACT_WHERE_ON, Call, Expr, Inline, Ref, Wrong
 
 
 def _signal(state: State, call: Call) -> str:
@@ -99,19 +99,29 @@ def _calibrate(state: State, call: Call) -> None:
 
 def _deactivate(state: State, call: Call) -> None:
     """FCDeact: force control is off."""
-    if call.args or call.options:
-        raise Wrong(call.line, "fcdeact has no arguments")
+    check_deactivation(state, call)
     if state.pressing is not None:
         raise Wrong(call.line, "fcdeact while pressing, before FCPressEnd")
-    state.stopped(call.name)
+    state.stopped("fcdeact")
     state.add(Force(0.0), call.line)
 
 
+def check_deactivation(state: State, call: Call) -> None:
+    """FCDeact has no arguments; where it is not asked whether force control is on, that it is may not be sure."""
+    if call.args or call.options:
+        raise Wrong(call.line, "fcdeact has no arguments")
+    if call.name != DEACT_WHERE_ON:
+        what = "fcdeact without IF FCIsForceMode(): it may be an error where force control is off"
+        state.faults.append(Remark(call.line, what))
+
+
 SWITCHES = ("setdo", "setao", "set", "reset")
+#: How force control is put off, whether it was on or not, and where it is on.
+DEACTIVATIONS = ("fcdeact", DEACT_WHERE_ON)
 STATEMENTS: dict[str, Callable[[State, Call], None]] = {
     **dict.fromkeys(SWITCHES, _switch_signal), "waittime": _wait,
-    "confl": _configuration, "confj": _configuration, "fccalib": _calibrate, "fcdeact": _deactivate,
-    "singarea": _singularity, "accset": _acceleration,
+    "confl": _configuration, "confj": _configuration, "fccalib": _calibrate,
+    **dict.fromkeys(DEACTIVATIONS, _deactivate), "singarea": _singularity, "accset": _acceleration,
 }  # fmt: skip
 
 
@@ -189,11 +199,11 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
 
 
 def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
-    """The speed of turning, rad/s, of a motion whose TCP stays where it is; 0 where it travels or does not turn."""
+    """The speed of turning, rad/s, of a motion whose TCP stays where it is, however little of a turn the digits of the
+    text show; 0 where it travels.
+    """
     here = state.here
-    if here is None or isinstance(target, Joints) or here.origin != target.origin:
-        return 0.0
-    return 0.0 if here.rotation is target.rotation else bound.turn
+    return bound.turn if isinstance(target, Pose) and here is not None and here.origin == target.origin else 0.0
 
 
 def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:

@@ -428,6 +428,8 @@ _STRUCTURE = frozenset(("module", "endmodule", "proc", "endproc", "func", "endfu
 _CONTINUES = frozenset(("else", "elseif", "endif", "endfor", "endwhile", "endtest", "case", "default", "then", "do"))
 #: Words with which a statement begins that is read in ERROR handlers alone.
 _HANDLES = frozenset(("if", "raise", "exit"))
+#: The name of the statement ``IF FCIsForceMode() FCDeact;``, one that no routine has.
+DEACT_WHERE_ON = "if fcdeact"
 #: The only IF that is read outside of them.
 _ASKS = re.compile(r"if\s+FCIsForceMode\b", re.IGNORECASE)
 _DATA = frozenset(("local", "task", "const", "pers", "var"))
@@ -586,7 +588,7 @@ class _Parser(Calls):
                     raise Wrong(line, "IF is read as IF FCIsForceMode() FCDeact; alone")
                 self.take()
         self.expect(";")
-        return Call(line, "fcdeact" if text.lower() == "if" else text.lower())
+        return Call(line, DEACT_WHERE_ON if text.lower() == "if" else text.lower())
 
     def routine_data(self, late: bool) -> Data:
         line = self.token[2]
