@@ -179,7 +179,11 @@ def test_feeds_within_a_thousandth(speed, word):
             "signal glue has no output (known: spindle, process); give it one in post.signals",
         ),
         (program(Output("process", 0.5)), 1, "signal process is on (1) or off (0), not 0.5"),
-        (program(Output("spindle", -100.0)), 1, "a spindle speed of -100 rpm cannot be meant"),
+        (
+            program(Output("spindle", -100.0)),
+            1,
+            "the spindle is to turn backwards (M4, 100 rpm), and this post prints M3 alone",
+        ),
         (program(Wait(1e9)), 1, "a wait of 1e+09 s cannot be meant"),
         (
             program(Force(10.0, (1.0, 0.0, 0.0)), MoveL(at(1, 0, 0), 10.0), Force(0.0)),
