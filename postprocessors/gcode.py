@@ -298,9 +298,8 @@ class GCode(Rs274):
         return [*super().begin(program), path]
 
     def ready(self) -> Sequence[str]:
-        """Up before G49: a length that was on would lower the next height by itself. Then the tool and its length."""
-        up = ("G53 G0 Z0",) if self.lift else ()
-        return (*up, *super().ready(), *((f"T{self.tool} M6", "G43") if self.tool else ()))
+        """The tool and its length come last."""
+        return (*super().ready(), *((f"T{self.tool} M6", "G43") if self.tool else ()))
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
         """G0, or the cycle that begins with it."""

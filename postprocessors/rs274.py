@@ -167,8 +167,11 @@ class Rs274(Post):
         return [*(self.note(remark) for remark in remarks), f"G17 G21 G40 {self.work} G80 G90 G94", "G91.1"]
 
     def ready(self) -> Sequence[str]:
-        """What stands before the first motion, when all outputs are off."""
-        return ("G49",)
+        """What stands before the first motion, when all outputs are off.
+
+        Up before G49: a length that was on would lower the next height by itself.
+        """
+        return ("G53 G0 Z0", "G49") if self.lift else ("G49",)
 
     def end(self, program: Program) -> Sequence[str]:  # noqa: ARG002 (the contract's signature)
         """LinuxCNC demands an end."""

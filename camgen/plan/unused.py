@@ -32,7 +32,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "input": ("layers", "join", "min_length"),
         "operation": _CONTOURS,
         "tool": ("orient",),
-        "process": ("clearance", "stay_down", *_REPLAYS["process"]),
+        "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
     },
     "a replay": {
         **_PICTURES,
@@ -40,7 +40,10 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "input": ("units", "layers", "select", "join", "min_length"),
         "operation": (*_CONTOURS, "offset", "trim", "offset_along"),
         "tool": ("orient", "axis_tilt", "symmetric"),
-        "process": ("feed", "force", "max_feed_factor", "stay_down", "spindle", "signal", "dwell"),
+        "process": (
+            *("feed", "force", "plunge", "max_feed_factor", "turn", "retract", "stay_down"),
+            *("spindle", "signal", "switch", "dwell"),
+        ),
     },
 }
 

@@ -292,7 +292,9 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
         yield both.moving("speed", "speed", ~rapid & (both.plan.turn[: both.moves] == 0), tolerance.speed)
     every = np.ones(both.moves, np.bool_)
     if "turn" in carries and np.any(both.plan.turn[: both.moves]):
-        yield both.moving("speed of turning", "turn", both.plan.turn[: both.moves] > 0, tolerance.turn)
+        # A turn of less than half the last digit is none in the text.
+        turned = both.plan.turned[: both.moves] & both.read.turned[: both.moves]
+        yield both.moving("speed of turning", "turn", turned, tolerance.turn)
     if "blend" in carries:
         yield both.moving("blend", "blend", every, tolerance.mm)
     for name in (name for name in _NEUTRAL if name in carries):

@@ -264,6 +264,10 @@ def _start(m: Strict) -> None:
         m.fault(f"work offset {m.work}, but post.work is {m.expect.work}")
     if m.expect.tool and m.applied != "G43":
         m.fault("the length of the tool is not applied (G43) before the first motion")
+    elif not m.applied:
+        m.remark("neither G49 nor G43 before the first motion: a tool length that is on shifts Z")
+    if m.lifted and not m.expect.lift:
+        m.remark("G53 has sent the tool to the machine's zero of Z, but post.lift is false")
     if m.expect.path is not None and not m.path:
         m.remark("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
 

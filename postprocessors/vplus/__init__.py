@@ -161,10 +161,7 @@ class VPlus(Post):
         return ""
 
     def _bad_turn(self, item: MoveJ | MoveL) -> str:
-        if isinstance(item, MoveJ) or math.degrees(item.turn) <= self.rated_turn:
-            return ""
-        said = f"{math.degrees(item.turn):g} deg/s is more than post.rated_turn = {self.rated_turn:g} deg/s"
-        return f"{said}; lower process.turn or raise post.rated_turn"
+        return "" if isinstance(item, MoveJ) else rules.bad_turn(item.turn, self.rated_turn)
 
     def _bad_target(self, target: Pose | Joints) -> str:
         if isinstance(target, Joints):

@@ -358,7 +358,12 @@ def speed_and_tool(m: Machine, words: dict[str, float], codes: dict[str, str]) -
 
 
 def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
-    """G53 G0 Z0 before anything else: to the top of the machine, wherever that is in the work frame."""
+    """G53 G0 Z0 before anything else: to the top of the machine, wherever that is in the work frame.
+
+    LinuxCNC refuses G53 among increments.
+    """
+    if m.incremental:
+        raise LineError("G53 among increments (G91)")
     if m.begun or motion != "G0" or any(axis in words for axis in "XY") or words.pop("Z", 1.0) != 0:
         raise not_read("G53", "goes to machine coordinates, which are not known here")
     m.lifted, m.known[2] = True, False
