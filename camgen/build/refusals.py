@@ -54,17 +54,20 @@ def _of_line(error: Refused, part: Recorded, program: Program) -> Refused:
 
 
 def _line(part: Recorded, program: Program, index: int) -> int:
-    """The line of an instruction, 0 where it is none of the program that was read. What puts an output off before the
-    first motion is there for the first line that switches it.
+    """The line of an instruction, 0 where it is none of the program that was read. Of an output that is switched off
+    first or last: the first line that uses it.
     """
     if index < 0:
         return 0
-    wanted = _own(program.body[index])
+    wanted = program.body[index]
     read = list(zip(part.run.body, part.run.lines, strict=True))
-    found = [line for item, line in read if _own(item) is wanted]
-    if isinstance(wanted, Output):
-        found += [line for item, line in read if isinstance(item, Output) and item.signal == wanted.signal]
-    return found[0] if found else 0
+    same = (line for item, line in read if _own(item) is _own(wanted))
+    used = (line for item, line in read if isinstance(wanted, Output) and _is_of(item, wanted.signal))
+    return next(same, 0) or next(used, 0)
+
+
+def _is_of(item: object, signal: str) -> bool:
+    return isinstance(item, Output) and item.signal == signal
 
 
 def _own(item: object) -> object:

@@ -53,8 +53,24 @@ def test_a_mill_moves_between_its_home_positions(tmp_path):
     assert moves[6].via.origin == pytest.approx((10 + 10 * math.sqrt(0.5), 20 + 10 * math.sqrt(0.5), -1))
     assert {m.speed for m in moves[3:7]} == {5.0}
     others = [i for i in result.program.body if isinstance(i, Output | Wait)]
-    assert others == [Output("spindle", 1000.0), Wait(0.5), Output("spindle", 0.0)]
+    assert others == [Output("spindle", 0.0), Output("spindle", 1000.0), Wait(0.5), Output("spindle", 0.0)]
     assert result.deviation.max_mm < 1e-3
+
+
+def test_what_a_program_leaves_on_is_off_before_it_goes_home(tmp_path):
+    """Its end stops spindle and coolant (LinuxCNC, M2), but no digital output: that one is off once the tool is up."""
+    text = OLD.replace("M5\n%", "%").replace("S1000 M3", "S1000 M3\nM64 P3\nM8")
+    options = {"signals": {"flood": "M8", "dout3": "P3"}}
+    body = built(tmp_path, text, options=options).program.body
+    used = ["spindle", "dout3", "flood"]
+    assert body[:3] == tuple(Output(name, 0.0) for name in used)
+    up, last, home = body[-3:]
+    assert last == Output("dout3", 0.0)
+    assert {item.signal: item.value for item in body[:-3] if isinstance(item, Output)} == {
+        **{"spindle": 0.0, "dout3": 1.0, "flood": 0.0},
+    }
+    assert (up.target.origin, home.target.origin) == ((10, 30, 20), (0, 0, 50))
+    assert [i.value for i in body if isinstance(i, Output) and i.signal == "dout3"] == [0.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("post", ["rapid", "vplus", "pacscript"])
@@ -113,6 +129,10 @@ def test_a_skipped_word_is_an_error_with_strict(tmp_path):
     [
         ({"operation": {"depth": 2.0}}, "operation.depth"),
         ({"process": {"feed": 5.0}}, "process.feed"),
+        ({"process": {"plunge": 5.0}}, "process.plunge"),
+        ({"process": {"switch": "air"}}, "process.switch"),
+        ({"process": {"retract": 9.0}}, "process.retract"),
+        ({"process": {"turn": 30.0}}, "process.turn"),
         ({"tool": {"orient": "follow"}}, "tool.orient"),
     ],
 )
@@ -273,7 +293,7 @@ def test_a_feed_is_capped_where_that_is_asked_for(tmp_path):
 def test_a_spindle_that_turns_backwards_is_told_with_its_line(tmp_path, post, options, says):
     with pytest.raises(NoSafeProgram) as caught:
         built(tmp_path, OLD.replace("M3", "M4"), post, options=options)
-    assert str(caught.value) == f"old.nc: {post} refuses line 4: {says} (instruction 1); mend this line"
+    assert str(caught.value) == f"old.nc: {post} refuses line 4: {says} (instruction 2); mend this line"
 
 
 def test_what_a_setting_can_mend_is_told_so(tmp_path):
