@@ -127,26 +127,39 @@ def build(
     _insist(planned.part, planned.notes, bool(planned.paths), strict)
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
-    where = planned.where if isinstance(planned, EdgePlan) else None
-    while True:
-        tour = order(planned, settings, read.cell, watch)
-        _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
-        watch("programming")
-        lowered = lower(tour, read.cell, settings, title, header)
-        try:
-            with tell_by_input(planned.part, lowered):
-                program = poster.prepare(lowered, settings.tolerance.chord)
-                if read.cell.arm:
-                    watch("checking")
-                checks = check(program, settings, read.cell, where, planned.part.source)
-            break
-        except Blocked as error:
-            planned = _leave_out(planned, tour, error)
+    planned, tour, checks = _program(planned, settings, read.cell, poster, title, header, strict, watch)
     posted = poster.render(checks.program)
     watch("verifying")
     reading = readback({file.name: file.text for file in posted}, fill_tables(type(poster), settings.post))
     deviation = compare(checks.program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
     return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, deviation)
+
+
+def _program(
+    planned: Plan,
+    job: Job,
+    cell: Workcell,
+    poster: Post,
+    title: str,
+    header: tuple[str, ...],
+    strict: bool,
+    watch: Watch,
+) -> tuple[Plan, Tour, Checks]:
+    """The checked program of ``planned``, without the edges that its check lost: found anew for the others."""
+    where = planned.where if isinstance(planned, EdgePlan) else None
+    while True:
+        tour = order(planned, job, cell, watch)
+        _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
+        watch("programming")
+        lowered = lower(tour, cell, job, title, header)
+        try:
+            with tell_by_input(planned.part, lowered):
+                program = poster.prepare(lowered, job.tolerance.chord)
+                if cell.arm:
+                    watch("checking")
+                return planned, tour, check(program, job, cell, where, planned.part.source)
+        except Blocked as error:
+            planned = _leave_out(planned, tour, error)
 
 
 def _leave_out(plan: Plan, tour: Tour, error: Blocked) -> Plan:

@@ -66,7 +66,7 @@ class _MoveL(_Line, frozen=True, tag="movel"):
     called: Posture | None = None
     path: int = -1
     work: bool = False
-    turn: float = 0.0
+    turn: float | None = None
 
 
 class _MoveC(_Line, frozen=True, tag="movec"):
@@ -192,7 +192,7 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
             )
         case MoveL():
             place = known.place(item.target.rotation)
-            return _MoveL(item.target.origin, place, item.speed, *_tail(item), item.turn)
+            return _MoveL(item.target.origin, place, item.speed, *_tail(item), item.turn or None)
         case MoveC():
             middle, place = known.place(item.via.rotation), known.place(item.target.rotation)
             return _MoveC(item.via.origin, middle, item.target.origin, place, item.speed, *_tail(item))
@@ -261,7 +261,7 @@ def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
                 raise ValueError("a movej has neither joints nor to")
             return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called, *owner)
         case _MoveL():
-            return MoveL(pose(line.to, line.rotation), line.speed, *_end(line), line.turn)
+            return MoveL(pose(line.to, line.rotation), line.speed, *_end(line), line.turn or 0.0)
         case _MoveC():
             via, target = pose(line.via, line.via_rotation), pose(line.to, line.rotation)
             return MoveC(via, target, line.speed, *_end(line))

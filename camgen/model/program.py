@@ -370,8 +370,8 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
         (posed, columns.ends),
         (arcs, columns.vias),
     ):
-        good = np.isfinite(values)
-        good = good.all(axis=1) if good.ndim == 2 else good
+        finite = np.isfinite(values)
+        good: Mask = np.asarray(finite.all(axis=1)) if finite.ndim == 2 else finite
         yield from _first(columns.at[~good if where is None else ~good & where], "a number is not finite")
     straight, jointed = take(moves, posed), take(moves, ~posed)
     known = [move for move in moves if move.joints is not None] if any(map(attrgetter("joints"), moves)) else []
