@@ -8,9 +8,9 @@ middle at one place for all; all convex edges are asked for. "IRB 120" runs with
 deg of tilt.
 
 Every motion of a program, and with the nominal tool that along every edge that is left out for a collision, is looked
-at in SAMPLES places: the TCP on its line or arc, the tool turned evenly, the joints found there by the inverse and proved
-by the forward way. "motions hit" counts those of a program that touch anything in a sample, with the deepest touch;
-"unfounded" the edges that are left out for a collision of which no sample shows one. Exits with 1 where a touch is
+at in SAMPLES places: the TCP on its line or arc, the tool turned evenly, the joints found there by the inverse and
+proved by the forward way. "motions hit" counts those of a program that touch anything in a sample, with the deepest
+touch; "unfounded" the edges that are left out for a collision of which no sample shows one. Exits with 1 where a touch is
 deeper than the check promises or a collision is unfounded.
 """
 
