@@ -7,11 +7,11 @@ suffix; unless named, parts of more than 1,000 convex edges are passed over. Eac
 middle at one place for all; all convex edges are asked for. "IRB 120" runs with the nominal tool, "IRB 2400" with 30
 deg of tilt.
 
-Every motion of a program, and with the nominal tool that along every edge that is left out for a collision, is looked
-at in SAMPLES places: the TCP on its line or arc, the tool turned evenly, the joints found there by the inverse and
+Every motion of a program is looked at in SAMPLES places, and with the nominal tool that along every edge that is left
+out for a collision: the TCP on its line or arc, the tool turned evenly, the joints found there by the inverse and
 proved by the forward way. "motions hit" counts those of a program that touch anything in a sample, with the deepest
-touch; "unfounded" the edges that are left out for a collision of which no sample shows one. Exits with 1 where a touch is
-deeper than the check promises or a collision is unfounded.
+touch; "unfounded" the edges left out for a collision of which no sample shows one. Exits with 1 where a touch is deeper
+than the check promises or a collision is unfounded.
 """
 
 from __future__ import annotations
@@ -219,14 +219,14 @@ def joints_along(cell: Workcell, way: Way, start: FloatArray, samples: int) -> F
 def row(path: Path, arm: str, samples: int) -> tuple[str, bool, bool]:
     """A line of the table; whether there is a program; whether all is as promised."""
     tables = job(path, arm)
-    begin = time.perf_counter()
+    begin = time.process_time()
     try:
         result = camgen.build(path, post="rapid", job=tables)
     except CamgenError as error:
-        seconds = time.perf_counter() - begin
+        seconds = time.process_time() - begin
         verdict = f"exit {error.exit_code}: {error.what}" + (f" ({error.where})" if error.where else "")
         return f"| {path.name} | {arm} | - | - | - | - | - | {seconds:.2f} | {verdict} |", False, True
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     skipped = [note for note in result.notes if note.kind == "skipped"]
     run = len(result.tour.paths)
     deep = touches(result, samples)
@@ -253,7 +253,9 @@ def main(folder: Path, samples: int, names: Sequence[str]) -> int:
     kinds = (*mesh_file.SUFFIXES, *step.SUFFIXES)
     files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in kinds and (not names or p.stem in names))
     print(machine(), end="\n\n")
-    print("| part | arm | edges run | left out | for a collision | of these unfounded | motions hit | s | verdict |")
+    print(
+        "| part | arm | edges run | left out | for a collision | of these unfounded | motions hit | CPU s | verdict |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     made, every, good = 0, 0, True
     for path in files:
