@@ -131,14 +131,16 @@ def test_linuxcnc_cancels_a_length_that_is_on_at_the_top_of_the_machine():
 
 
 @needs_rs274
-@pytest.mark.parametrize("before", ["G91\n", ""])
-def test_reader_and_linuxcnc_agree_on_machine_coordinates(before):
-    """LinuxCNC refuses G53 among increments, and takes it else."""
+@pytest.mark.parametrize(
+    ("before", "refused"), [("G91\n", True), ("G91 ", True), ("", False), ("G90 ", False), ("G91\nG90 ", False)]
+)
+def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
+    """LinuxCNC refuses G53 among increments, also those of its own line, and takes it else."""
     text = f"G21 G61\n{before}G53 G0 Z0\nG49 G90\nG0 X1 Y2\nG0 Z3\nM2\n"
     canon = run(text)
-    assert bool(canon.error) == bool(before)
-    assert [f.what for f in read(text).faults][:1] == (["G53 among increments (G91)"] if before else [])
-    if not before:
+    assert bool(canon.error) == refused
+    assert [f.what for f in read(text).faults][:1] == (["G53 among increments (G91)"] if refused else [])
+    if not refused:
         (home,) = read(text).body
         (reached,) = moves(canon)
         assert home.target.origin == reached.end == (1, 2, 3)

@@ -30,7 +30,7 @@ _SWITCHES = {
     "DWELL": 0, "SET_AUX_OUTPUT_BIT": 0, "CLEAR_AUX_OUTPUT_BIT": 0, "SET_AUX_OUTPUT_VALUE": 1,
     "SET_MOTION_OUTPUT_VALUE": 1, "START_SPINDLE_CLOCKWISE": 0, "STOP_SPINDLE_TURNING": 0,
 }  # fmt: skip
-_LIFT = re.compile(r"^G53 G0 Z0$", re.M)
+_LIFT = re.compile(r"\bG53 G0 Z0$", re.M)
 _CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
 
 

@@ -139,13 +139,13 @@ def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None
     if "S" in words or "T" in words:
         speed_and_tool(m, words, found)
     motion = found.pop("motion", "")
-    if "machine coordinates" in found:
-        lift(m, motion, words)
     if motion:
         found.pop("cycle off", None)  # the other code holds, and a cycle goes on
     for group in HANDLERS if found else ():
         if group in found:
             m.obey(group, found[group], words)
+    if "machine coordinates" in found:
+        lift(m, motion, words)
     if words or motion:
         move(m, motion, words)
     if "stop" in found:

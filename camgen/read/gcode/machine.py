@@ -366,7 +366,7 @@ def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
         raise LineError("G53 among increments (G91)")
     if m.begun or motion != "G0" or any(axis in words for axis in "XY") or words.pop("Z", 1.0) != 0:
         raise not_read("G53", "goes to machine coordinates, which are not known here")
-    m.lifted, m.known[2] = True, False
+    m.lifted, m.known[2], m.at[2] = True, False, 0.0
 
 
 def _outputs(m: Machine, code: str, words: dict[str, float]) -> None:
