@@ -292,8 +292,9 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
         yield both.moving("speed", "speed", ~rapid & (both.plan.turn[: both.moves] == 0), tolerance.speed)
     every = np.ones(both.moves, np.bool_)
     if "turn" in carries and np.any(both.plan.turn[: both.moves]):
-        # A turn of less than half the last digit is none in the text.
-        turned = both.plan.turned[: both.moves] & both.read.turned[: both.moves]
+        # A turn of less than half the last digit may be none in the text.
+        read = both.read.turned[: both.moves] | (both.read.turn[: both.moves] > 0)
+        turned = (both.plan.turn[: both.moves] > 0) & read
         yield both.moving("speed of turning", "turn", turned, tolerance.turn)
     if "blend" in carries:
         yield both.moving("blend", "blend", every, tolerance.mm)
