@@ -15,6 +15,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -208,8 +209,8 @@ def main() -> int:
     start = time.perf_counter()
     numbers = range(first, first + count)
     if processes > 1:
-        with get_context("spawn").Pool(processes) as pool:
-            verdicts = pool.map(judged, numbers, chunksize=8)
+        with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+            verdicts = list(pool.map(judged, numbers, chunksize=8))
     else:
         verdicts = [judged(number) for number in numbers]
     wrong = [v for v in verdicts if v.dropped or v.gouge > GOUGE or v.late or v.missed]

@@ -212,14 +212,15 @@ def _beside(rng: np.random.Generator, outline: Shape, diameter: float) -> np.nda
     if polygon is None:
         return None
     far = outline.polygon.bounds[2] - polygon.bounds[0] + 1.0
-    moved = affinity.translate(polygon, far, 0.0)
     gap = diameter + float(rng.choice([-0.3, 0.0, 0.02, 0.1, 1.0]))
     for _ in range(30):
-        moved = affinity.translate(polygon, far, 0.0)
-        apart = moved.distance(outline.polygon)
-        far -= apart - gap
-        if abs(apart - gap) < 0.005:
+        off = affinity.translate(polygon, far, 0.0).distance(outline.polygon) - gap
+        if abs(off) < 0.005 or abs(far) > 1000:
             break
+        far -= off
+    # It may pass by above or below.
+    if abs(off) > 0.005:
+        return None
     rows[:, 0] = (rows[:, 0] + far).round(3)
     clear = _polygon(rows)
     return rows if clear is not None and clear.distance(outline.polygon) > 0.05 else None

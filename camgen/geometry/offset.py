@@ -19,8 +19,8 @@ from camgen.geometry.uncross import LEAST_SLIP
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
-#: A kept piece must have room beyond its middle: a hundredth of its length, within these bounds (mm). A slot exactly as
-#: wide as the tool has none, so it counts as too narrow instead of leaving two paths on top of each other.
+#: A kept piece must have room beyond its middle: a thousandth of its length, within these bounds (mm). A slot exactly
+#: as wide as the tool has none, so it counts as too narrow instead of leaving two paths on top of each other.
 _BEYOND = (1e-6, 1e-4)
 #: Rounding of a distance (mm): what is nearer than the offset by more than this is too near.
 _NOISE = 2e-7
@@ -200,7 +200,7 @@ def _has_room(
     """Pieces that lie at the distance: a step beyond their middle nothing of the source is nearer than that."""
     chosen = candidates.take(row)
     middle = (low + high) / 2
-    step = np.clip(0.01 * chosen.length * (high - low), *_BEYOND)
+    step = np.clip(0.001 * chosen.length * (high - low), *_BEYOND)
     points = points_at(chosen, middle)
     beyond = points + step[:, None] * _right(tangents_at(chosen, middle))
     near = obstacles.nearer_than(points, label[row], np.full(len(row), distance - _NOISE))

@@ -237,3 +237,36 @@ def test_a_hole_as_wide_as_the_tool_has_no_room_for_a_way() -> None:
     result = planned(rectangle(0, 0, 100, 60), circle(20, 20, 3.0, "c2"))
     (note,) = [n for n in result.notes if n.kind == "skipped"]
     assert "too narrow" in note.what
+
+
+#: Two pairs of x, y, bulge, and the tool that just does not pass between the two.
+PAIRS = [
+    (
+        3.0,
+        [(51.235, 4.63, 0.28), (54.05, -13.627, 0), (68.776, -1.612, 0), (65.587, 2.754, -0.33), (66.795, 7.645, -0.46),
+         (60.786, 8.653, 0.59), (60.758, 9.162, 0.1), (60.372, 11.704, 0)],
+        [(16.8, 2.2, 0), (8.4, 28.7, 0.7360652784094979), (30.1, 44.0, 0), (47.8, -8.3, 0)],
+    ),
+    (
+        10.0,
+        [(19.9, 0.2, -0.35), (9.4, 5.6, -0.45), (3.2, 27.5, 0), (-2.9, 18, 0), (-15.9, 15, 0), (-21.9, 19.1, -0.03),
+         (-18.1, 6.6, 0), (-20.6, 1.5, 0.03), (-10.6, -9.8, 0), (19.7, -9, 0.69), (27.3, -3.8, 0.64)],
+        [(55.975, -2.993, 0), (49.634, -7.891, -0.43), (46.303, -6.99, -0.23), (41.965, -8.198, -0.34),
+         (39.127, -10.341, 0), (36.96, -0.328, 0), (37.372, 3.272, 0), (41.049, 7.514, 0.34), (42.913, 11.619, 0.03),
+         (46.877, 11.423, -0.33), (50.872, 12.52, -0.02)],
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("diameter", "one", "two"), PAIRS)
+def test_neighbours_that_the_tool_just_does_not_pass_between_are_run_around_together(
+    diameter: float, one: list[tuple[float, float, float]], two: list[tuple[float, float, float]]
+) -> None:
+    """Beside the narrowest place the ways around both meet a few micrometres before a corner."""
+    shapes = [
+        contour([row[:2] for row in rows], [row[2] for row in rows], name=n) for rows, n in ((one, "c1"), (two, "c2"))
+    ]
+    result = plan(part(*shapes), Job(tool=ToolTable(diameter=diameter)))
+    assert result.paths
+    assert all(path.closed for path in result.paths)
+    assert not [note for note in result.notes if note.kind == "skipped"]
