@@ -297,7 +297,7 @@ class Rs274(Post):
         if isinstance(item, MoveJ):
             return ""
         if not _SLOWEST <= item.speed * 60.0 <= _FASTEST:
-            return f"a feed of {item.speed * 60.0:g} mm/min cannot be meant; change process.feed"
+            return f"a feed of {item.speed * 60.0:g} mm/min cannot be meant; change process.feed or process.plunge"
         if not isinstance(item, MoveC):
             return ""
         if start is None or not self.arcs:

@@ -15,9 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Literal
-
-from msgspec import Struct
+from typing import Literal, NamedTuple
 
 
 class CamgenError(Exception):
@@ -64,7 +62,7 @@ class Refused(NoSafeProgram):
         self.index = index
 
 
-class Loss(Struct, frozen=True):
+class Loss(NamedTuple):
     """A path that cannot be run. path: its place among the program's, -1: none of them. why: with the place."""
 
     path: int

@@ -211,7 +211,8 @@ class VPlus(Post):
         lines += [self.comment(text) for text in self._remarks()]
         if self.declare:
             lines.append(f"{_IN}AUTO {', '.join(declared)}")
-        lines += [f"{_IN}SELECT ROBOT = 1", f"{_IN}ATTACH ()"]
+        # Modal, and as the last program left them: corners and the time rely on both.
+        lines += [f"{_IN}{text}" for text in ("SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL 100, 100")]
         if self.declare:
             lines.append(f"{_IN}SET {self.tool} = {self._trans(program.flange_from_tool)}")
         lines.append(f"{_IN}TOOL {self.tool}")

@@ -94,6 +94,8 @@ EXPECTED = """\
     AUTO cg.tool, cg.work
     SELECT ROBOT = 1
     ATTACH ()
+    ENABLE CP
+    ACCEL 100, 100
     SET cg.tool = TRANS(0,0,100,0,0,0)
     TOOL cg.tool
     SET cg.work = TRANS(250,-75,150,0,0,0)
@@ -169,7 +171,7 @@ def test_a_turn_on_the_spot_states_its_rotational_speed(rated: float, percent: s
     for wrong in ("4", "6", "100"):
         slow = text.replace(f"20, {percent} MMPS", f"20, {wrong} MMPS")
         with pytest.raises(
-            VerifyError, match=r"instruction 2: speed of turning reads .*, planned is 1\.047198 .line 16"
+            VerifyError, match=r"instruction 2: speed of turning reads .*, planned is 1\.047198 .line 18"
         ):
             compare(prepared, read({"a": slow}, options), tolerance, VPlus.verified_fields, "a")
     left = text.replace(f"20, {percent} MMPS", "20 MMPS")
