@@ -176,6 +176,15 @@ ENDMODULE
     assert find_post("rapid") is Rapid
 
 
+def test_the_page_shows_a_program_that_is_read_and_is_safe() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "posts" / "rapid.md").read_text(encoding="utf-8")
+    reading = read({"bracket.mod": page.split("```\n")[1]}, {})
+    assert reading.faults == ()
+    assert len(reading.body) == 11
+    program(*reading.body)
+    assert safe(reading.body) == reading.body
+
+
 def test_confdata_is_stated_and_supervised_where_it_is_known() -> None:
     known = Posture((-1, 1, 2, 0), 5)
     plan = program(HOME, MoveJ(at(0, 0, 9), 100.0, posture=known), MoveL(at(0, 0, 0), 20.0, posture=known))
