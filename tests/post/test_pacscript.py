@@ -39,7 +39,7 @@ from camgen.model.program import (
 )
 from camgen.post import Reading
 from camgen.post.plugins import make_post
-from tests.support.bodies import safe, turning
+from tests.support.whole import turning, whole
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
@@ -52,7 +52,7 @@ def down(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*body: Instruction, name: str = "bracket", header: tuple[str, ...] = ()) -> Program:
-    return Program(name, WORK, TOOL, safe((MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body)), header)
+    return Program(name, WORK, TOOL, whole((MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body)), header)
 
 
 def text_of(plan: Program, **options: object) -> str:
@@ -175,7 +175,7 @@ def small() -> Program:
         Output("process", 0.0),
         MoveL(Pose(turned, (52.5, 28, 20)), 100.0),
     )
-    return Program("bracket", WORK, TOOL, safe(body), ("camgen 0.1.0", "layer (holes) M3"))
+    return Program("bracket", WORK, TOOL, whole(body), ("camgen 0.1.0", "layer (holes) M3"))
 
 
 def test_small_program_is_this_text() -> None:
@@ -674,7 +674,7 @@ def test_round_trip(body: tuple[Instruction, ...], options: dict[str, object]) -
         )
     post = make_post(PacScript, options)
     assert isinstance(post, PacScript)
-    prepared = post.prepare(Program("part", WORK, TOOL, safe(body)), 0.01)
+    prepared = post.prepare(Program("part", WORK, TOOL, whole(body)), 0.01)
     (file,) = post.render(prepared)
     reading = read({file.name: file.text}, options)
     assert_same(prepared, reading, post)

@@ -17,7 +17,7 @@ from camgen.model.program import Comment, Force, Instruction, Joints, MoveJ, Mov
 from camgen.post import Reading, Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
-from tests.support.bodies import safe
+from tests.support.whole import whole
 
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
 WORK, TOOL = translation(300, -75, 150), translation(0, 0, 100)
@@ -29,7 +29,7 @@ def down(x: float, y: float = 0.0, z: float = 0.0) -> Pose:
 
 
 def program(*body: Instruction) -> Program:
-    return Program("part", WORK, TOOL, safe((MoveJ(HOME, 100.0), *body)))
+    return Program("part", WORK, TOOL, whole((MoveJ(HOME, 100.0), *body)))
 
 
 def small() -> Program:

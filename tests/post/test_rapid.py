@@ -44,7 +44,7 @@ from camgen.model.program import (
 from camgen.post import Reading, Remark, Tolerance
 from camgen.post.plugins import find_post, find_readback, make_post
 from camgen.post.verify import compare
-from tests.support.bodies import safe, turning
+from tests.support.whole import turning, whole
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 HOME = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0)), 200.0)
@@ -57,7 +57,7 @@ def at(x: float, y: float, z: float) -> Pose:
 
 
 def program(*body: Instruction, name: str = "plate") -> Program:
-    return Program(name, translation(300, -75, 100), translation(0, 0, 100), safe(body), ("made by hand",))
+    return Program(name, translation(300, -75, 100), translation(0, 0, 100), whole(body), ("made by hand",))
 
 
 def posted(plan: Program, **options: object) -> tuple[Program, dict[str, str]]:
@@ -182,7 +182,7 @@ def test_the_page_shows_a_program_that_is_read_and_is_safe() -> None:
     assert reading.faults == ()
     assert len(reading.body) == 11
     program(*reading.body)
-    assert safe(reading.body) == reading.body
+    assert whole(reading.body) == reading.body
 
 
 def test_confdata_is_stated_and_supervised_where_it_is_known() -> None:
@@ -515,7 +515,7 @@ def along(path: int, x: float, rise: bool = True, signal: str = "process") -> li
 
 
 def pathed(*body: Instruction, ids: Sequence[str] = ("c1", "c2"), name: str = "plate") -> Program:
-    return Program(name, translation(300, -75, 100), translation(0, 0, 100), safe(body), (), tuple(map(Origin, ids)))
+    return Program(name, translation(300, -75, 100), translation(0, 0, 100), whole(body), (), tuple(map(Origin, ids)))
 
 
 def routines(files: Mapping[str, str]) -> dict[str, list[str]]:

@@ -12,8 +12,8 @@ from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
 from camgen.post import Reading
 from camgen.post.plugins import make_post
-from tests.support.bodies import safe
 from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program
+from tests.support.whole import whole
 
 
 def plain(value: object) -> object:
@@ -59,7 +59,7 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 def posted(*body: Instruction, **options: object) -> str:
     home = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 200.0)
     post = make_post(Rapid, {"force_calibrated": True} | options)
-    prepared = post.prepare(Program("part", translation(3, 4, 5), translation(0, 0, 9), safe((home, *body))), 0.01)
+    prepared = post.prepare(Program("part", translation(3, 4, 5), translation(0, 0, 9), whole((home, *body))), 0.01)
     return post.render(prepared)[0].text
 
 

@@ -16,7 +16,7 @@ from camgen.model.pose import TOOL_DOWN, Pose, frozen, pose_from_values, rotatio
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Reading
 from camgen.post.plugins import make_post
-from tests.support.bodies import safe
+from tests.support.whole import whole
 
 PARTS = "camgen_posts.readback."
 
@@ -78,7 +78,7 @@ def printed(count: int, options: dict[str, object], force: float = 0.0, turning:
     body += [MoveL(Pose(TOOL_DOWN, (0, 0, 20)), 50), MoveJ(home, 100.0)]
     post = make_post(PacScript, options)
     frames = pose_from_values((300.0, -75.0, 150.0, 0.0, 0.0, 90.0)), translation(0, 0, 100)
-    plan = Program("part", *frames, safe(body), ("a remark",))
+    plan = Program("part", *frames, whole(body), ("a remark",))
     (file,) = post.render(post.prepare(plan, 0.01))
     return file.text
 
