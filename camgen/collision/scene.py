@@ -111,8 +111,7 @@ def scene(
     pairs = [(a, b) for a, b in itertools.combinations(links, 2) if frozenset((a.frame, b.frame)) not in spared]
     pairs += [((bare if frozenset((k, last)) in spared else links)[k], body) for body in tools for k in range(last)]
     pairs += [(body, other) for body in [*links[1:], *tools] for other in standing]
-    both = contact if isinstance(contact, tuple) else (contact, 0.0)
-    working = [*(_Body(body.name, last, _entering(body, *both)) for body in tools[:1]), *tools[1:]]
+    working = [*(_Body(body.name, last, _entering(body, contact)) for body in tools[:1]), *tools[1:]]
     pairs += [(body, other) for body in [*links[1:], *working] for other in target]
     without = {frozenset(names) for names in allowed}
     tested = [(a, b) for a, b in pairs if frozenset((a.name, b.name)) not in without]
@@ -156,7 +155,8 @@ def _on_flange(robot: Robot, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
     return tuple(Box(robot.flange @ box.link_from_box, box.half) for box in boxes)
 
 
-def _entering(body: _Body, contact: float, tip: float) -> tuple[Box, ...]:
+def _entering(body: _Body, both: float | tuple[float, float]) -> tuple[Box, ...]:
+    contact, tip = both if isinstance(both, tuple) else (both, 0.0)
     thin = min((min(box.half) for box in body.boxes), default=contact + 1)
     if thin <= contact:
         depth, width = short(contact, 3), short(2 * thin, 3)
