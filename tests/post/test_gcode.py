@@ -238,7 +238,11 @@ def test_feeds_within_a_thousandth(speed, word):
             "the tool is not straight down, and the machine has three axes; use a robot's post or no axis tilt",
         ),
         (program(MoveL(at(1e6, 0, 0), 10.0)), 1, "a coordinate is beyond 99999 mm"),
-        (program(MoveL(at(1, 0, 0), 1e-5)), 1, "a feed of 0.0006 mm/min cannot be meant; change process.feed or process.plunge"),
+        (
+            program(MoveL(at(1, 0, 0), 1e-5)),
+            1,
+            "a feed of 0.0006 mm/min cannot be meant; change process.feed or process.plunge",
+        ),
         (
             program(Output("glue", 1.0)),
             0,
