@@ -294,8 +294,14 @@ class GCode(Rs274):
 
     def begin(self, program: Program) -> Sequence[str]:
         """Q0 keeps LinuxCNC from joining lines, so that the path stays within P."""
+        if any(isinstance(item, Force) for item in program.body):
+            program = replace(program, header=(*program.header, *self._assumed()))
         path = f"G64 P{short(self.path_tolerance, 4)} Q0" if self.path_tolerance else "G61"
         return [*super().begin(program), path]
+
+    def _assumed(self) -> tuple[str, ...]:
+        value = f"analog output {self.force_channel} is {short(self.force_scale, 6)} per N"
+        return (f"force: {value}, led to a regulator in HAL", "force: its direction and its zero are the machine's")
 
     def ready(self) -> Sequence[str]:
         """The tool and its length come last."""

@@ -198,6 +198,9 @@ class PacScript(PacScriptOptions):
         lines.append(f"' posture: {posture}")
         if self.force == "ignore":
             lines.append("' pressing is left out")
+        elif any(isinstance(item, Force) for item in program.body):
+            lines.append(f"' force: table {self.force_table}, N in the work frame; lines that say verify are assumed")
+            lines.append("' force: the sensor is set to zero by the cell, before this program")
         rated = f", 100 % is {self.rated:g} mm/s" if self.rated else ""
         pendant = f"{self.ext_speed:g} %" if self.ext_speed else "the pendant's, 100 % for the planned speeds"
         lines.append(f"' external speed: {pendant}{rated}")
