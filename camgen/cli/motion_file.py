@@ -53,6 +53,7 @@ class _MoveJ(_Line, frozen=True, tag="movej"):
     called: Posture | None = None
     path: int = -1
     work: bool = False
+    share: float | None = None
 
 
 class _MoveL(_Line, frozen=True, tag="movel"):
@@ -181,7 +182,8 @@ def _clean(origin: Origin) -> Origin:
 def _line(item: Instruction, known: _Rotations) -> _Any:
     match item:
         case MoveJ():
-            posture, owner = item.joints.values if item.joints else None, (item.path, item.work)
+            posture = item.joints.values if item.joints else None
+            owner = item.path, item.work, item.share or None
             if isinstance(item.target, Joints):
                 return _MoveJ(
                     item.speed, None, -1, item.target.values, item.blend or None, posture, item.posture, *owner
@@ -254,7 +256,8 @@ def _rotation(matrix: Matrix) -> FloatArray:
 def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
     match line:
         case _MoveJ():
-            posture, owner = Joints(line.posture) if line.posture else None, (line.path, line.work)
+            posture = Joints(line.posture) if line.posture else None
+            owner = line.path, line.work, line.share or 0.0
             if line.joints is not None:
                 return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called, *owner)
             if line.to is None:
