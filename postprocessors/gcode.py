@@ -183,20 +183,24 @@ def _words(top: float, strokes: Sequence[DrillStroke], decimals: int) -> str:
     words = f"Z{short(levels[-1], decimals)} R{short(retract, _PECK_DIGITS)}"
     if len(cuts) == 1:
         return f"G81 {words}"
-    peck = _peck(levels)
+    peck = _peck(levels, decimals)
     return f"G83 {words} Q{short(peck, _PECK_DIGITS)}" if peck else ""
 
 
-def _peck(levels: Sequence[float]) -> float:
-    """The Q of the pecks from ``levels[0]`` through the others; 0 where they are not of one depth."""
+def _peck(levels: Sequence[float], decimals: int) -> float:
+    """The Q of the pecks from ``levels[0]`` through the others; 0 where no Q makes just these.
+
+    LinuxCNC goes down by Q from the printed R while it is above the printed Z: these decide how many it makes. A Z
+    that is rounded down would leave a last peck of that rounding.
+    """
     step, count = levels[0] - levels[1], len(levels) - 1
     if any(abs(levels[0] - k * step - levels[k]) > SAME_POINT_MM for k in range(1, count)):
         return 0.0
-    left = levels[0] - (count - 1) * step - levels[-1]
-    if left > step + SAME_POINT_MM:
+    depth = float(short(levels[0], _PECK_DIGITS)) - float(short(levels[-1], decimals))
+    peck = round(max(step, depth / count + _LEAST_PECK_MM), _PECK_DIGITS)
+    if (count - 1) * peck > depth - _LEAST_PECK_MM:
         return 0.0
-    # A Q that divides the depth might leave a last peck of nothing, by rounding.
-    return step + _LEAST_PECK_MM if left > step - 1e-4 else step
+    return peck if (count - 1) * (peck - step) < 0.5 * 10**-decimals else 0.0
 
 
 def rows(body: Sequence[Instruction], found: Sequence[CycleHole]) -> Iterator[tuple[CycleHole, bool, bool]]:
@@ -225,6 +229,9 @@ class GCode(Rs274):
     about: ClassVar[str] = "G-code for LinuxCNC (RS-274/NGC), three-axis mill"
     works: ClassVar[tuple[str, ...]] = (*Rs274.works, "G59.1", "G59.2", "G59.3")
 
+    lift: bool = field(
+        default=True, kw_only=True, metadata={"help": "G53 G0 Z0 first: the machine's zero of Z is its top"}
+    )
     tool: int = field(default=0, kw_only=True, metadata={"help": "tool to change to and measure by; 0: no change"})
     path_tolerance: float = field(default=0.01, kw_only=True, metadata={"help": "G64 P, mm; 0: exact path (G61)"})
     cycles: bool = field(default=True, kw_only=True, metadata={"help": "G81 and G83 for holes; false: each motion"})
@@ -287,9 +294,18 @@ class GCode(Rs274):
 
     def begin(self, program: Program) -> Sequence[str]:
         """Q0 keeps LinuxCNC from joining lines, so that the path stays within P."""
+        if any(isinstance(item, Force) for item in program.body):
+            program = replace(program, header=(*program.header, *self._assumed()))
         path = f"G64 P{short(self.path_tolerance, 4)} Q0" if self.path_tolerance else "G61"
-        change = (f"T{self.tool} M6", "G43") if self.tool else ()
-        return [*super().begin(program), path, *change]
+        return [*super().begin(program), path]
+
+    def _assumed(self) -> tuple[str, ...]:
+        value = f"analog output {self.force_channel} is {short(self.force_scale, 6)} per N"
+        return (f"force: {value}, led to a regulator in HAL", "force: its direction and its zero are the machine's")
+
+    def ready(self) -> Sequence[str]:
+        """The tool and its length come last."""
+        return (*super().ready(), *((f"T{self.tool} M6", "G43") if self.tool else ()))
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
         """G0, or the cycle that begins with it."""

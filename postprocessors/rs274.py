@@ -126,6 +126,9 @@ class Rs274(Post):
     work: str = field(default="G54", kw_only=True, metadata={"help": "work offset in which the program runs"})
     arcs: bool = field(default=True, kw_only=True, metadata={"help": "G2 and G3; false: chords within tolerance.chord"})
     signals: dict[str, str] = field(default_factory=dict, kw_only=True, metadata={"help": "the output of each signal"})
+    lift: bool = field(
+        default=False, kw_only=True, metadata={"help": "G53 G0 Z0 first: the machine's zero of Z is its top"}
+    )
 
     #: The words of the last printed position (X, Y, Z), its numbers, the last printed F and its speed.
     _words: tuple[str, ...] = field(default=(), init=False, repr=False)
@@ -161,8 +164,14 @@ class Rs274(Post):
     def begin(self, program: Program) -> Sequence[str]:
         """Header comments and the whole modal state, since the last program may have left another."""
         remarks = (f"program {self.program or program.name}", f"post {self.name} mm work {self.work}", *program.header)
-        modes = f"G17 G21 G40 G49 {self.work} G80 G90 G94"
-        return [*(self.note(remark) for remark in remarks), modes, "G91.1"]
+        return [*(self.note(remark) for remark in remarks), f"G17 G21 G40 {self.work} G80 G90 G94", "G91.1"]
+
+    def ready(self) -> Sequence[str]:
+        """What stands before the first motion, when all outputs are off.
+
+        Up before G49: a length that was on would lower the next height by itself.
+        """
+        return ("G53 G0 Z0", "G49") if self.lift else ("G49",)
 
     def end(self, program: Program) -> Sequence[str]:  # noqa: ARG002 (the contract's signature)
         """LinuxCNC demands an end."""
@@ -178,7 +187,10 @@ class Rs274(Post):
         """G0. The first one lifts before it travels: where the machine stands is not known."""
         first = not self._words
         words = self._go(motion)
-        return (f"G0 {words[2]}", f"G0 {words[0]} {words[1]}") if first else ("G0 " + " ".join(words),)
+        if not first:
+            return ("G0 " + " ".join(words),)
+        up, across = f"G0 {words[2]}", f"G0 {words[0]} {words[1]}"
+        return (*self.ready(), *((across, up) if self.lift else (up, across)))
 
     def movel(self, motion: MoveL) -> Sequence[str]:
         """G1, with the feed where it changes."""
@@ -285,7 +297,7 @@ class Rs274(Post):
         if isinstance(item, MoveJ):
             return ""
         if not _SLOWEST <= item.speed * 60.0 <= _FASTEST:
-            return f"a feed of {item.speed * 60.0:g} mm/min cannot be meant; change process.feed"
+            return f"a feed of {item.speed * 60.0:g} mm/min cannot be meant; change process.feed or process.plunge"
         if not isinstance(item, MoveC):
             return ""
         if start is None or not self.arcs:
@@ -302,6 +314,8 @@ class Rs274(Post):
 
     def why_not_signal(self, item: Output) -> str:
         """Why the signal cannot be set: the dialect's."""
+        if item.signal == "spindle" and item.value < 0:
+            return f"the spindle is to turn backwards (M4, {-item.value:g} rpm), and this post prints M3 alone"
         if item.signal == "spindle":
             return "" if 0 <= item.value <= _FASTEST else f"a spindle speed of {item.value:g} rpm cannot be meant"
         if item.signal not in self.signals:

@@ -17,6 +17,7 @@ from msgspec import Struct
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
+from camgen.build.refusals import tell_by_input
 from camgen.check import Checks, check
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.report import report as report_of
@@ -24,7 +25,7 @@ from camgen.check.time import cycle
 from camgen.lower import lower
 from camgen.model.cell import Cell
 from camgen.model.drawing import draw_svg
-from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import Tour
@@ -35,7 +36,7 @@ from camgen.model.version import __version__
 from camgen.order import order
 from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, plan
 from camgen.post import OutputFile, Post
-from camgen.post.plugins import dynamics_of, find_post, find_readback, make_post
+from camgen.post.plugins import dynamics_of, fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import Deviation, compare
 from camgen.read.files import Files
 from camgen.read.gcode.interpreter import Recorded
@@ -124,21 +125,51 @@ def build(
     read = read_inputs(sources, settings, poster.cell(), files)
     planned = plan(read.part, settings, read.cell, watch)
     _insist(planned.part, planned.notes, bool(planned.paths), strict)
-    tour = order(planned, settings, read.cell, watch)
-    _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
-    watch("programming")
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
-    program = poster.prepare(lower(tour, read.cell, settings, title, header), settings.tolerance.chord)
-    if read.cell.arm:
-        watch("checking")
-    where = planned.where if isinstance(planned, EdgePlan) else None
-    checks = check(program, settings, read.cell, where, planned.part.source)
+    planned, tour, checks = _program(planned, settings, read.cell, poster, title, header, strict, watch)
     posted = poster.render(checks.program)
     watch("verifying")
-    reading = readback({file.name: file.text for file in posted}, settings.post)
+    reading = readback({file.name: file.text for file in posted}, fill_tables(type(poster), settings.post))
     deviation = compare(checks.program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
     return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, deviation)
+
+
+def _program(
+    planned: Plan,
+    job: Job,
+    cell: Workcell,
+    poster: Post,
+    title: str,
+    header: tuple[str, ...],
+    strict: bool,
+    watch: Watch,
+) -> tuple[Plan, Tour, Checks]:
+    """The checked program of ``planned``, without the edges that its check lost: found anew for the others."""
+    where = planned.where if isinstance(planned, EdgePlan) else None
+    while True:
+        tour = order(planned, job, cell, watch)
+        _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
+        watch("programming")
+        lowered = lower(tour, cell, job, title, header)
+        try:
+            with tell_by_input(planned.part, lowered):
+                program = poster.prepare(lowered, job.tolerance.chord)
+                if cell.arm:
+                    watch("checking")
+                return planned, tour, check(program, job, cell, where, planned.part.source)
+        except Blocked as error:
+            planned = _leave_out(planned, tour, error)
+
+
+def _leave_out(plan: Plan, tour: Tour, error: Blocked) -> Plan:
+    """The plan without the edges that the check of its program lost; the error itself where they are no edges."""
+    lost = [(tour.paths[one.path].id, one.kind, one.why) for one in error.lost if one.path >= 0]
+    if not isinstance(plan, EdgePlan) or not lost:
+        raise error
+    from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+
+    return leave_out(plan, lost)
 
 
 def _sum_up(
@@ -157,7 +188,7 @@ def _sum_up(
         post=post,
         cell=cell,
         tour=tour,
-        notes=(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm)),
+        notes=(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm), *post.warn(checks.program)),
         program=checks.program,
         files=files,
         deviation=deviation,
@@ -195,7 +226,7 @@ def poster_of(name: str, job: Job, origin: str) -> Post:
 
 
 def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:
-    """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out."""
+    """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out or went wrong."""
     skipped = [note for note in notes if note.kind == "skipped"]
     if not part.contours and part.solid is None and not isinstance(part, Recorded):
         raise InputError(part.source, "nothing to work on", remedy="camgen inspect shows what the file holds")
@@ -203,9 +234,11 @@ def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) ->
         # What the planner left out comes last; what the reader left out is not why the contours have no path.
         last = next((note for note in reversed(skipped) if note not in part.notes), Note("skipped", "nothing fits"))
         raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
-    if strict and skipped:
-        what = f"--strict and {len(skipped)} left out, first: {skipped[0].what}"
-        raise NoSafeProgram(part.source, what, skipped[0].why, "mend the input, or build without --strict")
+    failing = skipped or [note for note in notes if note.strict]
+    if strict and failing:
+        what = f"{len(skipped)} left out, first: {skipped[0].what}" if skipped else failing[0].what
+        remedy = "mend the input, or build without --strict"
+        raise NoSafeProgram(part.source, f"--strict and {what}", failing[0].why, remedy)
 
 
 def _header(

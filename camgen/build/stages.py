@@ -25,7 +25,7 @@ from camgen.order import order as order_plan
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
 from camgen.post import OutputFile, Reading
-from camgen.post.plugins import find_post, find_readback
+from camgen.post.plugins import fill_tables, find_post, find_readback
 from camgen.post.verify import Deviation, compare
 from camgen.preview.drawings import draw
 from camgen.read import read as read_file
@@ -110,7 +110,7 @@ def post(program: Program, post: str, job: JobLike = None) -> tuple[OutputFile, 
 def read_back(files: Sequence[OutputFile] | Mapping[str, str], post: str, job: JobLike = None) -> Reading:
     """What the text of a program says, instruction by instruction, and its faults by line. files: texts by name."""
     texts = files if isinstance(files, Mapping) else {file.name: file.text for file in files}
-    return find_readback(post)(texts, settings_of(job, Files()).post)
+    return find_readback(post)(texts, fill_tables(find_post(post), settings_of(job, Files()).post))
 
 
 def verify(files: Sequence[OutputFile], program: Program, post: str, job: JobLike = None) -> Deviation:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 class Checks(Struct, frozen=True, eq=False):
-    """What was found. program: with joints and posture where an arm is known. where: what there is to run into. All
-    None where the cell has no arm.
+    """What was found. program: with joints, posture and shares where an arm is known. where: what there is to run into.
+    All None where the cell has no arm.
     """
 
     program: Program
@@ -31,15 +31,17 @@ class Checks(Struct, frozen=True, eq=False):
 def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = None, name: str = "") -> Checks:
     """Whether the arm of ``cell`` can run ``program``, links included, and meets nothing.
 
-    where: what there is to run into, where it is known already. name: of the input, for messages. NoSafeProgram with
-    the motion, the place and the reason, JobError for an arm that the program is not for.
+    where: what there is to run into, where it is known already. name: of the input, for messages. Blocked with the
+    motion, the place, the reason and the paths it concerns, JobError for an arm that the program is not for.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         return Checks(program)
     from camgen.check.collide import check_clear  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
     from camgen.check.reach import check_reach  # noqa: PLC0415
+    from camgen.check.shares import share_joints  # noqa: PLC0415
     from camgen.collision.cell import around  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
     where = where or around(job, cell.arm, cell, None, cell.meshes)
-    return Checks(reach.program, reach, check_clear(where, reach.program, reach, name or program.name), where)
+    clear = check_clear(where, reach, cell.arm, name or program.name)
+    return Checks(share_joints(reach, cell.arm), reach, clear, where)

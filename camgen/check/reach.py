@@ -1,13 +1,14 @@
 """Can the robot do the program: every motion looked at row by row, joint limits kept, and its joints written into it.
 
 Motions to joint values are anchors: what is between two of them is followed as one stretch, in one posture, from the
-very values of the first. What is between two rows is not looked at: they are so close that no joint may turn by
-more than 30 deg from one to the next.
+very values of the first. No joint may turn by more than 30 deg from one row to the next. What is between two rows is
+looked at by ``trace``, which finds the joints there as a controller does, with the TCP on its line or arc.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from msgspec import Struct
@@ -16,10 +17,12 @@ from numpy.typing import NDArray
 
 from camgen.geometry.arcs import arc_middles
 from camgen.geometry.ragged import owners, ramp
-from camgen.model.errors import JobError, NoSafeProgram
+from camgen.model.errors import Blocked, JobError, Loss
 from camgen.model.pose import FloatArray
 from camgen.model.program import Joints, MoveC, MoveJ, Program
 from camgen.model.text import short
+from camgen.plan.edges.courses import Course, follow_closely
+from camgen.plan.edges.motion import Setup, flange_poses
 from camgen.plan.edges.ways import Index, Way, counts, divide, rows
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
@@ -126,13 +129,16 @@ class Reach(Struct, frozen=True, eq=False):
     """What was found. joints: (S, J), values on the way from the first motion's end to the last one's, rad or mm; along
     joint-interpolated motions no joint turns by more than 2 deg from row to row and the flange moves by about 10 mm at
     most, along others the TCP does. owner: (S,), the instruction that each row belongs to. program: the one that was
-    looked at, with joints and posture at every motion to a pose.
+    looked at, with joints and posture at every motion to a pose. rows: the poses of R of the rows, all but those along
+    joint-interpolated motions. at: (R,) where those are among the S.
     """
 
     robot: str
     joints: FloatArray
     owner: NDArray[np.int64]
     program: Program
+    rows: MotionRows
+    at: Index
 
     @property
     def samples(self) -> int:
@@ -143,7 +149,7 @@ class Reach(Struct, frozen=True, eq=False):
 def check_reach(program: Program, robot: Robot, file: str) -> Reach:
     """The joints with which ``robot`` runs ``program``, in one posture from each motion to joint values to the next.
 
-    file: for messages. Raises JobError for a program that is not for this kind of arm, NoSafeProgram with the motion
+    file: for messages. Raises JobError for a program that is not for this kind of arm, Blocked with the motion
     and the reason for what it cannot do.
     """
     columns = program.columns
@@ -152,7 +158,20 @@ def check_reach(program: Program, robot: Robot, file: str) -> Reach:
     joints = _follow(program, robot, file, found, anchors)
     dense, at = interpolate_joints(robot, joints, found.free)
     motion = np.repeat(found.motion, np.diff(at, prepend=-1))
-    return Reach(robot.name, dense, columns.at[motion], _fill(program, robot, joints[found.at]))
+    return Reach(robot.name, dense, columns.at[motion], _fill(program, robot, joints[found.at]), found, at)
+
+
+def trace(reach: Reach, robot: Robot, apart: Callable[[FloatArray, FloatArray], FloatArray], file: str) -> Course:
+    """The joints on the way of the whole program, its places in rows of ``reach.rows``: the TCP keeps to lines and
+    arcs, but for joint-interpolated motions. apart: as in ``Setup``. file: for messages. Blocked with the motion
+    and the place for what no joints lead along.
+    """
+    program, found = reach.program, reach.rows
+    setup = Setup(robot, program.base_from_work, program.flange_from_tool, apart=apart)
+    course = follow_closely(setup, found.way, reach.joints[reach.at], ~found.free[1:])
+    if len(course.lost):
+        raise _refusal(program, robot, file, found, int(course.lost[0]) + 1, "the joints cannot follow")
+    return course
 
 
 def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
@@ -174,7 +193,8 @@ def _anchors(program: Program, robot: Robot, file: str) -> FloatArray:
     for place in beyond[:1].tolist():
         index = int(columns.at[place])
         what = f"{robot.name} cannot run {program.place_of(index)}: joint values beyond its limits"
-        raise NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
+        lost = (Loss(program.path_at(index), "jump", "joint values beyond the limits"),)
+        raise Blocked(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work", lost)
     return anchors
 
 
@@ -193,7 +213,8 @@ def _way(program: Program, robot: Robot, anchors: FloatArray) -> Way:
 
 def _follow(program: Program, robot: Robot, file: str, found: MotionRows, anchors: FloatArray) -> FloatArray:
     """The joint values (R, J) of all rows, one stretch between anchors after the other."""
-    rotations, origins = _flanges(program, found)
+    setup = Setup(robot, program.base_from_work, program.flange_from_tool)
+    rotations, origins = flange_poses(setup, found.way.position, found.way.rotation)
     joints = np.empty((len(origins), len(robot.home)))
     fixed = found.at[~program.columns.posed]
     joints[fixed] = anchors
@@ -213,19 +234,12 @@ def _follow(program: Program, robot: Robot, file: str, found: MotionRows, anchor
     return joints
 
 
-def _refusal(program: Program, robot: Robot, file: str, found: MotionRows, row: int, text: str) -> NoSafeProgram:
+def _refusal(program: Program, robot: Robot, file: str, found: MotionRows, row: int, text: str) -> Blocked:
     index = int(program.columns.at[found.motion[row]])
     place = " ".join(short(v, 1) for v in found.way.position[row].tolist())
     what = f"{robot.name} cannot run {program.place_of(index)} at {place} mm: {text}"
-    return NoSafeProgram(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work")
-
-
-def _flanges(program: Program, found: MotionRows) -> tuple[FloatArray, FloatArray]:
-    """base_from_flange of the rows: rotations (R, 3, 3) and origins (R, 3)."""
-    base, tool = program.base_from_work, program.flange_from_tool.inverse()
-    rotations = base.rotation @ found.way.rotation
-    origins = found.way.position @ base.rotation.T + np.asarray(base.origin)
-    return rotations @ tool.rotation, origins + rotations @ np.asarray(tool.origin)
+    lost = (Loss(program.path_at(index), "jump", f"{text}, at {place} mm"),)
+    return Blocked(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work", lost)
 
 
 def _fill(program: Program, robot: Robot, joints: FloatArray) -> Program:

@@ -226,12 +226,18 @@ def time_motions(
     swing = columns.moves_are(MoveJ) & (rows is not None)
     still = ~swing & (shape.length < SAME_POINT_MM)
     seconds = np.zeros(len(swing))
-    seconds[still] = from_rest(shape.turn[still], pace.turning, pace.turning / pace.ramp)
+    turning = np.where(columns.turn > 0, np.minimum(columns.turn, pace.turning), pace.turning)[still]
+    seconds[still] = from_rest(shape.turn[still], turning, pace.turning / pace.ramp)
     if rows is not None:
         rest = swing | still
         seconds[rest] = np.maximum(seconds, _joints(rows, len(swing), pace))[rest]
-        way = _sums(rows.motion, rows.way, len(swing))[swing]
-        seconds[swing] = np.maximum(seconds[swing], from_rest(way, columns.speed[swing], pace.acceleration))
+        share = columns.share if pace.shares else np.zeros(len(swing))
+        shared = np.flatnonzero(share > 0)
+        seconds[shared] = _joints(rows, len(swing), pace, np.where(share > 0, share, 1.0))[shared]
+        way = _sums(rows.motion, rows.way, len(swing))
+        paced = np.flatnonzero(swing & (share == 0))
+        by_way = from_rest(way[paced], columns.speed[paced], pace.acceleration)
+        seconds[paced] = np.maximum(seconds[paced], by_way)
     going = ~swing & ~still
     if going.any():
         pieces = _pieces(program, shape, pace, going, rows)
@@ -249,10 +255,10 @@ def _rows(program: Program, found: Reach, arm: Robot) -> _Arm:
     return _Arm(owner, step, np.linalg.norm(np.diff(place, axis=0), axis=1))
 
 
-def _joints(rows: _Arm, count: int, pace: Dynamics) -> FloatArray:
-    """Seconds (M,) of the slowest joint from rest to rest."""
+def _joints(rows: _Arm, count: int, pace: Dynamics, share: FloatArray | float = 1.0) -> FloatArray:
+    """Seconds (M,) of the slowest joint from rest to rest. share: of its full speed, (M,) or one for all."""
     ways = np.stack([_sums(rows.motion, step, count) for step in rows.step.T])
-    return np.asarray(from_rest(ways, 1.0, 1.0 / pace.ramp).max(axis=0))
+    return np.asarray(from_rest(ways, share, 1.0 / pace.ramp).max(axis=0))
 
 
 def _pieces(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, rows: _Arm | None) -> _Pieces:

@@ -53,6 +53,7 @@ class _MoveJ(_Line, frozen=True, tag="movej"):
     called: Posture | None = None
     path: int = -1
     work: bool = False
+    share: float | None = None
 
 
 class _MoveL(_Line, frozen=True, tag="movel"):
@@ -66,6 +67,7 @@ class _MoveL(_Line, frozen=True, tag="movel"):
     called: Posture | None = None
     path: int = -1
     work: bool = False
+    turn: float | None = None
 
 
 class _MoveC(_Line, frozen=True, tag="movec"):
@@ -180,7 +182,8 @@ def _clean(origin: Origin) -> Origin:
 def _line(item: Instruction, known: _Rotations) -> _Any:
     match item:
         case MoveJ():
-            posture, owner = item.joints.values if item.joints else None, (item.path, item.work)
+            posture = item.joints.values if item.joints else None
+            owner = item.path, item.work, item.share or None
             if isinstance(item.target, Joints):
                 return _MoveJ(
                     item.speed, None, -1, item.target.values, item.blend or None, posture, item.posture, *owner
@@ -191,7 +194,7 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
             )
         case MoveL():
             place = known.place(item.target.rotation)
-            return _MoveL(item.target.origin, place, item.speed, *_tail(item))
+            return _MoveL(item.target.origin, place, item.speed, *_tail(item), item.turn or None)
         case MoveC():
             middle, place = known.place(item.via.rotation), known.place(item.target.rotation)
             return _MoveC(item.via.origin, middle, item.target.origin, place, item.speed, *_tail(item))
@@ -253,14 +256,15 @@ def _rotation(matrix: Matrix) -> FloatArray:
 def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
     match line:
         case _MoveJ():
-            posture, owner = Joints(line.posture) if line.posture else None, (line.path, line.work)
+            posture = Joints(line.posture) if line.posture else None
+            owner = line.path, line.work, line.share or 0.0
             if line.joints is not None:
                 return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called, *owner)
             if line.to is None:
                 raise ValueError("a movej has neither joints nor to")
             return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called, *owner)
         case _MoveL():
-            return MoveL(pose(line.to, line.rotation), line.speed, *_end(line))
+            return MoveL(pose(line.to, line.rotation), line.speed, *_end(line), line.turn or 0.0)
         case _MoveC():
             via, target = pose(line.via, line.via_rotation), pose(line.to, line.rotation)
             return MoveC(via, target, line.speed, *_end(line))

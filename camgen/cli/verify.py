@@ -14,7 +14,7 @@ from camgen.model.errors import InputError
 from camgen.model.program import Columns
 from camgen.model.text import counted, grouped, short
 from camgen.post import Fault, Remark
-from camgen.post.plugins import find_post, find_readback, make_post
+from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from camgen.read.files import Files, reason
 from camgen.read.job_file import beside, load
@@ -42,7 +42,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     post = make_post(find_post(arguments.post), options)
     says.stage("reading")
     texts = _texts(paths, files)
-    reading = find_readback(arguments.post)(texts, options)
+    reading = find_readback(arguments.post)(texts, fill_tables(type(post), options))
     says.clear()
     rows = _rows(sum_up(Columns(reading.body)), sum(text.count("\n") for text in texts.values()))
     told = _faults(reading.faults, texts)

@@ -56,9 +56,10 @@ class Surroundings(Struct, frozen=True, eq=False):
 Meshes = Sequence[tuple[str, Solid]]
 
 
-def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None, meshes: Meshes) -> Surroundings:
+def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None, meshes: Meshes, tip: float = 0.0) -> Surroundings:
     """The scene of ``cell`` with ``robot``, the tool, holder and fixtures of ``job`` and the part ``solid``.
-    meshes: of the fixtures those that are meshes.
+    meshes: of the fixtures those that are meshes. tip: mm that the tool's tip may enter the part beside what its
+    leaning asks for: by so much the rims that it works bend into it.
 
     Without fixtures a 3-D part is taken to stand on a table. JobError for boxes that are none.
     """
@@ -74,7 +75,7 @@ def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None, meshes: Mesh
     contact = job.tool.diameter / 2 * math.sin(math.radians(job.tool.axis_tilt)) + _TOUCH
     contact = min(contact, job.tool.diameter / 2 * 0.99)
     overlaps = _overlaps(robot, tool)
-    made = scene(robot, tool, standing, part, cell.base_from_work, contact, overlaps, walls)
+    made = scene(robot, tool, standing, part, cell.base_from_work, (contact, tip), overlaps, walls)
     work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part")]
     rest = [k for k in range(len(made.pairs)) if k not in work]
     notes += tuple(Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home") for a, b in overlaps)

@@ -14,7 +14,7 @@ from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.forward import frames
 
 #: Configurations that are worked on at once: what belongs to them should fit into the processor's cache.
-_ROWS = 1024
+ROWS = 1024
 
 
 def hits(
@@ -34,8 +34,8 @@ def hits(
     grow = np.broadcast_to(grow, (len(joints), len(scene.frame))) * scene.moving
     near = np.broadcast_to(near, len(joints))
     found = np.full(len(joints), -1, dtype=np.int64)
-    for begin in range(0, len(joints), _ROWS):
-        rows = slice(begin, begin + _ROWS)
+    for begin in range(0, len(joints), ROWS):
+        rows = slice(begin, begin + ROWS)
         bare = place(scene, joints[rows])
         placed = bare.grown((grow[rows] + near[rows, None] * scene.moving)[..., None])
         row, box = near_pairs(scene, placed)
@@ -143,8 +143,8 @@ def least(scene: Scene, joints: FloatArray, near: float) -> float:
 
 def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: FloatArray) -> None:
     """Lower ``found`` at ``place_of`` (N,) to the distances at the configurations (N, J)."""
-    for begin in range(0, len(joints), _ROWS):
-        rows = slice(begin, begin + _ROWS)
+    for begin in range(0, len(joints), ROWS):
+        rows = slice(begin, begin + ROWS)
         placed = place(scene, joints[rows])
         _between(scene, placed, place_of[rows], found)
         for target in scene.targets:

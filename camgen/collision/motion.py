@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.hits import finite, hits, least, place
+from camgen.collision.hits import ROWS, finite, hits, least, place
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import owners, ramp
 from camgen.model.pose import FloatArray
@@ -32,26 +32,29 @@ class Course(Struct, frozen=True):
     clearance: float
 
 
-def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0) -> Course:
+def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0, apart: float = 0.0) -> Course:
     """The first hit of the motion through the configurations (K, J), rad or mm, or else how close it comes.
 
-    Joints run evenly from row to row: a Cartesian motion is given as rows so dense that this is what it is.
+    Joints run evenly from row to row. apart: mm that any point of a body may be off that at most, as it is where the
+    TCP runs along a line: a motion that is free is free with that too.
 
     A stretch of the motion is free where, at its middle, boxes grown by all that they move within it
     (``measure_moves``) and by ``near`` meet nothing: nothing happens in it that is not within these boxes. What is not
     free is halved, down to stretches in which no point moves by more than ``step`` (mm); these are tested at their
-    middle as they are. So a hit that is not found is less than half a step deep, a step if both bodies move, and the
-    clearance at any moment is no more than that below the one returned.
+    middle as they are. So a hit that is not found is less than half a step and ``apart`` deep, twice that if both
+    bodies move, and the clearance at any moment is no more than that below the one returned.
     """
-    return motions(scene, [waypoints], step, near)[0]
+    return motions(scene, [waypoints], step, near, apart)[0]
 
 
-def motions(scene: Scene, several: Sequence[FloatArray], step: float, near: float = 0.0) -> list[Course]:
+def motions(
+    scene: Scene, several: Sequence[FloatArray], step: float, near: float = 0.0, apart: float = 0.0
+) -> list[Course]:
     """``motion`` of each of ``several``, together: in a fraction of the time where they are short."""
     lines = [_Line.of(scene, finite(waypoints)) for waypoints in several]
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
     nears = [_near(scene, line.waypoints[::_SPARSE], near) for line in lines]
-    at = _find_undecided(scene, lines, step, nears)
+    at = _find_undecided(scene, lines, step, nears, apart)
     rows = [_rows(line.waypoints, here) for line, here in zip(lines, at, strict=True)]
     pairs = hits(scene, np.concatenate(rows))
     ends = np.cumsum([len(own) for own in rows])
@@ -108,7 +111,9 @@ def _near(scene: Scene, waypoints: FloatArray, near: float) -> float:
     return least(scene, waypoints, near) if (hits(scene, waypoints) < 0).all() else 0.0
 
 
-def _find_undecided(scene: Scene, lines: Sequence[_Line], step: float, nears: Sequence[float]) -> list[FloatArray]:
+def _find_undecided(
+    scene: Scene, lines: Sequence[_Line], step: float, nears: Sequence[float], apart: float
+) -> list[FloatArray]:
     """Where each motion must be tested as it is, in rows of its waypoints: its ends, and the middles of those stretches
     that are no longer than ``step`` and were never found free.
     """
@@ -119,7 +124,8 @@ def _find_undecided(scene: Scene, lines: Sequence[_Line], step: float, nears: Se
         asked = [_ask(lines[k], begins[k], width[k]) for k in long]
         rows, grow, closing = (np.concatenate(column) for column in zip(*asked, strict=True))
         near = np.repeat([nears[k] for k in long], [len(begins[k]) for k in long])
-        hit = np.split(hits(scene, rows, grow, closing, near) >= 0, np.cumsum([len(begins[k]) for k in long])[:-1])
+        ends = np.cumsum([len(begins[k]) for k in long])
+        hit = np.split(hits(scene, rows, grow + apart, closing + 2 * apart, near) >= 0, ends[:-1])
         for k, own in zip(long, hit, strict=True):
             left = begins[k][own]
             width[k] /= 2
@@ -168,6 +174,18 @@ def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
     angles = _angles(scene, waypoints)
     bent = angles[:, None] * (np.abs(np.diff(serial, axis=0)) @ _levers(scene, np.abs(serial).max(axis=0)))
     return np.asarray(straight + bent)
+
+
+def measure_apart(scene: Scene, one: FloatArray, other: FloatArray) -> FloatArray:
+    """How far any point of a body is at most from where it is in another configuration: (N,) mm for each of (N, J)."""
+    found = np.zeros(len(one))
+    for begin in range(0, len(one), ROWS):
+        rows = slice(begin, begin + ROWS)
+        here, there = place(scene, one[rows]), place(scene, other[rows])
+        straight = np.linalg.norm(here.centres - there.centres, axis=-1)
+        turned = (np.linalg.norm(here.axes - there.axes, axis=-2) * scene.half).sum(axis=-1)
+        found[rows] = (straight + turned).max(axis=1, initial=0.0)
+    return found
 
 
 def _angles(scene: Scene, waypoints: FloatArray) -> FloatArray:

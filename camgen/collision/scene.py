@@ -15,7 +15,7 @@ from msgspec import Struct
 from camgen.collision.mesh import Mesh
 from camgen.model.errors import JobError
 from camgen.model.part import BoolArray, IntArray
-from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen
+from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, translation
 from camgen.model.text import short
 from camgen.robots.models import Box, Link, Robot
 
@@ -82,14 +82,15 @@ def scene(
     obstacles: tuple[Link, ...] = (),
     part: Mesh | tuple[Box, ...] = (),
     base_from_part: Pose = _HERE,
-    contact: float = 0.0,
+    contact: float | tuple[float, float] = 0.0,
     allowed: tuple[tuple[str, str], ...] = (),
     meshes: tuple[tuple[str, Mesh, Pose], ...] = (),
 ) -> Scene:
     """A scene. tool: bodies fixed to the flange, their boxes as flange_from_box; obstacles: bodies that stand, their
     boxes as base_from_box; part: its boxes as part_from_box, or its mesh.
 
-    contact: mm that the first of ``tool`` may enter the part. allowed: pairs of names that are not tested. meshes:
+    contact: mm that the first of ``tool`` may enter the part; of two numbers the second is what its tip may more: the
+    last of its boxes' z, as long as half their width. allowed: pairs of names that are not tested. meshes:
     obstacles with a name, a mesh and base_from_mesh.
 
     Links are grown by the robot's pad. Links that touch anyway (``Robot.touching``) are not tested against each other,
@@ -154,13 +155,26 @@ def _on_flange(robot: Robot, boxes: tuple[Box, ...]) -> tuple[Box, ...]:
     return tuple(Box(robot.flange @ box.link_from_box, box.half) for box in boxes)
 
 
-def _entering(body: _Body, contact: float) -> tuple[Box, ...]:
+def _entering(body: _Body, both: float | tuple[float, float]) -> tuple[Box, ...]:
+    contact, tip = both if isinstance(both, tuple) else (both, 0.0)
     thin = min((min(box.half) for box in body.boxes), default=contact + 1)
     if thin <= contact:
         depth, width = short(contact, 3), short(2 * thin, 3)
         remedy = f'allow ("{body.name}", "{PART}") instead' if contact > 0 else "give it a size"
         raise JobError(f"tool {body.name}", f"it may enter the part by {depth} mm, but is {width} mm thin", "", remedy)
-    return _grow(body.boxes, -contact)
+    entering = _grow(body.boxes, -contact)
+    return entering if tip == 0 else tuple(part for box in entering for part in _taper(box, tip))
+
+
+def _taper(box: Box, tip: float) -> tuple[Box, ...]:
+    """The box as two along its z, the last of them, as long as half its width, thinner and shorter by ``tip``."""
+    wide, deep, long = box.half
+    end = min(wide, deep, long) / 2
+    shaft = Box(box.link_from_box @ translation(0.0, 0.0, -end), (wide, deep, long - end))
+    if min(wide, deep, 2 * end) <= tip:
+        return (shaft,)
+    middle = long - end - tip / 2
+    return shaft, Box(box.link_from_box @ translation(0.0, 0.0, middle), (wide - tip, deep - tip, end - tip / 2))
 
 
 def _part(part: Mesh | tuple[Box, ...], base_from_part: Pose) -> list[_Body]:

@@ -47,10 +47,15 @@ def cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatA
     return rows, np.clip(np.concatenate([fraction for _, fraction in parts]), 0.0, 1.0)
 
 
-def _cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
+def crossings(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Where the pairs (i, j) cross: which pair, and the fractions of the first and of the second segment there.
+
+    A fraction may be off 0..1 by rounding. Segments that only touch, or run on one another, may be left out.
+    """
     a, b = segments.take(i), segments.take(j)
     arc_a, arc_b = a.is_arc, b.is_arc
-    found: list[tuple[IntArray, FloatArray]] = []
+    none = np.zeros(0)
+    found: list[tuple[IntArray, FloatArray, FloatArray]] = [(none.astype(np.int64), none, none)]
     for kind_a, kind_b in ((False, False), (False, True), (True, False), (True, True)):
         rows = np.flatnonzero((arc_a == kind_a) & (arc_b == kind_b))
         if len(rows):
@@ -58,7 +63,15 @@ def _cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, Float
             for points in _crossings(one, two, kind_a, kind_b):
                 fa, fb = _fractions(one, points), _fractions(two, points)
                 hit = _on(one, fa) & _on(two, fb) & np.isfinite(points[:, 0])
-                found += [(i[rows[hit]], fa[hit]), (j[rows[hit]], fb[hit])]
+                found.append((rows[hit], fa[hit], fb[hit]))
+    which, first, second = zip(*found, strict=True)
+    return np.concatenate(which), np.concatenate(first), np.concatenate(second)
+
+
+def _cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, FloatArray]:
+    pair, first, second = crossings(segments, i, j)
+    found = [(i[pair], first), (j[pair], second)]
+    a, b = segments.take(i), segments.take(j)
     for one, two, row in ((a, b, i), (b, a, j)):
         for end in (two.start, two.end):
             fraction = _fractions(one, end)

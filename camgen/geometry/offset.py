@@ -15,16 +15,19 @@ from msgspec import Struct
 from camgen.geometry.intersect import Obstacles, cuts, near_pairs
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, points_at, split, tangents_at
 from camgen.geometry.stitch import stitch
+from camgen.geometry.uncross import LEAST_SLIP
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
-#: A kept piece must have room beyond its middle: a hundredth of its length, within these bounds (mm). A slot exactly as
-#: wide as the tool has none, so it counts as too narrow instead of leaving two paths on top of each other.
+#: A kept piece must have room beyond its middle: a thousandth of its length, within these bounds (mm). A slot exactly
+#: as wide as the tool has none, so it counts as too narrow instead of leaving two paths on top of each other.
 _BEYOND = (1e-6, 1e-4)
 #: Rounding of a distance (mm): what is nearer than the offset by more than this is too near.
 _NOISE = 2e-7
 #: Cuts nearer than this (mm) to each other are one.
 _SAME_CUT = 1e-6
+#: Bends that differ by less (1/mm) are one: lines, and arcs on one circle.
+_STRAIGHT = 1e-9
 #: Neighbours that run on past a flat corner may miss each other by this (mm) and still be joined.
 _MISS = 5e-5
 
@@ -80,8 +83,8 @@ def _candidates(
     before = np.flatnonzero(following >= 0)
     after = following[before]
     first, second = tangents_at(source, one)[before], tangents_at(source, zero)[after]
-    turn = turns(first, second)
-    turn = np.where(turn <= -np.pi + 1e-9, np.pi, turn)
+    bend = np.sign(source.bulge) / source.radius
+    turn = _corner_turns(first, second, bend[before] + bend[after])
     radius = source.radius + np.sign(source.bulge) * distance
     plain = _plain_corners(turn, radius[before], radius[after], distance, mitre)
     # At a plain corner both neighbours run on along themselves until they meet.
@@ -102,6 +105,19 @@ def _candidates(
     origin = np.concatenate([alive, before[outer]])
     corner = np.arange(len(origin)) >= len(alive)
     return candidates, origin, corner, np.concatenate([np.zeros(len(alive)), turn[outer]])
+
+
+def _corner_turns(first: FloatArray, second: FloatArray, bends: FloatArray) -> FloatArray:
+    """(N,) rad from the directions ``first`` to ``second``, positive where a tool on the right goes round the corner.
+
+    bends: (N,) 1/mm, the curvatures of both segments added, counter-clockwise positive. Where a curve goes straight
+    back they say whether the part is between the two sides of the tip (a turn of pi) or around them (-pi).
+    """
+    turn = turns(first, second)
+    back = np.pi - np.abs(turn) <= np.maximum(LEAST_SLIP / 2 * np.abs(bends), 1e-9)
+    beside = bends > _STRAIGHT
+    turn = np.where(back & beside & (turn > 0), turn - 2 * np.pi, turn)
+    return np.where(back & ~beside & (turn < 0), turn + 2 * np.pi, turn)
 
 
 def _move_sideways(
@@ -184,7 +200,7 @@ def _has_room(
     """Pieces that lie at the distance: a step beyond their middle nothing of the source is nearer than that."""
     chosen = candidates.take(row)
     middle = (low + high) / 2
-    step = np.clip(0.01 * chosen.length * (high - low), *_BEYOND)
+    step = np.clip(0.001 * chosen.length * (high - low), *_BEYOND)
     points = points_at(chosen, middle)
     beyond = points + step[:, None] * _right(tangents_at(chosen, middle))
     near = obstacles.nearer_than(points, label[row], np.full(len(row), distance - _NOISE))

@@ -47,7 +47,8 @@ def stitch(candidates: Segments, row: IntArray, low: FloatArray, high: FloatArra
     following = _following(start, end, row, length, ends, starts)
     order, first, closed = _runs(following, alive)
     owner = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(order))))
-    keep = ~_slivers(start[order], end[order], length[order], owner, closed)
+    sweep = chosen.sweep * (high - low)
+    keep = ~_slivers(start[order], end[order], length[order], sweep[order], owner, closed)
     order, owner = order[keep[owner]], np.cumsum(keep)[owner[keep[owner]]] - 1
     return _unite(row[order], low[order], high[order], owner, closed[keep])
 
@@ -153,16 +154,20 @@ def _runs(following: IntArray, alive: BoolArray) -> tuple[IntArray, IntArray, Bo
     return np.array(order, dtype=np.int64), np.array(first, dtype=np.int64), np.array(closed, dtype=bool)
 
 
-def _slivers(start: FloatArray, end: FloatArray, length: FloatArray, owner: IntArray, closed: BoolArray) -> BoolArray:
-    """(chains,) true for chains that are no more than rounding."""
+def _slivers(
+    start: FloatArray, end: FloatArray, length: FloatArray, sweep: FloatArray, owner: IntArray, closed: BoolArray
+) -> BoolArray:
+    """(chains,) true for chains that are no more than rounding. sweep: (N,) rad of arcs, 0 for lines."""
     count = len(closed)
     total = np.bincount(owner, length, count)
-    # Twice the area of the polygon of the ends, about each chain's first point.
+    # The area of the polygon of the ends, about each chain's first point, and of the segments of circle beside it.
     origin = start[np.searchsorted(owner, np.arange(count))] if count else start
     a, b = start - origin[owner], end - origin[owner]
-    area = np.abs(np.bincount(owner, a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], count))
+    radius = length / np.where(sweep == 0.0, 1.0, np.abs(sweep))
+    doubled = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] + radius**2 * (sweep - np.sin(sweep))
+    area = np.abs(np.bincount(owner, doubled, count)) / 2
     few = np.bincount(owner, minlength=count) <= 3
-    thin = closed & few & (area < 1e-3 * _SLIVER * total) & (total < 1.0)
+    thin = closed & few & (area < 0.5e-3 * _SLIVER * total) & (total < 1.0)
     return np.asarray((total < _SLIVER) | thin | (~closed & (total < _TAIL)))
 
 

@@ -9,24 +9,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry.rotations import SURE_TURN, turns_about_z
 from camgen.lower import columns as lower_rows
-from camgen.lower.columns import ZONES, Orientations, Rows
+from camgen.lower.columns import ZONES, Mask, Orientations, Rows
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Origin, Output, Program, Wait
+from camgen.model.program import (
+    Columns,
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Origin,
+    Output,
+    Program,
+    Wait,
+    put_off_first,
+    splice,
+)
 from camgen.model.tolerance import SAME_POINT_MM
-
-if TYPE_CHECKING:
-    pass
 
 # How far a tool that turns with the contour winds up, and where it is turned back: in the air, between two paths.
 
@@ -92,18 +104,37 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
     body: list[Instruction] = [MoveJ(cell.home, job.process.travel)]
     if job.process.spindle > 0:
         body += [Output("spindle", job.process.spindle), *dwell(job.process)]
+    elif isinstance(cell.home, Pose) and job.operation.depth and job.process.switch == "auto":
+        what = f"a cut of {job.operation.depth:g} mm with the spindle at rest"
+        remedy = 'set it to the speed in rpm, or process.switch to "contact" for a laser or a plasma torch'
+        raise JobError("job", what, "process.spindle", remedy)
     # A machine without joints has no axis that winds up.
     winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
     runs = _runs(tour, winds)
     table = _table(runs, job, winds)
     for run in range(len(runs)):
-        body += _enter(table, run, job.process, run == 0, isinstance(cell.home, Pose))
-        body += _work(table, run, job.process)
-        body += _leave(table, run, job.process, isinstance(cell.home, Pose))
+        body += _enter(table, run, job, run == 0, isinstance(cell.home, Pose))
+        body += _work(table, run, job)
+        body += _leave(table, run, job, isinstance(cell.home, Pose))
     if job.process.spindle > 0:
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, job.process.travel))
-    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header, origins(tour.paths))
+    return finish(body, tour.paths, cell, job, name, header)
+
+
+def finish(
+    body: Sequence[Instruction], paths: Sequence[ToolPath], cell: Cell, job: Job, name: str, header: tuple[str, ...]
+) -> Program:
+    """The program of ``body``: all that it uses is off at first, and turns on the spot have their speed."""
+    turned = turn_slowly(put_off_first(body), math.radians(job.process.turn))
+    return Program(name, cell.base_from_work, cell.flange_from_tool, turned, header, origins(paths))
+
+
+def turn_slowly(body: tuple[Instruction, ...], speed: float) -> tuple[Instruction, ...]:
+    """``body`` with the speed, rad/s, in all motions that turn the tool where it stays in its place."""
+    columns = Columns(body)
+    changed = {int(columns.at[k]): (replace(columns.moves[k], turn=speed),) for k in np.flatnonzero(columns.turned)}
+    return splice(body, changed) if changed else body
 
 
 def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
@@ -113,7 +144,8 @@ def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
 
 class _Run(Struct, frozen=True):
     """One pass. number: of its path in the tour. linked: it starts where the run before it ended, so that nothing lies
-    between them but the plunge. down: it is reached straight from there, without a lift.
+    between them but the plunge. down: it is reached straight from there, without a lift. low: it starts there too, but
+    the tool is turned back before, above the material and no higher.
     """
 
     path: ToolPath
@@ -121,6 +153,7 @@ class _Run(Struct, frozen=True):
     depth: float
     linked: bool
     down: bool = False
+    low: bool = False
 
 
 def _runs(tour: Tour, winds: bool) -> list[_Run]:
@@ -128,28 +161,33 @@ def _runs(tour: Tour, winds: bool) -> list[_Run]:
     runs = []
     for index, path in enumerate(tour.paths):
         first, *deeper = path.depths
-        runs.append(_Run(path, index, first, False, index in tour.down))
+        # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
+        pressed = bool(path.force.any())
+        runs.append(_Run(path, index, first, False, index in tour.down and not pressed))
         if not deeper:
             continue
         meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM
         zigzag = path.reversible and not meets
         ways = (path, path.reversed()) if zigzag else (path, path)
-        # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
-        linked = (zigzag or (meets and not winds)) and not path.force.any()
-        runs += [_Run(ways[k % 2], index, depth, linked) for k, depth in enumerate(deeper, start=1)]
+        linked = (zigzag or (meets and not winds)) and not pressed
+        low = meets and not linked and not pressed
+        runs += [_Run(ways[k % 2], index, depth, linked, low=low) for k, depth in enumerate(deeper, start=1)]
     return runs
 
 
 class _Table(Struct, frozen=True, eq=False):
     """What the instructions are made of, as plain lists: by row (segment i ends in row i), then by run.
 
-    above_start, above_end: at the height of travel. near: where the feed begins. unwound: the orientations to go
-    through before a run, where the one before it ended, at the height of travel.
+    above_start, above_end: where it travels to the run and from it. near: where the feed begins. unwound: the
+    orientations to go through before a run, where the one before it ended, before it travels. lifted: rows after the
+    first pressed one that do not press, which are run above the part: ``over`` and ``over_via`` are where.
     """
 
     runs: list[_Run]
     position: list[Vec3]
     via: list[Vec3]
+    over: list[Vec3]
+    over_via: list[Vec3]
     arc: list[bool]
     feed: list[float]
     force: list[float]
@@ -163,6 +201,7 @@ class _Table(Struct, frozen=True, eq=False):
     near: list[Vec3]
     above_end: list[Vec3]
     unwound: list[list[FloatArray]]
+    lifted: list[bool]
 
 
 def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
@@ -179,11 +218,14 @@ def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
     blend = lower_rows.blends(rows, job.tolerance.chord)
     blend[np.flatnonzero(orientations.turns) - 1] = 0.0
     above_start, near, above_end = _heights(rows, runs, job.process)
+    lifted = _lifted(rows)
     press = (_points(rows.force_direction[:, k]) for k in (0, 1) if (rows.force > 0).any())
     return _Table(
         runs=runs,
         position=_points(rows.position),
         via=_points(rows.via),
+        over=_points(_over(rows, runs, job.process, rows.position)) if lifted.any() else [],
+        over_via=_points(_over(rows, runs, job.process, rows.via)) if lifted.any() else [],
         arc=rows.arc.tolist(),
         feed=rows.feed.tolist(),
         force=rows.force.tolist(),
@@ -197,6 +239,7 @@ def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
         near=_points(near),
         above_end=_points(above_end),
         unwound=unwind(rows, orientations) if winds else [[] for _ in runs],
+        lifted=lifted.tolist(),
     )
 
 
@@ -223,7 +266,23 @@ def _heights(rows: Rows, runs: list[_Run], process: ProcessTable) -> tuple[Float
         what = f"{process.clearance:g} mm is below where the tool approaches path {runs[int(low[0])].path.id}"
         raise JobError("job", what, "process.clearance", "raise process.clearance or lower process.approach")
     above_end = end + up_end * _lift(end, up_end, process.clearance)[:, None]
-    return start + up_start * room[:, None], near, above_end
+    above_start = start + up_start * room[:, None]
+    passes = np.flatnonzero([run.low for run in runs])
+    above_start[passes] = above_end[passes - 1] = near[passes]
+    return above_start, near, above_end
+
+
+def _lifted(rows: Rows) -> Mask:
+    """(N,): the rows without force after the first pressed one of their run."""
+    pressed = np.cumsum(rows.force > 0)
+    before = np.repeat(pressed[rows.first], rows.last - rows.first + 1)
+    return np.asarray((rows.force <= 0) & (pressed > before))
+
+
+def _over(rows: Rows, runs: list[_Run], process: ProcessTable, points: FloatArray) -> FloatArray:
+    """``points`` (N, 3) of the rows, lifted along the axis to where a tool goes that ends pressing."""
+    depth = np.repeat([run.depth for run in runs], rows.last - rows.first + 1)
+    return points - rows.axis * (depth + min(process.retract, process.clearance))[:, None]
 
 
 def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
@@ -232,12 +291,13 @@ def _lift(point: FloatArray, up: FloatArray, clearance: float) -> FloatArray:
     return np.where(straight, clearance - point[:, 2], clearance)
 
 
-def _enter(table: _Table, run: int, process: ProcessTable, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
-    """From the end of the run before to the start of this one, process off."""
-    one, row = table.runs[run], table.first[run]
+def _enter(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
+    """From the end of the run before to the start of this one; a tool that turns is switched on above it."""
+    one, row, process = table.runs[run], table.first[run], job.process
     rotation, contact = table.orientations.ends[row], table.position[row]
-    # A path that starts on an outer corner is faster there than the feed; the plunge before it must not be.
-    feed = min(table.feed[row], process.feed)
+    # A path that starts on an outer corner is faster there than the feed; the plunge before it must not be. A drill
+    # does nothing but go down.
+    feed = min(table.feed[row], process.feed if one.path.operation == "drill" else plunge(process))
     yield Comment(f"path {one.path.id} layer {one.path.layer}")
     if one.down:
         if not _same(table.position[table.last[run - 1]], contact):
@@ -254,27 +314,34 @@ def _enter(table: _Table, run: int, process: ProcessTable, from_home: bool, cart
             yield from (_rapid(cartesian, Pose(back, left), process.travel, 0.0, one.number) for back in turned)
             if not _same(left, above):
                 way = math.dist(left, above), math.dist(above, contact if _same(above, near) else near)
-                yield _rapid(cartesian, Pose(rotation, above), process.travel, _zone(process, *way), one.number)
+                zone = 0.0 if in_air(job) and _same(above, near) else _zone(process, *way)
+                yield _rapid(cartesian, Pose(rotation, above), process.travel, zone, one.number)
         if not _same(above, near):
             yield _rapid(cartesian, Pose(rotation, near), process.travel, 0.0, one.number)
+        if in_air(job):
+            yield from switch_on(process)
         if _same(near, contact):
             return
     yield MoveL(Pose(rotation, contact), feed, path=one.number)
 
 
-def _leave(table: _Table, run: int, process: ProcessTable, cartesian: bool) -> Iterator[Instruction]:
-    """Up to the height of travel, unless the next run starts where this one ended."""
-    following = run + 1
+def _leave(table: _Table, run: int, job: Job, cartesian: bool) -> Iterator[Instruction]:
+    """Up to where it travels, unless the next run starts where this one ended; there a tool that turns is off."""
+    following, process = run + 1, job.process
     last = following == len(table.runs)
     if not last and (table.runs[following].linked or table.runs[following].down):
         return
     row = table.last[run]
     up, target = table.above_end[run], Pose(table.orientations.ends[row], table.above_end[run])
+    here = table.over[row] if table.lifted[row] else table.position[row]
+    off = in_air(job) and bool(signal(process))
     zone = 0.0
-    if not last and not table.unwound[following]:
-        zone = _zone(process, math.dist(table.position[row], up), math.dist(up, table.above_start[following]))
-    if not _same(table.position[row], up):
+    if not last and not table.unwound[following] and not off:
+        zone = _zone(process, math.dist(here, up), math.dist(up, table.above_start[following]))
+    if not _same(here, up):
         yield _rapid(cartesian, target, process.travel, zone, table.runs[run].number)
+    if off:
+        yield Output(signal(process), 0.0)
 
 
 def _rapid(cartesian: bool, target: Pose, speed: float, blend: float, path: int) -> MoveJ | MoveL:
@@ -307,28 +374,50 @@ def signal(process: ProcessTable) -> str:
     return process.signal
 
 
-def _work(table: _Table, run: int, process: ProcessTable) -> Iterator[Instruction]:
-    """The segments of a run between force on, process on and process off, force off."""
-    first, last = table.first[run], table.last[run]
+def plunge(process: ProcessTable) -> float:
+    """The speed of going down to the contact, mm/s."""
+    return process.plunge or process.feed / 3
+
+
+def in_air(job: Job) -> bool:
+    """Whether the signal is switched above the part: a tool that turns must do so before it enters."""
+    where = job.process.switch
+    return where == "air" or (where == "auto" and bool(job.operation.depth or job.process.force))
+
+
+def switch_on(process: ProcessTable) -> Iterator[Instruction]:
+    """The signal on, if there is one, and the wait after it."""
     name = signal(process)
-    pressing = last > first and table.force[first + 1] > 0
-    if pressing:
-        yield Force(table.force[first + 1], table.force_direction[first + 1][0])
     if name:
         yield Output(name, 1.0)
         yield from dwell(process)
-    yield from _segments(table, range(first + 1, last + 1), pressing, table.runs[run].number)
-    if name:
-        yield Output(name, 0.0)
+
+
+def _work(table: _Table, run: int, job: Job) -> Iterator[Instruction]:
+    """The segments of a run between force on, process on and process off, force off."""
+    first, last = table.first[run], table.last[run]
+    pressing = last > first and table.force[first + 1] > 0
+    if pressing:
+        yield Force(table.force[first + 1], table.force_direction[first + 1][0])
+    if not in_air(job):
+        yield from switch_on(job.process)
+    yield from _segments(table, range(first + 1, last + 1), pressing, table.runs[run].number, plunge(job.process))
+    if signal(job.process) and not in_air(job):
+        yield Output(signal(job.process), 0.0)
     if last > first and table.force[last] > 0:
         yield Force(0.0)
 
 
-def _segments(table: _Table, rows: range, pressing: bool, path: int) -> Iterator[Instruction]:
-    """One motion a segment; force is switched where it begins or ends, the tool turned where its orientation jumps."""
-    position, feed, blend, forces = table.position, table.feed, table.blend, table.force
+def _segments(table: _Table, rows: range, pressing: bool, path: int, slow: float) -> Iterator[Instruction]:
+    """One motion a segment; force is switched where it begins or ends, the tool turned where its orientation jumps.
+
+    What comes after pressing is run above the part, so that the tool leaves the surface for good: it goes up there, and
+    down again at ``slow`` mm/s.
+    """
+    feed, blend, forces = table.feed, table.blend, table.force
     ends, vias = table.orientations.ends, table.orientations.vias
     for row in rows:
+        position, via_of = (table.over, table.over_via) if table.lifted[row] else (table.position, table.via)
         force = forces[row]
         end = (0.0, 0.0, 0.0)
         wanted = force > 0
@@ -337,6 +426,9 @@ def _segments(table: _Table, rows: range, pressing: bool, path: int) -> Iterator
         if pressing and not wanted:
             yield Force(0.0)
             end = (0.0, 0.0, 0.0)
+            yield MoveL(Pose(ends[row - 1], position[row - 1]), feed[row], path=path)
+        elif wanted and table.lifted[row - 1]:
+            yield MoveL(Pose(ends[row - 1], position[row - 1]), min(slow, feed[row]), path=path)
         if table.turns[row]:
             held, press = (force, begin) if wanted and pressing else (0.0, (0.0, 0.0, 0.0))
             turned = Pose(table.orientations.begins[row], position[row - 1])
@@ -346,7 +438,7 @@ def _segments(table: _Table, rows: range, pressing: bool, path: int) -> Iterator
         pressing = wanted
         target = Pose(ends[row], position[row])
         if table.arc[row]:
-            via = Pose(vias[row], table.via[row])
+            via = Pose(vias[row], via_of[row])
             yield MoveC(via, target, feed[row], blend[row], force, end, None, None, path, True)
         else:
             yield MoveL(target, feed[row], blend[row], force, end, None, None, path, True)

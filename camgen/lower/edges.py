@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.rotations import between
-from camgen.lower.contours import dwell, origins, signal
+from camgen.lower.contours import dwell, finish, in_air, plunge, signal, switch_on
 from camgen.model.cell import Cell
 from camgen.model.job import Job, ProcessTable
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
@@ -32,18 +32,22 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
     if process.spindle > 0:
         body += [Output("spindle", process.spindle), *dwell(process)]
     for number, (leg, length) in enumerate(zip(route.legs, lengths, strict=True)):
+        out, way = _split(leg.link)
+        body += _belonging(_link(out, job), number - 1, False)
         body.append(Comment(f"edge {leg.motion.id}"))
-        link = [*_link(leg.link, process)]
+        link = [*_link(way, job)]
         if isinstance(leg.link[-1], Turn):
             link += _state(leg.motion.way, process)
         body += _belonging(link, number, False)
-        body += _belonging(_work(leg.motion, feed_of(leg.motion, length, process), process), number, True)
+        body += _belonging(_work(leg.motion, feed_of(leg.motion, length, process), job), number, True)
+    out, way = _split(route.back[:-1])
+    body += _belonging(_link(out, job), len(route.legs) - 1, False)
     body.append(Comment("back to home"))
-    body += _link(route.back[:-1], process)
+    body += _link(way, job)
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, process.travel))
-    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(body), header, origins(tour.paths))
+    return finish(body, tour.paths, cell, job, name, header)
 
 
 def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[Instruction]:
@@ -52,16 +56,27 @@ def _belonging(items: Iterable[Instruction], path: int, work: bool) -> Iterator[
         yield replace(item, path=path, work=work) if isinstance(item, (MoveJ, MoveL, MoveC)) else item
 
 
-def _link(link: Sequence[Piece], process: ProcessTable) -> Iterator[Instruction]:
+def _split(link: Sequence[Piece]) -> tuple[Sequence[Piece], Sequence[Piece]]:
+    """The way up from the edge before, and that to the next one."""
+    count = int(bool(link) and isinstance(link[0], Along) and link[0].kind == "retraction")
+    return link[:count], link[count:]
+
+
+def _link(link: Sequence[Piece], job: Job) -> Iterator[Instruction]:
+    """The pieces of a link; a tool that turns is switched on before it comes to the part, and off where it has left."""
+    process, air = job.process, in_air(job)
     turned = False
     for piece in link:
         if isinstance(piece, Turn):
             yield MoveJ(joints_of(piece.joints), process.travel)
         elif piece.kind == "approach":
+            yield from switch_on(process) if air else ()
             yield from _approach(piece, process)
         else:
             yield from _state(piece.way, process) if turned else ()
             yield from _along(piece.way, process.travel)
+            if air and signal(process) and piece.kind == "retraction":
+                yield Output(signal(process), 0.0)
         turned = isinstance(piece, Turn)
 
 
@@ -77,7 +92,7 @@ def joints_of(values: FloatArray) -> Joints:
 
 
 def _approach(piece: Along, process: ProcessTable) -> Iterator[Instruction]:
-    """At the speed of travel but for the last ``process.approach`` mm, which are run at the feed."""
+    """At the speed of travel but for the last ``process.approach`` mm, which are run at the speed of plunging."""
     way = piece.way
     last = float(way.length[-1])
     slow = min(process.approach, last)
@@ -86,7 +101,7 @@ def _approach(piece: Along, process: ProcessTable) -> Iterator[Instruction]:
         return
     if slow < last:
         yield from _along(_cut(way, 1 - slow / last), process.travel)
-    yield MoveL(_pose(way.rotation[-1], way.position[-1]), process.feed)
+    yield MoveL(_pose(way.rotation[-1], way.position[-1]), plunge(process))
 
 
 def _cut(way: Way, share: float) -> Way:
@@ -102,14 +117,14 @@ def _along(way: Way, speed: float) -> Iterator[Instruction]:
         yield _segment(way, row, speed, 0.0)
 
 
-def _work(motion: Reached, feed: float, process: ProcessTable) -> Iterator[Instruction]:
+def _work(motion: Reached, feed: float, job: Job) -> Iterator[Instruction]:
     """The processing motion between force on, process on and process off, force off."""
-    name, force = signal(process), process.force
+    process, force = job.process, job.process.force
+    name = "" if in_air(job) else signal(process)
     if force > 0:
         yield Force(force, _vector(motion.way.rotation[0, :, 2]))
     if name:
-        yield Output(name, 1.0)
-        yield from dwell(process)
+        yield from switch_on(process)
     for row in range(1, len(motion.way)):
         yield _segment(motion.way, row, feed, force)
     if name:

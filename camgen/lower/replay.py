@@ -13,11 +13,11 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import chain
 from camgen.geometry.vectors import dots
 from camgen.lower.columns import ZONES
-from camgen.lower.contours import origins
+from camgen.lower.contours import finish
 from camgen.model.cell import Cell
 from camgen.model.job import Job
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose
-from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Program
+from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output, Program
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order import ReplayTour
 from camgen.plan.replay import moving, owners
@@ -54,8 +54,15 @@ def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", hea
         else:
             out.append(item)
     out += _leave(last.target, cartesian, job)  # type: ignore[arg-type]
+    out += _left_on(out)
     out.append(MoveJ(cell.home, travel))
-    return Program(name, cell.base_from_work, cell.flange_from_tool, tuple(out), header, origins(tour.paths))
+    return finish(out, tour.paths, cell, job, name, header)
+
+
+def _left_on(body: list[Instruction]) -> list[Instruction]:
+    """What switches off the outputs that a program leaves on: the end of its own machine's program did."""
+    last = {item.signal: item.value for item in body if isinstance(item, Output)}
+    return [Output(name, 0.0) for name, value in last.items() if value]
 
 
 def _rapid(target: Pose, cartesian: bool, speed: float) -> MoveJ | MoveL:

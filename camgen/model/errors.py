@@ -3,8 +3,9 @@
     CamgenError            one line for the user, an exit code for scripts
     |- InputError     (2)  a file that cannot be used as it is
     |- JobError       (2)  a setting or an option that makes no sense
-    |- Refused        (3)  an instruction that the chosen controller cannot do
     |- NoSafeProgram  (3)  nothing reachable, a collision, or --strict and something left out
+    |  |- Refused          an instruction that the chosen controller cannot do
+    |  `- Blocked          paths on which the arm is stuck or collides
     `- VerifyError    (4)  the text read back does not say what was planned
 
 Whoever raises one names the place and the remedy; the command line prints ``str(error)`` on one line.
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Literal, NamedTuple
 
 
 class CamgenError(Exception):
@@ -58,6 +60,22 @@ class Refused(NoSafeProgram):
     def __init__(self, post: str, index: int, what: str, remedy: str = "") -> None:
         super().__init__(post, what, f"instruction {index}" if index >= 0 else "", remedy)
         self.index = index
+
+
+class Loss(NamedTuple):
+    """A path that cannot be run. path: its place among the program's, -1: none of them. why: with the place."""
+
+    path: int
+    kind: Literal["collision", "jump"]
+    why: str
+
+
+class Blocked(NoSafeProgram):
+    """The arm cannot follow a program, or collides on it. ``lost`` says on which paths, the ways to them included."""
+
+    def __init__(self, file: str, what: str, where: str = "", remedy: str = "", lost: tuple[Loss, ...] = ()) -> None:
+        super().__init__(file, what, where, remedy)
+        self.lost = lost
 
 
 class VerifyError(CamgenError):

@@ -155,14 +155,26 @@ class ProcessTable(Table, frozen=True):
 
     feed: Annotated[Positive, Meta(description="speed of the contact point along the contour, mm/s")] = 20.0
     force: Annotated[NotNegative, Meta(description="force against the contour, N; 0: off")] = 0.0
+    plunge: Annotated[
+        Positive | None,
+        Meta(description="speed of going down from the approach to the contact, mm/s; not set: a third of the feed"),
+    ] = None
     max_feed_factor: Annotated[
         float, Meta(ge=1, description="the tool centre may run so many times faster than the feed on outer curves")
     ] = 2.0
+    max_feed: Annotated[
+        Positive | None,
+        Meta(description="replay: feeds above it become this, mm/s; not set: no feed is changed"),
+    ] = None
     travel: Annotated[Positive, Meta(description="speed between contours, mm/s")] = 100.0
     acceleration: Annotated[
         Positive | None, Meta(description="of the machine, mm/s2, for the time alone; not set: what its post assumes")
     ] = None
+    turn: Annotated[Positive, Meta(description="speed of turning the tool where it stays in its place, deg/s")] = 60.0
     approach: Annotated[NotNegative, Meta(description="height above the start where the feed begins, mm")] = 2.0
+    retract: Annotated[
+        Positive, Meta(description="height above the top face to which a tool goes when it ends pressing, mm")
+    ] = 5.0
     clearance: Annotated[Positive, Meta(description="height of travel above the top face, mm")] = 20.0
     stay_down: Annotated[
         bool, Meta(description="no lift where the straight way keeps clear of part and fixtures; there is no stock")
@@ -170,6 +182,14 @@ class ProcessTable(Table, frozen=True):
     spindle: Annotated[NotNegative, Meta(description="spindle speed for the whole program, rpm; 0: off")] = 0.0
     signal: Annotated[
         str, Meta(description='output that is on along a contour; "auto": process unless a spindle runs; "": none')
+    ] = "auto"
+    switch: Annotated[
+        Literal["auto", "contact", "air"],
+        Meta(
+            description="where the signal is switched; contact: on the part, for a laser, a plasma torch or a pen; "
+            "air: above it, before the tool goes down and after it has left, for one that turns; auto: air with a "
+            "depth or a force"
+        ),
     ] = "auto"
     dwell: Annotated[NotNegative, Meta(description="wait after the signal or the spindle is switched on, s")] = 0.0
 

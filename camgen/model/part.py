@@ -12,20 +12,28 @@ from camgen.model.drawing import draw_svg
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 
-#: ``skipped`` is what --strict turns into an error: something of the input that the program will not do.
+#: ``skipped`` is something of the input that the program will not do.
 NoteKind = Literal["assumed", "repaired", "joined", "skipped", "warning"]
 
 
 class Note(Struct, frozen=True):
     """One thing the user should know. ``what`` names and counts it, ``why`` gives the reason and the remedy.
 
-    ids: of the contours and edges that it is about, all of them.
+    ids: of the contours and edges that it is about, all of them. places: mm, where it is in the part, for the preview.
+    strict: --strict makes it an error, as it does of all that was skipped.
     """
 
     kind: NoteKind
     what: str
     why: str = ""
     ids: tuple[str, ...] = ()
+    places: tuple[tuple[float, float], ...] = ()
+    strict: bool = False
+
+    @property
+    def fails_strict(self) -> bool:
+        """Whether --strict makes it an error."""
+        return self.strict or self.kind == "skipped"
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.what}" + (f" ({self.why})" if self.why else "")

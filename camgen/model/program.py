@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.text import counted
+from camgen.model.tolerance import SAME_POINT_MM
 
 
 class Joints(Struct, frozen=True, gc=False):
@@ -54,7 +55,8 @@ class Origin(Struct, frozen=True):
 
 class MoveJ(Struct, frozen=True, eq=False, gc=False):
     """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s. joints and
-    posture: of the arm at a target that is a pose, where a robot is known. path: see ``MoveL``.
+    posture: of the arm at a target that is a pose, where a robot is known. path: see ``MoveL``. share: of the greatest
+    speeds of the joints, at which the TCP keeps to ``speed``; 0: not known.
     """
 
     target: Pose | Joints
@@ -64,6 +66,7 @@ class MoveJ(Struct, frozen=True, eq=False, gc=False):
     posture: Posture | None = None
     path: int = -1
     work: bool = False
+    share: float = 0.0
 
 
 class MoveL(Struct, frozen=True, eq=False, gc=False):
@@ -71,6 +74,8 @@ class MoveL(Struct, frozen=True, eq=False, gc=False):
     exact stop. force: N to press with during this motion, while a ``Force`` is on. force_direction: its direction at
     the target, unit vector in the work frame from the tool towards the surface. path: place in ``Program.paths`` of the
     one that this motion belongs to, the ways there and up from it included, -1: none. work: it runs along that path.
+    turn: rad/s at which the tool turns where the TCP stays in its place, which ``speed`` does not limit; 0: the TCP
+    travels.
     """
 
     target: Pose
@@ -82,6 +87,7 @@ class MoveL(Struct, frozen=True, eq=False, gc=False):
     posture: Posture | None = None
     path: int = -1
     work: bool = False
+    turn: float = 0.0
 
 
 class MoveC(Struct, frozen=True, eq=False, gc=False):
@@ -209,6 +215,14 @@ class Columns:
         return column(self.moves, "speed")
 
     @cached_property
+    def share(self) -> FloatArray:
+        """(M,): of the joints' greatest speeds, 0 where it is not known."""
+        share = np.zeros(len(self.moves))
+        swing = self.moves_are(MoveJ)
+        share[swing] = column(take(self.moves, swing), "share")
+        return share
+
+    @cached_property
     def blend(self) -> FloatArray:
         """(M,): mm."""
         return column(self.moves, "blend")
@@ -220,6 +234,27 @@ class Columns:
         force = np.zeros(len(self.moves))
         force[pressing] = column(take(self.moves, pressing), "force")
         return force
+
+    @cached_property
+    def turn(self) -> FloatArray:
+        """(M,): rad/s at which the tool turns on the spot, 0 for motions that travel."""
+        straight = self.moves_are(MoveL)
+        turn = np.zeros(len(self.moves))
+        turn[straight] = column(take(self.moves, straight), "turn")
+        return turn
+
+    @cached_property
+    def turned(self) -> Mask:
+        """(M,): which straight motions turn the tool where its TCP stays in its place."""
+        mask = self.moves_are(MoveL)
+        mask[1:] &= self.posed[:-1]
+        mask[:1] = False
+        rows = np.flatnonzero(mask)
+        mask[rows] = np.abs(self.ends[rows] - self.ends[rows - 1]).max(axis=1, initial=0.0) < SAME_POINT_MM
+        rows = np.flatnonzero(mask)
+        rotations = [(self.moves[k - 1].target.rotation, self.moves[k].target.rotation) for k in rows.tolist()]
+        mask[rows] = [a is not b and not np.array_equal(a, b) for a, b in rotations]
+        return mask
 
     @cached_property
     def path(self) -> Indices:
@@ -297,10 +332,16 @@ def check(columns: Columns, paths: int = 0) -> None:
         *_first(at[:1][~columns.moves_are(MoveJ)[:1]], "the first motion must be joint-interpolated"),
         *_not_finite(columns),
         *_first(at[~(speed > 0) | (blend < 0)], "a speed must be positive and a blend not negative"),
+        *_first(
+            at[~((columns.share >= 0) & (columns.share <= 1))], "a share of the joints' speeds must be from 0 to 1"
+        ),
         *_first(at[(columns.path < -1) | (columns.path >= paths)], "a motion belongs to a path that there is none of"),
+        *_first(at[columns.turned & ~(columns.turn > 0)], "a motion that only turns the tool has no speed of turning"),
+        *_first(at[~(columns.turn >= 0)], "a speed of turning must not be negative"),
         *_first(waits[column(columns.of(Wait), "seconds") < 0], "a wait must not be negative"),
         *_blending(columns),
         *_pressing(columns),
+        *_left_on(columns),
     ]
     if broken:
         index, what = min(broken, key=lambda one: one[0])
@@ -325,10 +366,12 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
         (None, columns.speed),
         (None, columns.blend),
         (None, columns.force),
+        (None, columns.turn),
         (posed, columns.ends),
         (arcs, columns.vias),
     ):
-        good = np.isfinite(values).reshape(len(moves), -1).all(axis=1)
+        finite = np.isfinite(values)
+        good: Mask = np.asarray(finite.all(axis=1)) if finite.ndim == 2 else finite
         yield from _first(columns.at[~good if where is None else ~good & where], "a number is not finite")
     straight, jointed = take(moves, posed), take(moves, ~posed)
     known = [move for move in moves if move.joints is not None] if any(map(attrgetter("joints"), moves)) else []
@@ -370,13 +413,48 @@ def _blending(columns: Columns) -> Iterator[tuple[int, str]]:
 
 
 def _pressing(columns: Columns) -> Iterator[tuple[int, str]]:
-    """Motions that press while force control is off, and force control that is left on."""
+    """Motions that press while force control is off."""
     switches: list[Any] = columns.of(Force)
     newtons = np.append(0.0, column(switches, "newtons"))
     on = newtons[np.searchsorted(np.flatnonzero(columns.are(Force)), columns.at)] > 0
     yield from _first(columns.at[(columns.force > 0) & ~on], "a motion presses while force control is off")
-    if newtons[-1] > 0:
-        yield len(columns.body) - 1, "force control must be off at the end"
+
+
+def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Outputs, and force control, of which a program does not know at its first motion or at its end that they are off:
+    one that was aborted is run again from its first line.
+    """
+    switches = np.flatnonzero(columns.are(Output, Force)).tolist()
+    first = int(columns.at[0]) if len(columns.at) else len(columns.body)
+    before, after, used = set[str](), set[str](), dict[str, None]()
+    for index in switches:
+        name, value = _switched(columns.body[index])
+        used[name] = None
+        for on in (before, after) if index < first else (after,):
+            (on.add if value == 0 else on.discard)(name)
+    if len(columns.at):
+        for name in used:
+            if name not in before:
+                yield first, f"{name} is not switched off before the first motion"
+    for name in used:
+        if name not in after:
+            yield len(columns.body) - 1, f"{name} must be off at the end"
+
+
+def _switched(item: Instruction) -> tuple[str, float]:
+    if isinstance(item, Output):
+        return f"output {item.signal}", item.value
+    assert isinstance(item, Force)
+    return "force control", item.newtons
+
+
+def put_off_first(body: Sequence[Instruction]) -> tuple[Instruction, ...]:
+    """The body after instructions that switch off every output and the force control that it uses: where it is run
+    again after an abort, nothing moves with the tool on.
+    """
+    names = dict.fromkeys(item.signal for item in body if isinstance(item, Output))
+    force = [Force(0.0)] if any(isinstance(item, Force) for item in body) else []
+    return (*(Output(name, 0.0) for name in names), *force, *body)
 
 
 # The typed program between planning and posts: few instructions, checked once, with a text form (``ir_text``).
@@ -387,8 +465,9 @@ class Program(Struct, frozen=True, eq=False, dict=True):
 
     base_from_work and flange_from_tool: the frames that the poses are in. header: remarks for its top, in order. paths:
     what the motions are there for, see ``path_of``. Construction raises Refused unless the first motion is
-    joint-interpolated, every number is finite, every speed positive, every path known, and no motion before an output,
-    a wait, a force change or the end blends.
+    joint-interpolated, every number is finite, every speed positive, every path known, no motion before an output, a
+    wait, a force change or the end blends, and every output and the force control that it uses are switched off before
+    the first motion and left off at the end.
     """
 
     name: str
@@ -413,6 +492,13 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         motion = int(np.searchsorted(self.columns.at, index, side="right")) - 1
         path = int(self.columns.path[motion]) if motion >= 0 else -1
         return self.paths[path] if path >= 0 else None
+
+    def path_at(self, index: int) -> int:
+        """The path that the motion at ``index`` of the body belongs to; for the way home that of the last before it;
+        -1: none.
+        """
+        before = self.columns.path[: int(np.searchsorted(self.columns.at, index, side="right"))]
+        return int(before[before >= 0][-1]) if (before >= 0).any() else -1
 
     def place_of(self, index: int) -> str:
         """Where the motion at ``index`` of the body is, in words."""

@@ -80,8 +80,12 @@ def _tail(item: Motion) -> str:
         text += f" blend {short(item.blend, _DIGITS)}"
     if not isinstance(item, MoveJ) and (item.force or any(item.force_direction)):
         text += f" force {short(item.force, _DIGITS)} press {_numbers(item.force_direction, _ANGLE_DIGITS)}"
+    if isinstance(item, MoveL) and item.turn:
+        text += f" turn {short(item.turn, _ANGLE_DIGITS)}"
     if item.path >= 0:
         text += f" path {item.path}" + (" work" if item.work else "")
+    if isinstance(item, MoveJ) and item.share:
+        text += f" share {short(item.share, _ANGLE_DIGITS)}"
     if item.joints is not None:
         text += " at " + _numbers(item.joints.values, _ANGLE_DIGITS)
     return text if item.posture is None else text + _posture_text(item.posture)
@@ -124,7 +128,7 @@ def _parse_origin(rest: str) -> Origin:
 _HERE = Pose(rotation_from_quaternion((1.0, 0.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
 #: What stands for a word of the head that is not there.
 _NEUTRAL: dict[str, Any] = {"name": "", "work": _HERE, "tool": _HERE}
-_TAIL_WORDS = ("speed", "blend", "force", "press", "at", "path", "confdata", "figure", "switches")
+_TAIL_WORDS = ("speed", "blend", "force", "press", "turn", "at", "path", "share", "confdata", "figure", "switches")
 
 
 def _parse_pose(words: list[str]) -> Pose:
@@ -179,12 +183,12 @@ def _parse_instruction(word: str, rest: str) -> Instruction:
     owner = int(index), bool(work)
     if word == "movej":
         target = Joints(tuple(float(w) for w in head[1:])) if head[0] == "joints" else _parse_pose(head)
-        return MoveJ(target, speed, blend, joints, posture, *owner)
+        return MoveJ(target, speed, blend, joints, posture, *owner, float(tail.get("share", ["0"])[0]))
     force = float(tail.get("force", ["0"])[0])
     x, y, z = map(float, tail.get("press", ["0"] * 3))
     manner = (speed, blend, force, (x, y, z), joints, posture, *owner)
     if word == "movel":
-        return MoveL(_parse_pose(head), *manner)
+        return MoveL(_parse_pose(head), *manner, turn=float(tail.get("turn", ["0"])[0]))
     if word == "movec":
         middle = head.index("to")
         return MoveC(_parse_pose(head[:middle]), _parse_pose(head[middle + 1 :]), *manner)

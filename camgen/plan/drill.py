@@ -53,6 +53,8 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
     lowest, highest = _range(job)
     if job.process.force:
         raise JobError("job", "a drill goes to a depth, not to a force", "process.force", "set process.force to 0")
+    if job.process.plunge is not None:
+        raise JobError("job", "a drill goes down at process.feed", "process.plunge", "leave it out")
     found, notes = _in_picture(part, part.raster) if part.raster is not None else _in_drawing(part)
     wanted = [h for h in found if not h.diameter or lowest <= h.diameter <= highest]
     if not wanted:

@@ -9,6 +9,7 @@ from camgen.geometry.intersect import Obstacles, distances, near_pairs
 from camgen.geometry.nesting import Nesting, nest
 from camgen.geometry.offset import Offset, offset
 from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, from_contours, neighbours, points_at
+from camgen.geometry.uncross import has_cusps, uncross
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
@@ -40,13 +41,14 @@ class Beside(Struct, frozen=True, eq=False):
     sound: BoolArray
 
 
-def beside(source: Segments, closed: BoolArray, group: IntArray, distance: float, corner_radius: float) -> Beside:
+def beside(
+    source: Segments, following: IntArray, closed: BoolArray, group: IntArray, distance: float, corner_radius: float
+) -> Beside:
     """The curve at ``distance`` mm on the right of ``source``, inner corners at least ``corner_radius`` mm round.
 
-    closed: per owner. group: per segment; what is of one group is kept clear of. Inner corners are rounded by going
-    out by distance + radius and back by radius (PIST, section 3.2.4).
+    following: the next segment of each. closed: per owner. group: per segment; what is of one group is kept clear of.
+    Inner corners are rounded by going out by distance + radius and back by radius (PIST, section 3.2.4).
     """
-    following = neighbours(source, closed)
     out = _offset(source, following, group, distance + corner_radius)
     if corner_radius == 0.0:
         lost = np.zeros(len(out.segments), dtype=bool)
@@ -134,7 +136,11 @@ def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     drawn = from_contours(contours)
     source = _turn_round(drawn, loops.flip)
     closed = np.array([c.closed for c in contours])
-    curve = beside(source, closed, loops.group[source.owner], job.tool.diameter / 2, job.operation.corner_radius)
+    following = neighbours(source, closed)
+    source, following = uncross(source, following, closed & has_cusps(source, following, len(contours)))
+    curve = beside(
+        source, following, closed, loops.group[source.owner], job.tool.diameter / 2, job.operation.corner_radius
+    )
     labels, order = _labels(curve, source, contours, loops, job)
     notes += _left_out(curve, source, contours, job, order)
     return _paths(curve, source, labels, order, job), tuple(notes)

@@ -7,24 +7,31 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from msgspec.structs import replace
 
+from camgen.model.errors import InputError
 from camgen.model.job import Job
-from camgen.model.part import Part
+from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.program import Columns, Instruction, MoveC, MoveJ, take
+from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, take
+from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
 from camgen.plan.unused import no_idle
 from camgen.read.gcode.interpreter import Recorded
 
+#: The fastest speeddata that a robot controller has ready, mm/s (RAPID's v7000); no mill feeds as fast.
+_FASTEST = 7000.0
+
 
 def plan_replay(part: Part, job: Job) -> ReplayPlan:
     """The program's motions at feed as paths, from one rapid motion to the next, in its order. JobError for a setting
-    that would have no effect.
+    that would have no effect, InputError for a feed that no machine runs.
     """
     assert isinstance(part, Recorded)
     no_idle(job, "a replay")
+    part = _slow(part, job.process.max_feed)
     columns = Columns(moving(part.run.body))
     ends, vias, speed = columns.ends, columns.vias, columns.speed
     steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
@@ -35,6 +42,29 @@ def plan_replay(part: Part, job: Job) -> ReplayPlan:
     )
     travel = math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist())
     return ReplayPlan(part, paths, part.notes, run=part.run, travel=travel, made=paths)
+
+
+def _slow(part: Recorded, most: float | None) -> Recorded:
+    """The program with its feeds at ``most``, mm/s, where they are above it. None: as it is, and InputError for one
+    that is faster than any machine here: controllers take such a word and run as fast as they can.
+    """
+    limit = most or _FASTEST
+    fast = [(k, item) for k, item in enumerate(part.run.body) if isinstance(item, MoveL | MoveC) and item.speed > limit]
+    if not fast:
+        return part
+    line = part.run.lines[fast[0][0]]
+    if most is None:
+        what = f"asks for a feed of {short(fast[0][1].speed, 0)} mm/s, and no machine here runs above {_FASTEST:g}"
+        remedy = "mend this line, or set process.max_feed, mm/s: feeds above it become that"
+        raise InputError(part.source, what, f"line {line}", remedy)
+    body = list(part.run.body)
+    for k, item in fast:
+        body[k] = replace(item, speed=most)
+    many = counted(len(fast), "motion runs", "motions run")
+    what = f"{many} at {short(most, 3)} mm/s instead of up to {short(max(item.speed for _, item in fast), 0)}"
+    note = Note("assumed", what, f"process.max_feed; the first is line {line}")
+    run = replace(part.run, body=tuple(body), entry=min(part.run.entry, most))
+    return replace(part, run=run, notes=(*part.notes, note))
 
 
 def _stretches(columns: Columns) -> list[tuple[int, int]]:

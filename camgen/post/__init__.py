@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -23,6 +23,7 @@ from msgspec import Struct
 from camgen.geometry.arcs import is_arc
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import Refused
+from camgen.model.part import Note
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import (
     Columns,
@@ -55,6 +56,7 @@ class Tolerance(Struct, frozen=True):
     """How exactly the text carries a program: half the last printed digit, with the rounding of angles on top.
 
     mm: per coordinate. angle: rad of an orientation. joint: rad (or mm) per joint. speed: mm/s. force: N. seconds: s.
+    turn: rad/s of the tool on the spot. share: of the joints' greatest speeds.
     """
 
     mm: float
@@ -63,6 +65,8 @@ class Tolerance(Struct, frozen=True):
     speed: float
     force: float
     seconds: float
+    turn: float = 1e-5
+    share: float = 0.0
 
 
 class Fault(Struct, frozen=True):
@@ -102,8 +106,8 @@ class Post(ABC):
     A post object renders one program: options come in through the constructor, state may live in private fields.
 
     *Must override*: begin, end, movej, movel, output, wait, comment. *May*: movec, print_force, why_not, accepts,
-    assemble, cell, tolerance, dynamics, list_verified; prepare only around a call of the base's. *Don't*: render, line,
-    note.
+    split, assemble, cell, tolerance, dynamics, warn, list_verified; prepare only around a call of the base's.
+    *Don't*: render, line, note.
     """
 
     #: What ``--post`` says, the file name's ending, the line end, and one line for ``camgen posts``.
@@ -113,8 +117,9 @@ class Post(ABC):
     newline: ClassVar[str] = "\n"
     #: Names of the passes that may replace what ``why_not`` turns down, in the order in which they are tried.
     passes: ClassVar[tuple[str, ...]] = ("chords",)
-    #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J; "blend":
-    #: its radius; "stop": only whether the motion stops at its target; "force-direction": not only the newtons;
+    #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J, which a
+    #: text with "joint-share" gives by that where it is known; "blend": its radius; "stop": only whether the motion
+    #: stops at its target; "turn": the speed of a turn on the spot; "force-direction": not only the newtons;
     #: "confdata", "figure", "switches": so much of ``ir.Posture``.
     verified_fields: ClassVar[frozenset[str]] = frozenset(
         {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}
@@ -175,6 +180,15 @@ class Post(ABC):
         """Why the controller cannot do ``item`` from the pose ``start``; empty when it can. Ends with the remedy."""
         return ""
 
+    def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Sequence[str]]:  # noqa: ARG002
+        """The body in parts of at most ``max_lines`` lines. printed: the lines of each instruction, in order."""
+        parts: list[list[str]] = [[]]
+        for lines in printed:
+            if self.max_lines and len(parts[-1]) + len(lines) > self.max_lines and parts[-1]:
+                parts.append([])
+            parts[-1] += lines
+        return parts
+
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """Files from the printed body, one part unless it was longer than ``max_lines``."""
         if len(parts) > 1:
@@ -194,6 +208,10 @@ class Post(ABC):
     def dynamics(self) -> Dynamics:
         """What the time of a program is worked out with: an assumption, an average machine of its kind."""
         return Dynamics()
+
+    def warn(self, program: Program) -> tuple[Note, ...]:  # noqa: ARG002 (for those who override)
+        """What the user should know of the posted program beside its text."""
+        return ()
 
     def list_verified(self) -> frozenset[str]:
         """What the text carries with these options: ``verified_fields``, and "work" and "tool" if it states these
@@ -249,14 +267,8 @@ class Post(ABC):
 
     def render(self, program: Program) -> tuple[OutputFile, ...]:
         """The program as files. Every instruction must be one that the controller has (``prepare``)."""
-        parts: list[list[str]] = [[]]
         of = self._printers()
-        for item in program.body:
-            lines = of[type(item)](item)
-            if self.max_lines and len(parts[-1]) + len(lines) > self.max_lines and parts[-1]:
-                parts.append([])
-            parts[-1] += lines
-        return self.assemble(program, parts)
+        return self.assemble(program, self.split(program, (of[type(item)](item) for item in program.body)))
 
     def line(self, item: Instruction) -> Sequence[str]:
         """The lines of one instruction."""

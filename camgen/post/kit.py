@@ -31,10 +31,22 @@ from camgen.model.pose import (
     rotation_about_axis,
     rotation_from_fixed_xyz,
 )
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+    put_off_first,
+)
 from camgen.model.program_text import dump
 from camgen.post import OutputFile, Post, Readback
-from camgen.post.plugins import make_post
+from camgen.post.plugins import fill_tables, make_post
 from camgen.post.verify import compare
 
 # The programs of the conformance kit: every instruction, poles of angles, small and large numbers, hostile words.
@@ -70,7 +82,8 @@ class Case(Struct, frozen=True):
             for item in self.body
         ]
         work = self.work or cell.base_from_work
-        return Program(self.title, work, cell.flange_from_tool, (MoveJ(cell.home, 100.0), *body), self.header)
+        safe = put_off_first((MoveJ(cell.home, 100.0), *body))
+        return Program(self.title, work, cell.flange_from_tool, safe, self.header)
 
 
 def _at(x: float, y: float, z: float = 0.0, rotation: FloatArray = TOOL_DOWN) -> Pose:
@@ -270,7 +283,7 @@ def _findings(
     unknown = set(lacks) - set(FEATURES) - set(WHOLE)
     if unknown:
         raise ValueError(f"no such feature: {sorted(unknown)}; there are {[*FEATURES, *WHOLE]}")
-    options = {**options, **case.options}
+    options = fill_tables(post, {**options, **case.options})
     program = case.program(post.cell())
     before = dump(program)
     try:

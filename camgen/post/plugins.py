@@ -70,7 +70,10 @@ def list_installed() -> list[Installed]:
 
 
 def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
-    """The post with the options of ``[post]``; JobError for one that it does not have or of another type."""
+    """The post with the options of ``[post]``; JobError for one that it does not have or of another type.
+
+    A table, such as ``signals``, is laid over the default of the post (``fill_tables``).
+    """
     known = {f.name: f for f in dataclasses.fields(post) if f.init}
     hints = get_type_hints(post)
     for key, value in options.items():
@@ -82,7 +85,32 @@ def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
             msgspec.convert(value, hints[key])
         except msgspec.ValidationError as error:
             raise JobError(where, str(error)) from error
-    return post(**options)  # type: ignore[arg-type]  # checked above, against the post's own annotations
+    # Checked above, against the post's own annotations.
+    return post(**fill_tables(post, options))  # type: ignore[arg-type]
+
+
+def fill_tables(post: type[Post], options: Mapping[str, object]) -> dict[str, object]:
+    """``options`` with the entries of the post's defaults that a table among them does not name: who adds an output
+    keeps the others. A default gives way where the table gives its value, the output, to another name. A read-back has
+    to be given the same.
+
+    >>> from camgen_posts.rapid import Rapid
+    >>> fill_tables(Rapid, {"signals": {"flood": "doFlood"}})["signals"]
+    {'process': 'doProcess', 'flood': 'doFlood'}
+    >>> fill_tables(Rapid, {"signals": {"dout0": "doProcess"}})["signals"]
+    {'dout0': 'doProcess'}
+    """
+    filled = dict(options)
+    for option in dataclasses.fields(post):
+        given = options.get(option.name)
+        if not isinstance(given, Mapping) or option.default_factory is dataclasses.MISSING:
+            continue
+        default = option.default_factory()
+        if isinstance(default, Mapping):
+            taken = {str(value).lower() for value in given.values()}
+            kept = {key: value for key, value in default.items() if str(value).lower() not in taken}
+            filled[option.name] = kept | dict(given)
+    return filled
 
 
 def _module(path: str) -> object:

@@ -15,6 +15,7 @@ What is compared, and how exactly:
 * Orientations within ``tolerance.angle``, from the skew part of the difference: the trace alone cannot tell 1e-8 rad
   from 0. The orientation at ``via`` is left out: controllers interpolate from the start to the end.
 * Postures: ABB's confdata, DENSO's figure or the switches of V+ are equal, or neutral where the plan has none.
+* The share of the joints' greatest speeds instead of a joint motion's speed, where it is known and the text gives it.
 * Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``verified_fields`` them.
 """
 
@@ -282,11 +283,19 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
     yield _Column("joint values", places[~posed], a, b, error, tolerance.joint)
     rapid = both.plan.moves_are(MoveJ)[: both.moves]
+    shared = (both.plan.share[: both.moves] > 0) & ("joint-share" in carries)
+    yield both.moving("share of the joints' speeds", "share", shared, tolerance.share)
     if "joint-speed" in carries:
-        yield both.moving("speed", "speed", rapid, tolerance.speed)
+        yield both.moving("speed", "speed", rapid & ~shared, tolerance.speed)
     if "speed" in carries:
-        yield both.moving("speed", "speed", ~rapid, tolerance.speed)
+        # Where only the tool turns, the TCP has none.
+        yield both.moving("speed", "speed", ~rapid & (both.plan.turn[: both.moves] == 0), tolerance.speed)
     every = np.ones(both.moves, np.bool_)
+    if "turn" in carries and np.any(both.plan.turn[: both.moves]):
+        # A turn of less than half the last digit may be none in the text.
+        read = both.read.turned[: both.moves] | (both.read.turn[: both.moves] > 0)
+        turned = (both.plan.turn[: both.moves] > 0) & read
+        yield both.moving("speed of turning", "turn", turned, tolerance.turn)
     if "blend" in carries:
         yield both.moving("blend", "blend", every, tolerance.mm)
     for name in (name for name in _NEUTRAL if name in carries):

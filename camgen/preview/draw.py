@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from xml.sax.saxutils import escape
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.arcs import bulges, span_lengths
 from camgen.geometry.ragged import begins
-from camgen.model.part import Contour, IntArray
+from camgen.model.errors import one_line
+from camgen.model.part import Contour, IntArray, Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 
 #: From the first path to the last: blue, violet, orange; mid lightness, legible on white and on black.
 _RAMP = ((31, 111, 235), (163, 59, 196), (235, 94, 40))
+
+#: Radius of a spot at least, page mm.
+_LEAST_SPOT = 1.2
 
 
 def by_order(k: int, count: int) -> str:
@@ -123,6 +128,23 @@ def _extremes(chains: PageChains) -> FloatArray:
         reached = (angle - first) % (2 * np.pi) <= np.abs(sweep)
         found.append((centre + radius[:, None] * np.array([x, y]))[reached])
     return np.concatenate(found)
+
+
+def spots(notes: Sequence[Note], page: Paper, radius: float) -> list[str]:
+    """A red ring, of ``radius`` mm and legible, at every place that the notes are about."""
+    size = max(radius * page.scale, _LEAST_SPOT)
+    return [
+        f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{size:.2f}" fill="#d0103a" fill-opacity=".35" stroke="#d0103a" '
+        f'stroke-width=".5"><title>{escape(one_line(note.what))}</title></circle>'
+        for note in notes
+        if note.places
+        for x, y in page.place(np.array(note.places)).tolist()
+    ]
+
+
+def tell_wrong(notes: Sequence[Note]) -> list[tuple[str, str]]:
+    """What was left out or went wrong, as text, and why."""
+    return [(f"{'left out' if n.kind == 'skipped' else n.kind}: {n.what}", n.why) for n in notes if n.fails_strict]
 
 
 def arrows(path: ToolPath, page: Paper, every: float) -> list[tuple[float, float, float]]:

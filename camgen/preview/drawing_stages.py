@@ -18,7 +18,7 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.plan.fill.cover import coverage_map
 from camgen.plan.page import page_size
-from camgen.preview.draw import Paper, by_order, of_contours, of_paths, path_data
+from camgen.preview.draw import Paper, by_order, of_contours, of_paths, path_data, spots
 from camgen.preview.panels import WIDE, Crop, Panel, faint, image, line, make_crop, on_panel, sheet, show_crop
 
 #: Radius of the points, and width of the drawn lines, page mm. Colours from the first stroke to the last.
@@ -34,7 +34,7 @@ def svg(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Jo
     points = counted(sum(len(border) for border in raster.borders), "point")
     high = WIDE * height / width
     fill = job.operation.kind == "fill"
-    drawn = _fill(part, raster, tour, job, crop) if fill else [_simplify(part, raster, crop)]
+    drawn = _fill(part, raster, tour, notes, job, crop) if fill else [_simplify(part, raster, crop)]
     panels = [
         Panel(f"picture, {width} x {height} px", high, [image(raster.photo, WIDE, high)]),
         Panel("ink", crop.high, [show_crop(crop, np.bitwise_not(raster.mask), smooth=False)]),
@@ -71,7 +71,7 @@ def _simplify(part: Part, raster: Raster, crop: Crop) -> Panel:
     )
 
 
-def _fill(part: Part, raster: Raster, tour: Tour, job: Job, crop: Crop) -> list[Panel]:
+def _fill(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Job, crop: Crop) -> list[Panel]:
     """What the pen draws, and what of that is where it should be."""
     found = coverage_map(part, tour.paths, job.tool.diameter, _MAP)
     height, width = found.pixels.shape[:2]
@@ -79,7 +79,9 @@ def _fill(part: Part, raster: Raster, tour: Tour, job: Job, crop: Crop) -> list[
     (left, right), (top, bottom) = on_panel(raster, crop).place(ends.T).T.tolist()
     picture = image(found.pixels, right - left, bottom - top, smooth=False)
     content = [f'<g transform="translate({left:.2f} {top:.2f})">{picture}</g>']
-    told = "green: covered, red: bare, yellow: ink outside"
+    red = spots(notes, on_panel(raster, crop), job.tool.diameter / 2)
+    content += red
+    told = "green: covered, red: bare, yellow: ink outside" + (", ring: not as drawn" if red else "")
     return [_draw_covered(raster, tour, job, crop), Panel(told, crop.high, content)]
 
 

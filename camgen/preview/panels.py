@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import one_line
 from camgen.model.part import Note, Raster
 from camgen.model.pose import FloatArray
-from camgen.preview.draw import Paper
+from camgen.preview.draw import Paper, tell_wrong
 
 Pixels = NDArray[np.uint8]
 
@@ -53,7 +53,7 @@ class Crop(Struct, frozen=True):
 
 
 def sheet(panels: Sequence[Panel], notes: Sequence[Note], title: str) -> str:
-    """The panels, ``_COLUMNS`` in a row, as SVG text sized in mm, and under them what was left out."""
+    """The panels, ``_COLUMNS`` in a row, as SVG text sized in mm, and under them what was left out or went wrong."""
     width = _COLUMNS * (WIDE + _GAP) + _GAP
     body: list[str] = []
     top = 18.0
@@ -64,7 +64,7 @@ def sheet(panels: Sequence[Panel], notes: Sequence[Note], title: str) -> str:
             body.append(f'<text x="{x}" y="{top:.2f}">{first + k + 1} {xml(panel.name)}</text>')
             body += [f'<g transform="translate({x} {top + 2:.2f})">', *panel.content, "</g>"]
         top += max(panel.high for panel in row) + 10
-    skipped = [xml(f"left out: {note.what}") for note in notes if note.kind == "skipped"][:6]
+    skipped = [xml(what) for what, _ in tell_wrong(notes)][:6]
     lines = [f'<text class="warn" x="{_GAP}" y="{top + 5 * k:.2f}">{text}</text>' for k, text in enumerate(skipped)]
     height = top + 5 * len(skipped)
     return "\n".join(

@@ -20,7 +20,12 @@ Colour = tuple[int, int, int]
 _WIDE, _HIGH, _BORDER, _TITLE = 1600, 1200, 60, 90
 #: Corners are drawn to a sixteenth of a pixel.
 _SHIFT = 4
-_COLOURS: dict[str, Colour] = {"done": (86, 70, 58), "skipped": (46, 16, 200), "unused": (191, 178, 169)}
+_COLOURS: dict[str, Colour] = {
+    "done": (86, 70, 58),
+    "skipped": (46, 16, 200),
+    "wrong": (46, 16, 200),
+    "unused": (191, 178, 169),
+}
 _SHEET, _INK, _TRAVEL = (236, 229, 223), (48, 36, 27), (170, 150, 138)
 #: From the first path to the last, as on the page; blue, green, red.
 _RAMP = np.array([[220.0, 98.0, 31.0], [190.0, 50.0, 150.0], [30.0, 88.0, 226.0]])

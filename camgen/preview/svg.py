@@ -16,7 +16,7 @@ from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.text import counted
-from camgen.preview.draw import Paper, arrows, bounds, by_order, of_contours, of_paths, path_data
+from camgen.preview.draw import Paper, arrows, bounds, by_order, of_contours, of_paths, path_data, spots, tell_wrong
 
 #: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
 _WIDE, _HIGH, _MARGIN, _TITLE = 277.0, 200.0, 10.0, 16.0
@@ -51,7 +51,7 @@ def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
     used = [c for c in part.contours if c.id in followed]
     unused = [c for c in part.contours if c.id not in followed]
     sheet = _sheet(part, tour)
-    left_out = _left_out(sheet, [note for note in notes if note.kind == "skipped"])
+    left_out = _left_out(sheet, tell_wrong(notes))
     height = sheet.bottom + 14 + 5 * len(left_out)
     return "\n".join(
         [
@@ -66,6 +66,7 @@ def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
             *_contours(unused, sheet.page, "unused"),
             *_travel(tour, sheet.page),
             *_paths(tour, sheet.page),
+            *spots(notes, sheet.page, 0.0),
             *_legend(sheet, tour, bool(unused)),
             *left_out,
             "</svg>\n",
@@ -167,9 +168,9 @@ def _nice(limit: float) -> float:
     return float(max(m * power for m in (1, 2, 5) if m * power <= limit * (1 + 1e-12)))
 
 
-def _left_out(sheet: _Sheet, skipped: Sequence[Note]) -> list[str]:
-    """What was left out, in lines that fit the page."""
-    texts = [f"left out: {note.what}" + (f" ({note.why})" if note.why else "") for note in skipped]
+def _left_out(sheet: _Sheet, told: Sequence[tuple[str, str]]) -> list[str]:
+    """What was left out or went wrong, in lines that fit the page."""
+    texts = [what + (f" ({why})" if why else "") for what, why in told]
     if len(texts) > 6:
         texts = [*texts[:5], f"left out: and {len(texts) - 5} more"]
     # A letter is about 1.9 page mm wide.

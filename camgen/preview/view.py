@@ -88,13 +88,15 @@ def _nearest(points: FloatArray, at: FloatArray, place: FloatArray) -> float:
     return float(at[k] + share[k] * (at[k + 1] - at[k]))
 
 
+#: Points of a ring around a place.
+_RING_POINTS = 33
 #: Arcs are drawn to this part of the size of what is shown.
 _FINE = 2e-5
 
 
 class ViewLine(Struct, frozen=True):
     """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
-    was skipped.
+    was skipped. A ring around a place is "wrong"; why says what is.
     """
 
     id: str
@@ -203,7 +205,29 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
         )
         for (ident, layer, closed), length in zip(names, _lengths(chains), strict=True)
     ]
-    return _trim(result, lines, chains) if edges else (tuple(lines), chains)
+    if edges:
+        return _trim(result, lines, chains)
+    marks = _spots(result)
+    table = SpaceChains(
+        np.concatenate([chains.points, *(points for _, points in marks)]),
+        np.concatenate([chains.counts, np.array([len(points) for _, points in marks], dtype=np.int64)]),
+    )
+    return (*lines, *(line for line, _ in marks)), table
+
+
+def _spots(result: Built) -> list[tuple[ViewLine, FloatArray]]:
+    """A ring of the tool's size at every place that a note is about."""
+    radius = result.job.tool.diameter / 2
+    turn = np.linspace(0.0, 2 * np.pi, _RING_POINTS)
+    ring = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(_RING_POINTS)])
+    return [
+        (
+            ViewLine(f"{x:.2f}, {y:.2f} mm", note.kind, False, 2 * np.pi * radius, "wrong", clean(note.what)),
+            ring + np.array([x, y, 0.0]),
+        )
+        for note in result.notes
+        for x, y in note.places
+    ]
 
 
 def _trim(result: Built, lines: Sequence[ViewLine], chains: SpaceChains) -> tuple[tuple[ViewLine, ...], SpaceChains]:

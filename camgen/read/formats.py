@@ -6,6 +6,7 @@ every input, hence the modules that do the work are named here and imported when
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from importlib import import_module
 
@@ -15,6 +16,8 @@ from camgen.model.part import Part
 from camgen.read import Reader, is_drawing
 from camgen.read.files import Files
 
+#: A PGM begins with a letter and a digit, and then a number.
+_PGM = re.compile(rb"P[25](?:\s|#[^\n\r]*[\n\r])+[0-9]")
 _PICTURES = (b"\x89PNG", b"\xff\xd8\xff", b"II*\x00", b"MM\x00*", b"BM")
 
 
@@ -23,7 +26,7 @@ def _is_dxf(head: bytes) -> bool:
 
 
 def _is_picture(head: bytes) -> bool:
-    return head.startswith(_PICTURES)
+    return head.startswith(_PICTURES) or _PGM.match(head) is not None
 
 
 def _is_svg(head: bytes) -> bool:
@@ -71,8 +74,8 @@ SVG = Reader(
 )
 IMAGE = Reader(
     name="image",
-    about="a PNG, JPEG, TIFF or BMP picture",
-    suffixes=(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"),
+    about="a PNG, JPEG, TIFF, BMP or PGM picture",
+    suffixes=(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm"),
     makes="picture",
     read=_read_picture,
     inspect=_inspect_with("camgen.read.image"),

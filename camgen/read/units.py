@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from difflib import get_close_matches
 
 from camgen.model.errors import JobError
@@ -29,6 +30,8 @@ INSUNITS = {
 LARGEST, SMALLEST = 3000.0, 1.0
 
 _OVERRIDE = "set input.units if that is not meant"
+#: Files whose own unit holds (``read.solid.step``).
+_OWN = (".step", ".stp")
 
 
 def resolve(file: str, wanted: str, insunits: int, measurement: int | None) -> tuple[str, float, tuple[Note, ...]]:
@@ -54,11 +57,17 @@ def resolve(file: str, wanted: str, insunits: int, measurement: int | None) -> t
     return "mm", 1.0, (Note("assumed", "1 drawing unit = 1 mm", f"the file {states}{hint}; {_OVERRIDE}"),)
 
 
-def doubts(width: float, height: float, unit: str) -> tuple[Note, ...]:
-    """A warning if a part of this size (mm) contradicts its unit."""
-    size = max(width, height)
-    if SMALLEST <= size <= LARGEST:
+def remedy_for(source: str) -> str:
+    """What to do where the file ``source`` was read in another unit than meant."""
+    if source.lower().endswith(_OWN):
+        return "export it again in another one if that is not meant"
+    return _OVERRIDE
+
+
+def doubts(size: Sequence[float], unit: str, source: str) -> tuple[Note, ...]:
+    """A warning if a part of this size along the axes (mm), from the file ``source``, contradicts its unit."""
+    if SMALLEST <= max(size) <= LARGEST:
         return ()
-    size_text = f"{short(width, 3)} x {short(height, 3)} mm"
-    odd = "large" if size > LARGEST else "small"
-    return (Note("warning", f"the part is {size_text}, which is {odd}", f"drawn in {unit}; {_OVERRIDE}"),)
+    size_text = " x ".join(short(length, 3) for length in size)
+    odd = "large" if max(size) > LARGEST else "small"
+    return (Note("warning", f"the part is {size_text} mm, which is {odd}", f"drawn in {unit}; {remedy_for(source)}"),)

@@ -33,9 +33,9 @@ from camgen.model.files import Source
 from camgen.model.part import Note
 from camgen.model.text import counted, short
 
-# What the head of an image file says: kind, size, density, orientation. PNG, JPEG, TIFF and BMP, by their first bytes.
+# What the head of an image file says: kind, size, density, orientation. The first bytes tell its kind.
 
-Kind = Literal["PNG", "JPEG", "TIFF", "BMP"]
+Kind = Literal["PNG", "JPEG", "TIFF", "BMP", "PGM"]
 Density = tuple[float, float]
 _Ifd = dict[int, tuple[int, int, int]]
 
@@ -51,13 +51,16 @@ _DENSITY_X, _DENSITY_Y, _DENSITY_UNIT, _EXIF = 282, 283, 296, 0x8769
 _EXPOSURE = {0x829A, 0x829D, 0x920A}
 #: Frame headers of a JPEG (SOF0 to SOF15 without DHT, JPG and DAC).
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+#: Width, height and the value of white of a PGM: apart by spaces, and comments to the end of their line.
+_PGM = re.compile(rb"P[25]" + 3 * rb"(?:\s|#[^\n\r]*[\n\r])+([0-9]{1,9})")
 _WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD9)}
 
 
 class Header(Struct, frozen=True):
     """The head of an image. width, height: pixels as stored. density: dots per inch along both, as the file says them.
 
-    orientation: the Exif number 1 to 8. exposed: a camera took it. pages: 2 for two or more.
+    orientation: the Exif number 1 to 8. exposed: a camera took it. pages: 2 for two or more. white: the greatest value
+    of a pixel of 8 bits that is decoded as it is stored.
     """
 
     kind: Kind
@@ -67,6 +70,7 @@ class Header(Struct, frozen=True):
     orientation: int = 1
     exposed: bool = False
     pages: int = 1
+    white: int = 255
 
 
 class _Tiff(Struct, frozen=True):
@@ -81,7 +85,7 @@ class _Tiff(Struct, frozen=True):
 
 
 def header(data: bytes) -> Header | None:
-    """The head of the image ``data``; None if it is none of the four kinds, or ends within its head."""
+    """The head of the image ``data``; None if it is none of these kinds, or ends within its head."""
     reader = next((read for magic, read in _READERS if data.startswith(magic)), None)
     if reader is None:
         return None
@@ -142,6 +146,15 @@ def _bmp(data: bytes) -> Header:
     x, y = struct.unpack_from("<ii", data, 38)
     density = (x * _MM_PER_INCH / 1000, y * _MM_PER_INCH / 1000) if x > 0 and y > 0 else None
     return Header("BMP", width, abs(height), density)  # a negative height: rows from the top
+
+
+def _pgm(data: bytes) -> Header:
+    """Grey values as text (P2) or bytes (P5), netpbm's pgm(5). OpenCV scales the text to 255, and not the bytes."""
+    found = _PGM.match(data)
+    if found is None:
+        return Header("PGM", 0, 0)
+    width, height, white = (int(number) for number in found.groups())
+    return Header("PGM", width, height, white=white if data.startswith(b"P5") and 0 < white < 255 else 255)
 
 
 def _tiff_file(data: bytes) -> Header:
@@ -228,6 +241,8 @@ _READERS: tuple[tuple[bytes, Callable[[bytes], Header]], ...] = (
     (b"II*\0", _tiff_file),
     (b"MM\0*", _tiff_file),
     (b"BM", _bmp),
+    (b"P2", _pgm),
+    (b"P5", _pgm),
 )
 
 
@@ -256,7 +271,7 @@ class Picture(Struct, frozen=True, eq=False):
 
 
 def load(source: Source, *, sensor: bool = False) -> Picture:
-    """The picture in a PNG, JPEG, TIFF or BMP file. InputError if it is none, damaged, cut off or too large.
+    """The picture in a PNG, JPEG, TIFF, BMP or PGM file. InputError if it is none, damaged, cut off or too large.
 
     sensor: its pixels as the sensor delivered them, whatever the Exif orientation says, for use with a calibrated lens.
     """
@@ -267,13 +282,16 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
         raise InputError(name, "is empty")
     head = header(data)
     if head is None:
-        what = "is not a PNG, JPEG, TIFF or BMP image, or cut off in its first bytes"
+        what = "is not a PNG, JPEG, TIFF, BMP or PGM image, or cut off in its first bytes"
         raise InputError(name, what, remedy="give a photo or a scan in one of these formats")
     if head.width * head.height > _MOST_PIXELS:
         what = f"has {head.width} x {head.height} pixels, more than {_MOST_PIXELS // 1_000_000} million"
         raise InputError(name, what, remedy="crop it or scan with fewer DPI")
     notes: list[Note] = []
     stored = _decode(data, name, head, notes)
+    if head.white < 255:
+        stored = (stored.astype(np.float64) * (255 / head.white)).clip(0, 255).round().astype(np.uint8)
+        notes.append(Note("assumed", f"grey values scaled to 255, white is {head.white} in the file"))
     if head.pages > 1:
         notes.append(Note("skipped", "all pages but the first", "camgen reads one picture from a file"))
     pixels = _opaque(_eight_bits(stored, name, notes), notes)
@@ -291,6 +309,8 @@ def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     remedy = "copy or export it again"
+    if data.startswith(b"P2"):
+        data += b"\n"  # OpenCV wants something behind the last number
     with _decoder_speaks() as said:
         try:
             stored = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

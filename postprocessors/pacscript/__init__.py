@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, islice, takewhile
 from typing import ClassVar
 
 import numpy as np
@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import circle
 from camgen.model.cell import Cell
 from camgen.model.errors import Refused
+from camgen.model.part import Note
 from camgen.model.pose import IDENTITY, Pose, Vec3, angle_between, fixed_xyz, translation
 from camgen.model.program import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.text import counted, fixed, harmless, short
@@ -22,11 +23,25 @@ from camgen.post.passes import without_force
 
 from .options import PacScriptOptions, derive
 
-#: Digits of an angle (deg), of a speed in m/s and in percent, of a force (N).
-_ANGLE, _METRES, _PERCENT, _NEWTON, _INDENT = 4, 7, 4, 3, "    "
+#: Digits of an angle (deg), of a speed in mm/s and in percent, of a force (N).
+_ANGLE, _SPEED, _PERCENT, _NEWTON, _INDENT = 4, 4, 4, 3, "    "
 #: Longest line in bytes; longest delay in ms (a signed 32-bit integer); largest force in N; and the least change of a
 #: component that is written, N.
 _LONGEST_LINE, _LONGEST_DELAY_MS, _MOST_FORCE_N, _FORCE_STEP_N = 1024, 2**31 - 1, 5000.0, 0.01
+#: What a controller takes for an internal speed, %; and the speed at 100 % of the fastest arm, mm/s.
+_LEAST_PERCENT, _MOST_PERCENT, _FASTEST_ARM = 0.1, 100.0, 11_000.0
+#: Finds out in which unit Mps reads its number, and takes no arm on when it gives no percentage in either.
+_ASK = """\
+' Mps() is a percentage: 0.1 m/s is over 0.5 % of any arm, 0.1 mm/s not over 0.1 %
+Dim unit As Single = 1
+If Mps(0.1) > 0.2 Then
+    unit = 0.001
+End If
+' now Mps(100 * unit) is 100 mm/s; no motion where that is not 0.5 to 20 %
+If Mps(100 * unit) < 0.5 Or Mps(100 * unit) > 20 Then
+    GiveArm
+    Exit Sub
+End If""".splitlines()
 #: Least chord of an arc (mm) and largest turn of the tool along it (rad): beyond, the controller's arc is open.
 _LEAST_CHORD_MM, _MOST_TOOL_TURN = 0.2, math.radians(179.0)
 
@@ -43,7 +58,7 @@ class PacScript(PacScriptOptions):
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
     verified_fields: ClassVar[frozenset[str]] = frozenset(
-        {"orientation", "speed", "joint-speed", "stop", "force-direction", "figure"}
+        {"orientation", "speed", "joint-speed", "joint-share", "stop", "turn", "force-direction", "figure"}
     )
 
     #: The force that the controller presses with (N, work frame), None while force control is off.
@@ -68,6 +83,7 @@ class PacScript(PacScriptOptions):
             case Comment():
                 return ""
         reason = self._speed_reason(item.speed)
+        reason = reason or self._turn_reason(item)
         if self.pass_mark == "mm" and item.blend != int(item.blend):
             reason = reason or f'a blend of {item.blend:g} mm is no whole number; set post.pass_mark to "P"'
         if isinstance(item, MoveJ):
@@ -80,6 +96,8 @@ class PacScript(PacScriptOptions):
         if item.signal not in self.signals:
             return f"the signal {item.signal} has no IO number; add it to post.signals"
         if item.signal == "spindle":
+            if item.value < 0:
+                return f"the spindle is to turn backwards ({-item.value:g} rpm), and an IO is on or off"
             remedy = 'set the speed at its drive and post.spindle to "on-off"'
             return "" if self.spindle == "on-off" else f"an IO does not carry a spindle speed; {remedy}"
         return "" if item.value in (0, 1) else f"an IO is on or off, not {item.value:g}; use 0 or 1"
@@ -91,8 +109,21 @@ class PacScript(PacScriptOptions):
         """The internal speed that gives ``mm_s`` under the external speed, as both are multiplied."""
         return mm_s * 100 / (self.ext_speed or 100)
 
+    def _turning(self, motion: MoveL) -> float:
+        """The internal speed of a turn on the spot, %."""
+        return self._scaled(100 * math.degrees(motion.turn) / self.rated_turn)
+
+    def _turn_reason(self, item: Motion) -> str:
+        if not isinstance(item, MoveL) or not item.turn:
+            return ""
+        # As it is printed: a turn at just the rated speed may be a rounding above 100 %.
+        if _LEAST_PERCENT <= round(self._turning(item), _PERCENT) <= _MOST_PERCENT:
+            return ""
+        numbers = f"a turn at {math.degrees(item.turn):g} deg/s is {self._turning(item):.4g} % of {self.rated_turn:g}"
+        return f"{numbers}, the controller takes 0.1 to 100 %; change process.turn or mend post.rated_turn"
+
     def _speed_reason(self, mm_s: float) -> str:
-        if self.rated and not 0.1 <= self._percent(mm_s) <= 100:
+        if self.rated and not _LEAST_PERCENT <= self._percent(mm_s) <= _MOST_PERCENT:
             numbers = f"{mm_s:g} mm/s is {self._percent(mm_s):.4g} % of the rated {self.rated:g} mm/s"
             return f"{numbers}, the controller takes 0.1 to 100 %; change the speed or mend post.rated"
         if mm_s < 0.05:
@@ -146,10 +177,15 @@ class PacScript(PacScriptOptions):
             return [Comment(f"spindle at {item.value:g} rpm: set at its drive"), replace(item, value=1.0)]
         return [item]
 
+    @property
+    def _asks(self) -> bool:
+        return self.speed == "mps" and self.mps == "ask"
+
     # -- what is written -----------------------------------------------------------------------------------------
 
     def begin(self, program: Program) -> Sequence[str]:
-        """Title, remarks and the settings."""
+        """Title, remarks and the settings. Raises Refused for a joint motion out of the range of an internal speed."""
+        self._check_shares(program)
         first = next((item for item in program.body if isinstance(item, MoveJ)), None)
         joints = first is not None and isinstance(first.target, Joints)
         posture = "fixed by the first joint move" if joints else "that of the arm at the start"
@@ -162,15 +198,49 @@ class PacScript(PacScriptOptions):
         lines.append(f"' posture: {posture}")
         if self.force == "ignore":
             lines.append("' pressing is left out")
+        elif any(isinstance(item, Force) for item in program.body):
+            lines.append(f"' force: table {self.force_table}, N in the work frame; lines that say verify are assumed")
+            lines.append("' force: the sensor is set to zero by the cell, before this program")
         rated = f", 100 % is {self.rated:g} mm/s" if self.rated else ""
         pendant = f"{self.ext_speed:g} %" if self.ext_speed else "the pendant's, 100 % for the planned speeds"
-        lines += [f"' external speed: {pendant}{rated}", "Sub Main"]
+        lines.append(f"' external speed: {pendant}{rated}")
+        if slow := self._slowest(program):
+            lines.append(f"' slowest motion: {slow}")
+        lines.append("Sub Main")
         return [*lines, *(_INDENT + line for line in self._settings(program))]
 
+    def _check_shares(self, program: Program) -> None:
+        columns = program.columns
+        percent = self._scaled(100.0) * columns.share
+        for motion in np.flatnonzero((percent > 0) & ~((percent >= _LEAST_PERCENT) & (percent <= _MOST_PERCENT)))[:1]:
+            mm_s = columns.moves[motion].speed
+            what = f"{mm_s:g} mm/s is {percent[motion]:.4g} % of what the joints can do on this way"
+            remedy = "the controller takes 0.1 to 100 %; change the speed or post.ext_speed"
+            raise Refused(self.name, int(columns.at[motion]), what, remedy)
+
+    def _slowest(self, program: Program) -> str:
+        """The slowest motion by ``Mps`` where an arm may be too fast for it, empty where none is or ``rated`` tells."""
+        columns = program.columns
+        mm_s = columns.speed[(columns.share == 0) & (columns.turn == 0)].min(initial=np.inf)
+        least = 100 * self._scaled(float(mm_s)) / _LEAST_PERCENT
+        if self.rated or self.speed == "percent" or least >= _FASTEST_ARM:
+            return ""
+        return f"{short(mm_s, 2)} mm/s, under 0.1 % of an arm that does more than {round(least, -1):.0f} mm/s"
+
+    def warn(self, program: Program) -> tuple[Note, ...]:
+        """A speed that may be below the least one of the controller."""
+        slow = self._slowest(program)
+        why = "the controller takes 0.1 % at least; give post.rated, or raise the speed"
+        return (Note("warning", f"slowest motion: {slow}", why),) if slow else ()
+
     def _settings(self, program: Program) -> list[str]:
-        """What TakeArm may have reset. Speed changes the acceleration too, so Accel comes after it."""
+        """All off, whatever the program does next; the unit of Mps, and what TakeArm may have reset. Accel comes after
+        Speed, which changes it too.
+        """
         accel = short(self.accel, _PERCENT)
-        lines = ["TakeArm Keep = 0", *([f"ExtSpeed {short(self.ext_speed, _PERCENT)}"] if self.ext_speed else [])]
+        off = (line for item in program.body[: _count_off(program)] for line in self.line(item))
+        lines = ["TakeArm Keep = 0", *off, *(_ASK if self._asks else ())]
+        lines += [*([f"ExtSpeed {short(self.ext_speed, _PERCENT)}"] if self.ext_speed else [])]
         lines += [f"Speed {short(self.internal_speed, _PERCENT)}", f"Accel {accel}, {accel}"]
         if self.define:
             lines.append(f"Tool {self.tool}, P({self._pose(program.flange_from_tool)})")
@@ -208,8 +278,8 @@ class PacScript(PacScriptOptions):
         return (f"Delay {round(item.seconds * 1000)}",)
 
     def comment(self, text: str) -> str:
-        """A comment line."""
-        return f"' {text}"
+        """A comment line. One that ended in `` _`` might go on in the next line."""
+        return f"' {text}." if f" {text}".endswith(" _") else f"' {text}"
 
     def print_force(self, item: Force) -> list[str]:
         """The lines of the template."""
@@ -239,9 +309,16 @@ class PacScript(PacScriptOptions):
         return f"@{passing}" if motion.blend else "@0"
 
     def _tail(self, motion: Motion) -> str:
+        if isinstance(motion, MoveL) and motion.turn:
+            return f", Speed = {short(self._turning(motion), _PERCENT)}"
+        if isinstance(motion, MoveJ) and motion.share:
+            return f", Speed = {short(self._scaled(100 * motion.share), _PERCENT)}"
         if self.speed == "percent":
             return f", Speed = {short(self._percent(motion.speed), _PERCENT)}"
-        return f", Speed = Mps({short(self._scaled(motion.speed) / 1000, _METRES)})"
+        mm_s = self._scaled(motion.speed)
+        if self.mps == "m/s":
+            return f", Speed = Mps({short(mm_s / 1000, _SPEED + 3)})"
+        return f", Speed = Mps({short(mm_s, _SPEED)}{' * unit' if self._asks else ''})"
 
     def _target(self, pose: Pose, motion: Motion) -> str:
         figure = _figure(motion)
@@ -256,15 +333,20 @@ class PacScript(PacScriptOptions):
 
     # -- files ---------------------------------------------------------------------------------------------------
 
+    def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Sequence[str]]:
+        """The body behind what puts all off, which stands among the settings."""
+        return super().split(program, islice(printed, _count_off(program), None))
+
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """One file; a body of more than ``max_lines`` lines becomes several Subs that Main calls in turn."""
         name = self.program or derive(program.name)
         subs = _split(list(chain.from_iterable(parts)), self.max_lines)
         names = [f"{name[:50]}_part{i + 1}" for i in range(len(subs))] if len(subs) > 1 else []
-        body = [f"Call {sub}" for sub in names] or subs[0]
+        given, taken = ("(unit)", "(ByVal unit As Single)") if self._asks else ("", "")
+        body = [f"Call {sub}{given}" for sub in names] or subs[0]
         lines = [*self.begin(program), *(_INDENT + line for line in body), *self.end(program)]
         for sub, content in zip(names, subs, strict=False):
-            lines += [f"Sub {sub}", *(_INDENT + line for line in content), "End Sub"]
+            lines += [f"Sub {sub}{taken}", *(_INDENT + line for line in content), "End Sub"]
         longest = max(lines, key=len)
         if len(longest) > _LONGEST_LINE:
             raise Refused(
@@ -281,8 +363,20 @@ class PacScript(PacScriptOptions):
     def tolerance(self) -> Tolerance:
         """Half the last digit; an orientation adds up three angles, a force may keep what is ``_FORCE_STEP_N`` away."""
         degree = math.radians(0.51 * 10**-_ANGLE)
-        per_digit = 1000 * 10**-_METRES if self.speed == "mps" else self.rated / 100 * 10**-_PERCENT
-        return Tolerance(0.501 * 10**-self.decimals, 3 * degree, degree, 0.51 * per_digit, 2 * _FORCE_STEP_N, 0.00051)
+        per_digit = 10**-_SPEED if self.speed == "mps" else self.rated / 100 * 10**-_PERCENT
+        share = 0.51 * 10 ** -(_PERCENT + 2)
+        mm, force = 0.501 * 10**-self.decimals, 2 * _FORCE_STEP_N
+        turn = math.radians(share * self.rated_turn)
+        return Tolerance(mm, 3 * degree, degree, 0.51 * per_digit, force, 0.00051, turn, share)
+
+
+def _count_off(program: Program) -> int:
+    """How many instructions at the start of a program put outputs and force control off."""
+    return len(list(takewhile(_is_off, program.body)))
+
+
+def _is_off(item: Instruction) -> bool:
+    return (isinstance(item, Output) and item.value == 0) or (isinstance(item, Force) and item.newtons == 0)
 
 
 def _figure(motion: Motion) -> int | None:

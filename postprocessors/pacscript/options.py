@@ -13,18 +13,41 @@ from camgen.post import Post
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _PARAM = "ForceParam {n}, 2, P({x}, {y}, {z}, 0, 0, 0) ' verify"
-#: Words that name no program: statements, types, operators, and the one-letter arrays. Case does not matter.
+#: Words that name no program: statements, functions, types, operators, the one-letter arrays, and the name that the
+#: program itself gives. Case does not matter.
 _RESERVED = set(re.findall(r"\w+", """
-accel and approach archmove arrive as base byref byval call case changetool changework curjnt curpos date decel delay
-depart dev devh dim do double draw drive drivea else elseif end error exit extaccel extdecel extspeed false fig for
-forcectrl forceparam function givearm goto halt hold if integer interrupt io joint keep kill let loop main mod motor
-move mps next not now off on or position printdbg printmsg public reset resume rem rotate rotateh run select set
-single speed static step stop string sub suspend takearm then time timer to tool trans true until variant vector wait
-waitmotion while work xor p j t v i f d s l c ptp
+abs accel acos addhandler addpathpoint and angulartrigger approach archmove area areapos areasize array arrive as asc
+asin atn atn2 avec base bin bit buzzer byref byte byval call callbyname cao case changetool changework chr
+clearareadetected clearservolog clrerr clrpathpoint collisiondetection comm continueall convertposbase convertpostool
+convertposwork cos cpmode createarray createmultiarray createmutex cross crtmotionallow curacc curcpmode curdec curerr
+curexj curextacc curextdec curextspd curfig curforcesensorpayload curjnt curlmt curoptmode curpathpoint curpayload
+curpos curspd curspeedmode curtool curtrn curwork date deadmanstate decel defio degrad delay deletemutex depart destjnt
+destpos desttrn detectoff detecton dev devh dim dist do dot double dps draw drive drivea else elseif encmotionallow
+encmotionallowjnt end eralw err errlvl errmsg error exclusivearea exclusivecontrolstatus exit exp extaccel extdecel
+extspeed false fig fix for forcechangetable forcectrl forceparam forcesensor forcesensorpayload forcevalue
+forcewaitcondition format function getareadetected getcollisionstatus gethandio getlanguage getpathpoint
+getpathpointcount getpriority getpublicvalue getsrvdata getsrvjntdata givearm givemutex goto grvctrl grvoffset halt hand
+hex highpathaccuracy hold if instr instrrev int integer interrupt io j2p j2t join joint keep kill killall killbyname
+lbound lcase left len lenb let leta letf letj leto letp letr letrx letry letrz letx lety letz loadpathpoint lockstate
+log log10 loop ltrim magnitude main max mid min mod motioncomplete motionskip motiontimeout motor motorstate move mps
+msgbox mutexid mutexstate next normalvector not now off on or outputtcpspeed outrange ovec p2j p2t pagechange
+pagechangebyname pallet payload posclr position posrx posry posrz posx posy posz pow printdbg printmsg public pvec
+raddeg randomize readbytearray realpath rem removehandler reset resetarea resetexclusivearea resetmutex resume right
+rnd robinfo rotate rotateh rpm rtrim run runbyname rvec select set setarea setcollisiondetection setexclusivearea
+sethandio setpriority setpublicvalue sgn sin single singularavoid speed speedmode split sprintf sqr srvunlock
+startservolog static status statusbyname step stop stopservolog str string sub suspend suspendall suspendbyname
+swapbytearray synctime sysinfo syslog sysstate t2j t2p takearm takearmstate takemutex tan then time timer tinv tmul
+tnorm to tool toolpos trackapproach trackarrivaltime trackbufferdelete trackbufferindexes trackbufferread
+trackbuffersort trackconveyorspd trackconveyorvector trackcount trackcurbuffersort trackcurpos trackcurstartarea
+trackdepart trackencoder trackinitialize trackinrange trackminimumintervallength trackmove trackoffsetmargin
+tracksetsensor tracksetvision trackstandbypos trackstart trackstartarea trackstop tracktargetoffset tracktargetpos
+tracktargetrelease trans true ubound ucase until val varchangetype variant vartype vector ver virtualfence vis wait
+waitmotion while work workattribute workpos writebytearray xor zforce p j t v i f d s l c ptp unit
 """))  # fmt: skip
 #: Least and greatest value of the options that are numbers.
 _RANGES = {
-    "tool": (0, 63), "work": (0, 63), "rated": (0, 1e5), "ext_speed": (0, 100), "internal_speed": (0.1, 100),
+    "tool": (0, 63), "work": (0, 63), "rated": (0, 1e5), "rated_turn": (1, 1e4), "ext_speed": (0, 100),
+    "internal_speed": (0.1, 100),
     "accel": (0.0001, 100), "force_table": (1, 10), "decimals": (1, 6), "max_lines": (0, 10**9),
 }  # fmt: skip
 
@@ -38,8 +61,14 @@ class PacScriptOptions(Post):
     work: int = field(default=1, metadata={"help": "number for ChangeWork"})
     define: bool = field(default=False, metadata={"help": "write the tool and work frames to the controller"})
     pass_mark: Literal["P", "mm"] = field(default="P", metadata={"help": "blends as @P, or as @n in whole mm"})
-    speed: Literal["mps", "percent"] = field(default="mps", metadata={"help": "Mps(m/s), or percent of rated"})
+    speed: Literal["mps", "percent"] = field(default="mps", metadata={"help": "Mps(), or percent of rated"})
+    mps: Literal["ask", "mm/s", "m/s"] = field(
+        default="ask", metadata={"help": "unit of Mps(); ask: the program finds it out"}
+    )
     rated: float = field(default=0.0, metadata={"help": "mm/s that 100 % stands for; 0: not known"})
+    rated_turn: float = field(
+        default=500.0, metadata={"help": "deg/s that 100 % is, for turns on the spot; a slower arm turns slower"}
+    )
     ext_speed: float = field(default=0.0, metadata={"help": "external speed, %; 0: the pendant's is left as it is"})
     internal_speed: float = field(default=10.0, metadata={"help": "% for motions added by hand without a Speed"})
     accel: float = field(default=50.0, metadata={"help": "acceleration and deceleration, %"})
@@ -77,7 +106,8 @@ class PacScriptOptions(Post):
 
     def dynamics(self) -> Dynamics:
         """``Accel`` as a share of 10 m/s2. @P leaves the corner to speed and acceleration."""
-        return Dynamics(acceleration=100.0 * self.accel, corner="overlap" if self.pass_mark == "P" else "zone")
+        corner: Literal["overlap", "zone"] = "overlap" if self.pass_mark == "P" else "zone"
+        return Dynamics(acceleration=100.0 * self.accel, corner=corner, shares=True)
 
 
 def _legal(name: str) -> bool:

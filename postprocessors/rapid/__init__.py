@@ -6,15 +6,15 @@ Sources: RAPID kernel manual 3HAC16585-1; RAPID system data types and routines 3
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from camgen.model.cell import Cell
-from camgen.model.errors import JobError, Refused
-from camgen.model.pose import FloatArray, Pose, quaternion, translation
+from camgen.model.errors import Refused
+from camgen.model.pose import FloatArray, Pose, quaternion, rotation_from_quaternion, translation
 from camgen.model.program import (
     Columns,
     Comment,
@@ -37,17 +37,33 @@ from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
 
 from .force import DIGITS as FORCE_DIGITS
-from .force import arc_fault, check_sections, settle, tool_axis
-from .options import DIGITS, RapidOptions, legal_name, motion_data, speed_name, zone_name
+from .force import arc_fault, check_sections, choose_calibrations, settle, stop_before_calibrations, tool_axis
+from .options import (
+    DIGITS,
+    FARTHEST,
+    LONGEST,
+    NO_MASS,
+    SAFE,
+    RapidOptions,
+    Speed,
+    legal_name,
+    motion_data,
+    name_speeds,
+    speed_text,
+    zone_name,
+)
+from .routines import Names, Printed, Routine, call, chunk, cut
 
 #: Digits of a joint angle in deg; of a quaternion, whose square may differ from 1 by 1e-5.
 _JOINT_DIGITS, _Q_DIGITS = 4, 7
 _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 #: confdata where no posture is known for sure; the supervision of postures is then off.
 _NEUTRAL = "0,0,0,0"
-#: Up to here a num (24 bits) tells 0.001 mm apart; least and greatest speed, mm/s, and least blend radius, mm.
-_FARTHEST, _LEAST_SPEED_AND_ZONE, _FASTEST = 8388, 0.001, 99999
+#: Least and greatest speed, mm/s and deg/s, and least blend radius, mm.
+_LEAST_SPEED_AND_ZONE, _FASTEST = 0.001, 99999
 _IN, _IN2 = "    ", "        "
+#: Ends force control where a program that was aborted has left it on (both words from public force programs).
+_DEACT = f"{_IN2}IF FCIsForceMode() FCDeact;"
 
 
 @dataclass
@@ -58,14 +74,18 @@ class Rapid(RapidOptions):
     suffix: ClassVar[str] = ".mod"
     about: ClassVar[str] = "ABB RAPID modules (IRC5, OmniCore, S4)"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
-    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {"confdata"}
+    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {"confdata", "turn"}
 
     #: Rotations as they are printed, by identity, with the rotation itself: programs share them.
     _rotations: dict[int, tuple[FloatArray, str]] = field(default_factory=dict, init=False, repr=False)
     #: The change of force that the next motion makes.
     _change: Force | None = field(default=None, init=False, repr=False)
-    #: What is printed behind the first motion.
-    _calibration: tuple[str, ...] = field(default=(), init=False, repr=False)
+    #: Whether a motion is printed.
+    _begun: bool = field(default=False, init=False, repr=False)
+    #: The speeds that have a name.
+    _named: frozenset[Speed] = field(default=frozenset(), init=False, repr=False)
+    #: The names of routines and modules that the program has so far.
+    _names: Names = field(default_factory=lambda: Names(LONGEST, ()), init=False, repr=False, compare=False)
 
     # -- legality ------------------------------------------------------------------------------------------------
 
@@ -78,19 +98,22 @@ class Rapid(RapidOptions):
             raise Refused(self.name, index, "the first motion must be to joint values; give the home position in deg")
         for frame in (program.base_from_work, program.flange_from_tool):
             if _far(frame):
-                raise Refused(self.name, -1, f"a frame is farther than {_FARTHEST} mm from its base")
+                raise Refused(self.name, -1, f"a frame is farther than {FARTHEST} mm from its base")
         return self._pressing_prepared(program, chord)
 
     def _pressing_prepared(self, program: Program, chord: float) -> Program:
         if not any(isinstance(item, Force) for item in program.body):
             return super().prepare(program, chord)
         check_sections(self.name, program.body)
+        first = next((k for k, item in enumerate(program.body) if isinstance(item, Force) and item.newtons > 0), None)
+        if first is not None and not (self.force_load or self.force_calibrated):
+            what = "the force sensor is not set to zero before pressing"
+            remedy = "give post.force_load, or say post.force_calibrated = true where the cell does it"
+            raise Refused(self.name, first, what, remedy)
+        body = settle(program.body, chord)
         if self.force_load:
-            index, first = next(motions(program.body))
-            if first.blend:
-                raise Refused(self.name, index, "the first motion must stop, so that FCCalib can follow it")
-            self._calibration = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};")
-        prepared = super().prepare(program.with_body(settle(program.body, chord)), chord)
+            body = stop_before_calibrations(self.name, body)
+        prepared = super().prepare(program.with_body(body), chord)
         check_sections(self.name, prepared.body)
         return prepared
 
@@ -98,8 +121,10 @@ class Rapid(RapidOptions):
         """Motions without joints to poses, in bounds, that are no arcs."""
         speed, blend = columns.speed, columns.blend
         fine = columns.posed & ~columns.moves_are(MoveC) & (speed >= _LEAST_SPEED_AND_ZONE) & (speed <= _FASTEST)
-        fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= _FARTHEST))
-        fine[fine] = (np.abs(columns.ends[fine]) <= _FARTHEST).all(axis=1)
+        turn = np.degrees(columns.turn)
+        fine &= (turn == 0) | ((turn >= _LEAST_SPEED_AND_ZONE) & (turn <= _FASTEST))
+        fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= FARTHEST))
+        fine[fine] = (np.abs(columns.ends[fine]) <= FARTHEST).all(axis=1)
         fine[fine] = [move.joints is None for move in take(columns.moves, fine)]
         accepted = columns.are(Comment)
         accepted[columns.at[fine]] = True
@@ -130,11 +155,14 @@ class Rapid(RapidOptions):
             if isinstance(joints, Joints) and len(joints.values) != 6:
                 return f"{counted(len(joints.values), 'joint value')}; RAPID here is for arms of six axes"
         if (isinstance(target, Pose) and _far(target)) or (isinstance(motion, MoveC) and _far(motion.via)):
-            return f"a coordinate of more than {_FARTHEST} mm, which a num does not carry exactly"
+            return f"a coordinate of more than {FARTHEST} mm, which a num does not carry exactly"
+        turn = math.degrees(motion.turn) if isinstance(motion, MoveL) else 0.0
+        if turn and not _LEAST_SPEED_AND_ZONE <= turn <= _FASTEST:
+            return f"a turn at {turn:g} deg/s; use {_LEAST_SPEED_AND_ZONE} to {_FASTEST} for process.turn"
         if not _LEAST_SPEED_AND_ZONE <= motion.speed <= _FASTEST:
             return f"a speed of {motion.speed:g} mm/s; use {_LEAST_SPEED_AND_ZONE} to {_FASTEST}"
-        if motion.blend and not _LEAST_SPEED_AND_ZONE <= motion.blend <= _FARTHEST:
-            return f"a blend radius of {motion.blend:g} mm; use 0, or {_LEAST_SPEED_AND_ZONE} to {_FARTHEST}"
+        if motion.blend and not _LEAST_SPEED_AND_ZONE <= motion.blend <= FARTHEST:
+            return f"a blend radius of {motion.blend:g} mm; use 0, or {_LEAST_SPEED_AND_ZONE} to {FARTHEST}"
         return ""
 
     def _why_not_arc(self, arc: MoveC, start: Pose | None) -> str:
@@ -147,18 +175,20 @@ class Rapid(RapidOptions):
     # -- instructions --------------------------------------------------------------------------------------------
 
     def print_force(self, item: Force) -> Sequence[str]:
-        """Force on and off are part of the next motion."""
+        """Force on and off are part of the next motion; before the first one it is asked whether force is on."""
+        if not self._begun:
+            return (_DEACT,)
         self._change = item
         return ()
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
-        """MoveAbsJ to joints, in deg, else MoveJ. After the first one, in the air, the force sensor is set to zero."""
+        """MoveAbsJ to joints, in deg, else MoveJ."""
+        self._begun = True
         if isinstance(motion.target, Pose):
             return (f"{_IN2}MoveJ {self._target(motion.target, motion)},{self._tail(motion)};",)
         angles = ",".join(fixed(math.degrees(v), _JOINT_DIGITS) for v in motion.target.values)
-        rest = f"{speed_name(motion.speed)},{zone_name(motion.blend)},{self.tool}"
-        calibration, self._calibration = self._calibration, ()
-        return (f"{_IN2}MoveAbsJ [[{angles}],{_NO_AXES}],{rest};", *calibration)
+        rest = f"{self._speed(motion)},{zone_name(motion.blend)},{self.tool}"
+        return (f"{_IN2}MoveAbsJ [[{angles}],{_NO_AXES}],{rest};",)
 
     def movel(self, motion: MoveL) -> Sequence[str]:
         """MoveL, or the FCPress instruction in its place."""
@@ -167,7 +197,7 @@ class Rapid(RapidOptions):
         if change is None:
             force = f"FCPressL {target}" if motion.force > 0 else f"MoveL {target}"
             return (f"{_IN2}{force},{self._tail(motion)};",)
-        speed = speed_name(motion.speed)
+        speed = self._speed(motion)
         if change.newtons == 0:
             return (f"{_IN2}FCPressEnd {target},{speed},{self.tool}\\WObj:={self.work};",)
         axis, newtons = self._pressing(motion)
@@ -218,12 +248,16 @@ class Rapid(RapidOptions):
             self._rotations[id(rotation)] = rotation, ",".join(fixed(v, _Q_DIGITS) for v in quaternion(rotation))
         return self._rotations[id(rotation)][1]
 
+    def _speed(self, motion: Motion) -> str:
+        turn = motion.turn if isinstance(motion, MoveL) else 0.0
+        return speed_text(motion.speed, turn, self._named)
+
     def _tail(self, motion: Motion) -> str:
         """Speed, force while pressing, zone, tool and work object."""
         force = ""
         if not isinstance(motion, MoveJ) and motion.force > 0:
             force = self._pressing(motion)[1] + ","
-        return f"{speed_name(motion.speed)},{force}{zone_name(motion.blend)},{self.tool}\\WObj:={self.work}"
+        return f"{self._speed(motion)},{force}{zone_name(motion.blend)},{self.tool}\\WObj:={self.work}"
 
     def _pressing(self, motion: MoveL | MoveC) -> tuple[str, str]:
         """The tool axis along which a motion presses, and with how many N: negative against the axis."""
@@ -239,39 +273,89 @@ class Rapid(RapidOptions):
         """MODULE, header, data, and main up to its first instruction."""
         head = ["%%%", "  VERSION:1", "  LANGUAGE:ENGLISH", "%%%"] if self.s4 else []
         head.append(f"MODULE {self.module_name(program)}")
-        header = [self.note(line).strip() for line in program.header]
-        if self.force == "ignore":
-            header.append('! pressing is left out: post.force = "ignore"')
-        head += [_IN + line for line in (*header, *self._frames(program), *motion_data(program))]
-        return [*head, "", f"{_IN}PROC main()", *(_IN2 + line for line in self._supervision(program))]
+        header = [self.note(line).strip() for line in program.header] + [f"! {line}" for line in self._remarks(program)]
+        data = motion_data(program.columns, self._named)
+        head += [_IN + line for line in (*header, *self._frames(program), *data)]
+        return [*head, "", f"{_IN}PROC main()", *(_IN2 + line for line in self._settings(program))]
 
-    def end(self, program: Program) -> Sequence[str]:  # noqa: ARG002 (the same for every program)
+    def end(self, program: Program) -> Sequence[str]:
         """The ends of main and of the module."""
-        return f"{_IN}ENDPROC", "ENDMODULE"
+        return *self._handler(program, main=True), f"{_IN}ENDPROC", "ENDMODULE"
+
+    def _remarks(self, program: Program) -> Iterator[str]:
+        """What the program takes for granted."""
+        if self.declare and self.mass <= NO_MASS:
+            yield f"load: {short(self.mass, DIGITS)} kg is no tool's, and loading this module overwrites {self.tool}"
+            yield "load: set post.mass and post.cog, or post.declare = false for the tool of the controller"
+        if self.force == "ignore":
+            yield 'pressing is left out: post.force = "ignore"'
+        if not any(isinstance(item, Force) for item in program.body):
+            return
+        sense = "along" if self.force_sign > 0 else "against"
+        yield f"force: Machining FC is installed; a positive force pushes {sense} the axis of the tool"
+        yield f"force: travel begins when {short(self.force_threshold, DIGITS)} % of the force is felt"
+        zero = f"FCCalib {self.force_load} in the air" if self.force_load else "the cell, before this program"
+        yield f"force: the sensor is set to zero by {zero}"
+
+    def _outputs(self, program: Program) -> list[str]:
+        """The statements that switch off every output that the program uses."""
+        used = dict.fromkeys(item.signal for item in program.body if isinstance(item, Output))
+        return [line for signal in used for line in self.output(Output(signal, 0.0))]
+
+    def _handler(self, program: Program, *, main: bool) -> list[str]:
+        """The ERROR handler: in main it drops the process, elsewhere it hands the error on to main."""
+        outputs = self._outputs(program)
+        deact = any(isinstance(item, Force) for item in program.body)
+        if self.on_error == "none" or not (outputs or deact):
+            return []
+        if not main:
+            return [f"{_IN}ERROR", f"{_IN2}RAISE;"]
+        lines = [*call(SAFE)] if outputs else []
+        if deact:
+            lines.append(_DEACT)
+        return [f"{_IN}ERROR", *lines, f"{_IN2}{self.on_error.upper()};"]
+
+    def _safe(self, program: Program) -> list[str]:
+        """The routine that drops the process, for the handler and for an event routine of the controller."""
+        outputs = self._outputs(program)
+        return self._proc(SAFE, outputs) if outputs and self.on_error != "none" else []
+
+    def _proc(self, name: str, lines: Sequence[str]) -> list[str]:
+        return ["", f"{_IN}PROC {name}()", *lines, f"{_IN}ENDPROC"]
 
     def _frames(self, program: Program) -> list[str]:
         if not self.declare:
             return []
         pers = "PERS" if self.s4 else "TASK PERS"
-        tool, work = (
-            f"[[{','.join(fixed(v, self.decimals) for v in pose.origin)}],[{self._rotation(pose)}]]"
-            for pose in (program.flange_from_tool, program.base_from_work)
-        )
+        tool = self._frame(program.flange_from_tool, self.decimals)
+        fixture = self.place_fixture(program.base_from_work)
+        user, thing = self._frame(fixture, self.decimals), "[[0,0,0],[1,0,0,0]]"
+        if self.fixture:
+            # From the user frame as it is printed, and finer, so that their roundings do not add up.
+            lies = _round(fixture, self.decimals).inverse() @ program.base_from_work
+            thing = self._frame(lies, self.decimals + 1)
         cog = ",".join(short(v, DIGITS) for v in self.cog)
         load = f"[{short(self.mass, DIGITS)},[{cog}],[1,0,0,0],0,0,0]"
         return [
             f"{pers} tooldata {self.tool}:=[TRUE,{tool},{load}];",
-            f'{pers} wobjdata {self.work}:=[FALSE,TRUE,"",{work},[[0,0,0],[1,0,0,0]]];',
+            f'{pers} wobjdata {self.work}:=[FALSE,TRUE,"",{user},{thing}];',
         ]
 
-    def _supervision(self, program: Program) -> list[str]:
-        """ConfJ and ConfL: on where every motion of the kind knows its posture."""
+    def _frame(self, pose: Pose, decimals: int) -> str:
+        return f"[[{fixed_each(pose.origin, decimals)}],[{self._rotation(pose)}]]"
+
+    def _settings(self, program: Program) -> list[str]:
+        """What main sets before it moves. ConfJ and ConfL: on where every motion of the kind knows its posture."""
         lines = []
         for word, kinds in (("ConfJ", (MoveJ,)), ("ConfL", (MoveL, MoveC))):
             columns = program.columns
             found = take(columns.moves, columns.moves_are(*kinds) & columns.posed)
             on = self.conf == "auto" and found and all(m.posture and m.posture.confdata for m in found)
             lines.append(f"{word}\\{'On' if on else 'Off'};")
+        if self.sing_area:
+            lines.append(f"SingArea\\{self.sing_area.capitalize()};")
+        if self.acc_set:
+            lines.append(f"AccSet {','.join(short(v, DIGITS) for v in self.acc_set)};")
         return lines
 
     def module_name(self, program: Program) -> str:
@@ -279,21 +363,39 @@ class Rapid(RapidOptions):
         if self.program:
             return self.program
         name = legal_name(program.name, self.longest - len("_part9999"))
-        taken = {self.tool.lower(), self.work.lower(), *(v.lower() for v in self.signals.values())}
-        return f"m{name}" if name.lower() in taken else name
+        return f"m{name}" if name.lower() in self._given() else name
 
-    def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
-        """One module, or a main module that calls Part1, Part2, ... each in a module of its own."""
-        if len(parts) == 1:
-            return super().assemble(program, parts)
-        name = self.module_name(program)
-        if len(f"{name}_part{len(parts)}") > self.longest:
-            what = f"{name!r} is too long for a program in {len(parts)} parts"
-            raise JobError("[post] program", what, remedy="shorten it or raise post.max_lines")
-        calls = [f"{_IN2}Part{k};" for k in range(1, len(parts) + 1)]
-        files = [self._file(program.name, [*self.begin(program), *calls, *self.end(program)])]
-        for k, part in enumerate(parts, start=1):
-            lines = [f"MODULE {name}_part{k}", f"{_IN}PROC Part{k}()", *part, f"{_IN}ENDPROC", "ENDMODULE"]
+    def _given(self) -> set[str]:
+        """The names that options give, in lower case."""
+        return {name.lower() for name in (self.tool, self.work, self.force_load, *self.signals.values())}
+
+    def split(self, program: Program, printed: Iterable[Printed]) -> Sequence[Printed]:
+        """The body of main, then whole routines that it calls."""
+        self._begun, self._change = False, None
+        self._named = name_speeds(program.columns)
+        self._names = Names(self.longest, {*self._given(), self.module_name(program).lower()})
+        main, *routines = cut(program, self._calibrated(program, printed), self.max_lines, self._names)
+        handler = self._handler(program, main=False)
+        return [_flat(main), *(self._proc(one.name, [*_flat(one), *handler]) for one in routines)]
+
+    def _calibrated(self, program: Program, printed: Iterable[Printed]) -> Iterator[Printed]:
+        """The lines of each instruction, with FCCalib after the motions into the air before pressing."""
+        after = choose_calibrations(self.name, program.body) if self.force_load else frozenset()
+        for index, lines in enumerate(printed):
+            extra = (f"{_IN2}WaitTime\\InPos,0;", f"{_IN2}FCCalib {self.force_load};") if index in after else ()
+            yield (*lines, *extra) if extra else lines
+
+    def assemble(self, program: Program, parts: Sequence[Printed]) -> tuple[OutputFile, ...]:
+        """One module, or one with main and others with the routines that it calls, none longer than ``max_lines``."""
+        main, *routines = parts
+        *end, endmodule = self.end(program)
+        first = [*self.begin(program), *main, *end, *self._safe(program)]
+        if not self.max_lines or sum(map(len, parts)) <= self.max_lines:
+            return (self._file(program.name, [*first, *(line for one in routines for line in one), endmodule]),)
+        files = [self._file(program.name, [*first, endmodule])]
+        for k, group in enumerate(chunk(routines, self.max_lines), start=1):
+            name = self._names.give(f"{self.module_name(program)}_part{k}")
+            lines = [f"MODULE {name}", *(line for one in group for line in one), endmodule]
             files.append(self._file(f"{program.name}_part{k}", lines))
         return tuple(files)
 
@@ -320,4 +422,14 @@ class Rapid(RapidOptions):
 
 def _far(pose: Pose) -> bool:
     x, y, z = pose.origin
-    return not (abs(x) <= _FARTHEST and abs(y) <= _FARTHEST and abs(z) <= _FARTHEST)
+    return not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST)
+
+
+def _flat(routine: Routine) -> list[str]:
+    return [line for item in routine.items for line in item]
+
+
+def _round(pose: Pose, decimals: int) -> Pose:
+    """The pose as a text says it."""
+    x, y, z = (float(fixed(v, decimals)) for v in pose.origin)
+    return Pose(rotation_from_quaternion([float(fixed(v, _Q_DIGITS)) for v in quaternion(pose.rotation)]), (x, y, z))

@@ -7,7 +7,7 @@ A section is ``Force`` on, motions that press, ``Force`` off, one motion that le
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import sweep_and_height
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, Vec3
-from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL
+from camgen.model.program import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL
 from camgen.model.text import fixed
 from camgen.post.passes import PASSES
 
@@ -39,7 +39,8 @@ def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:
 
 
 def settle(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]:
-    """Each ``Force`` moved right before its motion, which becomes straight; one that leaves the surface also stops.
+    """Each ``Force`` moved right before its motion, which becomes straight; one that leaves the surface also stops, and
+    what is remarked before it, on what comes next, is remarked after it.
 
     A force takes effect with the next motion, so nothing changes by the first; FCPress1LStart and FCPressEnd are
     straight, and FCPressEnd has no zone.
@@ -47,15 +48,20 @@ def settle(body: Sequence[Instruction], chord: float) -> tuple[Instruction, ...]
     result: list[Instruction] = []
     waiting: Force | None = None
     start: Pose | None = None
+    remarks: list[Instruction] = []
     for item in body:
         if isinstance(item, Force):
             waiting = item
             continue
+        if isinstance(item, Comment) and waiting is not None and waiting.newtons == 0:
+            remarks.append(item)
+            continue
         if isinstance(item, (MoveJ, MoveL, MoveC)):
             if waiting is not None:
                 result.append(waiting)
-                result += _opening(waiting, item, start, chord)
+                result += [*_opening(waiting, item, start, chord), *remarks]
                 waiting = None
+                remarks.clear()
             else:
                 result.append(item)
             start = item.target if isinstance(item.target, Pose) else None
@@ -82,6 +88,7 @@ class _Section:
     moved: bool = False
     leaving: bool = False
     start: Pose | None = None
+    begun: bool = False
 
 
 def check_sections(post: str, body: Sequence[Instruction]) -> None:
@@ -92,6 +99,7 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
         if isinstance(item, Force):
             reason = _change(section, item)
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
+            section.begun = True
             reason = _explain_move(section, item)
             section.start = item.target if isinstance(item.target, Pose) else None
         if reason:
@@ -101,7 +109,9 @@ def check_sections(post: str, body: Sequence[Instruction]) -> None:
 
 
 def _change(section: _Section, item: Force) -> str:
-    """Why the force cannot change here."""
+    """Why the force cannot change here. Before the first motion it is put off, whether it is on or not."""
+    if not section.begun and item.newtons == 0:
+        return ""
     if section.leaving or (section.force is not None and not section.moved):
         return "two changes of force without a motion between them"
     if item.newtons > 0:
@@ -138,6 +148,71 @@ def _explain_move(section: _Section, item: MoveJ | MoveL | MoveC) -> str:
     if tool_axis(item.target.rotation, item.force_direction) != section.axis:
         return f"the press direction is not the same tool axis in the whole section; {_TURN}"
     return ""
+
+
+# Where the force sensor is set to zero.
+
+#: Farther than this from where a section starts, along the tool or against its press direction, is in the air, mm.
+_AIR = 1.0
+
+
+def choose_calibrations(post: str, body: Sequence[Instruction]) -> frozenset[int]:
+    """The indices of the motions after which FCCalib may stand: for each section the last of the farthest from the
+    surface on the way to it. Where the tool stays down between two sections there is none.
+
+    Raises Refused where there is none before the first.
+    """
+    chosen: set[int] = set()
+    way: dict[int, Motion] = {}
+    leaving = -1
+    for index, item in enumerate(body):
+        if isinstance(item, Force) and item.newtons > 0:
+            found = _farthest(way, leaving, item.force_direction)
+            if found is None and not chosen:
+                what = "no motion in the air before pressing, where the force sensor can be set to zero"
+                raise Refused(post, index, what, "raise process.clearance")
+            chosen |= set() if found is None else {found}
+        elif isinstance(item, Force):
+            way, leaving = {}, index + 1
+        elif isinstance(item, (MoveJ, MoveL, MoveC)):
+            way[index] = item
+    return frozenset(chosen)
+
+
+def _farthest(way: Mapping[int, Motion], leaving: int, press: Vec3) -> int | None:
+    """Of the motions ``way``, the last of which goes to the surface, the one after which the sensor is set to zero.
+
+    Rather one to a pose that is in the air for sure than one to joints, and rather that than the one that has just left
+    the surface, at index ``leaving``.
+    """
+    start = way[max(way)].target if way else None
+    if not isinstance(start, Pose):
+        return None
+    clear = {k: _measure(start, motion.target, press) for k, motion in way.items()}
+    most = max((v for k, v in clear.items() if k != leaving), default=0.0)
+    if most >= _AIR:
+        return max(k for k, v in clear.items() if k != leaving and v >= most - 1e-6)
+    joints = [k for k, motion in way.items() if isinstance(motion.target, Joints)]
+    if joints:
+        return joints[-1]
+    return leaving if clear.get(leaving, 0.0) >= _AIR else None
+
+
+def _measure(start: Pose, target: Pose | Joints, press: Vec3) -> float:
+    """How far ``target`` is from ``start`` along the tool or against the press direction, mm; 0 where not known."""
+    if isinstance(target, Joints):
+        return 0.0
+    way = np.subtract(target.origin, start.origin)
+    return max(-float(way @ start.rotation[:, 2]), -float(way @ np.asarray(press)))
+
+
+def stop_before_calibrations(post: str, body: Sequence[Instruction]) -> tuple[Instruction, ...]:
+    """The body whose motions stop where the sensor is set to zero."""
+    stops = choose_calibrations(post, body)
+    return tuple(
+        replace(item, blend=0.0) if k in stops and isinstance(item, (MoveJ, MoveL, MoveC)) else item
+        for k, item in enumerate(body)
+    )
 
 
 # Which arcs MoveC takes. Its limits are not confirmed, so arcs stay well inside them (docs, what is not certain).

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections import Counter
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Literal
@@ -10,7 +12,8 @@ from typing import Literal
 import numpy as np
 
 from camgen.model.errors import JobError
-from camgen.model.program import Program
+from camgen.model.pose import Pose, pose_from_values
+from camgen.model.program import Columns
 from camgen.model.text import counted, short
 from camgen.post import Post
 
@@ -20,8 +23,14 @@ SPEEDS = {
     5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800,
     1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000, 7000,
 }  # fmt: skip
+#: So many other speeds get a name, those that are used most; the rest is written out in its motion.
+MOST_NAMED = 6
 #: Radius at the TCP, as it is printed -> name.
 ZONES = {"0.3": "z0"} | {str(r): f"z{r}" for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+#: Up to here a num (24 bits) tells 0.001 mm apart.
+FARTHEST = 8388
+#: The mass of tool0, kg: a tool that has no other was not weighed.
+NO_MASS = 0.001
 #: Digits of a speed, a blend radius, a wait.
 DIGITS = 3
 #: The longest name on IRC5 and later, and on S4.
@@ -33,14 +42,18 @@ _RESERVED = """
     proc raise readonly record retry return step sysmodule task test then to trap true trynext undo var viewonly while
     with xor""".split()  # noqa: SIM905 (sixty words read better so)
 _INSTALLED = """
-    main fine vmax tool0 wobj0 load0 high low pi bool num dnum string byte pos orient pose confdata robjoint extjoint
+    main fine vmax tool0 wobj0 load0 pi bool num dnum string byte pos orient pose confdata robjoint extjoint
     robtarget jointtarget speeddata zonedata tooldata wobjdata loaddata signaldo signalao moveabsj movej movel movec
     movejdo moveldo movecdo offs reltool calcrobt crobt setdo setao setgo set reset pulsedo waittime waitdi waituntil
     confl confj singarea accset velset tpwrite tperase stop fcact fcdeact fccalib fcpress1lstart fcpressl fcpressc
-    fcpressend triggio triggl load unload""".split()  # noqa: SIM905
-_TAKEN = {*_INSTALLED, *(f"v{v}" for v in SPEEDS), *ZONES.values()}
-#: Names that the post gives to what it declares itself: speeds, zones, parts.
-_OURS = re.compile(r"(?:[vz]cam\d[\d_]*|part\d+)", re.IGNORECASE)
+    fcpressend fcisforcemode triggio triggl load unload""".split()  # noqa: SIM905
+#: The system modules of older controllers, and what they declare (RAPID overview, system modules).
+_RESIDENT = "base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".split()  # noqa: SIM905
+#: The PROC that drops the process.
+SAFE = "camSafe"
+_TAKEN = {*_INSTALLED, *_RESIDENT, SAFE.lower(), *(f"v{v}" for v in SPEEDS), *ZONES.values()}
+#: Names that the post gives to the speeds and zones that it declares.
+_OURS = re.compile(r"[vz]cam\d[\d_]*(t\d[\d_]*)?", re.IGNORECASE)
 
 
 def name_fault(name: str, longest: int, installed: bool = False) -> str:
@@ -52,25 +65,67 @@ def name_fault(name: str, longest: int, installed: bool = False) -> str:
     if name.lower() in _RESERVED:
         return "is a reserved word of RAPID"
     if not installed and (name.lower() in _TAKEN or _OURS.fullmatch(name)):
-        return "is taken already: predefined, or given by the post itself"
+        return "is taken already: predefined, of a system module, or given by the post itself"
     return ""
 
 
-def legal_name(text: str, longest: int) -> str:
-    """The name nearest to ``text`` that can be used.
+def legal_name(text: str, longest: int, prefix: str = "m") -> str:
+    """The name nearest to ``text`` that can be used; ``prefix`` stands before one that cannot.
 
-    >>> legal_name("10 Bracket-v2", 32), legal_name("MoveL", 32)
-    ('m10_Bracket_v2', 'mMoveL')
+    >>> legal_name("10 Bracket-v2", 32), legal_name("MoveL", 32), legal_name("user", 32)
+    ('m10_Bracket_v2', 'mMoveL', 'muser')
     """
     name = re.sub(r"[^A-Za-z0-9_]", "_", text)[: longest - 1]
-    return f"m{name}" if name_fault(name, longest) else name
+    return f"{prefix}{name}" if name_fault(name, longest) else name
+
+
+# Speeds and zones. All that the text says of a speed, its name and its components, is decided here.
+
+
+#: The components of a speed that a program decides, as they are printed: mm/s of the TCP, deg/s that it turns.
+Speed = tuple[str, str]
+#: What the tool turns at, deg/s, in every predefined speed: a motion that travels is limited by its TCP.
+_ON_THE_WAY = "500"
+
+
+def _components(speed: float, turn: float) -> Speed:
+    return short(speed, DIGITS), short(math.degrees(turn), DIGITS) if turn else _ON_THE_WAY
+
+
+def name_speeds(columns: Columns) -> frozenset[Speed]:
+    """Which speeds of a program get a name: those of most motions."""
+    used: Counter[Speed] = Counter()
+    pairs, counts = np.unique(np.column_stack([columns.speed, columns.turn]), axis=0, return_counts=True)
+    for (speed, turn), count in zip(pairs.tolist(), counts.tolist(), strict=True):
+        used[_components(speed, turn)] += count
+    others = [one for one in used if not _is_predefined(one)]
+    ranked = sorted(others, key=lambda one: (-used[one], *map(float, one)))
+    return frozenset(ranked[:MOST_NAMED])
+
+
+def _is_predefined(speed: Speed) -> bool:
+    return speed[1] == _ON_THE_WAY and float(speed[0]) in SPEEDS
 
 
 @lru_cache(maxsize=1000)
-def speed_name(speed: float) -> str:
-    """The speeddata of ``speed`` (mm/s): predefined where there is one, else declared by ``motion_data``."""
-    text = short(speed, DIGITS)
-    return f"v{text}" if float(text) in SPEEDS else "vCam" + text.replace(".", "_")
+def speed_text(speed: float, turn: float, named: frozenset[Speed]) -> str:
+    """The speeddata of ``speed`` (mm/s), for a turn on the spot with ``turn`` (rad/s): predefined where there is one,
+    else by its name, else written out.
+    """
+    one = _components(speed, turn)
+    if _is_predefined(one):
+        return f"v{one[0]}"
+    return _name_of(one) if one in named else _speeddata(one)
+
+
+def _name_of(speed: Speed) -> str:
+    tcp, turn = (text.replace(".", "_") for text in speed)
+    return f"vCam{tcp}" + ("" if turn == _ON_THE_WAY else f"t{turn}")
+
+
+def _speeddata(speed: Speed) -> str:
+    """The components of a speed; those of external axes, mm/s and deg/s, as in the predefined ones."""
+    return f"[{speed[0]},{speed[1]},5000,1000]"
 
 
 @lru_cache(maxsize=1000)
@@ -80,18 +135,14 @@ def zone_name(blend: float) -> str:
     return "fine" if text == "0" else ZONES.get(text) or "zCam" + text.replace(".", "_")
 
 
-def motion_data(program: Program) -> list[str]:
-    """Declarations of the speeds and zones that are not predefined, slow and small ones first.
+def motion_data(columns: Columns, named: frozenset[Speed]) -> list[str]:
+    """Declarations of the speeds that have a name and of the zones that are not predefined, slow and small ones first.
 
-    The components beside the TCP speed, and a zone's ratio of 1.5 to the TCP radius, are those of the predefined ones.
+    A zone's ratio of 1.5 to the TCP radius is that of the predefined ones.
     """
-    speeds = {short(speed, DIGITS) for speed in np.unique(program.columns.speed).tolist()}
-    zones = {short(blend, DIGITS) for blend in np.unique(program.columns.blend).tolist()}
-    lines = [
-        f"CONST speeddata {speed_name(float(v))}:=[{v},500,5000,1000];"
-        for v in sorted(speeds, key=float)
-        if float(v) not in SPEEDS
-    ]
+    speeds = sorted(named, key=lambda one: tuple(map(float, one)))
+    lines = [f"CONST speeddata {_name_of(one)}:={_speeddata(one)};" for one in speeds]
+    zones = {short(blend, DIGITS) for blend in np.unique(columns.blend).tolist()}
     for r in sorted(zones - {"0"} - set(ZONES), key=float):
         wide, angle = short(1.5 * float(r), DIGITS + 1), short(0.15 * float(r), DIGITS + 2)
         lines.append(f"CONST zonedata {zone_name(float(r))}:=[FALSE,{r},{wide},{wide},{angle},{wide},{angle}];")
@@ -111,7 +162,17 @@ class RapidOptions(Post):
     declare: bool = field(
         default=True, kw_only=True, metadata={"help": "declare tool and work; false: they are on the controller"}
     )
-    mass: float = field(default=0.001, kw_only=True, metadata={"help": "mass of the tool, kg"})
+    fixture: list[float] = field(
+        default_factory=list,
+        kw_only=True,
+        metadata={
+            "help": "the fixture in the robot's base, [x, y, z, rx, ry, rz] in mm and deg: it becomes the user frame, "
+            "and where the work lies in it the object frame; empty: the user frame is the work frame"
+        },
+    )
+    mass: float = field(
+        default=NO_MASS, kw_only=True, metadata={"help": "mass of the tool, kg; the default is that of tool0"}
+    )
     cog: list[float] = field(
         default_factory=lambda: [0.0, 0.0, 0.001],
         kw_only=True,
@@ -130,11 +191,30 @@ class RapidOptions(Post):
             "help": "auto: state the posture where it is known, and supervise it; state: only state it; off: never"
         },
     )
+    on_error: Literal["raise", "exit", "none"] = field(
+        default="raise",
+        kw_only=True,
+        metadata={
+            "help": "an ERROR handler drops the process; raise: then the controller reports the error and stops; "
+            "exit: it stops, and starts again from the top only; none: no handler"
+        },
+    )
+    sing_area: Literal["", "wrist", "off"] = field(
+        default="", kw_only=True, metadata={"help": "SingArea at the start; empty: not written"}
+    )
+    acc_set: list[float] = field(
+        default_factory=list,
+        kw_only=True,
+        metadata={"help": "AccSet at the start: acceleration and ramp, %; empty: not written"},
+    )
     force: Literal["fcpress", "ignore"] = field(
         default="fcpress", kw_only=True, metadata={"help": "fcpress: Machining FC; ignore: leave pressing out"}
     )
     force_load: str = field(
         default="", kw_only=True, metadata={"help": "loaddata for FCCalib, name or aggregate; empty: no FCCalib"}
+    )
+    force_calibrated: bool = field(
+        default=False, kw_only=True, metadata={"help": "the cell sets the force sensor to zero, the program need not"}
     )
     force_threshold: float = field(
         default=50.0, kw_only=True, metadata={"help": "part of the force to feel before travel goes on, %"}
@@ -162,11 +242,32 @@ class RapidOptions(Post):
             "force_distance": (self.force_distance, 0, 10000),
         }
         ranges |= {f"cog[{k}]": (value, -10000, 10000) for k, value in enumerate(self.cog)}
+        ranges |= {f"fixture[{k}]": (value, -FARTHEST, FARTHEST) for k, value in enumerate(self.fixture)}
+        limits = ((20, 100), (10, 100))
+        ranges |= {f"acc_set[{k}]": (value, *limits[k]) for k, value in enumerate(self.acc_set[:2])}
         for option, (value, least, most) in ranges.items():
             if not least <= value <= most:
                 raise JobError(f"[post] {option}", f"{value:g} is not {least:g} to {most:g}")
-        if len(self.cog) != 3:
-            raise JobError("[post] cog", counted(len(self.cog), "number"), remedy="give x, y, z in mm")
+        self._check_lists()
+
+    def _check_lists(self) -> None:
+        remedies = {
+            "cog": ((3,), "give x, y, z in mm"),
+            "fixture": ((0, 6), "give x, y, z in mm and rx, ry, rz in deg"),
+            "acc_set": ((0, 2), "give acceleration and ramp in %"),
+        }
+        for option, (sizes, remedy) in remedies.items():
+            size = len(getattr(self, option))
+            if size not in sizes:
+                raise JobError(f"[post] {option}", counted(size, "number"), remedy=remedy)
+        if self.fixture and not self.declare:
+            raise JobError("[post] fixture", "the work object is on the controller", remedy="leave out one of the two")
+
+    def place_fixture(self, base_from_work: Pose) -> Pose:
+        """The user frame of the work object: the fixture, or the work frame itself."""
+        if not self.fixture:
+            return base_from_work
+        return pose_from_values(self.fixture)
 
     def _check_names(self) -> None:
         names = {"tool": self.tool, "work": self.work}

@@ -66,8 +66,8 @@ class Rules:
 
 
 _CODES = """
-    G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G43 G49 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3 G61 G61.1 G64 G80 G81 G82
-    G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
+    G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G43 G49 G53 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3 G61 G61.1 G64 G80 G81
+    G82 G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
 """
 LINUXCNC = Rules(
     name="LinuxCNC",
@@ -85,14 +85,15 @@ class Expect:
     """What the options of the post say about the text.
 
     work: the work offset. tool: the tool that is changed to, 0: none. path: most mm of G64, None where the controller
-    has none. names: signal by output, as the interpreter names those. force: analog output and value per N, None
-    without force.
+    has none. names: signal by output, as the interpreter names those. lift: up in machine coordinates before G49.
+    force: analog output and value per N, None without force.
     """
 
     work: str
     tool: int = 0
     path: float | None = None
     names: Mapping[str, str] = field(default_factory=dict)
+    lift: bool = False
     force: tuple[int, float] | None = None
 
 
@@ -263,6 +264,10 @@ def _start(m: Strict) -> None:
         m.fault(f"work offset {m.work}, but post.work is {m.expect.work}")
     if m.expect.tool and m.applied != "G43":
         m.fault("the length of the tool is not applied (G43) before the first motion")
+    elif not m.applied:
+        m.remark("neither G49 nor G43 before the first motion: a tool length that is on shifts Z")
+    if m.lifted and not m.expect.lift:
+        m.remark("G53 has sent the tool to the machine's zero of Z, but post.lift is false")
     if m.expect.path is not None and not m.path:
         m.remark("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
 
@@ -274,7 +279,7 @@ def _place(m: Strict, named: Sequence[str]) -> None:
     why = ""
     if m.incremental or m.motion != "G0":
         why = f"{'an incremental' if m.incremental else 'a feed'} motion from a position that is not known"
-    elif not m.known[2] and "Z" not in named:
+    elif not (m.known[2] or m.lifted) and "Z" not in named:
         why = "X or Y moves while Z is not known"
     elif any(m.known[AXES.index(axis)] for axis in named):
         m.remark("an axis moves again before the position is known in all axes")
@@ -331,6 +336,8 @@ def _length(m: Strict, code: str, words: dict[str, float]) -> None:
         number = words.pop("H", m.expect.tool)
         if not m.expect.tool or number != m.expect.tool:
             raise LineError(f"G43 shifts z by the length of a tool, but post.tool is {m.expect.tool}")
+    if code == "G49" and m.expect.lift and not m.lifted:
+        m.remark("G49 lowers the next height by a tool length that is on; G53 G0 Z0 first")
     if m.begun and code != m.applied:
         raise LineError(f"{code} after the first motion shifts the origin")
     m.length = m.applied = code
@@ -413,6 +420,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
         tool=int(number(options, "tool", 0)),
         path=number(options, "path_tolerance", 0.01),
         names=signals(options, {"process": "P0"}),
+        lift=options.get("lift", True) is True,
         force=force,
     )
     lines = lines_of(files)

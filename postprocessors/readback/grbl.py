@@ -17,7 +17,7 @@ from camgen.read.gcode.arcs import Limits
 from .gcode import Expect, Rules, lines_of, list_written, number, run, signals
 
 _CODES = """
-    G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
+    G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
     M2 M3 M4 M5 M7 M8 M9 M30
 """
 GRBL = Rules(
@@ -35,7 +35,13 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """What a GRBL program says. options: of the post; left out, its defaults (docs/posts/grbl.md)."""
     names = signals(options, {"process": "M3"})
     power = number(options, "power", 1000.0)
-    reading = list_written(run(lines_of(files), GRBL, Expect(work=str(options.get("work", "G54")), names=names)))
+    reading = list_written(
+        run(
+            lines_of(files),
+            GRBL,
+            Expect(work=str(options.get("work", "G54")), names=names, lift=options.get("lift", False) is True),
+        )
+    )
     return replace(reading, body=_rename_spindle(reading.body, names, power))
 
 

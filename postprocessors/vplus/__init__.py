@@ -41,7 +41,9 @@ class VPlus(Post):
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("chords",)
     #: V+ rounds corners by speed, not by a radius: only stop or no stop is in the text.
-    verified_fields: ClassVar[frozenset[str]] = frozenset({"orientation", "speed", "joint-speed", "stop", "switches"})
+    verified_fields: ClassVar[frozenset[str]] = frozenset(
+        {"orientation", "speed", "joint-speed", "stop", "turn", "switches"}
+    )
 
     max_lines: int = field(
         default=2000, kw_only=True, metadata={"help": "lines per .PROGRAM before it is split; 0: never"}
@@ -53,6 +55,11 @@ class VPlus(Post):
     )
     rated: float = field(
         default=7500.0, kw_only=True, metadata={"help": "TCP speed that SPEED 100 means in a MOVE, mm/s"}
+    )
+    rated_turn: float = field(
+        default=1200.0,
+        kw_only=True,
+        metadata={"help": "what 100 % rotational speed means, deg/s, for turns on the spot; a slower arm turns slower"},
     )
     declare: bool = field(
         default=True, kw_only=True, metadata={"help": "set tool and work frame; false: they are on the controller"}
@@ -84,6 +91,7 @@ class VPlus(Post):
             ("decimals", 1 <= self.decimals <= 4, "1 to 4: a V+ real is single precision"),
             ("max_lines", self.max_lines >= 0, "0 for no limit"),
             ("rated", 0 < self.rated <= 20000, "the TCP speed of a MOVE at 100 %, up to 20000 mm/s"),
+            ("rated_turn", 0 < self.rated_turn <= 10000, "deg/s at 100 %, up to 10000"),
         ):
             if not good:
                 raise JobError(f"[post] {key}", f"cannot be {getattr(self, key)}", remedy=remedy)
@@ -101,7 +109,8 @@ class VPlus(Post):
     def tolerance(self) -> Tolerance:
         """Half the last digit; of a percentage, counted in mm/s."""
         speed = 0.5 * 10**-SPEED_DIGITS * max(1.0, self.rated / 100)
-        return replace(super().tolerance(), speed=speed)
+        turn = math.radians(0.5 * 10**-SPEED_DIGITS * self.rated_turn / 100)
+        return replace(super().tolerance(), speed=speed, turn=turn)
 
     def dynamics(self) -> Dynamics:
         """Corners by speed and acceleration, whatever the blend."""
@@ -139,7 +148,7 @@ class VPlus(Post):
                     return "V+ has no arc, and no pose is known where this one starts; move to a pose before it"
                 return "V+ has no arc; lower it to chords"
             case MoveJ() | MoveL():
-                return rules.bad_speed(item, self.rated) or self._bad_target(item.target)
+                return rules.bad_speed(item, self.rated) or self._bad_turn(item) or self._bad_target(item.target)
             case Output():
                 return self._bad_output(item)
             case Wait():
@@ -150,6 +159,9 @@ class VPlus(Post):
             case Comment():
                 pass
         return ""
+
+    def _bad_turn(self, item: MoveJ | MoveL) -> str:
+        return "" if isinstance(item, MoveJ) else rules.bad_turn(item.turn, self.rated_turn)
 
     def _bad_target(self, target: Pose | Joints) -> str:
         if isinstance(target, Joints):
@@ -199,7 +211,8 @@ class VPlus(Post):
         lines += [self.comment(text) for text in self._remarks()]
         if self.declare:
             lines.append(f"{_IN}AUTO {', '.join(declared)}")
-        lines += [f"{_IN}SELECT ROBOT = 1", f"{_IN}ATTACH ()"]
+        # Modal, and as the last program left them: corners and the time rely on both.
+        lines += [f"{_IN}{text}" for text in ("SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL 100, 100")]
         if self.declare:
             lines.append(f"{_IN}SET {self.tool} = {self._trans(program.flange_from_tool)}")
         lines.append(f"{_IN}TOOL {self.tool}")
@@ -235,8 +248,9 @@ class VPlus(Post):
         return [*lines, f"{_IN}MOVE {target}", *_stop(motion)]
 
     def movel(self, motion: MoveL) -> Sequence[str]:
-        """MOVES, at 100 % of the rotational speed at most."""
-        lines = self._pace(f"SPEED {short(motion.speed, SPEED_DIGITS)}, 100 MMPS ALWAYS")
+        """MOVES, at 100 % of the rotational speed at most; where only the tool turns, at that of the motion."""
+        turn = 100 * math.degrees(motion.turn) / self.rated_turn if motion.turn else 100.0
+        lines = self._pace(f"SPEED {short(motion.speed, SPEED_DIGITS)}, {short(turn, SPEED_DIGITS)} MMPS ALWAYS")
         lines += self._switched(motion)
         return [*lines, f"{_IN}MOVES {self.work}:{self._trans(pose_of(motion))}", *_stop(motion)]
 

@@ -191,6 +191,19 @@ def bad_speed(motion: MoveJ | MoveL, rated: float) -> str:
     return ""
 
 
+def bad_turn(turn: float, rated: float) -> str:
+    """Why a turn on the spot at ``turn`` rad/s cannot be printed. rated: deg/s at 100 %."""
+    degrees, percent = math.degrees(turn), 100 * math.degrees(turn) / rated
+    if percent > 100 + 1e-9:
+        said = f"{degrees:g} deg/s is more than post.rated_turn = {rated:g} deg/s"
+        return f"{said}; lower process.turn or raise post.rated_turn"
+    if turn and percent < _LEAST_SPEED:
+        said = f"{degrees:g} deg/s is {percent:.3g} % of post.rated_turn = {rated:g} deg/s"
+        least = f"below the least that prints exactly, {_LEAST_SPEED} %"
+        return f"{said}, {least}; raise process.turn or lower post.rated_turn"
+    return ""
+
+
 def by_hand(program: Program, force: str, spindle: str, post: str) -> tuple[str, ...]:
     """Remarks on what an output cannot carry. Refused when it is not one value for the whole program."""
     remarks = []

@@ -60,13 +60,17 @@ SMOKES = [
     Smoke("tours.drawings {here}/dxf", (1,), {"paths": (9, 9), "as drawn": (150, 250), "default": (80, 150)}),
     Smoke("tours.drawings million 50", (1,), {"segments": (500, 500), "chains": (50, 50)}),
     Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),
-    Smoke("plan.follow {here}/dxf/plate.dxf 3", (1,), {"paths": (3, 3), "working points off mm": (0, 0.02)}),
+    Smoke("plan.follow {here}/dxf/plate.dxf 3", (1,), {"paths": (7, 7), "working points off mm": (0, 0.02)}),
+    Smoke(
+        "plan.random_parts 8 0 1", (5,), {"dropped": (0, 0), "deepest gouge mm": (0, 0.011), "holes late": (0, 0)}
+    ),
     Smoke("plan.boards {here}/none 1 400", (4, 2), {"covered": (95, 100), "invented": (0, 0), "rms, px": (0, 0.2)}),
     Smoke("plan.drawing {here}/image", (1,), {"strokes": (8, 8), "off (px)": (0.1, 1.5)}),
     Smoke("robots.cycle --lines 1000", (10, 2), {"length over speed, s": (1, 60), "time, s": (1, 60)}),
     Smoke("robots.kinematics 20", (11, 11), {"found again": (100, 100), "mm": (0, 1e-3)}),
     Smoke("robots.collision 20", (12, 6), {"differ from the plain loop": (0, 0), "poses/s": (1, 1e9)}),
     Smoke("robots.rfa 1 rfa2 'IRB 1200'", (5,), {"nominal": (16, 16), "collide": (0, 0)}),
+    Smoke("robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)}),
     Smoke("photo.image_space 1 0", (12,), FIGURES | {"waypoints/m": (500, 5000)}),
     Smoke("photo.outlines 1 0 'disc r 5'", (12,), {"rms": (0, 1), "pieces": (2, 2)}),
     Smoke("photo.masks {here}/image 480 1", (5,), {"parts": (1, 1), "holes": (7, 12)}),

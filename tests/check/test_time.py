@@ -13,10 +13,22 @@ from camgen.check.reach import check_reach
 from camgen.check.time import durations, squares, time_motions
 from camgen.model.cell import Dynamics
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+)
 from camgen.post.plugins import find_post, make_post
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
+from tests.support.whole import whole
 
 PACE = Dynamics(acceleration=1000.0, turning=math.radians(500), ramp=0.2)
 FRAME = translation(0, 0, 0)
@@ -30,7 +42,7 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 
 def seconds(*body: Instruction, pace: Dynamics = PACE, start: Pose | None = None) -> list[float]:
     """Of each motion after the first, which ends at the origin."""
-    program = Program("p", FRAME, FRAME, (MoveJ(start or at(0, 0), 100.0), *body))
+    program = Program("p", FRAME, FRAME, whole((MoveJ(start or at(0, 0), 100.0), *body)))
     found: list[float] = time_motions(program, pace, None, None)[0].tolist()
     assert found[0] == 0.0  # where it comes from is not known
     return found[1:]
@@ -99,7 +111,10 @@ def test_outputs_force_and_waits_are_stops_and_comments_are_none() -> None:
 def test_a_turn_at_rest_takes_the_time_of_the_turn_and_one_on_the_way_slows_the_way() -> None:
     turned = Pose(frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN), (0.0, 0.0, 0.0))
     # 500 deg/s within 0.2 s are 2500 deg/s2, and 90 deg are too few for full speed
-    assert seconds(MoveL(turned, 20.0)) == pytest.approx([2 * math.sqrt(90 / 2500)])
+    assert seconds(MoveL(turned, 20.0, turn=math.radians(500))) == pytest.approx([2 * math.sqrt(90 / 2500)])
+    # at 60 deg/s: 90 deg and the ramp of 60 deg/s at 2500 deg/s2; no faster than the arm turns, whatever is asked for
+    assert seconds(MoveL(turned, 20.0, turn=math.radians(60))) == pytest.approx([90 / 60 + 60 / 2500])
+    assert seconds(MoveL(turned, 20.0, turn=math.radians(5000))) == pytest.approx([2 * math.sqrt(90 / 2500)])
     # 1 mm in the 0.18 s of the turn, no faster
     moved = replace(turned, origin=(1.0, 0.0, 0.0))
     speed = 1 / 0.18

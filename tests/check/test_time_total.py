@@ -16,7 +16,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.job import Job
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, translation
-from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Origin, Output, Program, Wait
+from camgen.model.program import Comment, Instruction, MoveJ, MoveL, Origin, Output, Program, Wait, put_off_first
 from camgen.post.plugins import find_post
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
@@ -65,7 +65,7 @@ def test_times_are_of_their_path_or_of_the_way_to_it() -> None:
         MoveJ(at(0, 40, 10), 100.0),
     )
     here = translation(0, 0, 0)
-    found = cycle(Program("p", here, here, body, paths=(Origin("a"), Origin("b"))), PACE)
+    found = cycle(Program("p", here, here, put_off_first(body), paths=(Origin("a"), Origin("b"))), PACE)
     work, plunge = 50 / 10 + 10 / 1000, 10 / 10 + 10 / 1000
     link, back = 40 / 100 + 100 / 1000, 2 * math.sqrt(10 / 1000)
     assert found.paths.tolist() == pytest.approx([work + 0.5, work + 0.5])

@@ -1,5 +1,6 @@
 import gc
 import json
+import math
 import os
 import re
 import resource
@@ -14,7 +15,7 @@ import camgen.cli.say
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli import main
 from camgen.cli.motion_file import decode, encode
-from camgen.model.errors import JobError
+from camgen.model.errors import CamgenError, JobError
 from camgen.model.pose import TOOL_DOWN, Pose, rotation_from_fixed_xyz, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.program_text import dump
@@ -440,6 +441,18 @@ def test_writing_into_what_is_no_folder(tmp_path: Path) -> None:
         check_targets([tmp_path / "file" / "b"], [])
 
 
+@pytest.mark.parametrize("post", ["gcode", "grbl"])
+def test_a_cut_with_the_spindle_at_rest_is_told_in_a_line(post: str, here: Path, capsys: Captured) -> None:
+    before = files(here)
+    assert main(["build", "plate.dxf", "--post", post, "--set", "operation.depth=3"]) == 2
+    remedy = 'set it to the speed in rpm, or process.switch to "contact" for a laser or a plasma torch'
+    assert error_of(capsys) == f"job: a cut of 3 mm with the spindle at rest (process.spindle); {remedy}"
+    (here / "deep.toml").write_text("[operation]\ndepth = 3\n")
+    assert main(["build", "plate.dxf", "--post", post, "--job", "deep.toml"]) == 2
+    assert error_of(capsys).startswith("deep.toml: a cut of 3 mm with the spindle at rest (process.spindle); ")
+    assert files(here) == before | {"deep.toml"}
+
+
 # -- the plan file
 
 
@@ -447,16 +460,21 @@ def test_a_plan_reads_back_to_the_last_bit() -> None:
     turned = Pose(rotation_from_fixed_xyz(0.1, 0.2, 3.0), (1 / 3, 2e-17, -7.1))
     down = Pose(TOOL_DOWN, (1.1, 2 / 3, 3.0))
     body = (
+        Output("process", 0.0),
+        Force(0.0),
         Comment('a "b" ü'),
         MoveJ(Joints((0.1, 1 / 3)), 100.0),
         Wait(0.5),
         MoveJ(down, 50.0, 1.0, Joints((1.0, 2.0))),
         MoveL(turned, 20.0, joints=Joints((1 / 7,))),
+        MoveL(Pose(TOOL_DOWN, turned.origin), 20.0, turn=math.pi / 3),
         Force(5.0, (1.0, 0.0, 0.0)),
         MoveC(turned, down, 2 / 3, 0.3, 4.0, (0.0, 1.0, 0.0)),
         MoveL(down, 3.0),
         Force(0.0),
         Output("process", 1.0),
+        Wait(0.25),
+        Output("process", 0.0),
     )
     program = Program("a b", translation(600, 0, 1 / 3), turned, body, ("one", "two"))
     data = encode(program, "rapid", {"x": 1, "y": [1.5, "a"]}, 0.01)
@@ -464,13 +482,33 @@ def test_a_plan_reads_back_to_the_last_bit() -> None:
     assert (plan.post, plan.options, plan.chord) == ("rapid", {"x": 1, "y": [1.5, "a"]}, 0.01)
     assert dump(plan.program) == dump(program)
     assert encode(plan.program, plan.post, plan.options, plan.chord) == data
-    move = plan.program.body[4]
+    move, turn = plan.program.body[6:8]
+    assert isinstance(turn, MoveL)
+    assert (move.turn, turn.turn) == (0.0, math.pi / 3)
     assert isinstance(move, MoveL)
     assert move.target.origin == turned.origin
     assert (move.target.rotation == turned.rotation).all()
     loaded = json.loads(data)
     assert loaded["format"] == "camgen-plan 2"
     assert [line["do"] for line in loaded["body"]] == [type(item).__name__.lower() for item in body]
+    assert ["turn" in line for line in loaded["body"]].count(True) == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('"turn":1.5', '"turn":0', "a motion that only turns the tool has no speed of turning (instruction 2)"),
+        ('"turn":1.5', '"turn":-1.5', "has no speed of turning (instruction 2)"),
+        ('"turn":1.5', '"turn":"fast"', "Expected `float | null`, got `str` - at `$.body[2].turn`"),
+    ],
+)
+def test_a_plan_whose_turn_has_no_speed_is_refused(old: str, new: str, says: str) -> None:
+    there = Pose(rotation_from_fixed_xyz(0.0, 0.0, 1.0), (1.0, 2.0, 3.0))
+    body = (MoveJ(Joints((0.1,)), 9.0), MoveL(there, 9.0), MoveL(Pose(TOOL_DOWN, (1.0, 2.0, 3.0)), 9.0, turn=1.5))
+    data = encode(Program("a", there, there, body), "rapid", {}, 0.01)
+    assert old.encode() in data
+    with pytest.raises((CamgenError, ValueError), match=re.escape(says)):
+        decode(data.replace(old.encode(), new.encode()))
 
 
 # -- verify, inspect, init, posts
@@ -491,7 +529,7 @@ def test_verify_sums_the_motion_up(capsys: Captured) -> None:
     rows = dict(line.split(maxsplit=1) for line in said.out.splitlines())
     # The plate's outline is 3 mm outside, its corners are quarter circles; the hole is 3 mm inside.
     assert rows["extents"] == "x -3 to 103, y -3 to 53, z 0 to 20 mm"
-    assert rows["output"] == "process: 1, 0"
+    assert rows["output"] == "process: 0, 1"  # in the order in which they come: off first
     assert rows["arcs"] == "62.8 mm"  # 6 pi around the corners, 14 pi in the hole
     assert rows["speed"].endswith("to 100 mm/s")
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from camgen.geometry.intersect import Obstacles
@@ -131,14 +131,19 @@ stars = st.integers(5, 12).flatmap(
 
 
 @settings(max_examples=60)
+@example(star([20.0] * 11 + [24.0], [0.0] * 9 + [0.2, 0.0, 0.0]), 11.0, False)
 @given(shape=stars, distance=st.sampled_from([1.0, 3.0, 6.35, 11.0]), inside=st.booleans())
 def test_any_shape_agrees_with_geos(shape: Contour, distance: float, inside: bool) -> None:
-    points, _ = flatten(from_contours([shape]), 1e-4)
+    points, _ = flatten(from_contours([shape]), 1e-3)
     polygon = shapely.Polygon(points)
     if not polygon.is_valid:
         return
     curve = run([clockwise(shape) if inside else shape], distance)
-    judge = polygon.buffer(-distance if inside else distance, quad_segs=200)
+    # Line by line: of a whole polygon GEOS leaves out what is hollow by less than a hundredth of the distance.
+    ring = np.concatenate([points, points[:1]])
+    lines = shapely.linestrings(np.stack([ring[:-1], ring[1:]], axis=1))
+    around = shapely.union_all(shapely.buffer(lines, distance, quad_segs=64))
+    judge = polygon.difference(around) if inside else polygon.union(around)
     sign = -1 if inside else 1
     assert curve.open_ends == 0
     assert sign * area(curve) == pytest.approx(judge.area, rel=2e-4, abs=0.05)

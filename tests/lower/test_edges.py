@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from camgen.build import Result
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Comment, Joints, MoveC, MoveJ, MoveL, Output
+from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.read.solid import mesh
 from tests.support.arm_models import by_hand
 from tests.support.files import source
@@ -44,12 +45,12 @@ def plate(tmp_path: Path) -> Path:
     return file
 
 
-def flange_to_tip(result: Result, joints: FloatArray) -> FloatArray:
+def flange_to_tip(result: Result, joints: FloatArray, arm: str = "IRB 2400") -> FloatArray:
     """The TCP in the work frame by textbook matrices, (3,)."""
     base, tool = (np.eye(4) for _ in range(2))
     base[:3, :3], base[:3, 3] = result.cell.base_from_work.rotation, result.cell.base_from_work.origin
     tool[:3, :3], tool[:3, 3] = result.cell.flange_from_tool.rotation, result.cell.flange_from_tool.origin
-    frame = np.linalg.inv(base) @ by_hand("IRB 2400", np.degrees(joints)) @ tool
+    frame = np.linalg.inv(base) @ by_hand(arm, np.degrees(joints)) @ tool
     return np.asarray(frame[:3, 3])
 
 
@@ -107,7 +108,9 @@ def test_the_process_is_off_between_edges_and_home_comes_first_and_last(built: R
     first, last = built.program.columns.moves[0], built.program.columns.moves[-1]
     assert first.target.values == last.target.values == built.cell.home.values
     on = False
-    for item in built.program.body:
+    off, *body = built.program.body
+    assert off == Output("process", 0.0)
+    for item in body:
         if isinstance(item, Output):
             assert item.value != on
             on = bool(item.value)
@@ -120,8 +123,60 @@ def test_the_approach_slows_down_before_the_part(built: Result) -> None:
     starts = [k for k, item in enumerate(body) if isinstance(item, Output) and item.value]
     slow = [body[k - 1] for k in starts if isinstance(body[k - 1], MoveL) and isinstance(body[k - 2], MoveL)]
     assert slow
-    assert all(item.speed in (20.0, 100.0) for item in slow)
-    assert any(item.speed == 20.0 for item in slow)
+    # The last millimetres are run at a third of the feed; an approach along an arc at the speed of travel.
+    assert {item.speed for item in slow} <= {20.0 / 3, 100.0}
+    assert any(item.speed == 20.0 / 3 for item in slow)
+
+
+@pytest.mark.parametrize("process", [{"switch": "air"}, {"switch": "air", "plunge": 4.0, "dwell": 0.5}])
+def test_a_tool_that_turns_is_on_before_it_comes_to_the_part_and_until_it_has_left(
+    plate: Path, process: dict[str, object]
+) -> None:
+    result = camgen.build(plate, post="rapid", job={**PLATE, "process": process})
+    off, *body = result.program.body
+    assert off == Output("process", 0.0)
+    on, here, switched, last = False, np.zeros(3), 0, body[0]
+    for k, item in enumerate(body):
+        if isinstance(item, Output):
+            assert item.value != on
+            on, switched = bool(item.value), switched + 1
+            # The plate is a box of 60 x 40 x 10 mm; the tool centre is above its approach from it.
+            assert np.linalg.norm(np.maximum(np.maximum(-here, here - (60, 40, 10)), 0)) > 2.0
+            assert isinstance(body[k + 1], Wait) == bool(on and "dwell" in process)
+        elif isinstance(item, MoveJ):
+            assert not on
+            here = flange_to_tip(result, np.array(item.target.values), "IRB 120")
+        elif isinstance(item, (MoveL, MoveC)):
+            assert item.work <= on
+            if item.work and not last.work:
+                assert last.speed == process.get("plunge", 20.0 / 3)
+            here = np.array(item.target.origin)
+        last = item if isinstance(item, (MoveJ, MoveL, MoveC)) else last
+    assert not on
+    assert switched >= 2
+
+
+def test_force_presses_with_a_tool_that_was_switched_on_in_the_air(plate: Path) -> None:
+    """``auto`` with a force: on, down, force on, the edge, force off, up, off."""
+    job = {**PLATE, "process": {"force": 5.0}, "post": {"force": "template"}}
+    job["cell"] = {"robot": "VS-6556", "base_from_work": [320, -20, 150, 0, 0, 0]}
+    result = camgen.build(plate, post="pacscript", job=job)
+    assert result.program.body[:2] == (Output("process", 0.0), Force(0.0))
+    on = pressing = False
+    before = edges = 0
+    for item in result.program.body[2:]:
+        if isinstance(item, Output):
+            assert not pressing
+            assert not getattr(before, "work", True), "switched on the part"
+            on = bool(item.value)
+        elif isinstance(item, Force):
+            assert on
+            pressing = item.newtons == 5.0
+            edges += pressing
+        elif isinstance(item, (MoveL, MoveC)):
+            assert item.work == pressing == (item.force == 5.0)
+        before = item
+    assert edges == len(result.tour.paths) > 0
 
 
 def test_the_same_job_gives_the_same_bytes(built: Result) -> None:
@@ -196,6 +251,7 @@ def test_strict_refuses_what_leaves_an_edge_out(plate: Path) -> None:
     ("table", "values", "message"),
     [
         ("operation", {"kind": "trace"}, '"trace" is for flat parts'),
+        ("process", {"retract": 9}, r"has no effect on a 3-D part .process\.retract.; leave it out"),
         ("tour", {"method": "as-drawn"}, "have no drawn order"),
         ("input", {"select": "not all"}, "picks no edge; the part has 12 edges"),
         ("input", {"select": "e99"}, "has no edge e99"),
@@ -307,4 +363,7 @@ def test_what_stands_between_two_looks_leaves_its_edge_out(plate: Path) -> None:
         assert len(result.tour.paths) == count
         assert result.report["checks"]["collision"] == "ok"
     lost = [note.why for note in result.notes if note.kind == "skipped"]
-    assert sum("collision, tool against fixture 1, on the way along it" in why for why in lost) == 1
+    (place,) = [
+        m[1] for why in lost if (m := re.fullmatch(r"collision, tool against fixture 1, (.*) mm along it", why))
+    ]
+    assert 26.8 <= float(place) <= 28.0

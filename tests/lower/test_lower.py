@@ -13,7 +13,7 @@ from camgen.geometry.arcs import circle
 from camgen.lower import lower
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
-from camgen.model.job import CellTable, Job, ProcessTable, ToleranceTable, ToolTable
+from camgen.model.job import CellTable, Job, OperationTable, ProcessTable, ToleranceTable, ToolTable
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, Pose, angle_between, frozen, pose_from_values, rotation_about, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
@@ -77,11 +77,12 @@ def test_a_square_becomes_the_written_sequence():
         "camgen-ir 1\nname part\nwork 100 0 0 q 1 0 0 0\ntool 0 0 80 q 1 0 0 0\n# made for a test\n"
         'path ["c1", "cut", ""]\n'
         "body\n"
+        "output process 0\n"
         "movej joints 0 0.1 0.2 0 0.3 0 speed 100\n"
         "# path c1 layer cut\n"
         "movej 0 0 20 q 0 1 0 0 speed 100 path 0\n"
         "movel 0 0 2 q 0 1 0 0 speed 100 path 0\n"
-        "movel 0 0 0 q 0 1 0 0 speed 20 path 0\n"
+        "movel 0 0 0 q 0 1 0 0 speed 6.666667 path 0\n"
         "output process 1\n"
         "wait 0.25\n"
         "movel 40 0 0 q 0 1 0 0 speed 20 path 0 work\n"
@@ -97,13 +98,14 @@ def test_a_square_becomes_the_written_sequence():
 def test_a_mill_travels_by_rapid_motions_only():
     job = Job(process=ProcessTable(spindle=9000, dwell=1.0, travel=50.0))
     body = program(SQUARE, path([(60, 0), (70, 0)], id="c2"), cell=MILL, job=job).body
-    assert [type(i) for i in body[:3]] == [MoveJ, Output, Wait]
-    assert body[1] == Output("spindle", 9000)
+    assert [type(i) for i in body[:4]] == [Output, MoveJ, Output, Wait]
+    assert body[2] == Output("spindle", 9000)
     assert body[-2] == Output("spindle", 0.0)
-    assert body[0].target is MILL.home
+    assert body[1].target is MILL.home
     assert body[-1].target is MILL.home
     assert all(isinstance(i, MoveJ) == (i.speed == 50.0) for i in body if isinstance(i, (MoveJ, MoveL)))
-    assert [i for i in body if isinstance(i, Output)] == [Output("spindle", 9000), Output("spindle", 0.0)]
+    assert [i.value for i in body if isinstance(i, Output) and i.signal == "spindle"] == [0.0, 9000, 0.0]
+    assert {i.signal for i in body if isinstance(i, Output)} == {"spindle"}
 
 
 @pytest.mark.parametrize(
@@ -129,7 +131,7 @@ def test_the_spindle_is_no_signal():
 
 def test_travel_between_paths_is_high_and_rounds_its_two_upper_corners():
     body = program(path([(0, 0), (9, 0)]), path([(50, 0), (60, 0)], id="c2")).body
-    up, comment, over, down = body[8:12]
+    up, comment, over, down = body[9:13]
     assert (up.target.origin, up.blend) == ((9, 0, 20), 5.0)
     assert comment == Comment("path c2 layer cut")
     assert (over.target.origin, over.blend, over.speed) == ((50, 0, 20), 5.0, 100.0)
@@ -139,14 +141,14 @@ def test_travel_between_paths_is_high_and_rounds_its_two_upper_corners():
 @pytest.mark.parametrize(("gap", "zone"), [(9.99, 1.0), (1.9, 0.3), (0.5, 0.0), (10.0, 5.0)])
 def test_travel_corners_stay_in_half_of_a_short_way(gap, zone):
     body = program(path([(0, 0), (9, 0)]), path([(9 + gap, 0), (60, 0)], id="c2")).body
-    assert [body[8].blend, body[10].blend] == [zone, zone]
+    assert [body[9].blend, body[11].blend] == [zone, zone]
 
 
 def test_a_path_that_starts_where_the_last_ended_needs_no_travel():
     body = program(path([(0, 0), (9, 0)]), path([(9, 0), (9, 9)], id="c2")).body
-    ends = [i.target.origin for i in body[8:12] if not isinstance(i, Comment)]
+    ends = [i.target.origin for i in body[9:13] if not isinstance(i, Comment)]
     assert ends == [(9, 0, 20), (9, 0, 2), (9, 0, 0)]
-    assert body[8].blend == 0.0
+    assert body[9].blend == 0.0
 
 
 def test_the_feed_begins_above_the_uncut_top_whatever_the_depth():
@@ -164,11 +166,25 @@ def test_a_closed_path_plunges_from_pass_to_pass():
     assert heights == [2, -1, -1, -1, -1, -1, -2, -2, -2, -2, -2, -3, -3, -3, -3, -3, 20]
 
 
-def test_the_plunge_is_never_faster_than_the_feed():
-    fast = replace(SQUARE, feed=frozen([40.0, 40.0, 20.0, 20.0, 20.0]), depths=(1.0, 2.0))
-    body = [i for i in program(fast).body if isinstance(i, (MoveJ, MoveL))]
+@pytest.mark.parametrize(
+    ("process", "operation", "speed"),
+    [
+        (ProcessTable(), "follow", 20 / 3),
+        (ProcessTable(feed=60.0), "follow", 20.0),
+        (ProcessTable(plunge=3.0), "follow", 3.0),
+        (ProcessTable(plunge=30.0), "follow", 30.0),
+        (ProcessTable(plunge=70.0), "follow", 40.0),  # the path is slower there
+        (ProcessTable(), "drill", 20.0),
+    ],
+)
+def test_the_tool_goes_down_at_a_speed_of_its_own(process, operation, speed):
+    """A third of the feed unless it is set, and never faster than the path goes on; a drill does nothing else."""
+    fast = replace(SQUARE, feed=frozen([40.0, 40.0, 20.0, 20.0, 20.0]), depths=(1.0, 2.0), operation=operation)
+    body = [i for i in program(fast, job=Job(process=process)).body if isinstance(i, (MoveJ, MoveL))]
     down = [b for a, b in pairwise(body) if isinstance(b, MoveL) and sinks(a, b)]
-    assert [(i.target.origin[2], i.speed) for i in down] == [(2, 100), (-1, 20), (-2, 20)]
+    assert [(i.target.origin[2], i.speed) for i in down] == [
+        *((2, 100), (-1, pytest.approx(speed)), (-2, pytest.approx(speed))),
+    ]
     assert [i.speed for i in body if isinstance(i, MoveL)][2] == 40
 
 
@@ -179,7 +195,7 @@ def sinks(before, motion) -> bool:
 
 def test_an_open_path_runs_back_and_forth():
     body = program(path([(0, 0), (9, 0), (9, 5)], depths=(1.0, 2.0, 3.0))).body
-    ways = [i.target.origin for i in body if isinstance(i, MoveL) and i.speed == 20]
+    ways = [i.target.origin for i in body if isinstance(i, MoveL) and i.speed < 100]
     assert ways == [
         (0, 0, -1), (9, 0, -1), (9, 5, -1),
         (9, 5, -2), (9, 0, -2), (0, 0, -2),
@@ -199,14 +215,14 @@ def test_an_open_path_that_keeps_its_direction_retracts_between_passes():
     ("process", "expected"),
     [
         (ProcessTable(approach=0.0), [(0, 0, 20, 100), (0, 0, 0, 100)]),
-        (ProcessTable(approach=20.0), [(0, 0, 20, 100), (0, 0, 0, 20)]),
-        (ProcessTable(approach=2.0), [(0, 0, 20, 100), (0, 0, 2, 100), (0, 0, 0, 20)]),
+        (ProcessTable(approach=20.0), [(0, 0, 20, 100), (0, 0, 0, 20 / 3)]),
+        (ProcessTable(approach=2.0), [(0, 0, 20, 100), (0, 0, 2, 100), (0, 0, 0, 20 / 3)]),
     ],
 )
 def test_no_motion_without_a_way(process, expected):
     body = program(path([(0, 0), (9, 0)]), job=Job(process=process)).body
     first = body.index(Output("process", 1.0))
-    assert [(*i.target.origin, i.speed) for i in body[2:first]] == expected
+    assert [(*i.target.origin, i.speed) for i in body[3:first]] == expected
 
 
 def test_an_approach_above_the_clearance_is_an_error():
@@ -218,10 +234,10 @@ def test_a_tilted_tool_goes_back_along_its_own_axis():
     axis = np.array([math.sin(0.5), 0.0, -math.cos(0.5)])
     tilted = replace(path([(0, 0), (0, 9)]), axis=frozen(np.tile(axis, (2, 1))))
     body = program(tilted).body
-    assert body[2].target.origin == pytest.approx(tuple(-20 * axis))
-    assert body[3].target.origin == pytest.approx(tuple(-2 * axis))
-    assert body[8].target.origin == pytest.approx(tuple(np.array([0, 9, 0]) - 20 * axis))
-    rotation = body[4].target.rotation
+    assert body[3].target.origin == pytest.approx(tuple(-20 * axis))
+    assert body[4].target.origin == pytest.approx(tuple(-2 * axis))
+    assert body[9].target.origin == pytest.approx(tuple(np.array([0, 9, 0]) - 20 * axis))
+    rotation = body[5].target.rotation
     assert rotation[:, 2] == pytest.approx(axis)
     assert rotation[1, 0] == pytest.approx(0.0)
     assert rotation[0, 0] > 0
@@ -229,7 +245,7 @@ def test_a_tilted_tool_goes_back_along_its_own_axis():
 
 def test_a_tool_along_the_work_x_still_has_an_orientation():
     level = replace(path([(0, 0), (0, 9)]), axis=frozen([[-1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]))
-    assert program(level).body[2].target.rotation[:, 0] == pytest.approx([0, 1, 0])
+    assert program(level).body[3].target.rotation[:, 0] == pytest.approx([0, 1, 0])
 
 
 def test_rotations_are_shared():
@@ -243,7 +259,7 @@ def test_a_tour_without_paths_is_no_program():
 
 
 def test_a_single_point_is_touched():
-    assert kinds(program(path([(3, 4)])).body) == "MoveJ Comment MoveJ MoveL MoveL Output Output MoveL MoveJ"
+    assert kinds(program(path([(3, 4)])).body) == ("Output MoveJ Comment MoveJ MoveL MoveL Output Output MoveL MoveJ")
 
 
 # Blends.
@@ -275,10 +291,10 @@ def test_blends_of_a_polyline_are_those_of_its_corners(steps, tolerance):
 def test_an_arc_that_leaves_a_line_along_its_tangent_is_not_stopped_at():
     quarter = math.tan(math.pi / 8)
     smooth = path([(0, 0), (20, 0), (30, 10), (30, 40)], bulges=[0, quarter, 0])
-    cuts = [i for i in program(smooth).body if isinstance(i, (MoveL, MoveC)) and i.speed == 20][1:]
+    cuts = [i for i in program(smooth).body if isinstance(i, (MoveL, MoveC)) and i.work]
     assert [c.blend for c in cuts] == [5.0, 5.0, 0.0]
     kinked = path([(0, 0), (20, 0), (30, 10), (30, 40)], bulges=[0, -quarter, 0])
-    cuts = [i for i in program(kinked).body if isinstance(i, (MoveL, MoveC)) and i.speed == 20][1:]
+    cuts = [i for i in program(kinked).body if isinstance(i, (MoveL, MoveC)) and i.work]
     assert [c.blend for c in cuts] == [0.0, 0.0, 0.0]
 
 
@@ -327,7 +343,7 @@ def test_half_circles_are_halved_where_the_tool_turns_with_them():
 def test_the_tool_turns_where_it_stands_at_an_inner_corner():
     inner = path([(0, 0), (20, 0), (20, 20)], force_direction=[((0, 1), (0, 1)), ((1, 0), (1, 0))], force=[4.0, 6.0])
     body = program(inner, job=Job(tool=FOLLOW)).body
-    first = next(i for i, item in enumerate(body) if isinstance(item, Force)) + 2
+    first = next(i for i, item in enumerate(body) if isinstance(item, Force) and item.newtons) + 2
     arrive, turn, leave = body[first : first + 3]
     assert arrive.target.origin == turn.target.origin == (20, 0, 0)
     assert arrive.blend == turn.blend == 0.0
@@ -340,8 +356,17 @@ def test_the_tool_turns_where_it_stands_at_an_inner_corner():
 def test_a_turn_of_less_than_half_a_degree_is_made_on_the_way():
     a = math.radians(0.4)
     slight = path([(0, 0), (20, 0), (40, 0)], force_direction=[((0, 1), (0, 1)), ((-math.sin(a), math.cos(a)),) * 2])
-    cuts = [i for i in program(slight, job=Job(tool=FOLLOW)).body if isinstance(i, MoveL) and i.speed == 20]
-    assert len(cuts) == 3
+    cuts = [i for i in program(slight, job=Job(tool=FOLLOW)).body if isinstance(i, MoveL) and i.work]
+    assert len(cuts) == 2
+    assert not any(cut.turn for cut in cuts)
+
+
+def test_the_tool_turns_on_the_spot_at_a_speed_of_its_own():
+    inner = path([(0, 0), (20, 0), (20, 20)], force_direction=[((0, 1), (0, 1)), ((1, 0), (1, 0))])
+    for table, speed in ((ProcessTable(), 60.0), (ProcessTable(turn=25.0), 25.0)):
+        body = program(inner, job=Job(tool=FOLLOW, process=table)).body
+        assert [math.degrees(i.turn) for i in body if isinstance(i, MoveL) and i.work] == pytest.approx([0, speed, 0])
+        assert not any(i.turn for i in body if isinstance(i, MoveL) and not i.work)
 
 
 def test_follow_needs_a_surface():
@@ -357,19 +382,155 @@ def test_force_is_on_only_along_sections_that_ask_for_it():
     partly = path([(0, 0), (9, 0), (19, 0), (29, 0), (39, 0), (49, 0)], force_direction=press, force=[0, 7, 8, 0, 9])
     body = program(partly).body
     first = body.index(Output("process", 1.0))
-    assert kinds(body[first:]) == "Output MoveL Force MoveL MoveL Force MoveL Force MoveL Output Force MoveL MoveJ"
-    assert [i.newtons for i in body if isinstance(i, Force)] == [7.0, 0.0, 9.0, 0.0]
+    assert kinds(body[first:]) == (
+        "Output MoveL Force MoveL MoveL Force MoveL MoveL MoveL Force MoveL Output Force MoveL MoveJ"
+    )
+    assert [i.newtons for i in body if isinstance(i, Force)] == [0.0, 7.0, 0.0, 9.0, 0.0]
     cuts = [i for i in body[first:] if isinstance(i, MoveL)]
-    assert [c.force for c in cuts] == [0, 7, 8, 0, 9, 0]
+    assert [c.force for c in cuts] == [0, 7, 8, 0, 0, 0, 9, 0]
     # The section from 7 N to 8 N goes on, all other corners stop: force begins or ends there.
-    assert [c.blend for c in cuts] == [0, 5, 0, 0, 0, 0]
+    assert [c.blend for c in cuts] == [0, 5, 0, 0, 0, 0, 0, 0]
+    # Pressing has ended: up, the section without force above the part, down to the next one that presses.
+    assert [(c.target.origin, c.speed) for c in cuts[3:6]] == [
+        *(((29, 0, 5), 20.0), ((39, 0, 5), 20.0), ((39, 0, 0), pytest.approx(20 / 3))),
+    ]
+    # The first section presses not yet: it is run where it was planned.
+    assert cuts[0].target.origin == (9, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("table", "depth", "height"),
+    [
+        (ProcessTable(), 0.0, 5.0),
+        (ProcessTable(), 2.0, 5.0),  # above the top face, however deep it pressed
+        (ProcessTable(retract=8.5), 2.0, 8.5),
+        (ProcessTable(retract=50.0), 0.0, 20.0),  # no higher than it travels
+    ],
+)
+def test_what_follows_pressing_is_run_above_the_part(table, depth, height):
+    """A lead-out on a quarter circle after a pressed line: force off where it ends, then straight up."""
+    quarter = math.tan(math.pi / 8)
+    press = [((0, -1), (0, -1))] * 2
+    left = path([(0, 0), (20, 0), (30, 10)], [0, quarter], press, [7.0, 0.0], depths=(depth,))
+    body = program(left, job=Job(process=table)).body
+    down, on, _, pressed, off, up, arc, _, *away = body[-10:] if height < 20 else body[-9:]
+    assert (down.target.origin, on.newtons) == ((0, 0, -depth), 7.0)
+    assert (pressed.target.origin, pressed.force, pressed.blend) == ((20, 0, -depth), 7.0, 0.0)
+    assert off == Force(0.0)
+    assert (up.target.origin, up.force, up.speed) == ((20, 0, height), 0.0, 20.0)
+    assert isinstance(arc, MoveC)
+    assert (arc.target.origin, arc.force, arc.work) == ((30, 10, height), 0.0, True)
+    assert arc.via.origin == pytest.approx((20 + 10 * math.sqrt(0.5), 10 - 10 * math.sqrt(0.5), height))
+    ends = [i.target.origin for i in away if isinstance(i, MoveL)]
+    assert ends == ([(30, 10, 20)] if height < 20 else [])
 
 
 def test_force_is_on_before_the_process_and_off_after_it():
     pressed = path([(0, 0), (9, 0)], force_direction=[((0, 1), (0, 1))], force=[7])
     body = program(pressed).body
-    assert kinds(body[4:]) == "MoveL Force Output MoveL Output Force MoveL MoveJ"
-    assert body[5] == Force(7.0, (0.0, 1.0, 0.0))
+    assert body[:2] == (Output("process", 0.0), Force(0.0))
+    assert kinds(body[6:]) == "MoveL Force Output MoveL Output Force MoveL MoveJ"
+    assert body[7] == Force(7.0, (0.0, 1.0, 0.0))
+
+
+# Where the signal is switched.
+
+UP, DOWN = "Output MoveJ Comment MoveJ MoveL", "MoveL MoveL MoveL MoveL"
+
+
+@pytest.mark.parametrize(
+    ("operation", "table", "air"),
+    [
+        ({}, {}, False),
+        ({"depth": 3.0}, {}, True),
+        ({}, {"force": 5.0}, True),
+        ({"depth": 3.0}, {"switch": "contact"}, False),
+        ({}, {"switch": "contact", "force": 5.0}, False),
+        ({}, {"switch": "air"}, True),
+    ],
+)
+@pytest.mark.parametrize("dwell", [0.0, 0.5])
+def test_a_tool_that_turns_is_switched_above_the_part_and_a_torch_at_the_contact(operation, table, air, dwell):
+    job = Job(operation=OperationTable(**operation), process=ProcessTable(dwell=dwell, **table))
+    cut = replace(SQUARE, depths=(operation.get("depth", 0.0),))
+    body = program(cut, job=job).body
+    on = "Output Wait" if dwell else "Output"
+    assert (
+        kinds(body) == f"{UP} {on} MoveL {DOWN} MoveL Output MoveJ"
+        if air
+        else f"{UP} MoveL {on} {DOWN} Output MoveL MoveJ"
+    )
+    first = body.index(Output("process", 1.0))
+    last = len(body) - 1 - body[::-1].index(Output("process", 0.0))
+    depth = operation.get("depth", 0.0)
+    before, after = body[first - 1].target.origin, body[last - 1].target.origin
+    assert (before, after) == (((0, 0, 2), (0, 0, 20)) if air else ((0, 0, -depth), (0, 0, -depth)))
+    if dwell:
+        assert body[first + 1] == Wait(0.5)
+
+
+def test_a_tool_that_turns_stays_on_between_passes_that_need_no_lift():
+    job = Job(operation=OperationTable(depth=3.0, passes=3))
+    body = program(replace(SQUARE, depths=(1.0, 2.0, 3.0)), job=job).body
+    assert [i.value for i in body if isinstance(i, Output)] == [0.0, 1.0, 0.0]
+
+
+def test_where_a_tool_is_switched_in_the_air_it_stops():
+    """The approach begins at the height of travel: the corner up there is where it is switched on, too."""
+    job = Job(process=ProcessTable(switch="air", approach=20.0))
+    body = program(path([(0, 0), (9, 0)]), path([(50, 0), (60, 0)], id="c2"), job=job).body
+    stops = [before for before, item in pairwise(body) if isinstance(item, Output) and not isinstance(before, Comment)]
+    assert [i.target.origin for i in stops] == [(0, 0, 20), (9, 0, 20), (50, 0, 20), (60, 0, 20)]
+    assert not any(i.blend for i in stops)
+
+
+def test_a_cut_with_the_spindle_at_rest_is_an_error_of_the_job():
+    """A machine with three axes and a depth is a mill, unless the job says that it is not."""
+    job = Job(operation=OperationTable(depth=3.0))
+    with pytest.raises(JobError) as caught:
+        program(SQUARE, cell=MILL, job=job)
+    assert str(caught.value) == (
+        "job: a cut of 3 mm with the spindle at rest (process.spindle); set it to the speed in rpm, or process.switch "
+        'to "contact" for a laser or a plasma torch'
+    )
+    program(SQUARE, cell=ROBOT, job=job)
+    program(SQUARE, cell=MILL, job=Job())
+    for process in (ProcessTable(spindle=9000), ProcessTable(switch="contact"), ProcessTable(switch="air")):
+        program(SQUARE, cell=MILL, job=replace(job, process=process))
+
+
+def ring(**more):
+    """Around a square of 40 mm from its middle, pressing inwards: a tool that follows turns once around."""
+    press = [(way, way) for way in ((0, 1), (-1, 0), (0, -1), (1, 0))]
+    points = [(0, 0), (40, 0), (40, 40), (0, 40), (0, 0)]
+    return path(points, force_direction=press, closed=True, depths=(1.0, 2.0, 3.0), **more)
+
+
+@pytest.mark.parametrize("switch", ["contact", "air"])
+@pytest.mark.parametrize("approach", [0.5, 2.0])
+def test_a_tool_that_is_turned_back_between_passes_goes_up_to_the_approach_alone(switch, approach):
+    job = Job(tool=FOLLOW, process=ProcessTable(switch=switch, approach=approach))
+    body = program(ring(), job=job).body
+    moves = [i for i in body if isinstance(i, (MoveJ, MoveL)) and isinstance(i.target, Pose)]
+    heights = [i.target.origin[2] for i in moves if not i.work]
+    lifted = [z for a, z in zip((None, *heights), heights, strict=False) if z != a]  # turns on the spot are one height
+    assert lifted == [20, approach, -1, approach, -2, approach, -3, 20]
+    wait = [(i.target.origin[:2], i.speed) for i in moves if not i.work and i.target.origin[2] == approach]
+    assert {place for place, _ in wait} == {(0, 0)}
+    # On only along each pass, with the way down and up where it turns; never while it is turned back.
+    on = False
+    for item in body:
+        if isinstance(item, Output):
+            on = bool(item.value)
+        elif isinstance(item, MoveL):
+            assert item.work <= on
+            assert not (on and item.turn and not item.work)
+
+
+def test_a_mill_goes_down_on_the_spot_between_passes():
+    body = program(ring(), cell=MILL, job=Job(tool=FOLLOW, process=ProcessTable(spindle=9000))).body
+    heights = [i.target.origin[2] for i in body if isinstance(i, (MoveJ, MoveL)) and not i.work]
+    assert heights == [50, 20, 2, -1, -2, -3, 20, 50]
 
 
 # Properties of whole programs.
@@ -396,9 +557,15 @@ def tours(draw):
 
 
 @settings(max_examples=120)
-@given(tours(), st.sampled_from([ROBOT, MILL]), st.sampled_from(["fixed", "follow"]), st.sampled_from([0.0, 8000.0]))
-def test_any_program(paths, cell, orient, spindle):
-    job = Job(tool=ToolTable(orient=orient), process=ProcessTable(spindle=spindle, signal="on"))
+@given(
+    tours(),
+    st.sampled_from([ROBOT, MILL]),
+    st.sampled_from(["fixed", "follow"]),
+    st.sampled_from([0.0, 8000.0]),
+    st.sampled_from(["auto", "air"]),
+)
+def test_any_program(paths, cell, orient, spindle, switch):
+    job = Job(tool=ToolTable(orient=orient), process=ProcessTable(spindle=spindle, signal="on", switch=switch))
     body = program(*paths, cell=cell, job=job).body
     on = pressing = False
     seen: list[str] = []
@@ -407,28 +574,48 @@ def test_any_program(paths, cell, orient, spindle):
     for before, item in zip((None, *body), body, strict=False):
         if isinstance(item, Comment):
             seen.append(item.text.split()[1])
-        elif isinstance(item, Output) and item.signal == "on":
+        elif isinstance(item, Output) and item.signal == "on" and here is not None:
             assert on != bool(item.value)
             assert not getattr(before, "blend", 0.0)
+            assert (here[2] >= job.process.approach) == (switch == "air") or lifted(paths)
             on = bool(item.value)
-            if on:
-                cut[len(seen) - 1] = [here]
         elif isinstance(item, Force):
             pressing = item.newtons > 0
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
             travel = item.speed == job.process.travel
-            assert not (travel and (on or pressing))
+            assert not (travel and pressing)
+            # A tool that turns is on while it goes straight up; else nothing is on between paths.
+            assert not (travel and on) or (switch == "air" and here[:2] == item.target.origin[:2])
             assert isinstance(item, MoveJ) <= travel
-            if on:
-                cut[len(seen) - 1].append(item.target.origin)
+            assert item.work <= on
+            if item.work:
+                cut.setdefault(len(seen) - 1, []).extend([here, item.target.origin])
             here = item.target.origin if isinstance(item.target, Pose) else None
     assert not on
     assert seen == [p.id for p in paths for _ in p.depths]
-    runs = [(p, depth) for p in paths for depth in p.depths]
-    for k, (p, depth) in enumerate(runs):
-        want = {(x, y, -depth) for x, y, _ in p.position.tolist()}
+    runs = [(p, k, depth) for p in paths for k, depth in enumerate(p.depths)]
+    for k, (p, number, depth) in enumerate(runs):
+        want = ends_of(p, number, depth)
         assert want <= set(cut[k])
-        assert {z for _, _, z in cut[k]} == {-depth}
+        assert {z for _, _, z in cut[k]} == {z for _, _, z in want}
+
+
+def lifted(paths) -> bool:
+    """Whether a path may end above the part: after pressing comes a section without force."""
+    return any((p.force[1:] > 0).any() and not (p.force[1:] > 0).all() for p in paths)
+
+
+def ends_of(p, number, depth) -> set[tuple[float, float, float]]:
+    """Where the sections of a pass begin and end: at its depth, but 5 mm above the part after it has pressed."""
+    meets = p.position[0].tolist() == p.position[-1].tolist()
+    run = p.reversed() if number % 2 and p.reversible and not meets else p
+    pressed, ends = False, set()
+    points = run.position.tolist()
+    for a, b, newtons in zip(points[:-1], points[1:], run.force[1:].tolist(), strict=True):
+        height = 5.0 if pressed and not newtons else -depth
+        pressed = pressed or newtons > 0
+        ends |= {(a[0], a[1], height), (b[0], b[1], height)}
+    return ends
 
 
 # Frames.

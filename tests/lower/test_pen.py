@@ -46,19 +46,20 @@ def part_of(drawing: list[tuple[list[tuple[int, int]], bool, bool]]) -> Part:
 TOUCH = 2e-3
 
 
-def lengths_of(body: tuple[object, ...], signal: str | None) -> tuple[float, float]:
+def lengths_of(body: tuple[object, ...], signal: str | None, air: bool) -> tuple[float, float]:
     """The length that the pen draws, and the number of times it travels; fails where it might mark elsewhere.
 
-    signal: its name, None where height alone decides.
+    signal: its name, None where height alone decides. air: it is switched above the paper, as with pressure.
     """
     drawn, travels, on, at = 0.0, 0, signal is None, None
     motions = [one for one in body if isinstance(one, (MoveJ, MoveL, MoveC, Output))]
     for k, one in enumerate(motions):
         if isinstance(one, Output):
-            if one.signal == signal:
+            if one.signal == signal and at is None:
+                assert one.value == 0, "the signal is on before the first motion"
+            elif one.signal == signal:
                 on = one.value > 0
-                assert at is not None
-                assert abs(at[2]) < TOUCH, "the signal changes in the air"
+                assert (abs(at[2]) < TOUCH) != air, "the signal changes in the air, or with pressure on the paper"
             continue
         place = np.array(one.target.origin) if isinstance(one.target, Pose) else None
         if at is not None and place is not None:
@@ -105,7 +106,7 @@ def test_the_pen_is_up_on_the_way_between_lines(
     files = post.render(program)
     reading = find_readback(name)({file.name: file.text for file in files}, job.post)
     compare(program, reading, post.tolerance(), post.list_verified(), files[0].name)
-    drawn, travelled = lengths_of(reading.body, None if way.get("signal") == "" else "process")
+    drawn, travelled = lengths_of(reading.body, None if way.get("signal") == "" else "process", "force" in way)
     assert drawn == pytest.approx(sum(path_length(path) for path in tour.paths), rel=1e-3, abs=0.05)
     assert travelled >= len(tour.paths) - 1 or way.get("clearance") == 0.5
 

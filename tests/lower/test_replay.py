@@ -53,8 +53,24 @@ def test_a_mill_moves_between_its_home_positions(tmp_path):
     assert moves[6].via.origin == pytest.approx((10 + 10 * math.sqrt(0.5), 20 + 10 * math.sqrt(0.5), -1))
     assert {m.speed for m in moves[3:7]} == {5.0}
     others = [i for i in result.program.body if isinstance(i, Output | Wait)]
-    assert others == [Output("spindle", 1000.0), Wait(0.5), Output("spindle", 0.0)]
+    assert others == [Output("spindle", 0.0), Output("spindle", 1000.0), Wait(0.5), Output("spindle", 0.0)]
     assert result.deviation.max_mm < 1e-3
+
+
+def test_what_a_program_leaves_on_is_off_before_it_goes_home(tmp_path):
+    """Its end stops spindle and coolant (LinuxCNC, M2), but no digital output: that one is off once the tool is up."""
+    text = OLD.replace("M5\n%", "%").replace("S1000 M3", "S1000 M3\nM64 P3\nM8")
+    options = {"signals": {"flood": "M8", "dout3": "P3"}}
+    body = built(tmp_path, text, options=options).program.body
+    used = ["spindle", "dout3", "flood"]
+    assert body[:3] == tuple(Output(name, 0.0) for name in used)
+    up, last, home = body[-3:]
+    assert last == Output("dout3", 0.0)
+    assert {item.signal: item.value for item in body[:-3] if isinstance(item, Output)} == {
+        **{"spindle": 0.0, "dout3": 1.0, "flood": 0.0},
+    }
+    assert (up.target.origin, home.target.origin) == ((10, 30, 20), (0, 0, 50))
+    assert [i.value for i in body if isinstance(i, Output) and i.signal == "dout3"] == [0.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("post", ["rapid", "vplus", "pacscript"])
@@ -113,6 +129,10 @@ def test_a_skipped_word_is_an_error_with_strict(tmp_path):
     [
         ({"operation": {"depth": 2.0}}, "operation.depth"),
         ({"process": {"feed": 5.0}}, "process.feed"),
+        ({"process": {"plunge": 5.0}}, "process.plunge"),
+        ({"process": {"switch": "air"}}, "process.switch"),
+        ({"process": {"retract": 9.0}}, "process.retract"),
+        ({"process": {"turn": 30.0}}, "process.turn"),
         ({"tool": {"orient": "follow"}}, "tool.orient"),
     ],
 )
@@ -228,3 +248,58 @@ def test_poses_point_the_tool_down(tmp_path):
     (item,) = [i for i in built(tmp_path).program.body if isinstance(i, MoveC)]
     assert isinstance(item.target, Pose)
     assert item.target.rotation @ [0, 0, 1] == pytest.approx([0, 0, -1])
+
+
+FAST = OLD.replace("X20 Y20", "X20 Y20 F1000000")
+
+
+def test_a_feed_that_no_machine_runs_is_refused_with_its_line(tmp_path):
+    for post in ("rapid", "vplus", "pacscript", "gcode", "grbl"):
+        with pytest.raises(InputError) as caught:
+            built(tmp_path, FAST, post)
+        assert str(caught.value) == (
+            "old.nc: asks for a feed of 16667 mm/s, and no machine here runs above 7000 (line 8); mend this line, or "
+            "set process.max_feed, mm/s: feeds above it become that"
+        )
+
+
+def test_a_feed_is_capped_where_that_is_asked_for(tmp_path):
+    result = built(tmp_path, FAST, process={"max_feed": 50.0})
+    lines = [item.speed for item in result.program.body if isinstance(item, MoveL | MoveC)]
+    assert lines == [5.0, 5.0, 50.0, 50.0]
+    assert [str(note) for note in result.notes if "max_feed" in note.why] == [
+        "assumed: 2 motions run at 50 mm/s instead of up to 16667 (process.max_feed; the first is line 8)"
+    ]
+    # What is below it stays, without a note.
+    slow = built(tmp_path, OLD, process={"max_feed": 50.0})
+    assert slow.program.columns.speed.max() == 100
+    assert not any("max_feed" in note.why for note in slow.notes)
+    with pytest.raises(JobError, match=r"has no effect on a drawing \(process\.max_feed\)"):
+        camgen.build(camgen.part([(0, 0), (30, 0)]), post="gcode", job={"process": {"max_feed": 50.0}})
+
+
+@pytest.mark.parametrize(
+    ("post", "options", "says"),
+    [
+        ("gcode", {}, "the spindle is to turn backwards (M4, 1000 rpm), and this post prints M3 alone"),
+        ("grbl", {}, "the spindle is to turn backwards (M4, 1000 rpm), and this post prints M3 alone"),
+        (
+            "pacscript",
+            {"signals": {"spindle": 25}, "spindle": "on-off"},
+            "the spindle is to turn backwards (1000 rpm), and an IO is on or off",
+        ),
+    ],
+)
+def test_a_spindle_that_turns_backwards_is_told_with_its_line(tmp_path, post, options, says):
+    with pytest.raises(NoSafeProgram) as caught:
+        built(tmp_path, OLD.replace("M3", "M4"), post, options=options)
+    assert str(caught.value) == f"old.nc: {post} refuses line 4: {says} (instruction 2); mend this line"
+
+
+def test_what_a_setting_can_mend_is_told_so(tmp_path):
+    with pytest.raises(
+        NoSafeProgram, match=r"old\.nc: rapid refuses line 4: no output .*; set post\.signals, e\.g\. spin"
+    ):
+        built(tmp_path, OLD, "rapid")
+    with pytest.raises(NoSafeProgram, match=r"refuses line 6: a feed of 0\.006 mm/min .*\); mend this line$"):
+        built(tmp_path, OLD.replace("F300", "F.006"))

@@ -11,14 +11,32 @@ from msgspec.structs import replace
 
 from camgen.model.errors import Refused
 from camgen.model.pose import TOOL_DOWN, Pose, angle_between, rotation_from_fixed_xyz, translation
-from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait, motions
+from camgen.model.program import (
+    Comment,
+    Force,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Program,
+    Wait,
+    motions,
+    put_off_first,
+)
 from camgen.model.program_text import dump, parse
+from tests.support.whole import whole
 
 PROGRAMS = sorted((Path(__file__).parents[2] / "fixtures" / "programs").glob("*.ir"))
 HOME = MoveJ(Joints((0.0, 0.5)), 100.0)
 DOWN = Pose(TOOL_DOWN, (1.0, 2.0, 3.0))
 LINE = MoveL(DOWN, 20.0)
 ON = Force(5.0, (0.0, 1.0, 0.0))
+OFF = Force(0.0)
+A_ON, A_OFF = Output("a", 1.0), Output("a", 0.0)
+TURNED = Pose(TOOL_DOWN @ rotation_from_fixed_xyz(0.0, 0.0, 1.0), DOWN.origin)
+THERE = MoveJ(DOWN, 100.0)
 
 
 def program(*body):
@@ -37,31 +55,65 @@ def test_there_is_a_written_program_for_every_instruction():
     assert {type(item.target) for item in items if isinstance(item, MoveJ)} == {Joints, Pose}
     assert any(item.joints for item in items if isinstance(item, MoveJ))
     assert any(item.force for item in items if isinstance(item, MoveC))
+    assert any(item.turn for item in items if isinstance(item, MoveL))
 
 
 @pytest.mark.parametrize(
     ("body", "index", "what"),
     [
         ((LINE,), 0, "first motion must be joint-interpolated"),
-        ((Output("a", 1.0), LINE), 1, "first motion must be joint-interpolated"),
+        ((A_OFF, LINE), 1, "first motion must be joint-interpolated"),
         ((HOME, replace(LINE, speed=0.0)), 1, "speed must be positive"),
         ((HOME, replace(LINE, speed=-1.0)), 1, "speed must be positive"),
         ((HOME, replace(LINE, blend=-1.0), LINE), 1, "blend not negative"),
         ((HOME, replace(LINE, blend=1.0)), 1, "last motion must not blend"),
         ((HOME, replace(LINE, blend=1.0), Comment("x")), 1, "last motion must not blend"),
-        ((HOME, replace(LINE, blend=1.0), Comment("x"), Output("a", 1.0)), 1, "must not blend"),
+        ((A_OFF, HOME, replace(LINE, blend=1.0), Comment("x"), A_ON, A_OFF), 2, "must not blend"),
         ((HOME, replace(LINE, blend=1.0), Wait(1.0), LINE), 1, "must not blend"),
-        ((HOME, replace(LINE, blend=1.0), ON, LINE, Force(0.0)), 1, "must not blend"),
+        ((OFF, HOME, replace(LINE, blend=1.0), ON, LINE, OFF), 2, "must not blend"),
         ((HOME, Wait(-0.1)), 1, "wait must not be negative"),
-        ((HOME, ON, LINE), 2, "force control must be off at the end"),
+        ((OFF, HOME, ON, LINE), 3, "force control must be off at the end"),
+        ((HOME, ON, LINE, OFF), 0, "force control is not switched off before the first motion"),
+        ((A_OFF, HOME, A_ON, LINE), 3, "output a must be off at the end"),
+        ((A_OFF, HOME, A_ON, LINE, Comment("x")), 4, "output a must be off at the end"),
+        ((Comment("x"), HOME, A_ON, LINE, A_OFF), 1, "output a is not switched off before the first motion"),
+        ((A_OFF, A_ON, HOME, A_OFF), 2, "output a is not switched off before the first motion"),
+        ((A_OFF, HOME, Output("b", 0.0)), 1, "output b is not switched off before the first motion"),
+        ((A_ON,), 0, "output a must be off at the end"),
+        ((A_OFF, HOME, THERE, replace(LINE, target=TURNED)), 3, "only turns the tool has no speed of turning"),
+        ((HOME, LINE, replace(LINE, target=TURNED)), 2, "only turns the tool has no speed of turning"),
+        ((HOME, replace(LINE, turn=-1.0)), 1, "speed of turning must not be negative"),
         ((HOME, replace(LINE, force=1.0)), 1, "presses while force control is off"),
-        ((HOME, ON, LINE, Force(0.0), replace(LINE, force=1.0)), 4, "presses while force control is off"),
+        ((OFF, HOME, ON, LINE, OFF, replace(LINE, force=1.0)), 5, "presses while force control is off"),
     ],
 )
 def test_a_program_that_breaks_a_rule_is_not_made(body, index, what):
     with pytest.raises(Refused, match=what) as caught:
         program(*body)
     assert caught.value.index == index
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        (A_OFF, OFF, HOME, A_ON, ON, LINE, OFF, A_OFF),
+        (A_ON, A_OFF, HOME),  # what is on for a while before the first motion
+        (A_OFF,),
+        (HOME, THERE, LINE),  # neither travels nor turns
+        (HOME, THERE, replace(LINE, target=TURNED, turn=1.0)),
+        (HOME, replace(LINE, target=TURNED)),  # where the joint values are is not known
+        (HOME, THERE, replace(THERE, target=TURNED)),  # joints have their own speeds
+        (HOME, THERE, MoveL(Pose(TURNED.rotation, (1.0, 2.0, 3.1)), 20.0)),
+    ],
+)
+def test_what_the_rules_allow(body):
+    assert program(*body).body == body
+
+
+def test_what_a_program_uses_is_put_off_first():
+    assert put_off_first((HOME, LINE)) == (HOME, LINE)
+    body = [HOME, Output("b", 1.0), ON, A_ON, LINE, OFF, A_OFF, Output("b", 0.0)]
+    assert put_off_first(body) == (Output("b", 0.0), A_OFF, OFF, *body)
 
 
 BAD = (math.nan, math.inf, -math.inf)
@@ -84,8 +136,8 @@ BAD = (math.nan, math.inf, -math.inf)
     ],
 )
 def test_a_number_that_is_none_is_not_let_in(make, bad):
-    with pytest.raises(Refused):
-        program(HOME, make(bad), Force(0.0), HOME)
+    with pytest.raises(Refused, match="a number is not finite"):
+        program(*whole((HOME, make(bad), HOME)))
 
 
 @pytest.mark.parametrize("bad", BAD)
@@ -97,11 +149,12 @@ def test_a_number_that_is_none_is_not_let_in(make, bad):
         lambda bad: MoveL(DOWN, 1.0, 0.0, bad),
         lambda bad: MoveL(DOWN, 1.0, 0.0, 1.0, (bad, 0.0, 0.0)),
         lambda bad: MoveL(DOWN, 1.0, joints=Joints((bad,))),
+        lambda bad: MoveL(DOWN, 1.0, turn=bad),
     ],
 )
 def test_a_number_that_is_none_is_not_let_in_by_a_side_door(make, bad):
-    with pytest.raises(Refused):
-        program(HOME, ON, make(bad), Force(0.0))
+    with pytest.raises(Refused, match="a number is not finite"):
+        program(OFF, HOME, ON, make(bad), OFF)
 
 
 @pytest.mark.parametrize("bad", BAD)
@@ -129,6 +182,7 @@ NUMBERS = st.floats(-1e5, 1e5) | st.sampled_from([0.0, -0.0, 1e-7, -1e-7, 0.1, 1
 ANGLES = st.sampled_from([0.0, math.pi / 2, math.pi, -math.pi / 2, 1e-8]) | st.floats(-3.2, 3.2)
 POSES = st.builds(lambda r, *p: Pose(r, p), st.builds(rotation_from_fixed_xyz, ANGLES, ANGLES, ANGLES), *[NUMBERS] * 3)
 SPEEDS = st.floats(0.001, 5000)
+TURNS = st.floats(0.001, 50)
 UNITS = st.sampled_from([(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.6, 0.0, -0.8), (-0.36, 0.48, 0.8)])
 JOINTS = st.builds(lambda *v: Joints(v), *[NUMBERS] * 6)
 MAYBE = st.none() | JOINTS
@@ -138,13 +192,15 @@ NAMED = st.builds(Posture, st.none() | CONF, st.none() | st.integers(-1, 31), SW
 KNOWN = st.none() | NAMED.filter(lambda one: one != Posture())
 WORDS = st.text("abcXYZ 019_.+-=/:#@*", max_size=30).map(str.strip)
 CUTS = st.one_of(
-    st.builds(MoveL, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE, KNOWN),
+    st.builds(MoveL, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE, KNOWN, turn=TURNS),
     st.builds(MoveC, POSES, POSES, SPEEDS, st.just(0.0), st.floats(0.001, 50), UNITS, MAYBE, KNOWN),
 )
 ITEMS = st.one_of(
     st.builds(MoveJ, POSES | JOINTS, SPEEDS, st.just(0.0), MAYBE, KNOWN),
-    st.builds(MoveL, POSES, SPEEDS, st.just(0.0), joints=MAYBE),
-    st.builds(lambda a, b: [replace(a, blend=b), HOME], st.builds(MoveL, POSES, SPEEDS), st.floats(0.001, 50)),
+    st.builds(MoveL, POSES, SPEEDS, st.just(0.0), joints=MAYBE, turn=TURNS),
+    st.builds(
+        lambda a, b: [replace(a, blend=b), HOME], st.builds(MoveL, POSES, SPEEDS, turn=TURNS), st.floats(0.001, 50)
+    ),
     st.builds(MoveC, POSES, POSES, SPEEDS),
     st.builds(Output, WORDS.filter(bool), NUMBERS),
     st.builds(Wait, st.floats(0, 1e4)),
@@ -154,7 +210,7 @@ ITEMS = st.one_of(
     ),
 )
 BODIES = st.lists(ITEMS, max_size=6).map(
-    lambda items: (HOME, *(one for item in items for one in (item if isinstance(item, list) else [item])))
+    lambda items: whole([HOME, *(one for item in items for one in (item if isinstance(item, list) else [item]))])
 )
 
 
@@ -181,6 +237,18 @@ def test_parse_is_the_inverse_of_dump(body, work, tool, header):
     assert same(again, parse(dump(again)))
 
 
+def test_the_speed_of_a_turn_stands_in_the_text_where_there_is_one():
+    body = (
+        HOME,
+        THERE,
+        replace(LINE, target=TURNED, turn=math.pi / 3),
+        MoveL(Pose(TURNED.rotation, (9.0, 2.0, 3.0)), 20.0),
+    )
+    lines = dump(program(*body)).splitlines()[-2:]
+    assert [" turn 1.047197551" in line for line in lines] == [True, False]
+    assert [item.turn for item in parse(dump(program(*body))).body[2:]] == [pytest.approx(math.pi / 3, abs=1e-9), 0.0]
+
+
 def test_comments_cannot_become_instructions():
     text = dump(Program("p", DOWN, DOWN, (HOME, Comment("x\nmovel 1 2 3 q 1 0 0 0 speed 1")), ("a\nbody\nwait 1",)))
     assert [type(item) for item in parse(text).body] == [MoveJ, Comment]
@@ -198,6 +266,7 @@ def test_comments_cannot_become_instructions():
         ("camgen-ir 1\nbody\nmovec 1 2 3 q 1 0 0 0 speed 1\n", "line 3"),
         ("camgen-ir 1\nbody\njump 1 2 3 q 1 0 0 0 speed 1\n", "line 3"),
         ("camgen-ir 1\nbody\nforce 1\n", "line 3"),
+        ("camgen-ir 1\nbody\nmovel 1 2 3 q 1 0 0 0 speed 1 turn x\n", "line 3"),
         ("camgen-ir 1\nwork 1 2 3 q 0 0 0 0\nbody\n", "line 2"),
     ],
 )

@@ -1,6 +1,7 @@
 """Ways out, links and the route over the edges of a part: judged by forward kinematics and by hand."""
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, steps
 from camgen.order.edges.retract import Retraction, Room, retractions
 from camgen.order.edges.route import Route, route
 from camgen.plan.edges import room_of, setup_of
-from camgen.plan.edges.motion import Freedom, Reached, Setup
+from camgen.plan.edges.motion import Freedom, Hit, Reached, Setup, Track
 from camgen.plan.edges.reach import reach
 from camgen.plan.edges.select import select
 from camgen.plan.edges.ways import Way
@@ -30,6 +31,7 @@ from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARM = robot("IRB 2400")
+WALL = Hit("collision", "link 5 against wall", 0.0)
 
 
 @cache
@@ -40,7 +42,7 @@ def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
     found = reach(edges, setup, 2.0, "mean", Freedom(math.radians(15), roll=True))
-    return setup, room_of(where), tuple(one for one in found if isinstance(one, Reached))
+    return setup, room_of(where, setup), tuple(one for one in found if isinstance(one, Reached))
 
 
 @cache
@@ -127,9 +129,9 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
     setup, room, motions = cell("rfa1")
     calls: list[int] = []
 
-    def only_third(several: list[FloatArray]) -> list[str]:
+    def only_third(several: Sequence[Track]) -> list[Hit | None]:
         calls.append(len(several))
-        return ["wall"] * len(several) if len(calls) == 1 else [""] * len(several)
+        return [WALL if len(calls) == 1 else None] * len(several)
 
     deep = replace(room, level=room.level + 600.0, hits=only_third)
     chosen = ends(motions)
@@ -146,7 +148,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
 
 def test_an_end_without_a_way_says_what_stands_in_it() -> None:
     setup, room, motions = cell("rfa1")
-    walled = replace(room, hits=lambda several: ["link 5 against wall"] * len(several))
+    walled = replace(room, hits=lambda several: [WALL] * len(several))
     (found,) = retractions(setup, walled, ends(motions)[:1])
     assert isinstance(found, str)
     assert "link 5 against wall" in found
@@ -249,11 +251,12 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
     setup, room, motions = cell("rfa2")
     free = {tuple(np.round(m.joints[k], 9)) for m in motions for k in (0, -1)}
 
-    def walled(several: list[FloatArray]) -> list[str]:
-        said = room.hits(several) if several else []
-        pairs = [len(rows) == 2 and not any(np.allclose(row, ARM.home) for row in rows) for rows in several]
-        pairs = [two and tuple(np.round(rows[0], 9)) not in free for two, rows in zip(pairs, several, strict=True)]
-        return [text or ("wall" if two else "") for text, two in zip(said, pairs, strict=True)]
+    def walled(several: Sequence[Track]) -> list[Hit | None]:
+        said = room.hits(several)
+        every = [track.joints for track in several]
+        pairs = [len(rows) == 2 and not any(np.allclose(row, ARM.home) for row in rows) for rows in every]
+        pairs = [two and tuple(np.round(rows[0], 9)) not in free for two, rows in zip(pairs, every, strict=True)]
+        return [hit or (WALL if two else None) for hit, two in zip(said, pairs, strict=True)]
 
     edges = mesh.read(source(PARTS / "rfa2.stl")).edges
     made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, 100.0, best=True)

@@ -75,9 +75,9 @@ def lifts(result) -> int:
 def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_not(tmp_path) -> None:
     # Two blocks face each other; the third has a hole, which needs a lift on both of its ways.
     file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20), box(1000, 1000, 20), box(1006, 1006, 8)])
-    job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}}
+    job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}, "process": {"switch": "contact"}}
     plain = build(file, post="gcode", job=job)
-    down = build(file, post="gcode", job={**job, "process": {"stay_down": True}})
+    down = build(file, post="gcode", job={**job, "process": {"switch": "contact", "stay_down": True}})
     assert [note.what for note in down.notes if "lifts" in note.what] == ["lifts saved: 1 of 3"]
     assert not [note for note in plain.notes if "lifts" in note.what]
     assert lifts(plain) == 4
@@ -103,6 +103,31 @@ def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_n
             assert np.linalg.norm(points[:, None] - sides, axis=2).min() >= 2.0 - 0.005
 
 
+def test_a_tool_that_turns_stays_on_where_it_stays_down(tmp_path) -> None:
+    """Off only where it is up: between two blocks that face each other it is not. A block with a hole needs a lift."""
+    file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20), box(100, 0, 40), box(110, 10, 20)])
+    job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}}
+    for stay in (False, True):
+        result = build(file, post="rapid", job={**job, "process": {"stay_down": stay}})
+        lifted = 4 - len(result.tour.down)
+        assert (lifted < 4) == stay
+        values = [item.value for item in result.program.body if isinstance(item, Output)]
+        assert values == [0, *[1, 0] * lifted]
+        on, here = False, None
+        for item in result.program.body:
+            if isinstance(item, Output):
+                on = bool(item.value)
+            elif isinstance(item, (MoveL, MoveC)):
+                there = item.target.origin
+                assert on or there[2] >= 2.0, "at depth with the tool off"
+                assert not on or here[:2] == there[:2] or here[2] == there[2] == -1.0, (
+                    "travels above the part with it on"
+                )
+                here = there
+            elif isinstance(item, MoveJ) and isinstance(item.target, Pose):
+                here = item.target.origin
+
+
 @pytest.mark.parametrize(
     ("why", "table", "saved"),
     [
@@ -112,14 +137,14 @@ def test_neighbours_are_reached_without_a_lift_and_what_lies_behind_another_is_n
         ("a clamp aside", {"cell": {"fixtures": [[30, 60, -5, 40, 80, 10]]}}, 1),
         ("a clamp that holds all of it", {"cell": {"fixtures": [[-900, -900, -5, 900, 900, 10]]}}, 0),
         ("two passes", {"operation": {"depth": 2.0, "passes": 2}}, 0),
-        ("force", {"process": {"force": 5.0}}, 0),
+        ("force", {"process": {"force": 5.0}, "post": {"force_calibrated": True}}, 0),
         ("marks", {"operation": {"kind": "trace"}}, 0),
     ],
 )
 def test_what_keeps_a_lift(tmp_path, why, table, saved) -> None:
     file = drawing(tmp_path, [box(0, 0, 20), box(50, 0, 20)])
     job = {"tool": {"diameter": 4.0}, "operation": {"depth": 1.0}, **table}
-    job["process"] = {"stay_down": True, **table.get("process", {})}
+    job["process"] = {"stay_down": True, "spindle": 0 if "process" in table else 9000, **table.get("process", {})}
     result = build(file, post="rapid" if "process" in table else "gcode", job=job)
     assert [n.what for n in result.notes if "lifts" in n.what] == [f"lifts saved: {saved} of 1"], why
 

@@ -157,6 +157,7 @@ def test_a_program_drills_every_hole_once_and_travels_above(post: str, tmp_path:
         drawing.modelspace().add_circle(place, 0.4)
     drawing.saveas(tmp_path / "holes.dxf")
     job = {"operation": {"kind": "drill", "depth": 1.6, "passes": 2}, "tool": {"diameter": 0.8}}
+    job["process"] = {"spindle": 9000.0 if post in ("gcode", "grbl") else 0.0}
     result = camgen.build(tmp_path / "holes.dxf", post=post, job=job)
     at: tuple[float, float, float] | None = None
     bottoms = []
@@ -186,6 +187,9 @@ def test_what_cannot_be_drilled_says_why() -> None:
     with pytest.raises(JobError, match="is no range"):
         planned(hole, holes=[2.0, 1.0])
     pressing = from_mapping({"operation": {"kind": "drill"}, "process": {"force": 2.0}})
+    plunging = from_mapping({"operation": {"kind": "drill"}, "process": {"plunge": 2.0}})
+    with pytest.raises(JobError, match=r"a drill goes down at process\.feed \(process\.plunge\); leave it out"):
+        plan(part_with(circle(0, 0, 1)), plunging)
     with pytest.raises(JobError, match="not to a force"):
         plan(hole, pressing)
 

@@ -46,6 +46,6 @@ def test_an_svg_is_filled_like_the_same_dxf(tmp_path: Path) -> None:
 
 
 def test_what_is_not_filled_has_no_coverage() -> None:
-    result = camgen.build(PARTS / "plate.dxf", post="gcode", job={"operation": {"kind": "drill", "depth": 1.0}})
+    result = camgen.build(PARTS / "plate.dxf", post="gcode", job={"operation": {"kind": "drill"}})
     assert result.coverage is None
     assert "coverage" not in result.report

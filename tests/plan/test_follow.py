@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
 from camgen.geometry.arcs import path_length
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.segments import from_contours
+from camgen.geometry.segments import flatten, from_contours
 from camgen.model.job import Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.part import Contour
 from camgen.model.path import ToolPath
@@ -183,3 +184,89 @@ def test_neighbours_on_one_line_are_run_around_together() -> None:
     assert [n.why for n in found.notes if n.kind == "skipped"] == [
         "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
     ]
+
+
+#: An arc that ends in a cusp of 179.2 deg and crosses the next one again 0.16 mm before it.
+CUSP = ([(-27.9, -9.5), (2.7, -29.7), (42.5, -19.4), (45.9, -7.2)], [0.0, -0.65, -0.51, 0.0])
+
+
+@pytest.mark.parametrize("diameter", [0.5, 1.0, 3.0, 6.0, 20.0])
+def test_a_cusp_that_crosses_itself_is_run_around(diameter: float) -> None:
+    """With the circle beside it, which was lost with it. GEOS says how long the way is."""
+    beside = circle(42.5 + 4 + diameter * 0.7, -22.0, 4, "c2")
+    result = plan(part(contour(*CUSP), beside), Job(tool=ToolTable(diameter=diameter)))
+    assert not [note for note in result.notes if note.kind == "skipped"]
+    areas = [
+        shapely.make_valid(shapely.Polygon(flatten(from_contours([c]), 1e-4)[0])) for c in (contour(*CUSP), beside)
+    ]
+    border = shapely.union_all(areas).buffer(diameter / 2, quad_segs=300).boundary
+    assert sum(path_length(path) for path in result.paths) == pytest.approx(border.length, rel=1e-4)
+
+
+def horn() -> Contour:
+    """A hole between a line and an arc that touches it: exactly straight back, with the room between the two."""
+    end = (30 * math.sin(0.9), 30 - 30 * math.cos(0.9))
+    return contour([(0, 0), (end[0], 0), end], [0, 0, -math.tan(0.9 / 4)])
+
+
+@pytest.mark.parametrize("diameter", [0.5, 1.0, 2.0])
+def test_nothing_is_run_beyond_a_tip_between_tangent_sides(diameter: float) -> None:
+    job = Job(tool=ToolTable(diameter=diameter), operation=OperationTable(side="inside"))
+    result = plan(part(horn()), job)
+    assert [path.closed for path in result.paths] == [True]
+    assert not [note for note in result.notes if note.kind == "skipped"]
+    (outside,) = plan(part(horn()), Job(tool=ToolTable(diameter=diameter))).paths
+    assert path_length(outside) > path_length(result.paths[0])
+
+
+@pytest.mark.parametrize("room", [0.001, 0.005, 0.02, 0.15])
+def test_a_hole_that_the_tool_just_fits_has_its_path(room: float) -> None:
+    shapes = [
+        circle(20, 20, 3 + room / 2, "c2"),
+        rectangle(40, 20, 6 + room, 6 + room, "c3"),
+        contour([(60, 20), (70, 20), (70, 26 + room), (60, 26 + room)], [0, 1, 0, 1], name="c4"),
+    ]
+    result = planned(rectangle(0, 0, 100, 60), *shapes)
+    assert [(p.id, p.closed) for p in result.paths] == [("c1", True), ("c2", True), ("c3", True), ("c4", True)]
+    assert [path_length(p) for p in result.paths[1:]] == pytest.approx(
+        [math.pi * room, 4 * room, math.pi * room + 20], rel=1e-6
+    )
+
+
+def test_a_hole_as_wide_as_the_tool_has_no_room_for_a_way() -> None:
+    result = planned(rectangle(0, 0, 100, 60), circle(20, 20, 3.0, "c2"))
+    (note,) = [n for n in result.notes if n.kind == "skipped"]
+    assert "too narrow" in note.what
+
+
+#: Two pairs of x, y, bulge, and the tool that just does not pass between the two.
+PAIRS = [
+    (
+        3.0,
+        [(51.235, 4.63, 0.28), (54.05, -13.627, 0), (68.776, -1.612, 0), (65.587, 2.754, -0.33), (66.795, 7.645, -0.46),
+         (60.786, 8.653, 0.59), (60.758, 9.162, 0.1), (60.372, 11.704, 0)],
+        [(16.8, 2.2, 0), (8.4, 28.7, 0.7360652784094979), (30.1, 44.0, 0), (47.8, -8.3, 0)],
+    ),
+    (
+        10.0,
+        [(19.9, 0.2, -0.35), (9.4, 5.6, -0.45), (3.2, 27.5, 0), (-2.9, 18, 0), (-15.9, 15, 0), (-21.9, 19.1, -0.03),
+         (-18.1, 6.6, 0), (-20.6, 1.5, 0.03), (-10.6, -9.8, 0), (19.7, -9, 0.69), (27.3, -3.8, 0.64)],
+        [(55.975, -2.993, 0), (49.634, -7.891, -0.43), (46.303, -6.99, -0.23), (41.965, -8.198, -0.34),
+         (39.127, -10.341, 0), (36.96, -0.328, 0), (37.372, 3.272, 0), (41.049, 7.514, 0.34), (42.913, 11.619, 0.03),
+         (46.877, 11.423, -0.33), (50.872, 12.52, -0.02)],
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("diameter", "one", "two"), PAIRS)
+def test_neighbours_that_the_tool_just_does_not_pass_between_are_run_around_together(
+    diameter: float, one: list[tuple[float, float, float]], two: list[tuple[float, float, float]]
+) -> None:
+    """Beside the narrowest place the ways around both meet a few micrometres before a corner."""
+    shapes = [
+        contour([row[:2] for row in rows], [row[2] for row in rows], name=n) for rows, n in ((one, "c1"), (two, "c2"))
+    ]
+    result = plan(part(*shapes), Job(tool=ToolTable(diameter=diameter)))
+    assert result.paths
+    assert all(path.closed for path in result.paths)
+    assert not [note for note in result.notes if note.kind == "skipped"]

@@ -21,7 +21,7 @@ speed = st.sampled_from([1e-5, 2e-4, 10.0, 17_000.0, 1e6])
 blend = st.sampled_from([0.0, 1e-4, 1.0, 9000.0])
 motion = st.one_of(
     st.builds(MoveJ, st.one_of(pose, joints.filter(lambda j: j is not None)), speed, blend, joints),
-    st.builds(MoveL, pose, speed, blend, joints=joints),
+    st.builds(MoveL, pose, speed, blend, joints=joints, turn=st.sampled_from([0.0, 0.0, 1e-6, 1.0, 1e6])),
 )
 
 

@@ -14,7 +14,7 @@ from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixe
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
-from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
+from tests.support.rs274 import assert_moves, at, difference, moves, needs_rs274, posted, program, programs, run
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
 SLOW = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
@@ -57,11 +57,15 @@ TEXT = """\
 (program demo)
 (post gcode mm work G54)
 (part bracket.dxf)
-G17 G21 G40 G49 G54 G80 G90 G94
+G17 G21 G40 G54 G80 G90 G94
 G91.1
 G64 P0.01 Q0
-G0 Z50
+M5
+M65 P0
+G53 G0 Z0
+G49
 G0 X0 Y0
+G0 Z50
 S12000 M3
 G4 P1.5
 G0 X5 Y5 Z10
@@ -93,8 +97,70 @@ def test_text_of_a_part():
 
 def test_options_of_the_preamble():
     _, text = posted(gcode(work="G59.3", tool=1, path_tolerance=0.0, decimals=2), PART)
-    assert text.splitlines()[3:8] == ["G17 G21 G40 G49 G59.3 G80 G90 G94", "G91.1", "G61", "T1 M6", "G43"]
+    modes = ["G17 G21 G40 G59.3 G80 G90 G94", "G91.1", "G61"]
+    assert text.splitlines()[3:12] == [*modes, "M5", "M65 P0", "G53 G0 Z0", "G49", "T1 M6", "G43"]
     assert not read(text, work="G59.3", tool=1, path_tolerance=0.0, decimals=2).faults
+
+
+def test_without_lift_the_first_height_is_that_of_the_home_position():
+    _, text = posted(gcode(lift=False), PART)
+    assert text.splitlines()[5:11] == ["G64 P0.01 Q0", "M5", "M65 P0", "G49", "G0 Z50", "G0 X0 Y0"]
+    assert not read(text, lift=False).faults
+
+
+#: A program that leaves the length of its tool on, 30 mm, and stands low.
+BEFORE = "G21 G90 G40\nT1 M6\nG43\nG0 X70 Y80 Z2\n"
+LONG_TOOL = "T1 P1 Z30 D3.0 ;cutter\n"
+
+
+@needs_rs274
+def test_linuxcnc_cancels_a_length_that_is_on_at_the_top_of_the_machine():
+    """No motion before the known position is lower than the tool stood; without the lift the first height is wrong."""
+    ready, text = posted(gcode(), PART)
+    canon = run(BEFORE + text, LONG_TOOL)
+    assert canon.error == ""
+    start, top, across, home = [call for call in canon.calls if call.kind == "STRAIGHT_TRAVERSE"][:4]
+    assert start.end == (70, 80, 2)
+    # With the length on, the machine's own zero is as far below in the work frame as the tool is long.
+    assert top.end[:2] == (70, 80)
+    assert top.end[2] < -29
+    assert across.end == (0, 0, 0)
+    assert home.end == (0, 0, 50)
+    assert canon.names.index("USE_TOOL_LENGTH_OFFSET") < canon.names.index("STRAIGHT_FEED")
+    assert_moves(ready, run(text, LONG_TOOL))
+
+
+@needs_rs274
+@pytest.mark.parametrize(
+    ("before", "refused"), [("G91\n", True), ("G91 ", True), ("", False), ("G90 ", False), ("G91\nG90 ", False)]
+)
+def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
+    """LinuxCNC refuses G53 among increments, also those of its own line, and takes it else."""
+    text = f"G21 G61\n{before}G53 G0 Z0\nG49 G90\nG0 X1 Y2\nG0 Z3\nM2\n"
+    canon = run(text)
+    assert bool(canon.error) == refused
+    assert [f.what for f in read(text).faults][:1] == (["G53 among increments (G91)"] if refused else [])
+    if not refused:
+        (home,) = read(text).body
+        (reached,) = moves(canon)
+        assert home.target.origin == reached.end == (1, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("line", "options", "says"),
+    [
+        ("G53 G0 Z0", {"lift": False}, "G53 has sent the tool to the machine's zero of Z, but post.lift is false"),
+        ("G53 G0 Z5", {}, "G53 is not read: goes to machine coordinates, which are not known here"),
+        ("G53 G0 X0 Z0", {}, "G53 is not read: goes to machine coordinates, which are not known here"),
+        ("G53 G1 Z0 F100", {}, "G53 is not read: goes to machine coordinates, which are not known here"),
+        ("G49", {}, "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"),
+        ("", {}, "X or Y moves while Z is not known; read as from 0"),
+    ],
+)
+def test_the_lift_of_the_options_is_held_against_the_text(line, options, says):
+    text = f"G21 G61\n{line}\nG49\nG0 X1 Y2\nG0 Z3\nM2\n"
+    assert says in [f.what for f in read(text, **options).faults]
+    assert not read(text.replace(f"\n{line}\n", "\nG53 G0 Z0\n", 1)).faults
 
 
 def test_a_clockwise_arc_is_g2():
@@ -172,18 +238,26 @@ def test_feeds_within_a_thousandth(speed, word):
             "the tool is not straight down, and the machine has three axes; use a robot's post or no axis tilt",
         ),
         (program(MoveL(at(1e6, 0, 0), 10.0)), 1, "a coordinate is beyond 99999 mm"),
-        (program(MoveL(at(1, 0, 0), 1e-5)), 1, "a feed of 0.0006 mm/min cannot be meant; change process.feed"),
+        (
+            program(MoveL(at(1, 0, 0), 1e-5)),
+            1,
+            "a feed of 0.0006 mm/min cannot be meant; change process.feed or process.plunge",
+        ),
         (
             program(Output("glue", 1.0)),
-            1,
+            0,
             "signal glue has no output (known: spindle, process); give it one in post.signals",
         ),
-        (program(Output("process", 0.5)), 1, "signal process is on (1) or off (0), not 0.5"),
-        (program(Output("spindle", -100.0)), 1, "a spindle speed of -100 rpm cannot be meant"),
+        (program(Output("process", 0.5)), 2, "signal process is on (1) or off (0), not 0.5"),
+        (
+            program(Output("spindle", -100.0)),
+            2,
+            "the spindle is to turn backwards (M4, 100 rpm), and this post prints M3 alone",
+        ),
         (program(Wait(1e9)), 1, "a wait of 1e+09 s cannot be meant"),
         (
             program(Force(10.0, (1.0, 0.0, 0.0)), MoveL(at(1, 0, 0), 10.0), Force(0.0)),
-            1,
+            0,
             'G-code has no force control; set process.force = 0 or post.force = "ignore"',
         ),
         (program(MoveC(at(1, 1, 50), at(2, 2, 50), 10.0)), 1, "the three points of the arc are on one line"),
@@ -293,7 +367,7 @@ def test_conformance(case: Case, force):
 
 
 @needs_rs274
-@pytest.mark.parametrize("options", [{}, {"tool": 1}, {"path_tolerance": 0.0}])
+@pytest.mark.parametrize("options", [{}, {"tool": 1}, {"path_tolerance": 0.0}, {"lift": False}])
 def test_linuxcnc_moves_as_planned(options):
     ready, text = posted(gcode(**options), PART)
     canon = run(text)
@@ -302,6 +376,8 @@ def test_linuxcnc_moves_as_planned(options):
     switches = [(c.kind, c.value) for c in canon.calls if not c.kind.startswith(("STRAIGHT", "ARC"))]
     stops = [("STOP_SPINDLE_TURNING", 0.0)] if "tool" in options else []  # M6 stops the spindle
     assert switches == [
+        ("STOP_SPINDLE_TURNING", 0.0),
+        ("CLEAR_AUX_OUTPUT_BIT", 0.0),
         *stops,
         ("START_SPINDLE_CLOCKWISE", 12000.0),
         ("DWELL", 1.5),
@@ -318,10 +394,11 @@ def test_linuxcnc_presses_as_planned():
     presses = [(i, c.kind, c.value) for i, c in enumerate(canon.calls) if "OUTPUT_VALUE" in c.kind]
     assert canon.error == ""
     assert presses == [
-        (3, "SET_AUX_OUTPUT_VALUE", 2.0),
-        (5, "SET_MOTION_OUTPUT_VALUE", 2.5),
-        (7, "SET_MOTION_OUTPUT_VALUE", 0.0),
-        (9, "SET_AUX_OUTPUT_VALUE", 0.0),
+        (0, "SET_AUX_OUTPUT_VALUE", 0.0),
+        (5, "SET_AUX_OUTPUT_VALUE", 2.0),
+        (7, "SET_MOTION_OUTPUT_VALUE", 2.5),
+        (9, "SET_MOTION_OUTPUT_VALUE", 0.0),
+        (11, "SET_AUX_OUTPUT_VALUE", 0.0),
     ]
 
 
@@ -380,19 +457,22 @@ def test_readback_is_the_inverse_of_the_post(plan, decimals):
 
 def test_instructions_know_their_lines():
     reading = read(TEXT)
-    assert reading.lines == (8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 20, 21, 22)
+    assert reading.lines == (7, 8, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 24, 25, 26)
     assert difference(PART, reading, gcode().tolerance()) == ""
 
 
 def test_every_line_matters():
-    """Without any one of its lines, comments and the default G91.1 aside, the text is not the program."""
-    ready, text = posted(gcode(tool=1), PART)
-    lines = text.splitlines()
-    for k, line in enumerate(lines):
-        if line.startswith("(") or line == "G91.1":
-            continue
-        left = read("\n".join(lines[:k] + lines[k + 1 :]) + "\n", tool=1)
-        assert difference(ready, left, gcode().tolerance()), line
+    """Without any one of its lines the text is not the program: comments, the default G91.1, and G49 where G43 follows
+    aside.
+    """
+    for options in ({}, {"tool": 1}, {"lift": False}):
+        ready, text = posted(gcode(**options), PART)
+        lines = text.splitlines()
+        for k, line in enumerate(lines):
+            if line.startswith("(") or line == "G91.1" or (line == "G49" and "tool" in options):
+                continue
+            left = read("\n".join(lines[:k] + lines[k + 1 :]) + "\n", **options)
+            assert difference(ready, left, gcode().tolerance()), line
 
 
 @pytest.mark.parametrize("step", range(1, 10))
@@ -487,11 +567,13 @@ def test_faults_name_line_and_word(line, says):
 
 def test_faults_of_the_whole_program():
     assert [(f.line, f.what) for f in read("G21\nG0 Z5\nG61\n").faults] == [
+        (2, "neither G49 nor G43 before the first motion: a tool length that is on shifts Z"),
         (2, "neither G61 nor G64 P before the first motion: corners may be rounded by any amount"),
         (3, "the program has no end (M2 or M30)"),
         (3, "the program ends before the position is known in all axes"),
     ]
-    assert [(f.line, f.what) for f in read("G61\nG0 X1 Y1\nM2\nG0 X2\n").faults] == [
+    assert [(f.line, f.what) for f in read("G61 G49\nG0 X1 Y1\nM2\nG0 X2\n").faults] == [
+        (1, "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"),
         (2, "a motion before G20 or G21; read as mm"),
         (2, "X or Y moves while Z is not known; read as from 0"),
         (4, "a line after the end of the program"),
@@ -517,8 +599,8 @@ def test_faults_before_the_position_is_known(lines, says):
 
 
 def test_reading_goes_on_at_the_end_of_what_is_refused():
-    text = "G21 G61\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
-    reading = read(text)
+    text = "G21 G61 G49\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
+    reading = read(text, lift=False)
     assert [(fault.line, fault.what.split(" (")[0]) for fault in reading.faults] == [
         (4, "the radii of the arc differ by 6.0711 mm"),
         (5, "word A9: nothing in the line uses it"),
@@ -575,8 +657,11 @@ SPELLINGS = {
 @pytest.mark.parametrize("text", SPELLINGS.values(), ids=SPELLINGS)
 def test_reader_agrees_with_the_interpreter(text):
     reading = read(text)
-    allowed = "neither G61 nor G64 P before the first motion: corners may be rounded by any amount"
-    assert [f.what for f in reading.faults] == [allowed]
+    allowed = [
+        "neither G49 nor G43 before the first motion: a tool length that is on shifts Z",
+        "neither G61 nor G64 P before the first motion: corners may be rounded by any amount",
+    ]
+    assert [f.what for f in reading.faults] == allowed
     canon = run(text)
     assert canon.error == ""
     calls = [call for call in canon.calls if call.kind.startswith(("STRAIGHT", "ARC"))]

@@ -18,7 +18,7 @@ SLOW = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 S = 10 / math.sqrt(2)
 #: The letters and codes of GRBL 1.1 that the firmware's parser takes, from its documentation of supported G-code.
 KNOWN = re.compile(
-    r"(?:(?:G(?:0|1|2|3|4|17|18|19|20|21|40|49|5[4-9]|61|80|90|91|91\.1|93|94)|M(?:0|2|3|4|5|7|8|9|30))(?=[A-Z]|$)"
+    r"(?:(?:G(?:0|1|2|3|4|17|18|19|20|21|40|49|5[3-9]|61|80|90|91|91\.1|93|94)|M(?:0|2|3|4|5|7|8|9|30))(?=[A-Z]|$)"
     r"|[XYZIJKRFSPTN][+-]?[0-9.]+)*"
 )
 
@@ -32,7 +32,7 @@ def read(text, **options):
 
 
 def faults(*lines, **options):
-    text = "\n".join(["G21", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
+    text = "\n".join(["G21 G49", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
     return [(fault.line - 3, fault.what) for fault in read(text, **options).faults]
 
 
@@ -65,8 +65,10 @@ PART = program(
 TEXT = """\
 (program demo)
 (post grbl mm work G54)
-G17 G21 G40 G49 G54 G80 G90 G94
+G17 G21 G40 G54 G80 G90 G94
 G91.1
+M5
+G49
 G0 Z50
 G0 X0 Y0
 G0 X5 Y5 Z10
@@ -94,6 +96,14 @@ def test_text_of_a_part():
     assert posted(grbl(), PART)[1] == TEXT
     assert_takes(TEXT)
     assert difference(PART, read(TEXT), grbl().tolerance()) == ""
+
+
+def test_a_machine_that_has_its_zero_at_the_top_may_go_there_first():
+    ready, text = posted(grbl(lift=True), PART)
+    assert text.splitlines()[4:9] == ["M5", "G53 G0 Z0", "G49", "G0 X0 Y0", "G0 Z50"]
+    assert_takes(text)
+    assert difference(ready, read(text, lift=True), grbl().tolerance()) == ""
+    assert "post.lift is false" in read(text).faults[0].what
 
 
 @pytest.mark.parametrize(
@@ -124,7 +134,7 @@ def test_a_spindle_is_not_a_signal():
 
 def test_a_line_of_another_power_is_no_signal():
     twice = TEXT.replace("G1 X5 Y5 F2000", "M3 S999\nG1 X5 Y5 F2000")
-    assert [i.value for i in read(twice).body if isinstance(i, Output) and i.signal == "spindle"] == [1000, 999, 0]
+    assert [i.value for i in read(twice).body if isinstance(i, Output) and i.signal == "spindle"] == [0, 1000, 999, 0]
 
 
 @pytest.mark.parametrize(
@@ -133,19 +143,19 @@ def test_a_line_of_another_power_is_no_signal():
         (
             program(Output("spindle", 8000.0), Output("process", 1.0)),
             {},
-            "grbl: signal process and the spindle share one output (instruction 2); "
+            "grbl: signal process and the spindle share one output (instruction 1); "
             'put the signal on a coolant line, e.g. post.signals = {process = "M8"}',
         ),
         (
             program(Output("spindle", 1000.0)),
             {},
-            "grbl: a spindle at 1000 rpm reads like signal process at post.power (instruction 1); "
+            "grbl: a spindle at 1000 rpm reads like signal process at post.power (instruction 0); "
             'change post.power or put the signal on a coolant line, e.g. post.signals = {process = "M8"}',
         ),
         (
             program(Force(5.0, (1.0, 0.0, 0.0)), MoveL(at(1, 0, 0), 10.0), Force(0.0)),
             {},
-            'grbl: G-code has no force control; set process.force = 0 or post.force = "ignore" (instruction 1)',
+            'grbl: G-code has no force control; set process.force = 0 or post.force = "ignore" (instruction 0)',
         ),
     ],
 )

@@ -11,6 +11,7 @@ from camgen.model.errors import JobError, Refused
 from camgen.model.pose import TOOL_DOWN, Pose, rotation_about
 from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post.plugins import find_post, find_readback, make_post
+from tests.support.whole import whole
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "example_post"
 KRL = find_post(str(EXAMPLE / "krl.py"))
@@ -25,7 +26,7 @@ def at(x, y, z=0.0, rotation=TOOL_DOWN):
 def text(*body, name="part", **options):
     cell = KRL.cell()
     post = make_post(KRL, options)
-    program = Program(name, cell.base_from_work, cell.flange_from_tool, (HOME, *body), ("FOLD the rest",))
+    program = Program(name, cell.base_from_work, cell.flange_from_tool, whole((HOME, *body)), ("FOLD the rest",))
     (file,) = post.render(post.prepare(program, 0.01))
     return file
 
@@ -93,28 +94,38 @@ def test_an_arc_that_is_nearly_a_line_is_one():
 
 
 def test_outputs_and_the_spindle():
-    body = (Output("process", 1.0), Output("spindle", 9000.0), Wait(1.5), Output("spindle", 0.0))
-    said = lines(*body, signals={"process": 3, "spindle": 4}, spindle_rpm=9000.0)
-    assert said == ["$OUT[3]=TRUE", "$OUT[4]=TRUE", "WAIT SEC 1.500", "$OUT[4]=FALSE"]
+    body = (
+        Output("process", 1.0),
+        Output("spindle", 9000.0),
+        Wait(1.5),
+        Output("spindle", 0.0),
+        Output("process", 0.0),
+    )
+    said = text(*body, signals={"process": 3, "spindle": 4}, spindle_rpm=9000.0).text.splitlines()[-10:]
+    assert [line for line in said if not line.startswith("PTP")] == [
+        *("$TOOL={X 0.000, Y 0.000, Z 100.000, A 0.0000, B 0.0000, C 0.0000}", "$OUT[3]=FALSE", "$OUT[4]=FALSE"),
+        *("$OUT[3]=TRUE", "$OUT[4]=TRUE", "WAIT SEC 1.500", "$OUT[4]=FALSE", "$OUT[3]=FALSE", "END"),
+    ]
+    assert said[3].startswith("PTP {A1 ")
 
 
 @pytest.mark.parametrize(
-    ("body", "says"),
+    ("body", "index", "says"),
     [
-        ([MoveL(at(0, 0), 2500.0)], "max_speed"),
-        ([MoveL(at(0, 0), 0.001)], "0.001 mm/s"),
-        ([Force(5.0, (0.0, 0.0, -1.0)), Force(0.0)], "process.force"),
-        ([Output("spindle", 8000.0)], "spindle_rpm"),
-        ([Output("glue", 1.0)], "post.signals"),
-        ([Output("process", 0.5)], "process = 0.5"),
-        ([MoveC(at(1, 1), at(2, 0), 10.0)], "a pose to start from"),
-        ([MoveJ(Joints((0.0,) * 7), 10.0)], "six axes"),
+        ([MoveL(at(0, 0), 2500.0)], 1, "max_speed"),
+        ([MoveL(at(0, 0), 0.001)], 1, "0.001 mm/s"),
+        ([Force(5.0, (0.0, 0.0, -1.0)), Force(0.0)], 0, "process.force"),
+        ([Output("spindle", 8000.0)], 2, "spindle_rpm"),
+        ([Output("glue", 1.0)], 0, "post.signals"),
+        ([Output("process", 0.5)], 2, "process = 0.5"),
+        ([MoveC(at(1, 1), at(2, 0), 10.0)], 1, "a pose to start from"),
+        ([MoveJ(Joints((0.0,) * 7), 10.0)], 1, "six axes"),
     ],
 )
-def test_what_the_controller_lacks_is_refused(body, says):
+def test_what_the_controller_lacks_is_refused(body, index, says):
     with pytest.raises(Refused, match=says) as refusal:
         text(*body, signals={"process": 1, "spindle": 2}, spindle_rpm=9000.0)
-    assert refusal.value.index == 1
+    assert refusal.value.index == index
 
 
 def test_the_first_ptp_says_how_the_arm_stands():
@@ -169,8 +180,9 @@ BODY = (MoveL(at(0, 0), 20.0, 1.0), MoveC(at(5, 5), at(10, 0), 20.0), Output("pr
 def test_what_is_read_back_by_hand():
     """One program, its values worked out from the manual's words."""
     reading = READ({"part.src": text(*BODY).text}, {})
-    home, line, arc, output, wait = reading.body
+    off, home, line, arc, output, wait, last = reading.body
     assert reading.faults == ()
+    assert off == last == Output("process", 0.0)
     assert home.target.values == pytest.approx(HOME.target.values, abs=1e-9)
     assert (line.target.origin, line.speed, line.blend) == ((0, 0, 0), pytest.approx(20), 1)
     assert np.allclose(line.target.rotation, TOOL_DOWN, atol=1e-12)
@@ -178,7 +190,9 @@ def test_what_is_read_back_by_hand():
     assert (output, wait) == (Output("process", 1.0), Wait(0.5))
     assert reading.work.origin == (500, 0, 0)
     assert reading.tool.origin == (0, 0, 100)
-    assert [text(*BODY).text.splitlines()[number - 1].split()[0] for number in reading.lines[:2]] == ["PTP", "LIN"]
+    assert [text(*BODY).text.splitlines()[number - 1].split()[0] for number in reading.lines[:3]] == [
+        *("$OUT[1]=FALSE", "PTP", "LIN"),
+    ]
 
 
 BASE = "$BASE={X 500.000, Y 0.000, Z 0.000, A 0.0000, B 0.0000, C 0.0000}\n"

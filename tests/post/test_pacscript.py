@@ -25,9 +25,21 @@ from camgen.model.pose import (
     rotation_from_quaternion,
     translation,
 )
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+)
 from camgen.post import Reading
 from camgen.post.plugins import make_post
+from tests.support.whole import turning, whole
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
@@ -40,7 +52,7 @@ def down(x: float, y: float, z: float = 0.0) -> Pose:
 
 
 def program(*body: Instruction, name: str = "bracket", header: tuple[str, ...] = ()) -> Program:
-    return Program(name, WORK, TOOL, (MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body), header)
+    return Program(name, WORK, TOOL, whole((MoveJ(HOME, 100.0), MoveJ(down(0, 0, 20), 100.0), *body)), header)
 
 
 def text_of(plan: Program, **options: object) -> str:
@@ -50,9 +62,10 @@ def text_of(plan: Program, **options: object) -> str:
 
 
 def body_of(plan: Program, **options: object) -> list[str]:
-    """The lines between the settings and GiveArm, without the two opening motions of ``program``."""
+    """The lines between the two opening motions of ``program`` and GiveArm."""
     lines = [line.strip() for line in text_of(plan, **options).splitlines()]
-    return lines[lines.index("ChangeWork 1") + 3 : lines.index("GiveArm")]
+    opening = [k for k, line in enumerate(lines) if line.startswith("Move P")]
+    return lines[opening[1] + 1 : len(lines) - 1 - lines[::-1].index("GiveArm")]
 
 
 def spoken(body: tuple[Instruction, ...]) -> list[Instruction]:
@@ -68,7 +81,10 @@ def assert_same(planned: Program, reading: Reading, post: PacScript) -> None:
         assert type(want) is type(got)
         if isinstance(want, (MoveJ, MoveL, MoveC)) and isinstance(got, (MoveJ, MoveL, MoveC)):
             assert_place(want.target, got.target, limit.mm, limit.angle, limit.joint)
-            assert got.speed == pytest.approx(want.speed, abs=limit.speed, rel=0)
+            if not turn_of(want):  # where the TCP stays in its place it has no speed
+                assert got.speed == pytest.approx(want.speed, abs=limit.speed, rel=0)
+            elif isinstance(got, MoveL):
+                assert got.turn == pytest.approx(turn_of(want), abs=limit.turn, rel=0)
             assert (want.blend > 0) == (got.blend > 0)
         if isinstance(want, MoveC) and isinstance(got, MoveC):
             assert_place(want.via, got.via, limit.mm, limit.angle, limit.joint)
@@ -84,6 +100,10 @@ def assert_same(planned: Program, reading: Reading, post: PacScript) -> None:
             assert want == got
         if isinstance(want, Wait) and isinstance(got, Wait):
             assert got.seconds == pytest.approx(want.seconds, abs=5.1e-4, rel=0)
+
+
+def turn_of(item: MoveJ | MoveL | MoveC) -> float:
+    return item.turn if isinstance(item, MoveL) else 0.0
 
 
 def assert_place(want: Pose | Joints, got: Pose | Joints, mm: float, angle: float, joint: float) -> None:
@@ -110,20 +130,31 @@ SMALL = """\
 ' external speed: the pendant's, 100 % for the planned speeds
 Sub Main
     TakeArm Keep = 0
+    Reset IO[24]
+    ' Mps() is a percentage: 0.1 m/s is over 0.5 % of any arm, 0.1 mm/s not over 0.1 %
+    Dim unit As Single = 1
+    If Mps(0.1) > 0.2 Then
+        unit = 0.001
+    End If
+    ' now Mps(100 * unit) is 100 mm/s; no motion where that is not 0.5 to 20 %
+    If Mps(100 * unit) < 0.5 Or Mps(100 * unit) > 20 Then
+        GiveArm
+        Exit Sub
+    End If
     Speed 10
     Accel 50, 50
     ChangeTool 1
     ChangeWork 1
-    Move P, @0 J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000), Speed = Mps(0.1)
-    Move P, @P P(12.500, 8.000, 20.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.1)
-    Move L, @0 P(12.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.02)
+    Move P, @0 J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000), Speed = Mps(100 * unit)
+    Move P, @P P(12.500, 8.000, 20.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(100 * unit)
+    Move L, @0 P(12.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(20 * unit)
     ' contour c1
     Set IO[24]
     Delay 150
-    Move L, @P P(52.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.0155)
-    Move C, P(62.500, 18.000, 0.000, 180.0000, 0.0000, 0.0000, -1), @0 P(52.500, 28.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(0.02)
+    Move L, @P P(52.500, 8.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(15.5 * unit)
+    Move C, P(62.500, 18.000, 0.000, 180.0000, 0.0000, 0.0000, -1), @0 P(52.500, 28.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(20 * unit)
     Reset IO[24]
-    Move L, @0 P(52.500, 28.000, 20.000, 180.0000, 0.0000, 90.0000, -1), Speed = Mps(0.1)
+    Move L, @0 P(52.500, 28.000, 20.000, 180.0000, 0.0000, 90.0000, -1), Speed = Mps(100 * unit)
     GiveArm
 End Sub
 """  # noqa: E501
@@ -144,7 +175,7 @@ def small() -> Program:
         Output("process", 0.0),
         MoveL(Pose(turned, (52.5, 28, 20)), 100.0),
     )
-    return Program("bracket", WORK, TOOL, body, ("camgen 0.1.0", "layer (holes) M3"))
+    return Program("bracket", WORK, TOOL, whole(body), ("camgen 0.1.0", "layer (holes) M3"))
 
 
 def test_small_program_is_this_text() -> None:
@@ -157,7 +188,7 @@ def test_small_program_is_this_text() -> None:
 def test_small_program_reads_back() -> None:
     reading = read({"bracket.pcs": SMALL}, {})
     assert_same(small(), reading, PacScript())
-    assert reading.lines == (15, 16, 17, 19, 20, 21, 22, 23, 24)
+    assert reading.lines == (11, 26, 27, 28, 30, 31, 32, 33, 34, 35)
     assert reading.work is None
     assert reading.tool is None
 
@@ -195,7 +226,7 @@ def test_orientation_is_rz_ry_rx_in_degrees() -> None:
         rotation_about(2, math.radians(rz)) @ rotation_about(1, math.radians(ry)) @ rotation_about(0, math.radians(rx))
     )
     (line,) = body_of(program(MoveL(Pose(rotation, (1, 2, 3)), 20.0)))
-    assert line == "Move L, @0 P(1.000, 2.000, 3.000, 25.0000, -40.0000, 110.0000, -1), Speed = Mps(0.02)"
+    assert line == "Move L, @0 P(1.000, 2.000, 3.000, 25.0000, -40.0000, 110.0000, -1), Speed = Mps(20 * unit)"
 
 
 def test_posture_without_a_joint_move_is_said_to_be_open() -> None:
@@ -222,9 +253,10 @@ def test_speed_in_percent_of_what_the_external_speed_leaves() -> None:
 
 @given(st.floats(0.05, 5000.0), st.sampled_from([0.0, 30.0]))
 def test_written_speed_is_exact_to_a_thousandth(speed: float, external: float) -> None:
-    (line,) = body_of(program(MoveL(down(1, 0), speed)), ext_speed=external)
-    written = float(re.search(r"Mps\((.*)\)", line)[1]) * 1000 * (external or 100) / 100
-    assert written == pytest.approx(speed, rel=1e-3)
+    for mps, metres in (("ask", 1), ("mm/s", 1), ("m/s", 1000)):
+        (line,) = body_of(program(MoveL(down(1, 0), speed)), ext_speed=external, mps=mps)
+        written = float(re.search(r"Mps\(([0-9.]+)( \* unit)?\)$", line)[1]) * metres * (external or 100) / 100
+        assert written == pytest.approx(speed, rel=1e-3)
 
 
 def test_splits_into_subs_at_stops() -> None:
@@ -232,9 +264,9 @@ def test_splits_into_subs_at_stops() -> None:
     plan = program(*body)
     text = text_of(plan, max_lines=12)
     main, *subs = re.split(r"^Sub ", text, flags=re.MULTILINE)[1:]
-    names = [sub.split()[0] for sub in subs]
+    names = [sub.split("(")[0] for sub in subs]
     assert names == [f"bracket_part{i}" for i in range(1, len(subs) + 1)]
-    assert [line.split()[1] for line in main.splitlines() if "Call" in line] == names
+    assert [line.split()[1] for line in main.splitlines() if "Call" in line] == [f"{name}(unit)" for name in names]
     for sub in subs:
         lines = sub.splitlines()[1:-1]
         assert len(lines) <= 12
@@ -295,58 +327,68 @@ def test_cell_is_within_the_reach_of_the_arm() -> None:
 
 
 @pytest.mark.parametrize(
-    ("item", "options", "message"),
+    ("item", "options", "index", "message"),
     [
-        (Output("coolant", 1.0), {}, "the signal coolant has no IO number; add it to post.signals"),
-        (Output("process", 0.5), {}, "an IO is on or off, not 0.5; use 0 or 1"),
+        # A signal that the post does not have is refused where it is put off first.
+        (Output("coolant", 1.0), {}, 0, "the signal coolant has no IO number; add it to post.signals"),
+        (Output("process", 0.5), {}, 3, "an IO is on or off, not 0.5; use 0 or 1"),
         (
             Output("spindle", 9000.0),
             {"signals": {"spindle": 25}},
+            0,
             'an IO does not carry a spindle speed; set the speed at its drive and post.spindle to "on-off"',
         ),
-        (Wait(3e6), {}, "the wait is longer than a Delay holds; shorten it"),
-        (MoveL(down(1, 0), 0.01), {}, "0.01 mm/s is too slow to be written to 0.1 %; raise the speed"),
+        (Wait(3e6), {}, 2, "the wait is longer than a Delay holds; shorten it"),
+        (MoveL(down(1, 0), 0.01), {}, 2, "0.01 mm/s is too slow to be written to 0.1 %; raise the speed"),
         (
             MoveL(down(1, 0), 120.0),
             {"rated": 100.0},
+            2,
             "120 mm/s is 120 % of the rated 100 mm/s, the controller takes 0.1 to 100 %; "
             "change the speed or mend post.rated",
         ),
         (
             MoveL(down(1, 0), 20.0),
             {"speed": "percent", "rated": 8e4},
+            2,
             "20 mm/s is 0.025 % of the rated 80000 mm/s, the controller takes 0.1 to 100 %; "
             "change the speed or mend post.rated",
         ),
         (
             MoveJ(Joints((0.0,) * 4), 100.0),
             {},
+            2,
             "J() of 4 axes: four-axis arms slide on axis 3, J() ends with 8; "
             "give a pose, or the angles of an arm that only turns",
         ),
         (
             Force(10.0, (0.0, 1.0, 0.0)),
             {},
+            3,
             "the arguments of force control are not public; "
             'check post.force_on and set post.force to "template", or to "ignore"',
         ),
         (
             Force(10.0),
             {"force": "template"},
+            3,
             "the force has no direction; follow one side of the contour",
         ),
         (
             Force(6000.0, (1.0, 0.0, 0.0)),
             {"force": "template"},
+            3,
             "6000 N is more than the 5000 N of a force table; lower the force",
         ),
     ],
 )
-def test_refusal_names_index_reason_and_remedy(item: Instruction, options: dict[str, object], message: str) -> None:
+def test_refusal_names_index_reason_and_remedy(
+    item: Instruction, options: dict[str, object], index: int, message: str
+) -> None:
     plan = program(item, Force(0.0)) if isinstance(item, Force) else program(item)
     with pytest.raises(Refused) as error:
         make_post(PacScript, options).prepare(plan, 0.01)
-    assert str(error.value) == f"pacscript: {message} (instruction 2)"
+    assert str(error.value) == f"pacscript: {message} (instruction {index})"
 
 
 def test_fractional_pass_mark_is_refused_in_millimetres() -> None:
@@ -425,7 +467,7 @@ def test_spindle_as_on_and_off_keeps_its_speed_as_a_remark() -> None:
     assert lines[:2] == ["' spindle at 9000 rpm: set at its drive", "Set IO[25]"]
     assert lines[-1] == "Reset IO[25]"
     prepared = make_post(PacScript, options).prepare(plan, 0.01)
-    assert [item.value for item in prepared.body if isinstance(item, Output)] == [1.0, 0.0]
+    assert [item.value for item in prepared.body if isinstance(item, Output)] == [0.0, 1.0, 0.0]
 
 
 def arc(radius: float, sweep: float, force: float = 0.0) -> tuple[MoveL, MoveC]:
@@ -497,8 +539,9 @@ def test_default_force_lines_read_back_by_what_they_mean() -> None:
     text = text_of(pressed(), force="template")
     reading = read({"a": text}, {})
     assert_same(pressed(), reading, PacScript(force="template"))
-    assert reading.body[2] == Force(10.0, (0.0, 1.0, 0.0))
-    last = reading.body[5]
+    assert reading.body[0] == Force(0.0)
+    assert reading.body[3] == Force(10.0, (0.0, 1.0, 0.0))
+    last = reading.body[6]
     assert isinstance(last, MoveL)
     assert last.force == pytest.approx(8.0, abs=1e-3)
     assert last.force_direction == pytest.approx((-0.5, math.sqrt(3) / 2, 0.0), abs=1e-4)
@@ -585,6 +628,15 @@ def arcs(draw: st.DrawFn) -> list[Instruction]:
 
 
 @st.composite
+def turns(draw: st.DrawFn) -> list[Instruction]:
+    """A line, and a turn where it ends, by any angle or by hardly one, at 0.1 to 100 % of 500 deg/s."""
+    there, rate = draw(poses()), math.radians(draw(st.floats(0.5, 500.0)))
+    little = rotation_about(2, draw(st.sampled_from([1e-12, 1e-7, 1e-3]))) @ there.rotation
+    end = draw(st.one_of(rotations().map(lambda pose: pose.rotation), st.just(frozen(little))))
+    return [MoveL(there, draw(speed)), MoveL(Pose(end, there.origin), draw(speed), turn=rate)]
+
+
+@st.composite
 def bodies(draw: st.DrawFn) -> tuple[Instruction, ...]:
     items: list[Instruction] = [MoveJ(HOME, 100.0)]
     joints = st.lists(st.floats(-6.0, 6.0), min_size=6, max_size=8).map(lambda v: Joints(tuple(v)))
@@ -596,14 +648,14 @@ def bodies(draw: st.DrawFn) -> tuple[Instruction, ...]:
         st.builds(Wait, st.floats(0.0, 100.0)),
         st.builds(Comment, st.text(max_size=90)),
     )
-    for chunk in draw(st.lists(st.one_of(single.map(lambda item: [item]), arcs()), max_size=12)):
+    for chunk in draw(st.lists(st.one_of(single.map(lambda item: [item]), arcs(), turns()), max_size=12)):
         items += chunk
     items.append(MoveL(down(0, 0), 20.0))
     for i, item in enumerate(items):
         following = next((other for other in items[i + 1 :] if not isinstance(other, Comment)), None)
         if isinstance(item, MoveL) and not isinstance(following, (MoveJ, MoveL, MoveC)):
             items[i] = replace(item, blend=0.0)
-    return tuple(items)
+    return turning(items, 1.0)
 
 
 OPTIONS: list[dict[str, object]] = [
@@ -622,7 +674,7 @@ def test_round_trip(body: tuple[Instruction, ...], options: dict[str, object]) -
         )
     post = make_post(PacScript, options)
     assert isinstance(post, PacScript)
-    prepared = post.prepare(Program("part", WORK, TOOL, body), 0.01)
+    prepared = post.prepare(Program("part", WORK, TOOL, whole(body)), 0.01)
     (file,) = post.render(prepared)
     reading = read({file.name: file.text}, options)
     assert_same(prepared, reading, post)
@@ -638,8 +690,12 @@ def script(*lines: str, before: tuple[str, ...] = ()) -> str:
     return "\n".join((*head, *lines, "GiveArm", "End Sub", ""))
 
 
+#: Programs written by hand mean m/s, unless they are about that.
+METRES: dict[str, object] = {"mps": "m/s"}
+
+
 def reading_of(*lines: str, options: dict[str, object] | None = None, before: tuple[str, ...] = ()) -> Reading:
-    return read({"part.pcs": script(*lines, before=before)}, options or {})
+    return read({"part.pcs": script(*lines, before=before)}, METRES | (options or {}))
 
 
 def last_motion(reading: Reading) -> MoveJ | MoveL | MoveC:
@@ -738,7 +794,7 @@ def test_outputs_are_named_by_the_signals() -> None:
 def test_second_file_is_called_by_its_name_and_lines_go_on() -> None:
     main = script("Call PartA")
     part = "Sub Main\nMove L, @0 P(7)" + S + "\nEnd Sub\n"
-    reading = read({"part.pcs": main, "PartA.pcs": part}, {})
+    reading = read({"part.pcs": main, "PartA.pcs": part}, METRES)
     assert reading.faults == ()
     assert reading.lines == (3, main.count("\n") + 2)
 

@@ -23,6 +23,7 @@ from tests.support.pacscript_ways import (
     SIGNED,
     TEXTS,
     check,
+    printed,
     short_lines,
     the_long_way,
 )
@@ -50,6 +51,17 @@ def test_the_pieces_are_the_whole_text() -> None:
         pieces = [piece[0] for piece in PIECE.finditer(text)]
         assert "".join(pieces) == text
         assert len(pieces) == len(LINE.findall(text)) == text.count("\n") + (text != "" and text[-1] != "\n")
+
+
+def test_turns_on_the_spot_are_read_the_short_way() -> None:
+    """Two at the start of each of the five pieces, of 1 and 0.5 rad/s, 11.4592 and 5.7296 % of 500 deg/s."""
+    text = printed(5, {}, turning=True)
+    assert text.count(", Speed = 11.4592\n") == text.count(", Speed = 5.7296\n") == 5
+    turns = [item.turn for item in check({"a.pcs": text}, {}).body if isinstance(item, MoveL) and item.turn]
+    assert turns == pytest.approx([1.0, 0.5] * 5, abs=1e-5)
+    assert all(
+        match.lastindex for match in PIECE.finditer(text) if "Speed = 11" in match[0] or "Speed = 5." in match[0]
+    )
 
 
 @given(st.lists(st.from_regex(r"\A-?[0-9]{1,9}(\.[0-9]{1,9})?\Z"), min_size=6, max_size=6))

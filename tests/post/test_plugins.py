@@ -1,15 +1,18 @@
 """Posts and read-backs: found by name and by path, and what is wrong with one is said."""
 
 import importlib
+import re
 import sys
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import pytest
 
+from camgen.build import build
+from camgen.build.stages import part
 from camgen.model.errors import JobError
 from camgen.post import Post
-from camgen.post.plugins import POSTS, READBACKS, find_post, find_readback, list_installed, make_post
+from camgen.post.plugins import POSTS, READBACKS, fill_tables, find_post, find_readback, list_installed, make_post
 
 POST = """
 from dataclasses import dataclass, field
@@ -166,3 +169,31 @@ def test_options_are_those_of_the_post():
 def test_options_that_cannot_be_meant_are_named(options, says):
     with pytest.raises(JobError, match=says):
         make_post(Options, options)
+
+
+@pytest.mark.parametrize(
+    ("name", "process", "other"),
+    [
+        ("gcode", "P0", "M8"),
+        ("grbl", "M3", "M8"),
+        ("pacscript", 24, 30),
+        ("rapid", "doProcess", "doFlood"),
+        ("vplus", 33, 40),
+    ],
+)
+def test_a_signal_that_is_given_leaves_the_default_ones(name, process, other):
+    post = find_post(name)
+    assert make_post(post, {"signals": {"flood": other}}).signals == {"process": process, "flood": other}
+    assert make_post(post, {"signals": {"process": other}}).signals == {"process": other}
+    # The output of the default is given to another signal.
+    assert make_post(post, {"signals": {"dout0": process}}).signals == {"dout0": process}
+    assert make_post(post, {}).signals == {"process": process}
+    assert fill_tables(post, {"signals": 3, "decimals": 4}) == {"signals": 3, "decimals": 4}
+
+
+@pytest.mark.parametrize(("name", "flood"), [("rapid", "doFlood"), ("pacscript", 30), ("vplus", 40), ("gcode", "M8")])
+def test_a_build_with_one_more_signal_is_read_back_with_it(name, flood):
+    square = part([(0, 0), (40, 0), (40, 30), (0, 30), (0, 0)])
+    plain, more = (build(square, post=name, job={"post": post}) for post in ({}, {"signals": {"flood": flood}}))
+    strip = re.compile(r"job [0-9a-f]{12}")
+    assert strip.sub("", more.text) == strip.sub("", plain.text)

@@ -2,21 +2,31 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from camgen_posts.rapid import Rapid
+from camgen_posts.rapid.force import choose_calibrations
 from camgen_posts.rapid.options import legal_name
 from camgen_posts.readback.rapid import read
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from camgen.model.errors import JobError, Refused
-from camgen.model.pose import TOOL_DOWN, Pose, angle_between, rotation_from_axes, rotation_from_quaternion, translation
+from camgen.model.errors import JobError, Refused, VerifyError
+from camgen.model.pose import (
+    TOOL_DOWN,
+    Pose,
+    angle_between,
+    frozen,
+    rotation_about,
+    rotation_from_axes,
+    rotation_from_quaternion,
+    translation,
+)
 from camgen.model.program import (
     Comment,
     Force,
@@ -25,13 +35,16 @@ from camgen.model.program import (
     MoveC,
     MoveJ,
     MoveL,
+    Origin,
     Output,
     Posture,
     Program,
     Wait,
 )
-from camgen.post import Reading, Tolerance
+from camgen.post import Reading, Remark, Tolerance
 from camgen.post.plugins import find_post, find_readback, make_post
+from camgen.post.verify import compare
+from tests.support.whole import turning, whole
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 HOME = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, math.radians(30), 0.0)), 200.0)
@@ -44,20 +57,20 @@ def at(x: float, y: float, z: float) -> Pose:
 
 
 def program(*body: Instruction, name: str = "plate") -> Program:
-    return Program(name, translation(300, -75, 100), translation(0, 0, 100), body, ("made by hand",))
+    return Program(name, translation(300, -75, 100), translation(0, 0, 100), whole(body), ("made by hand",))
 
 
 def posted(plan: Program, **options: object) -> tuple[Program, dict[str, str]]:
-    """The program as prepared, and its files."""
-    post = make_post(Rapid, options)
+    """The program as prepared, and its files; where it presses, the cell has set the sensor to zero."""
+    post = make_post(Rapid, {"force_calibrated": not options.get("force_load")} | options)
     prepared = post.prepare(plan, 0.01)
     return prepared, {file.name: file.text for file in post.render(prepared)}
 
 
 def lines(plan: Program, **options: object) -> list[str]:
-    """The statements of main, without indentation and supervision."""
+    """The statements of main, without indentation, supervision and ERROR handler."""
     text = "\n".join(posted(plan, **options)[1].values())
-    body = text.split("PROC main()\n")[1].split("ENDPROC")[0]
+    body = text.split("PROC main()\n")[1].split("ENDPROC")[0].split("    ERROR\n")[0]
     return [line.strip() for line in body.splitlines() if "Conf" not in line and line.strip()]
 
 
@@ -74,6 +87,8 @@ def assert_same(plan: Program, reading: Reading, tolerance: Tolerance) -> None:
         for name, limit in (("speed", tolerance.speed), ("blend", tolerance.mm), ("seconds", tolerance.seconds),
                             ("value", 5e-4), ("force", tolerance.force), ("newtons", tolerance.force)):  # fmt: skip
             assert getattr(got, name, 0) == pytest.approx(getattr(want, name, 0), rel=0, abs=limit + 1e-9)
+        if getattr(want, "turn", 0):  # any motion of the text has a speed of turning
+            assert getattr(got, "turn", 0) == pytest.approx(getattr(want, "turn", 0), rel=0, abs=tolerance.turn)
         assert getattr(got, "signal", "") == getattr(want, "signal", "")
         if getattr(want, "force", 0) or getattr(want, "newtons", 0):
             assert getattr(got, "force_direction", None) == pytest.approx(
@@ -88,6 +103,16 @@ def assert_near(want: Pose | Joints | None, got: Pose | Joints | None, tolerance
     if isinstance(want, Pose) and isinstance(got, Pose):
         assert got.origin == pytest.approx(want.origin, rel=0, abs=tolerance.mm + 1e-9)
         assert angle_between(want.rotation, got.rotation) <= tolerance.angle
+
+
+def turned(x: float, angle: float) -> Pose:
+    return Pose(frozen(rotation_about(2, angle) @ TOOL_DOWN), (x, 0.0, 0.0))
+
+
+def spot(degrees: float, speed: float = 100.0, angle: float = 1.0) -> Program:
+    """To a point, a turn there at so many deg/s, and on."""
+    turn = MoveL(turned(0, angle), speed, turn=math.radians(degrees))
+    return program(HOME, MoveL(at(0, 0, 0), 100.0), turn, MoveL(turned(9, angle), 100.0))
 
 
 # The text, by hand ----------------------------------------------------------------------------------------------
@@ -110,6 +135,8 @@ def test_small_program_to_the_letter() -> None:
     tail = "tCamgen\\WObj:=wCamgen;"
     expected = f"""MODULE plate
     ! made by hand
+    ! load: 0.001 kg is no tool's, and loading this module overwrites tCamgen
+    ! load: set post.mass and post.cog, or post.declare = false for the tool of the controller
     TASK PERS tooldata tCamgen:=[TRUE,{tool}];
     TASK PERS wobjdata wCamgen:=[FALSE,TRUE,"",{work}];
     CONST speeddata vCam37_5:=[37.5,500,5000,1000];
@@ -118,6 +145,7 @@ def test_small_program_to_the_letter() -> None:
     PROC main()
         ConfJ\\Off;
         ConfL\\Off;
+        SetDO doProcess,0;
         MoveAbsJ [[0.0000,0.0000,0.0000,0.0000,30.0000,0.0000],{E9}],v200,fine,tCamgen;
         ! layer _A___ENDPROC_
         MoveJ [[10.000,10.000,20.000],{DOWN},v100,z5,{tail}
@@ -128,6 +156,13 @@ def test_small_program_to_the_letter() -> None:
             [[20.000,20.000,0.000],{DOWN},v20,zCam2_5,{tail}
         MoveL [[20.000,20.000,20.000],{DOWN},v20,fine,{tail}
         SetDO doProcess,0;
+    ERROR
+        camSafe;
+        RAISE;
+    ENDPROC
+
+    PROC camSafe()
+        SetDO doProcess,0;
     ENDPROC
 ENDMODULE
 """
@@ -135,10 +170,19 @@ ENDMODULE
     assert files == {"plate.mod": expected}
     reading = find_readback("rapid")(files, {})
     assert_same(prepared, reading, Rapid().tolerance())
-    assert reading.lines == (11, 13, 14, 15, 16, 17, 19, 20)
+    assert reading.lines == (13, 14, 16, 17, 18, 19, 20, 22, 23)
     assert_near(reading.work, translation(300, -75, 100), Rapid().tolerance())
     assert_near(reading.tool, translation(0, 0, 100), Rapid().tolerance())
     assert find_post("rapid") is Rapid
+
+
+def test_the_page_shows_a_program_that_is_read_and_is_safe() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "posts" / "rapid.md").read_text(encoding="utf-8")
+    reading = read({"bracket.mod": page.split("```\n")[1]}, {})
+    assert reading.faults == ()
+    assert len(reading.body) == 11
+    program(*reading.body)
+    assert whole(reading.body) == reading.body
 
 
 def test_confdata_is_stated_and_supervised_where_it_is_known() -> None:
@@ -195,13 +239,18 @@ def test_tool_and_work_may_be_on_the_controller() -> None:
 def test_spindle_is_an_analog_output() -> None:
     options = {"signals": {"spindle": "aoSpindle", "process": "doAir"}}
     plan = program(HOME, Output("spindle", 12000), Output("process", 1))
-    assert lines(plan, **options)[1:] == ["SetAO aoSpindle,12000;", "SetDO doAir,1;"]
+    home = f"MoveAbsJ [[0.0000,0.0000,0.0000,0.0000,30.0000,0.0000],{E9}],v200,fine,tCamgen;"
+    off = ["SetAO aoSpindle,0;", "SetDO doAir,0;"]
+    assert lines(plan, **options) == [*off, home, "SetAO aoSpindle,12000;", "SetDO doAir,1;", *off]
     assert_same(plan, read(posted(plan, **options)[1], options), Rapid().tolerance())
 
 
 @pytest.mark.parametrize(
     ("text", "name"),
-    [("plate", "plate"), ("10 mm", "m10_mm"), ("MoveL", "mMoveL"), ("main", "mmain"), ("part1", "mpart1"),
+    [("plate", "plate"), ("10 mm", "m10_mm"), ("MoveL", "mMoveL"), ("main", "mmain"),
+     ("user", "muser"), ("Base", "mBase"), ("edge", "medge"),
+     ("reg5", "mreg5"), ("reg6", "reg6"), ("wobj1", "mwobj1"), ("clock1", "mclock1"), ("HIGH", "mHIGH"),
+     ("camSafe", "mcamSafe"),
      ("", "m"), ("Zähne", "Z_hne"), ("x" * 40, "x" * 31), ("while", "mwhile")],
 )  # fmt: skip
 def test_a_module_gets_a_legal_name(text: str, name: str) -> None:
@@ -236,16 +285,17 @@ def test_a_pressing_section(sign: int, plus: str) -> None:
     got = lines(plan, **options)
     start = f"[[20.000,0.000,-2.000],[0.0000000,0.0000000,1.0000000,0.0000000],[0,0,0,0],{E9}]"
     tail = "tCamgen\\WObj:=wCamgen;"
-    assert got[1:3] == ["WaitTime\\InPos,0;", "FCCalib lTool;"]  # at the home position, in the air
-    assert got[4:7] == [
+    assert got[:2] == ["SetDO doProcess,0;", "IF FCIsForceMode() FCDeact;"]
+    assert got[3:5] == ["WaitTime\\InPos,0;", "FCCalib lTool;"]  # at the home position, in the air
+    assert got[6:9] == [
         "SetDO doProcess,1;",
         f"FCPress1LStart {start},",
         f"v20,\\Fx:={plus}25,50\\ForceChange:=10,fine,{tail}",
     ]
-    assert got[7].startswith("FCPressL [[19.900,1.997,-2.000],")
-    assert got[7].endswith(f",v20,{plus}24.5,z1,{tail}")
-    assert got[10].startswith("FCPressEnd [[20.000,0.000,9.000],")
-    assert got[10].endswith(f",v50,{tail}")
+    assert got[9].startswith("FCPressL [[19.900,1.997,-2.000],")
+    assert got[9].endswith(f",v20,{plus}24.5,z1,{tail}")
+    assert got[12].startswith("FCPressEnd [[20.000,0.000,9.000],")
+    assert got[12].endswith(f",v50,{tail}")
     prepared, files = posted(plan, **options)
     assert_same(prepared, read(files, options), Rapid().tolerance())
 
@@ -297,6 +347,8 @@ FOLLOW = 'set tool.orient = "follow", so that the tool turns with the surface'
         (program(MoveJ(Joints((0.0,) * 4), 9.0)), "4 joint values; RAPID here is for arms of six axes"),
         (program(HOME, MoveL(at(9000, 0, 0), 9.0)), "a coordinate of more than 8388 mm"),
         (program(HOME, MoveL(at(0, 0, 0), 1e-4)), "a speed of 0.0001 mm/s; use 0.001 to 99999"),
+        (spot(1e-4), "a turn at 0.0001 deg/s; use 0.001 to 99999 for process.turn (instruction 2)"),
+        (spot(1e6), "a turn at 1e+06 deg/s; use 0.001 to 99999 for process.turn"),
         (program(HOME, MoveL(at(0, 0, 0), 9.0, 1e-4), HOME), "a blend radius of 0.0001 mm; use 0, or 0.001 to"),
         (program(HOME, MoveC(at(1, 1, 0), at(2, 0, 0), 9.0)), "an arc from a pose that is not known"),
         (program(HOME, MoveL(at(0, 0, 0), 9.0), MoveC(at(1, 0, 0), at(2, 0, 0), 9.0)),
@@ -338,6 +390,14 @@ def test_refused(plan: Program, message: str) -> None:
         ({"cog": [1.0]}, "[post] cog: 1 number; give x, y, z in mm"),
         ({"decimals": 9}, "[post] decimals: 9 is not 0 to 6"),
         ({"force": "hard"}, "Invalid enum value 'hard'"),
+        ({"program": "user"}, "'user' is taken already: predefined, of a system module, or given by the post itself"),
+        ({"work": "wobj1"}, "[post] work: 'wobj1' is taken already"),
+        ({"signals": {"process": "Edge"}}, "'Edge' is taken already"),
+        ({"fixture": [1, 2, 3]}, "[post] fixture: 3 numbers; give x, y, z in mm and rx, ry, rz in deg"),
+        ({"fixture": [0] * 6, "declare": False}, "[post] fixture: the work object is on the controller"),
+        ({"fixture": [9e9, 0, 0, 0, 0, 0]}, "[post] fixture[0]: 9e+09 is not -8388 to 8388"),
+        ({"acc_set": [50]}, "[post] acc_set: 1 number; give acceleration and ramp in %"),
+        ({"acc_set": [10, 50]}, "[post] acc_set[0]: 10 is not 20 to 100"),
     ],
 )
 def test_options_that_make_no_sense(options: Mapping[str, object], message: str) -> None:
@@ -376,8 +436,10 @@ blends = st.one_of(st.sampled_from([0.0, 0.3, 1.0, 5.0]), st.floats(0.001, 300))
 HOSTILE = ["x\n! ; MODULE b", 'a"b', "ENDPROC\rENDMODULE", "%%%", "9\u2028SetDO do1,1;"]
 comments = st.one_of(st.text(), st.sampled_from(HOSTILE))
 arcs = st.builds(MoveC, poses, poses, speeds, blends)
+# A turn where the motion before it ends, which ``settled`` moves there.
+spots = st.builds(MoveL, poses, speeds, turn=st.floats(1e-3, 9.0))
 instructions = st.one_of(
-    st.builds(MoveL, poses, speeds, blends), st.builds(MoveJ, poses, speeds, blends),
+    spots, st.builds(MoveL, poses, speeds, blends), st.builds(MoveJ, poses, speeds, blends),
     st.builds(MoveJ, joint_values, speeds, blends), arcs, st.builds(Wait, st.floats(0, 100)),
     st.builds(Output, st.just("process"), st.sampled_from([0.0, 1.0])), st.builds(Comment, comments),
 )  # fmt: skip
@@ -392,12 +454,17 @@ def settled(body: list[Instruction]) -> tuple[Instruction, ...]:
         assert isinstance(before, (MoveJ, MoveL, MoveC))
         if isinstance(item, MoveC) and (not isinstance(before.target, Pose) or not proper(before.target, item)):
             continue
+        if isinstance(item, MoveL) and item.turn:
+            if isinstance(before.target, Pose):
+                result.append(replace(item, target=Pose(item.target.rotation, before.target.origin)))
+                last = len(result) - 1
+            continue
         if isinstance(item, (Wait, Output)):
             result[last] = replace(before, blend=0.0)
         result.append(item)
         if isinstance(item, (MoveJ, MoveL, MoveC)):
             last = len(result) - 1
-    return tuple(result)
+    return turning(result, 1.0)
 
 
 def proper(start: Pose, arc: MoveC) -> bool:
@@ -421,16 +488,423 @@ def test_a_long_program_is_split_into_modules() -> None:
     prepared, files = posted(plan, max_lines=10)
     assert list(files) == ["plate.mod", "plate_part1.mod", "plate_part2.mod", "plate_part3.mod"]
     main = files["plate.mod"]
-    assert main.index("Part1;") < main.index("Part2;") < main.index("Part3;")
-    assert files["plate_part2.mod"].startswith("MODULE plate_part2\n    PROC Part2()\n        MoveL [[9.000,")
+    assert main.index("part_1;") < main.index("part_2;") < main.index("part_3;")
+    assert files["plate_part2.mod"].startswith("MODULE plate_part2\n\n    PROC part_2()\n        MoveL [[8.000,")
     assert all(text.count("tooldata") == (name == "plate.mod") for name, text in files.items())
     reading = read(files, {})
     assert_same(prepared, reading, Rapid().tolerance())
-    assert reading.lines[0] == main.count("\n") + 3  # MODULE and PROC of the first part come before
+    assert reading.lines[0] == main.count("\n") + 4  # MODULE, a line of its own and PROC of the first part come before
     backwards = read(dict(reversed(files.items())), {})
     assert backwards.faults == ()
-    with pytest.raises(JobError, match="too long for a program in 3 parts"):
-        posted(plan, max_lines=10, program="x" * 27)
+
+
+# Routines -------------------------------------------------------------------------------------------------------
+
+
+def along(path: int, x: float, rise: bool = True, signal: str = "process") -> list[Instruction]:
+    """A path of one motion, on from x - 5 to x."""
+    up = [MoveL(at(x, 0, 20), 100.0, path=path)] if rise else []
+    return [
+        Comment(f"path {path}"),
+        MoveL(at(x - 5, 0, 0), 50.0, path=path),
+        Output(signal, 1),
+        MoveL(at(x, 0, 0), 20.0, path=path, work=True),
+        Output(signal, 0),
+        *up,
+    ]
+
+
+def pathed(*body: Instruction, ids: Sequence[str] = ("c1", "c2"), name: str = "plate") -> Program:
+    return Program(name, translation(300, -75, 100), translation(0, 0, 100), whole(body), (), tuple(map(Origin, ids)))
+
+
+def routines(files: Mapping[str, str]) -> dict[str, list[str]]:
+    """The first words of the statements of each PROC."""
+    found = re.findall(r"PROC (\w+)\(\)\n(.*?)ENDPROC", "".join(files.values()), re.S)
+    return {name: re.findall(r"^ +([A-Za-z_]\w*)", body, re.M) for name, body in found}
+
+
+def test_each_path_is_a_routine_that_main_calls() -> None:
+    spindle = {"signals": {"process": "doAir", "spindle": "aoRpm"}}
+    body = [HOME, Output("spindle", 900), *along(0, 10, rise=False), *along(1, 20), Output("spindle", 0), HOME]
+    prepared, files = posted(pathed(*body), **spindle)
+    assert list(files) == ["plate.mod"]
+    settings = ["ConfJ", "ConfL"]
+    work = ["MoveL", "SetDO", "MoveL", "SetDO"]
+    assert routines(files) == {
+        "main": [
+            *settings,
+            "SetAO",
+            "SetDO",
+            "MoveAbsJ",
+            "SetAO",
+            "c1",
+            "c2",
+            "SetAO",
+            "MoveAbsJ",
+            "ERROR",
+            "camSafe",
+            "RAISE",
+        ],
+        "camSafe": ["SetAO", "SetDO"],
+        "c1": [*work, "ERROR", "RAISE"],
+        "c2": [*work, "MoveL", "ERROR", "RAISE"],
+    }
+    assert "        ! path 1\n" in files["plate.mod"].split("PROC c2()")[1]
+    reading = read(files, spindle)
+    assert reading.faults == ()
+    compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_what_is_reset_before_the_first_motion_stands_in_main() -> None:
+    files = posted(pathed(Output("process", 0), HOME, *along(0, 10), *along(1, 20), HOME, Output("process", 0)))[1]
+    assert routines(files)["main"] == [
+        *("ConfJ", "ConfL", "SetDO", "MoveAbsJ", "c1", "c2", "MoveAbsJ", "SetDO", "ERROR", "camSafe", "RAISE"),
+    ]
+    assert read(files, {}).faults == ()
+
+
+@pytest.mark.parametrize(
+    ("ids", "names"),
+    [
+        (("c1", "c1"), ["c1", "c1_2"]),
+        (("user", "v20"), ["puser", "pv20"]),
+        (("plate", "doProcess"), ["plate_2", "doProcess_2"]),
+        (("a/b c", "7"), ["a_b_c", "p7"]),
+        (("x" * 40, "X" * 40), ["x" * 31, "X" * 26 + "_2"]),
+        (("camSafe", "MAIN"), ["pcamSafe", "pMAIN"]),
+        (("tCamgen", "wcamgen"), ["tCamgen_2", "wcamgen_2"]),
+    ],
+)
+def test_routines_get_legal_names_of_their_own(ids: tuple[str, str], names: list[str]) -> None:
+    files = posted(pathed(HOME, *along(0, 10), *along(1, 20), HOME, ids=ids))[1]
+    assert list(routines(files))[2:] == names
+    assert read(files, {}).faults == ()
+
+
+def test_paths_that_do_not_fit_into_a_module_stand_in_others() -> None:
+    """Each path has 9 lines as a routine; main, cut in pieces, and a path that is longer than a module too."""
+    ids = [f"c{k}" for k in range(30)]
+    long = [MoveL(at(k, 9, 0), 20.0, path=30) for k in range(45)]
+    body = [HOME, *(item for k in range(30) for item in along(k, 10 * k)), *long, HOME]
+    plan = pathed(*body, ids=[*ids, "long"])
+    prepared, files = posted(plan, max_lines=20)
+    found = routines(files)
+    assert [name for name in found if name.startswith(("part_", "long"))] == [
+        *("part_1", "part_2", "long", "long_1", "long_2", "long_3"),
+    ]
+    assert found["main"][2:4] == ["part_1", "part_2"]
+    assert found["part_2"][-4:] == ["long", "MoveAbsJ", "ERROR", "RAISE"]
+    sizes = [text.count("\n") - 2 for name, text in files.items() if name != "plate.mod"]
+    assert max(sizes) <= 20 + 5  # PROC, ERROR, RAISE, ENDPROC and the empty line of one that is 20 long
+    reading = read(files, {})
+    assert reading.faults == ()
+    compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_a_routine_that_presses_also_leaves_the_surface() -> None:
+    """The way off the surface is the first of the next path; the remark on that path follows it."""
+    pressing_on = [
+        MoveL(on_disc(0), 50.0, path=0),
+        Output("process", 1),
+        Force(25.0, inward(0)),
+        replace(pressed(0.1), path=0),
+    ]
+    up = MoveL(on_disc(0.1, 9), 50.0, path=1)
+    body = [HOME, *pressing_on, Output("process", 0), Force(0.0), Comment("path c2"), up, *along(1, 10), HOME]
+    prepared, files = posted(pathed(*body))
+    text = files["plate.mod"]
+    work = ["SetDO", "FCPress1LStart", "v20", "SetDO", "FCPressEnd"]
+    assert routines(files)["c1"] == ["MoveL", *work, "ERROR", "RAISE"]
+    assert "PROC c2()\n        ! path c2\n        ! path 1\n        MoveL" in text
+    compare(prepared, read(files, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+# The ERROR handler ----------------------------------------------------------------------------------------------
+
+ONE = pathed(HOME, *along(0, 10), *along(1, 20), HOME)
+
+
+@pytest.mark.parametrize(("on_error", "last"), [("raise", "RAISE"), ("exit", "EXIT")])
+def test_an_error_drops_the_process(on_error: str, last: str) -> None:
+    files = posted(ONE, on_error=on_error)[1]
+    assert routines(files)["main"][-3:] == ["ERROR", "camSafe", last]
+    assert routines(files)["c2"][-2:] == ["ERROR", "RAISE"]
+    assert read(files, {"on_error": on_error}).faults == ()
+    without = posted(ONE, on_error="none")[1]["plate.mod"]
+    assert "ERROR" not in without
+    assert "camSafe" not in without
+
+
+ASKED = "        IF FCIsForceMode() FCDeact;\n"
+
+
+def test_force_control_is_ended_before_the_first_motion_and_by_an_error() -> None:
+    plan = pressing(Output("process", 1), pressed(0), pressed(0.1), Output("process", 0))
+    prepared, files = posted(plan)
+    text = files["plate.mod"]
+    assert f"ConfL\\Off;\n        SetDO doProcess,0;\n{ASKED}        MoveAbsJ " in text
+    assert f"    ERROR\n        camSafe;\n{ASKED}        RAISE;\n" in text
+    assert text.count("FCDeact") == 2
+    reading = read(files, {})
+    assert reading.body[:2] == (Output("process", 0.0), Force(0.0))
+    compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+    assert "FCDeact" not in posted(ONE)[1]["plate.mod"]
+
+
+UNASKED = r"fcdeact without IF FCIsForceMode\(\): it may be an error where force control is off"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "what"),
+    [
+        (ASKED, "", "instruction 1: instruction reads MoveJ to 6 joint values, planned is force 0 N"),
+        (ASKED, "        FCDeact;\n", UNASKED),
+        (f"camSafe;\n{ASKED}", "camSafe;\n        FCDeact;\n", UNASKED),
+        (ASKED, "        IF FCIsForceMode() FCAct;\n", r"IF is read as IF FCIsForceMode\(\) FCDeact; alone"),
+        (ASKED, "        IF NOT FCIsForceMode() FCDeact;\n", "IF is a statement that is not read"),
+        ("        SetDO doProcess,0;\n", "", "instruction 0: instruction reads force 0 N, planned is output process 0"),
+    ],
+)
+def test_what_puts_off_at_the_start_is_verified(before: str, after: str, what: str) -> None:
+    plan = pressing(Output("process", 1), pressed(0), pressed(0.1), Output("process", 0))
+    prepared, files = posted(plan)
+    wrong = files["plate.mod"].replace(before, after, 1)
+    with pytest.raises(VerifyError, match=what):
+        compare(prepared, read({"a": wrong}, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_an_end_of_force_control_that_does_not_ask_is_read() -> None:
+    """In programs from elsewhere it stands after pressing; there it is right, and remarked on alone."""
+    end = f"FCPressEnd {POINT},v5,t1\\WObj:=w1;\nFCDeact;"
+    way = f"MoveL {POINT},v5,fine,t1\\WObj:=w1;\nFCPress1LStart {POINT},v5,\\Fx:=5,50,fine,t1\\WObj:=w1;\n"
+    reading = read({"m.mod": module(way + end)}, {})
+    (remark,) = reading.faults
+    assert isinstance(remark, Remark)
+    assert remark.line == 9
+    assert reading.body[-1] == Force(0.0)
+
+
+def test_a_post_prints_a_program_twice_alike() -> None:
+    post = Rapid(force_calibrated=True)
+    prepared = post.prepare(pressing(pressed(0)), 0.01)
+    assert post.render(prepared) == post.render(prepared)
+
+
+@pytest.mark.parametrize(
+    ("handler", "fault"),
+    [
+        ("camSafe;\n        RAISE;", ""),
+        ("SetDO doProcess,0;\n        EXIT;", ""),
+        ("Reset doProcess;\n        RAISE;", ""),
+        ("RAISE;", "the ERROR handler of main leaves process on"),
+        ("SetDO doOther,0;\n        RAISE;", "the ERROR handler of main leaves process on"),
+        ("camSafe;", "the ERROR handler of main goes on behind the error; end it with RAISE"),
+        ("SetDO doProcess,1;\n        RAISE;", "an ERROR handler that switches something on"),
+        ("camSafe;\n        RAISE;\n        SetDO doProcess,0;", "statements after RAISE"),
+        ("camSafe;\n        WaitTime 1;\n        RAISE;", "waittime in an ERROR handler is not read"),
+        ("camSafe;\n        IF x FCDeact;\n        RAISE;", "IF is read as IF FCIsForceMode() FCDeact; alone"),
+        ("camSafe;\n        TRYNEXT;", "TRYNEXT is a statement that is not read"),
+        ("nowhere;\n        RAISE;", "the statement nowhere is not read"),
+    ],
+)
+def test_what_a_handler_leaves_on_is_a_fault(handler: str, fault: str) -> None:
+    text = posted(ONE)[1]["plate.mod"].replace("camSafe;\n        RAISE;", handler, 1)
+    faults = [one.what for one in read({"a": text}, {}).faults]
+    assert fault in faults if fault else not faults
+
+
+def test_a_routine_that_ends_the_program_drops_the_process_too() -> None:
+    text = posted(ONE)[1]["plate.mod"]
+    ends = text.replace("ERROR\n        RAISE;", "ERROR\n        EXIT;", 1)
+    assert [one.what for one in read({"a": ends}, {}).faults] == ["the ERROR handler of c1 leaves process on"]
+
+
+# Turns on the spot ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("degrees", "speed", "name", "data"),
+    [
+        (60.0, 100.0, "vCam100t60", "[100,60,5000,1000]"),
+        (60.0, 37.5, "vCam37_5t60", "[37.5,60,5000,1000]"),
+        (12.345, 100.0, "vCam100t12_345", "[100,12.345,5000,1000]"),
+        (500.0, 100.0, "v100", ""),
+    ],
+)
+def test_a_turn_on_the_spot_has_its_v_ori(degrees: float, speed: float, name: str, data: str) -> None:
+    """The second component of a speeddata limits it, deg/s; in a predefined one that is 500."""
+    prepared, files = posted(spot(degrees, speed))
+    text = files["plate.mod"]
+    assert re.findall(r"CONST speeddata (\S+):=(.*);", text) == ([(name, data)] if data else [])
+    assert [re.findall(r"],(\w+),fine,tCamgen", line)[0] for line in text.splitlines() if "MoveL" in line] == [
+        *("v100", name, "v100")
+    ]
+    reading = read(files, {})
+    turns = [item.turn for item in reading.body if isinstance(item, MoveL)]
+    assert turns == pytest.approx([0.0, math.radians(degrees), 0.0], abs=1e-5)
+    compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "reads"),
+    [
+        (",vCam100t60,", ",v100,", "8.726646"),  # 500 deg/s
+        ("[100,60,5000,1000]", "[100,500,5000,1000]", "8.726646"),
+        (",vCam100t60,", ",[100,500,5000,1000],", "8.726646"),
+        (",vCam100t60,", ",[100,61,5000,1000],", "1.064651"),
+    ],
+)
+def test_a_turn_at_another_speed_is_found(before: str, after: str, reads: str) -> None:
+    prepared, files = posted(spot(60.0))
+    assert files["plate.mod"].count(before) == 1
+    wrong = read({"a": files["plate.mod"].replace(before, after)}, {})
+    assert wrong.faults == ()
+    with pytest.raises(VerifyError, match=f"instruction 2: speed of turning reads {reads}, planned is 1.047198"):
+        compare(prepared, wrong, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_a_turn_that_its_digits_do_not_show_is_one_too() -> None:
+    prepared, files = posted(spot(60.0, angle=1e-9))
+    compare(prepared, read(files, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_turns_of_many_speeds_are_written_out() -> None:
+    turns = [MoveL(turned(0, k), 100.0, turn=math.radians(10 + k)) for k in range(1, 9)]
+    prepared, files = posted(program(HOME, MoveL(at(0, 0, 0), 100.0), *turns))
+    text = files["plate.mod"]
+    assert text.count("CONST speeddata") == 6
+    assert text.count(",[100,17,5000,1000],fine,") == text.count(",[100,18,5000,1000],fine,") == 1
+    compare(prepared, read(files, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_a_turn_while_pressing_has_its_v_ori() -> None:
+    """A tool that presses along its axis turns about it."""
+    along = (0.0, 0.0, -1.0)
+    held = MoveL(turned(9, 1.0), 20.0, 0.0, 5.0, along, turn=math.radians(60.0))
+    body = [MoveL(at(0, 0, 0), 9.0), Force(5.0, along), MoveL(at(9, 0, 0), 20.0, 0.0, 5.0, along), held, Force(0.0)]
+    prepared, files = posted(program(HOME, *body, MoveL(at(9, 0, 50), 20.0)))
+    (line,) = (line for line in files["plate.mod"].splitlines() if "FCPressL" in line)
+    assert line.endswith(",vCam20t60,5,fine,tCamgen\\WObj:=wCamgen;")
+    compare(prepared, read(files, {}), Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+# Speeds, frames, settings ---------------------------------------------------------------------------------------
+
+
+def test_few_speeds_have_a_name() -> None:
+    speeds = [10.5 + k / 8 for k in range(29)]
+    body = [MoveL(at(k, j, 0), speed) for k, speed in enumerate(speeds) for j in range(2 if k in (3, 20) else 1)]
+    prepared, files = posted(program(HOME, *body))
+    text = files["plate.mod"]
+    assert re.findall(r"CONST speeddata (\w+):=", text) == [
+        *("vCam10_5", "vCam10_625", "vCam10_75", "vCam10_875", "vCam11", "vCam13"),
+    ]  # the two that are used twice, and the slowest others
+    assert text.count(",[11.125,500,5000,1000],fine,") == 1
+    reading = read(files, {})
+    compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+def test_a_fixture_is_the_user_frame_and_the_work_lies_in_it() -> None:
+    """Turned by 90 deg about z at 1000, 0, 500, a work frame at 900, 200, 510 lies at 200, 100, 10 of the fixture."""
+    plan = replace(program(HOME, MoveL(at(0, 0, 0), 20.0)), base_from_work=translation(900, 200, 510))
+    prepared, files = posted(plan, fixture=[1000, 0, 500, 0, 0, 90])
+    user = "[[1000.000,0.000,500.000],[0.7071068,0.0000000,0.0000000,0.7071068]]"
+    thing = "[[200.0000,100.0000,10.0000],[0.7071068,0.0000000,0.0000000,-0.7071068]]"
+    assert f'TASK PERS wobjdata wCamgen:=[FALSE,TRUE,"",{user},{thing}];' in files["plate.mod"]
+    reading = read(files, {})
+    compare(prepared, reading, Rapid().tolerance(), Rapid().list_verified(), "plate.mod")
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.floats(-1500, 1500), min_size=3, max_size=3),
+    st.lists(st.floats(-180, 180), min_size=3, max_size=3),
+    st.integers(0, 6),
+)
+def test_a_fixture_anywhere_does_not_move_the_work(place: list[float], turn: list[float], decimals: int) -> None:
+    options: dict[str, object] = {"fixture": [*place, *turn], "decimals": decimals}
+    prepared, files = posted(program(HOME, MoveL(at(1, 2, 3), 20.0)), **options)
+    post = make_post(Rapid, options)
+    compare(prepared, read(files, options), post.tolerance(), post.list_verified(), "plate.mod")
+
+
+def test_a_load_that_nobody_weighed_is_told() -> None:
+    remark = "! load: 0.001 kg is no tool's, and loading this module overwrites tCamgen"
+    assert remark in posted(ONE)[1]["plate.mod"]
+    for options in ({"mass": 1.8, "cog": [0, 0, 55]}, {"declare": False, "tool": "tMine", "work": "wMine"}):
+        assert "! load:" not in posted(ONE, **options)[1]["plate.mod"]
+
+
+def test_settings_of_the_arm_stand_before_the_first_motion() -> None:
+    text = posted(ONE, sing_area="wrist", acc_set=[50, 40])[1]["plate.mod"]
+    set_up = "        ConfL\\Off;\n        SingArea\\Wrist;\n        AccSet 50,40;\n"
+    assert f"{set_up}        SetDO doProcess,0;\n        MoveAbsJ " in text
+    assert read({"a": text}, {}).faults == ()
+    assert "SingArea\\Off;" in posted(ONE, sing_area="off")[1]["plate.mod"]
+    wrong = text.replace("SingArea\\Wrist", "SingArea\\Hand").replace("AccSet 50,40", "AccSet 50,140")
+    assert [one.what for one in read({"a": wrong}, {}).faults] == [
+        *("singarea needs \\Wrist or \\Off", "accset is in %, up to 100"),
+    ]
+
+
+# Setting the force sensor to zero -------------------------------------------------------------------------------
+
+
+def test_pressing_with_a_sensor_that_is_not_zero_is_refused() -> None:
+    with pytest.raises(Refused, match="the force sensor is not set to zero before pressing") as caught:
+        make_post(Rapid, {}).prepare(pressing(pressed(0)), 0.01)
+    assert "give post.force_load, or say post.force_calibrated = true where the cell does it" in str(caught.value)
+    assert caught.value.index == 3  # after what puts force control off, the home position and the way there
+
+
+def sections(*between: Instruction) -> list[str]:
+    """The statements of a program that presses twice, with ``between`` on the way to the second section."""
+    plan = pressing(pressed(0.1))
+    body = [HOME, MoveL(on_disc(0, 30), 90.0, 5.0), MoveL(on_disc(0, 1), 90.0), *plan.body[1:-1]]
+    again = [MoveL(on_disc(0.1), 20.0), *between, MoveL(on_disc(0), 50.0), Force(25.0, inward(0)), pressed(0.1)]
+    got = lines(program(*body, *again, Force(0.0), MoveL(on_disc(0.1, 9), 50.0)), force_load="lTool")
+    return [line for line in got if not line.startswith("v")]
+
+
+def test_the_sensor_is_set_to_zero_after_a_stop_in_the_air() -> None:
+    """At the height of travel, which was to be passed at 5 mm, not 1.5 mm above the start."""
+    got = sections()
+    assert got[0] == "IF FCIsForceMode() FCDeact;"
+    assert got[2].startswith("MoveL [[20.000,0.000,30.000]")
+    assert ",fine," in got[2]
+    assert got[3:5] == ["WaitTime\\InPos,0;", "FCCalib lTool;"]
+    assert got.count("FCCalib lTool;") == 1  # the tool stays at the surface between the sections
+
+
+def test_each_section_that_is_reached_through_the_air_has_its_own_zero() -> None:
+    got = sections(MoveL(on_disc(0.1, 9), 50.0), MoveL(on_disc(0, 9), 50.0, 2.0))
+    at_once = [k for k, line in enumerate(got) if line == "FCCalib lTool;"]
+    assert len(at_once) == 2
+    assert got[at_once[1] - 2].startswith("MoveL [[20.000,0.000,9.000]")
+    assert ",fine," in got[at_once[1] - 2]
+    over = sections(HOME)
+    assert over.count("FCCalib lTool;") == 2
+    assert over[[k for k, line in enumerate(over) if line == "FCCalib lTool;"][1] - 2].startswith("MoveAbsJ ")
+
+
+def test_a_zero_in_the_air_is_needed_before_the_first_section() -> None:
+    body = pressing(pressed(0)).body
+    far = MoveL(on_disc(1.0), 50.0)
+    with pytest.raises(Refused, match="pressing from a pose that is not known"):
+        posted(program(HOME, *body[3:]), force_load="lTool")
+    low = program(MoveJ(on_disc(0.5), 9.0), far, *body[2:])
+    with pytest.raises(Refused, match="no motion in the air before pressing, where the force sensor can be set to"):
+        choose_calibrations("rapid", low.body)
+
+
+def test_a_force_program_says_what_it_assumes() -> None:
+    text = posted(pressing(pressed(0)), force_sign=-1, force_threshold=30.0)[1]["plate.mod"]
+    assert "! force: Machining FC is installed; a positive force pushes against the axis of the tool" in text
+    assert "! force: travel begins when 30 % of the force is felt" in text
+    assert "! force: the sensor is set to zero by the cell, before this program" in text
+    zeroed = posted(pressing(pressed(0)), force_load="lTool")[1]["plate.mod"]
+    assert "! force: the sensor is set to zero by FCCalib lTool in the air" in zeroed
 
 
 # Reading --------------------------------------------------------------------------------------------------------
@@ -530,8 +1004,13 @@ def test_faults_by_line(body: str, faults: list[tuple[int, str]]) -> None:
          [(1, f"{'n' * 33} is longer than 32 characters"), (2, f"{'k' * 33} is longer than 32 characters"),
           (3, "v5 is predefined"), (4, "a is defined by itself or through too many others"),
           (6, "PERS c must have a literal value")]),
+        ("MODULE user\nCONST num reg1:=1;\nLOCAL CONST num edge:=1;\nPROC main()\nENDPROC\nENDMODULE",
+         [(1, "user is the name of a system module or of what one declares"),
+          (2, "reg1 is the name of a system module or of what one declares")]),
+        ("MODULE a\nPROC main()\nENDPROC\nPROC b()\nENDPROC\nPROC MoveL()\nENDPROC\nENDMODULE\nMODULE b\nENDMODULE",
+         [(6, "MoveL is predefined"), (9, "the module b has the name of something global")]),
         ("MODULE p\nPROC p()\nENDPROC\nPROC main()\nENDPROC\nPROC MAIN()\nENDPROC\nENDMODULE",
-         [(2, "p is global and has the name of its module"), (6, "MAIN is declared twice")]),
+         [(2, "p is global and has the name of a module"), (6, "MAIN is declared twice")]),
     ],
 )  # fmt: skip
 def test_faults_of_modules(text: str, faults: list[tuple[int, str]]) -> None:

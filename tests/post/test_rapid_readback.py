@@ -13,6 +13,7 @@ from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL
 from camgen.post import Reading
 from camgen.post.plugins import make_post
 from tests.support.rapid_texts import E9, POINT, START, TAIL, TOOL, WORK, changed, program
+from tests.support.whole import whole
 
 
 def plain(value: object) -> object:
@@ -57,8 +58,8 @@ def at(x: float, y: float, z: float = 0.0) -> Pose:
 
 def posted(*body: Instruction, **options: object) -> str:
     home = MoveJ(Joints((0.0, 0.0, 0.0, 0.0, 0.5, 0.0)), 200.0)
-    post = make_post(Rapid, options)
-    prepared = post.prepare(Program("part", translation(3, 4, 5), translation(0, 0, 9), (home, *body)), 0.01)
+    post = make_post(Rapid, {"force_calibrated": True} | options)
+    prepared = post.prepare(Program("part", translation(3, 4, 5), translation(0, 0, 9), whole((home, *body))), 0.01)
     return post.render(prepared)[0].text
 
 
@@ -80,9 +81,11 @@ def test_every_motion_that_the_post_writes_with_points_is_a_small_record() -> No
         force_arcs=True,
     )
     assert kinds(text) == [
-        *(("call", name) for name in ("confj", "confl", "moveabsj")),
+        *(("call", name) for name in ("confj", "confl", "setdo", "if fcdeact", "moveabsj")),
         ("inline", "movej"), ("inline", "movel"), ("call", "setdo"), ("inline", "movec"), ("inline", "movel"),
         *(("inline", name) for name in ("fcpress1lstart", "fcpressl", "fcpressc", "fcpressend")),
+        ("call", "setdo"),  # at the end of main
+        ("call", "setdo"),  # of camSafe
     ]  # fmt: skip
     assert both({"part.mod": text}, {}).faults == ()
 

@@ -26,6 +26,8 @@ def at(x, y, z=0.0, rotation=TOOL_DOWN):
 
 
 BODY = (
+    Output("process", 0.0),
+    Force(0.0),
     HOME,
     Comment("path c1"),
     MoveJ(at(0, 0, 20), 90.0, 1.0),
@@ -58,7 +60,7 @@ def verify(read, carries=ALL, body=BODY, tolerance=TOLERANCE):
 
 def test_the_same_is_the_same():
     deviation = verify(reading())
-    assert (deviation.max_mm, deviation.max_angle, deviation.instructions) == (0.0, 0.0, 10)
+    assert (deviation.max_mm, deviation.max_angle, deviation.instructions) == (0.0, 0.0, 12)
 
 
 def test_comments_do_not_count():
@@ -77,28 +79,28 @@ def test_a_fault_goes_before_everything():
 @pytest.mark.parametrize(
     ("index", "fields", "says"),
     [
-        (0, {"target": Joints((0.1, 0.2, 0.3001))}, "joint values reads 0.1 0.2 0.3001, planned is 0.1 0.2 0.3"),
-        (0, {"target": Joints((0.1, 0.2))}, "MoveJ to 2 joint values, planned is MoveJ to 3"),
-        (0, {"target": at(0, 0)}, "MoveJ to 0 0 0, planned is MoveJ to 3 joint values"),
-        (0, {"speed": 101.0}, "speed reads 101, planned is 100"),
-        (2, {"target": at(0, 0, 20.001)}, "target reads 0 0 20.001, planned is 0 0 20"),
-        (2, {"blend": 0.0}, "blend reads 0, planned is 1"),
-        (3, {"target": at(0, 10)}, "target reads 0 10 0, planned is 10 0 0"),
-        (3, {"target": at(10, math.nan)}, "target reads 10 nan 0"),
-        (3, {"target": at(10, 0, 0, IDENTITY)}, "orientation reads q 1 0 0 0, planned is q 0 1 0 0"),
-        (3, {"speed": 20.02}, "speed reads 20.02, planned is 20"),
-        (3, {"blend": 0.0001}, "blend reads 0.0001, planned is 0"),
-        (4, {"signal": "glue"}, "reads output glue 1, planned is output process 1"),
-        (4, {"value": 0.0}, "output reads 0, planned is 1"),
-        (5, {"seconds": 0.252}, "wait reads 0.252, planned is 0.25"),
-        (6, {"newtons": 5.02}, "force reads 5.02, planned is 5"),
-        (6, {"force_direction": (1.0, 0.0, 0.0)}, "force along x y z reads 5 0 0, planned is 0 5 0"),
-        (7, {"force": 0.0}, "force reads 0, planned is 5"),
-        (7, {"force_direction": (0.0, 0.0, 0.0)}, "force along x y z reads 0 0 0, planned is 0 5 0"),
-        (8, {"via": at(20, 20)}, "middle of the arc reads 20 20 0, planned is 30 10 0"),
-        (8, {"via": at(10, 10)}, "middle of the arc reads 10 10 0, planned is 30 10 0"),
-        (8, {"via": at(30, 10, 1)}, "middle of the arc"),
-        (8, {"force_direction": (0.0, 1.0, 0.0)}, "force along x y z reads 0 5 0, planned is 0 -5 0"),
+        (2, {"target": Joints((0.1, 0.2, 0.3001))}, "joint values reads 0.1 0.2 0.3001, planned is 0.1 0.2 0.3"),
+        (2, {"target": Joints((0.1, 0.2))}, "MoveJ to 2 joint values, planned is MoveJ to 3"),
+        (2, {"target": at(0, 0)}, "MoveJ to 0 0 0, planned is MoveJ to 3 joint values"),
+        (2, {"speed": 101.0}, "speed reads 101, planned is 100"),
+        (4, {"target": at(0, 0, 20.001)}, "target reads 0 0 20.001, planned is 0 0 20"),
+        (4, {"blend": 0.0}, "blend reads 0, planned is 1"),
+        (5, {"target": at(0, 10)}, "target reads 0 10 0, planned is 10 0 0"),
+        (5, {"target": at(10, math.nan)}, "target reads 10 nan 0"),
+        (5, {"target": at(10, 0, 0, IDENTITY)}, "orientation reads q 1 0 0 0, planned is q 0 1 0 0"),
+        (5, {"speed": 20.02}, "speed reads 20.02, planned is 20"),
+        (5, {"blend": 0.0001}, "blend reads 0.0001, planned is 0"),
+        (6, {"signal": "glue"}, "reads output glue 1, planned is output process 1"),
+        (6, {"value": 0.0}, "output reads 0, planned is 1"),
+        (7, {"seconds": 0.252}, "wait reads 0.252, planned is 0.25"),
+        (8, {"newtons": 5.02}, "force reads 5.02, planned is 5"),
+        (8, {"force_direction": (1.0, 0.0, 0.0)}, "force along x y z reads 5 0 0, planned is 0 5 0"),
+        (9, {"force": 0.0}, "force reads 0, planned is 5"),
+        (9, {"force_direction": (0.0, 0.0, 0.0)}, "force along x y z reads 0 0 0, planned is 0 5 0"),
+        (10, {"via": at(20, 20)}, "middle of the arc reads 20 20 0, planned is 30 10 0"),
+        (10, {"via": at(10, 10)}, "middle of the arc reads 10 10 0, planned is 30 10 0"),
+        (10, {"via": at(30, 10, 1)}, "middle of the arc"),
+        (10, {"force_direction": (0.0, 1.0, 0.0)}, "force along x y z reads 0 5 0, planned is 0 -5 0"),
     ],
 )
 def test_a_difference_is_named(index, fields, says):
@@ -109,13 +111,38 @@ def test_a_difference_is_named(index, fields, says):
     assert caught.value.line == 10 * index + 1
 
 
+TURNS = (
+    HOME,
+    MoveJ(at(0, 0, 20), 90.0),
+    MoveL(at(0, 0, 20, frozen(TOOL_DOWN @ rotation_about(2, 1.0))), 20.0, turn=0.5),
+    MoveL(at(9, 0, 20, frozen(TOOL_DOWN @ rotation_about(2, 1.0))), 20.0),
+)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.49, 0.51, 8.7])
+def test_the_speed_of_a_turn_on_the_spot_is_compared_where_the_text_carries_it(turn):
+    read = reading([*TURNS[:2], replace(TURNS[2], turn=turn), TURNS[3]])
+    verify(read, body=TURNS)
+    near = replace(TOLERANCE, turn=0.001)
+    with pytest.raises(VerifyError, match=rf"instruction 2: speed of turning reads {turn:g}, planned is 0.5 .line 21"):
+        verify(read, carries=ALL | {"turn"}, body=TURNS, tolerance=near)
+    verify(read, carries=ALL | {"turn"}, body=TURNS, tolerance=replace(TOLERANCE, turn=10.0))
+    verify(reading(TURNS), carries=ALL | {"turn"}, body=TURNS, tolerance=near)
+
+
+def test_a_turn_that_the_text_rounds_away_has_no_speed_there():
+    slight = (*TURNS[:2], replace(TURNS[2], target=at(0, 0, 20, frozen(TOOL_DOWN @ rotation_about(2, 1e-7)))))
+    read = reading([*TURNS[:2], MoveL(at(0, 0, 20), 20.0)])
+    verify(read, carries=ALL | {"turn"}, body=slight)
+
+
 def test_the_first_of_several_differences_is_named():
-    body = [*BODY[:2], replace(BODY[2], speed=1.0), replace(BODY[3], speed=1.0), Output("no", 1.0), *BODY[5:]]
-    with pytest.raises(VerifyError, match="instruction 2: speed"):
+    body = [*BODY[:4], replace(BODY[4], speed=1.0), replace(BODY[5], speed=1.0), Output("no", 1.0), *BODY[7:]]
+    with pytest.raises(VerifyError, match="instruction 4: speed"):
         verify(reading(body))
 
 
-@pytest.mark.parametrize("index", [0, 3, 4, 8, 10])
+@pytest.mark.parametrize("index", [0, 1, 2, 5, 6, 10, 12])
 def test_a_missing_instruction_is_found(index):
     with pytest.raises(VerifyError, match=f"instruction {index}: "):
         verify(reading([*BODY[:index], *BODY[index + 1 :]]))
@@ -123,21 +150,21 @@ def test_a_missing_instruction_is_found(index):
 
 def test_too_much_and_too_little_at_the_end_are_found():
     with pytest.raises(
-        VerifyError, match=r"instruction 11: instruction reads wait 1 s, planned is nothing \(line 111\)"
+        VerifyError, match=r"instruction 13: instruction reads wait 1 s, planned is nothing \(line 131\)"
     ):
         verify(reading([*BODY, Wait(1.0)]))
-    with pytest.raises(VerifyError, match="instruction 10: instruction reads nothing, planned is output process 0"):
+    with pytest.raises(VerifyError, match="instruction 12: instruction reads nothing, planned is output process 0"):
         verify(reading(BODY[:-1]))
 
 
 @pytest.mark.parametrize(
     ("name", "index", "fields"),
     [
-        ("orientation", 3, {"target": at(10, 0, 0, IDENTITY)}),
-        ("speed", 3, {"speed": 99.0}),
-        ("joint-speed", 2, {"speed": 1.0}),
-        ("force-direction", 6, {"force_direction": (1.0, 0.0, 0.0)}),
-        ("blend", 2, {"blend": 5.0}),
+        ("orientation", 5, {"target": at(10, 0, 0, IDENTITY)}),
+        ("speed", 5, {"speed": 99.0}),
+        ("joint-speed", 4, {"speed": 1.0}),
+        ("force-direction", 8, {"force_direction": (1.0, 0.0, 0.0)}),
+        ("blend", 4, {"blend": 5.0}),
     ],
 )
 def test_what_the_text_does_not_carry_is_not_compared(name, index, fields):
@@ -147,9 +174,9 @@ def test_what_the_text_does_not_carry_is_not_compared(name, index, fields):
 
 
 def test_a_stop_is_compared_even_where_the_radius_is_not():
-    verify(changed(2, blend=0.0), carries=ALL - {"blend", "stop"})
-    with pytest.raises(VerifyError, match="instruction 2: blend"):
-        verify(changed(2, blend=0.0), carries=ALL - {"blend"})
+    verify(changed(4, blend=0.0), carries=ALL - {"blend", "stop"})
+    with pytest.raises(VerifyError, match="instruction 4: blend"):
+        verify(changed(4, blend=0.0), carries=ALL - {"blend"})
 
 
 @pytest.mark.parametrize("name", ["work", "tool"])
@@ -175,15 +202,15 @@ def test_frames_are_compared_where_the_text_has_them(frames, name):
 
 def test_half_a_digit_is_forgiven_and_measured_straight():
     off = 0.0005
-    deviation = verify(changed(7, target=at(20 + off, -off, off)))
+    deviation = verify(changed(9, target=at(20 + off, -off, off)))
     assert deviation.max_mm == pytest.approx(math.sqrt(3) * off)
     with pytest.raises(VerifyError):
-        verify(changed(7, target=at(20.00051, 0)))
+        verify(changed(9, target=at(20.00051, 0)))
 
 
 def test_the_deviation_of_an_arc_is_that_of_its_middle():
     via = at(*(np.array([20, 10]) + 10.002 * np.array([math.cos(0.4), math.sin(0.4)])))
-    deviation = verify(changed(8, via=via), tolerance=replace(TOLERANCE, mm=0.01))
+    deviation = verify(changed(10, via=via), tolerance=replace(TOLERANCE, mm=0.01))
     # A circle through (0, -10), (0, 10) and a point 10.002 from the origin at the angle 0.4: x^2 + y^2 - 2 k x = 100.
     k = (10.002**2 - 100) / (2 * 10.002 * math.cos(0.4))
     assert deviation.max_mm == pytest.approx(k + math.hypot(10, k) - 10, rel=1e-6)
@@ -192,18 +219,18 @@ def test_the_deviation_of_an_arc_is_that_of_its_middle():
 @pytest.mark.parametrize("angle", [1e-9, 1e-7, 3e-6, 9.9e-6])
 def test_a_small_angle_is_measured_as_it_is(angle):
     rotation = frozen(TOOL_DOWN @ rotation_about_axis(np.array([0.6, 0.0, 0.8]), angle))
-    assert verify(changed(3, target=at(10, 0, 0, rotation))).max_angle == pytest.approx(angle, rel=1e-6)
+    assert verify(changed(5, target=at(10, 0, 0, rotation))).max_angle == pytest.approx(angle, rel=1e-6)
 
 
 def test_a_half_turn_is_not_mistaken_for_none():
     with pytest.raises(VerifyError, match="orientation"):
-        verify(changed(3, target=at(10, 0, 0, frozen(TOOL_DOWN @ rotation_about(2, math.pi)))))
+        verify(changed(5, target=at(10, 0, 0, frozen(TOOL_DOWN @ rotation_about(2, math.pi)))))
 
 
 def test_arcs_may_have_their_via_anywhere_on_the_circle():
     for angle in (-1.3, -0.2, 0.9, 1.5):
         via = at(20 + 10 * math.cos(angle), 10 + 10 * math.sin(angle))
-        assert verify(changed(8, via=via)).max_mm < 1e-12
+        assert verify(changed(10, via=via)).max_mm < 1e-12
 
 
 def test_an_arc_from_joints_is_compared_by_its_points():
@@ -215,8 +242,8 @@ def test_an_arc_from_joints_is_compared_by_its_points():
 
 
 def test_lines_must_belong_to_instructions():
-    with pytest.raises(ValueError, match="11 instructions with 10 lines"):
-        verify(Reading(BODY, tuple(range(10)), ()))
+    with pytest.raises(ValueError, match="13 instructions with 12 lines"):
+        verify(Reading(BODY, tuple(range(12)), ()))
 
 
 def test_degenerate_arcs_have_a_middle():

@@ -12,12 +12,28 @@ from camgen_posts.readback.vplus import read
 from camgen_posts.vplus import VPlus
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from camgen.model.errors import CamgenError, JobError, Refused
+from camgen.model.errors import CamgenError, JobError, Refused, VerifyError
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, angle_between, frozen, rotation_about, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Columns,
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    Wait,
+    splice,
+)
 from camgen.post import Reading
 from camgen.post.plugins import make_post
+from camgen.post.verify import compare
+from tests.support.whole import whole
 
 CELL = VPlus.cell()
 HOME = MoveJ(CELL.home, 100.0)
@@ -29,7 +45,7 @@ def down(x: float, y: float, z: float) -> Pose:
 
 
 def program(*body: Instruction, name: str = "part", header: tuple[str, ...] = ()) -> Program:
-    return Program(name, CELL.base_from_work, CELL.flange_from_tool, body, header)
+    return Program(name, CELL.base_from_work, CELL.flange_from_tool, whole(body), header)
 
 
 def render(source: Program, options: dict[str, object] | None = None, chord: float = 0.01) -> tuple[Program, str]:
@@ -61,6 +77,8 @@ def agree(planned: Program, found: Reading, options: dict[str, object] | None = 
         assert abs(item.speed - other.speed) <= tolerance.speed + slack
         assert abs(item.speed - other.speed) <= 1e-3 * item.speed
         assert (item.blend == 0) == (other.blend == 0)
+        if isinstance(item, MoveL) and isinstance(other, MoveL) and item.turn and other.turn:
+            assert abs(item.turn - other.turn) <= tolerance.turn + slack
         if isinstance(item.target, Joints):
             assert np.allclose(item.target.values, other.target.values, rtol=0, atol=tolerance.joint)
         else:
@@ -76,9 +94,12 @@ EXPECTED = """\
     AUTO cg.tool, cg.work
     SELECT ROBOT = 1
     ATTACH ()
+    ENABLE CP
+    ACCEL 100, 100
     SET cg.tool = TRANS(0,0,100,0,0,0)
     TOOL cg.tool
     SET cg.work = TRANS(250,-75,150,0,0,0)
+    SIGNAL -33
     SPEED 10 ALWAYS
     RIGHTY
     MOVE #PPOINT(0, 45, 50, 0)
@@ -121,11 +142,68 @@ def test_text_checked_by_hand() -> None:
     agree(prepared, found, options)
     assert found.faults == ()
     assert [text.splitlines()[line - 1].split()[0] for line in found.lines] == [
-        "MOVE", "MOVE", "MOVES", "SIGNAL", "WAIT.EVENT", "MOVES", "MOVES", "SIGNAL", "MOVE",
+        "SIGNAL", "MOVE", "MOVE", "MOVES", "SIGNAL", "WAIT.EVENT", "MOVES", "MOVES", "SIGNAL", "MOVE",
     ]  # fmt: skip
     assert found.work is not None
     assert found.tool is not None
     assert (found.work.origin, found.tool.origin) == ((250, -75, 150), (0, 0, 100))
+
+
+QUARTER = Pose(frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN), (10, 20, 5))
+TURNING = (
+    HOME, MoveJ(down(10, 20, 5), 100), MoveL(QUARTER, 20, turn=math.radians(60)),
+    MoveL(Pose(QUARTER.rotation, (40, 20, 5)), 20), HOME,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("rated", "percent"), [(1200.0, "5"), (600.0, "10"), (90.0, "66.6667")])
+def test_a_turn_on_the_spot_states_its_rotational_speed(rated: float, percent: str) -> None:
+    """SPEED v, r MMPS: r % of the arm's rotational speed, which bounds a motion whose point stays; then 100 again."""
+    options: dict[str, object] = {"rated_turn": rated}
+    prepared, text = render(program(*TURNING), options)
+    said = [line.split(maxsplit=1)[1] for line in text.splitlines() if "MMPS" in line and not line.startswith(";")]
+    assert said == [f"20, {percent} MMPS ALWAYS", "20, 100 MMPS ALWAYS"]
+    found = read({"a": text}, options)
+    tolerance = make_post(VPlus, options).tolerance()
+    compare(prepared, found, tolerance, VPlus.verified_fields, "a")
+    turns = [i.turn for i in found.body if isinstance(i, MoveL)]
+    assert turns == [pytest.approx(math.radians(60), abs=tolerance.turn), 0.0]
+    for wrong in ("4", "6", "100"):
+        slow = text.replace(f"20, {percent} MMPS", f"20, {wrong} MMPS")
+        with pytest.raises(
+            VerifyError, match=r"instruction 2: speed of turning reads .*, planned is 1\.047198 .line 18"
+        ):
+            compare(prepared, read({"a": slow}, options), tolerance, VPlus.verified_fields, "a")
+    left = text.replace(f"20, {percent} MMPS", "20 MMPS")
+    with pytest.raises(VerifyError, match="speed of turning"):  # without the number it is 100 %
+        compare(prepared, read({"a": left}, options), tolerance, VPlus.verified_fields, "a")
+
+
+@pytest.mark.parametrize(
+    ("turn", "message"),
+    [
+        (1300.0, "1300 deg/s is more than post.rated_turn = 1200 deg/s; lower process.turn or raise post.rated_turn"),
+        (0.1, "0.1 deg/s is 0.00833 % of post.rated_turn = 1200 deg/s, below the least that prints exactly, 0.05 %; "
+              "raise process.turn or lower post.rated_turn (instruction 2)"),
+    ],
+)  # fmt: skip
+def test_a_turn_that_the_arm_or_the_text_does_not_have(turn: float, message: str) -> None:
+    body = [*TURNING[:2], MoveL(QUARTER, 20, turn=math.radians(turn)), *TURNING[3:]]
+    with pytest.raises(Refused) as caught:
+        render(program(*body))
+    assert message in str(caught.value)
+
+
+def test_the_rotational_speed_of_a_text_by_hand() -> None:
+    """Where no second number stands it is 100 %; it holds as long as its SPEED, and the monitor speed scales it."""
+    found = reading(
+        "SPEED 20 MMPS ALWAYS", "MOVES TRANS(1)", "MOVES TRANS(1,0,0,90)", "SPEED 20, 5 MMPS", "MOVES TRANS(1)",
+        "MOVES TRANS(1,0,0,90)", "SPEED 30, 10 MMPS ALWAYS", "MOVES TRANS(1)", "SPEED 50 MONITOR",
+        "MOVES TRANS(1,0,0,90)", "MOVES TRANS(2,0,0,0)", rated_turn=600,
+    )  # fmt: skip
+    assert faults(found) == []
+    turns = [math.degrees(i.turn) for i in found.body if isinstance(i, MoveL)]
+    assert turns == pytest.approx([0, 600, 30, 600, 60, 30, 0])
 
 
 def test_the_page_about_this_post_shows_that_text() -> None:
@@ -137,7 +215,7 @@ def test_the_page_about_this_post_shows_that_text() -> None:
 
 def test_the_class_says_what_it_carries() -> None:
     assert (VPlus.newline, VPlus.suffix, VPlus.passes) == ("\r\n", ".v2", ("chords",))
-    assert {"orientation", "speed", "joint-speed", "stop", "switches"} == VPlus.verified_fields
+    assert {"orientation", "speed", "joint-speed", "stop", "turn", "switches"} == VPlus.verified_fields
 
 
 def test_arc_becomes_chords_on_its_circle() -> None:
@@ -182,7 +260,7 @@ def test_force_and_spindle_as_signals() -> None:
     }  # fmt: skip
     prepared, text = render(source, options)
     assert [w for w in text.splitlines() if "SIGNAL" in w] == [
-        "    SIGNAL 2001", "    SIGNAL 34", "    SIGNAL -34", "    SIGNAL -2001",
+        "    SIGNAL -2001", "    SIGNAL -34", "    SIGNAL 2001", "    SIGNAL 34", "    SIGNAL -34", "    SIGNAL -2001",
     ]  # fmt: skip
     assert "; set 15 N by hand at the valve of the output named force\n" in text
     assert "; set 12000 rpm by hand at the drive of the output named spindle\n" in text
@@ -223,12 +301,12 @@ REFUSED: list[tuple[dict[str, object], tuple[Instruction, ...], str]] = [
     (
         ON_OFF,
         (HOME, Output("spindle", 9), Output("spindle", 8)),
-        "asks for 9 and 8 rpm (instruction 2); plan one value",
+        "asks for 9 and 8 rpm (instruction 3); plan one value",
     ),
     ({}, (HOME, Wait(0.0)), "a wait of 0 s cannot be written; leave it out or wait 0.001 s or more (instruction 1)"),
     ({}, (HOME, Force(5, DOWN), Force(0)), "V+ has no confirmed force control; set post.force to signal (a pressure"),
     ({"force": "signal"}, (HOME, Force(5, DOWN), Force(0)), "the output named force has no number; add it to post.sig"),
-    (VALVE, (HOME, UP, Force(5, DOWN), MoveL(UP.target, 9, 0, 4), Force(0)), "5 and 4 N (instruction 3); plan one"),
+    (VALVE, (HOME, UP, Force(5, DOWN), MoveL(UP.target, 9, 0, 4), Force(0)), "5 and 4 N (instruction 4); plan one"),
     ({}, (HOME, HOME6), "a position has 6 joint values, another 4 (instruction 1); give all for one arm"),
     ({}, (MoveJ(Joints((0.0,) * 5), 9),), "a position has 5 joint values (instruction 0); give 4 values (SCARA: deg, "),
     ({"posture": ["LEFTY"]}, (HOME,), "LEFTY, but the first position has joint 2 at 45 deg; RIGHTY goes with joint 2"),
@@ -260,6 +338,7 @@ def test_frames_that_cannot_be_printed(work: Pose, tool: Pose, message: str) -> 
     ("options", "message"),
     [
         ({"rated": 0.0}, "[post] rated: cannot be 0.0; the TCP speed of a MOVE at 100 %, up to 20000 mm/s"),
+        ({"rated_turn": 0.0}, "[post] rated_turn: cannot be 0.0; deg/s at 100 %, up to 10000"),
         ({"decimals": 6}, "[post] decimals: cannot be 6; 1 to 4: a V+ real is single precision"),
         ({"max_lines": -1}, "[post] max_lines: cannot be -1; 0 for no limit"),
         ({"program": "a.very.long.name"}, "'a.very.long.name' is longer than 15 characters, of which V+ ignores the"),
@@ -382,11 +461,12 @@ STRAIGHT = st.builds(lambda roll: zyz_degrees(0, 180, roll), ANGLES)
 
 
 def bodies(rotations: st.SearchStrategy[FloatArray], home: MoveJ) -> st.SearchStrategy[tuple[Instruction, ...]]:
-    poses = st.builds(Pose, rotations, st.tuples(NUMBERS, NUMBERS, NUMBERS))
+    places = st.tuples(NUMBERS, NUMBERS, NUMBERS) | st.just((1.0, 2.0, 3.0))
+    poses = st.builds(Pose, rotations, places)
     blends = st.sampled_from([0.0, 0.3, 5.0])
     item = st.one_of(
         st.builds(MoveJ, poses, st.floats(4, 7500), blends),
-        st.builds(MoveL, poses, st.floats(0.05, 3000), blends),
+        st.builds(MoveL, poses, st.floats(0.05, 3000), blends, turn=st.floats(0.02, math.radians(1200))),
         st.builds(Output, st.just("process"), st.sampled_from([0, 1])),
         st.builds(Wait, st.floats(0.001, 60)),
         st.builds(Comment, st.text(max_size=60)),
@@ -395,17 +475,19 @@ def bodies(rotations: st.SearchStrategy[FloatArray], home: MoveJ) -> st.SearchSt
 
 
 def settled(items: list[Instruction]) -> tuple[Instruction, ...]:
-    """The same with a stop wherever a program must have one."""
+    """The same with a stop wherever a program must have one, and a speed of turning only where the tool stays."""
     stop = True
     for i in reversed(range(len(items))):
         item = items[i]
         if isinstance(item, (MoveJ, MoveL)):
             if stop:
-                items[i] = type(item)(item.target, item.speed, 0.0)
+                items[i] = replace(item, blend=0.0)
             stop = False
         elif not isinstance(item, Comment):
             stop = True
-    return tuple(items)
+    columns = Columns(items)
+    travels = np.flatnonzero(columns.moves_are(MoveL) & ~columns.turned)
+    return splice(items, {int(columns.at[k]): (replace(columns.moves[k], turn=0.0),) for k in travels})
 
 
 @settings(max_examples=200)

@@ -516,3 +516,14 @@ def test_a_folder_and_a_missing_file(tmp_path: Path) -> None:
         dxf.read(source(tmp_path), Job(), Files())
     with pytest.raises(InputError, match="no such file"):
         dxf.read(source(tmp_path / "none.dxf"), Job(), Files())
+
+
+def test_line_ends_of_the_old_macintosh() -> None:
+    text = (FIXTURES / "parts" / "bracket.dxf").read_bytes().replace(b"\r\n", b"\n")
+    plain, old = (read_bytes("old.dxf", data, InputTable(), 0.01) for data in (text, text.replace(b"\n", b"\r")))
+    assert len(plain.contours) > 1
+    assert old.units == plain.units
+    assert old.notes == plain.notes
+    for a, b in zip(old.contours, plain.contours, strict=True):
+        assert np.array_equal(a.points, b.points)
+        assert np.array_equal(a.bulges, b.bulges)

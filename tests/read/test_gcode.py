@@ -40,6 +40,39 @@ def test_units_distances_and_feeds():
     assert speeds == pytest.approx([2.0, 2.0, 25.4, 25.4])  # 120 mm/min, then 60 inches a minute
 
 
+@pytest.mark.parametrize(
+    "lead", [("G53 G0 Z0", "G0 X1 Y2", "G0 Z3"), ("G0 Z9", "G53 G0 Z0", "G0 X1 Y2", "Z3"), ("g53 g0 z0", "G0 X1 Y2 Z3")]
+)
+def test_the_top_of_the_machine_is_no_place_of_the_program(lead):
+    """G53 G0 Z0 before anything else: nothing is written down until X, Y and Z of the work frame are known."""
+    found = interpret(["G21 G90", *lead, "G1 X5 F60", "M2"])
+    assert found.stopped is None
+    assert [(type(i), i.target.origin) for i in found.body] == [(MoveJ, (1, 2, 3)), (MoveL, (5, 2, 3))]
+    assert not found.remarks
+
+
+def test_a_cut_from_the_top_of_the_machine_begins_at_a_height_that_is_assumed():
+    found = interpret(["G21 G90", "G0 Z9", "G53 G0 Z0", "G0 X1 Y2", "G1 Z-1 F60", "M2"])
+    assert [i.target.origin for i in found.body] == [(1, 2, 0), (1, 2, -1)]
+    assert [str(note) for _, note in found.remarks] == ["assumed: the program begins at Z0 (it does not say where)"]
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("G53 G0 Z1", "G53 is not read: goes to machine coordinates, which are not known here"),
+        ("G53 G0 X0", "G53 is not read: goes to machine coordinates, which are not known here"),
+        ("G53 G0", "G53 is not read: goes to machine coordinates, which are not known here"),
+        ("G53 Z0", "G53 is not read: goes to machine coordinates, which are not known here"),
+        ("G53 G1 Z0 F60", "G53 is not read: goes to machine coordinates, which are not known here"),
+        ("G91 G53 G0 Z0", None),
+    ],
+)
+def test_other_machine_coordinates_are_refused(line, why):
+    found = stopped(line, lead=())
+    assert found == (1, why or "G53 among increments (G91)")
+
+
 def test_the_spelling_does_not_matter():
     plainly = run("G1 X1.5 Y-2", "X3")
     for other in (

@@ -199,7 +199,7 @@ def test_a_large_picture_is_looked_at_closely_only_around_the_part(
 def test_force_and_its_direction_reach_the_program(plain: tuple[Path, dict[str, Any]]) -> None:
     source, job = plain
     more = {"process": {"force": 2.0, "feed": 5.0}, "tool": {"orient": "follow"}}
-    result = camgen.build(source, post="rapid", job={**job, **more})
+    result = camgen.build(source, post="rapid", job={**job, **more, "post": {"force_load": "lTool"}})
     pressing = [m for m in result.program.body if isinstance(m, (MoveL, MoveC)) and m.force > 0]
     assert pressing
     assert all(not isinstance(m.target, Joints) for m in pressing)

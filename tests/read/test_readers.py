@@ -140,8 +140,8 @@ def test_an_unknown_file_is_told_what_camgen_reads() -> None:
     with pytest.raises(InputError) as caught:
         find_reader(Source(Path("a.doc"), b"x"))
     assert str(caught.value) == (
-        "a.doc: is not a kind of file that camgen reads; give a DXF drawing, G-code, a PNG, JPEG, TIFF or BMP picture, "
-        "a 3-D part, an SVG drawing"
+        "a.doc: is not a kind of file that camgen reads; give a DXF drawing, G-code, a PNG, JPEG, TIFF, BMP or PGM "
+        "picture, a 3-D part, an SVG drawing"
     )
 
 

@@ -16,9 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from camgen.model.errors import InputError
 from camgen.model.part import Edge, Solid
 from camgen.model.pose import rotation_from_quaternion
 from camgen.read.solid import mesh
+from camgen.read.solid.strips import unroll
 from tests.support.files import source
 
 Array = NDArray[np.float64]
@@ -235,3 +237,69 @@ def test_shared_parts_have_the_circles_that_their_drawings_give_them() -> None:
     # The radii (inch) that its exact twin featuretype.STEP states.
     stated = sorted([0.133] * 16 + [0.1947] * 2 + [0.21875] * 16)
     assert np.allclose(sorted(e.radius / 25.4 for e in circles), stated, atol=1e-4)
+
+
+#: The sides of a block of 30 x 20 x 10 as one strip, bottom and top as two in one list, its corners by z, y, x.
+STRIPS = [[4, 0, 5, 1, 7, 3, 6, 2, 4, 0], [1, 0, 3, 2, -1, 4, 5, 6, 7]]
+
+
+def strips(rows: list[list[int]], binary: bool) -> bytes:
+    corners = [(x, y, z) for z in (0, 10) for y in (0, 20) for x in (0, 30)]
+    head = [
+        "ply", f"format {'binary_little_endian' if binary else 'ascii'} 1.0", "comment as scanners write it",
+        "element vertex 8", "property float x", "property float y", "property float z",
+        f"element tristrips {len(rows)}", "property list int int vertex_indices", "end_header",
+    ]  # fmt: skip
+    if binary:
+        body = b"".join(struct.pack("<3f", *corner) for corner in corners)
+        body += b"".join(struct.pack(f"<{len(row) + 1}i", len(row), *row) for row in rows)
+    else:
+        lines = [" ".join(map(str, corner)) for corner in corners]
+        body = "\n".join([*lines, *(" ".join(map(str, [len(row), *row])) for row in rows), ""]).encode()
+    return "\n".join([*head, ""]).encode() + body
+
+
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("rows", [STRIPS, [[*STRIPS[0], -1, *STRIPS[1], -1]]])
+def test_strips_of_triangles_are_faces(tmp_path: Path, rows: list[list[int]], binary: bool) -> None:
+    (tmp_path / "part.ply").write_bytes(strips(rows, binary))
+    solid = mesh.read(source(tmp_path / "part.ply"))
+    assert kinds(solid) == {("line", True): 12}
+    assert len(solid.faces) == 12
+    assert solid.borders == ()
+    # None had to be turned, and none was there twice.
+    assert "repaired" not in said(solid)
+
+
+def test_strips_beside_faces_and_what_is_cut_off(tmp_path: Path) -> None:
+    faces = b"element face 2\nproperty list uchar int vertex_index\n"
+    data = strips([STRIPS[0]], False).replace(b"element tristrips", faces + b"element tristrips")
+    corners, strip = data.rsplit(b"\n10 ", 1)
+    (tmp_path / "part.ply").write_bytes(corners + b"\n4 0 2 3 1\n4 4 5 7 6\n10 " + strip)
+    solid = mesh.read(source(tmp_path / "part.ply"))
+    assert (kinds(solid), len(solid.faces)) == ({("line", True): 12}, 12)
+    for binary in (False, True):
+        (tmp_path / "part.ply").write_bytes(strips(STRIPS, binary)[:-5])
+        with pytest.raises(InputError, match=r"part\.ply: is damaged or no PLY mesh: .*; export it again"):
+            mesh.read(source(tmp_path / "part.ply"))
+
+
+def test_every_other_triangle_of_a_strip_is_turned() -> None:
+    strip = np.array([0, 1, 2, 3, 3, 9, 4, -1, 5, 6, 7, 8])
+    assert unroll(strip).tolist() == [[0, 1, 2], [2, 1, 3], [3, 9, 4], [5, 6, 7], [7, 6, 8]]
+    assert unroll(strip[:2]).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("mm", "says"),
+    [
+        (0.005, "warning: the part is 0.15 x 0.1 x 0.05 mm, which is small (drawn in mm; set input.units if that"),
+        (300.0, "warning: the part is 9000 x 6000 x 3000 mm, which is large (drawn in mm; set input.units if that"),
+        (1.0, ""),
+    ],
+)
+def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path, mm: float, says: str) -> None:
+    warnings = [str(note) for note in read(tmp_path, block() * mm).notes if note.kind == "warning"]
+    assert warnings[0].startswith(says) if says else not warnings
+    # A unit that is given is meant.
+    assert "which is" not in said(read(tmp_path, block(), mm=mm))

@@ -1,6 +1,7 @@
 """STEP: edges as exact as the file, in its units, with both faces beside them. What needs no kernel runs without it."""
 
 import math
+import re
 from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
@@ -205,6 +206,116 @@ def test_damage_is_refused_before_the_kernel_leaves_something_out(
     with pytest.raises(InputError, match=message) as caught:
         step.read(source(path))
     assert "\n" not in str(caught.value)
+
+
+#: Faults in what no edge needs, as CAD programs write them: what stands in the text, what in its place, what is said.
+SPARED = [
+    (r"ADVANCED_FACE\('[^']*'", "ADVANCED_FACE($", "10 texts that are not given were taken as empty"),
+    (r"\bPRODUCT\('[^']*'", "PRODUCT($", "1 text that is not given was taken as empty"),
+    (
+        r"(UNCERTAINTY_MEASURE_WITH_UNIT\(LENGTH_MEASURE\([^)]*\),\s*#\d+),[^)]*\)",
+        r"\1,$,$)",
+        "2 texts that are not given were taken as empty",
+    ),
+    (
+        r"(ENDSEC;\s*END-ISO)",
+        r"#9001=CURVE_STYLE('',$,POSITIVE_LENGTH_MEASURE(0.1),#9002);\n#9002=COLOUR_RGB('a;b #1=',1.,0.,0.);\n"
+        r"#9003=PRESENTATION_STYLE_ASSIGNMENT((#9001));\n#9004=STYLED_ITEM('',(#9003),#15);\n\1",
+        "1 entity that cannot be read was left out: 1 CURVE_STYLE",
+    ),
+    (
+        r"(ENDSEC;\s*END-ISO)",
+        r"#9004=STYLED_ITEM('',(#9003),#15);\n\1",
+        "1 entity that cannot be read was left out: 1 STYLED_ITEM",
+    ),
+    (
+        r"(ADVANCED_BREP_SHAPE_REPRESENTATION\('',\(#\d+,#15)\)(.*?)(ENDSEC;\s*END-ISO)",
+        r"\1,#9001)\2#9001=TEXT_LITERAL('','R1',#11,'left',.RIGHT.,#9002);\n#9002=COLOUR_RGB('',1.,0.,0.);\n\3",
+        "1 TEXT_LITERAL",
+    ),
+    (
+        r"\(\(#662,#663,#664\)\)(.*?)(ENDSEC;\s*END-ISO)",
+        r"((#662,#663,#664,#9001))\1#9001=(MASS_UNIT() NAMED_UNIT(7) SI_UNIT(.KILO.,.GRAMM.));\n\2",
+        "UNIT",
+    ),
+]
+
+
+@with_kernel
+@pytest.mark.parametrize(("old", "new", "says"), SPARED)
+def test_what_no_edge_needs_need_not_be_sound(tmp_path: Path, old: str, new: str, says: str) -> None:
+    text = (PARTS / "rfa1.step").read_text()
+    spoiled, count = re.subn(old, new, text, flags=re.DOTALL)
+    assert count
+    (tmp_path / "rfa1.step").write_text(spoiled)
+    found, whole = step.read(source(tmp_path / "rfa1.step")), step.read(source(PARTS / "rfa1.step"))
+    assert says in "; ".join(str(note) for note in found.notes if note.kind == "repaired")
+    assert len(found.edges) == len(whole.edges)
+    for a, b in zip(found.edges, whole.edges, strict=True):
+        assert np.array_equal(a.points, b.points)
+    assert np.array_equal(found.vertices, whole.vertices)
+
+
+@with_kernel
+@pytest.mark.parametrize(
+    ("old", "new", "needed"),
+    [
+        # The face, and what it is made of.
+        (r"ADVANCED_FACE\('([^']*)',\(#\d+\)", r"ADVANCED_FACE('\1',(#662)", "ADVANCED_FACE"),
+        # A body of a kind that the kernel does not know, beside the one that it does.
+        (
+            r"(ADVANCED_BREP_SHAPE_REPRESENTATION\('',\(#\d+,#15)\)(.*?)(ENDSEC;\s*END-ISO)",
+            r"\1,#9001)\2#9001=FOAM_BREP('',#16);\n\3",
+            "ADVANCED_BREP_SHAPE_REPRESENTATION",
+        ),
+        # The unit in which all lengths are.
+        (r"\(\(#662,#663,#664\)\)", "((#15,#663,#664))", "CONTEXT"),
+        (r"SHAPE_DEFINITION_REPRESENTATION\(#(\d+),#(\d+)\)", r"SHAPE_DEFINITION_REPRESENTATION(#\1,#662)", ""),
+    ],
+)
+def test_what_the_edges_need_must_be_sound(tmp_path: Path, old: str, new: str, needed: str) -> None:
+    text = (PARTS / "rfa1.step").read_text()
+    spoiled, count = re.subn(old, new, text, count=1, flags=re.DOTALL)
+    assert count
+    (tmp_path / "rfa1.step").write_text(spoiled)
+    with pytest.raises(InputError, match=f"is damaged: .* and the part needs #.*{needed}|holds no shape") as caught:
+        step.read(source(tmp_path / "rfa1.step"))
+    assert not needed or needed in str(caught.value)
+
+
+@with_kernel
+def test_a_wireframe_and_parts_in_other_files_have_their_own_reason(tmp_path: Path) -> None:
+    gp, build = occ("gp"), occ("BRepBuilderAPI")
+    wire = build.BRepBuilderAPI_MakePolygon(gp.gp_Pnt(0, 0, 0), gp.gp_Pnt(9, 0, 0), gp.gp_Pnt(9, 9, 0)).Wire()
+    path = written(tmp_path / "wire.step", wire)
+    with pytest.raises(InputError) as caught:
+        step.read(source(path))
+    assert str(caught.value) == (
+        "wire.step: is a wireframe: 2 curves and no faces (the edge of a solid lies between two faces); "
+        "export the part as a solid"
+    )
+    document = "#9001=DOCUMENT_FILE('a ''left''.stp','','',#9002,'',$);\n#9002=DOCUMENT_TYPE('geometry');\n"
+    both = path.read_text().replace("ENDSEC;\nEND-ISO", f"{document}ENDSEC;\nEND-ISO")
+    (tmp_path / "wire.step").write_text(both)
+    with pytest.raises(
+        InputError, match=r"holds no shape: its parts are in another file \(a _left_\.stp\); build these"
+    ):
+        step.read(source(path))
+    whole = (PARTS / "rfa1.step").read_text().replace("ENDSEC;\nEND-ISO", f"{document}ENDSEC;\nEND-ISO")
+    (tmp_path / "more.step").write_text(whole)
+    notes = [str(note) for note in step.read(source(tmp_path / "more.step")).notes if note.kind == "skipped"]
+    assert notes == ["skipped: what is in other files: a _left_.stp (build them one by one)"]
+
+
+@with_kernel
+def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path) -> None:
+    for size, says in ((0.17, "0.17 x 0.17 x 0.17 mm, which is small"), (9999.0, "which is large"), (100.0, "")):
+        solid = step.read(source(written(tmp_path / "cube.step", box((0, 0, 0), (size, size, size)))))
+        doubts = [note for note in solid.notes if "which is" in note.what]
+        assert bool(doubts) == bool(says)
+        for note in doubts:
+            assert says in note.what
+            assert note.why == "drawn in mm; export it again in another one if that is not meant"
 
 
 @with_kernel

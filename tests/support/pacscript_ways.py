@@ -16,6 +16,7 @@ from camgen.model.pose import TOOL_DOWN, Pose, frozen, pose_from_values, rotatio
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Reading
 from camgen.post.plugins import make_post
+from tests.support.whole import whole
 
 PARTS = "camgen_posts.readback."
 
@@ -36,11 +37,10 @@ def said(reading: Reading) -> list[object]:
     for item in reading.body:
         if isinstance(item, MoveJ):
             target = repr(item.target.values) if isinstance(item.target, Joints) else pose(item.target)
-            body.append(("J", target, repr(item.speed), repr(item.blend), item.posture))
+            body.append(("J", target, repr((item.speed, item.share, item.blend)), item.posture))
         elif isinstance(item, MoveL):
-            body.append(
-                ("L", pose(item.target), repr((item.speed, item.blend, item.force, item.force_direction)), item.posture)
-            )
+            manner = (item.speed, item.blend, item.force, item.force_direction, item.turn)
+            body.append(("L", pose(item.target), repr(manner), item.posture))
         elif isinstance(item, MoveC):
             ends = pose(item.via), pose(item.target)
             body.append(("C", *ends, repr((item.speed, item.blend, item.force, item.force_direction)), item.posture))
@@ -67,6 +67,9 @@ def printed(count: int, options: dict[str, object], force: float = 0.0, turning:
         x, rotation = k * 8.0, frozen(rotation_about(2, 0.1 * k) @ TOOL_DOWN) if turning else TOOL_DOWN
         start, via, end = (Pose(rotation, p) for p in ((x, 0.125, 0.0), (x + 2, 2.125, 0.0), (x + 4, 0.125, 0.0)))
         body += [MoveJ(start, 200.0), Output("process", 1.0)]
+        if turning:
+            aside = frozen(rotation_about(2, 0.5) @ rotation)
+            body += [MoveL(Pose(aside, start.origin), 20.0, turn=1.0), MoveL(start, 20.0, turn=0.5)]
         body += [Force(force, press)] if force else []
         body += [MoveL(end, 20.0 + k, 1.0, force, press), MoveL(start, 20.0, 0.0, force, press)]
         body += [MoveC(via, end, 12.5, 0.0, force, press)]
@@ -75,7 +78,7 @@ def printed(count: int, options: dict[str, object], force: float = 0.0, turning:
     body += [MoveL(Pose(TOOL_DOWN, (0, 0, 20)), 50), MoveJ(home, 100.0)]
     post = make_post(PacScript, options)
     frames = pose_from_values((300.0, -75.0, 150.0, 0.0, 0.0, 90.0)), translation(0, 0, 100)
-    plan = Program("part", *frames, tuple(body), ("a remark",))
+    plan = Program("part", *frames, whole(body), ("a remark",))
     (file,) = post.render(post.prepare(plan, 0.01))
     return file.text
 

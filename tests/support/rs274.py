@@ -11,7 +11,7 @@ import re
 import shutil
 import subprocess
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -21,6 +21,7 @@ from camgen.model.pose import TOOL_DOWN, Pose, Vec3, translation
 from camgen.model.program import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Post, Reading, Tolerance
 from tests.support.waiting import LONG
+from tests.support.whole import whole
 
 RS274 = shutil.which("rs274")
 needs_rs274 = pytest.mark.skipif(RS274 is None, reason="rs274 is not installed (Debian package linuxcnc-uspace)")
@@ -29,6 +30,7 @@ _SWITCHES = {
     "DWELL": 0, "SET_AUX_OUTPUT_BIT": 0, "CLEAR_AUX_OUTPUT_BIT": 0, "SET_AUX_OUTPUT_VALUE": 1,
     "SET_MOTION_OUTPUT_VALUE": 1, "START_SPINDLE_CLOCKWISE": 0, "STOP_SPINDLE_TURNING": 0,
 }  # fmt: skip
+_LIFT = re.compile(r"\bG53 G0 Z0$", re.M)
 _CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
 
 
@@ -49,11 +51,14 @@ class Call:
 
 @dataclass(frozen=True)
 class Canon:
-    """calls in order; names of all calls, for those that are not kept; error: empty when the program was accepted."""
+    """calls in order; names of all calls, for those that are not kept; error: empty when the program was accepted.
+    lead: so many motions go up and across before the position is known in all axes.
+    """
 
     calls: tuple[Call, ...]
     names: tuple[str, ...]
     error: str
+    lead: int = 1
 
 
 def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
@@ -67,7 +72,7 @@ def run(text: str, tools: str = "T1 P1 Z0 D3.0 ;cutter\n") -> Canon:
             fcntl.flock(alone, fcntl.LOCK_EX)
             done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=LONG, check=False)
     error = "" if done.returncode == 0 else done.stderr.replace("executing\n", "") or "rs274 failed"
-    return _parse(done.stdout, error)
+    return replace(_parse(done.stdout, error), lead=2 if _LIFT.search(text) else 1)
 
 
 def _parse(output: str, error: str) -> Canon:
@@ -101,9 +106,15 @@ def _parse(output: str, error: str) -> Canon:
 
 
 def moves(canon: Canon) -> list[Call]:
-    """The motions, without the first lift: the position is known from the second one on."""
+    """The motions from where the position is known: after the first lift, or after the lift to the top of the machine
+    and the way across up there.
+    """
     found = [c for c in canon.calls if c.kind in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED")]
-    return found[1:]
+    assert all(call.kind == "STRAIGHT_TRAVERSE" for call in found[: canon.lead])
+    if canon.lead == 2:
+        top, across = found[:2]
+        assert top.end[2] == across.end[2] == 0.0, "not at the top, which is 0 in rs274"
+    return found[canon.lead :]
 
 
 def assert_moves(program: Program, canon: Canon) -> None:
@@ -195,7 +206,8 @@ def at(x: float, y: float, z: float) -> Pose:
 
 def program(*body: Instruction, name: str = "demo", header: tuple[str, ...] = ()) -> Program:
     """A program of ``body`` after the home position of the built-in cell."""
-    return Program(name, translation(0, 0, 0), translation(0, 0, 100), (MoveJ(at(0, 0, 50), 100.0), *body), header)
+    home = MoveJ(at(0, 0, 50), 100.0)
+    return Program(name, translation(0, 0, 0), translation(0, 0, 100), whole((home, *body)), header)
 
 
 def posted(post: Post, plan: Program, chord: float = 0.01) -> tuple[Program, str]:

@@ -17,6 +17,7 @@ from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
 from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Reading
 from camgen.post.plugins import make_post
+from tests.support.whole import whole
 
 PARTS = "camgen_posts.readback."
 LINES = re.compile(r"[^\r\n]*(?:\r\n|\r|\n)|[^\r\n]+")
@@ -50,6 +51,7 @@ def said(reading: Reading) -> list[object]:
         if isinstance(item, (MoveJ, MoveL)):
             target = item.target.values if isinstance(item.target, Joints) else pose(item.target)
             body.append((type(item), target, repr(item.speed), repr(item.blend), item.posture))
+            body.append(repr(getattr(item, "turn", 0.0)))
         else:
             body.append(repr(item))
     return [body, reading.lines, reading.faults, pose(reading.work), pose(reading.tool)]
@@ -76,7 +78,7 @@ def printed(count: int, options: dict[str, object], turning: bool = False) -> st
             body += [Output("process", float(k % 2)), Wait(0.25)]
     body += [MoveL(Pose(TOOL_DOWN, (0, 0, 20)), 50), MoveJ(CELL.home, 100.0)]
     post = make_post(VPlus, options)
-    plan = Program("part", CELL.base_from_work, CELL.flange_from_tool, tuple(body), ("a remark",))
+    plan = Program("part", CELL.base_from_work, CELL.flange_from_tool, whole(body), ("a remark",))
     (file,) = post.render(post.prepare(plan, 0.01))
     return file.text
 

@@ -161,8 +161,22 @@ def test_photos_that_cannot_be_used_together() -> None:
     ]
     with pytest.raises(InputError, match="2 of 3 photos can be used with the chessboard 9x6, 3 are needed"):
         fit_camera([none, *good[:2]], BOARD, "x")
-    with pytest.raises(InputError, match=r"small\.jpg: is 320 x 240 px, 5 of 6 are 640 x 480"):
-        fit_camera([Photo("small.jpg", (320, 240), None), *good], BOARD, "x")
+
+
+def test_photos_of_another_size_are_left_out_with_their_reason() -> None:
+    good = photos(CAMERA, 5)
+    small = [Photo(f"small{k}.jpg", (320, 240), board) for k, board in enumerate([*(p.seen for p in good[:2]), None])]
+    found = fit_camera([*small, *good], BOARD, "x")
+    assert [(one.name, one.why) for one in found.left_out] == [
+        (one.name, "is 320 x 240 px, not 640 x 480: a calibration is for one size") for one in small
+    ]
+    assert names(found) == [f"p{i}" for i in range(5)]
+    assert np.array_equal(found.camera.matrix, fit_camera(good, BOARD, "x").camera.matrix)
+    # What shows no board does not decide which size is calibrated.
+    benches = [Photo(f"bench{k}.jpg", (320, 240), None) for k in range(9)]
+    assert fit_camera([*benches, *good], BOARD, "x").camera.size == (640, 480)
+    with pytest.raises(InputError, match=r"2 of 3 photos can be used .*small0\.jpg: is 320 x 240 px, not 640 x 480"):
+        fit_camera([small[0], *good[:2]], BOARD, "x")
 
 
 # -- from files

@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.errors import InputError
+from camgen.model.files import Source
+from camgen.read import find_reader
 from camgen.vision.image import Header, Picture, header, load
 from tests.support.files import source
 
@@ -296,7 +298,7 @@ def test_bytes_before_the_end_mark_do_no_harm(tmp_path: Path) -> None:
     ("data", "what"),
     [
         (b"", "is empty"),
-        (b"hello world, this is text", "is not a PNG, JPEG, TIFF or BMP image"),
+        (b"hello world, this is text", "is not a PNG, JPEG, TIFF, BMP or PGM image"),
         (b"GIF89a" + bytes(100), "is not a PNG"),
         (b"\x89PNG\r\n\x1a\n", "is not a PNG"),
     ],
@@ -357,3 +359,26 @@ def test_the_deep_board_of_the_data_set_keeps_its_contrast() -> None:
     picture = load(source(SHARED / "scikit-image" / "chessboard_GRAY_U16.tif"))
     assert (picture.pixels.min(), picture.pixels.max()) == (0, 255)
     assert "8 bits are in use" in str(picture.notes[0])
+
+
+@pytest.mark.parametrize(
+    ("data", "values"),
+    [
+        (b"P5\n# CREATOR: a camera\n3 2\n255\n" + bytes(range(0, 60, 10)), [0, 10, 20, 30, 40, 50]),
+        (b"P2 3 2 255 0 10 20 30 40 50", [0, 10, 20, 30, 40, 50]),
+        (b"P5 3 2 15\n" + bytes([0, 1, 2, 3, 14, 15]), [0, 17, 34, 51, 238, 255]),
+        (b"P2 3 2 15\n0 1 2 3 14 15\n", [0, 17, 34, 51, 238, 255]),
+        (b"P5 3 2 65535\n" + struct.pack(">6H", 0, 257, 514, 771, 65278, 65535), [0, 1, 2, 3, 254, 255]),
+    ],
+)
+def test_grey_maps_as_text_and_as_bytes(tmp_path: Path, data: bytes, values: list[int]) -> None:
+    assert header(data) is not None
+    assert find_reader(Source(Path("photo.bin"), data)).name == "image"
+    picture = loaded(tmp_path, data, "p.pgm")
+    assert picture.pixels.shape == (2, 3)
+    assert picture.pixels.ravel().tolist() == values
+
+
+@pytest.mark.parametrize("data", [b"P5 3 2 255\n" + bytes(5), b"P2 3 2 255\n1 2 3", b"P5 3", b"P5 0 2 255\n"])
+def test_a_grey_map_that_is_cut_off_is_refused(tmp_path: Path, data: bytes) -> None:
+    assert "cut off" in refusal(tmp_path, data, "p.pgm")

@@ -34,7 +34,7 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     home = home_of(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
-    room, travel = room_of(plan.where), job.process.travel
+    room, travel = room_of(plan.where, setup), job.process.travel
     made = route(setup, room, plan.motions, plan.edges, home, travel, best, lifted)
     lost = [*plan.unreached, *made.dropped]
     if not made.legs:

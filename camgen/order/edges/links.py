@@ -131,14 +131,15 @@ def entering(out: Retraction) -> Along:
 def by_way_of(motion: Reached, end: int, other: Retraction) -> Retraction:
     """Out of one end (0 start, 1 end) back along the motion and then as from its other end."""
     there = motion if end == 0 else motion.reversed()
-    way = Way(
-        np.concatenate([there.way.position, other.way.position[1:]]),
-        np.concatenate([there.way.via, other.way.via[1:]]),
-        np.concatenate([there.way.rotation, other.way.rotation[1:]]),
-    )
     return Retraction(
-        way,
+        _chain(there.way, other.way),
         np.concatenate([there.joints, other.joints[1:]]),
+        _chain(there.looks, other.looks),
         np.concatenate([there.dense, other.dense[1:]]),
         "back along the edge",
     )
+
+
+def _chain(one: Way, other: Way) -> Way:
+    """``one`` and then ``other``, which begins where it ends."""
+    return Way(*(np.concatenate([getattr(one, f), getattr(other, f)[1:]]) for f in Way.__struct_fields__))

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
-from camgen.plan.edges.motion import JUMP, MARGIN, Room, Setup, dense_parts, flange_poses
+from camgen.plan.edges.motion import JUMP, MARGIN, Room, Setup, Track, dense_parts, flange_poses
 from camgen.plan.edges.ways import Way, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.forward import flange, frames
@@ -29,12 +29,13 @@ _DIRECTIONS = 8
 
 
 class Retraction(Struct, frozen=True, eq=False):
-    """way: rows from the end of a motion to free space. joints: (N, J) there. dense: (D, J) as it goes. name: of the
-    direction.
+    """way: rows from the end of a motion to free space. joints: (N, J) there. looks: (D,) poses as it goes, dense:
+    (D, J) the joints there. name: of the direction.
     """
 
     way: Way
     joints: FloatArray
+    looks: Way
     dense: FloatArray
     name: str
 
@@ -48,16 +49,16 @@ def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]
     left = list(range(len(ends)))
     while left:
         tried = [(k, way) for k in left if (way := next(ways[k], None)) is not None]
-        hit = room.hits([way.dense for _, way in tried if not isinstance(way, str)]) if tried else []
+        hit = room.hits([Track(way.dense, way.looks) for _, way in tried if not isinstance(way, str)])
         said = iter(hit)
         left = []
         for k, way in tried:
-            reason = way if isinstance(way, str) else next(said)
-            if isinstance(way, Retraction) and not reason:
+            stop = None if isinstance(way, str) else next(said)
+            if isinstance(way, Retraction) and stop is None:
                 found[k] = way
                 continue
-            name = f"{way.name} " if isinstance(way, Retraction) else ""
-            found[k] = found[k] or f"{name}{reason}"
+            reason = way if isinstance(way, str) else f"{way.name} {stop.what if stop else ''}"
+            found[k] = found[k] or reason
             left.append(k)
     return [one or "the tool points up" for one in found]
 
@@ -69,7 +70,7 @@ def _follow(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[
         dense = divide(way, parts)
         found = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), joints, MARGIN, JUMP)
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
-            yield Retraction(way, frozen(found.joints[rows(parts)]), frozen(found.joints), name)
+            yield Retraction(way, frozen(found.joints[rows(parts)]), dense, frozen(found.joints), name)
         else:
             yield f"{name} the arm cannot follow"
 

@@ -17,7 +17,7 @@ from camgen.model.pose import FloatArray
 from camgen.order.edges import links
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.solver import matrix
-from camgen.plan.edges.motion import Reached, Room, Setup, Unreached
+from camgen.plan.edges.motion import Reached, Room, Setup, Track, Unreached
 from camgen.plan.edges.ways import Way
 
 #: Ends of edges nearer than this are one vertex, mm.
@@ -158,7 +158,7 @@ def _work(
     direct[lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
-    for (a, b), hit in zip(near.tolist(), room.hits([joints[pair] for pair in near]), strict=True):
+    for (a, b), hit in zip(near.tolist(), room.hits([Track(joints[pair]) for pair in near]), strict=True):
         if hit:
             direct[a, b] = direct[b, a] = math.inf
     ends = links.Ends(joints, safe, out, free, direct, through)
@@ -216,7 +216,7 @@ def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
             pairs |= {(a, -1), (b, -1)}
     known, safe = work.known, work.ends.safe
     new = [p for p in sorted(pairs - known.clear) if not (known.home_blocked[p[0]] if p[1] < 0 else known.blocked[p])]
-    hits = work.room.hits([np.stack([safe[a], work.home if b < 0 else safe[b]]) for a, b in new])
+    hits = work.room.hits([Track(np.stack([safe[a], work.home if b < 0 else safe[b]])) for a, b in new])
     for (a, b), hit in zip(new, hits, strict=True):
         if not hit:
             known.clear.add((a, b))

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Literal
 
 import numpy as np
+from msgspec.structs import replace
 
 from camgen.collision.cell import Surroundings, around
 from camgen.collision.hits import hits
-from camgen.collision.motion import motions
+from camgen.collision.motion import Course as Meeting
+from camgen.collision.motion import measure_apart, motions
 from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError, NoSafeProgram
@@ -20,7 +24,9 @@ from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
 from camgen.model.text import counted, short
 from camgen.plan import EdgePlan, Watch
-from camgen.plan.edges.motion import Freedom, Reached, Room, Setup, Unreached, feed_of
+from camgen.plan.edges.contact import own_contact
+from camgen.plan.edges.courses import APART, Course, follow_all
+from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, feed_of
 from camgen.plan.edges.reach import reach
 from camgen.plan.edges.select import select
 from camgen.plan.unused import no_idle
@@ -43,22 +49,30 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     robot = cell.arm
     _check(job, cell)
     edges = _choose(solid, job)
-    where = around(job, robot, cell, solid, cell.meshes)
+    tip = own_contact(edges.values(), job)
+    where = around(job, robot, cell, solid, cell.meshes, tip)
     home_of(robot, cell, where.scene)
     watch("reaching")
     setup = setup_of(robot, cell, where.scene)
     operation = job.operation
     found = reach(edges.values(), setup, operation.offset, operation.offset_along, freedom_of(job), operation.trim)
-    found = _clear_between(found, room_of(where))
+    found = _clear_between(found, room_of(where, setup))
     good = tuple(one for one in found if isinstance(one, Reached))
     lost = tuple(one for one in found if isinstance(one, Unreached))
     if not good:
         raise none_left(part, len(edges), lost[0])
     paths = tuple(edge_path(motion, edges[motion.id], job) for motion in good)
-    notes = (*part.notes, *where.notes, *left_out(lost, edges))
+    notes = (*part.notes, *where.notes, *_note_contact(tip), *left_out(lost, edges))
     return EdgePlan(
         part, paths, notes, edges=tuple(edges.values()), motions=good, unreached=lost, where=where, made=paths
     )
+
+
+def _note_contact(tip: float) -> list[Note]:
+    if tip == 0:
+        return []
+    why = f"the rims that it works bend into it by up to {short(tip, 2)} mm: tool.diameter, operation.offset"
+    return [Note("assumed", "its own edge may enter the tool's tip", why)]
 
 
 def freedom_of(job: Job) -> Freedom:
@@ -73,12 +87,18 @@ def none_left(part: Part, count: int, first: Unreached) -> NoSafeProgram:
 
 def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
     """``found``, without the motions that collide between two of the places where they were looked at."""
-    said = iter(room.hits([one.dense for one in found if isinstance(one, Reached)]))
-    result: list[Reached | Unreached] = []
-    for one in found:
-        hit = next(said) if isinstance(one, Reached) else ""
-        result.append(Unreached(one.id, "collision", f"collision, {hit}, on the way along it") if hit else one)
-    return tuple(result)
+    said = iter(room.hits([Track(one.dense, one.looks) for one in found if isinstance(one, Reached)]))
+    return tuple(_stop(one, next(said)) if isinstance(one, Reached) else one for one in found)
+
+
+def _stop(motion: Reached, hit: Hit | None) -> Reached | Unreached:
+    """The motion, or what stops it and where."""
+    if hit is None:
+        return motion
+    row = int(hit.at)
+    length = np.append(motion.looks.length, 0.0)
+    along = short(motion.trimmed[0] + length[:row].sum() + (hit.at - row) * length[row], 1)
+    return Unreached(motion.id, hit.kind, f"{hit.what}, {along} mm along it")
 
 
 def _choose(solid: Solid, job: Job) -> dict[str, Edge]:
@@ -123,18 +143,31 @@ def setup_of(robot: Robot, cell: Cell, scene: Scene) -> Setup:
         cell.flange_from_tool,
         lambda joints: hits(scene, joints) < 0,
         lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
+        partial(measure_apart, scene),
     )
 
 
-def room_of(where: Surroundings) -> Room:
-    """What links are tried in."""
+def room_of(where: Surroundings, setup: Setup) -> Room:
+    """What motions along edges and links are tried in."""
 
-    def found(several: Sequence[FloatArray]) -> list[str]:
+    def found(several: Sequence[Track]) -> list[Hit | None]:
         if not several:
             return []
-        return [name_pair(where.scene, c.pair) if c.pair >= 0 else "" for c in motions(where.scene, several, STEP)]
+        courses = follow_all(setup, several)
+        met = motions(where.scene, [course.joints for course in courses], STEP, apart=APART)
+        return [_hit(where.scene, *pair) for pair in zip(courses, met, strict=True)]
 
     return Room(where.level, where.low, where.high, where.room, found)
+
+
+def _hit(scene: Scene, course: Course, met: Meeting) -> Hit | None:
+    """What stops a motion: joints that do not lead along it, or what it collides with."""
+    if len(course.lost):
+        return Hit("jump", "the joints cannot follow", float(course.lost[0]))
+    if met.pair < 0:
+        return None
+    at = np.interp(met.at, np.arange(len(course.at)), course.at)
+    return Hit("collision", f"collision, {name_pair(scene, met.pair)}", float(at))
 
 
 def edge_path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
@@ -155,6 +188,24 @@ def edge_path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
         closed=edge.closed,
         contours=(edge.id,),
         operation="edges",
+    )
+
+
+def leave_out(plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "jump"], str]]) -> EdgePlan:
+    """The plan without some motions. lost: id, kind and reason of each. NoSafeProgram if none is left."""
+    more = tuple(Unreached(*one) for one in lost)
+    gone = {one.id for one in more}
+    paths = tuple(path for path in plan.paths if path.id not in gone)
+    edges = {edge.id: edge for edge in plan.edges}
+    if not paths:
+        raise none_left(plan.part, len(edges), more[0])
+    return replace(
+        plan,
+        paths=paths,
+        made=paths,
+        motions=tuple(one for one in plan.motions if one.id not in gone),
+        unreached=(*plan.unreached, *more),
+        notes=(*plan.notes, *left_out(more, edges)),
     )
 
 

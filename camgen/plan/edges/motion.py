@@ -21,9 +21,14 @@ def _all_clear(joints: FloatArray) -> NDArray[np.bool_]:
     return np.ones(len(joints), dtype=bool)
 
 
+def _never_apart(one: FloatArray, _: FloatArray) -> FloatArray:
+    return np.zeros(len(one))
+
+
 class Setup(Struct, frozen=True, eq=False):
     """A robot, its work and its tool. clear: which joint values (N, J) collide with nothing (N,). hit: what joint
-    values (J,) that are not clear collide with, as a phrase: "link 5 with the part".
+    values (J,) that are not clear collide with, as a phrase: "link 5 with the part". apart: mm that a point of arm and
+    tool is at most from where other joint values have it (N,), for two tables of them (N, J).
     """
 
     robot: Robot
@@ -31,19 +36,36 @@ class Setup(Struct, frozen=True, eq=False):
     flange_from_tool: Pose
     clear: Callable[[FloatArray], NDArray[np.bool_]] = _all_clear
     hit: Callable[[FloatArray], str] = lambda _: "something"
+    apart: Callable[[FloatArray, FloatArray], FloatArray] = _never_apart
+
+
+class Track(Struct, frozen=True, eq=False):
+    """A motion as it was looked at: joints (D, J), and the TCP's poses there, from one to the next of which it keeps to
+    lines and arcs. way: None where the joints run evenly instead.
+    """
+
+    joints: FloatArray
+    way: Way | None = None
+
+
+class Hit(Struct, frozen=True):
+    """What stops a motion. what: "collision, link 5 against part". at: where, in rows of its track."""
+
+    kind: Literal["collision", "jump"]
+    what: str
+    at: float
 
 
 class Room(Struct, frozen=True, eq=False):
     """Where it is free, base frame. level: z, mm, above which tool and holder are free. low, high: (3,) corners of the
-    part's box. beside: mm from that box within which the holder may meet it. hits: what each of some motions (D, J)
-    collides with, empty: nothing.
+    part's box. beside: mm from that box within which the holder may meet it. hits: what stops each of some motions.
     """
 
     level: float
     low: FloatArray
     high: FloatArray
     beside: float
-    hits: Callable[[Sequence[FloatArray]], list[str]]
+    hits: Callable[[Sequence[Track]], list[Hit | None]]
 
 
 class Freedom(Struct, frozen=True):
@@ -70,16 +92,17 @@ class Unreached(Struct, frozen=True):
 
 
 class Reached(Struct, frozen=True, eq=False):
-    """A processing motion. way: the rows of the program, few. joints: (N, J) at these, their posture. dense: (D, J) as
-    the motion goes, for collision tests; at: (N,) the rows' places in it. tilt: (D,) rad between tool z and the nominal
-    one, roll: (D,) rad about it. backwards: the edge is run from its end to its start. trimmed: mm that are left out
-    before its first row and after its last.
+    """A processing motion. way: the rows of the program, few. joints: (N, J) at these, their posture. looks: (D,) poses
+    on the way, dense: (D, J) the joints there; at: (N,) the rows' places among them. tilt: (D,) rad between tool z and
+    the nominal one, roll: (D,) rad about it. backwards: the edge is run from its end to its start. trimmed: mm that are
+    left out before its first row and after its last.
     """
 
     id: str
     backwards: bool
     way: Way
     joints: FloatArray
+    looks: Way
     dense: FloatArray
     at: NDArray[np.int64]
     tilt: FloatArray
@@ -93,6 +116,7 @@ class Reached(Struct, frozen=True, eq=False):
             backwards=not self.backwards,
             way=self.way.reversed(),
             joints=frozen(self.joints[::-1]),
+            looks=self.looks.reversed(),
             dense=frozen(self.dense[::-1]),
             at=len(self.dense) - 1 - self.at[::-1],
             tilt=frozen(self.tilt[::-1]),

@@ -204,7 +204,7 @@ def _nominal(setup: Setup, name: str, way: Way) -> Reached | Unreached:
         text = f"collision, {setup.hit(found.joints[hit[0]])}, {_place(dense, int(hit[0]))}"
         return Unreached(name, "collision", text)
     at, none = rows(parts), frozen(np.zeros(len(dense)))
-    return Reached(name, False, way, frozen(found.joints[at]), frozen(found.joints), at, none, none)
+    return Reached(name, False, way, frozen(found.joints[at]), dense, frozen(found.joints), at, none, none)
 
 
 def _place(dense: Way, row: int) -> str:

@@ -220,7 +220,7 @@ def _prove(
         return _stretch(at, int(steep[0])), ""
     way = replace(few, rotation=frozen(actual.rotation[kept]))
     posture = frozen(joints.joints[at[kept]])
-    return Reached(edge, False, way, posture, frozen(joints.joints), at[kept], frozen(tilt), frozen(roll))
+    return Reached(edge, False, way, posture, dense, frozen(joints.joints), at[kept], frozen(tilt), frozen(roll))
 
 
 def _stretch(at: Index, row: int) -> int:

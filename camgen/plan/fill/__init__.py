@@ -28,6 +28,7 @@ from camgen.plan import Coverage
 from camgen.plan.columns import pass_depths
 from camgen.plan.fill.cover import lines_of, measure, paint
 from camgen.plan.fill.ground import Distances, Ground, Pixels, ground
+from camgen.plan.fill.joined import tell_joined
 from camgen.plan.fill.lines import CentreLine, centre, centre_lines
 from camgen.plan.image_space.border import CLOSE, foot, near
 from camgen.plan.image_space.field import beyond, sample_field
@@ -218,9 +219,13 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     field = ground(part, job.tool.diameter / 2)
     kinds = _strokes(field, job.tool.diameter / 2 / field.mm_per_px, job)
     region = _regions(field)
-    paths = _paths(field, kinds, _borders(part, field, region), region, job)
+    of = _of_borders(field, region)
+    paths = _paths(field, kinds, _borders(part, field, of), region, job)
     coverage = measure_coverage(field, paths, [thin for kind in kinds for thin in kind.thin], job.tool.diameter / 2)
-    return paths, (*_open(part), *_rules(kinds, region, job)), coverage
+    lines = [line for kind in kinds for line in kind.lines]
+    ink = paint(*lines_of(lines), job.tool.diameter / 2 / field.mm_per_px, field.mask.shape[:2])
+    notes = (*_open(part), *_rules(kinds, region, job), *tell_joined(part, field, ink, region, of, job.tool.diameter))
+    return paths, notes, coverage
 
 
 def _strokes(field: Ground, radius: float, job: Job) -> list[Kind]:
@@ -266,17 +271,22 @@ def _region_of(points: ComplexArray, region: IntArray) -> IntArray:
     return np.asarray(np.where(middle > 0, middle, np.max(around, axis=0)))
 
 
-def _borders(part: Part, field: Ground, region: IntArray) -> dict[int, list[Contour]]:
-    """The contours around each region, the longest first."""
+def _of_borders(field: Ground, region: IntArray) -> IntArray:
+    """(L,) the region that each border runs around, 0 where it is too small to hold a pixel."""
     table = field.edge.table
     regions = int(region.max()) + 1
     beside = np.bincount(
         table.loop * regions + _region_of(field.edge.points, region), minlength=len(table.count) * regions
-    )
-    of = beside.reshape(-1, regions).argmax(axis=1).tolist()
+    ).reshape(-1, regions)
+    beside[:, 0] = 0
+    return np.asarray(beside.argmax(axis=1))
+
+
+def _borders(part: Part, field: Ground, of: IntArray) -> dict[int, list[Contour]]:
+    """The contours around each region, the longest first."""
     found: dict[int, list[Contour]] = {}
-    for k in np.argsort(table.count, kind="stable")[::-1].tolist():
-        found.setdefault(of[k], []).append(part.contours[int(field.contour[k])])
+    for k in np.argsort(field.edge.table.count, kind="stable")[::-1].tolist():
+        found.setdefault(int(of[k]), []).append(part.contours[int(field.contour[k])])
     return found
 
 

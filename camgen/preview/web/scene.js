@@ -47,7 +47,7 @@ function put(layer, thing, order) {
 }
 
 // Contours and edges, one mesh for each state.
-const STATES = { done: ["part", 1.4], skipped: ["skipped", 2.2], unused: ["unused", 1.2] };
+const STATES = { done: ["part", 1.4], skipped: ["skipped", 2.2], wrong: ["skipped", 4], unused: ["unused", 1.2] };
 for (const [state, [layer, width]] of Object.entries(STATES)) {
   const rows = data.lines.rows.flatMap((line, k) => (line.state === state ? [k] : []));
   const count = rows.reduce((sum, k) => sum + data.lines.counts[k], 0);
@@ -62,7 +62,7 @@ for (const [state, [layer, width]] of Object.entries(STATES)) {
     group[at] = -2;
     at += many;
   }
-  put(layer, lines({ points, group, width, picks: 1 }), state === "skipped" ? 3 : 2);
+  put(layer, lines({ points, group, width, picks: 1 }), layer === "skipped" ? 3 : 2);
 }
 
 // The sheet inside closed contours, even-odd: every fan turns the stencil over, a square fills what is left odd.

@@ -57,6 +57,7 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
     from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415
 
+    data = _with_line_feeds(data)
     _insist_on_dxf(name, data)
     # Without a handler of its own ezdxf's warnings would end up on stderr.
     logging.getLogger("ezdxf").addHandler(_QUIET)
@@ -85,6 +86,11 @@ def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
     mended = f" and was read tolerantly, {counted(count, 'fault')} mended" if count else ""
     notes.append(Note("repaired", f"the file is damaged{mended}: {cause}", f"compare the contours, or {_SAVE_AGAIN}"))
     return document, tuple(notes)
+
+
+def _with_line_feeds(data: bytes) -> bytes:
+    """The text with line feeds where lines end in carriage returns alone, as on the old Macintosh."""
+    return data if data.startswith(_BINARY) or b"\n" in data else data.replace(b"\r", b"\n")
 
 
 def _insist_on_dxf(name: str, data: bytes) -> None:
@@ -230,7 +236,7 @@ def _read(source: Source, settings: InputTable, chord: float) -> _Read:
         flat = flatten(drawn, chord)
         contours, join_notes = join.contours(flat.soup, settings.join)
     size = _size(contours)
-    doubts = units.doubts(*size, unit) if contours and settings.units.strip().lower() == "auto" else ()
+    doubts = units.doubts(size, unit, name) if contours and settings.units.strip().lower() == "auto" else ()
     left = (*_left(drawn), *_not_flat(drawn, flat), *_take(drawn, flat), *join_notes)
     return _Read(version, unit, drawn, contours, size, (*notes, *unit_notes, *doubts), left)
 

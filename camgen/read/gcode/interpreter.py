@@ -15,6 +15,7 @@ from camgen.read.gcode.machine import (
     MOST,
     Machine,
     feed,
+    lift,
     speed_and_tool,
     stop,
     switch_off,
@@ -143,6 +144,8 @@ def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None
     for group in HANDLERS if found else ():
         if group in found:
             m.obey(group, found[group], words)
+    if "machine coordinates" in found:
+        lift(m, motion, words)
     if words or motion:
         move(m, motion, words)
     if "stop" in found:

@@ -10,7 +10,7 @@ from camgen.model.part import Note, NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.read.gcode.arcs import LINUXCNC, Limits, Piece
-from camgen.read.gcode.words import LineError, bare
+from camgen.read.gcode.words import LineError, bare, not_read
 
 #: G0 runs at the machine's own speed, which no text tells; an instruction needs a positive one, mm/s.
 RAPID = 100.0
@@ -84,6 +84,7 @@ class Machine:
     sticky: dict[str, float] = field(default_factory=dict)
     opened: bool = False
     ended: bool = False
+    lifted: bool = False
 
     def bare(self, raw: str) -> str:
         """The line without all that is no word (``words.bare``). Raises LineError."""
@@ -354,6 +355,18 @@ def speed_and_tool(m: Machine, words: dict[str, float], codes: dict[str, str]) -
         m.speed = value
         if m.spindle != "M5" and "spindle" not in codes:
             m.turn()
+
+
+def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
+    """G53 G0 Z0 before anything else: to the top of the machine, wherever that is in the work frame.
+
+    LinuxCNC refuses G53 among increments.
+    """
+    if m.incremental:
+        raise LineError("G53 among increments (G91)")
+    if m.begun or motion != "G0" or any(axis in words for axis in "XY") or words.pop("Z", 1.0) != 0:
+        raise not_read("G53", "goes to machine coordinates, which are not known here")
+    m.lifted, m.known[2], m.at[2] = True, False, 0.0
 
 
 def _outputs(m: Machine, code: str, words: dict[str, float]) -> None:

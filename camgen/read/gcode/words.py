@@ -242,6 +242,7 @@ _GROUPS = {
     "tool change": "M6",
     "spindle": "M3 M4 M5",
     "override": "M48 M49",
+    "machine coordinates": "G53",
 }
 _GROUP = {code: group for group, codes in _GROUPS.items() for code in codes.split()}
 #: M7 and M8 may stand in one line.
@@ -250,7 +251,6 @@ _GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
 #: Codes that are not read, by why; in the second part those that only a stricter reader turns down.
 _UNKNOWN = {
     "goes to a position that the machine stores": "G28 G28.1 G30 G30.1",
-    "goes to machine coordinates, which are not known here": "G53",
     "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 G42 G42.1",
     "a tool length that the program sets itself": "G43.1 G43.2",
     "a cycle that taps, stops or turns the spindle back": "G74 G84 G87 G88",
@@ -268,6 +268,7 @@ _UNKNOWN = {
     "sets the number of the tool": "M61",
     "keeps or restores the modes": "M70 M71 M72 M73",
 } | {
+    "goes to machine coordinates, which are not known here": "G53",
     "a drilling cycle": "G73 G81 G82 G83 G85 G86 G89",
     "shifts the origin": "G10 G92 G92.1 G92.2",
     "a feed mode other than mm/min": "G93 G95",

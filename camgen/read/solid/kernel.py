@@ -17,13 +17,16 @@ from msgspec import Struct
 from camgen.geometry.vectors import cross
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.part import IntArray
+from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
+from camgen.read.solid.part21 import take_out
 
 #: What a shape that is sound on paper only makes the kernel raise.
 STUMBLES = (RuntimeError, ValueError, TypeError)
 _SAVE_AGAIN = "export it again from the CAD program"
+#: Leaving something out may show another fault; so often it is looked at.
+_ROUNDS = 4
 #: A step along an edge, as a part of its parameters, away from a place where the surface has no normal.
 _ASIDE = 1e-4
 
@@ -40,39 +43,56 @@ def part(name: str) -> Any:
     return import_module(f"OCP.{name}")
 
 
-def load(source: Source) -> Any:
-    """The shape in a STEP file, all roots as one. ``InputError`` if there is none."""
+def load(source: Source) -> tuple[Any, tuple[Note, ...]]:
+    """The shape in a STEP file, all roots as one, and what was left out. ``InputError`` if there is none."""
     try:
-        control = part("STEPControl")
+        part("STEPControl")
     except ImportError as error:
         raise InputError(source.name, "STEP needs the CAD kernel", "", "pip install 'camgen[step]'") from error
     message = part("Message")
     # OCCT prints what it finds odd; the command line alone prints.
     message.Message.DefaultMessenger_s().RemovePrinters(message.Message_PrinterOStream.get_type_descriptor_s())
-    reader = control.STEPControl_Reader()
     failure = part("Standard").Standard_Failure
     try:
-        if reader.ReadStream(source.name, BytesIO(source.data)).name != "IFSelect_RetDone":
-            raise InputError(source.name, "is no STEP file, or damaged", "", _SAVE_AGAIN)
-        _insist_on_sound(source.name, reader.StepModel())
+        reader, notes = _sound(source)
         shape = reader.OneShape() if reader.TransferRoots() else None
     except (failure, *STUMBLES) as error:
         raise InputError(source.name, "is damaged: the CAD kernel cannot read it", "", _SAVE_AGAIN) from error
-    if shape is None or shape.IsNull():
-        raise InputError(source.name, "holds no shape", "", _SAVE_AGAIN)
-    return shape
+    return (None if shape is None or shape.IsNull() else shape), notes
 
 
-def _insist_on_sound(name: str, model: Any) -> None:
-    """``InputError`` if an entity could not be read: OCCT would leave out what needs it, or end the process."""
-    count = int(model.NbEntities())
-    bad = [k for k in range(1, count + 1) if model.IsErrorEntity(k)]
-    if bad:
-        raise InputError(
-            name, f"is damaged: {len(bad)} of {counted(count, 'entity', 'entities')} cannot be read", "", _SAVE_AGAIN
-        )
-    if model.GlobalCheck(True).HasFailed():
-        raise InputError(name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN)
+def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
+    """The kernel's reader of a text whose every entity could be read: of what is not sound OCCT would leave out what
+    needs it, or end the process. What no edge needs is left out of the text. ``InputError`` for anything else.
+    """
+    data, notes = source.data, tuple[Note, ...]()
+    for _ in range(_ROUNDS):
+        reader = part("STEPControl").STEPControl_Reader()
+        if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":
+            raise InputError(source.name, "is no STEP file, or damaged", "", _SAVE_AGAIN)
+        model = reader.StepModel()
+        faults = _faults(model)
+        if not faults:
+            if model.GlobalCheck(True).HasFailed():
+                raise InputError(source.name, "is damaged: entities are missing or there twice", "", _SAVE_AGAIN)
+            return reader, notes
+        mended = take_out(data, faults)
+        if mended.why:
+            of = counted(int(model.NbEntities()), "entity", "entities")
+            what = f"is damaged: {len(faults)} of {of} cannot be read, and the part needs {mended.why}"
+            raise InputError(source.name, what, "", _SAVE_AGAIN)
+        data, notes = mended.data, (*notes, *mended.notes)
+    raise InputError(source.name, "is damaged: its entities cannot be read", "", _SAVE_AGAIN)
+
+
+def _faults(model: Any) -> dict[int, list[str]]:
+    """What OCCT says of the entities that it cannot read, by their place in the file from 0."""
+    found = {}
+    for k in range(1, int(model.NbEntities()) + 1):
+        if model.IsErrorEntity(k):
+            check = model.ReportEntity(k).Check()
+            found[k - 1] = [str(check.CFail(i)) for i in range(1, check.NbFails() + 1)]
+    return found
 
 
 def inside(shape: Any, kind: str) -> Iterator[Any]:
@@ -83,6 +103,17 @@ def inside(shape: Any, kind: str) -> Iterator[Any]:
     while explorer.More():
         yield cast(explorer.Current())
         explorer.Next()
+
+
+def count_wires(shape: Any) -> int:
+    """How many curves of ``shape`` are in no face."""
+    kinds = part("TopAbs")
+    explorer = part("TopExp").TopExp_Explorer(shape, kinds.TopAbs_EDGE, kinds.TopAbs_FACE)
+    count = 0
+    while explorer.More():
+        count += 1
+        explorer.Next()
+    return count
 
 
 def meetings(shape: Any) -> list[Meeting]:

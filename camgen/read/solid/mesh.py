@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
@@ -15,6 +16,7 @@ from camgen.read.solid.edges import edges_of, order
 from camgen.read.solid.mesh_file import MeshSoup, load
 from camgen.read.solid.sharp import SharpSides, chain, dangling, face_normals, segments
 from camgen.read.solid.topology import Pairs, components, ends, pair
+from camgen.read.units import doubts
 
 # Faces wound so that their normals point out of the part, whatever the file says.
 
@@ -96,7 +98,9 @@ def read(
     mm: length of one unit of the file, None for its own, which is 1 mm for formats without one. tolerance: mm, what
     vertices may be off the arcs recognised. feature_angle: rad, sharp edges are those above it.
     """
-    return make_solid(load(source), source.stem, source.name, mm, tolerance, feature_angle)
+    found = make_solid(load(source), source.stem, source.name, mm, tolerance, feature_angle)
+    size = np.ptp(found.vertices, axis=0).tolist()
+    return found if mm is not None else replace(found, notes=(*found.notes, *doubts(size, found.units, source.name)))
 
 
 def make_solid(

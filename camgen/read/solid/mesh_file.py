@@ -16,6 +16,7 @@ from camgen.model.files import Source
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
+from camgen.read.solid.strips import has_strips, read_strips
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off", ".3mf", ".glb")
 
@@ -105,6 +106,8 @@ def _parse(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, str
     # Without a handler of its own trimesh's warnings would end up on stderr.
     logging.getLogger("trimesh").addHandler(_QUIET)
     try:
+        if kind == ".ply" and has_strips(data):
+            return *read_strips(data), ""
         with np.errstate(all="ignore"):
             scene = trimesh.load_scene(BytesIO(data), file_type=kind[1:], process=False)
             for shape in scene.geometry.values():

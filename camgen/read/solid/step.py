@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,10 @@ from camgen.read.solid import kernel
 from camgen.read.solid import topology as welding
 from camgen.read.solid.edges import STEADY_COSINE, order
 from camgen.read.solid.kernel import Curve, FacesBeside
+from camgen.read.solid.part21 import list_other_files
 from camgen.read.solid.sharp import face_normals
 from camgen.read.solid.topology import pair
+from camgen.read.units import doubts
 
 # Edges that go on smoothly as the same line or circle become one: CAD programs halve circles and cut lines.
 
@@ -254,7 +257,12 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     edges are those above it.
     """
     units, notes = _units(source)
-    shape = kernel.load(source)
+    shape, left_out = kernel.load(source)
+    others = list_other_files(source.data)
+    if shape is None:
+        raise _no_faces(source.name, others, 0)
+    notes += left_out
+    wires = kernel.count_wires(shape)
     failure = kernel.part("Standard").Standard_Failure
     try:
         edges, borders = _edges(shape, tolerance, feature_angle, notes)
@@ -266,13 +274,30 @@ def read(source: Source, tolerance: float = 0.01, feature_angle: float = FEATURE
     faces, _ = welding.weld(vertices, welding.without_degenerate(faces))
     faces = welding.without_duplicates(welding.without_degenerate(faces))
     if not len(faces):
-        raise InputError(source.name, "has no faces", "curves or points only", "export the part as a solid")
+        raise _no_faces(source.name, others, wires)
+    if wires:
+        notes.append(Note("skipped", counted(wires, "curve beside the faces", "curves beside the faces"), "no edges"))
+    if others:
+        notes.append(Note("skipped", f"what is in other files: {', '.join(others)}", "build them one by one"))
     vertices, faces = welding.drop_unused(vertices, faces)
     normals, _ = face_normals(vertices, faces, pair(faces))
     faces.flags.writeable = False
+    notes += doubts(np.ptp(vertices, axis=0).tolist(), units, source.name)
     return Solid(
         source.stem, source.name, units, frozen(vertices), faces, frozen(normals), edges, borders, tuple(notes)
     )
+
+
+def _no_faces(name: str, others: Sequence[str], curves: int) -> InputError:
+    """Why there is nothing to work on. others: files that the text names. curves: of the shape."""
+    if others:
+        them = "in another file" if len(others) == 1 else "in other files"
+        remedy = "build these, or export the assembly as one file"
+        return InputError(name, f"holds no shape: its parts are {them}", ", ".join(others), remedy)
+    if curves:
+        what = f"is a wireframe: {counted(curves, 'curve')} and no faces"
+        return InputError(name, what, "the edge of a solid lies between two faces", "export the part as a solid")
+    return InputError(name, "holds no shape", "neither faces nor curves", "export the part as a solid")
 
 
 def _units(source: Source) -> tuple[str, list[Note]]:

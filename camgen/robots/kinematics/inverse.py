@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from camgen.model.pose import FloatArray
@@ -32,3 +34,18 @@ def inverse(robot: Robot, rotations: FloatArray, origins: FloatArray, near: Floa
         return joints_of(robot, arm, flat.scara_angles(arm, rotations, origins))
     kept = np.full(len(robot.joints), np.nan) if near is None else near
     return joints_of(robot, arm, spherical.angles(arm, rotations, origins, theta_of(robot, arm, kept)))
+
+
+def nearest(robot: Robot, rotations: FloatArray, origins: FloatArray, guess: FloatArray) -> FloatArray:
+    """Of the joint values for each pose (N, 3, 3), (N, 3), whole turns included, those nearest to ``guess`` (N, J), by
+    the joint that differs most: (N, J); nan: none. Limits aside.
+    """
+    if robot.arm is None:
+        return damped.refine(robot, rotations, origins, guess)
+    found = inverse(robot, rotations, origins, guess[:, None])
+    apart = (found - guess[:, None]) @ robot.coupling.T
+    turning = np.array([not joint.sliding for joint in robot.joints])
+    apart -= np.where(turning, np.rint(apart / math.tau) * math.tau, 0.0)
+    most = np.abs(apart).max(axis=2)
+    best = np.where(np.isnan(most), math.inf, most).argmin(axis=1)
+    return np.asarray(guess + apart[np.arange(len(guess)), best] @ np.linalg.inv(robot.coupling).T)

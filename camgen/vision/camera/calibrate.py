@@ -237,7 +237,8 @@ class Calibration(Struct, frozen=True, eq=False):
 def calibrate(sources: Sequence[Source], target: Target, name: str, stage: Callable[[str], None]) -> Calibration:
     """The camera ``name`` that took these photos of the board. ``stage`` is told what is being done.
 
-    InputError for a photo that cannot be read, is turned or of another size than most, and for too few good ones.
+    Photos of another size than most are left out: a calibration is for one size. InputError for a photo that cannot be
+    read or is turned, and for too few good ones.
     """
     photos: list[Photo] = []
     for source in sources:
@@ -261,8 +262,9 @@ def photograph(source: Source, target: Target) -> Photo:
 
 def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibration:
     """The camera from photos in which the board has been sought. InputError as for ``calibrate``."""
-    size = _one_size(photos)
-    good, left_out = _distinct(photos, target)
+    size, same, odd_sizes = _of_one_size(photos)
+    good, left_out = _distinct(same, target)
+    left_out = [*odd_sizes, *left_out]
     if len(good) < LEAST_PHOTOS:
         usable = f"{len(good)} of {counted(len(photos), 'photo')}"
         what = f"{usable} can be used with the {target.label}, {LEAST_PHOTOS} are needed"
@@ -277,15 +279,20 @@ def fit_camera(photos: Sequence[Photo], target: Target, name: str) -> Calibratio
     return Calibration(camera, frozen(fit.deviations), fit.used, (*left_out, *odd), tuple(notes))
 
 
-def _one_size(photos: Sequence[Photo]) -> tuple[int, int]:
-    sizes = [photo.size for photo in photos]
+def _of_one_size(photos: Sequence[Photo]) -> tuple[tuple[int, int], list[Photo], list[LeftOut]]:
+    """The size in pixels that most photos with a board have (of all where none has one), the photos of it, the others.
+
+    Of two sizes that are as frequent it is that of the first photo.
+    """
+    sizes = [photo.size for photo in photos if photo.seen] or [photo.size for photo in photos]
     most = max(dict.fromkeys(sizes), key=sizes.count)
-    other = next((photo for photo in photos if photo.size != most), None)
-    if other is not None:
-        usual = counted(sizes.count(most), f"of {len(sizes)} is", f"of {len(sizes)} are")
-        what = f"is {other.size[0]} x {other.size[1]} px, {usual} {most[0]} x {most[1]}"
-        raise InputError(other.name, what, remedy="a calibration is for one camera and one size; leave this photo out")
-    return most
+    usual = f"{most[0]} x {most[1]}"
+    left_out = [
+        LeftOut(photo.name, f"is {photo.size[0]} x {photo.size[1]} px, not {usual}: a calibration is for one size")
+        for photo in photos
+        if photo.size != most
+    ]
+    return most, [photo for photo in photos if photo.size == most], left_out
 
 
 def _distinct(photos: Sequence[Photo], target: Target) -> tuple[list[tuple[str, SeenBoard]], list[LeftOut]]:

@@ -15,7 +15,8 @@ from camgen.model.text import counted
 from camgen.post import Fault, Reading
 
 from . import force, motion
-from .machine import Machine
+from .conditions import carry_out_if
+from .machine import UNITS, Machine
 from .motion import Plain, carry_out
 from .text import Procedure, SourceText, Statement, read_source
 from .values import Unreadable, Value, arguments, evaluate, index, number
@@ -46,20 +47,33 @@ _NOT_EVALUATED = frozenset(
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
-    """What the program says; see ``Reading``. Options: rated, signals, force_on, force_change, force_off.
+    """What the program says; see ``Reading``. Options: rated, rated_turn, mps, signals, force_on, force_change,
+    force_off.
 
-    A blend of ``@P`` is given as 1 mm, as its radius is the controller's. Speeds in percent are of ``rated``.
+    A blend of ``@P`` is given as 1 mm, as its radius is the controller's. Speeds in percent are of ``rated``. Where mps
+    does not name a unit, both are tried, and must give the same speeds.
     """
     templates = force.templates(options)
     source = read_source(files, short=not force.may_say(templates, "Move"))
-    rated = options.get("rated", 0.0)
-    machine = Machine(float(rated) if isinstance(rated, (int, float)) and rated > 0 else 0.0, _names(options))
+    rated, turning = (_positive(options, key, default) for key, default in (("rated", 0.0), ("rated_turn", 500.0)))
+    machine = Machine(rated, _names(options), turning, _units(options))
     if main := source.procedures.get("main"):
         _Run(machine, source, templates).procedure(main)
         _finish(machine)
     faults = sorted({*source.faults, *machine.faults}, key=lambda fault: (fault.line, fault.what))
     work, tool = (machine.frames.get((kind, machine.numbers[kind])) for kind in ("work", "tool"))
     return Reading(tuple(machine.body), tuple(machine.lines), tuple(faults), work, tool)
+
+
+def _positive(options: Mapping[str, object], key: str, default: float) -> float:
+    value = options.get(key, default)
+    return float(value) if isinstance(value, (int, float)) and value > 0 else default
+
+
+def _units(options: Mapping[str, object]) -> tuple[float, ...]:
+    """mm/s that ``Mps(1)`` may be."""
+    mps = options.get("mps", "ask")
+    return (UNITS[mps],) if isinstance(mps, str) and mps in UNITS else tuple(UNITS.values())
 
 
 def _names(options: Mapping[str, object]) -> dict[int, str]:
@@ -97,19 +111,28 @@ class _Run:
                 self.machine.fault("more statements than a program can have")
                 return
             if isinstance(statement, Plain):
-                carry_out(self.machine, statement)
+                self._move(statement)
                 at += 1
             else:
                 at += self._step(statements, at, statement[1])
+
+    def _move(self, item: Plain) -> None:
+        try:
+            carry_out(self.machine, item)
+        except Unreadable as error:
+            self.machine.fault(str(error))
+            self.machine.here = None
 
     def _step(self, statements: list[Statement], at: int, text: str) -> int:
         """Carries out one statement; returns by how many statements to go on."""
         machine = self.machine
         try:
-            if self.templates and (count := force.apply_template(machine, self.templates, statements, at)):
-                return count
+            if self.templates and (force_lines := force.apply_template(machine, self.templates, statements, at)):
+                return force_lines
             match = _VERB.fullmatch(text)
             verb = match[1].lower() if match else ""
+            if verb == "if" and (count := carry_out_if(machine, statements, at)):
+                return count
             if verb in _BLOCKS:
                 return self._skip(statements, at, text.lower(), verb)
             if match and verb == "exit" and match[2].lower() in ("sub", "function"):
@@ -158,10 +181,10 @@ class _Run:
             raise Unreadable(f"{match[1]} takes {counted(len(called.parameters), 'value')}, not {len(values)}")
         if len(machine.scopes) > _CALLS:
             raise Unreadable("procedures that call each other without end")
-        machine.scopes.append(dict(zip(called.parameters, values, strict=True)))
+        machine.enter(dict(zip(called.parameters, values, strict=True)))
         here = machine.line
         self.procedure(called)
-        machine.scopes.pop()
+        machine.leave()
         machine.line = here
 
 
@@ -175,11 +198,11 @@ def _otherwise(machine: Machine, text: str, verb: str) -> None:
     value = evaluate(expression, machine.lookup)
     short = _SHORT.fullmatch(name.lower()) if name else None
     if letter:
-        machine.arrays[(letter.lower(), index(number(position, machine.lookup)))] = value
+        machine.name((letter.lower(), index(number(position, machine.lookup))), value)
     elif short:
-        machine.arrays[(short[1], int(short[2]))] = value
+        machine.name((short[1], int(short[2])), value)
     else:
-        machine.scopes[-1][name.lower()] = value
+        machine.name(name.lower(), value)
 
 
 def _declare(machine: Machine, rest: str) -> None:
@@ -188,7 +211,7 @@ def _declare(machine: Machine, rest: str) -> None:
         if match is None:
             raise Unreadable(f"Dim {part} is not evaluated")
         if match[3] and (match[2] or "").lower() != "string":
-            machine.scopes[-1][match[1].lower()] = evaluate(match[3], machine.lookup)
+            machine.name(match[1].lower(), evaluate(match[3], machine.lookup))
 
 
 def _take_arm(machine: Machine, rest: str) -> None:

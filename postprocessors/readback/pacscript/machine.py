@@ -8,12 +8,17 @@ from dataclasses import dataclass, field
 
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.post import Fault
+from camgen.post import Fault, Remark
 
-from .values import Metres, Unreadable, Value
+from .values import Either, Mps, Unreadable, Value, evaluate, speed
 
-#: What 100 % is taken for when the options do not say it (a fault tells), mm/s; the blend that ``@P`` is given, mm.
+#: What 100 % is taken for when the options do not say it (a fault tells, but of joint motions), mm/s; the blend that
+#: ``@P`` is given, mm.
 _RATED, PASS_BLEND = 1000.0, 1.0
+#: mm/s that ``Mps(1)`` is, by the unit that the controller reads; the first one is taken where a text leaves it open.
+UNITS = {"mm/s": 1.0, "m/s": 1000.0}
+#: Two speeds are the same within so much of them: single precision.
+_SAME = 1e-6
 
 
 @dataclass(slots=True)
@@ -22,13 +27,19 @@ class Machine:
 
     rated: float
     signals: Mapping[int, str]
+    #: deg/s of a turn on the spot at 100 %.
+    rated_turn: float = 500.0
+    #: mm/s that ``Mps(1)`` may be: one value where the unit is known, else all of ``UNITS``.
+    units: tuple[float, ...] = tuple(UNITS.values())
     line: int = 0
     armed: bool = False
     moved: bool = False
+    #: The text compares ``Mps`` with a percentage.
+    asked: bool = False
     #: The last motion passes its target: what follows may happen before the arm is there.
     passing: bool = False
     here: Pose | None = None
-    internal: float | Metres = 100.0
+    internal: float | Mps = 100.0
     external: float = 100.0
     numbers: dict[str, int] = field(default_factory=lambda: {"tool": 0, "work": 0})
     frames: dict[tuple[str, int], Pose] = field(default_factory=dict)
@@ -39,6 +50,11 @@ class Machine:
     body: list[Instruction] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
+    #: Speeds that have been worked out with the present values of the names, by their text.
+    speeds: dict[str, float | Mps] = field(default_factory=dict)
+    _open_unit: bool = False
+    #: A speed by ``Mps`` and its mm/s: most motions have the one of the motion before.
+    _last: tuple[Mps | None, float] = (None, 0.0)
 
     def fault(self, what: str) -> None:
         """Notes a fault of the current line; what it quotes is cut short."""
@@ -84,14 +100,71 @@ class Machine:
         newtons = math.hypot(x, y, z)
         return (newtons, (x / newtons, y / newtons, z / newtons)) if newtons else (0.0, (0.0, 0.0, 0.0))
 
-    def mm_per_second(self, value: float | Metres) -> float:
+    def speed_of(self, text: str) -> float | Mps:
+        """The speed that ``text`` says with the present values of the names."""
+        known = self.speeds.get(text)
+        if known is None:
+            known = self.speeds[text] = speed(evaluate(text, self.lookup))
+        return known
+
+    def mm_per_second(self, value: float | Mps) -> float:
         """An internal speed times the external one (manual: both are multiplied)."""
-        if isinstance(value, Metres):
-            return value.per_second * 1000 * self.external / 100
+        if isinstance(value, Mps):
+            if value is not self._last[0]:
+                self._last = value, self._one(self.by_unit(value))
+            return self._last[1] * self.external / 100
         if not self.rated:
             self.fault(f"a speed in percent, taken of {_RATED:g} mm/s; give the option rated")
             self.rated = _RATED
         return value / 100 * self.rated * self.external / 100
+
+    def joint_speed(self, value: float | Mps) -> tuple[float, float]:
+        """The speed of a joint motion, mm/s, and its share of the joints' greatest speeds, 0 for one by ``Mps``.
+
+        Percent are of the joints' speeds, so that the first one is only known where ``rated`` says it.
+        """
+        if isinstance(value, Mps):
+            return self.mm_per_second(value), 0.0
+        share = value / 100 * self.external / 100
+        return share * (self.rated or _RATED), share
+
+    def turning(self, value: float) -> float:
+        """The speed of a turn on the spot by its internal speed in %, rad/s."""
+        return math.radians(value / 100 * self.external / 100 * self.rated_turn)
+
+    def by_unit(self, value: Mps) -> list[float]:
+        """mm/s for each of ``units``."""
+        said = value.said.values if isinstance(value.said, Either) else (value.said,) * len(self.units)
+        return [number * unit for number, unit in zip(said, self.units, strict=True)]
+
+    def _one(self, speeds: list[float]) -> float:
+        """A speed in mm/s. One that depends on the unit of ``Mps`` is told once: a fault where the text has asked."""
+        least, most = min(speeds), max(speeds)
+        if most - least > _SAME * most and not self._open_unit:
+            self._open_unit = True
+            kind = Fault if self.asked else Remark
+            numbers = " or ".join(f"{speed:g}" for speed in speeds)
+            what = f"{numbers} mm/s, as the controller reads Mps in mm/s or in m/s; give the option mps"
+            self.faults.append(kind(self.line, what))
+        return speeds[0]
+
+    def enter(self, names: dict[str, Value]) -> None:
+        """Begins a procedure with the values of its parameters."""
+        self.speeds.clear()
+        self.scopes.append(names)
+
+    def leave(self) -> None:
+        """Ends a procedure."""
+        self.speeds.clear()
+        self.scopes.pop()
+
+    def name(self, key: str | tuple[str, int], value: Value) -> None:
+        """Gives a variable its value."""
+        self.speeds.clear()
+        if isinstance(key, tuple):
+            self.arrays[key] = value
+        else:
+            self.scopes[-1][key] = value
 
 
 _STILL: dict[type, str] = {Output: "an output", Wait: "a delay", Force: "a force change"}

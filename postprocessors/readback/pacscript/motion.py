@@ -17,7 +17,7 @@ from .machine import PASS_BLEND, Machine
 from .values import (
     UNDEFINED,
     Figured,
-    Metres,
+    Mps,
     Unreadable,
     Value,
     Vector,
@@ -25,20 +25,25 @@ from .values import (
     evaluate,
     number,
 )
+from .values import speed as checked_speed
 
-_MARK = re.compile(r"@\s*(0|P|E|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
-_MARKS = {"@0": 0.0, "@E": 0.0, "@e": 0.0, "@P": PASS_BLEND, "@p": PASS_BLEND}
+_MARK = re.compile(r"@\s*(0|P|E|C|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
+_STOPS, _PASSES = ("@0", "@E", "@e"), ("@P", "@p", "@C", "@c")
+_MARKS = dict.fromkeys(_STOPS, 0.0) | dict.fromkeys(_PASSES, PASS_BLEND)
+_NAMED = re.compile(r"\* [A-Za-z]")
 _OPTION = re.compile(r"(speed|s|accel|decel)\s*=\s*(.*)", re.IGNORECASE)
 _EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
 _LINEAR = {"l": True, "p": False, "ptp": False}
 
 
 class Manner(Struct, frozen=True, gc=False):
-    """How a motion is made. linear: ``L``, else ``P``; blend: mm; speed: its own, None where it has none."""
+    """How a motion is made. linear: ``L``, else ``P``; blend: mm; speed: its own, as its text where that holds a name,
+    None where it has none.
+    """
 
     linear: bool
     blend: float
-    speed: float | Metres | None
+    speed: float | Mps | str | None
 
 
 def move(machine: Machine, rest: str) -> None:
@@ -62,12 +67,12 @@ def manner_of(kind: str, mark: str, speed: str) -> Manner:
     """What a ``Move`` says beside its places. kind: L, P or C; mark, speed: as between and after them in the text, or
     empty. Unreadable where ``move`` would find a fault.
     """
-    said = None
+    said: float | Mps | str | None = None
     for part in arguments(speed)[1:]:
         option = _OPTION.fullmatch(part)
         if option is None:
             raise Unreadable(f"{part} is no speed")
-        said = _speed(evaluate(option[2], nothing))
+        said = option[2] if _NAMED.search(option[2]) else checked_speed(evaluate(option[2], nothing))
     return Manner(_LINEAR.get(kind.lower(), True), _mark(f"{mark}P()")[0], said)
 
 
@@ -112,7 +117,7 @@ def draw(machine: Machine, rest: str) -> None:
 
 def speed_statement(machine: Machine, rest: str) -> None:
     """``Speed`` in percent or by ``Mps``: for motions without their own."""
-    machine.internal = _speed(evaluate(rest, machine.lookup))
+    machine.internal = checked_speed(evaluate(rest, machine.lookup))
 
 
 def external_speed(machine: Machine, rest: str) -> None:
@@ -130,8 +135,8 @@ def acceleration(machine: Machine, rest: str) -> None:
             raise Unreadable(f"an acceleration of {part} %")
 
 
-def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float, bool]:
-    """The parts that are no options, the speed in mm/s, and whether ``Next`` runs on before the arm arrives."""
+def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps, bool]:
+    """The parts that are no options, the speed, and whether ``Next`` runs on before the arm arrives."""
     targets: list[str] = []
     speed: Value = machine.internal
     at_once = False
@@ -146,24 +151,14 @@ def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float, bool
             raise Unreadable("extended axes are not evaluated")
         else:
             targets.append(part)
-    return targets, machine.mm_per_second(_speed(speed)), at_once
+    return targets, checked_speed(speed), at_once
 
 
-def _exactly(machine: Machine, parts: list[str], count: int) -> tuple[list[str], float, bool]:
+def _exactly(machine: Machine, parts: list[str], count: int) -> tuple[list[str], float | Mps, bool]:
     targets, speed, at_once = _options(machine, parts)
     if len(targets) != count:
         raise Unreadable(f"{counted(count, 'value')} expected, {len(targets)} found")
     return targets, speed, at_once
-
-
-def _speed(value: Value) -> float | Metres:
-    if not isinstance(value, (float, Metres)):
-        raise Unreadable("a speed must be a number")
-    if isinstance(value, float) and not 0.1 <= value <= 100:
-        raise Unreadable(f"a speed of {value:g} %, the controller takes 0.1 to 100")
-    if isinstance(value, Metres) and value.per_second <= 0:
-        raise Unreadable(f"a speed of {value.per_second:g} m/s")
-    return value
 
 
 def _interpolation(parts: list[str]) -> bool:
@@ -204,21 +199,27 @@ def _back(pose: Pose, length: float) -> Pose:
     return Pose(pose.rotation, pose.apply((0.0, 0.0, -length)))
 
 
-def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, speed: float, at_once: bool) -> None:
+def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, speed: float | Mps, at_once: bool) -> None:
     """Moves to ``target``. at_once: what follows does not wait for the arm."""
     passing = blend > 0 or at_once
     posture = _posture(target)
     if isinstance(target, Figured):
         target = Pose(target.rotation, target.origin)
     if not linear:
-        machine.emit_motion(MoveJ(target, speed, blend, posture=posture), passing)
+        limit, share = machine.joint_speed(speed)
+        machine.emit_motion(MoveJ(target, limit, blend, posture=posture, share=share), passing)
     elif isinstance(target, Joints):
         raise Unreadable("a straight line to joints is not evaluated")
+    elif not isinstance(speed, Mps) and machine.here is not None and machine.here.origin == target.origin:
+        # A turn on the spot, though it may be less than a printed digit. Its speed in mm/s says nothing.
+        limit, turn = machine.joint_speed(speed)[0], machine.turning(speed)
+        machine.emit_motion(MoveL(target, limit, blend, *machine.pressing(), posture=posture, turn=turn), passing)
     else:
-        machine.emit_motion(MoveL(target, speed, blend, *machine.pressing(), posture=posture), passing)
+        mm_s = machine.mm_per_second(speed)
+        machine.emit_motion(MoveL(target, mm_s, blend, *machine.pressing(), posture=posture), passing)
 
 
-def _arc(machine: Machine, targets: list[str], speed: float, at_once: bool) -> None:
+def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool) -> None:
     if len(targets) != 2:
         raise Unreadable(f"Move C has {counted(len(targets), 'point')} instead of two")
     blend, expression = _mark(targets[1])
@@ -228,7 +229,7 @@ def _arc(machine: Machine, targets: list[str], speed: float, at_once: bool) -> N
     arc(machine, via, end, blend, speed, at_once)
 
 
-def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float, at_once: bool) -> None:
+def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float | Mps, at_once: bool) -> None:
     """Moves through ``via`` to ``end``."""
     if machine.here is None:
         machine.fault("an arc from a place that the text does not give")
@@ -238,7 +239,8 @@ def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float, at_o
         machine.fault("the points of the arc have different figures")
     posture = _posture(end)
     via, end = (Pose(place.rotation, place.origin) for place in (via, end))
-    machine.emit_motion(MoveC(via, end, speed, blend, *machine.pressing(), posture=posture), blend > 0 or at_once)
+    mm_s = machine.mm_per_second(speed)
+    machine.emit_motion(MoveC(via, end, mm_s, blend, *machine.pressing(), posture=posture), blend > 0 or at_once)
 
 
 @lru_cache(maxsize=64)
@@ -272,7 +274,7 @@ _PLACE = rf"({_NUMBER}, {_NUMBER}, {_NUMBER})((?:, [-0-9., ]{{1,90}})?)"
 _RATE = r"[0-9]{1,6}(?:\.[0-9]{1,9})?"
 _MOTION = (
     rf" {{0,16}}Move (?:([LP])|C, P\({_PLACE}\)), ((?:@(?:[0PE]|[0-9]{{1,6}}) )?)P\({_PLACE}\)"
-    rf"((?:, Speed = (?:Mps\({_RATE}\)|{_RATE}))?)\r?(?:\n|\Z)"
+    rf"((?:, Speed = (?:Mps\({_RATE}(?: \* [A-Za-z][A-Za-z0-9_]{{0,63}})?\)|{_RATE}))?)\r?(?:\n|\Z)"
 )
 #: One line of any kind with its end.
 LINE = re.compile(r"[^\n]*+\n|[^\n]++")
@@ -324,7 +326,9 @@ def _read_turn(turn: str) -> tuple[FloatArray, int]:
 def carry_out(machine: Machine, item: Plain) -> None:
     """Does what ``pacscript_motion.move`` does with the same line."""
     manner = item.manner
-    speed = machine.mm_per_second(machine.internal if manner.speed is None else manner.speed)
+    speed = machine.internal if manner.speed is None else manner.speed
+    if isinstance(speed, str):
+        speed = machine.speed_of(speed)
     if item.via is not None:
         arc(machine, item.via, item.target, manner.blend, speed, False)
     else:

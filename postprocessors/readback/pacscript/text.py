@@ -7,12 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
 
-from camgen.post import Fault
+from camgen.post import Fault, Remark
 
 from .motion import LINE, PIECE, Plain, plain
 
 #: A line may hold so many bytes; macros may nest so deep and a line may grow so long before it is given up.
 _LONGEST_LINE, _DEEPEST_MACRO, _LONGEST_GROWN = 1024, 10, 8192
+#: What makes the next line a part of this one.
+_GOES_ON = re.compile(r"(?:^|\s)_$")
 _QUOTED = re.compile(r'"[^"]*"|\'')
 _DEFINE = re.compile(r"#define\s+([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII)
 _OPENING = re.compile(r"(sub|function)\s+(\w+)\s*(?:\(([^()]*)\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
@@ -76,24 +78,42 @@ def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: 
     """Reads a file, ``before`` lines after the start; returns the number of its last line."""
     macros = _Macros()
     current: Procedure | None = None
-    number = before
+    number, first, begun = before, 0, ""
     for number, piece in enumerate(pieces, start=before + 1):
-        if piece.lastindex and current is not None and _is_plain(piece, number, macros, current):
+        if piece.lastindex and current is not None and not begun and _is_plain(piece, number, macros, current):
             continue
-        row = piece[0].removesuffix("\n")
-        if len(row) > _LONGEST_LINE // 4 and len(row.rstrip("\r").encode("utf-8", "replace")) > _LONGEST_LINE:
-            source.faults.append(Fault(number, f"a line of more than {_LONGEST_LINE} bytes"))
-        text = without_comment(row)
-        if text.startswith("#"):
-            _directive(text, number, macros, source)
-            continue
-        if macros.pattern:
-            text = _expand(text, number, macros, macros.pattern, source)
-        if text:
-            current = _statement(text, number, current, main, source)
+        text = begun + _read_row(piece[0].removesuffix("\n"), number, source)
+        first = first if begun else number
+        begun = text[:-1] if _GOES_ON.search(text) and len(text) < _LONGEST_GROWN else ""
+        if not begun:
+            current = _read_statement(text, first, macros, current, main, source)
+    if begun:
+        source.faults.append(Fault(first, "the statement goes on after the last line"))
     if current is not None:
         source.faults.append(Fault(current.line, "the procedure has no end"))
     return number
+
+
+def _read_row(row: str, number: int, source: SourceText) -> str:
+    """A line without its comment."""
+    if len(row) > _LONGEST_LINE // 4 and len(row.rstrip("\r").encode("utf-8", "replace")) > _LONGEST_LINE:
+        source.faults.append(Fault(number, f"a line of more than {_LONGEST_LINE} bytes"))
+    text = without_comment(row)
+    if row.rstrip().endswith(" _") and not text.endswith("_"):
+        source.faults.append(Remark(number, "a comment that ends in _: the next line may be taken for a part of it"))
+    return text
+
+
+def _read_statement(
+    text: str, number: int, macros: _Macros, current: Procedure | None, main: str, source: SourceText
+) -> Procedure | None:
+    """Files a statement of one line or several; returns the procedure that the next one belongs to."""
+    if text.startswith("#"):
+        _directive(text, number, macros, source)
+        return current
+    if macros.pattern:
+        text = _expand(text, number, macros, macros.pattern, source)
+    return _statement(text, number, current, main, source) if text else current
 
 
 def _is_plain(piece: re.Match[str], number: int, macros: _Macros, current: Procedure) -> bool:

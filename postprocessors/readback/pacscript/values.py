@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +18,17 @@ class Unreadable(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Metres:
-    """A speed that the text gives in m/s: ``Mps``."""
+class Either:
+    """A number that depends on the unit in which the controller reads ``Mps``: one for each of ``Machine.units``."""
 
-    per_second: float
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Mps:
+    """A speed by ``Mps``, in the unit that the controller reads it in."""
+
+    said: float | Either
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +44,7 @@ class Figured(Pose, frozen=True, eq=False, gc=False):
     figure: int
 
 
-Value = float | Pose | Joints | Vector | Metres
+Value = float | Either | Pose | Joints | Vector | Mps
 #: The value of a variable: lower-case name, or array letter and index.
 Lookup = Callable[[str | tuple[str, int]], Value]
 
@@ -89,7 +96,7 @@ def evaluate(text: str, lookup: Lookup) -> Value:
         except ValueError:
             pass  # Left-out numbers and sums are for the parser.
     if rate := _RATE.fullmatch(text):
-        return Metres(_finite(float(rate[1])))
+        return Mps(_finite(float(rate[1])))
     parser = _Parser(_tokens(text), lookup)
     value = parser.sum()
     if parser.at < len(parser.tokens):
@@ -102,6 +109,19 @@ def number(text: str, lookup: Lookup) -> float:
     value = evaluate(text, lookup)
     if not isinstance(value, float):
         raise Unreadable(f"{text} is not a number")
+    return value
+
+
+def speed(value: Value) -> float | Mps:
+    """``value`` as an internal speed: percent, or by ``Mps``."""
+    if not isinstance(value, (float, Mps)):
+        raise Unreadable("a speed must be a number")
+    if isinstance(value, float) and not 0.1 <= value <= 100:
+        raise Unreadable(f"a speed of {value:g} %, the controller takes 0.1 to 100")
+    if isinstance(value, Mps):
+        for said in value.said.values if isinstance(value.said, Either) else (value.said,):
+            if said <= 0:
+                raise Unreadable(f"a speed of Mps({said:g})")
     return value
 
 
@@ -150,17 +170,13 @@ class _Parser:
     def sum(self) -> Value:
         value = self.product()
         while sign := self.take("+", "-"):
-            a, b = _float(value), _float(self.product())
-            value = _finite(a + b if sign == "+" else a - b)
+            value = calculate(sign, value, self.product())
         return value
 
     def product(self) -> Value:
         value = self.signed()
         while sign := self.take("*", "/"):
-            a, b = _float(value), _float(self.signed())
-            if sign == "/" and b == 0:
-                raise Unreadable("a division by zero")
-            value = _finite(a * b if sign == "*" else a / b)
+            value = calculate(sign, value, self.signed())
         return value
 
     def signed(self) -> Value:
@@ -170,7 +186,7 @@ class _Parser:
         value = self.atom()
         if not any_sign:
             return value
-        return -_float(value) if negative else _float(value)
+        return calculate("*", value, -1.0 if negative else 1.0)
 
     def atom(self) -> Value:
         if self.at >= len(self.tokens):
@@ -180,7 +196,7 @@ class _Parser:
         if token[0].isdigit() or token[0] in ".&":
             return _literal(token)
         if token == "(":
-            return self.inside(")")[0]
+            return _bracket(self.inside(")"))
         if not (token[0].isalpha() or token[0] == "_"):
             raise Unreadable(f"{token} is not understood")
         if self.take("("):
@@ -231,6 +247,39 @@ def _finite(value: float) -> float:
     return value
 
 
+def calculate(sign: str, a: Value, b: Value) -> float | Either:
+    """``a`` and ``b`` added, subtracted, multiplied or divided; Unreadable for what is no number."""
+    if isinstance(a, Either) or isinstance(b, Either):
+        return join([_calculate(sign, x, y) for x, y in zip(*spread(a, b), strict=True)])
+    return _calculate(sign, _float(a), _float(b))
+
+
+def spread(*values: Value) -> list[tuple[float, ...]]:
+    """Numbers, at least one of them an ``Either``, as so many values each."""
+    count = next(len(value.values) for value in values if isinstance(value, Either))
+    return [value.values if isinstance(value, Either) else (_float(value),) * count for value in values]
+
+
+def join(values: Sequence[float]) -> float | Either:
+    """Values by unit as one number where they are the same."""
+    return values[0] if len(set(values)) == 1 else Either(tuple(values))
+
+
+def _calculate(sign: str, a: float, b: float) -> float:
+    if sign == "/" and b == 0:
+        raise Unreadable("a division by zero")
+    return _finite({"+": a + b, "-": a - b, "*": a * b}[sign] if sign != "/" else a / b)
+
+
+def _bracket(values: list[Value]) -> Value:
+    """A value in brackets; three to seven are a position as ``P()`` has it."""
+    if len(values) == 1:
+        return values[0]
+    if len(values) == 2:
+        raise Unreadable("two values in brackets are not evaluated")
+    return position([_float(v) for v in values])
+
+
 def _float(value: Value) -> float:
     if not isinstance(value, float):
         raise Unreadable("only numbers can be calculated with")
@@ -238,6 +287,10 @@ def _float(value: Value) -> float:
 
 
 def _call(name: str, values: list[Value]) -> Value:
+    if name == "mps":
+        if len(values) != 1 or not isinstance(values[0], (float, Either)):
+            raise Unreadable("Mps needs one number")
+        return Mps(values[0])
     if name not in _CONSTRUCTORS:
         raise Unreadable(f"the function {name} is not evaluated")
     return _CONSTRUCTORS[name]([_float(v) for v in values])
@@ -252,10 +305,6 @@ def _joints(values: list[float]) -> Joints:
 def _vector(values: list[float]) -> Vector:
     x, y, z = (values + [0.0] * 3)[:3]
     return Vector((x, y, z))
-
-
-def _metres(values: list[float]) -> Metres:
-    return Metres(values[0])
 
 
 def _homogeneous(values: list[float]) -> Pose:
@@ -276,5 +325,4 @@ _CONSTRUCTORS: dict[str, Callable[[list[float]], Value]] = {
     "j": _joints,
     "v": _vector,
     "t": _homogeneous,
-    "mps": _metres,
 }

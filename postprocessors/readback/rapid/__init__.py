@@ -6,15 +6,19 @@ pressing. Everything else is a fault that names it. Written from the RAPID manua
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from camgen.model.program import Output
 from camgen.post import Fault, Reading
 
-from .data import PREDEFINED, Scope, Value
+from .data import PREDEFINED, RESIDENT, Scope, Value
 from .state import Known, State
-from .statements import MOTIONS, STATEMENTS, inline, motion
+from .statements import DEACTIVATIONS, MOTIONS, STATEMENTS, SWITCHES, check_deactivation, inline, motion, switch
 from .syntax import Call, Data, Inline, Module, Routine, Wrong, parse
+
+#: Names that the text may not give again.
+_SYSTEM = (PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
 
 # RAPID modules put together: who sees which name, and what is declared twice or cannot be.
 
@@ -35,19 +39,25 @@ class Linked:
 
     def add(self, module: Module) -> None:
         """Enters a module; its names must be legal, and new where they are seen."""
-        if any(module.name.lower() == other.name.lower() for other in self.modules):
+        key = module.name.lower()
+        if any(key == other.name.lower() for other in self.modules):
             self.fault(module.line, f"a second module {module.name}")
+        elif key in self.data or key in self.routines:
+            self.fault(module.line, f"the module {module.name} has the name of something global")
         self.modules.append(module)
         self.legal(module.name, module.line)
+        self.new(module.name, module.line)
         names: set[str] = set()
         members: tuple[Data | Routine, ...] = (*module.data, *module.routines)
         for item in members:
             key = item.name.lower()
             self.legal(item.name, item.line)
+            if not item.local:
+                self.new(item.name, item.line)
             if key in names or (not item.local and (key in self.data or key in self.routines)):
                 self.fault(item.line, f"{item.name} is declared twice")
-            if not item.local and key == module.name.lower():
-                self.fault(item.line, f"{item.name} is global and has the name of its module")
+            if not item.local and any(key == other.name.lower() for other in self.modules):
+                self.fault(item.line, f"{item.name} is global and has the name of a module")
             names.add(key)
         self.data |= {d.name.lower(): d for d in module.data if not d.local}
         self.routines |= {r.name.lower(): r for r in module.routines if not r.local}
@@ -56,8 +66,13 @@ class Linked:
         """Notes a name that is too long or taken by the system."""
         if len(name) > self.longest_name:
             self.fault(line, f"{name[:40]} is longer than {self.longest_name} characters")
-        if name.lower() in PREDEFINED:
+        if name.lower() in _SYSTEM:
             self.fault(line, f"{name} is predefined")
+
+    def new(self, name: str, line: int) -> None:
+        """Notes a global name that a module of the controller has."""
+        if name.lower() in RESIDENT:
+            self.fault(line, f"{name} is the name of a system module or of what one declares")
 
     def fault(self, line: int, what: str) -> None:
         """Notes a fault."""
@@ -68,12 +83,14 @@ class Linked:
         for module in self.modules:
             local = {d.name.lower(): d for d in module.data if d.local}
             routines = {r.name.lower(): r for r in module.routines if r.local}
-            self.value_all(self.scope(local, self.data), module.data)
+            shared = self.scope(local, self.data)
+            self.value_all(shared, module.data)
             for routine in module.routines:
                 for data in routine.data:
                     self.legal(data.name, data.line)
                 own = {d.name.lower(): d for d in routine.data}
-                self.scopes[routine] = self.scope(own, local, self.data)
+                # Routines without data of their own see the same, so that what one motion says is bound once for all.
+                self.scopes[routine] = self.scope(own, local, self.data) if own else shared
                 self.home[routine] = routines
                 self.value_all(self.scopes[routine], routine.data)
 
@@ -141,6 +158,7 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
         return state
     _run_routine(program, state, main, 0)
     state.stopped("the end")
+    _check_handlers(program, state, main)
     if state.pressing is not None:
         state.faults.append(Fault(last_line, "FCPressEnd is missing at the end"))
     return state
@@ -183,6 +201,54 @@ def _find_called(program: Linked, routine: Routine, call: Call, depth: int) -> R
     if depth >= _DEEPEST_CALL:
         raise Wrong(call.line, f"{call.name[:40]} is called too deeply")
     return found
+
+
+# ERROR handlers: what they leave on. An error in a routine without one, or with RAISE in it, comes to that of main.
+
+
+def _check_handlers(program: Linked, state: State, main: Routine) -> None:
+    """Notes what is wrong with the handlers of the program, and the outputs that it uses and that one leaves on."""
+    used = {item.signal for item in state.body if isinstance(item, Output)}
+    for routine in program.scopes:
+        if routine.handler is None:
+            continue
+        try:
+            off, end = _handle(program, state, routine, routine.handler, 0)
+            line = routine.handler[-1].line if routine.handler else routine.line
+            if not end:
+                raise Wrong(line, f"the ERROR handler of {routine.name} goes on behind the error; end it with RAISE")
+            left = sorted(used - off) if end == "exit" or routine is main else []
+            if left:
+                raise Wrong(line, f"the ERROR handler of {routine.name} leaves {', '.join(left)[:60]} on")
+        except Wrong as wrong:
+            state.faults.append(wrong.fault)
+
+
+def _handle(
+    program: Linked, state: State, routine: Routine, body: Sequence[Call | Inline], depth: int
+) -> tuple[set[str], str]:
+    """The outputs that ``body``, of a handler or of what it calls, switches off, and the word that it ends with."""
+    off: set[str] = set()
+    for item in body:
+        call = item.call() if isinstance(item, Inline) else item
+        state.scope = program.scopes[routine]
+        if call.name in ("raise", "exit"):
+            if item is not body[-1]:
+                raise Wrong(call.line, f"statements after {call.name.upper()}")
+            return off, call.name
+        if call.name in SWITCHES:
+            one = switch(state, call)
+            if one.value:
+                raise Wrong(call.line, "an ERROR handler that switches something on")
+            off.add(one.signal)
+        elif call.name in DEACTIVATIONS:
+            check_deactivation(state, call)
+        elif call.name in MOTIONS or call.name in STATEMENTS:
+            raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
+        else:
+            called = _find_called(program, routine, call, depth)
+            off |= _handle(program, state, called, called.body, depth + 1)[0]
+    return off, ""
 
 
 def _is_known(options: Mapping[str, object]) -> Known:

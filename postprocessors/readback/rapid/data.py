@@ -64,6 +64,8 @@ PREDEFINED: dict[str, tuple[str, Value]] = (
 _OF_THE_ROBOT = {"vmax": "speeddata", "load0": "loaddata"}
 
 
+#: Modules that are always there on older controllers, and what they declare (RAPID overview, system modules).
+RESIDENT = frozenset("base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".split())  # noqa: SIM905
 #: Longest chain of constants that are defined by each other.
 _CHAIN = 50
 

@@ -32,8 +32,8 @@ class Known:
 
 
 class Bound(Struct, frozen=True, eq=False):
-    """What a motion says beside its points: its name in lower case, mm/s, mm, all its arguments by name, and the
-    configuration of its target, none where that is all zero.
+    """What a motion says beside its points: its name in lower case, mm/s, mm, all its arguments by name, the
+    configuration of its target, none where that is all zero, and rad/s that the tool turns.
     """
 
     name: str
@@ -41,6 +41,7 @@ class Bound(Struct, frozen=True, eq=False):
     blend: float
     values: Mapping[str, Value]
     posture: Posture | None = None
+    turn: float = 0.0
 
 
 @dataclass

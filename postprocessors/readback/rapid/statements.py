@@ -8,11 +8,12 @@ from typing import cast
 
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Wait
+from camgen.model.text import counted
 from camgen.post import Fault, Remark
 
 from .data import Value, numbers
 from .state import Bound, State
-from .syntax import Call, Expr, Inline, Ref, Wrong
+from .syntax import DEACT_WHERE_ON, Call, Expr, Inline, Ref, Wrong
 
 
 def _signal(state: State, call: Call) -> str:
@@ -27,25 +28,25 @@ def _signal(state: State, call: Call) -> str:
     return state.known.signals.get(name.lower(), name)
 
 
-def _set_signal(state: State, call: Call) -> None:
-    """SetDO, SetAO: a signal and its value."""
+def switch(state: State, call: Call) -> Output:
+    """What SetDO, SetAO (a signal and its value), Set or Reset (a signal) do."""
     signal = _signal(state, call)
-    if len(call.args) != 2:
-        raise Wrong(call.line, f"{call.name} has 2 arguments, not {len(call.args)}")
+    count = 2 if call.name in ("setdo", "setao") else 1
+    if len(call.args) != count:
+        raise Wrong(call.line, f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}")
+    if count == 1:
+        return Output(signal, 1.0 if call.name == "set" else 0.0)
     value = cast(float, state.scope.value(call.args[1], "num", call.line))
     if call.name == "setdo" and value not in (0, 1):
         raise Wrong(call.line, "a digital output is 0 or 1")
-    state.stopped(call.name)
-    state.add(Output(signal, value), call.line)
+    return Output(signal, value)
 
 
 def _switch_signal(state: State, call: Call) -> None:
-    """Set, Reset: a signal."""
-    signal = _signal(state, call)
-    if len(call.args) != 1:
-        raise Wrong(call.line, f"{call.name} has 1 argument, not {len(call.args)}")
+    """SetDO, SetAO, Set, Reset."""
+    item = switch(state, call)
     state.stopped(call.name)
-    state.add(Output(signal, 1.0 if call.name == "set" else 0.0), call.line)
+    state.add(item, call.line)
 
 
 def _wait(state: State, call: Call) -> None:
@@ -69,6 +70,21 @@ def _configuration(_state: State, call: Call) -> None:
         raise Wrong(call.line, f"{call.name} needs \\On or \\Off")
 
 
+def _singularity(_state: State, call: Call) -> None:
+    """SingArea: what the arm does near a singularity, which no instruction holds."""
+    if call.args or call.options not in ((("wrist", None),), (("off", None),)):
+        raise Wrong(call.line, "singarea needs \\Wrist or \\Off")
+
+
+def _acceleration(state: State, call: Call) -> None:
+    """AccSet: acceleration and ramp in %, which no instruction holds."""
+    if len(call.args) != 2 or call.options:
+        raise Wrong(call.line, "accset needs acceleration and ramp")
+    for value in call.args:
+        if not 0 < cast(float, state.scope.value(value, "num", call.line)) <= 100:
+            raise Wrong(call.line, "accset is in %, up to 100")
+
+
 def _calibrate(state: State, call: Call) -> None:
     """FCCalib: sets the force sensor to zero, with the load of the tool."""
     if len(call.args) != 1 or call.options:
@@ -81,9 +97,31 @@ def _calibrate(state: State, call: Call) -> None:
     state.stopped(call.name)
 
 
+def _deactivate(state: State, call: Call) -> None:
+    """FCDeact: force control is off."""
+    check_deactivation(state, call)
+    if state.pressing is not None:
+        raise Wrong(call.line, "fcdeact while pressing, before FCPressEnd")
+    state.stopped("fcdeact")
+    state.add(Force(0.0), call.line)
+
+
+def check_deactivation(state: State, call: Call) -> None:
+    """FCDeact has no arguments; where it is not asked whether force control is on, that it is may not be sure."""
+    if call.args or call.options:
+        raise Wrong(call.line, "fcdeact has no arguments")
+    if call.name != DEACT_WHERE_ON:
+        what = "fcdeact without IF FCIsForceMode(): it may be an error where force control is off"
+        state.faults.append(Remark(call.line, what))
+
+
+SWITCHES = ("setdo", "setao", "set", "reset")
+#: How force control is put off, whether it was on or not, and where it is on.
+DEACTIVATIONS = ("fcdeact", DEACT_WHERE_ON)
 STATEMENTS: dict[str, Callable[[State, Call], None]] = {
-    "setdo": _set_signal, "setao": _set_signal, "set": _switch_signal, "reset": _switch_signal, "waittime": _wait,
+    **dict.fromkeys(SWITCHES, _switch_signal), "waittime": _wait,
     "confl": _configuration, "confj": _configuration, "fccalib": _calibrate,
+    **dict.fromkeys(DEACTIVATIONS, _deactivate), "singarea": _singularity, "accset": _acceleration,
 }  # fmt: skip
 
 
@@ -117,7 +155,8 @@ def motion(state: State, call: Call) -> Bound:
     """One motion statement, and what it says beside its points. Wrong when it cannot be read."""
     values = _bind(state, call)
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
-    bound = Bound(call.name, speed, _blend(values), values, _posture(values))
+    turn = math.radians(numbers(values["speed"])[1])
+    bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
         _move(state, call.line, bound, None, Joints(tuple(math.radians(v) for v in axes)))
@@ -154,18 +193,26 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
     else:
         if state.pressing is not None:
             state.faults.append(Fault(line, f"{bound.name} while pressing, before FCPressEnd"))
-        state.add(_free(bound, via, target), line)
+        state.add(_free(bound, via, target, _turn(state, bound, target)), line)
     state.here = target if isinstance(target, Pose) else None
     state.blending = line if bound.blend > 0 else 0
 
 
-def _free(bound: Bound, via: Pose | None, target: Pose | Joints) -> Motion:
+def _turn(state: State, bound: Bound, target: Pose | Joints) -> float:
+    """The speed of turning, rad/s, of a motion whose TCP stays where it is, however little of a turn the digits of the
+    text show; 0 where it travels.
+    """
+    here = state.here
+    return bound.turn if isinstance(target, Pose) and here is not None and here.origin == target.origin else 0.0
+
+
+def _free(bound: Bound, via: Pose | None, target: Pose | Joints, turn: float) -> Motion:
     """A motion without force."""
     if isinstance(target, Joints) or bound.name == "movej":
         return MoveJ(target, bound.speed, bound.blend, posture=bound.posture)
     if via is not None:
         return MoveC(via, target, bound.speed, bound.blend, posture=bound.posture)
-    return MoveL(target, bound.speed, bound.blend, posture=bound.posture)
+    return MoveL(target, bound.speed, bound.blend, posture=bound.posture, turn=turn)
 
 
 def _posture(values: Mapping[str, Value]) -> Posture | None:
@@ -248,7 +295,7 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
         state.stopped(name)
         state.pressing = None
         state.add(Force(0.0), line)
-        state.add(MoveL(target, speed, blend, posture=bound.posture), line)
+        state.add(MoveL(target, speed, blend, posture=bound.posture, turn=_turn(state, bound, target)), line)
         return
     else:
         force = cast(float, bound.values["force"]) * state.known.sign * state.pressing[1]
@@ -259,7 +306,8 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
     if via is not None:
         state.add(MoveC(via, target, speed, blend, force, press, posture=bound.posture), line)
     else:
-        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture), line)
+        turn = _turn(state, bound, target)
+        state.add(MoveL(target, speed, blend, force, press, posture=bound.posture, turn=turn), line)
 
 
 def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> float:

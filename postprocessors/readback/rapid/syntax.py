@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 from msgspec import Struct
@@ -185,13 +185,14 @@ class Data(Struct, frozen=True, eq=False, gc=False):
 
 
 class Routine(Struct, frozen=True, eq=False, gc=False):
-    """A PROC without parameters."""
+    """A PROC without parameters. handler: the statements behind ERROR, None where there is no such clause."""
 
     line: int
     name: str
     local: bool
     data: tuple[Data, ...]
     body: tuple[Call | Inline, ...]
+    handler: tuple[Call | Inline, ...] | None = None
 
 
 class Module(Struct, frozen=True, eq=False, gc=False):
@@ -425,6 +426,12 @@ def _shape(*parts: str) -> Shape | None:
 _STRUCTURE = frozenset(("module", "endmodule", "proc", "endproc", "func", "endfunc", "trap", "endtrap"))
 #: Words that only continue or close a control statement whose opening has been reported.
 _CONTINUES = frozenset(("else", "elseif", "endif", "endfor", "endwhile", "endtest", "case", "default", "then", "do"))
+#: Words with which a statement begins that is read in ERROR handlers alone.
+_HANDLES = frozenset(("if", "raise", "exit"))
+#: The name of the statement ``IF FCIsForceMode() FCDeact;``, one that no routine has.
+DEACT_WHERE_ON = "if fcdeact"
+#: The only IF that is read outside of them.
+_ASKS = re.compile(r"if\s+FCIsForceMode\b", re.IGNORECASE)
 _DATA = frozenset(("local", "task", "const", "pers", "var"))
 
 
@@ -549,20 +556,39 @@ class _Parser(Calls):
             raise Wrong(line, f"PROC {name} has parameters, which are not read")
         data: list[Data] = []
         body: list[Call | Inline] = []
+        handler: list[Call | Inline] | None = None
         while self.word() != "endproc":
             if self.token[0] == "end" or self.word() in _STRUCTURE:
                 self.faults.append(Fault(self.token[2], f"ENDPROC of {name} is missing"))
-                return Routine(line, name, local, tuple(data), tuple(body))
+                return _routine(line, name, local, data, body, handler)
             try:
-                if self.word() in _DATA:
-                    data.append(self.routine_data(bool(body)))
+                if self.word() == "error" and handler is None:
+                    self.take()
+                    handler = []
+                elif self.word() in _DATA:
+                    data.append(self.routine_data(bool(body) or handler is not None))
+                elif handler is not None and self.word() in _HANDLES:
+                    handler.append(self.handling())
+                elif handler is None and self.word() == "if" and _ASKS.match(self.text, self.token[3]):
+                    body.append(self.handling())
                 else:
-                    self.statement(body)
+                    self.statement(body if handler is None else handler)
             except Wrong as wrong:
                 self.faults.append(wrong.fault)
                 self.recover()
         self.take()
-        return Routine(line, name, local, tuple(data), tuple(body))
+        return _routine(line, name, local, data, body, handler)
+
+    def handling(self) -> Call:
+        """The end of force control where it is on, and what only an ERROR handler may say here: RAISE, EXIT."""
+        _, text, line, _ = self.take()
+        if text.lower() == "if":
+            for mark in ("fcisforcemode", "(", ")", "fcdeact"):
+                if self.token[1].lower() != mark:
+                    raise Wrong(line, "IF is read as IF FCIsForceMode() FCDeact; alone")
+                self.take()
+        self.expect(";")
+        return Call(line, DEACT_WHERE_ON if text.lower() == "if" else text.lower())
 
     def routine_data(self, late: bool) -> Data:
         line = self.token[2]
@@ -606,6 +632,17 @@ class _Parser(Calls):
                 return
             if self.ended():
                 return
+
+
+def _routine(
+    line: int,
+    name: str,
+    local: bool,
+    data: Sequence[Data],
+    body: Sequence[Call | Inline],
+    handler: Sequence[Call | Inline] | None,
+) -> Routine:
+    return Routine(line, name, local, tuple(data), tuple(body), None if handler is None else tuple(handler))
 
 
 def _literal(value: Expr | None) -> bool:

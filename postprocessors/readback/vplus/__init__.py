@@ -6,7 +6,9 @@ jumps, arguments) are not guessed at: every such line is a fault.
 
 from __future__ import annotations
 
+import math
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -15,7 +17,7 @@ from msgspec.structs import replace
 
 from camgen.model.errors import one_line
 from camgen.model.pose import Pose
-from camgen.model.program import Instruction, MoveJ, MoveL
+from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 from camgen.post import Fault, Reading
 
 from .expressions import Expression, variable
@@ -238,11 +240,11 @@ _DOES: dict[str, Callable[[Machine, Statement], None]] = {
 #: Faults are messages of one line.
 _LONGEST_FAULT = 160
 #: The defaults of the post's options that give numbers their meaning (docs/posts/vplus.md).
-_RATED, _SIGNALS, _TOOL, _WORK = 7500.0, {"process": 33}, "cg.tool", "cg.work"
+_RATED, _RATED_TURN, _SIGNALS, _TOOL, _WORK = 7500.0, 1200.0, {"process": 33}, "cg.tool", "cg.work"
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
-    """What the files say. options: ``rated``, ``signals``, and ``declare = false`` with ``tool`` and ``work``.
+    """What the files say. options: ``rated``, ``rated_turn``, ``signals``; ``declare = false`` with ``tool``, ``work``.
 
     A target ``frame:..`` is given in that frame when all targets name the same one, which then is ``work``; else all
     are given in the base, and ``work`` is the identity. A motion before BREAK stops (blend 0), another blends by 1 mm.
@@ -254,8 +256,9 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
 
     machine = _run(files, options, report)
     work, body, lines = _translate(machine, report)
+    body = _with_turns(tuple(body), machine.turning, _number(options, "rated_turn", _RATED_TURN))
     ordered = sorted(faults, key=lambda f: f[0])
-    return Reading(tuple(body), tuple(lines), tuple(Fault(line, what) for line, what in ordered), work, machine.tool)
+    return Reading(body, tuple(lines), tuple(Fault(line, what) for line, what in ordered), work, machine.tool)
 
 
 def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report) -> Machine:
@@ -264,15 +267,30 @@ def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report
     programs: dict[str, Routine] = {}
     for routine in found:
         programs.setdefault(canonical(routine.name), routine)
-    machine = Machine(programs, report, _rate(options), _signal_names(options), _list_known(options))
+    machine = Machine(programs, report, _number(options, "rated", _RATED), _signal_names(options), _list_known(options))
     for start in _start(list(programs.values()), report):
         machine.run(start)
     return machine
 
 
-def _rate(options: Mapping[str, object]) -> float:
-    value = options.get("rated", _RATED)
-    return float(value) if isinstance(value, (int, float)) and value > 0 else _RATED
+def _number(options: Mapping[str, object], key: str, default: float) -> float:
+    value = options.get(key, default)
+    return float(value) if isinstance(value, (int, float)) and value > 0 else default
+
+
+def _with_turns(
+    body: tuple[Instruction, ...], turning: Sequence[tuple[int, float]], rated: float
+) -> tuple[Instruction, ...]:
+    """``body`` with the speed of its turns on the spot. turning: % of ``rated`` deg/s, from which place on."""
+    columns = Columns(body)
+    places = columns.at[columns.turned].tolist()
+    begins = [begin for begin, _ in turning]
+    rates = [turning[bisect_right(begins, place) - 1][1] for place in places]
+    changed = {
+        place: (replace(body[place], turn=math.radians(rate / 100 * rated)),)
+        for place, rate in zip(places, rates, strict=True)
+    }
+    return splice(body, changed) if changed else body
 
 
 def _signal_names(options: Mapping[str, object]) -> dict[int, str]:

@@ -20,7 +20,7 @@ from camgen.model.program import Joints, MoveJ, MoveL, Output, Posture, Wait
 
 from . import words
 from .expressions import Expression, Variables, variable
-from .text import Frame, Location, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
+from .text import Frame, Location, Pace, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
 
 #: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
 ROUNDED = 1.0
@@ -40,7 +40,8 @@ _PROFILE = re.compile(r"\(\s*\d\s*\)\s*(?=[\d.])")
 
 class RobotState(Variables):
     """The robot while a text is carried out. body: what it does, in order. lines, frames: for each its line, and what
-    its target is given in, None where it has no pose. tool: None while it is the controller's.
+    its target is given in, None where it has no pose. tool: None while it is the controller's. turning: the rotational
+    speeds, % of the rated one, each with the place in the body from which on it holds.
 
     Methods with a ``Statement`` carry it out; Unreadable when they cannot.
     """
@@ -52,6 +53,7 @@ class RobotState(Variables):
         self.lines: list[int] = []
         self.frames: list[Frame | None] = []
         self.tool: Pose | None = None
+        self.turning: list[tuple[int, float]] = [(0, 100.0)]
         self._rated = rated
         self._signals = signals
         self._tool_name = ""
@@ -60,8 +62,8 @@ class RobotState(Variables):
         self._at: Location | None = None
         self._moving = False
         self._path = True
-        self._always: tuple[float, str] = (100.0, "%")
-        self._once: tuple[float, str] | None = None
+        self._always: Pace = (100.0, "%", 100.0)
+        self._once: Pace | None = None
         self._monitor = 1.0
         self._constants: dict[tuple[object, str], Any] = {}
         self._posture: Posture | None = None
@@ -116,8 +118,10 @@ class RobotState(Variables):
             return False
         kind, blend, count = MoveL if straight else MoveJ, ROUNDED if self._path else 0.0, len(plain.poses)
         made = partial(kind, posture=self._posture) if self._posture else kind
+        self._turn(first)
         self.body.append(made(plain.poses[0], self._mm_per_second(first), blend))
         if count > 1:
+            self._turn(others)
             self.body += map(made, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend))
         self.lines += range(plain.line, plain.line + count)
         self.frames += repeat(frame, count)
@@ -164,6 +168,7 @@ class RobotState(Variables):
         straight = statement.word.endswith("S")
         setting = self._once or self._always
         self._once = None
+        self._turn(setting)
         self._at = target if isinstance(target, Location) else None
         self._moving = True
         if setting[1] != "%" and not straight:
@@ -178,8 +183,14 @@ class RobotState(Variables):
             self._add(statement, MoveJ(target, speed, blend))
         self._last = len(self.body) - 1
 
-    def _mm_per_second(self, setting: tuple[float, str]) -> float:
-        speed, unit = setting
+    def _turn(self, setting: Pace) -> None:
+        """Notes the rotational speed of the next motion."""
+        rate = setting[2] * self._monitor
+        if rate != self.turning[-1][1]:
+            self.turning.append((len(self.body), rate))
+
+    def _mm_per_second(self, setting: Pace) -> float:
+        speed, unit, _ = setting
         if unit == "%":
             speed *= self._rated / 100
         return speed * self._monitor
@@ -204,13 +215,13 @@ class RobotState(Variables):
 
     def speed(self, statement: Statement) -> None:
         """All forms of ``SPEED``."""
-        value, unit, always = pace(statement.rest) or self._read(statement.rest, words.speed)
+        value, unit, turning, always = pace(statement.rest) or self._read(statement.rest, words.speed)
         if unit == "MONITOR":
             self._monitor = min(value, 100.0) / 100
         elif always:
-            self._always, self._once = (value, unit), None
+            self._always, self._once = (value, unit, turning), None
         else:
-            self._once = (value, unit)
+            self._once = (value, unit, turning)
 
     def configure(self, statement: Statement) -> None:
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""

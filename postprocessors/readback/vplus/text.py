@@ -134,12 +134,16 @@ def _rotation(turn: str) -> FloatArray:
     return rotation_zyz(yaw, pitch, roll)
 
 
-def pace(rest: str) -> tuple[float, str, bool] | None:
+#: The speed of a SPEED, its unit (%, mm/s or MONITOR) and the rotational speed in %.
+Pace = tuple[float, str, float]
+
+
+def pace(rest: str) -> tuple[float, str, float, bool] | None:
     """What ``vplus_words.speed`` says of a SPEED without names; nothing where it has more to say."""
     match = _PACE_PARTS.fullmatch(rest)
     if match is None or float(match[1]) <= 0 or float(match[2] or 1.0) <= 0:
         return None
-    return float(match[1]), "mm/s" if match[3] else "%", bool(match[4])
+    return float(match[1]), "mm/s" if match[3] else "%", float(match[2] or 100.0), bool(match[4])
 
 
 #: Names are told apart by so many characters; the rest is cut silently.

@@ -25,10 +25,13 @@ def reals(text: Expression) -> list[float]:
     return values
 
 
-def speed(text: Expression) -> tuple[float, str, bool]:
-    """The value of a SPEED, its unit (%, mm/s or MONITOR), and whether it holds for more than one motion."""
+def speed(text: Expression) -> tuple[float, str, float, bool]:
+    """The value of a SPEED, its unit (%, mm/s or MONITOR), the rotational speed in %, 100 where it says none, and
+    whether it holds for more than one motion.
+    """
     value = text.real()
-    if text.accept(",") and text.real() <= 0:
+    turning = text.real() if text.accept(",") else 100.0
+    if turning <= 0:
         raise Unreadable("a rotational speed must be positive")
     words = []
     while text.peek():
@@ -39,7 +42,7 @@ def speed(text: Expression) -> tuple[float, str, bool]:
     if value <= 0:
         raise Unreadable("a speed must be positive")
     scale, unit = _UNITS[units[0] if units else ""]
-    return value * scale, unit, "ALWAYS" in words
+    return value * scale, unit, turning, "ALWAYS" in words
 
 
 _UNITS = {"": (1.0, "%"), "MMPS": (1.0, "mm/s"), "IPS": (_INCH, "mm/s"), "MONITOR": (1.0, "MONITOR")}

@@ -1,0 +1,226 @@
+"""Flat parts by chance, as contours of lines and arcs: the same part for the same number, everywhere.
+
+Outlines are stars, polygons with arcs of every size, and blocks with a notch; holes hold islands. Many have what an
+offset is afraid of: a cusp where an arc comes back on the segment before it, a notch or a hole that the tool just fits
+or just does not, a neighbour as far away as the tool is wide. Contours are flattened here, by formulas of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+#: Sagitta of flattened arcs, mm.
+CHORD = 2e-4
+DIAMETERS = (0.5, 1.0, 2.0, 3.0, 6.0, 10.0)
+#: Area, mm2, by which a contour may overlap itself: slips of a drawing at a cusp, no crossing.
+_SLIP = 0.01
+#: A hole is bigger than its tool by one of these, mm.
+_ROOMS = (-0.05, -0.002, 0.005, 0.01, 0.03, 0.08, 0.15, 0.5)
+#: Turn of a cusp, off half a turn by this many degrees.
+_CUSPS = (0.0, 0.0, 0.01, -0.01, 0.2, -0.2, 0.8, -0.8, 2.0, -2.0)
+
+
+class Shape(NamedTuple):
+    """A closed contour: rows of x, y, bulge (mm, tan of a quarter of the sweep), and its area as a polygon."""
+
+    rows: np.ndarray
+    polygon: shapely.Geometry
+
+
+class RandomPart(NamedTuple):
+    """Contours that do not cross each other, and the tool's diameter, mm."""
+
+    shapes: list[Shape]
+    diameter: float
+
+
+def random_part(number: int) -> RandomPart:
+    """The part of that number."""
+    rng = np.random.default_rng([15, number])
+    diameter = float(rng.choice(DIAMETERS))
+    outline = _try(rng, lambda: _outline(rng, diameter))
+    assert outline is not None
+    shapes = [outline]
+    for _ in range(rng.integers(0, 5)):
+        inside = shapely.difference(outline.polygon, shapely.union_all([s.polygon for s in shapes[1:]]))
+        hole = _try(rng, lambda room=inside: _within(rng, room, _hole(rng, diameter)))
+        if hole is not None:
+            shapes.append(hole)
+    for hole in shapes[1:]:
+        if rng.random() < 0.4:
+            island = _try(rng, lambda room=hole.polygon: _within(rng, room, _star(rng, rng.uniform(0.3, 8), 2)), 8)
+            shapes += [island] if island is not None else []
+    if rng.random() < 0.25:
+        beside = _try(rng, lambda: _beside(rng, outline, diameter), 8)
+        shapes += [beside] if beside is not None else []
+    order = rng.permutation(len(shapes))
+    return RandomPart([shapes[k] for k in order], diameter)
+
+
+def _try(rng: np.random.Generator, make: object, times: int = 200) -> Shape | None:
+    """The first sound shape that ``make`` gives, drawn in one direction or the other; None where there is none."""
+    for _ in range(times):
+        rows = make()  # type: ignore[operator]
+        polygon = None if rows is None else _polygon(rows)
+        if polygon is not None:
+            return Shape(_reversed(rows) if rng.random() < 0.5 else rows, polygon)
+    return None
+
+
+def _polygon(rows: np.ndarray) -> shapely.Geometry | None:
+    """The area within a contour, None where it crosses itself by more than a slip."""
+    points = flat(rows)
+    if len(points) < 3:
+        return None
+    ring = shapely.Polygon(points)
+    drawn = abs(_signed_area(shapely.get_coordinates(ring)))
+    if ring.is_valid:
+        return ring if ring.area > 1e-3 else None
+    # What an odd number of turns enclose: the tip beyond a slip belongs to the part as the rest of a spike does.
+    mended = shapely.union_all([p for p in shapely.get_parts(shapely.make_valid(ring)) if p.area])
+    whole = max(p.area for p in shapely.get_parts(mended)) if not mended.is_empty else 0.0
+    return mended if whole > 1.0 and abs(mended.area - drawn) < _SLIP and mended.area - whole < _SLIP else None
+
+
+def flat(rows: np.ndarray) -> np.ndarray:
+    """Points (M, 2) along a contour, arcs within CHORD of it."""
+    points = []
+    for here, there in zip(rows, np.roll(rows, -1, axis=0), strict=True):
+        points.append(_along(here[:2], there[:2], float(here[2])))
+    return np.concatenate(points)
+
+
+def _along(start: np.ndarray, end: np.ndarray, bulge: float) -> np.ndarray:
+    """From ``start`` up to but without ``end``."""
+    chord = complex(*end) - complex(*start)
+    if bulge == 0.0 or chord == 0:
+        return start[None]
+    sweep = 4 * math.atan(bulge)
+    centre = (complex(*start) + complex(*end)) / 2 + 1j * chord / 2 / math.tan(sweep / 2)
+    radius = abs(complex(*start) - centre)
+    count = max(4, math.ceil(abs(sweep) / (2 * math.acos(max(1 - CHORD / radius, 0.0)))))
+    curve = centre + (complex(*start) - centre) * np.exp(1j * sweep * np.arange(count) / count)
+    return np.column_stack([curve.real, curve.imag])
+
+
+def _signed_area(points: np.ndarray) -> float:
+    x, y = points.T
+    return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) / 2
+
+
+def _reversed(rows: np.ndarray) -> np.ndarray:
+    return np.column_stack([rows[::-1, :2], -np.roll(rows[::-1, 2], -1)])
+
+
+def _outline(rng: np.random.Generator, diameter: float) -> np.ndarray:
+    kind = rng.random()
+    if kind < 0.3:
+        rows = _star(rng, rng.uniform(15, 60), 1)
+    elif kind < 0.7:
+        rows = _scattered(rng)
+    else:
+        rows = _neck(rng, diameter)
+    return _with_cusp(rng, rows) if rng.random() < 0.5 else rows
+
+
+def _star(rng: np.random.Generator, size: float, digits: int) -> np.ndarray:
+    """Corners in order about a centre, some of them with arcs between."""
+    count = rng.integers(3, 12)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, count))
+    radius = size * rng.uniform(0.35, 1.0, count)
+    bulge = np.where(rng.random(count) < 0.5, 0.0, rng.uniform(-0.7, 0.7, count))
+    return np.column_stack(
+        [(radius * np.cos(angle)).round(digits), (radius * np.sin(angle)).round(digits), bulge.round(2)]
+    )
+
+
+def _scattered(rng: np.random.Generator) -> np.ndarray:
+    """A few points anywhere, in any order that does not cross; whether it does is seen later."""
+    count = rng.integers(3, 7)
+    points = rng.uniform(-50, 50, (count, 2)).round(1)
+    middle = points - points.mean(axis=0)
+    points = points[np.argsort(np.arctan2(middle[:, 1], middle[:, 0]))]
+    bulge = np.where(rng.random(count) < 0.5, 0.0, rng.uniform(-0.95, 0.95, count))
+    return np.column_stack([points, bulge.round(2)])
+
+
+def _neck(rng: np.random.Generator, diameter: float) -> np.ndarray:
+    """A block with a notch that is about as wide as the tool."""
+    width = diameter + float(rng.choice(_ROOMS)) * rng.choice([1.0, 3.0])
+    depth, w, h = rng.uniform(2, 25), rng.uniform(8, 30), rng.uniform(27, 40)
+    mouth = float(rng.choice([0.0, 0.0, 1.0, -0.3, 0.5]))
+    x = [-w, width + w, width + w, width, width, 0, 0, -w]
+    y = [0, 0, h, h, h - depth, h - depth, h, h]
+    bulge = [0, rng.choice([0, 0.3, -0.2]), 0, 0, mouth if depth > width else 0, 0, 0, 0]
+    return np.column_stack([x, y, bulge])
+
+
+def _with_cusp(rng: np.random.Generator, rows: np.ndarray) -> np.ndarray:
+    """An arc that comes back nearly on the segment before it."""
+    k = int(rng.integers(len(rows)))
+    rows = np.roll(rows, -k, axis=0)
+    before = rows[1, :2] - rows[0, :2]
+    arrives = math.atan2(before[1], before[0]) + 2 * math.atan(rows[0, 2])
+    after = rows[2 % len(rows), :2] - rows[1, :2]
+    leaves = arrives + math.pi + math.radians(float(rng.choice(_CUSPS)))
+    half = math.remainder(math.atan2(after[1], after[0]) - leaves, 2 * math.pi)
+    if abs(half) < 1.5:
+        rows[1, 2] = math.tan(half / 2)
+    return rows
+
+
+def _hole(rng: np.random.Generator, diameter: float) -> np.ndarray:
+    """A circle, a slot or a rectangle of about the tool's width, or a star."""
+    wide = max(diameter + float(rng.choice(_ROOMS)) * rng.choice([1.0, 1.0, 20.0]), 0.2) / 2
+    kind, long = rng.random(), rng.uniform(0, 8)
+    if kind < 0.25:
+        return np.array([[wide, 0, 1.0], [-wide, 0, 1.0]])
+    if kind < 0.45:
+        return np.array([[-long, -wide, 0], [long, -wide, 1.0], [long, wide, 0], [-long, wide, 1.0]])
+    if kind < 0.6:
+        return np.array(
+            [[-long - wide, -wide, 0], [long + wide, -wide, 0], [long + wide, wide, 0], [-long - wide, wide, 0]]
+        )
+    star = _star(rng, wide * rng.uniform(1.5, 6), 2)
+    return _with_cusp(rng, star) if rng.random() < 0.4 else star
+
+
+def _within(rng: np.random.Generator, room: shapely.Geometry, rows: np.ndarray) -> np.ndarray | None:
+    """``rows`` turned and moved into ``room``, None where it does not lie there. Walls are 0.05 mm at least."""
+    if room.is_empty:
+        return None
+    x0, y0, x1, y1 = room.bounds
+    angle, shift = rng.uniform(0, 2 * np.pi), (rng.uniform(x0, x1), rng.uniform(y0, y1))
+    c, s = math.cos(angle), math.sin(angle)
+    points = (rows[:, :2] @ np.array([[c, s], [-s, c]]) + shift).round(3)
+    placed = np.column_stack([points, rows[:, 2]])
+    polygon = _polygon(placed)
+    if polygon is None or not room.contains(polygon):
+        return None
+    return placed if room.boundary.distance(polygon) > rng.choice([0.05, 1.0]) else None
+
+
+def _beside(rng: np.random.Generator, outline: Shape, diameter: float) -> np.ndarray | None:
+    """A star to the right of the outline, about as far away as the tool is wide."""
+    rows = _star(rng, rng.uniform(5, 25), 3)
+    polygon = _polygon(rows)
+    if polygon is None:
+        return None
+    far = outline.polygon.bounds[2] - polygon.bounds[0] + 1.0
+    gap = diameter + float(rng.choice([-0.3, 0.0, 0.02, 0.1, 1.0]))
+    for _ in range(30):
+        off = affinity.translate(polygon, far, 0.0).distance(outline.polygon) - gap
+        if abs(off) < 0.005 or abs(far) > 1000:
+            break
+        far -= off
+    # It may pass by above or below.
+    if abs(off) > 0.005:
+        return None
+    rows[:, 0] = (rows[:, 0] + far).round(3)
+    clear = _polygon(rows)
+    return rows if clear is not None and clear.distance(outline.polygon) > 0.05 else None

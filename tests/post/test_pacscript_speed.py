@@ -1,0 +1,480 @@
+"""Speeds of PacScript on the machine: a program finds out what its controller takes ``Mps`` for, whatever that is."""
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from camgen_posts.pacscript import PacScript
+from camgen_posts.readback.pacscript import read
+from msgspec.structs import replace
+
+import camgen
+from camgen.model.errors import Refused, VerifyError
+from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about, translation
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveJ, MoveL, Output, Program
+from camgen.post import Reading, Remark
+from camgen.post.plugins import make_post
+from camgen.post.verify import compare
+from tests.support.whole import whole
+
+HOME = Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0)))
+WORK, TOOL = translation(300, -75, 150), translation(0, 0, 100)
+SPEEDS = (100.0, 60.0, 12.5, 20.0)
+
+
+def down(x: float, y: float = 0.0, z: float = 0.0) -> Pose:
+    return Pose(TOOL_DOWN, (x, y, z))
+
+
+def program(*body: Instruction) -> Program:
+    return Program("part", WORK, TOOL, whole((MoveJ(HOME, 100.0), *body)))
+
+
+def small() -> Program:
+    return program(MoveJ(down(0, 0, 20), 60.0), MoveL(down(0), 12.5), MoveL(down(20), 20.0))
+
+
+def text_of(plan: Program, **options: object) -> str:
+    post = make_post(PacScript, options)
+    (file,) = post.render(post.prepare(plan, 0.01))
+    return file.text
+
+
+def verify(plan: Program, text: str, **options: object) -> None:
+    post = make_post(PacScript, options)
+    reading = read({"part.pcs": text}, options)
+    compare(post.prepare(plan, 0.01), reading, post.tolerance(), post.list_verified(), "part.pcs")
+
+
+# -- a controller of our own: each statement of the text by what it does --------------------------------------------
+
+
+def run(text: str, mps: Callable[[float], float], switched: list[str] | None = None) -> list[float]:
+    """The percentages of the motions that a controller makes whose function Mps is ``mps``. switched: takes what it
+    switches, in order.
+    """
+    names: dict[str, object] = {"Mps": mps, "switched": [] if switched is None else switched}
+    subs: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        if line.startswith("Sub "):
+            subs[re.split(r"[ (]", line)[1]] = rows = []
+        elif line.startswith("    ") and not line.strip().startswith("'"):
+            rows.append(line.strip())
+    return perform(subs, "Main", names)
+
+
+def perform(subs: dict[str, list[str]], name: str, names: dict[str, object]) -> list[float]:
+    found: list[float] = []
+    skipping = False
+    for row in subs[name]:
+        if row.startswith("If "):
+            skipping = not eval(row[3:-5].replace(" Or ", " or "), names)
+        elif row == "End If":
+            skipping = False
+        elif skipping:
+            continue
+        elif row == "Exit Sub":
+            return found
+        elif row.startswith(("Set ", "Reset ", "Force")):
+            names["switched"].append(row)  # type: ignore[attr-defined]
+        elif row.startswith("Call "):
+            found += perform(subs, re.split(r"[ (]", row)[1], dict(names))
+        elif match := re.fullmatch(r"(?:Dim )?(\w+)(?: As Single)? = ([\d.]+)", row):
+            names[match[1]] = float(match[2])
+        elif match := re.search(r"^Move .*, Speed = (.*)", row):
+            found.append(eval(match[1], names))
+    return found
+
+
+@pytest.mark.parametrize("fastest", [1500.0, 2000.0, 8250.0, 11000.0])
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+@pytest.mark.parametrize("least", [0.0, 0.1])
+@pytest.mark.parametrize("options", [{}, {"max_lines": 2}, {"ext_speed": 50.0}])
+def test_every_arm_runs_the_planned_speed(
+    fastest: float, unit: float, least: float, options: dict[str, object]
+) -> None:
+    """least: what a controller may make of a smaller percentage."""
+    plan = program(*(MoveL(down(k), speed) for k, speed in enumerate(SPEEDS, 1)))
+    plan = plan.with_body((plan.body[0], MoveJ(down(0), 100.0), *plan.body[1:]))
+    found = run(text_of(plan, **options), lambda said: max(100 * said * unit / fastest, least))
+    external = float(str(options.get("ext_speed", 100.0)))
+    wanted = [max(100 * speed / fastest * 100 / external, least) for speed in (100.0, 100.0, *SPEEDS)]
+    assert found == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("mps", [lambda said: said, lambda said: -said, lambda said: 1e6 * said, lambda _: 0.0])
+def test_a_controller_that_gives_no_percentage_makes_no_motion(mps: Callable[[float], float]) -> None:
+    assert run(text_of(small()), mps) == []
+
+
+PRESSING = (
+    MoveL(down(1), 20.0),
+    Output("process", 1.0),
+    Force(9.0, (0.0, 1.0, 0.0)),
+    MoveL(down(2), 20.0, 0.0, 9.0, (0.0, 1.0, 0.0)),
+    Force(0.0),
+    Output("process", 0.0),
+    Output("coolant", 0.0),
+    MoveL(down(2, 0, 20), 20.0),
+)
+#: Every output and force control, each put off as the page says.
+OFF = ["Reset IO[24]", "Reset IO[7]", "ForceCtrl False ' verify"]
+TEMPLATE = {"force": "template", "signals": {"process": 24, "coolant": 7}}
+
+
+@pytest.mark.parametrize("options", [{}, {"max_lines": 2}, {"mps": "mm/s"}, {"speed": "percent", "rated": 2000.0}])
+def test_all_is_off_whether_the_program_goes_on_or_not(options: dict[str, object]) -> None:
+    """The question about Mps may leave the Sub: what an aborted run has left on is off by then."""
+    text = text_of(program(*PRESSING), **TEMPLATE, **options)
+    switched: list[str] = []
+    assert (run(text, lambda _: 0.0, switched) == []) == (not options.keys() & {"mps", "speed"})
+    assert switched[:3] == OFF
+    on = (line for line in text.splitlines() if re.match(r" *(If|Set|Move|Call|ForceCtrl True)\b", line))
+    assert text.index("TakeArm Keep = 0") < text.index(OFF[0]) < text.index(OFF[2]) < text.index(next(on))
+    assert [text.count(line) for line in OFF] == [2, 2, 2]  # at the start, and where the program itself does so
+    verify(program(*PRESSING), text, **TEMPLATE, **options)
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [(OFF[0], "output process 0"), (OFF[1], "output coolant 0"), (OFF[2], "force 0 N")],
+)
+def test_a_reset_at_the_start_that_is_lost_is_found(line: str, what: str) -> None:
+    text = text_of(program(*PRESSING), **TEMPLATE)
+    with pytest.raises(VerifyError, match=rf"instruction {OFF.index(line)}: instruction reads .*, planned is {what}"):
+        verify(program(*PRESSING), text.replace(f"    {line}\n", "", 1), **TEMPLATE)
+
+
+def test_a_named_unit_is_not_asked_for() -> None:
+    for mps, speed in (("mm/s", "Mps(12.5)"), ("m/s", "Mps(0.0125)")):
+        text = text_of(small(), mps=mps)
+        assert text.count(f"Speed = {speed}\n") == 1
+        assert "unit" not in text
+        verify(small(), text, mps=mps)
+        with pytest.raises(VerifyError, match="speed reads"):
+            verify(small(), text, mps={"mm/s": "m/s", "m/s": "mm/s"}[mps])
+
+
+def test_percent_needs_no_unit() -> None:
+    assert "Mps" not in text_of(small(), speed="percent", rated=2000.0)
+
+
+# -- the read-back: both units --------------------------------------------------------------------------------------
+
+
+def test_the_text_says_the_same_in_both_units() -> None:
+    reading = read({"part.pcs": text_of(small())}, {})
+    assert reading.faults == ()
+    assert [item.speed for item in reading.body if isinstance(item, (MoveJ, MoveL))] == [100.0, 60.0, 12.5, 20.0]
+    verify(small(), text_of(small()))
+    verify(small(), text_of(small(), max_lines=2), max_lines=2)
+
+
+ARM = "depends on the arm"
+UNIT = "as the controller reads Mps in mm/s or in m/s; give the option mps"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "fault"),
+    [
+        ("(0.1) > 0.2", "(0.1) > 0.05", f"whether 0.1 mm/s is over 0.05 % {ARM}"),
+        ("(0.1) > 0.2", "(0.1) > 0.5", f"whether 100 mm/s is over 0.5 % {ARM}"),
+        ("(0.1) > 0.2", "(0.1) > 5", f"whether 100 mm/s is over 5 % {ARM}"),
+        ("(0.1) > 0.2", "(0.1) > 50", f"100 or 100000 mm/s, {UNIT}"),
+        ("(0.1) > 0.2", "(0.1) < 0.2", "where Mps decides, only names can be given a value"),
+        ("(0.1) > 0.2", "(10) > 0.2", f"whether 10 mm/s is over 0.2 % {ARM}"),
+        ("unit = 0.001", "unit = 1000", "where Mps decides, only names can be given a value"),
+        ("unit = 0.001", "unit = 0.01", f"whether 1000 mm/s is over 20 % {ARM}"),
+        ("Single = 1\n", "Single = 1000\n", "where Mps decides, only names can be given a value"),
+        ("(20 * unit)", "(20)", f"20 or 20000 mm/s, {UNIT}"),
+        ("        unit = 0.001\n", "", "where Mps decides, only names can be given a value"),
+        (
+            "    If Mps(0.1)",
+            "    If IO[3] = On Then\n    End If\n    If Mps(0.1)",
+            "If is not evaluated, up to line 12",
+        ),
+        (" Or ", " Or 1 < 2 And ", "And beside Or is not evaluated"),
+        (" < 0.5", " = 0.5", "Mps(100 * unit) = 0.5 is not evaluated"),
+    ],
+)
+def test_a_wrong_question_is_a_fault(before: str, after: str, fault: str) -> None:
+    text = text_of(small())
+    assert text.count(before) == 1
+    found = read({"part.pcs": text.replace(before, after)}, {}).faults
+    assert fault in [one.what for one in found if not isinstance(one, Remark)]
+
+
+def test_a_wrong_factor_is_another_speed() -> None:
+    """1.5 and 0.0015 instead of 1 and 0.001: the same speed in both units, but another one."""
+    text = text_of(small()).replace("Single = 1\n", "Single = 1.5\n").replace("unit = 0.001", "unit = 0.0015")
+    with pytest.raises(VerifyError, match=f"whether 150 mm/s is over 20 % {ARM}"):
+        verify(small(), text)
+    begin, end = text.index("    If Mps(100"), text.index("    Speed 10\n")
+    with pytest.raises(VerifyError, match="speed reads 150, planned is 100"):
+        verify(small(), text[:begin] + text[end:])
+
+
+def script(*lines: str, head: str = "Move P, @0 P(0, 0, 50, 180, 0, 0), Speed = 10") -> Reading:
+    text = "\n".join(("Sub Main", "TakeArm Keep = 0", head, *lines, "GiveArm", "End Sub", ""))
+    return read({"part.pcs": text}, {})
+
+
+def test_a_foreign_program_that_does_not_ask_leaves_its_speeds_open() -> None:
+    reading = script("Move L, P(1), Speed = Mps(30)", "Move L, P(2), Speed = Mps(20)")
+    (remark,) = reading.faults
+    assert isinstance(remark, Remark)
+    assert (remark.line, remark.what) == (4, f"30 or 30000 mm/s, {UNIT}")
+    assert [item.speed for item in reading.body[1:] if isinstance(item, MoveL)] == [30.0, 20.0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "speed"),
+    [
+        (("a = 1", "If Mps(0.1) < 0.2 Then", "a = 2", "Else", "a = 0.002", "End If"), 80.0),
+        (("a = 2", "If (0.2 < Mps(0.1)) Then", "a = a / 1000", "EndIf"), 80.0),
+        (("a = 2", "If (Mps(0.1) > 0.2) And (Mps(0.2) > 0.3) Then", "a = 1 - 0.998", "End If"), 80.0),
+        (("a = 2", "If Mps(0.1) > 40 Then", "Move L, P(1)", "If x Then", "y", "End If", "End If", "a = 2",
+          "If Mps(0.1) > 0.2 Then", "a = 0.002", "End If"), 80.0),
+    ],
+)  # fmt: skip
+def test_other_ways_to_ask(lines: tuple[str, ...], speed: float) -> None:
+    reading = script(*lines, "Move L, P(1), Speed = Mps(a * 40)")
+    assert reading.faults == ()
+    assert reading.body[-1].speed == pytest.approx(speed)  # type: ignore[union-attr]
+
+
+def test_what_is_not_asked_of_mps_is_not_evaluated() -> None:
+    for condition in ("IO[3] = On", "a > 3"):
+        (fault,) = script("a = 4", f"If {condition} Then", "a = 5", "End If").faults
+        assert fault.what == "If is not evaluated, up to line 7"
+    (fault,) = script("If Mps(0.1) > 0.2 Then", "a = 5", "ElseIf 1 < 2 Then", "End If").faults
+    assert fault.what == "If is not evaluated, up to line 7"
+
+
+# -- joint motions by what the joints can do ------------------------------------------------------------------------
+
+
+def shared(share: float) -> Program:
+    return program(MoveJ(down(0, 0, 20), 60.0, share=share), MoveL(down(0), 12.5))
+
+
+@pytest.mark.parametrize("options", [{}, {"speed": "percent", "rated": 2000.0}, {"ext_speed": 40.0}])
+def test_a_share_is_a_percentage(options: dict[str, object]) -> None:
+    text = text_of(shared(0.123456), **options)
+    external = float(str(options.get("ext_speed", 100.0)))
+    (line,) = (row for row in text.splitlines() if "Move P, @0 P(" in row)
+    assert float(line.rpartition("= ")[2]) == pytest.approx(12.3456 * 100 / external)
+    verify(shared(0.123456), text, **options)
+
+
+@pytest.mark.parametrize(
+    ("said", "what"),
+    [("12.3457", "share of the joints' speeds reads"), ("Mps(60 * unit)", "share of the joints' speeds reads 0,")],
+)
+def test_another_percentage_is_found(said: str, what: str) -> None:
+    text = text_of(shared(0.123456)).replace("Speed = 12.3456\n", f"Speed = {said}\n")
+    with pytest.raises(VerifyError, match=what):
+        verify(shared(0.123456), text)
+
+
+def test_a_post_without_shares_carries_the_speed() -> None:
+    """Of another controller the share says nothing."""
+    plan = shared(0.5)
+    reading = Reading(
+        tuple(replace(item, share=0.0) if isinstance(item, MoveJ) else item for item in plan.body), (1,) * 3, ()
+    )
+    carries = PacScript.verified_fields - {"joint-share"}
+    compare(plan, reading, PacScript().tolerance(), carries, "part")
+    slower = Reading((*reading.body[:1], replace(reading.body[1], speed=59.0), *reading.body[2:]), (1,) * 3, ())
+    with pytest.raises(VerifyError, match="speed reads 59, planned is 60"):
+        compare(plan, slower, PacScript().tolerance(), carries, "part")
+
+
+@pytest.mark.parametrize(("share", "external", "percent"), [(0.0005, 0.0, "0.05"), (0.5, 30.0, "166.7")])
+def test_a_percentage_that_no_controller_takes_is_refused(share: float, external: float, percent: str) -> None:
+    message = (
+        f"pacscript: 60 mm/s is {percent} % of what the joints can do on this way (instruction 1); "
+        "the controller takes 0.1 to 100 %; change the speed or post.ext_speed"
+    )
+    with pytest.raises(Refused) as refused:
+        text_of(shared(share), ext_speed=external)
+    assert str(refused.value) == message
+
+
+# -- turns on the spot ----------------------------------------------------------------------------------------------
+
+
+def turning(degrees: float) -> Program:
+    """To a point, a quarter turn there at so many deg/s, and on."""
+    turned = frozen(rotation_about(2, math.pi / 2) @ TOOL_DOWN)
+    quarter = MoveL(Pose(turned, (0.0, 0.0, 0.0)), 20.0, turn=math.radians(degrees))
+    return program(MoveL(down(0), 12.5), quarter, MoveL(Pose(turned, (9.0, 0.0, 0.0)), 20.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "percent"),
+    [
+        ({}, "12"),  # 60 of 500 deg/s
+        ({"rated_turn": 240.0}, "25"),
+        ({"rated_turn": 700.0}, "8.5714"),
+        ({"ext_speed": 50.0}, "24"),
+        ({"mps": "m/s"}, "12"),
+        ({"speed": "percent", "rated": 2000.0}, "12"),
+    ],
+)
+def test_a_turn_on_the_spot_is_a_percentage_of_the_rated_turn(options: dict[str, object], percent: str) -> None:
+    text = text_of(turning(60.0), **options)
+    there, turn, on = (row.strip() for row in text.splitlines() if "Move L" in row)
+    assert turn == f"Move L, @0 P(0.000, 0.000, 0.000, 180.0000, 0.0000, 90.0000, -1), Speed = {percent}"
+    if "speed" not in options:
+        assert "Mps(" in there
+        assert "Mps(" in on
+    verify(turning(60.0), text, **options)
+    reading = read({"part.pcs": text}, options)
+    assert [item.turn for item in reading.body if isinstance(item, MoveL)] == pytest.approx(
+        [0.0, math.radians(60.0), 0.0], abs=PacScript(rated_turn=700.0).tolerance().turn
+    )
+
+
+@pytest.mark.parametrize(
+    ("said", "reads"),
+    [("100", "8.726646"), ("12.0002", "1.047215"), ("11.9998", "1.04718"), ("Mps(20 * unit)", "0"), ("Mps(20)", None)],
+)
+def test_another_speed_of_turning_is_found(said: str, reads: str | None) -> None:
+    """rad/s: 100 % are 500 deg/s. By Mps, of which 20 alone would also be another speed, a turn has none."""
+    text = text_of(turning(60.0))
+    assert text.count("Speed = 12\n") == 1
+    what = "20 or 20000 mm/s" if reads is None else f"speed of turning reads {reads}, planned is 1.047198"
+    with pytest.raises(VerifyError, match=what):
+        verify(turning(60.0), text.replace("Speed = 12\n", f"Speed = {said}\n"))
+
+
+def test_a_turn_that_its_digits_do_not_show_is_one_too() -> None:
+    little = frozen(rotation_about(2, 1e-9) @ TOOL_DOWN)
+    plan = program(MoveL(down(0), 12.5), MoveL(Pose(little, (0.0, 0.0, 0.0)), 20.0, turn=math.radians(60.0)))
+    text = text_of(plan)
+    verify(plan, text)
+    with pytest.raises(VerifyError, match="speed of turning reads"):
+        verify(plan, text.replace("Speed = 12\n", "Speed = 13\n"))
+
+
+def test_a_turn_that_was_written_for_another_arm_is_found() -> None:
+    with pytest.raises(VerifyError, match="speed of turning"):
+        verify(turning(60.0), text_of(turning(60.0), rated_turn=240.0))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "options", "numbers"),
+    [
+        (0.4, {}, "a turn at 0.4 deg/s is 0.08 % of 500"),
+        (501.0, {}, "a turn at 501 deg/s is 100.2 % of 500"),
+        (60.0, {"rated_turn": 50.0}, "a turn at 60 deg/s is 120 % of 50"),
+        (60.0, {"ext_speed": 10.0}, "a turn at 60 deg/s is 120 % of 500"),
+    ],
+)
+def test_a_turn_that_no_controller_makes_is_refused(degrees: float, options: dict[str, object], numbers: str) -> None:
+    with pytest.raises(Refused) as refused:
+        text_of(turning(degrees), **options)
+    assert str(refused.value) == (
+        f"pacscript: {numbers}, the controller takes 0.1 to 100 %; change process.turn or mend post.rated_turn "
+        "(instruction 2)"
+    )
+    for within in (0.5, 500.0):
+        verify(turning(within), text_of(turning(within)))
+
+
+def test_a_turn_while_pressing_keeps_its_force() -> None:
+    press = (0.0, 1.0, 0.0)
+    turned = frozen(rotation_about(2, 0.3) @ TOOL_DOWN)
+    quarter = MoveL(Pose(turned, (2.0, 0.0, 0.0)), 20.0, 0.0, 9.0, press, turn=1.0)
+    plan = program(*PRESSING[:4], quarter, *PRESSING[4:])
+    text = text_of(plan, **TEMPLATE)
+    assert text.count("Speed = 11.4592\n") == 1  # 57.2958 of 500 deg/s
+    verify(plan, text, **TEMPLATE)
+
+
+# -- the least speed ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("speed", "options", "told"),
+    [
+        (11.0, {}, ""),
+        (5.0, {}, "5 mm/s, under 0.1 % of an arm that does more than 5000 mm/s"),
+        (5.0, {"ext_speed": 40.0}, ""),
+        (5.0, {"rated": 2000.0}, ""),
+        (5.0, {"rated": 2000.0, "speed": "percent"}, ""),
+    ],
+)
+def test_a_speed_that_may_be_below_the_least_one_is_told(speed: float, options: dict[str, object], told: str) -> None:
+    plan = program(MoveJ(down(0, 0, 20), 60.0), MoveL(down(0), speed))
+    assert (f"' slowest motion: {told}\n" in text_of(plan, **options)) == bool(told)
+    assert ("slowest" in text_of(plan, **options)) == bool(told)
+    notes = make_post(PacScript, options).warn(plan)
+    assert [note.what for note in notes] == ([f"slowest motion: {told}"] if told else [])
+
+
+def test_the_speed_of_a_turn_is_none_of_these() -> None:
+    plan = turning(60.0)
+    slow = plan.with_body(tuple(replace(one, speed=1.0) if getattr(one, "turn", 0) else one for one in plan.body))
+    assert "slowest" not in text_of(slow)
+    assert make_post(PacScript, {}).warn(slow) == ()
+
+
+def test_the_build_says_so() -> None:
+    part = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+    told = camgen.build(part, post="pacscript", job={"process": {"feed": 4.0}}).notes
+    assert "warning: slowest motion: 1 mm/s, under 0.1 % of an arm" in "\n".join(map(str, told))
+    assert not camgen.build(part, post="pacscript", job={"process": {"feed": 80.0}}).notes
+
+
+# -- what other programs spell --------------------------------------------------------------------------------------
+
+
+def test_a_statement_over_several_lines() -> None:
+    reading = script("Set _", "IO[24]", "Move P, _", "  P(1, 2, _", "\t3), Speed = 10", "Delay 5")
+    assert reading.faults == ()
+    assert reading.lines == (3, 4, 6, 9)
+    assert reading.body[2].target.origin == (1.0, 2.0, 3.0)  # type: ignore[union-attr]
+    move = "Move P, @0 P(1.000, 2.000, 3.000), Speed = 10"
+    (fault,) = script("Delay _", move).faults  # a line that alone would be a motion
+    assert fault.line == 4
+    (fault,) = read({"a.pcs": "Sub Main\nEnd Sub\nDelay _"}, {}).faults
+    assert (fault.line, fault.what) == (3, "the statement goes on after the last line")
+
+
+def test_marks_and_tuples() -> None:
+    reading = script("Move L, @C (1, 2, 3, 180, 0, 90, 5), Speed = 10", "Move L, @0 (4, 5, 6), Speed = 10")
+    faults = [fault.what for fault in reading.faults]
+    assert faults == ["a speed in percent, taken of 1000 mm/s; give the option rated"]
+    one, two = reading.body[1:]
+    assert isinstance(one, MoveL)
+    assert isinstance(two, MoveL)
+    assert (one.target.origin, one.blend > 0) == ((1.0, 2.0, 3.0), True)
+    assert one.posture is not None
+    assert one.posture.figure == 5
+    assert one.target.rotation[:, 0].round(9).tolist() == [0.0, 1.0, 0.0]  # Rz(90) Rx(180): x along +y
+    assert (two.target.origin, two.blend) == ((4.0, 5.0, 6.0), 0.0)
+
+
+def test_two_values_in_brackets_are_no_position() -> None:
+    (fault,) = script("a = (1, 2)").faults
+    assert fault.what == "two values in brackets are not evaluated"
+
+
+def test_a_comment_never_goes_on() -> None:
+    """In Basic a line that ends in a blank and _ goes on in the next one, and may do so in a comment."""
+    text = text_of(program(Comment("layer _"), Comment("_"), Comment("a_"), MoveJ(down(0), 10.0)))
+    assert "    ' layer _.\n    ' _.\n    ' a_\n" in text
+    assert read({"a.pcs": text}, {}).faults == ()
+    (remark,) = read({"a.pcs": text.replace("layer _.", "layer _")}, {}).faults
+    assert isinstance(remark, Remark)
+    assert remark.what == "a comment that ends in _: the next line may be taken for a part of it"
+
+
+@pytest.mark.parametrize("name", ["unit", "Status", "log", "TrackMove"])
+def test_words_of_the_language_name_no_program(name: str) -> None:
+    (file,) = PacScript().render(replace(small(), name=name))
+    assert file.name == f"job_{name}.pcs"
