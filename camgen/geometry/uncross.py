@@ -1,6 +1,6 @@
 """Loops that cross themselves by a slip, as loops that only touch themselves.
 
-Where an arc comes back on the segment before it, the two often cross once more a little later: the tip of the cusp is
+Where an arc comes back on the segment before it, the two often cross once more a little later: the tip of the corner is
 a loop of its own, as thin as a hair, that runs the other way round. At a crossing the loop is parted in two that meet
 there. What lies beside the larger one on the side of the part is no border of it; what lies on the other side is a tip
 of the part, and is turned round so that it has the part on the same hand.
@@ -19,8 +19,6 @@ from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, s
 from camgen.geometry.vectors import turns
 from camgen.model.pose import FloatArray
 
-#: A corner that turns by more than this (rad) is a cusp.
-_CUSP = 2.9
 #: Nearer than this (mm) to the end of a segment nothing is told from the end.
 LEAST_SLIP = 1e-5
 
@@ -35,14 +33,23 @@ class _Pieces(Struct, frozen=True, eq=False):
     meet: IntArray
 
 
-def has_cusps(segments: Segments, following: IntArray, count: int) -> BoolArray:
-    """(count,): which owners have a corner where they turn nearly back."""
-    before = np.flatnonzero(following >= 0)
-    leaves = tangents_at(segments, np.zeros(len(segments)))[following[before]]
-    turn = turns(tangents_at(segments, np.ones(len(segments)))[before], leaves)
+def find_slips(segments: Segments, following: IntArray, count: int) -> BoolArray:
+    """(count,): which owners have a segment that crosses the one after it again, beside their corner."""
+    one = np.flatnonzero(following >= 0)
+    two = following[one]
+    curved = segments.is_arc[one] | segments.is_arc[two]
+    one, two = one[curved], two[curved]
+    k, first, second = crossings(segments, one, two)
+    inner = _inner(segments, one[k], first) & _inner(segments, two[k], second)
     result = np.zeros(count, dtype=bool)
-    result[segments.owner[before[np.abs(turn) > _CUSP]]] = True
+    result[segments.owner[one[k[inner]]]] = True
     return result
+
+
+def _inner(segments: Segments, row: IntArray, fraction: FloatArray) -> BoolArray:
+    """(N,): whether a place on a row lies off its ends."""
+    length = segments.length[row]
+    return np.asarray((fraction * length > LEAST_SLIP) & ((1 - fraction) * length > LEAST_SLIP))
 
 
 def uncross(segments: Segments, following: IntArray, chosen: BoolArray) -> tuple[Segments, IntArray]:
@@ -79,13 +86,11 @@ def _slips(segments: Segments, rows: IntArray) -> tuple[IntArray, FloatArray, Fl
         return np.zeros((0, 2), dtype=np.int64), np.zeros(0), np.zeros(0)
     i, j = near_pairs(table, table.owner)
     k, first, second = crossings(table, i, j)
-    inner = np.ones(len(k), dtype=bool)
-    along = first * table.length[i[k]], second * table.length[j[k]]
-    for row, way in zip((i[k], j[k]), along, strict=True):
-        inner &= (way > LEAST_SLIP) & (way < table.length[row] - LEAST_SLIP)
+    inner = _inner(table, i[k], first) & _inner(table, j[k], second)
     # Two that are one are a touch.
-    order = np.lexsort((along[0], k))
-    twice = (np.diff(k[order]) == 0) & (np.diff(along[0][order]) < LEAST_SLIP)
+    along = first * table.length[i[k]]
+    order = np.lexsort((along, k))
+    twice = (np.diff(k[order]) == 0) & (np.diff(along[order]) < LEAST_SLIP)
     inner[order[:-1][twice]] = inner[order[1:][twice]] = False
     return rows[np.column_stack([i[k], j[k]])[inner]], first[inner], second[inner]
 

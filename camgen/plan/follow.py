@@ -9,7 +9,7 @@ from camgen.geometry.intersect import Obstacles, distances, near_pairs
 from camgen.geometry.nesting import Nesting, nest
 from camgen.geometry.offset import Offset, offset
 from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, from_contours, neighbours, points_at
-from camgen.geometry.uncross import has_cusps, uncross
+from camgen.geometry.uncross import find_slips, uncross
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
@@ -137,7 +137,7 @@ def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     source = _turn_round(drawn, loops.flip)
     closed = np.array([c.closed for c in contours])
     following = neighbours(source, closed)
-    source, following = uncross(source, following, closed & has_cusps(source, following, len(contours)))
+    source, following = uncross(source, following, closed & find_slips(source, following, len(contours)))
     curve = beside(
         source, following, closed, loops.group[source.owner], job.tool.diameter / 2, job.operation.corner_radius
     )

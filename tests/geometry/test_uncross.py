@@ -7,7 +7,7 @@ import pytest
 
 from camgen.geometry.nesting import loop_areas
 from camgen.geometry.segments import Segments, from_contours, neighbours
-from camgen.geometry.uncross import has_cusps, uncross
+from camgen.geometry.uncross import find_slips, uncross
 from camgen.model.part import Contour
 from tests.support.drawn import clockwise, contour, rectangle
 
@@ -26,7 +26,7 @@ def spike(off: float = OFF) -> Contour:
 def parted(*contours: Contour) -> tuple[Segments, np.ndarray]:
     source = from_contours(contours)
     following = neighbours(source, np.ones(len(contours), dtype=bool))
-    return uncross(source, following, has_cusps(source, following, len(contours)))
+    return uncross(source, following, find_slips(source, following, len(contours)))
 
 
 def loops(source: Segments, following: np.ndarray) -> list[Segments]:
@@ -91,3 +91,12 @@ def test_other_contours_keep_their_rows() -> None:
     assert source.start[:8, 0].min() == 100
     assert following[:8].tolist() == [1, 2, 3, 0, 5, 6, 7, 4]
     assert sorted(set(source.owner[8:].tolist())) == [1]
+
+
+@pytest.mark.parametrize("degrees", [0.001, 1.0, 10.0, 22.0, 23.0, 40.0])
+def test_a_slip_is_found_however_wide_the_corner(degrees: float) -> None:
+    """The arc turns by 0.8 rad and is back on the line after 2 off: at 22.9 deg it ends there."""
+    off = math.radians(degrees)
+    source, _ = parted(spike(off))
+    again = np.abs(np.hypot(*source.start.T) - 2 * RADIUS * math.sin(off)) < 1e-9
+    assert again.any() == (degrees < 22.9)
