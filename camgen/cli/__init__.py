@@ -14,12 +14,15 @@ from camgen.model.errors import CamgenError, JobError
 from camgen.model.version import __version__
 
 _INTERRUPTED = 130
+#: Standard input, output and error are the descriptors below.
+_STREAMS = 3
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code: 0 done, 1 fault in camgen, 2 usage or input, 3 no safe program, 4 the
     text read back differs from the plan, 130 interrupted.
     """
+    _open_streams()
     # Nothing here is linear algebra that threads would help; starting them costs 50 ms of every run.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = list(sys.argv[1:] if argv is None else argv)
@@ -44,6 +47,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         says.error(f"fault: {type(error).__name__}: {error}; run it again with -vv and report what that prints")
         _trace(says)
         return 1
+
+
+def _open_streams() -> None:
+    """Where a stream was closed before the start (``2>&-``), the next file that is opened would take its place, and
+    what a library says to it would land in that file.
+    """
+    if None not in (sys.stdin, sys.stdout, sys.stderr):
+        return
+    spare = os.open(os.devnull, os.O_RDWR)
+    while spare < _STREAMS:
+        spare = os.open(os.devnull, os.O_RDWR)
+    os.close(spare)
+    sys.stdin = sys.stdin or open(os.devnull)  # noqa: SIM115 (for as long as the process runs)
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
 
 
 def _trace(says: Voice) -> None:

@@ -55,6 +55,9 @@ SMOKES = [
         "speed.page {here}/dxf 500 0.05", (2,), {"points of the program": (100, 5000)},
         lacking("playwright") or lacking(program="chromium"),
     ),
+    # They start processes of their own, which a process with threads must not.
+    Smoke("reliability.inputs 24 0 1", (12,), {"mutants": (2, 2), "misses": (0, 0)}, alone=True),
+    Smoke("reliability.kills 2 1", (2,), {"files damaged": (0, 0)}, alone=True),
     Smoke("tours.order 50", (2,), {"paths": (50, 50), "of it": (5, 60)}),
     Smoke("tours.search 20", (3,), {"paths": (20, 20), "travel, m": (0.15, 0.3), "bound, m": (0.1, 0.3)}),
     Smoke("tours.drawings {here}/dxf", (1,), {"paths": (9, 9), "as drawn": (150, 250), "default": (80, 150)}),

@@ -1,0 +1,196 @@
+"""What a run must not depend on, and what it meets where it is run: other locales, no network, closed pipes, folders
+that nobody may write to, another run beside it.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PARTS = ROOT / "fixtures" / "parts"
+#: A user that owns nothing.
+NOBODY = 65534
+BUILD = ("build", str(PARTS / "bracket.dxf"), "--post", "rapid")
+
+
+def run(*words: str, cwd: Path, env: dict[str, str] | None = None, **more: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "camgen", *words]
+    environment = {"PATH": os.environ["PATH"], **(env or {})}
+    return subprocess.run(  # type: ignore[call-overload, no-any-return]
+        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=120, check=False, **more
+    )
+
+
+@pytest.mark.parametrize(
+    "env",
+    [
+        {"PYTHONHASHSEED": "0"},
+        {"PYTHONHASHSEED": "12345"},
+        {"LC_ALL": "POSIX"},
+        {"LC_ALL": "C.UTF-8", "LANG": "tr_TR.UTF-8"},
+        {"TZ": "Asia/Kathmandu", "OMP_NUM_THREADS": "3", "OPENBLAS_NUM_THREADS": "3"},
+        {"PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"},
+    ],
+    ids=lambda env: " ".join(f"{key}={value}" for key, value in env.items()),
+)
+@pytest.mark.parametrize("part", ["bracket.dxf", "logo.svg", "gear.png"])
+def test_the_same_job_gives_the_same_bytes(part: str, env: dict[str, str], tmp_path: Path) -> None:
+    words = ("build", str(PARTS / part), "--post", "gcode", "--report", "r.json", "--plan", "p.json", "-o", "part.ngc")
+    more = ("--set", "image.mm_per_px=0.1") if part.endswith("png") else ()
+    texts = []
+    for number, environment in enumerate(({}, env)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        done = run(*words, *more, cwd=folder, env=environment)
+        assert done.returncode == 0, done.stderr
+        texts.append([(folder / name).read_bytes() for name in ("part.ngc", "r.json", "p.json")] + [done.stderr])
+    assert texts[0] == texts[1]
+
+
+#: Ends the process where anything asks for a name of the network or connects to it.
+WATCHED = """
+import os, sys
+def hook(event, arguments):
+    if event.startswith("socket.") and event not in ("socket.__new__",) or event == "urllib.Request":
+        os.write(2, f"the network: {event} {arguments}".encode())
+        os._exit(99)
+sys.addaudithook(hook)
+from camgen.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        BUILD,
+        (
+            "build",
+            str(PARTS / "logo.svg"),
+            "--post",
+            "pacscript",
+            "--set",
+            "operation.kind=trace",
+            "--preview",
+            "p.html",
+        ),
+        ("build", str(PARTS / "gear.png"), "--post", "grbl", "--set", "image.mm_per_px=0.1", "--preview", "p.png"),
+        ("inspect", str(PARTS / "rfa1.stl")),
+        ("posts",),
+        ("robots",),
+        ("schema",),
+    ],
+    ids=lambda words: " ".join(Path(word).name for word in words),
+)
+def test_nothing_asks_the_network(words: tuple[str, ...], tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WATCHED, *words], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    "words", [("posts",), ("robots", "--json"), ("inspect", str(PARTS / "bracket.dxf")), ("schema",)]
+)
+def test_whoever_reads_may_stop_reading(words: tuple[str, ...], tmp_path: Path) -> None:
+    """As ``| head -0`` does: the pipe is closed before anything is written."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "camgen", *words]
+    done = subprocess.run(
+        command, cwd=tmp_path, stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+    )
+    os.close(writer)
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+    assert done.returncode in (0, 2, 141)
+
+
+def test_without_an_output_at_all_a_program_is_written(tmp_path: Path) -> None:
+    """As ``>&- 2>&-`` leaves it."""
+    command = f'exec "{sys.executable}" -m camgen {" ".join(BUILD)} >&- 2>&-'
+    done = subprocess.run(["sh", "-c", command], cwd=tmp_path, timeout=60, check=False)
+    assert done.returncode == 0
+    assert (tmp_path / "bracket.mod").read_text().endswith("ENDMODULE\n")
+
+
+def test_two_builds_into_one_folder_both_end_well(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "camgen", *BUILD, "--plan", "p.json", "--report", "r.json", "-q"]
+    beside = [subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) for _ in range(4)]
+    ends = [(process.communicate(timeout=120)[1], process.returncode) for process in beside]
+    assert ends == [("", 0)] * 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bracket.mod", "p.json", "r.json"]
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    assert run(*BUILD, "--plan", "p.json", "--report", "r.json", cwd=alone).returncode == 0
+    for name in ("bracket.mod", "p.json", "r.json"):
+        assert (tmp_path / name).read_bytes() == (alone / name).read_bytes()
+
+
+# As a user that may not do everything, which root is not.
+
+
+#: Everything is imported by a first run, since the interpreter itself may be where nobody else can read.
+AS_NOBODY = f"""
+import os, sys
+from camgen.cli import main
+first, folder, *words = sys.argv[1:]
+assert main(["build", {str(PARTS / "bracket.dxf")!r}, "--post", "rapid", "-q", "-o", first]) == 0
+os.chdir(folder)
+os.setgid({NOBODY})
+os.setuid({NOBODY})
+sys.exit(main(words))
+"""
+
+
+def as_nobody(*words: str, cwd: Path, first: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", AS_NOBODY, str(first / "first.mod"), str(cwd), *words]
+    return subprocess.run(command, cwd=first, capture_output=True, text=True, timeout=120, check=False)
+
+
+needs_root = pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() != 0, reason="only root can be another user")
+
+
+@pytest.fixture
+def shared() -> Iterator[Path]:
+    """A folder that every user can enter, which those of pytest are not."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as name:
+        folder = Path(name)
+        folder.chmod(0o755)
+        (folder / "part.dxf").write_bytes((PARTS / "bracket.dxf").read_bytes())
+        (folder / "part.dxf").chmod(0o644)
+        yield folder
+
+
+@needs_root
+def test_a_folder_that_may_not_be_written_to_is_told(shared: Path, tmp_path: Path) -> None:
+    done = as_nobody("build", "part.dxf", "--post", "rapid", cwd=shared, first=tmp_path)
+    assert done.returncode == 2
+    errors = [line for line in done.stderr.splitlines() if line.startswith("camgen: error:")]
+    assert len(errors) == 1
+    assert "part.mod: cannot be written: Permission denied" in errors[0]
+    assert sorted(path.name for path in shared.iterdir()) == ["part.dxf"]
+
+
+@needs_root
+def test_a_file_that_may_not_be_read_is_told(shared: Path, tmp_path: Path) -> None:
+    (shared / "part.dxf").chmod(0o600)
+    done = as_nobody("inspect", "part.dxf", cwd=shared, first=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("camgen: error: part.dxf: cannot be read: Permission denied")
+    assert done.stderr.count("\n") == 1
+
+
+@needs_root
+def test_an_old_file_that_may_not_be_replaced_stays(shared: Path, tmp_path: Path) -> None:
+    (shared / "part.mod").write_text("an older program\n")
+    done = as_nobody("build", "part.dxf", "--post", "rapid", cwd=shared, first=tmp_path)
+    assert done.returncode == 2
+    assert (shared / "part.mod").read_text() == "an older program\n"
