@@ -240,6 +240,9 @@ class GCode(Rs274):
         kw_only=True,
         metadata={"help": "digital output (P0 to P63) or coolant (M7, M8) of each signal"},
     )
+    outputs: int = field(
+        default=4, kw_only=True, metadata={"help": "digital and analog outputs that the machine has, to read back by"}
+    )
     force: Literal["refuse", "ignore", "analog"] = field(
         default="refuse", kw_only=True, metadata={"help": "ignore: leave out; analog: an analog output (M67, M68)"}
     )
@@ -261,6 +264,8 @@ class GCode(Rs274):
             remedy = "0 for the exact path; without a tolerance LinuxCNC would round corners by any amount"
             raise JobError("[post] path_tolerance", f"{self.path_tolerance} is not 0.0001 to 10 mm", remedy=remedy)
         check_signals(self.signals, _OUTPUTS, [COOLANT])
+        if not 1 <= self.outputs <= 64:
+            raise JobError("[post] outputs", f"{self.outputs} is not 1 to 64", remedy="num_dio and num_aio of motmod")
         if not 0 <= self.force_channel <= 63:
             raise JobError("[post] force_channel", f"{self.force_channel} is not 0 to 63")
         if self.force == "analog" and not 1e-3 <= self.force_scale <= 1e3:

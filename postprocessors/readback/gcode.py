@@ -8,6 +8,7 @@ shifts of the origin) is run once more as a foreign one; what is not known there
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ from dataclasses import dataclass, field
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
 from camgen.model.program import Force, Instruction, Output
+from camgen.model.text import counted
 from camgen.post import Fault, Reading, Remark
 from camgen.read.gcode import arcs
 from camgen.read.gcode.interpreter import Blocks, interpret, play
@@ -34,6 +36,16 @@ _WORDS = re.compile(r"([a-z])([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
 _LINE = re.compile(rf"(?:{_WORDS.pattern})*")
 #: Comments that LinuxCNC acts on. ``MSG`` only shows its text.
 _ACTIVE = re.compile(r"\s*(debug|print|log|logopen|logappend|logclose|probeopen|probeclose|abort|py)\b", re.IGNORECASE)
+#: What the program before may have left otherwise (LinuxCNC's M2 and GRBL's reset put it back, an abort need not):
+#: by modal group, and as posts say it before anything moves. Units, tool length and path have remarks of their own.
+_MODES = {
+    "plane": "G17",
+    "cutter compensation": "G40",
+    "cycle off": "G80",
+    "distance": "G90",
+    "arc distance": "G91.1",
+    "feed mode": "G94",
+}
 #: Groups that are one here, of which LinuxCNC takes two codes in one line or the interpreter does.
 _ONE_GROUP = {"motion": ("cycle off", "motion"), "coolant": ("mist", "flood", "coolant off")}
 _COOLANTS = {"M7": "mist", "M8": "flood"}
@@ -53,7 +65,8 @@ class Rules:
 
     codes: those that are read. limit: characters per line, counted without blanks and comments where ``squeezed``.
     forbidden: characters that must not even stand in a comment. linuxcnc: its per cent signs, active comments, block
-    delete and circles without an end point, else GRBL's way with these. arcs: what it takes as one.
+    delete and circles without an end point, else GRBL's way with these. arcs: what it takes as one. most_tool,
+    most_line: the largest T and N.
     """
 
     name: str
@@ -63,6 +76,8 @@ class Rules:
     forbidden: re.Pattern[str] | None
     linuxcnc: bool
     arcs: arcs.Limits
+    most_tool: float = math.inf
+    most_line: float = math.inf
 
 
 _CODES = """
@@ -86,7 +101,8 @@ class Expect:
 
     work: the work offset. tool: the tool that is changed to, 0: none. path: most mm of G64, None where the controller
     has none. names: signal by output, as the interpreter names those. lift: up in machine coordinates before G49.
-    force: analog output and value per N, None without force.
+    force: analog output and value per N, None without force. digital, analog: how many of these outputs the machine
+    has.
     """
 
     work: str
@@ -95,15 +111,18 @@ class Expect:
     names: Mapping[str, str] = field(default_factory=dict)
     lift: bool = False
     force: tuple[int, float] | None = None
+    digital: int = 4
+    analog: int = 4
 
 
 @dataclass(slots=True, kw_only=True)
 class Strict(Machine):
     """The machine that takes only what posts write, and notes faults instead of stopping.
 
-    text: whether a line has come that is not blank. started: a motion was read. applied, path: G43 or G49, and G61 or
-    G64, as the program said. changed: to the tool. pressing: by force; following: N from the next motion on. waiting:
-    the line of an output that waits for the next motion. unread: the first line with a word that no post writes.
+    text: whether a line has come that is not blank. said: the modal groups that have come. started: a motion was read.
+    applied, path: G43 or G49, and G61 or G64, as the program said. changed: to the tool. pressing: by force;
+    following: N from the next motion on. waiting: the line of an output that waits for the next motion. unread: the
+    first line with a word that no post writes.
     """
 
     rules: Rules
@@ -113,6 +132,7 @@ class Strict(Machine):
     blend: float = 0.0
     faults: list[Fault] = field(default_factory=list)
     text: bool = False
+    said: set[str] = field(default_factory=set)
     started: bool = False
     applied: str = ""
     path: str = ""
@@ -166,12 +186,10 @@ class Strict(Machine):
             raise LineError(f"{len(text)} characters without blanks and comments, {rules.name} reads {rules.limit}")
         if text.startswith("/") and rules.linuxcnc:
             raise UnknownWord("block delete: whether the line runs depends on a switch of the operator")
-        text = without_number(text.lower().removeprefix("/"))
-        _refuse_unread(text)
-        return text
+        return _words(text.lower().removeprefix("/"), rules)
 
-    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (as the machine's)
-        """LineError for a code that no post writes, and for two of one group."""
+    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
+        """LineError for a code that no post writes, for two of one group, and for a tool that cannot be."""
         for code in codes.values():
             if code not in self.rules.codes:
                 raise not_read(code, f"not a code of {self.rules.name}")
@@ -179,6 +197,9 @@ class Strict(Machine):
             both = [codes[group] for group in groups if group in codes]
             if len(both) > 1:
                 raise LineError(f"{both[0]} and {both[1]} are of one group ({name})")
+        if words.get("T", 0.0) > self.rules.most_tool:
+            raise LineError(f"T{words['T']:g}: {self.rules.name} has tools to T{self.rules.most_tool:g}")
+        self.said.update(codes)
 
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
         """As the machine does, but as the options of the post expect it."""
@@ -208,6 +229,8 @@ class Strict(Machine):
         """A motion code that leads nowhere needs a feed too."""
         if code == "G1" and self.feed <= 0:
             raise LineError("G1 without a feed (F)")
+        if self.lifted:
+            _check_modes(self)
         Machine.stand(self, code)
 
     def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
@@ -226,6 +249,16 @@ class Strict(Machine):
         if self.following is not None:
             self.force, self.following = self.following, None
         Machine.settle(self, code, words, cycle)
+
+
+def _words(text: str, rules: Rules) -> str:
+    """A line of small letters without its number. LineError for a number out of range, and for what is no word."""
+    words = without_number(text)
+    number = text[: len(text) - len(words)]
+    if number and float(number[1:]) > rules.most_line:
+        raise LineError(f"{number.upper()[:12]}: {rules.name} numbers lines to {rules.most_line:.0f}")
+    _refuse_unread(words)
+    return words
 
 
 def _refuse_active(text: str) -> None:
@@ -256,6 +289,7 @@ def _start(m: Strict) -> None:
     if m.started:
         return
     m.started = True
+    _check_modes(m)
     if m.unit is None:
         m.unit = 1.0
         m.remark("a motion before G20 or G21; read as mm")
@@ -270,6 +304,17 @@ def _start(m: Strict) -> None:
         m.remark("G53 has sent the tool to the machine's zero of Z, but post.lift is false")
     if m.expect.path is not None and not m.path:
         m.remark("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
+
+
+def _check_modes(m: Strict) -> None:
+    """A remark on the modes that the program has not said when something moves for the first time."""
+    needed = {**_MODES, "work offset": m.expect.work}
+    missing = [code for group, code in needed.items() if group not in m.said]
+    if missing:
+        m.remark(
+            f"{', '.join(missing)} not said before the first motion: the program before may have left it otherwise"
+        )
+    m.said.update(needed)
 
 
 def _place(m: Strict, named: Sequence[str]) -> None:
@@ -302,6 +347,10 @@ def _check_cycle(m: Strict, words: Mapping[str, float]) -> None:
 
 
 def _switch(m: Strict, code: str, words: dict[str, float]) -> None:
+    letter, count = ("E", m.expect.analog) if code in ("M67", "M68") else ("P", m.expect.digital)
+    if words.get(letter, 0.0) >= count:
+        has = f"the machine has {counted(count, 'such output')} from {letter}0 (post.outputs)"
+        raise LineError(f"{code} {letter}{words[letter]:g}: {has}")
     if code in ("M62", "M63", "M67"):
         m.waiting = m.line
     HANDLERS["outputs"](m, code, words)
@@ -352,6 +401,11 @@ def _work_offset(m: Strict, code: str, words: dict[str, float]) -> None:
 def _path(m: Strict, code: str, words: dict[str, float]) -> None:
     m.path = code
     if code != "G64":
+        wanted = f"G64 P{m.expect.path:g}" if m.expect.path else "G61"
+        if m.expect.path is None:
+            m.remark(f"{code} changes nothing: {m.rules.name} rounds corners by its own setting")
+        elif code != wanted:
+            m.remark(f"{code} where post.path_tolerance asks for {wanted}: corners take another time")
         return
     tolerance = words.pop("P", 0.0)
     joined = words.pop("Q", tolerance)
@@ -415,13 +469,17 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     force = None
     if options.get("force") == "analog":
         force = (int(number(options, "force_channel", 0)), number(options, "force_scale", 0.0) or 1.0)
+    names = signals(options, {"process": "P0"})
+    outputs = int(number(options, "outputs", 4))
     expect = Expect(
         work=str(options.get("work", "G54")),
         tool=int(number(options, "tool", 0)),
         path=number(options, "path_tolerance", 0.01),
-        names=signals(options, {"process": "P0"}),
+        names=names,
         lift=options.get("lift", True) is True,
         force=force,
+        digital=max([outputs, *(int(word[4:]) + 1 for word in names if re.fullmatch("dout[0-9]{1,2}", word))]),
+        analog=max(outputs, force[0] + 1 if force else 0),
     )
     lines = lines_of(files)
     m = run(lines, LINUXCNC, expect)

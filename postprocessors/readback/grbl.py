@@ -28,6 +28,8 @@ GRBL = Rules(
     forbidden=re.compile(r"[!~?]|[^\t -~]"),
     linuxcnc=False,
     arcs=Limits(spiral=(0.005, 0.5, 0.005), shorter=0.0, least_radius=1e-6, turns=False),
+    most_tool=255,
+    most_line=10_000_000,
 )
 
 

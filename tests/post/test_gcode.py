@@ -12,13 +12,19 @@ from camgen.geometry.arcs import circle
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.post import Fault, Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
 from tests.support.rs274 import assert_moves, at, difference, moves, needs_rs274, posted, program, programs, run
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"
+UNSAID = "not said before the first motion: the program before may have left it otherwise"
 SLOW = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 S = 10 / math.sqrt(2)
+
+
+#: The modes that a program says before it moves.
+SAFE = "G17 G21 G40 G54 G80 G90 G91.1 G94"
 
 
 def gcode(**options):
@@ -31,7 +37,7 @@ def read(text, **options):
 
 def faults(*lines, **options):
     """The faults of lines between a lead of two and the end."""
-    text = "\n".join(["G21 G64 P0.01", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
+    text = "\n".join([f"{SAFE} G64 P0.01", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
     return [(fault.line - 3, fault.what) for fault in read(text, **options).faults]
 
 
@@ -139,7 +145,8 @@ def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
     text = f"G21 G61\n{before}G53 G0 Z0\nG49 G90\nG0 X1 Y2\nG0 Z3\nM2\n"
     canon = run(text)
     assert bool(canon.error) == refused
-    assert [f.what for f in read(text).faults][:1] == (["G53 among increments (G91)"] if refused else [])
+    found = [f.what for f in read(text).faults if not isinstance(f, Remark)]
+    assert found[:1] == (["G53 among increments (G91)"] if refused else [])
     if not refused:
         (home,) = read(text).body
         (reached,) = moves(canon)
@@ -158,7 +165,7 @@ def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
     ],
 )
 def test_the_lift_of_the_options_is_held_against_the_text(line, options, says):
-    text = f"G21 G61\n{line}\nG49\nG0 X1 Y2\nG0 Z3\nM2\n"
+    text = f"{SAFE} G64 P0.01\n{line}\nG49\nG0 X1 Y2\nG0 Z3\nM2\n"
     assert says in [f.what for f in read(text, **options).faults]
     assert not read(text.replace(f"\n{line}\n", "\nG53 G0 Z0\n", 1)).faults
 
@@ -462,17 +469,69 @@ def test_instructions_know_their_lines():
 
 
 def test_every_line_matters():
-    """Without any one of its lines the text is not the program: comments, the default G91.1, and G49 where G43 follows
-    aside.
-    """
+    """Without any one of its lines the text is not the program: comments, and G49 where G43 follows aside."""
     for options in ({}, {"tool": 1}, {"lift": False}):
         ready, text = posted(gcode(**options), PART)
         lines = text.splitlines()
         for k, line in enumerate(lines):
-            if line.startswith("(") or line == "G91.1" or (line == "G49" and "tool" in options):
+            if line.startswith("(") or (line == "G49" and "tool" in options):
                 continue
             left = read("\n".join(lines[:k] + lines[k + 1 :]) + "\n", **options)
             assert difference(ready, left, gcode().tolerance()), line
+
+
+@pytest.mark.parametrize("word", ["G17", "G40", "G54", "G80", "G90", "G91.1", "G94"])
+@pytest.mark.parametrize("options", [{}, {"lift": False}], ids=["lift", "no lift"])
+def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word, options):
+    """The program before may have been aborted in another one. A foreign text may rely on the machine's."""
+    _, text = posted(gcode(**options), PART)
+    left = text.replace(f"{word} ", "", 1) if f"{word} " in text else text.replace(f"{word}\n", "\n")
+    first = next(k for k, line in enumerate(left.splitlines(), 1) if "G0 " in line)
+    assert read(left, **options).faults == (Remark(first, f"{word} {UNSAID}"),)
+    assert f"{word} not said" in difference(PART, read(left, **options), gcode(**options).tolerance())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        (
+            "G0 X5",
+            "G61\nG0 X5",
+            Remark(15, "G61 where post.path_tolerance asks for G64 P0.01: corners take another time"),
+        ),
+        ("M64 P0", "M64 P99", Fault(17, "M64 P99: the machine has 4 such outputs from P0 (post.outputs)")),
+        ("M64 P0", "M62 P4", Fault(17, "M62 P4: the machine has 4 such outputs from P0 (post.outputs)")),
+        ("M64 P0", "M64 P0\nM68 E4 Q1", Fault(18, "M68 E4: the machine has 4 such outputs from E0 (post.outputs)")),
+        ("M2\n", "", Fault(26, "the program has no end (M2 or M30)")),
+        (
+            "G1 X45",
+            "G53 G0 Z0\nG1 X45",
+            Fault(18, "G53 is not read: goes to machine coordinates, which are not known here"),
+        ),
+    ],
+)
+def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(old, new, fault):
+    assert read(TEXT.replace(old, new, 1)).faults == (fault,)
+
+
+def test_the_outputs_of_the_machine_are_an_option():
+    more = TEXT.replace("M65 P0", "M65 P6\nM65 P0", 1)
+    assert [fault.line for fault in read(more).faults] == [8]
+    assert not read(more, outputs=8).faults
+    assert not read(TEXT.replace("P0\n", "P7\n"), signals={"process": "P7"}).faults
+    assert not read(more, signals={"process": "P0", "glue": "P6"}).faults
+    assert not read(
+        TEXT.replace("M64 P0", "M64 P0\nM68 E7 Q1"), force="analog", force_scale=1.0, force_channel=7
+    ).faults
+    with pytest.raises(JobError, match="65 is not 1 to 64"):
+        gcode(outputs=65)
+
+
+def test_the_exact_path_is_that_of_the_option():
+    exact = posted(gcode(path_tolerance=0.0), PART)[1]
+    assert not read(exact, path_tolerance=0.0).faults
+    said = read(exact.replace("G61\n", "G61.1\n"), path_tolerance=0.0).faults
+    assert said == (Remark(6, "G61.1 where post.path_tolerance asks for G61: corners take another time"),)
 
 
 @pytest.mark.parametrize("step", range(1, 10))
@@ -567,12 +626,16 @@ def test_faults_name_line_and_word(line, says):
 
 def test_faults_of_the_whole_program():
     assert [(f.line, f.what) for f in read("G21\nG0 Z5\nG61\n").faults] == [
+        (2, f"G17, G40, G80, G90, G91.1, G94, G54 {UNSAID}"),
         (2, "neither G49 nor G43 before the first motion: a tool length that is on shifts Z"),
         (2, "neither G61 nor G64 P before the first motion: corners may be rounded by any amount"),
+        (3, "G61 where post.path_tolerance asks for G64 P0.01: corners take another time"),
         (3, "the program has no end (M2 or M30)"),
         (3, "the program ends before the position is known in all axes"),
     ]
-    assert [(f.line, f.what) for f in read("G61 G49\nG0 X1 Y1\nM2\nG0 X2\n").faults] == [
+    assert [
+        (f.line, f.what) for f in read("G17 G40 G54 G80 G90 G91.1 G94 G64 P0.01 G49\nG0 X1 Y1\nM2\nG0 X2\n").faults
+    ] == [
         (1, "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"),
         (2, "a motion before G20 or G21; read as mm"),
         (2, "X or Y moves while Z is not known; read as from 0"),
@@ -599,7 +662,7 @@ def test_faults_before_the_position_is_known(lines, says):
 
 
 def test_reading_goes_on_at_the_end_of_what_is_refused():
-    text = "G21 G61 G49\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
+    text = f"{SAFE} G64 P0.01 G49\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
     reading = read(text, lift=False)
     assert [(fault.line, fault.what.split(" (")[0]) for fault in reading.faults] == [
         (4, "the radii of the arc differ by 6.0711 mm"),
@@ -661,7 +724,7 @@ def test_reader_agrees_with_the_interpreter(text):
         "neither G49 nor G43 before the first motion: a tool length that is on shifts Z",
         "neither G61 nor G64 P before the first motion: corners may be rounded by any amount",
     ]
-    assert [f.what for f in reading.faults] == allowed
+    assert [f.what for f in reading.faults if UNSAID not in f.what] == allowed
     canon = run(text)
     assert canon.error == ""
     calls = [call for call in canon.calls if call.kind.startswith(("STRAIGHT", "ARC"))]

@@ -205,7 +205,7 @@ def test_a_cycle_that_no_post_writes_is_never_ours(line):
 
 
 def test_a_wait_at_the_bottom_is_read():
-    lead = ["G17 G21 G90 G64 P0.01", "G53 G0 Z0", "G49", "G0 X0 Y0", "G0 Z5"]
+    lead = ["G17 G21 G40 G54 G80 G90 G91.1 G94 G64 P0.01", "G53 G0 Z0", "G49", "G0 X0 Y0", "G0 Z5"]
     found = read("\n".join([*lead, "G98 G82 X1 Y1 Z-1 R1 P0.5 F60", "G80", "M2", ""]))
     assert not found.faults
     assert kinds(found.body) == [MoveJ, MoveJ, MoveJ, MoveL, Wait, MoveJ]

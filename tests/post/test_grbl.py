@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from camgen.model.errors import JobError, Refused
 from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.post import Fault, Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
 from tests.support.rs274 import assert_moves, at, difference, needs_rs274, posted, program, programs, run
@@ -32,7 +33,7 @@ def read(text, **options):
 
 
 def faults(*lines, **options):
-    text = "\n".join(["G21 G49", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
+    text = "\n".join(["G17 G21 G40 G49 G54 G80 G90 G91.1 G94", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
     return [(fault.line - 3, fault.what) for fault in read(text, **options).faults]
 
 
@@ -292,6 +293,39 @@ def test_faults_name_line_and_word(line, says):
     assert (1, says) in faults(line)
 
 
+UNSAID = "not said before the first motion: the program before may have left it otherwise"
+
+
+@pytest.mark.parametrize("word", ["G17", "G40", "G54", "G80", "G90", "G91.1", "G94"])
+def test_a_mode_that_is_not_said_is_a_fault_of_our_program(word):
+    left = TEXT.replace(f"{word} ", "", 1) if f"{word} " in TEXT else TEXT.replace(f"{word}\n", "\n")
+    assert read(left).faults == (Remark(7, f"{word} {UNSAID}"),)
+    assert f"{word} not said" in difference(PART, read(left), grbl().tolerance())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("G0 X5", "T300\nG0 X5", Fault(9, "T300: GRBL has tools to T255")),
+        ("G0 X5", "T256\nG0 X5", Fault(9, "T256: GRBL has tools to T255")),
+        ("G1 Z10", "N10000001 G1 Z10", Fault(19, "N10000001: GRBL numbers lines to 10000000")),
+        ("G0 X5", "G61\nG0 X5", Remark(9, "G61 changes nothing: GRBL rounds corners by its own setting")),
+        ("M2\n", "", Fault(20, "the program has no end (M2 or M30)")),
+        (
+            "G1 X45",
+            "G53 G0 Z0\nG1 X45",
+            Fault(13, "G53 is not read: goes to machine coordinates, which are not known here"),
+        ),
+    ],
+)
+def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(old, new, fault):
+    assert read(TEXT.replace(old, new, 1)).faults == (fault,)
+
+
+def test_tools_and_numbers_within_the_firmware():
+    assert faults("T255", "N10000000 G0 X1", "N9999999.5 G0 X2") == []
+
+
 def test_what_grbl_takes():
     assert faults("/G0 X1", "(a (b)", "; x ( y", "N7 g1 x 1 0 f1 00", "T1", "(" + "c" * 200 + ") G0 X1") == [
         (2, "a comment that is not closed, or closed twice")
@@ -302,7 +336,7 @@ def test_what_grbl_takes():
 def test_every_line_matters():
     lines = TEXT.splitlines()
     for k, line in enumerate(lines):
-        if not line.startswith("(") and line != "G91.1":
+        if not line.startswith("("):
             left = read("\n".join(lines[:k] + lines[k + 1 :]) + "\n")
             assert difference(PART, left, grbl().tolerance()), line
 
