@@ -30,7 +30,7 @@ from camgen.model.program import (
     Wait,
     splice,
 )
-from camgen.post import Reading
+from camgen.post import Fault, Reading, Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
 from tests.support.whole import whole
@@ -533,7 +533,8 @@ def reading(*lines: str, **options: object) -> Reading:
 
 
 def faults(found: Reading) -> list[tuple[int, str]]:
-    return [(f.line, f.what) for f in found.faults]
+    """Without remarks, which a text by hand has for what it leaves to the controller."""
+    return [(f.line, f.what) for f in found.faults if not isinstance(f, Remark)]
 
 
 def origins(found: Reading) -> list[tuple[float, ...]]:
@@ -604,11 +605,12 @@ def test_trans_turns_about_z_y_z(yaw: float, pitch: float, roll: float) -> None:
 
 
 def test_precision_points() -> None:
-    found = reading("SET #p = #PPOINT(90, 0, 50, -180)", "MOVE #p", "BREAK", "MOVE #PPOINT(180,0,90,0,0,0)", "BREAK")
-    assert [m.target for m in found.body if isinstance(m, MoveJ)] == [
+    slide = reading("SET #p = #PPOINT(90, 0, 50, -180)", "MOVE #p", "BREAK")
+    six = reading("MOVE #PPOINT(180,0,90,0,0,0)", "BREAK")
+    assert [m.target for m in (*slide.body, *six.body) if isinstance(m, MoveJ)] == [
         Joints((math.pi / 2, 0, 50, -math.pi)), Joints((math.pi, 0, math.pi / 2, 0, 0, 0)),
     ]  # fmt: skip
-    assert faults(found) == []
+    assert faults(slide) == faults(six) == []
 
 
 def test_speeds() -> None:
@@ -714,6 +716,90 @@ def test_faults_by_line(lines: list[str], expected: tuple[int, str]) -> None:
     assert expected in faults(found)
     # What is in a block that is not evaluated does not count as done.
     assert not lines[0].startswith(("IF", "WHILE", "DO", "CASE")) or found.body == ()
+
+
+UNSAID = "not said before the first motion: the program before may have left it otherwise"
+SETTLES = "sets how exactly the robot stops, which camgen never writes"
+RATED = "ACCEL other than 100, 100: corners and the time of the program are others"
+OVER = "SPEED above 100 %: the controller takes the most that it has"
+HEADER = ".PROGRAM bracket_top()"
+POINT = "    MOVE #PPOINT(0, 45, 50, 0)\n    BREAK\n    SPEED 12.5"
+#: Of the text above: what is changed, and what is found in which line. The first motion is in 16, 15 without RIGHTY.
+STRICT: list[tuple[str, str, Fault]] = [
+    ("    RETURN", "    MOVE cg.work:NULL\n    BREAK",
+     Fault(35, "a motion after DETACH: the robot is not attached to this program")),
+    (HEADER, ".PROGRAM move()", Fault(1, "move is a word of V+, not the name of a program")),
+    (HEADER, ".PROGRAM Coarse()", Fault(1, "Coarse is a word of V+, not the name of a program")),
+    (HEADER, ".PROGRAM bracket_top_side()",
+     Remark(1, "bracket_top_side is longer than 15 characters, of which V+ ignores the rest")),
+    ("    AUTO cg.tool, cg.work", "    AUTO cg.tool, cg.work, cg.tool", Fault(5, "cg.tool is declared twice")),
+    ("    SELECT ROBOT", "    AUTO cg.work\n    SELECT ROBOT", Fault(6, "cg.work is declared twice")),
+    ("    BREAK\n    SIGNAL 33", "7   BREAK\n07  SIGNAL 33", Fault(23, "label 7 is there twice")),
+    (".END\n", ".END foo\n", Remark(36, "'foo' after .END, of which V+ reads no more")),
+    ("(40,0,0,0,180,0)", "(40,0,0,0,170,0)",
+     Fault(28, "the flange 10 deg from straight down, which an arm of four axes cannot take")),
+    ("(40,0,0,0,180,0)", "(40,0,0,0,0,0)",
+     Fault(28, "the flange 180 deg from straight down, which an arm of four axes cannot take")),
+    ("    RIGHTY", "    RIGHTY\n    FLIP", Fault(16, "FLIP: an arm of four axes has no such posture")),
+    ("    RIGHTY", "    BELOW", Fault(15, "BELOW: an arm of four axes has no such posture")),
+    ("SIGNAL 33\n    WAIT", "SIGNAL 33, 10000\n    WAIT", Fault(23, "10000 is no output")),
+    ("SIGNAL 33\n    WAIT", "SIGNAL 33, 2000\n    WAIT", Fault(23, "2000 is no output")),
+    ("SPEED 12.5 ALWAYS", "SPEED 120 ALWAYS", Remark(18, OVER)),
+    ("20, 100 MMPS", "20, 101 MMPS", Remark(20, OVER)),
+    ("    RIGHTY", "    SPEED 101 MONITOR", Remark(15, OVER)),
+    (POINT, POINT.replace("50, 0", "50, 0, 0, 0"), Fault(32, "a precision point of 4 axes, others have 6")),
+    ("    RIGHTY", "    COARSE", Remark(15, f"COARSE {SETTLES}")),
+    ("    RIGHTY", "    COARSE 150 ALWAYS", Remark(15, f"COARSE {SETTLES}")),
+    ("    RIGHTY", "    FINE 50", Remark(15, f"FINE {SETTLES}")),
+    ("    RIGHTY", "    NULL", Remark(15, f"NULL {SETTLES}")),
+    ("    RIGHTY", "    NONULL ALWAYS", Remark(15, f"NONULL {SETTLES}")),
+    ("    RIGHTY", "    COARSE 0", Fault(15, "COARSE 0 is not evaluated")),
+    ("    RIGHTY", "    NULL 5", Fault(15, "NULL 5 is not evaluated")),
+    ("ACCEL 100, 100", "ACCEL 200, 100", Remark(9, RATED)),
+    ("ACCEL 100, 100", "ACCEL 100", Remark(9, RATED)),
+    ("ACCEL 100, 100", "ACCEL (1) 100, 100", Remark(9, RATED)),
+    ("ACCEL 100, 100", "ACCEL (9) 100, 100", Fault(9, "ACCEL has profiles 0 to 8, not 9")),
+    ("    ACCEL 100, 100\n", "", Remark(15, f"ACCEL {UNSAID}")),
+    ("    ENABLE CP\n", "", Remark(15, f"ENABLE CP {UNSAID}")),
+    ("    ATTACH ()\n", "", Remark(15, f"ATTACH {UNSAID}")),
+    ("    SELECT ROBOT = 1\n", "", Remark(15, f"SELECT ROBOT {UNSAID}")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "fault"), STRICT, ids=[f"{new.strip()[:24]}-{f.line}" for _, new, f in STRICT])
+def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(old: str, new: str, fault: Fault) -> None:
+    text = EXPECTED.replace(old, new, 1)
+    assert text != EXPECTED
+    assert fault in read({"a": text}, {"rated": 1000.0}).faults
+
+
+def test_four_axes_take_no_tilt_in_whatever_frames() -> None:
+    """The flange counts: a tool that is bent by 30 deg is held tilted. What only the controller knows is not judged."""
+    frames = ["SET t = TRANS(0,0,100,0,30,0)", "TOOL t", "SET wf = TRANS(300,0,0,90,0,0)", "MOVE #PPOINT(0,45,50,0)"]
+    upright = reading(*frames, "MOVE wf:TRANS(1,2,3,0,150,180)", "MOVE TRANS(1,2,3,40,150,180)")
+    assert faults(upright) == []
+    tilted = reading(*frames, "MOVE wf:TRANS(1,2,3,0,180,180)", "MOVES wf:TRANS(1,2,3,0,150.1,180)")
+    said = "deg from straight down, which an arm of four axes cannot take"
+    assert faults(tilted) == [(6, f"the flange 30 {said}"), (7, f"the flange 0.1 {said}")]
+    assert faults(reading(*frames[2:], "MOVE wf:TRANS(1,2,3,0,90,0)")) == []
+    six = ["MOVE #PPOINT(0,45,50,0,0,0)", "FLIP", "MOVE wf:TRANS(1,2,3,0,90,0)"]
+    assert faults(reading(*frames[:3], *six)) == []
+
+
+def test_a_robot_that_is_attached_again_moves() -> None:
+    lines = ["MOVE NULL", "BREAK", "DETACH ()", "ATTACH ()", "MOVE NULL", "BREAK", "DETACH ()"]
+    assert faults(reading(*lines)) == []
+    assert faults(reading(*(line for line in lines if line != "ATTACH ()"))) == [
+        (5, "a motion after DETACH: the robot is not attached to this program")
+    ]
+    rows = ["SET wf = NULL", "DETACH ()", *(f"MOVES wf:TRANS({k},0,0,0,180,180)" for k in range(3))]
+    assert [line for line, _ in faults(reading(*rows))] == [4]
+
+
+def test_labels_belong_to_their_program() -> None:
+    sub = ".PROGRAM sub()\n10 BREAK\n20 BREAK\n.END\n"
+    assert faults(read({"a": f".PROGRAM main()\n10 CALL sub()\n.END\n{sub}"}, {})) == []
+    assert faults(reading("10 BREAK", "BREAK", "10 BREAK")) == [(4, "label 10 is there twice")]
 
 
 def test_text_around_programs() -> None:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, MoveL, Output
+from camgen.post import Reading, Remark
 from tests.support.vplus_ways import BY_HAND, LINES, PARTS, TEXTS, check, stretches, the_long_way
 
 
@@ -52,26 +53,31 @@ def program(*lines: str) -> dict[str, str]:
     return {"a": "\n".join([".PROGRAM t()", "SET wf = TRANS(1,2,3)", *lines, ".END"]) + "\n"}
 
 
+def faulty(reading: Reading) -> list[int]:
+    """The lines of the faults, without those of remarks."""
+    return [fault.line for fault in reading.faults if not isinstance(fault, Remark)]
+
+
 def test_names_that_are_one_name_in_every_line_of_a_stretch() -> None:
     rows = [
         f"MOVES {name}:TRANS({k},0,0,0,0,0)" for name in ("outline_of_part1", "Outline_of_partX") for k in (1, 2, 3)
     ]
     reading = check(program("SET outline_of_part1 = NULL", *rows, *rows), {})
-    assert [f.line for f in reading.faults] == [7, 8, 9, 13, 14, 15]
-    assert "are one name" in reading.faults[0].what
+    assert faulty(reading) == [7, 8, 9, 13, 14, 15]
+    assert all("are one name" in fault.what for fault in reading.faults if fault.line > 4)
     assert len(reading.body) == 12
 
 
 @pytest.mark.parametrize("line", ["70000 BREAK", "BREAK ; é", 'TYPE "a', "a_very_long_name_2 = 1", "?", "AUTO q", "Q"])
 def test_a_line_with_a_fault_has_it_every_time(line: str) -> None:
     lines = ["a_very_long_name_1 = 1", line, line, "BREAK", line]
-    assert [f.line for f in check(program(*lines), {}).faults if f.line > 3] == [4, 5, 7]
+    assert sorted({line for line in faulty(check(program(*lines), {})) if line > 3}) == [4, 5, 7]
 
 
 def test_names_are_looked_up_every_time() -> None:
     lines = ["v = 2", *(["v = v+1", "SPEED v ALWAYS", "SIGNAL v", "MOVES wf:TRANS(v,0,0,0,0,0)", "BREAK"] * 2)]
     reading = check(program(*lines, "SPEED 0", "SPEED 0", "SPEED 3, 0 MMPS", "SPEED 3, 0"), {"rated": 100.0})
-    assert [f.line for f in reading.faults] == [14, 15, 16, 17]
+    assert faulty(reading) == [14, 15, 16, 17]
     assert [item.signal for item in reading.body if isinstance(item, Output)] == ["signal 3", "signal 4"]
     assert [(m.target.origin[0], m.speed) for m in reading.body if isinstance(m, MoveL)] == [(3, 3), (4, 4)]  # type: ignore[union-attr]
 
@@ -79,7 +85,7 @@ def test_names_are_looked_up_every_time() -> None:
 @pytest.mark.parametrize("lost", ["MOVES wg:TRANS(1,2,3,0,0,0)", "MOVES wf:TRANS(1,2,3,v)", "MOVES ?"])
 def test_after_a_motion_that_is_not_read_the_place_is_not_known(lost: str) -> None:
     reading = check(program("MOVES wf:TRANS(1,2,3,0,0,0)", "SPEED 0", "DEPARTS 5", lost, "DEPARTS 5"), {})
-    assert [f.line for f in reading.faults] == [4, 6, 7]
+    assert faulty(reading) == [4, 6, 7]
     assert reading.faults[-1].what == "DEST is not known here"
     assert len(reading.body) == 2
 

@@ -18,10 +18,12 @@ from msgspec.structs import replace
 from camgen.model.errors import one_line
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
-from camgen.post import Fault, Reading
+from camgen.post import Fault, Reading, Remark
 
 from .expressions import Expression, variable
+from .names import canonical
 from .robot import POSTURES, RobotState, same
+from .scara import check_scara
 from .text import (
     BASE,
     NULL,
@@ -32,7 +34,6 @@ from .text import (
     Statement,
     Stretch,
     Unreadable,
-    canonical,
     one_by_one,
     routines,
 )
@@ -51,14 +52,6 @@ _OTHERS = frozenset(
 #: After these, and after a motion that cannot be read, nobody knows where the robot is.
 _MOTIONS = frozenset({"APPRO", "APPROS", "DEPART", "DEPARTS", "MOVE", "MOVES"})
 _OTHER_MOTIONS = frozenset({"ALIGN", "ALTER", "CLOSE", "DRIVE", "MOVEST", "MOVET", "OPEN", "READY"})
-#: Instructions that change nothing which is compared, with what may follow them.
-_NUMBER = re.compile(r"(\d+)?\s*(ALWAYS)?", re.IGNORECASE)
-_SILENT = {
-    **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), _NUMBER),
-    "TYPE": re.compile(".*"),
-    "SELECT": re.compile(r"ROBOT\s*=\s*1", re.IGNORECASE),
-    "ATTACH": re.compile(r"(\(\s*\))?"),
-}
 
 
 @dataclass(slots=True)
@@ -81,11 +74,12 @@ class Machine(RobotState):
         self,
         programs: Mapping[str, Routine],
         report: Report,
+        remark: Report,
         rated: float,
         signals: Mapping[int, str],
         known: frozenset[str],
     ) -> None:
-        super().__init__(report, rated, signals, known)
+        super().__init__(report, remark, rated, signals, known)
         self._programs = programs
         self._budget = _LOOPED + sum(map(_length, (s for p in programs.values() for s in p.statements)))
         self._line = 0
@@ -154,8 +148,8 @@ class Machine(RobotState):
             return self._again(index, loops)
         if word in _DOES:
             _DOES[word](self, statement)
-        else:
-            self._silent(word, statement.rest)
+        elif word != "TYPE":  # to the monitor
+            self._refuse(word)
         return index + 1
 
     def _loop(self, statement: Statement, index: int, partner: Mapping[int, int], loops: list[_Loop]) -> int:
@@ -189,17 +183,13 @@ class Machine(RobotState):
             return index + 1
         return loop.start + 1
 
-    def _silent(self, word: str, rest: str) -> None:
-        """What changes nothing here, or is not evaluated."""
+    def _refuse(self, word: str) -> None:
+        """Raises Unreadable for what is not evaluated."""
         if word in _OTHER_MOTIONS:
             self.lost()
         if word in _OTHERS | _OTHER_MOTIONS:
             raise Unreadable(f"{word} is not evaluated")
-        form = _SILENT.get(word)
-        if form is None:
-            raise Unreadable(f"unknown statement {word[:40]}")
-        if not form.fullmatch(rest):
-            raise Unreadable(f"{word} {rest[:30]} is not evaluated")
+        raise Unreadable(f"unknown statement {word[:40]}")
 
     def call(self, statement: Statement) -> None:
         """``CALL name()``."""
@@ -228,12 +218,14 @@ def _length(statement: Statement | Stretch) -> int:
 #: Not kept by the machine: it would then be in a circle with itself, and stay when nobody needs it any more.
 _DOES: dict[str, Callable[[Machine, Statement], None]] = {
     "=": Machine.let, "ACCEL": Machine.accel, "APPRO": Machine.appro, "APPROS": Machine.appro,
-    "AUTO": Machine.declares, "BASE": Machine.base, "BREAK": Machine.brake, "CALL": Machine.call,
-    "DELAY": Machine.delay, "DEPART": Machine.depart, "DEPARTS": Machine.depart, "DETACH": Machine.detach,
-    "DISABLE": Machine.switch, "ENABLE": Machine.switch, "GLOBAL": Machine.declares, "LOCAL": Machine.declares,
-    "MOVE": Machine.move, "MOVES": Machine.move, "SET": Machine.set, "SIGNAL": Machine.signal,
-    "SPEED": Machine.speed, "TOOL": Machine.set_tool, "WAIT.EVENT": Machine.wait_event,
+    "ATTACH": Machine.attach, "AUTO": Machine.declares, "BASE": Machine.base, "BREAK": Machine.brake,
+    "CALL": Machine.call, "DELAY": Machine.delay, "DEPART": Machine.depart, "DEPARTS": Machine.depart,
+    "DETACH": Machine.detach, "DISABLE": Machine.switch, "ENABLE": Machine.switch, "GLOBAL": Machine.declares,
+    "LOCAL": Machine.declares, "MOVE": Machine.move, "MOVES": Machine.move, "SELECT": Machine.select,
+    "SET": Machine.set, "SIGNAL": Machine.signal, "SPEED": Machine.speed, "TOOL": Machine.set_tool,
+    "WAIT.EVENT": Machine.wait_event,
     **dict.fromkeys(POSTURES, Machine.configure),
+    **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), Machine.settle),
 }  # fmt: skip
 
 
@@ -249,25 +241,32 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     A target ``frame:..`` is given in that frame when all targets name the same one, which then is ``work``; else all
     are given in the base, and ``work`` is the identity. A motion before BREAK stops (blend 0), another blends by 1 mm.
     """
-    faults: dict[tuple[int, str], None] = {}
+    faults: dict[tuple[int, str], type[Fault]] = {}
 
     def report(line: int, what: str) -> None:
-        faults.setdefault((line, one_line(what)[:_LONGEST_FAULT]))
+        faults.setdefault((line, one_line(what)[:_LONGEST_FAULT]), Fault)
 
-    machine = _run(files, options, report)
+    def remark(line: int, what: str) -> None:
+        faults.setdefault((line, one_line(what)[:_LONGEST_FAULT]), Remark)
+
+    machine = _run(files, options, report, remark)
+    if machine.axes == 4:
+        check_scara(machine)
     work, body, lines = _translate(machine, report)
     body = _with_turns(tuple(body), machine.turning, _number(options, "rated_turn", _RATED_TURN))
-    ordered = sorted(faults, key=lambda f: f[0])
-    return Reading(body, tuple(lines), tuple(Fault(line, what) for line, what in ordered), work, machine.tool)
+    ordered = sorted(faults.items(), key=lambda item: item[0][0])
+    told = tuple(kind(line, what) for (line, what), kind in ordered)
+    return Reading(body, tuple(lines), told, work, machine.tool)
 
 
-def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report) -> Machine:
+def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report, remark: Report) -> Machine:
     """The machine after it has run what the files say."""
-    found = routines(files, report)
+    found = routines(files, report, remark)
     programs: dict[str, Routine] = {}
     for routine in found:
         programs.setdefault(canonical(routine.name), routine)
-    machine = Machine(programs, report, _number(options, "rated", _RATED), _signal_names(options), _list_known(options))
+    rated, signals, known = _number(options, "rated", _RATED), _signal_names(options), _list_known(options)
+    machine = Machine(programs, report, remark, rated, signals, known)
     for start in _start(list(programs.values()), report):
         machine.run(start)
     return machine

@@ -16,7 +16,8 @@ from camgen.model.pose import Pose, rotation_about
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
-from .text import BASE, NULL, Frame, Location, Unreadable, canonical, rotation_zyz
+from .names import TAKEN, canonical
+from .text import BASE, NULL, Frame, Location, Unreadable, rotation_zyz
 
 #: Brackets deeper than this are no program that somebody wrote.
 _DEPTH = 40
@@ -260,12 +261,6 @@ class Expression:
 # V+ variables: reals, locations and precision points, global or of one program. For the read-back ``vplus``.
 
 _NAME = re.compile(r"[#$]?[A-Za-z][A-Za-z0-9._]*")
-_TAKEN = frozenset(
-    """ABS ACCEL ALIGN ALWAYS APPRO APPROS ATTACH AUTO BASE BREAK CALL COS DEPART DEPARTS DEST DETACH DX DY DZ END FALSE
-    FOR FRAME GLOBAL GOTO HERE IF INVERSE LOCAL MOVE MOVES NULL OFF ON PI RETURN RX RY RZ SELECT SET SHIFT SIGNAL SIN
-    SPEED SQRT STATE TIME TOOL TRANS TRANSB TRUE TYPE WAIT WHILE
-    """.split()  # noqa: SIM905 (a table)
-)
 
 Value = float | Location | Joints
 
@@ -346,6 +341,8 @@ class Variables:
         bare = re.sub(r"^(REAL|DOUBLE)\s+", "", text, flags=re.IGNORECASE)
         for part in bare.split(","):
             key = canonical(variable(re.sub(r"\[[^\]]*\]$", "", part.strip())))
+            if key in self._locals[-1]:
+                raise Unreadable(f"{part.strip()} is declared twice")
             if local:
                 self._locals[-1][key] = None
 
@@ -362,6 +359,6 @@ def variable(name: str) -> str:
     """``name``, which must be one that a variable can have."""
     if not _NAME.fullmatch(name):
         raise Unreadable(f"{name[:20]!r} is no name")
-    if name.upper() in _TAKEN:
+    if name.upper() in TAKEN:
         raise Unreadable(f"{name} is a word of V+")
     return name

@@ -35,25 +35,37 @@ T = TypeVar("T")
 #: Posture words that exclude each other.
 _PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"))
 POSTURES = frozenset(word for pair in _PAIRS for word in pair)
-_PROFILE = re.compile(r"\(\s*\d\s*\)\s*(?=[\d.])")
+_PROFILE = re.compile(r"\(\s*(\d+)\s*\)\s*(?=[\d.])")
+#: Postures of the elbow and the wrist: a SCARA has neither.
+_SIX_AXIS_ONLY = frozenset(_PAIRS[1] + _PAIRS[2])
+#: What stands before the first motion of a program that leaves nothing to the one before.
+_SETTINGS = ("SELECT ROBOT", "ATTACH", "ENABLE CP", "ACCEL")
+_ROBOT = re.compile(r"ROBOT\s*=\s*1", re.IGNORECASE)
+#: After COARSE, FINE, NULL and NONULL.
+_SETTLING = re.compile(r"(\d+(?:\.\d*)?)?\s*(ALWAYS)?", re.IGNORECASE)
 
 
 class RobotState(Variables):
     """The robot while a text is carried out. body: what it does, in order. lines, frames: for each its line, and what
     its target is given in, None where it has no pose. tool: None while it is the controller's. turning: the rotational
-    speeds, % of the rated one, each with the place in the body from which on it holds.
+    speeds, % of the rated one, each with the place in the body from which on it holds. axes: how many joints the arm
+    has, 0 while no precision point says. bent: the postures that only six axes have, by line.
 
     Methods with a ``Statement`` carry it out; Unreadable when they cannot.
     """
 
-    def __init__(self, report: Report, rated: float, signals: Mapping[int, str], known: frozenset[str]) -> None:
+    def __init__(
+        self, report: Report, remark: Report, rated: float, signals: Mapping[int, str], known: frozenset[str]
+    ) -> None:
         super().__init__(known)
-        self.report = report
+        self.report, self.remark = report, remark
         self.body: list[MoveJ | MoveL | Output | Wait] = []
         self.lines: list[int] = []
         self.frames: list[Frame | None] = []
         self.tool: Pose | None = None
         self.turning: list[tuple[int, float]] = [(0, 100.0)]
+        self.axes = 0
+        self.bent: dict[int, str] = {}
         self._rated = rated
         self._signals = signals
         self._tool_name = ""
@@ -67,6 +79,10 @@ class RobotState(Variables):
         self._monitor = 1.0
         self._constants: dict[tuple[object, str], Any] = {}
         self._posture: Posture | None = None
+        #: Whether a motion has come, whether the robot is another task's, and which of the settings were said.
+        self._begun = False
+        self._detached = False
+        self._said: set[str] = set()
 
     def here(self, word: str) -> Location:
         """Where the last motion went."""
@@ -93,6 +109,8 @@ class RobotState(Variables):
         expression = Expression(text, self)
         value = expression.point() if name[0] == "#" else expression.location()
         expression.finish()
+        if isinstance(value, Joints):
+            self._count_axes(statement.line, value)
         self.assign(name, value)
 
     def _read(self, text: str, what: Callable[[Expression], T]) -> T:
@@ -116,6 +134,7 @@ class RobotState(Variables):
         straight = plain.word == "MOVES"
         if frame is None or not (straight or first[1] == others[1] == "%"):
             return False
+        self._begin(plain.line)
         kind, blend, count = MoveL if straight else MoveJ, ROUNDED if self._path else 0.0, len(plain.poses)
         made = partial(kind, posture=self._posture) if self._posture else kind
         self._turn(first)
@@ -165,6 +184,7 @@ class RobotState(Variables):
         self._at, self._moving = None, True
 
     def _go(self, statement: Statement, target: Location | Joints) -> None:
+        self._begin(statement.line)
         straight = statement.word.endswith("S")
         setting = self._once or self._always
         self._once = None
@@ -180,8 +200,29 @@ class RobotState(Variables):
         elif straight:
             raise Unreadable("a straight motion to joint values is not evaluated")
         else:
+            self._count_axes(statement.line, target)
             self._add(statement, MoveJ(target, speed, blend))
         self._last = len(self.body) - 1
+
+    def _begin(self, line: int) -> None:
+        """What must hold before a motion."""
+        if self._detached:
+            self.report(line, "a motion after DETACH: the robot is not attached to this program")
+            self._detached = False  # told once
+        if self._begun:
+            return
+        self._begun = True
+        missing = [setting for setting in _SETTINGS if setting not in self._said]
+        if missing:
+            what = f"{', '.join(missing)} not said before the first motion"
+            self.remark(line, f"{what}: the program before may have left it otherwise")
+
+    def _count_axes(self, line: int, point: Joints) -> None:
+        """A report on a precision point of another arm than the ones before."""
+        count = len(point.values)
+        if self.axes and count != self.axes:
+            self.report(line, f"a precision point of {count} axes, others have {self.axes}")
+        self.axes = self.axes or count
 
     def _turn(self, setting: Pace) -> None:
         """Notes the rotational speed of the next motion."""
@@ -216,6 +257,8 @@ class RobotState(Variables):
     def speed(self, statement: Statement) -> None:
         """All forms of ``SPEED``."""
         value, unit, turning, always = pace(statement.rest) or self._read(statement.rest, words.speed)
+        if turning > 100 or (value > 100 and unit != "mm/s"):
+            self.remark(statement.line, "SPEED above 100 %: the controller takes the most that it has")
         if unit == "MONITOR":
             self._monitor = min(value, 100.0) / 100
         elif always:
@@ -227,23 +270,45 @@ class RobotState(Variables):
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""
         if statement.rest:
             raise Unreadable(f"{statement.word} {statement.rest[:30]} is not evaluated")
+        if statement.word in _SIX_AXIS_ONLY:
+            self.bent[statement.line] = statement.word
         pair = next(pair for pair in _PAIRS if statement.word in pair)
         words = {*(self._posture.switches if self._posture else ()), statement.word}
         words -= {*pair} - {statement.word}
         self._posture = Posture(switches=tuple(word for both in _PAIRS for word in both if word in words))
 
     def accel(self, statement: Statement) -> None:
-        """``ACCEL``: read, not compared."""
-        text = Expression(_PROFILE.sub("", statement.rest, count=1), self)
-        if len(text.reals()) > 2:
+        """``ACCEL``: not in the instructions, and so anything but the rated acceleration is a remark."""
+        profile = _PROFILE.match(statement.rest)
+        if profile and int(profile[1]) > 8:
+            raise Unreadable(f"ACCEL has profiles 0 to 8, not {profile[1][:9]}")
+        values = self._read(statement.rest[profile.end() if profile else 0 :], words.reals)
+        if len(values) > 2:
             raise Unreadable("ACCEL has two percentages")
-        text.finish()
+        self._said.add("ACCEL")
+        if profile or values != [100.0, 100.0]:
+            self.remark(statement.line, "ACCEL other than 100, 100: corners and the time of the program are others")
 
     def switch(self, statement: Statement) -> None:
         """``ENABLE CP`` and ``DISABLE CP``."""
         if statement.rest.upper() != "CP":
             raise Unreadable(f"{statement.word} {statement.rest[:20]} is not evaluated")
         self._path = statement.word == "ENABLE"
+        self._said.add("ENABLE CP")
+
+    def settle(self, statement: Statement) -> None:
+        """``COARSE``, ``FINE``, ``NULL``, ``NONULL``: how exactly a motion stops. No instruction tells that."""
+        form = _SETTLING.fullmatch(statement.rest)
+        numbered = statement.word in ("COARSE", "FINE")
+        if form is None or (form[1] and not (numbered and float(form[1]) > 0)):
+            raise Unreadable(f"{statement.word} {statement.rest[:30]} is not evaluated")
+        self.remark(statement.line, f"{statement.word} sets how exactly the robot stops, which camgen never writes")
+
+    def select(self, statement: Statement) -> None:
+        """``SELECT ROBOT = 1``: the one that a program has anyway."""
+        if not _ROBOT.fullmatch(statement.rest):
+            raise Unreadable(f"SELECT {statement.rest[:30]} is not evaluated")
+        self._said.add("SELECT ROBOT")
 
     def set_tool(self, statement: Statement) -> None:
         """``TOOL``: one for the whole program."""
@@ -293,11 +358,19 @@ class RobotState(Variables):
         if self._moving:
             self.report(statement.line, f"{what} while the robot may still move: BREAK is missing before it")
 
+    def attach(self, statement: Statement) -> None:
+        """``ATTACH``: the robot is this program's."""
+        if "".join(statement.rest.split()) not in ("", "()"):
+            raise Unreadable(f"ATTACH {statement.rest[:30]} is not evaluated")
+        self._said.add("ATTACH")
+        self._detached = False
+
     def detach(self, statement: Statement) -> None:
-        """``DETACH``: not while the robot moves."""
+        """``DETACH``: not while the robot moves, and nothing moves it after that."""
         if statement.rest.replace(" ", "") not in ("", "()"):
             raise Unreadable("DETACH of a device is not evaluated")
         self._standing(statement, "DETACH")
+        self._detached = True
 
 
 def same(a: Pose | None, b: Pose | None) -> bool:

@@ -18,6 +18,8 @@ from msgspec.json import Decoder
 
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, translation
 
+from .names import NAME, TAKEN, canonical
+
 # V+ locations: what is given in what. For the read-back ``vplus``.
 
 NULL = translation(0, 0, 0)
@@ -146,8 +148,6 @@ def pace(rest: str) -> tuple[float, str, float, bool] | None:
     return float(match[1]), "mm/s" if match[3] else "%", float(match[2] or 100.0), bool(match[4])
 
 
-#: Names are told apart by so many characters; the rest is cut silently.
-NAME = 15
 _LABEL = re.compile(r"\s*(\d+)(?:\s+|$)", re.ASCII)
 _WORD = re.compile(r"\s*([A-Za-z][A-Za-z0-9._]*)\s*(.*)", re.DOTALL)
 _LONG_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9._]{{{NAME - 1},}}")
@@ -172,13 +172,16 @@ class Statement(Struct, frozen=True, gc=False):
 
 @dataclass(slots=True)
 class Routine:
-    """One ``.PROGRAM``. partner: by the index of an opening statement the index of its END (or UNTIL)."""
+    """One ``.PROGRAM``. partner: by the index of an opening statement the index of its END (or UNTIL). labels: those
+    that its lines have.
+    """
 
     name: str
     line: int
     arguments: str
     statements: list[Statement | Stretch] = field(default_factory=list)
     partner: dict[int, int] = field(default_factory=dict)
+    labels: set[int] = field(default_factory=set)
 
 
 @dataclass(slots=True)
@@ -190,6 +193,7 @@ class _File:
 
     first: int
     tell: Report
+    remark: Report
     reports: int = 0
     found: list[Routine] = field(default_factory=list)
     current: Routine | None = None
@@ -203,19 +207,12 @@ class _File:
         self.tell(line, what)
 
 
-@lru_cache(maxsize=4096)
-def canonical(name: str) -> str:
-    """The name as V+ keeps it: case does not count, nor what follows the 15th character. A ``#`` or ``$`` stays."""
-    bare = name.lstrip("#$")
-    return name[: len(name) - len(bare)] + bare[:NAME].lower()
-
-
-def routines(files: Mapping[str, str], report: Report) -> list[Routine]:
-    """All programs of all files in order. What is no program, or no V+, is reported."""
+def routines(files: Mapping[str, str], report: Report, remark: Report) -> list[Routine]:
+    """All programs of all files in order. What is no program, or no V+, is reported. remark: what V+ takes anyway."""
     found: list[Routine] = []
     number = 1
     for text in files.values():
-        file = _File(number, report)
+        file = _File(number, report, remark)
         number = _read(text, file)
         found += file.found
     seen: dict[str, Routine] = {}
@@ -249,7 +246,7 @@ def _read(text: str, file: _File) -> int:
 def _stretch(plain: Stretch, file: _File) -> int:
     """Reads a stretch; returns the number of the line after it."""
     name, after = plain.name.lower(), plain.line + len(plain.poses)
-    known = name if len(name) < NAME else file.long_names.setdefault(name[:NAME], name)
+    known = name if len(name) < NAME else file.long_names.get(name[:NAME])
     if file.current is None or known != name:
         for number, raw in enumerate(plain.lines, start=plain.line):
             _line(raw, number, file)
@@ -263,13 +260,13 @@ def _line(raw: str, number: int, file: _File) -> None:
     before = file.reports
     code = _code(raw, number, file.report)
     for name in _LONG_NAME.findall(_STRING.sub("", code) if '"' in code else code):
-        _collision(name.lower(), file.long_names, number, file.report)
+        _check_long(name.lower(), number, file)
     if not code:
         return
     if code[0] == ".":
         if file.current is not None and not code.upper().startswith(".END"):
             file.report(number, f"{code.split()[0]} before the .END of {file.current.name}")
-        file.current, file.section = _dot(code, number, file.current, file.section, file.report)
+        file.current, file.section = _dot(code, number, file)
         if file.current is not None:
             file.found.append(file.current)
     elif file.current is not None:
@@ -298,36 +295,48 @@ def _code(raw: str, number: int, report: Report) -> str:
     return raw.strip()
 
 
-def _collision(name: str, long_names: dict[str, str], number: int, report: Report) -> None:
-    other = long_names.setdefault(name[:NAME], name)
+def _check_long(name: str, number: int, file: _File) -> None:
+    """A report on a long name that V+ takes for another one, a remark where it cuts one for the first time."""
+    if len(name) > NAME and name[:NAME] not in file.long_names:
+        file.remark(number, f"{name} is longer than {NAME} characters, of which V+ ignores the rest")
+    other = file.long_names.setdefault(name[:NAME], name)
     if other != name:
-        report(number, f"{name} and {other} are one name: only {NAME} characters count")
+        file.report(number, f"{name} and {other} are one name: only {NAME} characters count")
 
 
-def _dot(code: str, number: int, current: Routine | None, section: str, report: Report) -> tuple[Routine | None, str]:
+def _dot(code: str, number: int, file: _File) -> tuple[Routine | None, str]:
     """The routine and the other section that are open after a line that starts with a dot."""
+    report = file.report
     word, rest = (*code.split(None, 1), "")[:2]
     word = word.upper()
     if word == ".END":
-        if current is None and not section:
+        if file.current is None and not file.section:
             report(number, ".END without .PROGRAM")
+        if rest:
+            file.remark(number, f"{rest[:20]!r} after .END, of which V+ reads no more")
         return None, ""
     if word == ".PROGRAM":
         header = _HEADER.fullmatch(rest.strip())
         if header is None:
             report(number, "a .PROGRAM line is .PROGRAM name(arguments)")
             return Routine("", number, ""), ""
+        if header[1].upper() in TAKEN:
+            report(number, f"{header[1]} is a word of V+, not the name of a program")
         return Routine(header[1], number, header[2].strip()), ""
     report(number, f"{word} is not evaluated")
     return None, word
 
 
 def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str, str] | None:
-    """Adds a statement; returns its word and what follows it, nothing where there is none."""
+    """Adds a statement; returns its word and what follows it, nothing where there is none or the line has a label."""
     label = _LABEL.match(code)
     if label:
         if len(label[1]) > 5 or int(label[1]) > 65535:
             report(number, f"label {label[1][:12]} is above 65535")
+        elif int(label[1]) in routine.labels:
+            report(number, f"label {int(label[1])} is there twice")
+        else:
+            routine.labels.add(int(label[1]))
         code = code[label.end() :]
         if not code:
             return None
@@ -342,7 +351,7 @@ def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str,
     if word in _DECLARE and any(s.word not in _DECLARE for s in routine.statements):
         report(number, f"{word} after the first instruction")
     routine.statements.append(Statement(number, word, rest))
-    return word, rest
+    return None if label else (word, rest)
 
 
 def one_by_one(plain: Stretch) -> list[Statement]:

@@ -48,12 +48,16 @@ def speed(text: Expression) -> tuple[float, str, float, bool]:
 _UNITS = {"": (1.0, "%"), "MMPS": (1.0, "mm/s"), "IPS": (_INCH, "mm/s"), "MONITOR": (1.0, "MONITOR")}
 
 
+#: Outputs are 1 to 1000, inputs 1001 to 2000, soft signals the rest.
+_MOST_SIGNAL = 9999
+
+
 def outputs(text: Expression) -> list[float]:
     """The numbers of a SIGNAL, negative: off."""
     values = reals(text)
     for value in values:
         number = abs(value)
-        if number != int(number) or number == 0 or 1000 < number <= 2000:
+        if number != int(number) or number == 0 or 1000 < number <= 2000 or number > _MOST_SIGNAL:
             raise Unreadable(f"{value:g} is no output")
     return values
 
