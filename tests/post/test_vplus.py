@@ -705,6 +705,7 @@ def test_a_text_with_several_programs() -> None:
         (["MOVE NULL", "BREAK", "TOOL TRANS(1)"], (4, "the tool changes between motions")),
         (["ATTACH ()", "AUTO a"], (3, "AUTO after the first instruction")),
         (["70000 BREAK"], (2, "label 70000 is above 65535")),
+        (["ACCEL (" + "9" * 5000 + ") 1"], (2, "a number is not finite or beyond any machine")),
         (["; Größe"], (2, "a character that is not ASCII")),
         (['TYPE "open'], (2, "a string that does not end")),
         ([".LOCATIONS", "p 1 2 3", ".END"], (2, ".LOCATIONS before the .END of t")),

@@ -35,7 +35,7 @@ T = TypeVar("T")
 #: Posture words that exclude each other.
 _PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"))
 POSTURES = frozenset(word for pair in _PAIRS for word in pair)
-_PROFILE = re.compile(r"\(\s*(\d+)\s*\)\s*(?=[\d.])")
+_PROFILE = re.compile(r"\(\s*(\d{1,9})\s*\)\s*(?=[\d.])")
 #: Postures of the elbow and the wrist: a SCARA has neither.
 _SIX_AXIS_ONLY = frozenset(_PAIRS[1] + _PAIRS[2])
 #: What stands before the first motion of a program that leaves nothing to the one before.
@@ -281,7 +281,7 @@ class RobotState(Variables):
         """``ACCEL``: not in the instructions, and so anything but the rated acceleration is a remark."""
         profile = _PROFILE.match(statement.rest)
         if profile and int(profile[1]) > 8:
-            raise Unreadable(f"ACCEL has profiles 0 to 8, not {profile[1][:9]}")
+            raise Unreadable(f"ACCEL has profiles 0 to 8, not {profile[1]}")
         values = self._read(statement.rest[profile.end() if profile else 0 :], words.reals)
         if len(values) > 2:
             raise Unreadable("ACCEL has two percentages")
