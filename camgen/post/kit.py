@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct, field
@@ -26,6 +27,7 @@ from camgen.model.pose import (
     FloatArray,
     Pose,
     Vec3,
+    angle_between,
     frozen,
     rotation_about,
     rotation_about_axis,
@@ -108,8 +110,12 @@ def _arc(centre: Vec3, radius: float, begin: float, sweep: float, tilt: FloatArr
 
 
 def _orient(name: str, rotations: list[FloatArray]) -> Case:
-    body = tuple(MoveL(_at(10.0 + 5 * i, 10.0, 5.0, r), 20.0) for i, r in enumerate(rotations))
-    return Case(name, (_ABOVE, *body))
+    """Straight motions, but joint ones where the tool turns by 180 deg: the sense of that is open in a line."""
+    body: list[Instruction] = [_ABOVE]
+    for i, (before, rotation) in enumerate(pairwise([TOOL_DOWN, *rotations])):
+        kind = MoveJ if angle_between(before, rotation) > math.radians(179) else MoveL
+        body.append(kind(_at(10.0 + 5 * i, 10.0, 5.0, rotation), 20.0))
+    return Case(name, tuple(body))
 
 
 def _orientations() -> Iterator[Case]:

@@ -61,6 +61,8 @@ _NO_AXES = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _NEUTRAL = "0,0,0,0"
 #: Least and greatest speed, mm/s and deg/s, and least blend radius, mm.
 _LEAST_SPEED_AND_ZONE, _FASTEST = 0.001, 99999
+#: rad: no arm of six axes turns one further. A turn whose trace is below this is half a turn, to 0.2 deg.
+_FARTHEST_AXIS, _HALF_TURN = math.radians(450.0), -1 + math.radians(0.2) ** 2
 _IN, _IN2 = "    ", "        "
 #: Ends force control where a program that was aborted has left it on (both words from public force programs).
 _DEACT = f"{_IN2}IF FCIsForceMode() FCDeact;"
@@ -126,6 +128,7 @@ class Rapid(RapidOptions):
         fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= FARTHEST))
         fine[fine] = (np.abs(columns.ends[fine]) <= FARTHEST).all(axis=1)
         fine[fine] = [move.joints is None for move in take(columns.moves, fine)]
+        fine &= ~_half_turns(columns)
         accepted = columns.are(Comment)
         accepted[columns.at[fine]] = True
         return accepted
@@ -137,7 +140,9 @@ class Rapid(RapidOptions):
                 return self._why_not_output(item)
             case MoveC():
                 return self._why_not_motion(item) or self._why_not_arc(item, start)
-            case MoveJ() | MoveL():
+            case MoveL():
+                return self._why_not_motion(item) or _why_not_turn(item, start)
+            case MoveJ():
                 return self._why_not_motion(item)
         return ""
 
@@ -154,6 +159,8 @@ class Rapid(RapidOptions):
         for joints in (target, motion.joints):
             if isinstance(joints, Joints) and len(joints.values) != 6:
                 return f"{counted(len(joints.values), 'joint value')}; RAPID here is for arms of six axes"
+        if isinstance(target, Joints) and (far := max(map(abs, target.values))) > _FARTHEST_AXIS:
+            return f"an axis at {math.degrees(far):.0f} deg, which arms do not turn to; give 450 at most"
         if (isinstance(target, Pose) and _far(target)) or (isinstance(motion, MoveC) and _far(motion.via)):
             return f"a coordinate of more than {FARTHEST} mm, which a num does not carry exactly"
         turn = math.degrees(motion.turn) if isinstance(motion, MoveL) else 0.0
@@ -170,7 +177,7 @@ class Rapid(RapidOptions):
             return "an arc from a pose that is not known; put a straight motion before it"
         if arc.force > 0 and not self.force_arcs:
             return "an arc while pressing; use straight motions, or post.force_arcs = true for FCPressC"
-        return arc_fault(start.origin, arc.via.origin, arc.target.origin, 10**-self.decimals)
+        return arc_fault(start.origin, arc.via.origin, arc.target.origin, self.decimals)
 
     # -- instructions --------------------------------------------------------------------------------------------
 
@@ -418,6 +425,30 @@ class Rapid(RapidOptions):
         half = 0.5 * 10**-DIGITS
         joint = math.radians(0.5 * 10**-_JOINT_DIGITS)
         return Tolerance(0.5 * 10**-self.decimals, 1e-6, joint, half, 0.5 * 10**-FORCE_DIGITS, half)
+
+
+def _half_turns(columns: Columns) -> Mask:
+    """(M,): which straight motions turn the tool by 180 deg, or nearly so."""
+    mask = columns.moves_are(MoveL)
+    mask[1:] &= columns.posed[:-1]
+    mask[:1] = False
+    rows = np.flatnonzero(mask).tolist()
+    targets = ((columns.moves[k - 1].target, columns.moves[k].target) for k in rows)
+    mask[rows] = [_is_half_turn(start, end) for start, end in targets]
+    return mask
+
+
+def _is_half_turn(start: Pose, end: Pose) -> bool:
+    """Whether the turn between two poses has a trace as that of half a turn."""
+    return start.rotation is not end.rotation and float(np.vdot(start.rotation, end.rotation)) < _HALF_TURN
+
+
+def _why_not_turn(line: MoveL, start: Pose | None) -> str:
+    if start is None or not _is_half_turn(start, line.target):
+        return ""
+    return (
+        "the tool turns by 180 deg in one straight motion and its sense is open; put a pose between, or a joint motion"
+    )
 
 
 def _far(pose: Pose) -> bool:

@@ -217,17 +217,31 @@ def stop_before_calibrations(post: str, body: Sequence[Instruction]) -> tuple[In
 
 # Which arcs MoveC takes. Its limits are not confirmed, so arcs stay well inside them (docs, what is not certain).
 
-#: Sweep in rad; distance in mm between any two of the three points.
-_WIDEST, _FLATTEST, _CLOSEST = math.radians(120), math.radians(4), 0.2
+#: Sweep in rad, and what digits may leave of it; distance in mm between any two of the three points.
+_WIDEST, _FLATTEST, _FLATTEST_PRINTED, _CLOSEST = math.radians(120), math.radians(4), math.radians(3.8), 0.2
 
 
-def arc_fault(start: Vec3, via: Vec3, end: Vec3, digit: float) -> str:
-    """Why the arc cannot be one MoveC, empty when it can. digit: the last one printed, mm."""
-    sweep, height = sweep_and_height(start, via, end)
-    if sweep > _WIDEST + 1e-6:
+def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
+    """Why the arc cannot be one MoveC, empty when it can. decimals: digits of its points, which may make it flat."""
+    if sweep_and_height(start, via, end)[0] > _WIDEST + 1e-6:
         return "an arc of more than 120 deg; split it"
+    digit = 10**-decimals
     closest = max(_CLOSEST, 10 * digit)
-    near = min(math.dist(start, via), math.dist(via, end), math.dist(start, end))
-    if sweep < _FLATTEST or height < 2 * digit or near < closest:
+    planned = _is_round((start, via, end), _FLATTEST, 2 * digit, closest)
+    printed = (_round(start, decimals), _round(via, decimals), _round(end, decimals))
+    if not planned or not _is_round(printed, _FLATTEST_PRINTED, digit, 0.0):
         return f"an arc of less than 4 deg, {closest:g} mm or {2 * digit:g} mm height; use a straight motion"
     return ""
+
+
+def _is_round(arc: tuple[Vec3, Vec3, Vec3], flattest: float, lowest: float, closest: float) -> bool:
+    """Whether an arc has a sweep (rad), a height (mm) and points apart (mm) of at least so much."""
+    start, via, end = arc
+    sweep, height = sweep_and_height(start, via, end)
+    near = min(math.dist(start, via), math.dist(via, end), math.dist(start, end))
+    return sweep >= flattest and height >= lowest and near >= closest
+
+
+def _round(point: Vec3, decimals: int) -> Vec3:
+    x, y, z = (round(v, decimals) for v in point)
+    return x, y, z

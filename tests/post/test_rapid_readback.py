@@ -94,9 +94,9 @@ def test_numbers_stand_in_their_places() -> None:
     turned = "[0.6,0,-.8,0],[0,-1,0,0]"
     text = module(
         f"MoveL [[-1.25,.5,3.],[0,1,0,0],[0,0,0,0],{E9}],v100,z5,{TAIL}"
-        f"MoveC [[4,5,6],[0,0,1,0],[0,0,0,0],{E9}],\n  [[7,8,-0.001],{turned},{E9}],v5,fine,{TAIL}"
-        f"MoveL [[-9,.5,3.],[0,1,0,0],[0,0,0,0],{E9}],v100,z5,{TAIL}"
-        f"! a remark; [[1,2,3]\n\nMoveC [[1,5,7],[0,0,1,0],[0,0,0,0],{E9}],\n  [[8,8,8],{turned},{E9}],v5,fine,{TAIL}"
+        f"MoveC [[4,5,6],[0,0,1,0],[0,-1,0,0],{E9}],\n  [[7,8,-0.001],{turned},{E9}],v5,fine,{TAIL}"
+        f"MoveL [[-9,.5,3.],[0.6,0,-.8,0],[0,0,0,0],{E9}],v100,z5,{TAIL}"
+        f"! a remark; [[1,2,3]\n\nMoveC [[1,5,7],[0,0,1,0],[0,-1,0,0],{E9}],\n  [[8,8,8],{turned},{E9}],v5,fine,{TAIL}"
     )
     reading = both({"m.mod": text}, {})
     assert reading.faults == ()
@@ -148,7 +148,7 @@ NINES = f"0,{'9' * 50},0,0]"
         (f"MoveC [[1E1,2,3],[0,1,0,0],[0,0,0,0],{E9}],[[4,5,7],[0,1,0,0],[0,0,0,0],{E9}],v5,fine,{TAIL}", []),
         (f"MoveL {POINT},v5,fine,{TAIL}%%%\nVERSION:1\n%%%\nMoveL {POINT},v5,fine,{TAIL}",
          [(7, "a statement expected, found '%'")]),
-        (f'MoveL {POINT},v5,fine,{TAIL}TPWrite "a;MoveL {POINT},v5,fine,{TAIL[:-1]}";\n',
+        (f'MoveL {POINT},v5,fine,{TAIL}TPWrite "a;MoveL {POINT[:9]},v5,fine,{TAIL[:-1]}";\n',
          [(7, "the statement tpwrite is not read")]),
         (f"MoveL {POINT},v5,fine,t1 ! ; \\WObj:=w1;\n\\WObj:=w1;\n", []),
         (f"MoveL Offs(p1,1,\n2),v5,fine,{TAIL}" * 2,
@@ -179,7 +179,7 @@ NINES = f"0,{'9' * 50},0,0]"
     ],
 )  # fmt: skip
 def test_what_is_not_usual_is_read_by_the_general_rules(body: str, faults: list[tuple[int, str]]) -> None:
-    reading = both({"m.mod": module(body)}, {})
+    reading = both({"m.mod": module(body)}, {"on_error": "none"})
     assert [(fault.line, fault.what) for fault in reading.faults] == faults
 
 

@@ -53,7 +53,12 @@ def test_faults_of_a_rapid_program_have_their_lines(capsys, tmp_path):
     assert told == [
         "line 4: a quaternion is not normalised (its square differs from 1 by 0.19)",
         "line 6: a_name_that_is_longer_than_thirty_two_ch is longer than 32 characters",
+        "line 7: remark: main has no ERROR handler, which post.on_error asks for",
+        "line 8: remark: a configuration of zeros, and ConfJ is not off",
+        "line 8: remark: a tool of 1 kg with its centre of gravity at 0, 0, 1 mm, by post.mass and post.cog it has "
+        "0.001 kg at 0, 0, 0.001 mm",
         "line 8: remark: the first motion is movej, not MoveAbsJ",
+        "line 9: remark: a configuration of zeros, and ConfL is not off",
         "line 9: a motion that blends before setdo",
         "line 11: p9 is not declared",
         "line 12: the points of an arc are on one line",
@@ -72,7 +77,14 @@ def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
     text = "\n".join(kept).replace("SetDO doGrip,1;", "MoveL p3,v50,fine,tA;\n        SetDO doGrip,1;")
     code, page, told, error = verified(capsys, written(tmp_path, "good.mod", text), "rapid")
     assert (code, error) == (0, "")
-    assert told == ["line 6: remark: the first motion is movej, not MoveAbsJ"]
+    assert told == [
+        "line 5: remark: main has no ERROR handler, which post.on_error asks for",
+        "line 6: remark: a configuration of zeros, and ConfJ is not off",
+        "line 6: remark: a tool of 1 kg with its centre of gravity at 0, 0, 1 mm, by post.mass and post.cog it has "
+        "0.001 kg at 0, 0, 0.001 mm",
+        "line 6: remark: the first motion is movej, not MoveAbsJ",
+        "line 7: remark: a configuration of zeros, and ConfL is not off",
+    ]
     assert page["straight"] == "200.0 mm"
     assert page["output"] == "doGrip: 1"
     assert page["speed"] == "50 to 100 mm/s"

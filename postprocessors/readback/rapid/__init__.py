@@ -9,16 +9,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from camgen.model.program import Output
+from camgen.model.program import Force, Output
 from camgen.post import Fault, Reading
 
+from .asked import read_asked
 from .data import PREDEFINED, RESIDENT, Scope, Value
 from .state import Known, State
-from .statements import DEACTIVATIONS, MOTIONS, STATEMENTS, SWITCHES, check_deactivation, inline, motion, switch
-from .syntax import Call, Data, Inline, Module, Routine, Wrong, parse
+from .statements import (
+    DEACTIVATIONS,
+    MOTIONS,
+    STATEMENTS,
+    SWITCHES,
+    check_deactivation,
+    check_settings,
+    inline,
+    motion,
+    switch,
+)
+from .syntax import DEACT_WHERE_ON, Call, Data, Inline, Module, Routine, Wrong, parse
+from .words import INSTALLED
 
 #: Names that the text may not give again.
-_SYSTEM = (PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
+_SYSTEM = (INSTALLED | PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
 
 # RAPID modules put together: who sees which name, and what is declared twice or cannot be.
 
@@ -36,6 +48,7 @@ class Linked:
     home: dict[Routine, dict[str, Routine]] = field(default_factory=dict)  # the local routines a routine sees
     worth: dict[Data, Value] = field(default_factory=dict)
     failed: dict[Data, Wrong] = field(default_factory=dict)
+    ran: dict[Routine, None] = field(default_factory=dict)  # in the order in which they were first run
 
     def add(self, module: Module) -> None:
         """Enters a module; its names must be legal, and new where they are seen."""
@@ -125,7 +138,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """What the modules say when ``main`` is run once. Never raises for a text.
 
     files: modules by file name; lines are counted through all of them in order. options: those of ``[post]`` that
-    the text cannot say: signals, declare, force_load, force_sign, s4.
+    the text cannot say: signals, declare, force_load, force_sign, s4; and those of ``Asked``, which it should obey.
     """
     return read_with(files, options, plain=True)
 
@@ -158,6 +171,7 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
         return state
     _run_routine(program, state, main, 0)
     state.stopped("the end")
+    check_settings(state, main.line)
     _check_handlers(program, state, main)
     if state.pressing is not None:
         state.faults.append(Fault(last_line, "FCPressEnd is missing at the end"))
@@ -167,6 +181,7 @@ def _run(program: Linked, known: Known, last_line: int) -> State:
 def _run_routine(program: Linked, state: State, routine: Routine, depth: int) -> None:
     """Runs a routine with what it calls, statement by statement."""
     scope = program.scopes[routine]
+    program.ran[routine] = None
     for item in routine.body:
         state.count += 1
         if state.count > _MOST_STATEMENTS:
@@ -209,6 +224,7 @@ def _find_called(program: Linked, routine: Routine, call: Call, depth: int) -> R
 def _check_handlers(program: Linked, state: State, main: Routine) -> None:
     """Notes what is wrong with the handlers of the program, and the outputs that it uses and that one leaves on."""
     used = {item.signal for item in state.body if isinstance(item, Output)}
+    _find_missing_handlers(program, state, main, used)
     for routine in program.scopes:
         if routine.handler is None:
             continue
@@ -220,14 +236,41 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
             left = sorted(used - off) if end == "exit" or routine is main else []
             if left:
                 raise Wrong(line, f"the ERROR handler of {routine.name} leaves {', '.join(left)[:60]} on")
+            if routine is main:
+                _judge_main_handler(state, line, off, end)
         except Wrong as wrong:
             state.faults.append(wrong.fault)
+
+
+def _judge_main_handler(state: State, line: int, off: set[str], end: str) -> None:
+    """Notes where the handler of main leaves force control on, or ends otherwise than the options ask."""
+    wanted = state.known.asked.on_error
+    if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.body):
+        state.remark(line, "the ERROR handler of main leaves force control on")
+    if end != wanted:
+        state.remark(line, f"the ERROR handler of main ends with {end.upper()}, by post.on_error it is {wanted}")
+
+
+def _find_missing_handlers(program: Linked, state: State, main: Routine, used: set[str]) -> None:
+    """Notes routines without an ERROR handler where the options ask for one: main's, then those that hand errors on."""
+    drops = used or any(isinstance(item, Force) for item in state.body)
+    if state.known.asked.on_error == "none" or not drops:
+        return
+    if main.handler is None:
+        state.remark(main.line, "main has no ERROR handler, which post.on_error asks for")
+        return
+    for routine in program.ran:
+        if routine.handler is None:
+            state.remark(routine.line, f"{routine.name} has no ERROR handler that hands an error on to main")
 
 
 def _handle(
     program: Linked, state: State, routine: Routine, body: Sequence[Call | Inline], depth: int
 ) -> tuple[set[str], str]:
-    """The outputs that ``body``, of a handler or of what it calls, switches off, and the word that it ends with."""
+    """The outputs that ``body``, of a handler or of what it calls, switches off, and the word that it ends with.
+
+    The outputs have ``DEACT_WHERE_ON`` among them where it ends force control.
+    """
     off: set[str] = set()
     for item in body:
         call = item.call() if isinstance(item, Inline) else item
@@ -243,6 +286,7 @@ def _handle(
             off.add(one.signal)
         elif call.name in DEACTIVATIONS:
             check_deactivation(state, call)
+            off.add(DEACT_WHERE_ON)
         elif call.name in MOTIONS or call.name in STATEMENTS:
             raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
         else:
@@ -257,7 +301,7 @@ def _is_known(options: Mapping[str, object]) -> Known:
     return Known(
         signals=signals,
         external=options.get("declare", True) is False,
-        load=str(options.get("force_load", "")),
         sign=-1 if options.get("force_sign", 1) == -1 else 1,
         longest_name=_NAME_S4 if options.get("s4", False) is True else _NAME,
+        asked=read_asked(options),
     )

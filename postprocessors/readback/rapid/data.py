@@ -240,7 +240,7 @@ def _quarters(conf: tuple[float, ...]) -> str:
 
 
 def _speed(speed: tuple[float, ...]) -> str:
-    return "a speed that is not positive" if speed[0] <= 0 else ""
+    return "a speed that is not positive" if min(speed[:2]) <= 0 or min(speed) < 0 else ""
 
 
 def _zone(zone: tuple[float, ...]) -> str:

@@ -10,8 +10,9 @@ from msgspec import Struct
 
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
 from camgen.model.program import Instruction, Posture
-from camgen.post import Fault
+from camgen.post import Fault, Remark
 
+from .asked import Asked, judge_load
 from .data import Scope, Value, orient_fault, pose
 from .syntax import Expr, Ref, Shape, Wrong
 
@@ -21,14 +22,14 @@ class Known:
     """What the text does not say and the post's options do.
 
     signals: logical name by identifier in lower case. external: tool and work object are not declared in the text.
-    load: the loaddata that the controller has. sign: +1 when a positive force presses along the positive tool axis.
+    sign: +1 when a positive force presses along the positive tool axis. asked: what the text should say.
     """
 
     signals: Mapping[str, str]
     external: bool
-    load: str
     sign: int
     longest_name: int
+    asked: Asked
 
 
 class Bound(Struct, frozen=True, eq=False):
@@ -61,12 +62,24 @@ class State:
     moved: bool = False
     pressing: tuple[int, int] | None = None  # tool axis 0..2 and direction +-1
     count: int = 0
+    remarks: set[str] = field(default_factory=set)  # what has been remarked on, which is told once
+    supervised: dict[str, tuple[bool, int]] = field(default_factory=dict)  # ConfJ and ConfL: on, and the line
+    postures: set[tuple[str, bool]] = field(default_factory=set)  # of ConfJ and ConfL: whether targets state one
+    singularity: str = ""
+    acceleration: tuple[float, ...] = ()
+    calibrated: bool = False
     rotations: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
 
     def add(self, item: Instruction, line: int) -> None:
         """One more instruction of the program."""
         self.body.append(item)
         self.lines.append(line)
+
+    def remark(self, line: int, what: str) -> None:
+        """Notes once what a controller takes and a program of ours does not say."""
+        if what and what not in self.remarks:
+            self.remarks.add(what)
+            self.faults.append(Remark(line, what))
 
     def stopped(self, what: str) -> None:
         """Notes it when the last motion does not stop before ``what``."""
@@ -80,6 +93,8 @@ class State:
         if kind not in self.frames:
             frame = None if value is None else (_tool if kind == "tool" else _work)(value, line)
             self.frames[kind] = (name.lower(), frame)
+            if kind == "tool" and value is not None:
+                self.remark(line, judge_load(self.known.asked, cast(tuple[Value, ...], value)[2]))
         elif self.frames[kind][0] != name.lower():
             raise Wrong(line, f"{name} is a second {'tool' if kind == 'tool' else 'work object'}")
 

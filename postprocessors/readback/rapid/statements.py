@@ -11,9 +11,25 @@ from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Out
 from camgen.model.text import counted
 from camgen.post import Fault, Remark
 
+from .asked import judge_acceleration, judge_calibration, judge_pressing, judge_singularity
 from .data import Value, numbers
 from .state import Bound, State
 from .syntax import DEACT_WHERE_ON, Call, Expr, Inline, Ref, Wrong
+from .ways import (
+    arc_fault,
+    arc_remark,
+    is_half_turn,
+    joints_fault,
+    joints_remark,
+    posture_fault,
+    posture_remark,
+)
+
+_SUPERVISION = {"confj": "ConfJ", "confl": "ConfL"}
+#: The signal that is an analog output; all others are digital (docs/posts/rapid.md, options).
+_ANALOG = "spindle"
+#: rad/s that the tool turns at in every speed of RAPID's own; and mm that a motion travels for sure.
+_ON_THE_WAY, _SAME_TURN, _TRAVELS = math.radians(500.0), 1e-9, 0.01
 
 
 def _signal(state: State, call: Call) -> str:
@@ -31,6 +47,9 @@ def _signal(state: State, call: Call) -> str:
 def switch(state: State, call: Call) -> Output:
     """What SetDO, SetAO (a signal and its value), Set or Reset (a signal) do."""
     signal = _signal(state, call)
+    analog = signal == _ANALOG
+    if analog != (call.name == "setao") and (analog or signal in state.known.signals.values()):
+        raise Wrong(call.line, f"{call.name} of {signal}, which is {'an analog' if analog else 'a digital'} output")
     count = 2 if call.name in ("setdo", "setao") else 1
     if len(call.args) != count:
         raise Wrong(call.line, f"{call.name} has {counted(count, 'argument')}, not {len(call.args)}")
@@ -64,36 +83,52 @@ def _wait(state: State, call: Call) -> None:
         state.add(Wait(seconds), call.line)
 
 
-def _configuration(_state: State, call: Call) -> None:
+def _configuration(state: State, call: Call) -> None:
     """ConfL, ConfJ: switch the supervision of the posture, which no instruction holds."""
     if call.args or call.options not in ((("on", None),), (("off", None),)):
         raise Wrong(call.line, f"{call.name} needs \\On or \\Off")
+    on = call.options[0][0] == "on"
+    if state.moved and state.supervised.get(call.name, (None, 0))[0] != on:
+        state.remark(call.line, f"{_SUPERVISION[call.name]} changes after the first motion")
+    state.supervised[call.name] = on, call.line
+    if on and state.known.asked.conf != "auto":
+        state.remark(call.line, f"{_SUPERVISION[call.name]} is on, though post.conf is {state.known.asked.conf}")
 
 
-def _singularity(_state: State, call: Call) -> None:
+def _singularity(state: State, call: Call) -> None:
     """SingArea: what the arm does near a singularity, which no instruction holds."""
     if call.args or call.options not in ((("wrist", None),), (("off", None),)):
         raise Wrong(call.line, "singarea needs \\Wrist or \\Off")
+    state.singularity = call.options[0][0]
+    if state.moved:
+        state.remark(call.line, "SingArea after the first motion")
 
 
 def _acceleration(state: State, call: Call) -> None:
     """AccSet: acceleration and ramp in %, which no instruction holds."""
     if len(call.args) != 2 or call.options:
         raise Wrong(call.line, "accset needs acceleration and ramp")
-    for value in call.args:
-        if not 0 < cast(float, state.scope.value(value, "num", call.line)) <= 100:
-            raise Wrong(call.line, "accset is in %, up to 100")
+    values = tuple(cast(float, state.scope.value(value, "num", call.line)) for value in call.args)
+    if not all(0 < value <= 100 for value in values):
+        raise Wrong(call.line, "accset is in %, up to 100")
+    state.acceleration = values
+    if state.moved:
+        state.remark(call.line, "AccSet after the first motion")
 
 
 def _calibrate(state: State, call: Call) -> None:
     """FCCalib: sets the force sensor to zero, with the load of the tool."""
     if len(call.args) != 1 or call.options:
         raise Wrong(call.line, "fccalib needs one loaddata")
-    load = call.args[0]
-    if not (isinstance(load, Ref) and load.name.lower() == state.known.load.lower() and not state.scope.known(load)):
-        state.scope.value(load, "loaddata", call.line)
+    load, asked = call.args[0], state.known.asked
+    said: str | Value = load.name.lower() if isinstance(load, Ref) else ""
+    if said != asked.calibration.lower() or state.scope.known(load):
+        value = state.scope.value(load, "loaddata", call.line)
+        said = said or value
     if state.pressing is not None:
         raise Wrong(call.line, "fccalib while pressing")
+    state.remark(call.line, judge_calibration(asked, said))
+    state.calibrated = True
     state.stopped(call.name)
 
 
@@ -157,13 +192,33 @@ def motion(state: State, call: Call) -> Bound:
     speed = cast(float, values["v"] if "v" in values else numbers(values["speed"])[0])
     turn = math.radians(numbers(values["speed"])[1])
     bound = Bound(call.name, speed, _blend(values), values, _posture(values), turn)
+    _check_postures(state, call.line, values)
     if call.name == "moveabsj":
         axes = numbers(cast(tuple[Value, ...], values["joints"])[0])
+        if what := joints_fault(axes):
+            raise Wrong(call.line, what)
+        state.remark(call.line, joints_remark(axes))
         _move(state, call.line, bound, None, Joints(tuple(math.radians(v) for v in axes)))
     else:
         via = state.pose(values["via"]) if "via" in values else None
         _move(state, call.line, bound, via, state.pose(values["to"]))
     return bound
+
+
+def _check_postures(state: State, line: int, values: Mapping[str, Value]) -> None:
+    """Notes configurations that no arm has. That of a circle point is not used; ours have that of the end."""
+    said = [_confdata(values[name]) for name in ("via", "to") if name in values]
+    for one in said:
+        if what := posture_fault(one):
+            raise Wrong(line, what)
+        state.remark(line, posture_remark(one))
+    if said and said[0] != said[-1]:
+        state.remark(line, "the circle point of an arc has another configuration than its end")
+
+
+def _confdata(target: Value) -> tuple[int, int, int, int]:
+    cf1, cf4, cf6, cfx = map(int, numbers(cast(tuple[Value, ...], target)[2]))
+    return cf1, cf4, cf6, cfx
 
 
 def inline(state: State, move: Inline) -> None:
@@ -186,8 +241,10 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
     if not state.moved and bound.name != "moveabsj":
         state.faults.append(Remark(line, f"the first motion is {bound.name}, not MoveAbsJ"))
     state.moved = True
-    if via is not None and state.here is not None and isinstance(target, Pose):
-        _check_arc(state, line, state.here, via, target)
+    if isinstance(target, Pose):
+        _check_supervision(state, line, bound)
+    if isinstance(target, Pose) and state.here is not None:
+        _check_way(state, line, bound, state.here, via, target)
     if bound.name in _PRESSING and isinstance(target, Pose):
         _press(state, line, bound, via, target)
     else:
@@ -219,8 +276,8 @@ def _posture(values: Mapping[str, Value]) -> Posture | None:
     """What the configuration of the target says."""
     if "to" not in values:
         return None
-    cf1, cf4, cf6, cfx = map(int, numbers(cast(tuple[Value, ...], values["to"])[2]))
-    return Posture((cf1, cf4, cf6, cfx)) if cf1 or cf4 or cf6 or cfx else None
+    said = _confdata(values["to"])
+    return Posture(said) if any(said) else None
 
 
 def _bind(state: State, call: Call) -> dict[str, Value]:
@@ -266,13 +323,41 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, 
     state.frame_of[kind] = (expr.name, state.scope)
 
 
-def _check_arc(state: State, line: int, start: Pose, via: Pose, target: Pose) -> None:
-    """Notes an arc whose three points are on one line."""
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = start.origin, via.origin, target.origin
-    ux, uy, uz, wx, wy, wz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
-    x, y, z = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
-    if x * x + y * y + z * z <= 1e-18 * (ux * ux + uy * uy + uz * uz) * (wx * wx + wy * wy + wz * wz):
-        state.faults.append(Fault(line, "the points of an arc are on one line"))
+def _check_supervision(state: State, line: int, bound: Bound) -> None:
+    """Notes a neutral configuration where supervision, on by default (manual, ConfL), may stop the arm for it."""
+    word, stated = "confj" if bound.name == "movej" else "confl", bound.posture is not None
+    if (word, stated) in state.postures:
+        return
+    state.postures.add((word, stated))
+    if not stated and word not in state.supervised:
+        state.remark(line, f"a configuration of zeros, and {_SUPERVISION[word]} is not off")
+    if stated and state.known.asked.conf == "off":
+        state.remark(line, "a configuration, though post.conf is off")
+
+
+def check_settings(state: State, line: int) -> None:
+    """Notes at the end what the settings of the program are not."""
+    asked = state.known.asked
+    for word, (on, at) in state.supervised.items():
+        if not on and asked.conf == "auto" and (word, True) in state.postures and (word, False) not in state.postures:
+            state.remark(at, f"{_SUPERVISION[word]} is off, though each of its motions states a configuration")
+    state.remark(line, judge_singularity(asked, state.singularity))
+    state.remark(line, judge_acceleration(asked, state.acceleration))
+
+
+def _check_way(state: State, line: int, bound: Bound, start: Pose, via: Pose | None, target: Pose) -> None:
+    """Notes what is wrong with the way of a motion, or open."""
+    if bound.name == "movej":
+        pass  # Its joints tell how it turns.
+    elif via is None:
+        if is_half_turn(start, target):
+            state.remark(line, "the tool turns by 180 deg in one straight motion; its sense is open")
+    elif what := arc_fault(start.origin, via.origin, target.origin):
+        state.faults.append(Fault(line, what))
+    else:
+        state.remark(line, arc_remark(start.origin, via.origin, target.origin))
+    if abs(bound.turn - _ON_THE_WAY) > _SAME_TURN and math.dist(start.origin, target.origin) > _TRAVELS:
+        state.remark(line, f"a speed of {math.degrees(bound.turn):g} deg/s limits a motion that travels")
 
 
 def _blend(values: Mapping[str, Value]) -> float:
@@ -319,6 +404,10 @@ def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> flo
         raise Wrong(line, "FCPress1LStart " + ("twice" if state.pressing else "from an unknown pose"))
     if not 0 <= cast(float, values["threshold"]) <= 100:
         raise Wrong(line, "the threshold of FCPress1LStart is 0 to 100 %")
+    for what in judge_pressing(state.known.asked, values):
+        state.remark(line, what)
+    if state.known.asked.calibration and not state.calibrated:
+        state.remark(line, "no FCCalib before pressing, though post.force_load asks for it")
     axis, force = given[0]
     state.stopped("fcpress1lstart")
     state.pressing = (axis, state.known.sign if force > 0 else -state.known.sign)

@@ -42,6 +42,9 @@ RESERVED = frozenset(
 )
 #: The largest value of a num (IEEE single precision).
 LARGEST = 3.4e38
+#: The longest string, and what stands in one for another character.
+LONGEST_STRING = 80
+_ESCAPED = re.compile(r'""|\\\\|\\([0-9a-fA-F]{2})')
 
 Token = tuple[str, str, int, int]  # kind, text, line, offset of its start
 
@@ -76,6 +79,14 @@ def number(text: str, line: int) -> float:
     value = float(text)
     if abs(value) > LARGEST:
         raise Wrong(line, f"{text[:40]} is larger than a num can be")
+    return value
+
+
+def string(text: str, line: int) -> str:
+    """The string that ``text`` writes out. Wrong when it is longer than one can be (RAPID kernel manual, strings)."""
+    value = _ESCAPED.sub(lambda found: chr(int(found[1], 16)) if found[1] else found[0][0], text[1:-1])
+    if len(value) > LONGEST_STRING:
+        raise Wrong(line, f"a string of {len(value)} characters; a controller takes {LONGEST_STRING}")
     return value
 
 
@@ -310,7 +321,7 @@ class Calls:
             self.take()
             if kind == "number":
                 return number(text, line)
-            return Point(point(text, line)) if kind == "point" else text[1:-1].replace('""', '"')
+            return Point(point(text, line)) if kind == "point" else string(text, line)
         if kind == "name":
             return self.named(depth)
         self.take()
@@ -513,6 +524,8 @@ class _Parser(Calls):
             self.take()
         word = self.word()
         if word in ("const", "pers", "var"):
+            if routines:
+                self.faults.append(Fault(line, f"{word.upper()} after the first routine of the module"))
             data.append(self.data(line, local, task))
         elif word == "proc":
             self.take()
