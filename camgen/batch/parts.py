@@ -9,7 +9,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from camgen.batch.inputs import BatchInput
-from camgen.batch.state import Outcome, Record, Task, is_unchanged
+from camgen.batch.state import NAME, Outcome, Record, Task, is_unchanged
 from camgen.build.inputs import digest_of
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.plugins import entries
@@ -30,12 +30,14 @@ class Order(Struct, frozen=True):
 
 class BatchPart(Struct, frozen=True):
     """One input. program: its first file, below the output folder. digest: of all that the program is made from.
-    Exactly one of the last three is there: what is to be built, what is built already, why it cannot be built.
+    read: every file that it is made from. Exactly one of the last three is there: what is to be built, what is built
+    already, why it cannot be built.
     """
 
     input: BatchInput
     program: str
     digest: str
+    read: Mapping[str, Path]
     task: Task | None = None
     record: Record | None = None
     outcome: Outcome | None = None
@@ -50,7 +52,9 @@ def look_at(
     suffix, made_by = find_post(order.post).suffix, _maker(order.post)
     parts = [_part(place, one, order, suffix, made_by) for place, one in enumerate(inputs)]
     owners: dict[str, int] = {}
-    read = {identity(one.source) for one in inputs}
+    read = {same for part in parts for same in part.read} | {identity(one.source) for one in inputs}
+    if identity(folder / NAME) in read:
+        raise JobError(str(folder / NAME), "is read by a part, and a batch writes it", remedy="rename it")
     for place, part in enumerate(parts):
         first = owners.setdefault(part.program.casefold(), place)
         source = str(part.input.source)
@@ -58,7 +62,8 @@ def look_at(
             what = f"its program would have the name of that of {parts[first].input.source}"
             raise JobError(source, what, part.program, 'build them into two folders, or by one pattern with "**"')
         if identity(folder / part.program) in read:
-            raise JobError(source, "its program would overwrite an input", part.program, "give another folder with -o")
+            what = "its program would overwrite a file that is read"
+            raise JobError(source, what, part.program, "give another folder with -o")
     return [_unless_there(part, folder, records) for part in parts], owners
 
 
@@ -67,24 +72,30 @@ def _part(place: int, one: BatchInput, order: Order, suffix: str, made_by: str) 
     job_file = None
     files = Files()  # of this part alone: its bytes are not kept while the others are looked at
     try:
+        if order.post.endswith(".py"):
+            files.read(order.post)  # Python imports it; what it was made from stays
         job_file = beside(order.job, one.source)
         job = load(job_file, order.sets, files)
         name = str(job.post.get("program") or name)
         total = f"{made_by} {one.source.name} {name} {order.strict} {digest_of(job, [one.source], files)}"
     except CamgenError as error:
         return BatchPart(
-            one, (one.folder / (name + suffix)).as_posix(), "", outcome=Outcome(error.exit_code, str(error))
+            one,
+            (one.folder / (name + suffix)).as_posix(),
+            "",
+            files.opened,
+            outcome=Outcome(error.exit_code, str(error)),
         )
     task = Task(place, one.source, order.post, job, str(job_file or "job"), order.strict, __version__)
     digest = hashlib.sha256(total.encode("utf-8", "surrogateescape")).hexdigest()
-    return BatchPart(one, (one.folder / (name + suffix)).as_posix(), digest, task)
+    return BatchPart(one, (one.folder / (name + suffix)).as_posix(), digest, files.opened, task)
 
 
 def _unless_there(part: BatchPart, folder: Path, records: Mapping[str, Record]) -> BatchPart:
     record = records.get(part.program)
     if part.task is None or not is_unchanged(record, part.digest, folder / part.input.folder):
         return part
-    return BatchPart(part.input, part.program, part.digest, record=record)
+    return BatchPart(part.input, part.program, part.digest, part.read, record=record)
 
 
 def _maker(post: str) -> str:

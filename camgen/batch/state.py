@@ -109,7 +109,7 @@ def add(folder: Path, record: Record) -> None:
 def tidy(folder: Path, records: Mapping[str, Record]) -> None:
     """One line for each program, in order."""
     lines = [msgspec.json.encode(records[name]) + b"\n" for name in sorted(records)]
-    write_all([(folder / NAME, b"".join(lines))])
+    write_all([(folder / NAME, b"".join(lines))], {})
 
 
 def hash_bytes(data: bytes) -> str:

@@ -5,15 +5,21 @@ from __future__ import annotations
 import itertools
 import os
 import shutil
+import signal
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import FrameType
 
 from msgspec import Struct
 
 from camgen.model.errors import JobError
 from camgen.read.files import identity
+
+#: Ctrl-C and what asks a process to end; Windows has no SIGHUP.
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
 class _Staged(Struct, frozen=True):
@@ -28,8 +34,21 @@ class _Staged(Struct, frozen=True):
     existed: bool
 
 
-def write_all(files: Sequence[tuple[Path, bytes]]) -> None:
-    """Writes all files or none: whatever goes wrong, the folder is as it was before. JobError names the file."""
+def write_all(files: Sequence[tuple[Path, bytes]], read: Mapping[str, Path]) -> None:
+    """Writes all files or none: whatever goes wrong, the folder is as it was before. JobError names the file.
+
+    read: ``Files.opened`` of all that the command has read; none of it is written over.
+    """
+    for asked, _ in files:
+        with _name_errors(asked):
+            same = identity(asked)
+        if same in read:
+            raise _would_overwrite(asked, read[same])
+    with _signals_held() as held:
+        _write_all(files, held)
+
+
+def _write_all(files: Sequence[tuple[Path, bytes]], held: Sequence[int]) -> None:
     staged: list[_Staged] = []
     try:
         for asked, data in files:
@@ -39,8 +58,10 @@ def write_all(files: Sequence[tuple[Path, bytes]]) -> None:
         for one in staged:
             with _name_errors(one.asked):
                 os.replace(one.fresh, one.target)
+        if held:
+            raise KeyboardInterrupt
     except BaseException:
-        # An interrupt must leave the folder as it was, too; the error goes on to whoever reports it.
+        # Whatever ends this must leave the folder as it was; the error goes on to whoever reports it.
         for one in staged:
             _undo(one)
         raise
@@ -48,16 +69,45 @@ def write_all(files: Sequence[tuple[Path, bytes]]) -> None:
         one.old.unlink(missing_ok=True)
 
 
+@contextmanager
+def _signals_held() -> Iterator[list[int]]:
+    """The signals that have come in here. They act afterwards: between two steps one could leave half of them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield []  # only the main thread has to do with signals
+        return
+    held: list[int] = []
+    former: dict[int, Callable[[int, FrameType | None], object] | int] = {}
+    try:
+        for number in _SIGNALS:
+            handler = signal.getsignal(number)
+            if handler is not None and handler is not signal.SIG_IGN:
+                former[number] = handler
+                signal.signal(number, lambda got, _frame: held.append(got))
+        yield held
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+        for number in held:
+            signal.raise_signal(number)
+
+
 def check_targets(targets: Iterable[Path], sources: Iterable[Path]) -> None:
     """JobError for a target that cannot be written as a file, is one of the sources, or is named twice."""
-    taken = {identity(path): f"would overwrite {path}, which is read" for path in sources}
+    read = {identity(path): path for path in sources}
+    taken: set[str] = set()
     for target in targets:
         with _name_errors(target):
             _check_target(target)
         same = identity(target)
+        if same in read:
+            raise _would_overwrite(target, read[same])
         if same in taken:
-            raise JobError(str(target), taken[same], remedy="give another name")
-        taken[same] = "is named for two outputs"
+            raise JobError(str(target), "is named for two outputs", remedy="give another name")
+        taken.add(same)
+
+
+def _would_overwrite(target: Path, read: Path) -> JobError:
+    return JobError(str(target), f"would overwrite {read}, which is read", remedy="give another name")
 
 
 def _check_target(target: Path) -> None:

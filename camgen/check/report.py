@@ -58,8 +58,9 @@ def sum_up(columns: Columns) -> Motions:
     end, via, speed = columns.ends, columns.vias, columns.speed
     start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
     arc, line, joint = (columns.moves_are(kind) for kind in (MoveC, MoveL, MoveJ))
-    length = np.nan_to_num(np.linalg.norm(end - start, axis=1))
+    length = np.linalg.norm(end - start, axis=1)
     length[arc] = arc_lengths(start[arc], via[arc], end[arc])
+    length = np.nan_to_num(length)  # of motions from where nobody knows
     seconds = math.fsum((length / speed).tolist())
     waits = math.fsum(item.seconds for item in columns.of(Wait))
     points = np.concatenate([end, via])

@@ -10,17 +10,17 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import NoReturn
 
 from camgen.cli.say import Voice, voice
+from camgen.cli.stop import Stopped, exit_code, say_why, signals_as_interrupts
 from camgen.model.errors import CamgenError, JobError
 from camgen.model.version import __version__
 
-_INTERRUPTED = 130
 #: Standard input, output and error are the descriptors below.
 _STREAMS = 3
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code: 0 done, 1 fault in camgen, 2 usage or input, 3 no safe program, 4 the
-    text read back differs from the plan, 130 interrupted.
+    text read back differs from the plan, 130 interrupted, 143 terminated.
     """
     _open_streams()
     # Nothing here is linear algebra that threads would help; starting them costs 50 ms of every run.
@@ -30,8 +30,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = _parse(words)
         says = voice(arguments.quiet, arguments.verbose)
-        command: Callable[[argparse.Namespace, Voice], int] = _command(arguments.command)
-        return command(arguments, says)
+        with signals_as_interrupts():
+            return _command(arguments.command)(arguments, says)
     except SystemExit as leave:  # argparse after --help and --version
         return leave.code if isinstance(leave.code, int) else 0
     except CamgenError as error:
@@ -40,9 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return error.exit_code
     except BrokenPipeError:  # who reads the help has read enough
         return 0
-    except KeyboardInterrupt:
-        says.error("interrupted")
-        return _INTERRUPTED
+    except Stopped as error:
+        says.error(say_why(error))
+        return exit_code(error)
     except Exception as error:  # the last resort: whatever it is, the user gets one line and exit code 1
         says.error(f"fault: {type(error).__name__}: {error}; run it again with -vv and report what that prints")
         _trace(says)
@@ -120,7 +120,7 @@ def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
     command("build", "make a checked program from a drawing, a photo, a 3-D part or old G-code", _build)
     command("batch", "build many parts, each by itself, several at once", _batch)
     command("inspect", "show what is in a file", _inspect)
-    command("init", "write a commented job file beside an input", _init)
+    command("init", "write a commented job file for an input", _init)
     command("verify", "read a program back and say what it does", _verify)
     command("calibrate", "measure the lens of a camera from photos of a board", _calibrate)
     command("markers", "draw a sheet of markers that shows a photo where the work plane is", _markers)

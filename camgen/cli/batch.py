@@ -20,6 +20,7 @@ from camgen.batch.state import BuildSums, Outcome, Task
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import clean
 from camgen.cli.say import Voice, duration, out, table
+from camgen.cli.stop import Stopped, exit_code, say_why
 from camgen.model.errors import JobError, one_line
 from camgen.model.text import counted
 from camgen.post.plugins import find_post, find_readback
@@ -28,7 +29,6 @@ from camgen.read.job_file import load
 #: Of several exit codes of parts the first of these is the one of the batch: a fault, a text that does not say what was
 #: planned, no safe program, a bad input.
 _GRAVEST = (1, 4, 3, 2, 0)
-_INTERRUPTED = 130
 #: Seconds that a part may take: a part that never ends must not keep the others.
 _TIMEOUT = 600.0
 _BAR = 24
@@ -50,26 +50,28 @@ def run(arguments: Namespace, says: Voice) -> int:
     _check(arguments)
     folder = Path(arguments.output or "")
     inputs = find_inputs(arguments.inputs)
-    check_targets([Path(p) for p in [arguments.report] if p], [one.source for one in inputs])
+    reports = [Path(p) for p in [arguments.report] if p]
+    check_targets(reports, [one.source for one in inputs])
     says.stage("looking")
     records = state.load_records(folder)
     order = Order(arguments.post, arguments.job, tuple(arguments.sets), arguments.strict)
     parts, owners = look_at(inputs, order, folder, records)
-    batch = _Batch(says, folder, parts, records, owners)
+    read = {same: path for part in parts for same, path in part.read.items()}
+    check_targets(reports, read.values())
+    batch = _Batch(says, folder, parts, records, owners, read, reports)
     batch.take_known()
     try:
         with closing(_builders(arguments, [part.task for part in parts if part.task])) as done:
             for task, outcome in done:
                 batch.take(task.place, outcome)
-    except KeyboardInterrupt:
+    except Stopped as error:
         left = counted(len(parts) - len(batch.rows), "part")
-        says.error(f"interrupted: {left} of {len(parts)} not built; the same command goes on from here")
-        return _INTERRUPTED
+        says.error(f"{say_why(error)}: {left} of {len(parts)} not built; the same command goes on from here")
+        return exit_code(error)
     if batch.written:
         state.tidy(folder, records)
     rows = [batch.rows[place] for place in range(len(parts))]
-    if arguments.report:
-        write_all([(Path(arguments.report), _report(rows, arguments.post))])
+    write_all([(path, _report(rows, arguments.post)) for path in reports], read)
     _tell(rows, says)
     return next(code for code in _GRAVEST if any(row.code == code for row in rows))
 
@@ -99,13 +101,17 @@ def _builders(arguments: Namespace, tasks: list[Task]) -> Generator[tuple[Task, 
 
 
 class _Batch(Struct):
-    """What was done so far. rows: by place among the inputs. owners: who may write which file."""
+    """What was done so far. rows: by place among the inputs. owners: who may write which file. read: what
+    none may write, by ``identity``. reports: what the batch itself will write.
+    """
 
     says: Voice
     folder: Path
     parts: list[BatchPart]
     records: dict[str, state.Record]
     owners: dict[str, int]
+    read: Mapping[str, Path]
+    reports: list[Path]
     rows: dict[int, _Row] = msgspec.field(default_factory=dict)
     written: int = 0
     begun: float = msgspec.field(default_factory=monotonic)
@@ -153,8 +159,8 @@ class _Batch(Struct):
         except OSError as error:
             raise JobError(str(target), f"cannot be made: {error.strerror}") from error
         files = [(target / name, data) for name, data in outcome.files]
-        check_targets([path for path, _ in files], [part.input.source])
-        write_all(files)
+        check_targets([*self.reports, *(path for path, _ in files)], [part.input.source])
+        write_all(files, self.read)
         return tuple(str(path) for path, _ in files)
 
     def _add(self, place: int, row: _Row) -> None:

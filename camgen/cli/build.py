@@ -195,6 +195,8 @@ def run(arguments: Namespace, says: Voice) -> int:
         extra = [Path(p) for p in (arguments.plan, arguments.report, arguments.preview) if p]
         check_targets([*([program] if program else []), *extra], read)
         check_preview(arguments.preview)
+        if arguments.post.endswith(".py"):
+            files.read(arguments.post)  # Python imports it; what it was made from stays
         job = load(job_file, arguments.sets, files)
         name = program.stem if program else ""
         with rename_errors("job", str(job_file or "job")):
@@ -204,7 +206,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         stages("writing")
         programs = program_files(result, folder, program)
         check_targets([*(path for path, _ in programs), *extra], read)
-        write_all([*programs, *_extras(arguments, result, [path.name for path, _ in programs])])
+        write_all([*programs, *_extras(arguments, result, [path.name for path, _ in programs])], files.opened)
     says.rows(rows(result, job_file, inputs, programs, says.verbose))
     if says.verbose:
         says.rows([("timing", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent()), "plain")])

@@ -36,7 +36,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     written = [(camera_file, camera_info(found.camera).encode())]
     if preview is not None:
         written.append((preview, svg(found, f"{target.label}: {camera_file.name}").encode()))
-    write_all(written)
+    write_all(written, files.opened)
     if not says.quiet:
         out(_errors(found))
     says.rows(_summary(found, target))

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import textwrap
 from argparse import Namespace
+from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
@@ -15,23 +16,25 @@ from camgen.model.job_tables import settings, tables
 from camgen.post import Post
 from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
-from camgen.read.files import Files
+from camgen.read.files import Files, identity
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Writes the job file beside the input, never over one that exists."""
+    """Writes the job file into the current folder, never over one that exists."""
     files = Files()
     source = files.read(arguments.input)
-    target = source.path.with_suffix(".toml")
+    target = Path(source.name).with_suffix(".toml")
     if target.exists():
         raise JobError(str(target), "exists", remedy="rename it, or delete it to get a new one")
     check_targets([target], [source.path])
     says.stage("reading")
     reader = find_reader(source)
     units = reader.read(source, Job(), files).units if reader.makes == "drawing" else ""
-    write_all([(target, template(source.name, units).encode())])
+    write_all([(target, template(source.name, units).encode())], files.opened)
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
+    if identity(source.path.parent) != identity(target.parent):
+        says.rows([("use", f"camgen build {source.path} --job {target}: it does not lie beside the input", "look")])
     return 0
 
 

@@ -42,7 +42,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     found = localize(scan.name, (vertices, faces), seen.points, start, says.stage)
     says.clear()
     names = (model.name, scan.name)
-    write_all([(target, job(names, found).encode())])
+    write_all([(target, job(names, found).encode())], files.opened)
     if not says.quiet:
         out(_line(found.base_from_work) + "\n")
     x, y, z = np.ptp(vertices, axis=0).tolist()

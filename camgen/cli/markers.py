@@ -22,7 +22,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         raise JobError(str(target), "is no kind of drawing that camgen writes", remedy="end the name in .pdf or .svg")
     what = sheet(arguments.size, arguments.marker)
     check_targets([target], [])
-    write_all([(target, drawn(what))])
+    write_all([(target, drawn(what))], {})
     side, free = short(what.marker, 2), " x ".join(short(v, 0) for v in what.free)
     text = f"{what.size} landscape, {counted(len(what.ids), 'marker')} of {side} mm, free for the part: {free} mm"
     says.rows(

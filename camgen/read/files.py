@@ -19,6 +19,8 @@ class Files:
 
     def __init__(self, given: Iterable[Source] = ()) -> None:
         self._data = {identity(source.path): source.data for source in given}
+        #: What was opened, by its ``identity``: nothing of it may be written over.
+        self.opened: dict[str, Path] = {}
 
     def read(self, path: str | Path) -> Source:
         """An input. InputError where there is none: missing, a folder, not to be read."""
@@ -38,6 +40,7 @@ class Files:
         same = identity(path)
         if same not in self._data:
             self._data[same] = path.read_bytes()
+            self.opened[same] = path
         return Source(path, self._data[same])
 
 

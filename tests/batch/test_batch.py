@@ -231,7 +231,7 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
             "parts/a.dxf: its program would have the name of that of other/A.dxf (a.ngc); ",
         ),
         (["parts/*.dxf", "--set", "post.program=x"], "parts/b.dxf: its program would have the name of that of parts/a"),
-        (["old/*.ngc", "-o", "old"], "old/x.ngc: its program would overwrite an input (x.ngc); "),
+        (["old/*.ngc", "-o", "old"], "old/x.ngc: its program would overwrite a file that is read (x.ngc); "),
     ],
 )
 def test_what_is_wrong_for_all_is_said_at_once(words: list[str], says: str, here: Path, capsys: Captured) -> None:

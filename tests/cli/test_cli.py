@@ -411,7 +411,7 @@ def test_all_files_or_none(
 
     monkeypatch.setattr("os.replace", replace)
     with pytest.raises((KeyboardInterrupt, JobError)):
-        write_all([(tmp_path / name, b"fresh") for name in names])
+        write_all([(tmp_path / name, b"fresh") for name in names], {})
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"old": "old", "older": "older"}
 
 
@@ -422,7 +422,7 @@ def test_writing_keeps_rights_and_follows_links(tmp_path: Path) -> None:
     link.symlink_to(real)
     before = os.umask(0o027)
     try:
-        write_all([(link, b"new"), (fresh, b"new")])
+        write_all([(link, b"new"), (fresh, b"new")], {})
     finally:
         os.umask(before)
     assert link.is_symlink()
@@ -435,7 +435,7 @@ def test_writing_keeps_rights_and_follows_links(tmp_path: Path) -> None:
 def test_writing_into_what_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(JobError, match="cannot be written: Not a directory"):
-        write_all([(tmp_path / "a", b"1"), (tmp_path / "file" / "b", b"2")])
+        write_all([(tmp_path / "a", b"1"), (tmp_path / "file" / "b", b"2")], {})
     assert {p.name for p in tmp_path.iterdir()} == {"file"}
     with pytest.raises(JobError, match="its folder does not exist"):
         check_targets([tmp_path / "file" / "b"], [])

@@ -225,7 +225,7 @@ def _read(source: Source, settings: InputTable, chord: float) -> _Read:
     name, data = source.name, source.data
     document, notes = load(name, data)
     version = f"{document.dxfversion} ({document.acad_release})"
-    unit, scale, unit_notes = units.resolve(name, settings.units, *_state(document, data))
+    unit, scale, unit_notes = units.resolve(name, settings.units, *_state(name, document, data))
     layers = layers_of(document, settings.layers)
     # Damaged files hold infinities; what comes of them is found and told by name.
     with np.errstate(invalid="ignore", over="ignore"):
@@ -241,14 +241,20 @@ def _read(source: Source, settings: InputTable, chord: float) -> _Read:
     return _Read(version, unit, drawn, contours, size, (*notes, *unit_notes, *doubts), left)
 
 
-def _state(document: Drawing, data: bytes) -> tuple[int, int | None]:
+def _state(name: str, document: Drawing, data: bytes) -> tuple[int, int | None]:
     """$INSUNITS (0: none) and $MEASUREMENT of the header, None if there is none.
 
     ezdxf fills a header that is missing with defaults (metres), hence the look at the bytes.
     """
-    insunits, measurement = (
-        int(document.header.get(key, 0)) if key.encode() in data else None for key in ("$INSUNITS", "$MEASUREMENT")
-    )
+    found: list[int | None] = []
+    for key in ("$INSUNITS", "$MEASUREMENT"):
+        value = document.header.get(key, 0) if key.encode() in data else None
+        try:
+            found.append(None if value is None else int(value))
+        except ValueError as error:
+            remedy = "save it again from the CAD program, or mend the header"
+            raise InputError(name, f"is damaged: {str(value)[:20]!r} is no number", key, remedy) from error
+    insunits, measurement = found
     return insunits or 0, measurement
 
 

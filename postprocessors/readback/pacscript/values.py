@@ -241,8 +241,12 @@ def _literal(token: str) -> float:
         raise Unreadable("a number is too large") from None
 
 
+#: No number of a program is larger: delays are in ms.
+_LARGEST = 1e10
+
+
 def _finite(value: float) -> float:
-    if not math.isfinite(value):
+    if not abs(value) <= _LARGEST:
         raise Unreadable("a number is too large")
     return value
 

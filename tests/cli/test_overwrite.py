@@ -1,0 +1,186 @@
+"""Nothing that a command reads is ever written over, and a signal leaves nothing behind."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from camgen.batch.writing import write_all
+from camgen.cli import main
+from camgen.cli.stop import Stopped, Terminated, signals_as_interrupts
+from camgen.post import Post
+
+PLATE = "0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n50\n20\n25\n40\n10\n0\nENDSEC\n0\nEOF\n"
+CUBE = "".join(
+    f"facet normal 0 0 0\nouter loop\n{''.join(f'vertex {x} {y} {z}' + chr(10) for x, y, z in face)}endloop\nendfacet\n"
+    for face in (
+        ((0, 0, 0), (0, 9, 0), (9, 0, 0)),
+        ((0, 0, 0), (9, 0, 0), (0, 0, 9)),
+        ((0, 0, 0), (0, 0, 9), (0, 9, 0)),
+        ((9, 0, 0), (0, 9, 0), (0, 0, 9)),
+    )
+)
+ROBOTS = Path(__file__).parents[2] / "fixtures" / "robots"
+JOB = """
+[cell]
+file = "cell.toml"
+fixtures = ["m.stl"]
+"""
+#: A post in a file of its own, as a user may write one.
+OWN = """
+from camgen_posts.gcode import GCode
+
+
+class Own(GCode):
+    name = "own"
+"""
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "plate.dxf").write_text(PLATE)
+    (tmp_path / "plate.toml").write_text(JOB)
+    (tmp_path / "cell.toml").write_text("[cell]\nsafety = 12.0\n")
+    (tmp_path / "m.stl").write_text(f"solid m\n{CUBE}endsolid m\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+OPTIONS = ("-o", "--plan", "--report", "--preview")
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize("read", ["m.stl", "cell.toml", "plate.toml", "plate.dxf", "other/../m.stl", "link.stl"])
+def test_what_a_build_reads_is_not_written_over(
+    option: str, read: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "other").mkdir()
+    (here / "link.stl").symlink_to("m.stl")
+    if option == "--preview":  # a preview has the suffix of a picture
+        preview = f"{read}.svg"
+        (here / preview).symlink_to((here / read).resolve())
+        read = preview
+    before = contents(here)
+    assert main(["build", "plate.dxf", "--post", "gcode", option, read]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"{read}: would overwrite " in said
+    assert contents(here) == before
+
+
+@pytest.mark.parametrize("read", ["six.urdf", "turn.stl"])
+def test_an_arm_and_its_meshes_are_not_written_over(read: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("six.urdf", "turn.stl", "upper.stl"):
+        (here / name).write_bytes(next(ROBOTS.rglob(name)).read_bytes())
+    before = contents(here)
+    words = ["build", "plate.dxf", "--post", "rapid", "--set", "cell.robot=six.urdf", "--plan", read]
+    assert main(words) == 2
+    assert "would overwrite" in capsys.readouterr().err
+    assert contents(here) == before
+
+
+def test_the_file_of_a_post_is_not_written_over(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "own.py").write_text(OWN)
+    before = contents(here)
+    assert main(["build", "plate.dxf", "--post", "own.py", "--plan", "own.py"]) == 2
+    assert capsys.readouterr().err.endswith("own.py: would overwrite own.py, which is read; give another name\n")
+    after = {name: data for name, data in contents(here).items() if "__pycache__" not in name}
+    assert after == before
+
+
+def test_no_part_of_a_batch_writes_over_what_another_reads(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its program is called like the cell file of another part; so is the report."""
+    shutil.copy("plate.dxf", "lid.dxf")
+    (here / "lid.toml").write_text('[cell]\nfile = "plate.ngc"\n')
+    (here / "plate.ngc").write_text("[cell]\nsafety = 11.0\n")
+    before = contents(here)
+    assert main(["batch", "*.dxf", "--post", "gcode"]) == 2
+    assert "its program would overwrite a file that is read (plate.ngc)" in capsys.readouterr().err
+    assert main(["batch", "*.dxf", "--post", "gcode", "-o", "out", "--report", "m.stl"]) == 2
+    assert "m.stl: would overwrite m.stl, which is read" in capsys.readouterr().err
+    assert contents(here) == before
+
+
+def test_the_report_of_a_batch_is_no_program_of_it(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["batch", "plate.dxf", "--post", "gcode", "--report", "plate.ngc"]) == 2
+    assert "plate.ngc: is named for two outputs" in capsys.readouterr().out
+    assert (here / "plate.ngc").read_text().startswith("{")
+
+
+def test_init_writes_into_the_current_folder(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "drawings").mkdir()
+    shutil.move("plate.dxf", "drawings/lid.dxf")
+    assert main(["init", "drawings/lid.dxf"]) == 0
+    assert "camgen build drawings/lid.dxf --job lid.toml" in capsys.readouterr().err
+    assert (here / "lid.toml").is_file()
+    assert [path.name for path in (here / "drawings").iterdir()] == ["lid.dxf"]
+    assert main(["build", "drawings/lid.dxf", "--job", "lid.toml", "--post", "gcode"]) == 0
+
+
+# -- signals
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_between_two_files_leaves_none(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The signal comes when the first of two files has its name: it acts when all is as it was."""
+    real = os.replace
+
+    def replace(source: Path, target: Path) -> None:
+        real(source, target)
+        signal.raise_signal(number)
+
+    monkeypatch.setattr("os.replace", replace)
+    (tmp_path / "old").write_text("old")
+    with signals_as_interrupts(), pytest.raises(Stopped):
+        write_all([(tmp_path / "old", b"fresh"), (tmp_path / "new", b"fresh")], {})
+    assert contents(tmp_path) == {"old": b"old"}
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_sigterm_is_told_in_a_line(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def render(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(Post, "render", render)
+    assert main(["build", "plate.dxf", "--post", "rapid"]) == 143
+    assert capsys.readouterr().err == "camgen: ended by SIGTERM\n"
+    assert set(contents(here)) == {"plate.dxf", "plate.toml", "cell.toml", "m.stl"}
+    assert Terminated(signal.SIGTERM).number == 15
+
+
+def _is_there(group: int) -> bool:
+    """Whether a process of the group is left, after a moment."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    time.sleep(0.05)
+    return True
+
+
+def test_sigterm_ends_a_batch_with_its_builders(here: Path) -> None:
+    for k in range(6):
+        shutil.copy("plate.dxf", f"part{k}.dxf")
+    words = [sys.executable, "-m", "camgen", "batch", "part*.dxf", "--post", "gcode", "-o", "out", "--jobs", "2"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as batch:
+        state = here / "out" / "camgen-batch.jsonl"
+        until = time.monotonic() + 60
+        while not state.exists() and batch.poll() is None and time.monotonic() < until:
+            time.sleep(0.01)
+        batch.terminate()
+        _, told = batch.communicate(timeout=60)
+        assert batch.returncode == 143, told
+        assert b"ended by SIGTERM: " in told
+        assert not all(_is_there(batch.pid) for _ in range(200)), "somebody of its group is left"
+    assert not [path for path in (here / "out").iterdir() if path.name.startswith(".camgen")]
