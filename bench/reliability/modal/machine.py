@@ -1,0 +1,195 @@
+"""What a program text does, by the least that the manuals say: one small simulation of the modal state a language.
+
+They judge the read-backs, so they import nothing of them. Each gives the trace of a text: its motions with all that
+holds while they run, its outputs, waits and whatever else it says. A statement that a simulation does not know goes
+into the trace word by word, and so does one that the controller would refuse: such a text is never taken for another.
+What a trace leaves out means nothing: comments, blanks, the case of letters, a setting made again.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+#: By how much a number may differ and still be the printed one: of a speed and a force what a build forgives, of an
+#: orientation ("deg", and "turn", an entry of a quaternion or a rotation matrix) what it forgives too, 1e-5 rad, of an
+#: arc's middle ("arc", mm) the bound of ``camgen.post.verify``. What has no unit is exact.
+DIGITS = {
+    "": 0.0, "mm": 1e-3, "arc": 3e-3, "deg": 1e-3, "turn": 1.1e-5, "mm/s": 1e-2, "deg/s": 1e-3, "%": 1e-4, "s": 1e-3,
+    "N": 1e-2,
+}  # fmt: skip
+
+
+class Number(NamedTuple):
+    """A number of a text. unit: a key of ``DIGITS``."""
+
+    value: float
+    unit: str = ""
+
+
+Atom = str | Number
+Event = tuple[Atom, ...]
+Point = tuple[float, float, float]
+Matrix = tuple[tuple[float, ...], ...]
+
+
+def is_same(one: Sequence[Event], other: Sequence[Event]) -> bool:
+    """Whether two traces say the same within the printed digits."""
+    return len(one) == len(other) and all(map(_is_alike, one, other))
+
+
+def _is_alike(one: Event, other: Event) -> bool:
+    return len(one) == len(other) and all(map(_is_close, one, other))
+
+
+def _is_close(one: Atom, other: Atom) -> bool:
+    if isinstance(one, Number) and isinstance(other, Number):
+        return one.unit == other.unit and abs(one.value - other.value) <= DIGITS[one.unit] * (1 + 1e-6)
+    return one == other
+
+
+class Machine:
+    """The trace so far and the state: what holds until it is set again."""
+
+    def __init__(self) -> None:
+        self.trace: list[Event] = []
+        self.state: dict[str, Event] = {}
+        self.outputs: dict[str, Event] = {}
+
+    def hold(self, name: str, *value: Atom) -> None:
+        """A setting, which only shows in the motions after it."""
+        self.state[name] = value
+
+    def switch(self, name: str, *value: Atom) -> None:
+        """An output; set again to what it is, it says nothing."""
+        if self.outputs.get(name) != value:
+            self.outputs[name] = value
+            self.say("output", name, *value)
+
+    def say(self, *event: Atom) -> None:
+        """Something that happens."""
+        self.trace.append(event)
+
+    def tell(self, words: Sequence[str]) -> None:
+        """A statement that is not understood, or that calls another: afterwards no output is known for sure."""
+        self.outputs.clear()
+        self.say("says", *atoms(words))
+
+    def move(self, *event: Atom) -> None:
+        """A motion, with all that holds for it."""
+        self.say(*event, *(part for name in sorted(self.state) for part in (name, *self.state[name])))
+
+    def end(self) -> list[Event]:
+        """The whole trace, with the state that is left behind."""
+        self.move("end")
+        return self.trace
+
+
+def as_number(words: Sequence[str]) -> float | None:
+    """The number that a few words are, a sign before it or none."""
+    sign, digits = (words[0], words[1:]) if words and words[0] in ("-", "+") else ("", words)
+    if len(digits) != 1 or not re.match(r"[\d.]", digits[0]):
+        return None
+    try:
+        value = float(digits[0])
+    except ValueError:
+        return None
+    return -value if sign == "-" else value
+
+
+def atom(word: str) -> Atom:
+    """A word, or the number that it is: 5 and 5.000 are one."""
+    value = as_number([word])
+    return word if value is None else Number(value)
+
+
+def atoms(words: Sequence[str]) -> Event:
+    """Words and numbers, without the sign of a 0 that begins a value."""
+    bare = ("=", ",", "(", "[", ":=")
+    kept = [
+        word
+        for k, word in enumerate(words)
+        if not (word == "-" and words[k - 1 : k] and words[k - 1] in bare and as_number(words[k : k + 2]) == 0)
+    ]
+    return tuple(map(atom, kept))
+
+
+def split(words: Sequence[str], mark: str = ",") -> list[list[str]]:
+    """``words`` between the marks that stand in no bracket."""
+    parts: list[list[str]] = [[]]
+    depth = 0
+    for word in words:
+        depth += (word in ("(", "[")) - (word in (")", "]"))
+        if word == mark and depth == 0:
+            parts.append([])
+        else:
+            parts[-1].append(word)
+    return parts
+
+
+def arguments(words: Sequence[str], name: str, count: int, omitted: bool = False) -> list[float] | None:
+    """The numbers of ``name(...)``, at least one and at most ``count``; None where ``words`` is nothing like that.
+
+    omitted: what stands empty between commas is 0.
+    """
+    if len(words) < 4 or words[0] != name or words[1] != "(" or words[-1] != ")":
+        return None
+    values = [0.0 if omitted and not part else as_number(part) for part in split(words[2:-1])]
+    known = [value for value in values if value is not None]
+    return known if len(known) == len(values) <= count else None
+
+
+def turn(axis: int, degrees: float) -> Matrix:
+    """The rotation about x, y or z (0, 1, 2)."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    rows = [[float(a == b) for b in range(3)] for a in range(3)]
+    rows[j][j], rows[j][k], rows[k][j], rows[k][k] = c, -s, s, c
+    return tuple(map(tuple, rows))
+
+
+def turned(*rotations: Matrix) -> Event:
+    """The entries of a product of rotations: triples of angles that turn alike are alike."""
+    product = rotations[0]
+    for other in rotations[1:]:
+        product = tuple(tuple(sum(row[k] * other[k][j] for k in range(3)) for j in range(3)) for row in product)
+    return tuple(Number(value, "turn") for row in product for value in row)
+
+
+def arc(start: Point, via: Point, end: Point) -> Event:
+    """An arc by the point half-way on it, wherever ``via`` lies between a fifth and four fifths of its angle; by
+    ``via`` itself where it lies elsewhere or the three are on one line.
+    """
+    a, b = _minus(via, start), _minus(end, start)
+    normal = _cross(a, b)
+    size = _dot(normal, normal)
+    plain = tuple(Number(value, "mm") for value in via)
+    if size < 1e-12 * max(1.0, _dot(b, b) ** 2):
+        return ("via", *plain)
+    sides = zip(_cross(a, normal), _cross(b, normal), strict=True)
+    to_centre = [(_dot(a, a) * q - _dot(b, b) * p) / (2 * size) for p, q in sides]
+    centre = tuple(s + c for s, c in zip(start, to_centre, strict=True))
+    first = _minus(start, centre)
+    radius = math.sqrt(_dot(first, first))
+    x = [value / radius for value in first]
+    y = _cross([value / math.sqrt(size) for value in normal], x)
+    arms = [_minus(point, centre) for point in (via, end)]
+    to_via, to_end = (math.atan2(_dot(arm, y), _dot(arm, x)) % (2 * math.pi) for arm in arms)
+    if not 0.2 < to_via / to_end < 0.8:
+        return ("via near an end", *plain)
+    c, s = math.cos(to_end / 2), math.sin(to_end / 2)
+    return ("half-way", *(Number(o + radius * (c * p + s * q), "arc") for o, p, q in zip(centre, x, y, strict=True)))
+
+
+def _minus(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    return [p - q for p, q in zip(a, b, strict=True)]
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return sum(p * q for p, q in zip(a, b, strict=True))
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

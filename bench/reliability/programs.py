@@ -1,0 +1,208 @@
+"""The programs that are mutated: cut from the golden cases, from the programs written by hand, and a few of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from camgen.model.errors import VerifyError
+from camgen.model.pose import Pose
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.program_text import parse
+from camgen.post import Post, Readback
+from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
+from camgen.post.verify import compare
+
+_FIXTURES = Path(__file__).parents[2] / "fixtures"
+#: What replaces an arc may deviate, mm; few chords keep V+ short.
+_CHORD, _CHORD_VPLUS = 0.01, 0.2
+_OWN = {
+    # A force that the post of V+ can switch, outputs, waits, a blend.
+    "pressing": """camgen-ir 1
+name pressing
+work 450 -120 35 q 1 0 0 0
+tool 0 0 142.5 q 1 0 0 0
+body
+output process 0
+force 0 press 0 0 0
+movej joints 0 -0.261799388 0.436332313 0 1.308996939 0 speed 100
+movej 10 10 20 q 0 1 0 0 speed 100
+movel 10 10 0 q 0 1 0 0 speed 20
+output process 1
+wait 0.25
+force 12.5 press 0 1 0
+movel 40 10 0 q 0 1 0 0 speed 20 blend 1 force 12.5 press 0 1 0
+movel 50 12 0 q 0 1 0 0 speed 15 force 12.5 press 0 1 0
+force 0 press 0 0 0
+movel 50 10 20 q 0 1 0 0 speed 100
+output process 0
+""",
+    # A force along the tool, on lines and an arc.
+    "edge": """camgen-ir 1
+name edge
+work 450 -120 35 q 1 0 0 0
+tool 0 0 142.5 q 1 0 0 0
+body
+output process 0
+force 0 press 0 0 0
+movej joints 0 -0.261799388 0.436332313 0 1.308996939 0 speed 100
+movej 0 0 20 q 0 1 0 0 speed 100
+output process 1
+movel 0 0 1 q 0 1 0 0 speed 6.667
+force 10 press 0 0 -1
+movel 10 0 0 q 0 1 0 0 speed 20 blend 1 force 10 press 0 0 -1
+movel 20 0 0 q 0 1 0 0 speed 15 blend 0.3 force 8.5 press 0 0 -1
+movec 27.071068 2.928932 0 q 0 1 0 0 to 30 10 0 q 0 1 0 0 speed 20 blend 1 force 10 press 0 0 -1
+movel 30 40 0 q 0 1 0 0 speed 20 force 10 press 0 0 -1
+force 0 press 0 0 0
+movel 30 40 60 q 0 1 0 0 speed 100
+output process 0
+""",
+}
+
+
+class Source(NamedTuple):
+    """Where a program comes from: a case, a program by hand (".ir") or one of its own. size: instructions at most."""
+
+    name: str
+    size: int
+    options: Mapping[str, object]
+
+
+class Made(NamedTuple):
+    """A program as posted. file: its name and text. prepared: what it has to say."""
+
+    post: Post
+    readback: Readback
+    options: dict[str, object]
+    prepared: Program
+    file: str
+    text: str
+
+    def is_caught(self, text: str) -> bool:
+        """Whether a build would refuse ``text``."""
+        reading = self.readback({self.file: text}, self.options)
+        try:
+            compare(self.prepared, reading, self.post.tolerance(), self.post.list_verified(), self.file)
+        except VerifyError:
+            return True
+        return False
+
+
+_SPINNING = {"signals": {"process": "doProcess", "spindle": "aoSpindle"}}
+_ON_OFF: dict[str, object] = {"spindle": "on-off", "signals": {"spindle": 25}}
+_NAMED = {"glue": 25, "air": 26}
+SOURCES: dict[str, tuple[Source, ...]] = {
+    "rapid": (
+        Source("bracket-follow", 20, {}),
+        Source("edge", 40, {"force_load": "lTool", "force_arcs": True}),
+        Source("smooth-passes", 14, _SPINNING),
+        Source("force.ir", 40, {"force_calibrated": True, "force_change": 20.0, "force_distance": 5.0}),
+        Source("turn_on_the_spot.ir", 40, {"mass": 1.5, "cog": [0.0, 1.0, 60.0], "acc_set": [50.0, 80.0]}),
+        Source("posture.ir", 40, {"sing_area": "wrist", "s4": True}),
+        Source("blend.ir", 40, {"on_error": "exit", "fixture": [400.0, -100.0, 30.0, 0.0, 0.0, 0.0]}),
+        Source("frames.ir", 40, {"declare": False}),
+        Source("output_named.ir", 40, {"signals": {"glue": "doGlue", "air": "doAir"}}),
+    ),
+    "pacscript": (
+        Source("bracket-follow", 24, {}),
+        Source("bracket-deburr", 40, {"force": "template"}),
+        Source("smooth-passes", 24, _ON_OFF | {"speed": "percent", "rated": 4000.0}),
+        Source("force.ir", 40, {"force": "template", "mps": "mm/s"}),
+        Source("turn_on_the_spot.ir", 40, {"define": True, "ext_speed": 50.0}),
+        Source("posture.ir", 40, {"mps": "m/s"}),
+        Source("pressing", 40, {"pass_mark": "mm", "force": "template"}),
+        Source("output_named.ir", 40, {"signals": _NAMED}),
+        Source("plate-drill", 20, _ON_OFF),
+        Source("wait.ir", 40, {}),
+        Source("copper-fill", 40, {"max_lines": 20}),
+    ),
+    "vplus": (
+        Source("bracket-follow", 24, {}),
+        Source("bracket-deburr", 40, {"force": "ignore"}),
+        Source("smooth-passes", 24, _ON_OFF),
+        Source("pressing", 40, {"force": "signal", "signals": {"force": 34}}),
+        Source("turn_on_the_spot.ir", 40, {}),
+        Source("posture.ir", 40, {}),
+        Source("frames.ir", 40, {"declare": False}),
+        Source("output_named.ir", 40, {"signals": _NAMED}),
+        Source("plate-drill", 30, _ON_OFF | {"posture": ["RIGHTY", "ABOVE"]}),
+        Source("copper-fill", 50, {"max_lines": 20}),
+        Source("logo-trace", 50, {}),
+    ),
+    "gcode": (
+        Source("bracket-follow", 60, {"tool": 3}),
+        Source("smooth-passes", 90, {}),
+        Source("plate-drill", 200, {}),
+        Source("plate-drill", 40, {"cycles": False, "path_tolerance": 0.0}),
+        Source("pressing", 40, {"force": "analog", "force_scale": 0.1}),
+        Source("blocks-trace", 90, {"signals": {"process": "M8"}, "lift": False}),
+        Source("copper-fill", 120, {}),
+        Source("output_named.ir", 40, {"signals": {"glue": "P1", "air": "P2"}}),
+        Source("wait.ir", 40, {"work": "G55"}),
+    ),
+    "grbl": (
+        Source("bracket-follow", 60, {}),
+        Source("smooth-passes", 90, {"signals": {"process": "M8"}}),
+        Source("plate-drill", 60, {"signals": {"process": "M8"}}),
+        Source("pressing", 40, {"force": "ignore"}),
+        Source("blocks-trace", 90, {"signals": {"process": "M4"}, "power": 800.0}),
+        Source("copper-fill", 120, {}),
+        Source("spindle.ir", 40, {"signals": {"process": "M8"}}),
+        Source("wait.ir", 40, {"work": "G55"}),
+    ),
+}
+
+
+@cache
+def make(post: str, index: int) -> Made:
+    """The text of a source. ValueError where camgen itself does not pass it: a mutant says nothing then."""
+    source = SOURCES[post][index]
+    kind = find_post(post)
+    poster = make_post(kind, source.options)
+    program = _take(source, kind)
+    prepared = poster.prepare(program, _CHORD_VPLUS if post == "vplus" else _CHORD)
+    files = poster.render(prepared)
+    made = Made(poster, find_readback(post), fill_tables(kind, source.options), prepared, files[0].name, files[0].text)
+    if len(files) != 1 or made.is_caught(made.text):
+        raise ValueError(f"{source.name} for {post} is no program of one file that is read back")
+    return made
+
+
+def _take(source: Source, kind: type[Post]) -> Program:
+    """The program, cut to its size and closed, from the home of the post where that is a pose."""
+    if source.name in _OWN:
+        text = _OWN[source.name]
+    elif source.name.endswith(".ir"):
+        text = (_FIXTURES / "programs" / source.name).read_text(encoding="utf-8")
+    else:
+        text = (_FIXTURES / "cases" / source.name / "expected" / "plan.ir").read_text(encoding="utf-8")
+    program = parse(text)
+    body: list[Instruction] = list(program.body[: source.size])
+    home = kind.cell().home
+    if isinstance(home, Pose):
+        body = [replace(item, target=home) if _is_to_joints(item) else item for item in body]
+    return program.with_body(_close(body))
+
+
+def _is_to_joints(item: Instruction) -> bool:
+    return isinstance(item, MoveJ) and isinstance(item.target, Joints)
+
+
+def _close(body: Sequence[Instruction]) -> tuple[Instruction, ...]:
+    """The last motion stops, and what is on at the end is put off."""
+    last = max(k for k, item in enumerate(body) if isinstance(item, MoveJ | MoveL | MoveC))
+    body = [replace(item, blend=0.0) if k == last else item for k, item in enumerate(body)]
+    on: dict[str, float] = {}
+    newtons = 0.0
+    for item in body:
+        if isinstance(item, Output):
+            on[item.signal] = item.value
+        elif isinstance(item, Force):
+            newtons = item.newtons
+    off = [Output(name, 0.0) for name, value in on.items() if value]
+    return (*body, *([Force(0.0)] if newtons else []), *off)
