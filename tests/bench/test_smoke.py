@@ -24,7 +24,10 @@ PARTS = ROOT / "fixtures" / "parts"
 PROGRAMS = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected"
 NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
 #: Modules of bench/ that others use, and no commands.
-LIBRARIES = {"machine", "photo.paper", "robots.plain_loop"}
+LIBRARIES = {
+    "machine", "photo.paper", "robots.plain_loop", "reliability.programs", "reliability.mutations",
+    *(f"reliability.modal.{name}" for name in ("machine", "rs274", "rapid", "pacscript", "vplus")),
+}  # fmt: skip
 
 
 class Smoke(NamedTuple):
@@ -83,6 +86,8 @@ SMOKES = [
     Smoke("photo.photo calibration {here}/board 3 1", (), {}),
     Smoke("photo.pist --small", (4,), FIGURES),
     Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
+    # It forks, as above.
+    Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),

@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 #: By how much a number may differ and still be the printed one: of a speed and a force what a build forgives, of an
 #: orientation ("deg", and "turn", an entry of a quaternion or a rotation matrix) what it forgives too, 1e-5 rad, of an
-#: arc's middle ("arc", mm) the bound of ``camgen.post.verify``. What has no unit is exact.
+#: arc's middle ("arc", mm) the bound of ``camgen.post.verify``, 0.003, and the rounding of the text beside it. What has
+#: no unit is exact.
 DIGITS = {
-    "": 0.0, "mm": 1e-3, "arc": 3e-3, "deg": 1e-3, "turn": 1.1e-5, "mm/s": 1e-2, "deg/s": 1e-3, "%": 1e-4, "s": 1e-3,
+    "": 0.0, "mm": 1e-3, "arc": 4.5e-3, "deg": 1e-3, "turn": 1.1e-5, "mm/s": 1e-2, "deg/s": 1e-3, "%": 1e-4, "s": 1e-3,
     "N": 1e-2,
 }  # fmt: skip
 
@@ -77,6 +78,11 @@ class Machine:
         self.outputs.clear()
         self.say("says", *atoms(words))
 
+    def leave(self) -> None:
+        """The end or the begin of a routine: what was set before it shows, and counts no more."""
+        self.move("leaves")
+        self.state.clear()
+
     def move(self, *event: Atom) -> None:
         """A motion, with all that holds for it."""
         self.say(*event, *(part for name in sorted(self.state) for part in (name, *self.state[name])))
@@ -97,6 +103,25 @@ def as_number(words: Sequence[str]) -> float | None:
     except ValueError:
         return None
     return -value if sign == "-" else value
+
+
+def work_out(words: Sequence[str]) -> float | None:
+    """A number, or sums and products of numbers; None for anything else."""
+    if not re.fullmatch(r"[-+]? ?[\d.]+(?: [-+*] [-+]? ?[\d.]+)*", " ".join(words)):
+        return as_number(words)
+    total, product, sign = 0.0, None, 1.0
+    for k, word in enumerate(words):
+        value = as_number([word])
+        if value is not None:
+            product = sign * value if product is None else product * sign * value
+            sign = 1.0
+        elif word == "*":
+            continue
+        elif k and words[k - 1] not in ("+", "-", "*"):
+            total, product, sign = total + (product or 0.0), None, -1.0 if word == "-" else 1.0
+        elif word == "-":
+            sign = -sign
+    return total + (product or 0.0)
 
 
 def atom(word: str) -> Atom:
@@ -136,7 +161,7 @@ def arguments(words: Sequence[str], name: str, count: int, omitted: bool = False
     """
     if len(words) < 4 or words[0] != name or words[1] != "(" or words[-1] != ")":
         return None
-    values = [0.0 if omitted and not part else as_number(part) for part in split(words[2:-1])]
+    values = [0.0 if omitted and not part else work_out(part) for part in split(words[2:-1])]
     known = [value for value in values if value is not None]
     return known if len(known) == len(values) <= count else None
 

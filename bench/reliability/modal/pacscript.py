@@ -68,7 +68,7 @@ def _read(machine: Machine, words: list[str], here: Point | None) -> Point | Non
     name = words[0]
     if name in ("sub", "end", "function", "call"):
         here = None
-        machine.state.clear()
+        machine.leave()
         machine.tell(words)
     elif name == "move":
         event, here = _move(words[1:], here)
@@ -89,10 +89,11 @@ def _set(machine: Machine, words: list[str]) -> bool:
     elif name in ("accel", "decel") and all(as_number(part) is not None for part in rest) and len(rest) < 3:
         for key, part in zip((name, "decel"), rest, strict=False):
             machine.hold(key, *atoms(part))
-    elif name in ("tool", "work", "forceparam") and len(rest) > 1:
-        machine.hold(f"{name} {' '.join(rest[0])}", *(each for part in rest[1:] for each in _target(part, "N")))
+    elif name in ("tool", "work") and len(rest) > 1:
+        machine.hold(f"{name} {' '.join(rest[0])}", *(each for part in rest[1:] for each in _target(part)))
+    elif name == "forceparam" and len(rest) > 1:
+        machine.switch(f"{name} {' '.join(rest[0])}", *(each for part in rest[1:] for each in _target(part, "N")))
     elif name == "forcectrl" and len(words) > 1:
-        machine.hold(name, *atoms(words[1:]))
         machine.switch(name, *atoms(words[1:]))
     elif name in ("set", "reset") and re.fullmatch(r"io \[ \d+ \]", " ".join(words[1:])):
         machine.switch(f"io {int(words[3])}", name)
@@ -137,8 +138,9 @@ def _move(words: list[str], here: Point | None) -> tuple[Event, Point | None]:
         point = _place(parts[1])
         if not point:
             return (), None
-        # The orientation and the figure of the via point are ignored (reference, Move C).
+        # The orientation of the via point is ignored (reference, Move C), not its figure.
         via = arc(here, point, there) if here and there else tuple(Number(value, "mm") for value in point)
+        via = (*via, *_target(parts[1])[-1:])
     options: list[list[Atom]] = []
     for part in parts[1 + count :]:
         if len(part) < 3 or part[1] != "=":

@@ -102,7 +102,7 @@ class _Module:
             machine.tell(words[:1])
         elif name in ("proc", "local"):
             self.routines, self.here = True, None
-            machine.state.clear()
+            machine.leave()
             machine.tell(words)
         elif words[-1] != ";" and name not in (*_WHOLE, "module"):
             machine.tell(words)

@@ -53,7 +53,7 @@ class _Task:
             machine.say("auto", "late" if self.begun else "first", *sorted(words[1:]))
             return
         if name == ".program":
-            machine.state.clear()
+            machine.leave()
             first, self.begun, self.opened = not self.opened, False, True
             # The first program is the one that is started: it is no matter what it is called.
             free = first and _is_free(words[1:2]) and self.text.count(words[1]) == 1
@@ -70,6 +70,8 @@ class _Task:
             if self.moving:
                 machine.say(name)
             self.moving = False
+        elif words == ["return"] and machine.trace[-1:] == [("says", "return")]:
+            return  # Nothing comes to it.
         elif handler is None or not handler(self, words[1:]):
             machine.tell(words)
 

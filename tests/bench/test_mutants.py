@@ -1,0 +1,156 @@
+"""The bench of mutants: its changes, and its simulations, which must never take two programs for one."""
+
+import ast
+import math
+from pathlib import Path
+
+import pytest
+
+from bench.reliability.modal.machine import Number, arc, is_same, work_out
+from bench.reliability.mutants import TRACES, plan_tasks
+from bench.reliability.mutations import LANGUAGES, edits
+from bench.reliability.programs import SOURCES, make
+
+ROOT = Path(__file__).parents[2]
+POSTS = sorted(SOURCES)
+FIRST = {"rapid": 0, "pacscript": 0, "vplus": 0, "gcode": 1, "grbl": 0}
+
+
+@pytest.mark.parametrize("post", POSTS)
+def test_every_program_is_passed_and_is_itself(post):
+    for index in range(len(SOURCES[post])):
+        text = make(post, index).text
+        assert is_same(TRACES[post](text), TRACES[post](text))
+        assert not any(event[0] in ("refused", "no end", "two radii", "too long") for event in TRACES[post](text))
+
+
+#: A part of the first program of a post, or of the one that is named by its number, and what stands there instead.
+DIFFERENT = [
+    ("pacscript", 0, "ChangeTool 1", "ChangeTool 2"),
+    ("pacscript", 0, "ChangeWork 1\n", "\n"),
+    ("pacscript", 0, "Keep = 0", "Keep = 5"),
+    ("pacscript", 0, "Keep = 0", "Kepp = 0"),
+    ("pacscript", 0, "    GiveArm\nEnd Sub", "    Motor Off\n    GiveArm\nEnd Sub"),
+    ("pacscript", 0, "Set IO[24]", "Set IO[25]"),
+    ("pacscript", 0, "20.000, 180.0000, 0.0000, 0.0000, -1)", "20.000, 180.0000, 0.0000, 0.0000, 5)"),
+    ("pacscript", 0, "20.000, 180.0000", "20.002, 180.0000"),
+    ("pacscript", 0, "180.0000, 0.0000, 0.0000", "180.0000, 0.0000, 0.0100"),
+    ("pacscript", 0, "@P", "@0"),
+    ("pacscript", 0, "Speed = Mps(100 * unit)", "Speed = Mps(100 + unit)"),
+    ("pacscript", 1, "0.000, 0, 0, 0)", "0.000, 1, 0, 0)"),
+    ("pacscript", 3, "Mps(20)", "Mps(20.1)"),
+    ("rapid", 0, "ConfL\\Off;", ""),
+    ("rapid", 0, "v100,fine", "v100,z1"),
+    ("rapid", 0, "[8,500,5000,1000]", "[8,0,5000,1000]"),
+    ("rapid", 0, "[8,500,5000,1000]", "[9,500,5000,1000]"),
+    ("rapid", 0, "[0.001,[0,0,0.001]", "[0.101,[0,0,0.001]"),
+    ("rapid", 0, "MODULE part", "MODULE user"),
+    ("rapid", 0, "MODULE part", "MODULE camSafe"),
+    ("rapid", 0, "[0,0,0,0],[9E9", "[0,1,0,0],[9E9"),
+    ("rapid", 0, "],[9E9,", "],[8E9,"),
+    ("rapid", 0, "SetDO doProcess,1", "SetAO doOther,1"),
+    ("rapid", 3, "\\Fy:=-12.5,50", "\\Fy:=-12.5,60"),
+    ("rapid", 3, "\\Fy:=-12.5,50", "\\Fz:=-12.5,50"),
+    ("vplus", 0, "AUTO cg.tool, cg.work", ""),
+    ("vplus", 0, "BREAK", ""),
+    ("vplus", 0, "ACCEL 100, 100", "ACCEL 100, 50"),
+    ("vplus", 0, ", 100 MMPS", ", 90 MMPS"),
+    ("vplus", 0, "SIGNAL 33", "SIGNAL 34"),
+    ("vplus", 0, ".PROGRAM part()", ".PROGRAM move()"),
+    ("vplus", 0, "TRANS(300,-75,100", "TRANS(300,-75,101"),
+    ("vplus", 0, "DETACH ()", "DETACH ()\n    MOVE #PPOINT(0, 0)"),
+    ("gcode", 1, "G17 ", ""),
+    ("gcode", 1, "G49", "G61"),
+    ("gcode", 1, "G91.1", ""),
+    ("gcode", 1, "Q0", ""),
+    ("gcode", 1, "G54 G80", "G55 G80"),
+    ("gcode", 1, "M2", ""),
+    ("gcode", 1, "S12000 M3", "S12000 M4"),
+    ("gcode", 2, "G98 ", "G99 "),
+    ("gcode", 2, "Q3", "Q2"),
+    ("grbl", 0, "M3 S1000", "M3 S900"),
+    ("grbl", 0, "G90", "G91"),
+    ("grbl", 0, "M2", "M30"),
+    ("grbl", 0, "(post", "(!post"),
+]
+SAME = [
+    ("pacscript", 0, "ChangeTool 1", "changetool 01\n    ChangeTool 1 ' again"),
+    ("pacscript", 0, "180.0000, 0.0000, 0.0000, -1)", "-180, 0, 0)"),
+    ("pacscript", 0, "100 * unit", "unit * 100.0"),
+    ("rapid", 0, "MODULE part", "MODULE parts"),
+    ("rapid", 0, "MoveJ [[", "movej\n  [ [ "),
+    ("rapid", 0, "v100,fine", "[100,500,5000,1000],fine"),
+    ("rapid", 0, "[1.0000000,0.0000000,0.0000000,0.0000000]", "[-1,0,0,0]"),
+    ("vplus", 0, "BREAK", "BREAK\n    break ; again"),
+    ("vplus", 0, "TRANS(300,-75,100,0,0,0)", "TRANS(300,-75,100)"),
+    ("gcode", 1, "G17 G21", "G21 G17"),
+    ("gcode", 1, "S12000 M3", "m03 s12000."),
+    ("grbl", 0, "(post", "(posts"),
+]
+
+
+@pytest.mark.parametrize(("post", "index", "was", "now"), DIFFERENT)
+def test_what_means_something_else_is_not_the_same(post, index, was, now):
+    text = make(post, index).text
+    assert was in text
+    assert not is_same(TRACES[post](text), TRACES[post](text.replace(was, now, 1)))
+
+
+@pytest.mark.parametrize(("post", "index", "was", "now"), SAME)
+def test_what_means_the_same_is_the_same(post, index, was, now):
+    text = make(post, index).text
+    assert was in text
+    assert is_same(TRACES[post](text), TRACES[post](text.replace(was, now, 1)))
+
+
+@pytest.mark.parametrize("sweep", [1.0, -1.0, 3.0, 4.0])
+def test_an_arc_is_the_same_wherever_its_via_point_lies(sweep):
+    def at(angle):
+        return 5 + 2 * math.cos(angle), 1 + 2 * math.sin(angle), 7.0
+
+    middle = tuple(Number(value, "arc") for value in at(0.3 + sweep / 2))
+    for part in (0.3, 0.5, 0.7):
+        found = arc(at(0.3), at(0.3 + part * sweep), at(0.3 + sweep))
+        assert is_same([found], [("half-way", *middle)])
+    assert arc(at(0.3), at(0.3 + 0.1 * sweep), at(0.3 + sweep))[0] == "via near an end"
+
+
+def test_the_changes_of_a_line():
+    text = "MoveL p1,v100;\n"
+    mutants = {edit.apply(text) for edit in edits(text, LANGUAGES["rapid"])}
+    wanted = {"MoveL p1,v200;\n", "MoveL p1v100;\n", "MoveL v100,p1;\n", "MoveL p1,v100;;\n", "MoveL p1,v100; ", ""}
+    assert wanted <= mutants
+    assert text not in mutants
+    assert text + text in mutants
+
+
+@pytest.mark.parametrize("post", POSTS)
+def test_every_mutant_has_its_task_and_a_sample_is_spread(post):
+    sizes = [len(edits(make(post, k).text, LANGUAGES[post])) for k in range(len(SOURCES[post]))]
+    whole = plan_tasks([post], 0)
+    assert sum(len(range(task.first, task.last, task.step)) for task in whole) == sum(sizes)
+    some = plan_tasks([post], 100)
+    assert 90 <= sum(len(range(task.first, task.last, task.step)) for task in some) <= 100
+    assert {task.program for task in some} == set(range(len(sizes)))
+
+
+def test_there_are_a_hundred_thousand_mutants():
+    assert sum(len(edits(make(p, k).text, LANGUAGES[p])) for p in POSTS for k in range(len(SOURCES[p]))) >= 100_000
+
+
+def test_simulations_and_read_backs_know_nothing_of_each_other():
+    for folder, forbidden in (("bench/reliability/modal", ("camgen", "post")), ("postprocessors", ("bench",))):
+        for file in (ROOT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+                assert not any(name.startswith(forbidden) for name in names), f"{file}: {names}"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("5", 5), ("- 5", -5), ("5 - 3", 2), ("0 - 180", -180), ("2 * 3 + 4", 10), ("4 + 2 * - 3", -2), ("5 5", None),
+     ("5 -", None), ("x", None), ("* 5", None)],
+)  # fmt: skip
+def test_sums_are_worked_out(text, value):
+    assert work_out(text.split()) == value
