@@ -120,6 +120,8 @@ def main() -> int:
     parser.add_argument("posts", nargs="*", metavar="POST", choices=[*SOURCES, []], help=", ".join(SOURCES))
     parser.add_argument("--most", type=int, default=0, metavar="N", help="mutants a post at most; 0: all")
     given = parser.parse_args()
+    if given.most < 0:
+        parser.error("--most: give 1 or more, or 0 for all")
     posts = given.posts or list(SOURCES)
     tasks = plan_tasks(posts, given.most)
     counts: dict[str, Counter[str]] = {post: Counter() for post in posts}

@@ -46,7 +46,7 @@ _OUTSIDE = "outside"
 
 def trace(text: str) -> list[Event]:
     """The trace of one module."""
-    module = _Module(re.findall(r"\w+", text.lower()))
+    module = _Module(re.findall(r"\w+", re.sub("![^\n]*", "", text.lower())))
     for words in _statements(text):
         module.read(words)
     for name in sorted(module.persistent):
@@ -80,7 +80,9 @@ def _statements(text: str) -> Iterator[list[str]]:
 
 
 class _Module:
-    """What is declared, and the machine that reads the routines. words: all of the text. here: where the tool is."""
+    """What is declared, and the machine that reads the routines. words: of the text, without comments. here: where the tool
+    is.
+    """
 
     def __init__(self, words: list[str]) -> None:
         self.machine, self.words = Machine(), words

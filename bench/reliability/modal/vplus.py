@@ -25,7 +25,7 @@ _KEYWORDS = """
 
 def trace(text: str) -> list[Event]:
     """The trace of one file."""
-    task = _Task(re.findall(r"[a-z][a-z0-9_.]*", text.lower()))
+    task = _Task(re.findall(r"[a-z][a-z0-9_.]*", re.sub(";[^\n]*", "", text.lower())))
     for line in text.split("\n"):
         words = _WORD.findall(line.split(";")[0].lower())
         if words:
@@ -34,8 +34,8 @@ def trace(text: str) -> list[Event]:
 
 
 class _Task:
-    """A program that runs. text: all words. known: the variables by name. moving: whether a motion has begun since the
-    last BREAK. begun: whether an executable line has come. opened: whether a program has.
+    """A program that runs. text: its words, without comments. known: the variables by name. moving: whether a motion has
+    begun since the last BREAK. begun: whether an executable line has come. opened: whether a program has.
     """
 
     def __init__(self, text: list[str]) -> None:
