@@ -80,8 +80,8 @@ def _statements(text: str) -> Iterator[list[str]]:
 
 
 class _Module:
-    """What is declared, and the machine that reads the routines. words: of the text, without comments. here: where the tool
-    is.
+    """What is declared, and the machine that reads the routines. words: of the text, without comments. here: where the
+    tool is.
     """
 
     def __init__(self, words: list[str]) -> None:

@@ -34,8 +34,8 @@ def trace(text: str) -> list[Event]:
 
 
 class _Task:
-    """A program that runs. text: its words, without comments. known: the variables by name. moving: whether a motion has
-    begun since the last BREAK. begun: whether an executable line has come. opened: whether a program has.
+    """A program that runs. text: its words, without comments. known: the variables by name. moving: whether a motion
+    has begun since the last BREAK. begun: whether an executable line has come. opened: whether a program has.
     """
 
     def __init__(self, text: list[str]) -> None:
