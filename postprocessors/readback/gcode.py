@@ -200,6 +200,16 @@ class Strict(Machine):
         if words.get("T", 0.0) > self.rules.most_tool:
             raise LineError(f"T{words['T']:g}: {self.rules.name} has tools to T{self.rules.most_tool:g}")
         self.said.update(codes)
+        self._take_idle(codes, words)
+
+    def _take_idle(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
+        """Remarks on what changes no motion of a program, and the machine all the same."""
+        if self.begun and "T" in words and "tool change" not in codes and int(words["T"]) != self.expect.tool:
+            self.remark(f"T{words['T']:g} selects a tool that no M6 changes to")
+        if self.begun and "S" in words and "spindle" not in codes and self.spindle == "M5":
+            self.remark(f"S{words['S']:g} without M3 or M4")
+        if self.begun and codes.get("plane", "G17") != "G17":
+            self.remark(f"{codes['plane']} leaves the plane in which posts write")
 
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
         """As the machine does, but as the options of the post expect it."""
@@ -324,6 +334,8 @@ def _place(m: Strict, named: Sequence[str]) -> None:
     why = ""
     if m.incremental or m.motion != "G0":
         why = f"{'an incremental' if m.incremental else 'a feed'} motion from a position that is not known"
+    elif m.lifted and "Z" in named and not (m.known[0] and m.known[1]):
+        m.remark("Z comes down from the top of the machine before X and Y are over the part")
     elif not (m.known[2] or m.lifted) and "Z" not in named:
         why = "X or Y moves while Z is not known"
     elif any(m.known[AXES.index(axis)] for axis in named):
@@ -408,6 +420,8 @@ def _path(m: Strict, code: str, words: dict[str, float]) -> None:
             m.remark(f"{code} where post.path_tolerance asks for {wanted}: corners take another time")
         return
     tolerance = words.pop("P", 0.0)
+    if "Q" not in words:
+        m.remark("G64 without Q joins lines within P")
     joined = words.pop("Q", tolerance)
     allowed = m.expect.path or 0.0
     if tolerance <= 0:

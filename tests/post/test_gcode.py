@@ -37,7 +37,7 @@ def read(text, **options):
 
 def faults(*lines, **options):
     """The faults of lines between a lead of two and the end."""
-    text = "\n".join([f"{SAFE} G64 P0.01", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
+    text = "\n".join([f"{SAFE} G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", *lines, "M2", ""])
     return [(fault.line - 3, fault.what) for fault in read(text, **options).faults]
 
 
@@ -165,7 +165,7 @@ def test_reader_and_linuxcnc_agree_on_machine_coordinates(before, refused):
     ],
 )
 def test_the_lift_of_the_options_is_held_against_the_text(line, options, says):
-    text = f"{SAFE} G64 P0.01\n{line}\nG49\nG0 X1 Y2\nG0 Z3\nM2\n"
+    text = f"{SAFE} G64 P0.01 Q0\n{line}\nG49\nG0 X1 Y2\nG0 Z3\nM2\n"
     assert says in [f.what for f in read(text, **options).faults]
     assert not read(text.replace(f"\n{line}\n", "\nG53 G0 Z0\n", 1)).faults
 
@@ -634,7 +634,7 @@ def test_faults_of_the_whole_program():
         (3, "the program ends before the position is known in all axes"),
     ]
     assert [
-        (f.line, f.what) for f in read("G17 G40 G54 G80 G90 G91.1 G94 G64 P0.01 G49\nG0 X1 Y1\nM2\nG0 X2\n").faults
+        (f.line, f.what) for f in read("G17 G40 G54 G80 G90 G91.1 G94 G64 P0.01 Q0 G49\nG0 X1 Y1\nM2\nG0 X2\n").faults
     ] == [
         (1, "G49 lowers the next height by a tool length that is on; G53 G0 Z0 first"),
         (2, "a motion before G20 or G21; read as mm"),
@@ -662,7 +662,7 @@ def test_faults_before_the_position_is_known(lines, says):
 
 
 def test_reading_goes_on_at_the_end_of_what_is_refused():
-    text = f"{SAFE} G64 P0.01 G49\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
+    text = f"{SAFE} G64 P0.01 Q0 G49\nG0 Z5\nG0 X0 Y0\nF60 G2 X2 Y7 I1\nG1 X3 A9\nX4\nM2 P1\nG0 X9\n"
     reading = read(text, lift=False)
     assert [(fault.line, fault.what.split(" (")[0]) for fault in reading.faults] == [
         (4, "the radii of the arc differ by 6.0711 mm"),
@@ -883,3 +883,23 @@ def test_plain_lines_are_read_as_all_others(lines):
         getattr(i, "target", None) and i.target.origin for i in long.body
     ]
     assert [fault.line for fault in plain.faults] == [fault.line for fault in long.faults]
+
+
+IDLE = "G17 G21 G40 G54 G80 G90 G94\nG91.1\nG64 P0.01 Q0\nG53 G0 Z0\nG49\nG0 X0 Y0\nG0 Z50\nG1 X5 F100\nG1 Z2\nM2\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "said"),
+    [
+        ("G1 Z2", "T1 Z2", 9, "T1 selects a tool that no M6 changes to"),
+        ("G1 Z2", "S1 Z2", 9, "S1 without M3 or M4"),
+        ("G1 Z2", "G18 Z2", 9, "G18 leaves the plane in which posts write"),
+        (" Q0", "", 3, "G64 without Q joins lines within P"),
+        ("G0 X0 Y0\nG0 Z50", "G0 Z50\nG0 X0 Y0", 6, "Z comes down from the top of the machine before X and Y are over"),
+    ],
+)
+def test_what_changes_the_machine_and_no_motion_is_remarked(old: str, new: str, line: int, said: str) -> None:
+    assert read(IDLE).faults == ()
+    found = read(IDLE.replace(old, new)).faults
+    assert [(type(one), one.line) for one in found] == [(Remark, line)]
+    assert found[0].what.startswith(said)

@@ -190,7 +190,7 @@ def _way(plan) -> list[float]:
     ],
 )
 def test_faults_of_a_cycle(line, says):
-    text = "\n".join(["G21 G49 G64 P0.01", "G0 Z5", "G0 X0 Y0", line, "G80", "M2", ""])
+    text = "\n".join(["G21 G49 G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", line, "G80", "M2", ""])
     assert any(says in fault.what for fault in read(text).faults)
 
 
@@ -198,14 +198,14 @@ def test_faults_of_a_cycle(line, says):
     "line", ["G99 G81 X1 Y1 Z-1 R1 F100", "G98 G81 X1 Y1 Z-1 R1 L2 F100", "G98 G81 X1 Z-1 R9 F100"]
 )
 def test_a_cycle_that_no_post_writes_is_never_ours(line):
-    text = "\n".join(["G17 G21 G90 G64 P0.01", "G0 Z5", "G0 X0 Y0", line, "G80", "M2", ""])
+    text = "\n".join(["G17 G21 G90 G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", line, "G80", "M2", ""])
     found = read(text)
     assert any("does not write" in fault.what for fault in found.faults)
     assert len(found.body) >= 4
 
 
 def test_a_wait_at_the_bottom_is_read():
-    lead = ["G17 G21 G40 G54 G80 G90 G91.1 G94 G64 P0.01", "G53 G0 Z0", "G49", "G0 X0 Y0", "G0 Z5"]
+    lead = ["G17 G21 G40 G54 G80 G90 G91.1 G94 G64 P0.01 Q0", "G53 G0 Z0", "G49", "G0 X0 Y0", "G0 Z5"]
     found = read("\n".join([*lead, "G98 G82 X1 Y1 Z-1 R1 P0.5 F60", "G80", "M2", ""]))
     assert not found.faults
     assert kinds(found.body) == [MoveJ, MoveJ, MoveJ, MoveL, Wait, MoveJ]

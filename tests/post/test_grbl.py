@@ -323,12 +323,14 @@ def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(old, 
 
 
 def test_tools_and_numbers_within_the_firmware():
-    assert faults("T255", "N10000000 G0 X1", "N9999999.5 G0 X2") == []
+    idle = (1, "T255 selects a tool that no M6 changes to")
+    assert faults("T255", "N10000000 G0 X1", "N9999999.5 G0 X2") == [idle]
 
 
 def test_what_grbl_takes():
     assert faults("/G0 X1", "(a (b)", "; x ( y", "N7 g1 x 1 0 f1 00", "T1", "(" + "c" * 200 + ") G0 X1") == [
-        (2, "a comment that is not closed, or closed twice")
+        (2, "a comment that is not closed, or closed twice"),
+        (5, "T1 selects a tool that no M6 changes to"),
     ]
     assert faults("G1 F100 X" + "0" * 71 + "1") == []
 
