@@ -218,7 +218,7 @@ def test_a_wrong_factor_is_another_speed() -> None:
 
 def script(*lines: str, head: str = "Move P, @0 P(0, 0, 50, 180, 0, 0), Speed = 10") -> Reading:
     text = "\n".join(("Sub Main", "TakeArm Keep = 0", head, *lines, "GiveArm", "End Sub", ""))
-    return read({"part.pcs": text}, {})
+    return read({"part.pcs": text}, {"tool": 0, "work": 0})
 
 
 def test_a_foreign_program_that_does_not_ask_leaves_its_speeds_open() -> None:

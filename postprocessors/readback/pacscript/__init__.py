@@ -15,14 +15,18 @@ from camgen.model.text import counted
 from camgen.post import Fault, Reading
 
 from . import force, motion
+from .asked import read_asked
 from .conditions import carry_out_if
 from .machine import UNITS, Machine
 from .motion import Plain, carry_out
 from .text import Procedure, SourceText, Statement, read_source
 from .values import Unreadable, Value, arguments, evaluate, index, number
+from .words import name_fault
 
 #: Calls may nest so deep; so many statements are carried out before the program counts as endless.
 _CALLS, _STEPS = 20, 2_000_000
+#: The highest number of a tool or a work frame (manual 1943); of an IO (manual 5512); the longest delay, ms.
+_MOST_FRAMES, _MOST_IO, _LONGEST_DELAY = 63, 24063, 2**31 - 1
 _SIGNALS = {"process": 24}
 _VERB = re.compile(r"([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII | re.DOTALL)
 _ASSIGNMENT = re.compile(r"(?:([a-z])\s*\[([^\]]*)\]|([a-z]\w*))\s*=\s*(.+)", re.IGNORECASE | re.ASCII)
@@ -34,7 +38,7 @@ _SHORT = re.compile(r"([pjtvifds])(\d{1,9})", re.ASCII)
 #: First word of a block -> the word that closes it.
 _BLOCKS = {"if": "end if", "for": "next", "do": "loop", "select": "end select"}
 #: Statements that neither move the arm nor set an output.
-_WITHOUT_EFFECT = frozenset({"motor", "printdbg", "printmsg"})
+_WITHOUT_EFFECT = frozenset({"printdbg", "printmsg"})
 _NOT_EVALUATED = frozenset(
     {
         "archmove", "arrive", "clrpathpoint", "addpathpoint", "loadpathpoint", "cpmode", "drive", "drivea", "eralw",
@@ -48,7 +52,7 @@ _NOT_EVALUATED = frozenset(
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     """What the program says; see ``Reading``. Options: rated, rated_turn, mps, signals, force_on, force_change,
-    force_off.
+    force_off; and those of ``Asked``, which it should obey.
 
     A blend of ``@P`` is given as 1 mm, as its radius is the controller's. Speeds in percent are of ``rated``. Where mps
     does not name a unit, both are tried, and must give the same speeds.
@@ -56,7 +60,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     templates = force.templates(options)
     source = read_source(files, short=not force.may_say(templates, "Move"))
     rated, turning = (_positive(options, key, default) for key, default in (("rated", 0.0), ("rated_turn", 500.0)))
-    machine = Machine(rated, _names(options), turning, _units(options))
+    machine = Machine(rated, _names(options), turning, _units(options), read_asked(options))
     if main := source.procedures.get("main"):
         _Run(machine, source, templates).procedure(main)
         _finish(machine)
@@ -88,6 +92,10 @@ def _finish(machine: Machine) -> None:
         machine.faults.append(Fault(machine.lines[last], "the last motion passes its target"))
     if machine.table is not None:
         machine.fault("force control is on at the end")
+    if machine.armed:
+        machine.remark("the arm is not given back")
+    if machine.moved and not machine.settled:
+        machine.judge_settings()
 
 
 _MOTIONS = (MoveJ, MoveL, MoveC)
@@ -181,7 +189,7 @@ class _Run:
             raise Unreadable(f"{match[1]} takes {counted(len(called.parameters), 'value')}, not {len(values)}")
         if len(machine.scopes) > _CALLS:
             raise Unreadable("procedures that call each other without end")
-        machine.enter(dict(zip(called.parameters, values, strict=True)))
+        machine.enter(called.parameters, values)
         here = machine.line
         self.procedure(called)
         machine.leave()
@@ -210,33 +218,68 @@ def _declare(machine: Machine, rest: str) -> None:
         match = _DECLARATION.fullmatch(part)
         if match is None:
             raise Unreadable(f"Dim {part} is not evaluated")
+        if what := name_fault(match[1]):
+            raise Unreadable(what)
+        machine.declare(match[1].lower(), (match[2] or "variant").lower())
         if match[3] and (match[2] or "").lower() != "string":
             machine.name(match[1].lower(), evaluate(match[3], machine.lookup))
 
 
 def _take_arm(machine: Machine, rest: str) -> None:
+    """``TakeArm [group] [Keep = 0|1]``."""
+    if machine.armed:
+        machine.remark("the arm is taken twice")
+    machine.armed, machine.given = True, False
     match = _TAKE.fullmatch(rest)
+    group = index(number(match[1], machine.lookup)) if match and match[1] else 0
     keep = number(match[2], machine.lookup) if match and match[2] else 1.0
-    machine.armed = True
+    if match is None or keep not in (0, 1):
+        raise Unreadable(f"TakeArm {rest[:40]}; Keep is 0 or 1")
+    if group:
+        machine.remark(f"arm group {group}, which no program of the post takes")
     if not keep:
         # Believed to set the internal speed to 100 % and both frames to 0; programs of the post do not rely on it.
         machine.internal = 100.0
+        if machine.moved and any(machine.numbers.values()):
+            machine.fault("TakeArm Keep = 0 after the first motion: the frames may change")
         machine.numbers.update(tool=0, work=0)
+        machine.settled = False
 
 
-def _give_arm(machine: Machine, _rest: str) -> None:
-    machine.armed = False
+def _give_arm(machine: Machine, rest: str) -> None:
+    if not machine.armed:
+        machine.remark("GiveArm of an arm that is not taken")
+    machine.armed, machine.given = False, True
+    if rest:
+        raise Unreadable(f"GiveArm has no arguments, not {rest[:40]}")
+
+
+def _motor(machine: Machine, rest: str) -> None:
+    state = number(rest, machine.lookup)
+    if state not in (0, 1):
+        raise Unreadable(f"Motor {rest[:40]} is not On or Off")
+    machine.motor = bool(state)
+    if not state:
+        machine.remark("Motor Off, which no option asks for")
 
 
 def _change(kind: str) -> Callable[[Machine, str], None]:
     def handler(machine: Machine, rest: str) -> None:
-        chosen = index(number(rest, machine.lookup))
+        chosen = _frame_number(machine, rest, kind, 0)
         if machine.moved and chosen != machine.numbers[kind]:
             machine.fault(f"the {kind} frame changes after the first motion")
             machine.here = None
-        machine.numbers[kind] = chosen
+        machine.numbers[kind], machine.settled = chosen, False
 
     return handler
+
+
+def _frame_number(machine: Machine, text: str, kind: str, least: int) -> int:
+    """The number of a frame; 0 is the controller's own, the flange or the base."""
+    chosen = index(number(text, machine.lookup))
+    if not least <= chosen <= _MOST_FRAMES:
+        raise Unreadable(f"{kind} {chosen}; there are {least} to {_MOST_FRAMES}")
+    return chosen
 
 
 def _define(kind: str) -> Callable[[Machine, str], None]:
@@ -245,7 +288,9 @@ def _define(kind: str) -> Callable[[Machine, str], None]:
         frame: Value = evaluate(parts[1], machine.lookup) if len(parts) == 2 else 0.0
         if not isinstance(frame, Pose):
             raise Unreadable(f"{kind.capitalize()} needs a number and a position")
-        chosen = index(number(parts[0], machine.lookup))
+        chosen = _frame_number(machine, parts[0], kind, 1 if kind == "tool" else 0)
+        if not machine.wanted.define:
+            machine.remark(f"{kind} {chosen} is written to the controller, though post.define does not ask for it")
         if machine.moved and chosen == machine.numbers[kind]:
             machine.fault(f"the {kind} frame changes after the first motion")
         machine.frames[(kind, chosen)] = frame
@@ -259,6 +304,8 @@ def _switch(value: float) -> Callable[[Machine, str], None]:
         if match is None:
             raise Unreadable(f"an output of {rest or 'nothing'} is not evaluated")
         io = index(number(match[1], machine.lookup))
+        if io > _MOST_IO:
+            raise Unreadable(f"IO[{io}]; the highest is IO[{_MOST_IO}]")
         machine.emit_still(Output(machine.signals.get(io, f"IO[{io}]"), value))
 
     return handler
@@ -266,8 +313,10 @@ def _switch(value: float) -> Callable[[Machine, str], None]:
 
 def _delay(machine: Machine, rest: str) -> None:
     milliseconds = number(rest, machine.lookup)
-    if milliseconds < 0:
-        raise Unreadable("a negative delay")
+    if not 0 <= milliseconds <= _LONGEST_DELAY:
+        raise Unreadable("a negative delay" if milliseconds < 0 else "a delay longer than a controller holds")
+    if milliseconds != int(milliseconds):
+        machine.remark(f"a delay of {milliseconds:g} ms, no whole number; seconds are not meant")
     machine.emit_still(Wait(milliseconds / 1000))
 
 
@@ -276,7 +325,7 @@ _STATEMENTS: dict[str, Callable[[Machine, str], None]] = {
     "approach": motion.approach,
     "changetool": _change("tool"),
     "changework": _change("work"),
-    "decel": motion.acceleration,
+    "decel": motion.deceleration,
     "delay": _delay,
     "depart": motion.depart,
     "dim": _declare,
@@ -285,6 +334,7 @@ _STATEMENTS: dict[str, Callable[[Machine, str], None]] = {
     "forcectrl": force.control,
     "forceparam": force.parameter,
     "givearm": _give_arm,
+    "motor": _motor,
     "move": motion.move,
     "reset": _switch(0.0),
     "set": _switch(1.0),

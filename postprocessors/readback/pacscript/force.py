@@ -18,7 +18,8 @@ from .values import Unreadable, arguments, evaluate, index, number
 
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"
 _KINDS = ("on", "change", "off")
-_WORK = 2
+#: The frame of a force that is the work frame; and how many force tables there are (RC8 manual 5176).
+_WORK, _TABLES = 2, 10
 
 
 def parameter(machine: Machine, rest: str) -> None:
@@ -32,6 +33,8 @@ def parameter(machine: Machine, rest: str) -> None:
         raise Unreadable("ForceParam needs P(fx, fy, fz, mx, my, mz)")
     if frame != _WORK:
         raise Unreadable("a force outside the work frame is not evaluated")
+    if not 1 <= table <= _TABLES:
+        raise Unreadable(f"the force table {table}; there are 1 to {_TABLES}")
     machine.forces[table] = force.origin
 
 

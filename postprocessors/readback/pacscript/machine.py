@@ -10,7 +10,9 @@ from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.post import Fault, Remark
 
+from .asked import Asked, judge_settings, read_asked
 from .values import Either, Mps, Unreadable, Value, evaluate, speed
+from .words import TYPES
 
 #: What 100 % is taken for when the options do not say it (a fault tells, but of joint motions), mm/s; the blend that
 #: ``@P`` is given, mm.
@@ -31,9 +33,22 @@ class Machine:
     rated_turn: float = 500.0
     #: mm/s that ``Mps(1)`` may be: one value where the unit is known, else all of ``UNITS``.
     units: tuple[float, ...] = tuple(UNITS.values())
+    #: What the options ask of the text.
+    wanted: Asked = field(default_factory=lambda: read_asked({}))
     line: int = 0
     armed: bool = False
+    #: The arm was given back.
+    given: bool = False
+    motor: bool = True
     moved: bool = False
+    #: Nothing was set since the settings were last held against the options.
+    settled: bool = False
+    #: ExtSpeed as the text says it, 0: not at all; acceleration and deceleration, empty after ``Speed``, all in %; None
+    #: where it says none of these.
+    stated_external: float = 0.0
+    acceleration: tuple[float, ...] | None = None
+    #: The figure of the arm, where the text tells it.
+    figure: int | None = None
     #: The text compares ``Mps`` with a percentage.
     asked: bool = False
     #: The last motion passes its target: what follows may happen before the arm is there.
@@ -46,6 +61,8 @@ class Machine:
     forces: dict[int, Vec3] = field(default_factory=dict)
     table: int | None = None
     scopes: list[dict[str, Value]] = field(default_factory=lambda: [{}])
+    #: For each scope the types of the names that are declared in it.
+    types: list[dict[str, str]] = field(default_factory=lambda: [{}])
     arrays: dict[tuple[str, int], Value] = field(default_factory=dict)
     body: list[Instruction] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
@@ -59,6 +76,17 @@ class Machine:
     def fault(self, what: str) -> None:
         """Notes a fault of the current line; what it quotes is cut short."""
         self.faults.append(Fault(self.line, what[:160]))
+
+    def remark(self, what: str) -> None:
+        """Notes once what a controller takes and a program of ours does not say."""
+        if all(what != fault.what for fault in self.faults):
+            self.faults.append(Remark(self.line, what))
+
+    def judge_settings(self) -> None:
+        """Holds what has been set against the options."""
+        self.settled = True
+        for what in judge_settings(self.wanted, self.numbers, self.stated_external, self.acceleration):
+            self.remark(what)
 
     def lookup(self, key: str | tuple[str, int]) -> Value:
         """The value of a variable that the text has set."""
@@ -83,15 +111,34 @@ class Machine:
             self.fault("a motion without TakeArm")
         if not self.moved and not isinstance(item, MoveJ):
             self.fault("the first motion is not Move P: where it starts is open")
+        if not self.motor:
+            self.fault("a motion with the motor off")
+        if not self.settled:
+            self.judge_settings()
+        self._turn_into(item)
         self.moved, self.passing = True, passing
         self.here = item.target if isinstance(item.target, Pose) else None
         self.emit(item)
+
+    def _turn_into(self, item: MoveJ | MoveL | MoveC) -> None:
+        """Takes on the figure of a motion's target. A line and an arc end in the one in which they start."""
+        said = item.posture.figure if item.posture else None
+        if said is not None and not isinstance(item, MoveJ) and self.figure not in (None, said):
+            what = f"from figure {self.figure} to {said} along"
+            if isinstance(item, MoveC):
+                self.fault(f"{what} an arc")
+            else:
+                self.remark(f"{what} a line")
+        keeps = isinstance(item, MoveJ) and isinstance(item.target, Pose) and said is None
+        self.figure = self.figure if keeps else said
 
     def emit_still(self, item: Output | Wait | Force) -> None:
         """Adds something that must not happen before the arm has arrived."""
         if self.passing:
             self.fault(f"{_STILL[type(item)]} after a motion that passes its target: it may come too early")
             self.passing = False
+        if self.given:
+            self.remark(f"{_STILL[type(item)]} after GiveArm")
         self.emit(item)
 
     def pressing(self) -> tuple[float, Vec3]:
@@ -148,23 +195,37 @@ class Machine:
             self.faults.append(kind(self.line, what))
         return speeds[0]
 
-    def enter(self, names: dict[str, Value]) -> None:
+    def enter(self, types: Mapping[str, str], values: list[Value]) -> None:
         """Begins a procedure with the values of its parameters."""
-        self.speeds.clear()
-        self.scopes.append(names)
+        self.scopes.append({})
+        self.types.append(dict(types))
+        for name, value in zip(types, values, strict=True):
+            self.name(name, value)
 
     def leave(self) -> None:
         """Ends a procedure."""
         self.speeds.clear()
         self.scopes.pop()
+        self.types.pop()
+
+    def declare(self, name: str, kind: str) -> None:
+        """Declares a name, both lower case."""
+        if name in self.types[-1]:
+            raise Unreadable(f"{name} is declared twice")
+        if kind not in TYPES:
+            raise Unreadable(f"{kind} is no type")
+        self.types[-1][name] = kind
 
     def name(self, key: str | tuple[str, int], value: Value) -> None:
-        """Gives a variable its value."""
+        """Gives a variable its value. Unreadable where its type does not hold it."""
         self.speeds.clear()
         if isinstance(key, tuple):
             self.arrays[key] = value
-        else:
-            self.scopes[-1][key] = value
+            return
+        kind = self.types[-1].get(key, "variant")
+        if not TYPES[kind](value):
+            raise Unreadable(f"{key} is {kind.capitalize()} and does not hold this value")
+        self.scopes[-1][key] = value
 
 
 _STILL: dict[type, str] = {Output: "an output", Wait: "a delay", Force: "a force change"}

@@ -118,6 +118,7 @@ def draw(machine: Machine, rest: str) -> None:
 def speed_statement(machine: Machine, rest: str) -> None:
     """``Speed`` in percent or by ``Mps``: for motions without their own."""
     machine.internal = checked_speed(evaluate(rest, machine.lookup))
+    machine.acceleration, machine.settled = (), False  # Speed changes it (reference, Speed).
 
 
 def external_speed(machine: Machine, rest: str) -> None:
@@ -125,14 +126,34 @@ def external_speed(machine: Machine, rest: str) -> None:
     values = [number(part, machine.lookup) for part in arguments(rest)]
     if not 0 < values[0] <= 100:
         raise Unreadable(f"an external speed of {values[0]:g} %")
-    machine.external = values[0]
+    machine.external = machine.stated_external = values[0]
+    machine.settled = False
+    if len(values) > 1:
+        machine.remark("ExtSpeed with an acceleration, which no option asks for")
 
 
 def acceleration(machine: Machine, rest: str) -> None:
-    """``Accel`` and ``Decel`` in percent: checked, as the program says nothing about them."""
-    for part in arguments(rest):
-        if not 0.0001 <= number(part, machine.lookup) <= 100:
-            raise Unreadable(f"an acceleration of {part} %")
+    """``Accel`` in percent, of the deceleration too where it has two values."""
+    values = _percent(machine, rest)
+    machine.acceleration = (*values, *(machine.acceleration or ())[1:])[:2]
+    machine.settled = False
+
+
+def deceleration(machine: Machine, rest: str) -> None:
+    """``Decel`` in percent."""
+    machine.acceleration = (*(machine.acceleration or ())[:1], *_percent(machine, rest)[:1])
+    machine.settled = False
+
+
+def _percent(machine: Machine, rest: str) -> list[float]:
+    """Accelerations in percent."""
+    values = [number(part, machine.lookup) for part in arguments(rest)]
+    for value in values:
+        if not 0.0001 <= value <= 100:
+            raise Unreadable(f"an acceleration of {value:g} %")
+    if len(values) > 2:
+        raise Unreadable("an acceleration has one value or two")
+    return values
 
 
 def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps, bool]:
@@ -145,6 +166,8 @@ def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps
             value = evaluate(option[2], machine.lookup)
             if option[1].lower() in ("speed", "s"):
                 speed = value
+            else:
+                machine.remark(f"a motion with an {option[1].capitalize()} of its own, which no option asks for")
         elif part.lower() == "next":
             at_once = True
         elif ("x" in part or "X" in part) and _EXTENDED.search(part):

@@ -10,6 +10,7 @@ from pathlib import PurePath
 from camgen.post import Fault, Remark
 
 from .motion import LINE, PIECE, Plain, plain
+from .words import TYPES, name_fault
 
 #: A line may hold so many bytes; macros may nest so deep and a line may grow so long before it is given up.
 _LONGEST_LINE, _DEEPEST_MACRO, _LONGEST_GROWN = 1024, 10, 8192
@@ -19,7 +20,7 @@ _QUOTED = re.compile(r'"[^"]*"|\'')
 _DEFINE = re.compile(r"#define\s+([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII)
 _OPENING = re.compile(r"(sub|function)\s+(\w+)\s*(?:\(([^()]*)\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
 _CLOSING = re.compile(r"end\s+(sub|function)", re.IGNORECASE)
-_PARAMETER = re.compile(r"\s*(?:byval\s+|byref\s+)?([a-z]\w*)\s*(?:as\s+\w+)?\s*", re.IGNORECASE)
+_PARAMETER = re.compile(r"\s*(?:byval\s+|byref\s+)?([a-z]\w*)\s*(?:as\s+(\w+))?\s*", re.IGNORECASE)
 
 #: A statement: its line counted through all files, and its text without comment, macros replaced.
 Statement = tuple[int, str] | Plain
@@ -27,10 +28,10 @@ Statement = tuple[int, str] | Plain
 
 @dataclass(frozen=True, slots=True)
 class Procedure:
-    """A Sub or Function. line: of its declaration; parameters: lower case."""
+    """A Sub or Function. line: of its declaration; parameters: their types by name, lower case."""
 
     line: int
-    parameters: tuple[str, ...]
+    parameters: Mapping[str, str]
     statements: list[Statement]
 
 
@@ -146,6 +147,7 @@ def _statement(text: str, number: int, current: Procedure | None, main: str, sou
 
 def _directive(text: str, number: int, macros: _Macros, source: SourceText) -> None:
     if define := _DEFINE.fullmatch(text):
+        _check_names(source, number, define[1])
         macros.texts[define[1].lower()] = define[2]
         macros.pattern = re.compile(rf"\b(?:{'|'.join(macros.texts)})\b", re.IGNORECASE | re.ASCII)
     else:
@@ -163,13 +165,21 @@ def _expand(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], s
     return ""
 
 
+def _check_names(source: SourceText, number: int, *names: str) -> None:
+    """Notes names that the language does not take."""
+    source.faults += [Fault(number, what) for name in names if (what := name_fault(name))]
+
+
 def _open(opening: re.Match[str], number: int, main: str, source: SourceText) -> Procedure:
-    name = opening[2].lower()
-    name = main if name == "main" else name
+    given = opening[2].lower()
+    name = main if given == "main" else given
     matches = [_PARAMETER.fullmatch(p) for p in (opening[3] or "").split(",") if p.strip()]
-    parameters = tuple(m[1].lower() for m in matches if m)
-    if len(parameters) < len(matches):
+    parameters = {m[1].lower(): (m[2] or "variant").lower() for m in matches if m}
+    if len(parameters) < len(matches) or not TYPES.keys() >= set(parameters.values()):
         source.faults.append(Fault(number, "parameters that cannot be read"))
+    _check_names(source, number, *(() if given == "main" else (opening[2],)), *parameters)
+    if name == "main" and parameters:
+        source.faults.append(Fault(number, "Main has parameters, and nobody calls it with values"))
     procedure = Procedure(number, parameters, [])
     if name in source.procedures:
         source.faults.append(Fault(number, f"a second procedure {opening[2]}"))
