@@ -11,7 +11,7 @@ from msgspec import Struct
 from camgen.batch.inputs import BatchInput
 from camgen.batch.state import NAME, Outcome, Record, Task, is_unchanged
 from camgen.build.inputs import digest_of
-from camgen.model.errors import CamgenError, JobError
+from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.plugins import entries
 from camgen.model.version import __version__
 from camgen.post.plugins import POSTS, find_post
@@ -72,6 +72,8 @@ def _part(place: int, one: BatchInput, order: Order, suffix: str, made_by: str) 
     job_file = None
     files = Files()  # of this part alone: its bytes are not kept while the others are looked at
     try:
+        if not _is_text(one.source):
+            raise InputError(str(one.source), "its name is no UTF-8 text", remedy="rename it")
         if order.post.endswith(".py"):
             files.read(order.post)  # Python imports it; what it was made from stays
         job_file = beside(order.job, one.source)
@@ -89,6 +91,15 @@ def _part(place: int, one: BatchInput, order: Order, suffix: str, made_by: str) 
     task = Task(place, one.source, order.post, job, str(job_file or "job"), order.strict, __version__)
     digest = hashlib.sha256(total.encode("utf-8", "surrogateescape")).hexdigest()
     return BatchPart(one, (one.folder / (name + suffix)).as_posix(), digest, files.opened, task)
+
+
+def _is_text(path: Path) -> bool:
+    """Whether a name can stand in the state and the report of a batch, which are UTF-8."""
+    try:
+        path.as_posix().encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _unless_there(part: BatchPart, folder: Path, records: Mapping[str, Record]) -> BatchPart:

@@ -14,8 +14,9 @@ import msgspec
 from msgspec import Struct
 
 from camgen.batch.writing import write_all
-from camgen.model.errors import JobError
+from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
+from camgen.read.files import Files
 
 # What travels between the batch and whoever builds a part: a task there, an outcome back.
 
@@ -82,7 +83,7 @@ class Record(Struct, frozen=True):
 def load_records(folder: Path) -> dict[str, Record]:
     """The records of a folder by program; of several the last."""
     try:
-        lines = (folder / NAME).read_bytes().splitlines()
+        lines = Files().open(folder / NAME).data.splitlines()
     except FileNotFoundError:
         return {}
     except OSError as error:
@@ -122,6 +123,6 @@ def is_unchanged(record: Record | None, digest: str, folder: Path) -> bool:
     if record is None or record.digest != digest:
         return False
     try:
-        return all(hash_bytes((folder / name).read_bytes()) == value for name, value in record.files.items())
-    except OSError:
+        return all(hash_bytes(Files().open(folder / name).data) == value for name, value in record.files.items())
+    except (OSError, ValueError, InputError):
         return False

@@ -6,6 +6,7 @@ import argparse
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from typing import NoReturn
 
@@ -25,6 +26,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     _open_streams()
     # Nothing here is linear algebra that threads would help; starting them costs 50 ms of every run.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if argv is None and not sys.warnoptions:
+        # What comes of numbers without measure is found and told; numpy's own lines beside it help nobody.
+        warnings.simplefilter("ignore", RuntimeWarning)
     words = list(sys.argv[1:] if argv is None else argv)
     says = voice(quiet=False, verbose=0)
     try:

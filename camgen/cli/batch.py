@@ -197,7 +197,7 @@ def _tell(rows: list[_Row], says: Voice) -> None:
 
 def _why(row: _Row) -> str:
     """The error line without the name of the part in front, which stands beside it."""
-    names = (f"{row.source}: ", f"{os.path.basename(row.source)}: ")
+    names = (f"{one_line(row.source)}: ", f"{row.source}: ", f"{os.path.basename(row.source)}: ")
     return one_line(next((row.error[len(name) :] for name in names if row.error.startswith(name)), row.error))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.files import Source
 from camgen.read import find_suffix
-from camgen.read.files import Files
+from camgen.read.files import Files, bounded
 
 #: Where standard input would lie if it were a file: in a folder that nobody makes.
 _FOLDER = Path("-")
@@ -29,6 +29,6 @@ def open_inputs(names: Sequence[str], kind: str | None) -> Iterator[tuple[list[P
     kind = (kind or "").lstrip(".")
     if not kind.isalnum():
         raise JobError("-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf")
-    stdin = Source(_FOLDER / f"stdin{find_suffix(kind)}", sys.stdin.buffer.read())
+    stdin = Source(_FOLDER / f"stdin{find_suffix(kind)}", bounded("-", sys.stdin.buffer))
     with rename_errors(stdin.name, "-"), rename_errors(str(stdin.path), "-"):
         yield [stdin.path if name == "-" else Path(name) for name in names], Files([stdin])

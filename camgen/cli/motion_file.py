@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -17,6 +17,7 @@ from msgspec import Struct, field
 
 from camgen.check.report import clean
 from camgen.model.errors import CamgenError, JobError
+from camgen.model.limits import LIMITS
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
 from camgen.model.program import (
     Comment,
@@ -34,7 +35,9 @@ from camgen.model.program import (
 )
 from camgen.read.files import Files
 
-Row = tuple[float, float, float]
+_Number = Annotated[float, msgspec.Meta(ge=-LIMITS["number"].value, le=LIMITS["number"].value)]
+_Index = Annotated[int, msgspec.Meta(ge=-1, lt=2**31)]
+Row = tuple[_Number, _Number, _Number]
 Matrix = tuple[Row, Row, Row]
 _NO_PRESS = (0.0, 0.0, 0.0)
 
@@ -44,59 +47,59 @@ class _Line(msgspec.Struct, frozen=True, tag_field="do", omit_defaults=True, for
 
 
 class _MoveJ(_Line, frozen=True, tag="movej"):
-    speed: float
-    to: Vec3 | None = None
-    rotation: int = -1
-    joints: tuple[float, ...] | None = None
-    blend: float | None = None
-    posture: tuple[float, ...] | None = None
+    speed: _Number
+    to: Row | None = None
+    rotation: _Index = -1
+    joints: tuple[_Number, ...] | None = None
+    blend: _Number | None = None
+    posture: tuple[_Number, ...] | None = None
     called: Posture | None = None
-    path: int = -1
+    path: _Index = -1
     work: bool = False
-    share: float | None = None
+    share: _Number | None = None
 
 
 class _MoveL(_Line, frozen=True, tag="movel"):
-    to: Vec3
-    rotation: int
-    speed: float
-    blend: float | None = None
-    force: float | None = None
-    press: Vec3 | None = None
-    posture: tuple[float, ...] | None = None
+    to: Row
+    rotation: _Index
+    speed: _Number
+    blend: _Number | None = None
+    force: _Number | None = None
+    press: Row | None = None
+    posture: tuple[_Number, ...] | None = None
     called: Posture | None = None
-    path: int = -1
+    path: _Index = -1
     work: bool = False
-    turn: float | None = None
+    turn: _Number | None = None
 
 
 class _MoveC(_Line, frozen=True, tag="movec"):
-    via: Vec3
-    via_rotation: int
-    to: Vec3
-    rotation: int
-    speed: float
-    blend: float | None = None
-    force: float | None = None
-    press: Vec3 | None = None
-    posture: tuple[float, ...] | None = None
+    via: Row
+    via_rotation: _Index
+    to: Row
+    rotation: _Index
+    speed: _Number
+    blend: _Number | None = None
+    force: _Number | None = None
+    press: Row | None = None
+    posture: tuple[_Number, ...] | None = None
     called: Posture | None = None
-    path: int = -1
+    path: _Index = -1
     work: bool = False
 
 
 class _Output(_Line, frozen=True, tag="output"):
     signal: str
-    value: float
+    value: _Number
 
 
 class _Wait(_Line, frozen=True, tag="wait"):
-    seconds: float
+    seconds: _Number
 
 
 class _Force(_Line, frozen=True, tag="force"):
-    newtons: float
-    press: Vec3 | None = None
+    newtons: _Number
+    press: Row | None = None
 
 
 class _Comment(_Line, frozen=True, tag="comment"):
@@ -107,15 +110,15 @@ _Any = _MoveJ | _MoveL | _MoveC | _Output | _Wait | _Force | _Comment
 
 
 class _Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    origin: Vec3
-    rotation: int
+    origin: Row
+    rotation: _Index
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     format: Literal["camgen-plan 1", "camgen-plan 2"]
     post: str
     options: dict[str, Any]
-    chord_mm: float
+    chord_mm: _Number
     name: str
     base_from_work: _Frame
     flange_from_tool: _Frame

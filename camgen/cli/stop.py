@@ -36,7 +36,11 @@ def say_why(error: BaseException) -> str:
 
 @contextmanager
 def signals_as_interrupts() -> Iterator[None]:
+<<<<<<< HEAD
     """In here SIGTERM and SIGHUP raise ``Terminated``; one that the process was started without (nohup) is unheard."""
+=======
+    """In here SIGTERM and SIGHUP raise ``Terminated``. What the process was started to ignore (nohup) stays ignored."""
+>>>>>>> 43b9794 (Hostile input is bounded by a table of limits, and what is its fault is no fault of camgen)
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread has to do with signals
         return

@@ -7,9 +7,11 @@ import os
 import stat
 from collections.abc import Iterable
 from pathlib import Path
+from typing import BinaryIO
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
+from camgen.model.limits import most
 
 
 class Files:
@@ -35,11 +37,15 @@ class Files:
             raise InputError(str(path), f"cannot be read: {reason(error)}") from error
 
     def open(self, path: str | Path) -> Source:
-        """As the system gives it, a pipe too. OSError, or ValueError for a name that no file can have."""
+        """As the system gives it. OSError, ValueError for a name that no file can have, InputError for what is no
+        regular file: a device has no end, and who opens a pipe waits for its writer.
+        """
         path = Path(path)
         same = identity(path)
         if same not in self._data:
-            self._data[same] = path.read_bytes()
+            _insist_on_regular(path)
+            with path.open("rb") as stream:
+                self._data[same] = bounded(str(path), stream)
             self.opened[same] = path
         return Source(path, self._data[same])
 
@@ -62,6 +68,20 @@ def _insist_on_file(path: Path) -> None:
         raise InputError(str(path), "is a folder", remedy="name the files in it")
     if not stat.S_ISREG(mode):
         raise InputError(str(path), "is not a regular file", remedy="copy it to a file, or use - with --format")
+
+
+def _insist_on_regular(path: Path) -> None:
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # of a folder the system itself says it
+        raise InputError(str(path), "is not a regular file", remedy="copy it to a file")
+
+
+def bounded(name: str, stream: BinaryIO) -> bytes:
+    """All of a stream. InputError where it is longer than any input may be."""
+    data = stream.read(most("file_bytes") + 1)
+    if len(data) > most("file_bytes"):
+        raise InputError(name, f"has more than {most('file_bytes'):,} bytes", remedy="split it")
+    return data
 
 
 def _nearest(path: Path) -> str:

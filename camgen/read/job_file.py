@@ -17,8 +17,12 @@ from msgspec.structs import replace
 from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import FILES, settings, split_name, tables
+from camgen.model.limits import most
 from camgen.model.plugins import OPERATIONS, entries
 from camgen.read.files import Files
+
+#: So much of a setting is told.
+_LONGEST = 100
 
 Tree = dict[str, dict[str, object]]
 
@@ -38,7 +42,7 @@ def load(file: Path | None, sets: Sequence[str] = (), files: Files | None = None
     for text in sets:
         table, key, value = _assignment(text)
         tree.setdefault(table, {})[key] = value
-        origins[table, key] = f"--set {text}"
+        origins[table, key] = f"--set {text if len(text) <= _LONGEST else text[:_LONGEST] + '...'}"
     _cell_filled(tree, origins, files)
     return _convert(tree, origins, str(file) if file else "job")
 
@@ -116,6 +120,8 @@ def _toml(file: Path, files: Files) -> dict[str, Any]:
         raise JobError(str(file), f"is not TOML: {what}", where.rstrip(")"), "mend this line") from error
     except RecursionError as error:
         raise JobError(str(file), "is nested too deeply") from error
+    except ValueError as error:  # Python reads no number of thousands of digits
+        raise JobError(str(file), "holds a number of too many digits", remedy="mend it") from error
 
 
 def _tables_of(tree: Mapping[str, object], origin: str) -> Tree:
@@ -155,7 +161,7 @@ def _value(raw: str) -> object:
     """``raw`` as TOML, else as the text it is."""
     try:
         parsed = tomllib.loads(f"value = {raw}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # no TOML, or a number of too many digits
         return raw
     return parsed["value"] if len(parsed) == 1 else raw
 
@@ -169,6 +175,9 @@ def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) ->
                 raise _unknown_key(table, key, origin)
             if not all(math.isfinite(number) for number in _floats(value)):
                 raise JobError(origin, f"{key} must be finite, not {_quote_short(value)}", f"[{table}]")
+            if table != "post" and key != "seed" and any(abs(number) > most("number") for number in _numbers(value)):
+                what = f"{key} cannot be beyond {most('number'):,}: {_quote_short(value)}"
+                raise JobError(origin, what, f"[{table}]", "give a value that can be meant")
     try:
         return _with_kind(tree)
     except msgspec.ValidationError as error:
@@ -199,13 +208,17 @@ def _unknown_key(table: str, key: str, origin: str) -> JobError:
 
 
 def _floats(value: object) -> Iterator[float]:
-    if isinstance(value, float):
+    return (number for number in _numbers(value) if isinstance(number, float))
+
+
+def _numbers(value: object) -> Iterator[float]:
+    if isinstance(value, (float, int)):
         yield value
     elif isinstance(value, (list, tuple)):
         for item in value:
-            yield from _floats(item)
+            yield from _numbers(item)
     elif isinstance(value, Mapping):
-        yield from _floats(list(value.values()))
+        yield from _numbers(list(value.values()))
 
 
 def _quote_short(value: object) -> str:

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
+from camgen.model.limits import most
 from camgen.model.part import Note
 from camgen.model.text import counted, short
 
@@ -45,7 +46,7 @@ _JFIF_INCHES = {1: 1.0, 2: _MM_PER_INCH / 10}
 _TYPE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8}
 
 # TIFF tags
-_SUBFILE, _WIDTH, _HEIGHT, _ORIENTATION = 254, 256, 257, 274
+_SUBFILE, _WIDTH, _HEIGHT, _BITS, _ORIENTATION, _SAMPLES = 254, 256, 257, 258, 274, 277
 _DENSITY_X, _DENSITY_Y, _DENSITY_UNIT, _EXIF = 282, 283, 296, 0x8769
 #: ExposureTime, FNumber, FocalLength: written by cameras, not by scanners.
 _EXPOSURE = {0x829A, 0x829D, 0x920A}
@@ -53,14 +54,17 @@ _EXPOSURE = {0x829A, 0x829D, 0x920A}
 _FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 #: Width, height and the value of white of a PGM: apart by spaces, and comments to the end of their line.
 _PGM = re.compile(rb"P[25]" + 3 * rb"(?:\s|#[^\n\r]*[\n\r])+([0-9]{1,9})")
+#: Channels by the colour type of a PNG; a palette is decoded to colours and transparency.
+_CHANNELS = {0: 1, 2: 3, 3: 4, 4: 4, 6: 4}
 _WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD9)}
 
 
 class Header(Struct, frozen=True):
     """The head of an image. width, height: pixels as stored. density: dots per inch along both, as the file says them.
 
-    orientation: the Exif number 1 to 8. exposed: a camera took it. pages: 2 for two or more. white: the greatest value
-    of a pixel of 8 bits that is decoded as it is stored.
+    depth: bytes of a pixel as decoded, as far as the head says it. orientation: the Exif number 1 to 8. exposed: a
+    camera took it. pages: 2 for two or more. white: the greatest value of a pixel of 8 bits that is decoded as it is
+    stored.
     """
 
     kind: Kind
@@ -71,6 +75,7 @@ class Header(Struct, frozen=True):
     exposed: bool = False
     pages: int = 1
     white: int = 255
+    depth: int = 1
 
 
 class _Tiff(Struct, frozen=True):
@@ -82,6 +87,7 @@ class _Tiff(Struct, frozen=True):
     orientation: int = 1
     exposed: bool = False
     pages: int = 1
+    depth: int = 1
 
 
 def header(data: bytes) -> Header | None:
@@ -97,7 +103,8 @@ def header(data: bytes) -> Header | None:
 
 
 def _png(data: bytes) -> Header:
-    found = Header("PNG", *struct.unpack_from(">II", data, 16))
+    width, height, bits, colour = struct.unpack_from(">IIBB", data, 16)
+    found = Header("PNG", width, height, depth=_CHANNELS.get(colour, 4) * (2 if bits == 16 else 1))
     at = 8
     while at + 12 <= len(data):
         length, name = struct.unpack_from(">I4s", data, at)
@@ -127,7 +134,7 @@ def _jpeg(data: bytes) -> Header:
         body = data[at + 4 : at + 2 + length]
         if marker in _FRAMES:
             height, width = struct.unpack_from(">HH", body, 1)
-            found = replace(found, width=width, height=height)
+            found = replace(found, width=width, height=height, depth=3 if body[5] > 1 else 1)
         elif marker == 0xE0 and body.startswith(b"JFIF\0") and found.density is None:
             unit, x, y = struct.unpack_from(">BHH", body, 7)
             if unit in _JFIF_INCHES:
@@ -159,7 +166,8 @@ def _pgm(data: bytes) -> Header:
 
 def _tiff_file(data: bytes) -> Header:
     said = _tiff(data)
-    return Header("TIFF", said.width, said.height, said.density, said.orientation, said.exposed, said.pages)
+    head = Header("TIFF", said.width, said.height, said.density, said.orientation, said.exposed, said.pages)
+    return replace(head, depth=said.depth)
 
 
 def _with_exif(found: Header, data: bytes) -> Header:
@@ -195,6 +203,7 @@ def _tiff(data: bytes) -> _Tiff:
         orientation=orientation if 1 <= orientation <= 8 else 1,
         exposed=bool(_EXPOSURE & set(exif)),
         pages=2 if following and _is_page(data, order, following) else 1,
+        depth=max(1, number(_SAMPLES, 1)) * (2 if number(_BITS, 8) > 8 else 1),
     )
 
 
@@ -248,8 +257,6 @@ _READERS: tuple[tuple[bytes, Callable[[bytes], Header]], ...] = (
 
 Pixels = NDArray[np.uint8]
 
-_MOST_BYTES = 1_000_000_000
-_MOST_PIXELS = 200_000_000
 _DEFAULTS = (72.0, 96.0, 72 * 2.54, 96 * 2.54)
 _LEAST_DPI, _MOST_DPI = 10.0, 25_400.0
 #: A few bytes of filling before the end mark are some cameras' habit; more of them are blocks that came out of step.
@@ -276,17 +283,13 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     sensor: its pixels as the sensor delivered them, whatever the Exif orientation says, for use with a calibrated lens.
     """
     name, data = source.name, source.data
-    if len(data) > _MOST_BYTES:
-        raise InputError(name, f"has {len(data)} bytes, too many for a picture", remedy="crop it")
     if not data:
         raise InputError(name, "is empty")
     head = header(data)
     if head is None:
         what = "is not a PNG, JPEG, TIFF, BMP or PGM image, or cut off in its first bytes"
         raise InputError(name, what, remedy="give a photo or a scan in one of these formats")
-    if head.width * head.height > _MOST_PIXELS:
-        what = f"has {head.width} x {head.height} pixels, more than {_MOST_PIXELS // 1_000_000} million"
-        raise InputError(name, what, remedy="crop it or scan with fewer DPI")
+    _insist_on_size(name, head)
     notes: list[Note] = []
     stored = _decode(data, name, head, notes)
     if head.white < 255:
@@ -303,6 +306,16 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     pixels = np.ascontiguousarray(pixels)
     pixels.flags.writeable = False
     return Picture(name, pixels, _dpi(head, notes), turned, tuple(notes))
+
+
+def _insist_on_size(name: str, head: Header) -> None:
+    pixels = head.width * head.height
+    if pixels > most("picture_pixels"):
+        what = f"has {head.width} x {head.height} pixels, more than {most('picture_pixels') // 1_000_000} million"
+        raise InputError(name, what, remedy="crop it or scan with fewer DPI")
+    if pixels * head.depth > most("picture_bytes"):
+        what = f"its pixels take {pixels * head.depth:,} bytes, more than {most('picture_bytes'):,}"
+        raise InputError(name, what, remedy="save it with 8 bits a channel and without transparency, or crop it")
 
 
 def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[np.generic]:

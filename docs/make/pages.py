@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from camgen.model.limits import table
 from docs.make.api import api
 from docs.make.posts import with_options
 from docs.make.robots import robots_page
@@ -24,6 +25,7 @@ DOCS = ROOT / "docs"
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
 #: Pages whose ```console blocks are run: lines behind "$ " are commands, which go on behind "> ".
 CONSOLES = ("first-program.md",)
+_LIMITS = re.compile(r"\| limit \|.*\n(?:\|.*\n)+")
 _CONSOLE = re.compile(r"```console\n(.*?)```", re.S)
 
 
@@ -57,6 +59,11 @@ def _ran(block: str, here: Path) -> str:
     return out
 
 
+def with_limits(text: str) -> str:
+    """The page with the table of limits that holds now."""
+    return _LIMITS.sub(table(), text)
+
+
 def _post_page(name: str) -> Callable[[str], str]:
     return lambda text: with_options(text, name)
 
@@ -66,6 +73,7 @@ PAGES: dict[str, Callable[[str], str]] = {
     "robots.md": lambda _: robots_page(),
     "api.md": lambda _: api(),
     **{f"posts/{name}.md": _post_page(name) for name in POSTS},
+    "reliability.md": with_limits,
     **dict.fromkeys(CONSOLES, with_consoles),
 }
 

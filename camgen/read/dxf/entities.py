@@ -17,7 +17,9 @@ import numpy as np
 from msgspec import Struct, field
 
 from camgen.model.errors import InputError
+from camgen.model.limits import most
 from camgen.model.pose import FloatArray
+from camgen.model.text import harmless
 from camgen.read.dxf.layers import FROZEN, Layers
 
 if TYPE_CHECKING:
@@ -25,9 +27,6 @@ if TYPE_CHECKING:
 
 
 # Where a block reference puts its block: object coordinates, scales, arrays; and when it cannot be used.
-
-#: An array with more cells is a mistake or an attack.
-MOST_CELLS = 3_000_000
 
 
 def ocs_matrix(extrusion: tuple[float, float, float]) -> FloatArray:
@@ -66,7 +65,13 @@ def _clip(entity: Any) -> bool:
     return bool(clip.has_clipping_path and clip.is_clipping_enabled)
 
 
-def cells(name: str, a: dict[str, Any], base: tuple[float, float, float]) -> Iterable[FloatArray]:
+def array_of(a: dict[str, Any]) -> tuple[int, int]:
+    """Columns and rows of a reference with attributes ``a``. Those without a distance lie on each other and are one."""
+    columns, rows = max(1, a.get("column_count", 1)), max(1, a.get("row_count", 1))
+    return columns if a.get("column_spacing", 0.0) else 1, rows if a.get("row_spacing", 0.0) else 1
+
+
+def cells(a: dict[str, Any], base: tuple[float, float, float]) -> Iterable[FloatArray]:
     """World from block (4 x 4) for each cell of the array of a reference with attributes ``a``.
 
     base: base point of the block. The array is turned with the reference but not scaled.
@@ -78,21 +83,16 @@ def cells(name: str, a: dict[str, Any], base: tuple[float, float, float]) -> Ite
     # Some writers leave 0 for z in a flat drawing; heights are judged later and must not be hidden by it.
     scale = np.diag([a.get("xscale", 1.0), a.get("yscale", 1.0), a.get("zscale", 1.0) or 1.0, 1.0])
     scale[:3, 3] = scale[:3, :3] @ -np.array(base)
-    columns, rows = max(1, a.get("column_count", 1)), max(1, a.get("row_count", 1))
-    if columns * rows > MOST_CELLS:
-        raise InputError(name, f"a block array of {columns} x {rows}", "INSERT", "explode or thin it")
+    columns, rows = array_of(a)
     dx, dy = a.get("column_spacing", 0.0), a.get("row_spacing", 0.0)
     at = a["insert"].xyz if "insert" in a else (0.0, 0.0, 0.0)
-    for row in range(rows if dy else 1):
-        for column in range(columns if dx else 1):
+    for row in range(rows):
+        for column in range(columns):
             step = rotation[:3, :3] @ (column * dx, row * dy, 0.0)
             place = np.eye(4)
             place[:3, 3] = step + at
             yield ocs @ place @ rotation @ scale
 
-
-#: Nested block arrays multiply: beyond this many entities a drawing is a mistake or an attack.
-MOST_ENTITIES = 3_000_000
 
 _NO_CURVE = "not a kind of curve that is machined"
 _DAMAGED = "damaged numbers"
@@ -180,6 +180,7 @@ class _Place(Struct, eq=False):
 def walk(name: str, document: Drawing, scale: float, layers: Layers) -> DrawnEntities:
     """All entities of model space with blocks expanded. scale: mm per drawing unit. ``InputError`` if too many."""
     drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers)
+    _Sizes(name, document).insist(document.modelspace())
     _entities(name, drawn, document.modelspace(), _Place(0, ""))
     for layout in document.layouts:
         if layout.is_any_paperspace:
@@ -187,6 +188,46 @@ def walk(name: str, document: Drawing, scale: float, layers: Layers) -> DrawnEnt
                 if entity.dxftype() != "VIEWPORT":
                     drawn.leave("in paper space", entity.dxftype(), entity.dxfattribs().get("layer", "0"))
     return drawn
+
+
+class _Sizes:
+    """How many entities a drawing expands to, counted once for each block and before any of them is drawn: blocks in
+    blocks and arrays multiply, so that a few lines of text may stand for more than any memory holds.
+    """
+
+    def __init__(self, name: str, document: Drawing) -> None:
+        self.name = name
+        self.blocks = document.blocks
+        self.known: dict[str, int] = {}
+
+    def insist(self, entities: Iterable[Any]) -> None:
+        """InputError where ``entities`` of model space expand to too much."""
+        self._count(entities, ())
+
+    def _count(self, entities: Iterable[Any], around: tuple[str, ...]) -> int:
+        total = 0
+        for entity in entities:
+            total += 1
+            if entity.dxftype() == "INSERT":
+                a = entity.dxfattribs()
+                block = str(a.get("name"))
+                columns, rows = array_of(a)
+                total += columns * rows * (1 + self._of(block, around))
+            if total > most("dxf_entities"):
+                what = f"blocks expand to more than {most('dxf_entities'):,} entities"
+                raise InputError(self.name, what, around[-1] if around else "", "explode or thin them")
+        return total
+
+    def _of(self, block: str, around: tuple[str, ...]) -> int:
+        key = block.casefold()
+        if key in around or key not in self.blocks:
+            return 0  # the walk says so
+        if len(around) >= most("dxf_depth"):
+            what = f"blocks stand more than {most('dxf_depth')} deep within each other"
+            raise InputError(self.name, what, harmless(block), "explode them")
+        if key not in self.known:
+            self.known[key] = self._count(self.blocks.get(block), (*around, key))
+        return self.known[key]
 
 
 def _entities(name: str, drawn: DrawnEntities, entities: Iterable[Any], place: _Place) -> None:
@@ -197,8 +238,6 @@ def _entities(name: str, drawn: DrawnEntities, entities: Iterable[Any], place: _
         if place.layer and layer == "0":
             layer = place.layer
         drawn.met[kind, layer] += 1
-        if len(drawn.matrix) > MOST_ENTITIES:
-            raise InputError(name, f"blocks expand to more than {MOST_ENTITIES} curves", "", "explode or thin them")
         why = drawn.layers.why_not(layer)
         if attributes.get("invisible"):
             drawn.leave("invisible", kind, layer)
@@ -343,6 +382,6 @@ def _insert(name: str, drawn: DrawnEntities, entity: Any, a: Attributes, layer: 
         return
     base = block.block.dxf.base_point.xyz
     blocks = (*place.blocks, str(a.get("name")).casefold())
-    for matrix in cells(name, a, base):
+    for matrix in cells(a, base):
         drawn.matrices.append(drawn.matrices[place.index] @ matrix)
         _entities(name, drawn, block, _Place(len(drawn.matrices) - 1, layer, blocks))

@@ -17,10 +17,11 @@ from msgspec import Struct
 from camgen.geometry.vectors import cross
 from camgen.model.errors import InputError
 from camgen.model.files import Source
+from camgen.model.limits import most
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.part21 import take_out
+from camgen.read.solid.part21 import find_wild_id, take_out
 
 #: What a shape that is sound on paper only makes the kernel raise.
 STUMBLES = (RuntimeError, ValueError, TypeError)
@@ -66,6 +67,9 @@ def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
     needs it, or end the process. What no edge needs is left out of the text. ``InputError`` for anything else.
     """
     data, notes = source.data, tuple[Note, ...]()
+    if wild := find_wild_id(data):
+        what = f"is damaged: {wild} is no number of an entity, which are 1 to {most('step_id')}"
+        raise InputError(source.name, what, "", _SAVE_AGAIN)
     for _ in range(_ROUNDS):
         reader = part("STEPControl").STEPControl_Reader()
         if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import struct
 import zlib
 from io import BytesIO
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
+from camgen.model.limits import most
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
@@ -60,6 +62,10 @@ def load(source: Source) -> MeshSoup:
         raise InputError(name, "the file is empty")
     if kind == ".stl":
         data, notes = _stl(name, data)
+    if kind == ".3mf":
+        data = _model_alone(name, data)
+    if kind == ".glb":
+        _insist_on_accessors(name, data)
     vertices, faces, unit = _parse(name, data, kind)
     if not len(faces):
         raise InputError(
@@ -93,6 +99,36 @@ def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     after = "after the last face"
     what = counted(len(data) - size, f"byte {after} was left out", f"bytes {after} were left out")
     return data[:size], (Note("repaired", what),)
+
+
+def _model_alone(name: str, data: bytes) -> bytes:
+    """The archive of a 3MF file with its model alone: pictures and settings are unpacked by nobody."""
+    slim = BytesIO()
+    try:
+        with ZipFile(BytesIO(data)) as archive, ZipFile(slim, "w") as model:
+            entries = [one for one in archive.infolist() if one.filename.lower().endswith(".model")]
+            if sum(one.file_size for one in entries) > most("model_bytes"):
+                what = f"its model unpacks to more than {most('model_bytes'):,} bytes"
+                raise InputError(name, what, "", "export it with fewer triangles")
+            for one in entries:
+                model.writestr(one.filename, archive.read(one))
+    except _STUMBLES as error:
+        raise InputError(name, f"is damaged or no 3MF mesh: {_plain(error)}", "", _SAVE_AGAIN) from error
+    return slim.getvalue()
+
+
+def _insist_on_accessors(name: str, data: bytes) -> None:
+    """InputError for an accessor of a GLB file (glTF 2.0, section 3.6.2) that claims more than may be: it may say any
+    number without a byte behind it. What is damaged otherwise is told by who reads it.
+    """
+    try:
+        (length,) = struct.unpack_from("<I", data, 12)
+        counts = [int(one["count"]) for one in json.loads(data[20 : 20 + length]).get("accessors", ())]
+    except _STUMBLES:
+        return
+    if max(counts, default=0) > most("accessor") * len(data):
+        what = f"an accessor of {max(counts):,} elements in a file of {len(data):,} bytes"
+        raise InputError(name, what, "", _SAVE_AGAIN)
 
 
 def _is_text(data: bytes) -> bool:

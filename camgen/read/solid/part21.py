@@ -14,6 +14,7 @@ from functools import cached_property
 
 from msgspec import Struct, field
 
+from camgen.model.limits import most
 from camgen.model.part import Note
 from camgen.model.text import counted, harmless
 
@@ -21,6 +22,8 @@ from camgen.model.text import counted, harmless
 _FREE = re.compile(rb"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 _INSTANCE = re.compile(rb"#([0-9]+)\s*=\s*([^;]*);")
 _REFERENCE = re.compile(rb"#([0-9]+)")
+#: A number that may be 0, or beyond 32 bits.
+_LONG = re.compile(rb"#\s*(0+(?![0-9])|0*[1-9][0-9]{9,})")
 _NAME = re.compile(rb"[A-Z][A-Z0-9_]*(?=\s*\()")
 #: A parameter that is a list of nothing but references.
 _LIST = re.compile(rb"[(,]\s*(\(\s*#[0-9]+(?:\s*,\s*#[0-9]+)*\s*\))")
@@ -256,6 +259,15 @@ def _notes(bad: Sequence[Sequence[bytes]], empty: int) -> tuple[Note, ...]:
         many = counted(empty, "text that is not given was", "texts that are not given were")
         notes.append(Note("repaired", f"{many} taken as empty", "the names of entities say nothing about the edges"))
     return tuple(notes)
+
+
+def find_wild_id(data: bytes) -> str:
+    """The first number of an entity, or of what one refers to, that the kernel cannot hold: beyond 32 bits it ends the
+    process. Empty where all can be.
+    """
+    bare = _FREE.sub(b"' '", data)
+    wild = (found[1] for found in _LONG.finditer(bare) if not 0 < int(found[1][:20]) <= most("step_id"))
+    return next((f"#{harmless(number.decode('ascii'), 24)}" for number in wild), "")
 
 
 def list_other_files(data: bytes) -> list[str]:

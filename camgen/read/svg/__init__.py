@@ -15,6 +15,7 @@ from msgspec import Struct
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import InputTable, Job
+from camgen.model.limits import most
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless, short
@@ -84,6 +85,8 @@ def _sizes(attributes: Mapping[str, str], box: ViewBox | None) -> tuple[float, f
         value = length(text, name, (0.0, 0.0))
         if value <= 0:
             raise Malformed(f"{name} is not above 0")
+        if value * MM_PER_PX > most("svg_page"):
+            raise Malformed(f"{name} is beyond {most('svg_page'):,} mm")
         given.append(value)
     width, height = given
     if width is not None and height is not None:
@@ -138,9 +141,6 @@ def _make(matrix: FloatArray, height: float, view: tuple[float, float], name: st
     known = height > 0
     told = f"{short(view[0] * float(matrix[0, 0]), 3)} x {short(height, 3)} mm" if known else "of no stated size"
     return SvgPage(combine(up, matrix), view, name, told, not known, notes)
-
-
-_MOST_BYTES = 200_000_000
 
 
 class SvgFacts(Struct, frozen=True):
@@ -219,8 +219,8 @@ def _read(source: Source, settings: InputTable, chord: float) -> _Read:
 
 def _parse(name: str, data: bytes) -> ElementTree.Element:
     """The root element. A document that defines entities is refused: they can make any file of one."""
-    if len(data) > _MOST_BYTES:
-        raise InputError(name, f"has more than {_MOST_BYTES:,} bytes", remedy="split the drawing")
+    if len(data) > most("svg_bytes"):
+        raise InputError(name, f"has more than {most('svg_bytes'):,} bytes", remedy="split the drawing")
     if data[:2] == b"\x1f\x8b":
         raise InputError(name, "is compressed (.svgz)", remedy="decompress it with gzip")
     if not data.strip():

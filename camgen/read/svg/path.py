@@ -20,6 +20,8 @@ _SEPARATORS = str.maketrans("", "", " \t\r\n\f,")
 _N = rf"[\s,]*({NUMBER.pattern})"
 _NUMBER = re.compile(_N)
 _ARC = re.compile(_N * 3 + r"[\s,]*([01])[\s,]*([01])" + _N * 2)
+#: Ends and radii of arcs, and their inverse: squares of what is beyond this are no numbers any more.
+_FARTHEST = 1e100
 #: From so many numbers on lines are taken together.
 _MANY = 8
 #: Numbers that a command takes at a time.
@@ -217,6 +219,8 @@ class _Pen:
         if rx == 0 or ry == 0:
             self._to(x, y)
             return
+        if max(map(abs, (self.x, self.y, x, y, rx, ry))) > _FARTHEST or min(abs(rx), abs(ry)) < 1 / _FARTHEST:
+            raise Malformed("an arc beyond all measure")
         self._flush()
         self.size = 0
         self.runs.append(_oval((self.x, self.y), (x, y), (abs(rx), abs(ry)), turn, bool(large), bool(sweep)))

@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from camgen.model.errors import InputError
+from camgen.model.limits import most
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.layers import Layers
@@ -130,8 +131,6 @@ _SILENT = frozenset(
 #: Properties that change what is seen and are not followed.
 _EFFECTS = ("clip-path", "mask")
 _MARKERS = ("marker", "marker-start", "marker-mid", "marker-end")
-#: So deep may references nest, and so many elements may come of them: more is a bomb.
-_DEEPEST_REFERENCE, _MOST_ELEMENTS = 64, 2_000_000
 
 
 class DrawnShape(Struct):
@@ -180,14 +179,16 @@ def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float]
     walker = _Walk(drawn, sheet, ids)
     # Depth first by a list: documents nest deeper than Python calls.
     todo = [(child, place) for child in reversed(root)] if not is_gone(place.style) else []
-    steps = 0
+    steps = uses = 0
     while todo:
         element, place = todo.pop()
         todo += reversed(list(walker.step(element, place)))
         steps += 1
-        if steps + len(todo) > _MOST_ELEMENTS:
-            what = f"more than {_MOST_ELEMENTS:,} elements come of its references"
-            raise InputError(file, what, remedy="draw the shapes themselves")
+        uses += bool(place.inside)
+        if uses > most("svg_uses") or steps + len(todo) > most("svg_elements"):
+            of = most("svg_uses" if uses > most("svg_uses") else "svg_elements")
+            what = f"more than {of:,} elements come of its references" if uses else f"has more than {of:,} elements"
+            raise InputError(file, what, remedy="draw the shapes themselves" if uses else "split the drawing")
     for selector in sheet.unknown:
         drawn.leave("rules of the style sheet for other than elements, classes and ids", harmless(selector, 40), "")
     return drawn
@@ -273,7 +274,7 @@ class _Walk(Struct):
         target = self.ids.get(name.removeprefix("#")) if name.startswith("#") else None
         if target is None:
             raise Malformed("refers to nothing in this file")
-        if name in place.inside or len(place.inside) > _DEEPEST_REFERENCE:
+        if name in place.inside or len(place.inside) > most("svg_depth"):
             raise Malformed("refers to itself")
         x, y = (length(element.attrib.get(key, "0"), key, place.view) for key in ("x", "y"))
         matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))

@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser, f
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
+from camgen.model.limits import most
 from camgen.model.pose import Pose, Vec3, rotation_from_fixed_xyz
 from camgen.read.files import Files, reason
 
@@ -124,8 +125,6 @@ def direction(element: Element, where: str) -> Vec3:
     return (x, y, z)
 
 
-#: Bytes: beyond this it is no description of a robot.
-_LARGEST = 8_000_000
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
@@ -281,8 +280,8 @@ def _content(path: Path, files: Files) -> bytes:
         state = path.stat()
         if not stat.S_ISREG(state.st_mode):
             raise InputError(file, "is not a file", "cell.robot", "name the URDF file of the arm")
-        if state.st_size > _LARGEST:
-            raise InputError(file, f"is larger than {_LARGEST // 1_000_000} MB: no description of a robot")
+        if state.st_size > most("urdf_bytes"):
+            raise InputError(file, f"is larger than {most('urdf_bytes') // 1_000_000} MB: no description of a robot")
         return files.open(path).data
     except FileNotFoundError as error:
         raise InputError(file, "no such file", "cell.robot", "a job file names it from its own folder") from error

@@ -1,0 +1,328 @@
+"""Inputs that are made to break what reads them: one line, exit code 2, nothing written, no memory, no time."""
+
+import json
+import os
+import resource
+import struct
+import subprocess
+import sys
+import time
+import zipfile
+import zlib
+from pathlib import Path
+
+import pytest
+
+from camgen.cli import main
+from camgen.model.errors import InputError
+from camgen.model.limits import LIMITS
+from camgen.model.limits import table as limits_as_table
+from camgen.read.files import Files
+from camgen.read.solid import mesh_file
+from camgen.read.solid.part21 import find_wild_id
+from tests.support.files import source
+
+Captured = pytest.CaptureFixture[str]
+ENTITIES = "0\nSECTION\n2\nENTITIES\n"
+END = "0\nENDSEC\n0\nEOF\n"
+CIRCLE = "0\nCIRCLE\n8\n0\n10\n50\n20\n25\n40\n10\n"
+LINE = "0\nLINE\n8\n0\n10\n0\n20\n0\n11\n1\n21\n1\n"
+TEXT = "0\nTEXT\n8\n0\n10\n0\n20\n0\n40\n1\n1\nx\n"
+STEP = Path(__file__).parents[2] / "fixtures" / "parts"
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "plate.dxf").write_text(ENTITIES + CIRCLE + END)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(words: list[str], here: Path, capsys: Captured) -> str:
+    """The one line that a command is refused with; it is quick about it and writes nothing."""
+    before = sorted(here.rglob("*"))
+    begun = time.monotonic()
+    assert main(words) == 2
+    assert time.monotonic() - begun < 15
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("camgen: error: ")
+    assert said.err.count("\n") == 1
+    assert sorted(here.rglob("*")) == before
+    return said.err.removeprefix("camgen: error: ")
+
+
+def block(name: str, body: str) -> str:
+    return f"0\nBLOCK\n8\n0\n2\n{name}\n70\n0\n10\n0\n20\n0\n30\n0\n{body}0\nENDBLK\n"
+
+
+def insert(name: str, x: int = 0, more: str = "") -> str:
+    return f"0\nINSERT\n8\n0\n2\n{name}\n10\n{x}\n20\n0\n30\n0\n{more}"
+
+
+def drawing(blocks: str, entities: str) -> str:
+    return f"0\nSECTION\n2\nBLOCKS\n{blocks}0\nENDSEC\n{ENTITIES}{entities}{END}"
+
+
+def nested(levels: int, each: int, inmost: str = LINE) -> str:
+    inner = (block(f"b{k}", "".join(insert(f"b{k + 1}", i) for i in range(each))) for k in range(levels))
+    return drawing("".join(inner) + block(f"b{levels}", inmost), insert("b0"))
+
+
+def array(columns: int, rows: int, body: str = LINE) -> str:
+    return drawing(block("b", body), insert("b", 0, f"70\n{columns}\n71\n{rows}\n44\n1\n45\n1\n"))
+
+
+def svg(body: str, size: str = 'width="100mm" height="100mm"') -> str:
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>{body}</svg>'
+
+
+USES = "".join(f'<g id="g{k}">' + f'<use href="#g{k + 1}"/>' * 10 + "</g>" for k in range(10))
+PLY = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+PLY += "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+DIGITS = "9" * 5000
+
+HOSTILE = {
+    "ten levels of ten.dxf": (nested(10, 10), "blocks expand to more than 1,000,000 entities"),
+    "of no curve.dxf": (nested(10, 10, TEXT), "blocks expand to more than 1,000,000 entities"),
+    "a thousand deep.dxf": (nested(1000, 1), "blocks stand more than 64 deep within each other"),
+    "array.dxf": (array(1700, 1700), "blocks expand to more than 1,000,000 entities"),
+    "empty array.dxf": (array(30_000, 30_000, ""), "blocks expand to more than 1,000,000 entities"),
+    "digits.dxf": (ENTITIES + CIRCLE.replace("\n40\n10\n", f"\n40\n{DIGITS}\n") + END, "nothing to machine"),
+    "uses.svg": (svg(USES + '<g id="g10"><path d="M0 0h9"/></g>'), "more than 100,000 elements come of its references"),
+    "small arc.svg": (svg('<path d="M0 0 A1e-300 1e-300 0 0 1 9 9"/>'), "an arc beyond all measure"),
+    "large arc.svg": (svg('<path d="M0 0 A1e308 1e308 0 0 1 9 9"/>'), "an arc beyond all measure"),
+    "page.svg": (svg('<path d="M0 0h9"/>', 'width="1e308mm" height="9"'), "width is beyond 1,000,000 mm"),
+    "no format.ply": ("ply\n" + PLY, "is damaged or no PLY mesh"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_file_is_refused(name: str, here: Path, capsys: Captured) -> None:
+    text, says = HOSTILE[name]
+    (here / name).write_text(text)
+    assert says in refused(["build", name, "--post", "rapid"], here, capsys)
+
+
+def test_nested_blocks_within_the_limits_are_read(here: Path) -> None:
+    (here / "nested.dxf").write_text(nested(3, 10))
+    (here / "deep.dxf").write_text(nested(60, 1))
+    for name in ("nested.dxf", "deep.dxf"):
+        assert main(["inspect", name]) == 0
+
+
+SETTINGS = {
+    "tool.diameter=1e20": "diameter cannot be beyond 1,000,000: 1e+20 ([tool])",
+    "page.size=[1e308,1e308]": "size cannot be beyond 1,000,000",
+    "operation.passes=100000": "passes must be a whole number >= 1 and <= 1000, not 100000",
+    "operation.passes=99999999999999999999999": "passes cannot be beyond 1,000,000",
+    f"operation.passes={DIGITS}": "passes must be a whole number",
+    f"tour.seed={DIGITS}": "seed must be a whole number",
+    "operation.stepover=1e-7": "stepover must be a number >= 0.01 and <= 1",
+    "tolerance.chord=1e-12": "chord must be a number >= 1e-06",
+    "cell.fixtures=[[0,0,0,1,1,1e300]]": "fixtures cannot be beyond 1,000,000",
+}
+
+
+@pytest.mark.parametrize("setting", SETTINGS, ids=lambda text: text[:30])
+def test_a_hostile_setting_is_refused(setting: str, here: Path, capsys: Captured) -> None:
+    said = refused(["build", "plate.dxf", "--post", "gcode", "--set", setting], here, capsys)
+    assert SETTINGS[setting] in said
+    assert len(said) < 400
+
+
+def test_a_number_of_5000_digits_in_a_job_file(here: Path, capsys: Captured) -> None:
+    (here / "plate.toml").write_text(f"[tour]\nseed = {DIGITS}\n")
+    assert "plate.toml: holds a number of too many digits" in refused(
+        ["build", "plate.dxf", "--post", "gcode"], here, capsys
+    )
+
+
+@pytest.mark.usefixtures("here")
+def test_a_seed_may_be_large() -> None:
+    assert main(["build", "plate.dxf", "--post", "gcode", "--set", "tour.seed=4000000000"]) == 0
+
+
+def test_more_motions_than_a_controller_takes(here: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(LIMITS, "motions", LIMITS["motions"]._replace(value=1000))
+    sets = ["operation.depth=5", "process.spindle=1000", "operation.passes=900"]
+    words = [word for text in sets for word in ("--set", text)]
+    said = refused(["build", "plate.dxf", "--post", "gcode", *words], here, capsys)
+    assert "motions come of its paths and passes, more than 1,000 (operation.passes)" in said
+
+
+# -- plans and programs
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"speed":', '"speed":1e20,"was":'),
+        ('"path":0', f'"path":{10**20}'),
+        ('"via":[', '"via":[1e308,'),
+        ("[[1.0", "[[1e308"),
+    ],
+)
+def test_a_plan_beyond_all_measure(old: str, new: str, here: Path, capsys: Captured) -> None:
+    words = ["build", "plate.dxf", "--post", "gcode", "-o", "p.ngc", "--plan", "p.json", "-q"]
+    assert main(words) == 0
+    plan = (here / "p.json").read_text()
+    assert old in plan
+    (here / "p.json").write_text(plan.replace(old, new))
+    said = refused(["verify", "p.ngc", "--post", "gcode", "--plan", "p.json"], here, capsys)
+    assert said.startswith("p.json: is not a plan: ")
+
+
+#: What Python takes for a digit, a space or the end of a line beyond ASCII, and what it does not.
+ODD = [0x80, 0x85, 0xA0, 0xAA, 0xB2, 0xB3, 0xB9, 0xBC, 0xDF, 0xFF]
+
+
+@pytest.mark.parametrize("post", ["gcode", "grbl"])
+@pytest.mark.parametrize("line", ["G1 X# F100", "N# G1 X1", "T# M6", "G#", "O# sub", "##=1", "G1 X1 #"])
+def test_bytes_beyond_ascii_in_a_program(post: str, line: str, here: Path, capsys: Captured) -> None:
+    for byte in ODD:
+        text = f"G21 G90\nG1 X9 F100\n{line}\nM2\n".encode().replace(b"#", bytes([byte]))
+        (here / "p.ngc").write_bytes(text)
+        assert main(["verify", "p.ngc", "--post", post]) == 2, (post, line, hex(byte))
+        assert capsys.readouterr().err.startswith("camgen: error: p.ngc: ")
+
+
+def test_a_name_that_is_no_text_in_a_batch(here: Path, capsys: Captured) -> None:
+    name = os.fsdecode(b"p\xff.dxf")
+    try:
+        (here / name).write_text(ENTITIES + CIRCLE + END)
+    except OSError:
+        pytest.skip("this file system takes UTF-8 names only")
+    assert main(["batch", "*.dxf", "--post", "gcode", "-o", "out", "--report", "report.json"]) == 2
+    said = capsys.readouterr()
+    assert "failed    p .dxf: its name is no UTF-8 text; rename it\n" in said.err
+    assert [part["exit_code"] for part in json.loads((here / "report.json").read_text())["parts"]] == [0, 2]
+    assert (here / "out" / "plate.ngc").exists()
+
+
+# -- devices and pipes
+
+NO_FILES = {
+    "input": ["build", "#", "--post", "gcode"],
+    "job": ["build", "plate.dxf", "--post", "gcode", "--job", "#"],
+    "cell": ["build", "plate.dxf", "--post", "gcode", "--set", "cell.file=#"],
+    "fixture": ["build", "plate.dxf", "--post", "gcode", "--set", 'cell.fixtures=["#"]'],
+    "arm": ["build", "plate.dxf", "--post", "gcode", "--set", "cell.robot=#.urdf"],
+    "plan": ["verify", "plate.dxf", "--post", "gcode", "--plan", "#"],
+    "program": ["verify", "#", "--post", "gcode"],
+    "photo": ["calibrate", "#", "--board", "9x6", "--square", "20", "-o", "camera.yaml"],
+    "scan": ["localize", "cube.stl", "#", "-o", "found.toml"],
+    "part of a batch": ["batch", "#", "--post", "gcode"],
+    "job of a batch": ["batch", "plate.dxf", "--post", "gcode", "--job", "#"],
+    "post": ["build", "plate.dxf", "--post", "#.py"],
+}
+
+
+@pytest.mark.parametrize("kind", ["device", "pipe"])
+@pytest.mark.parametrize("what", NO_FILES)
+def test_what_has_no_end_is_no_input(what: str, kind: str, here: Path, capsys: Captured) -> None:
+    corners = "".join(f"vertex {x} {y} 0\n" for x, y in ((0, 0), (9, 0), (0, 9)))
+    facet = f"facet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\n"
+    (here / "cube.stl").write_text(f"solid m\n{facet}endsolid m\n")
+    for name in ("odd", "odd.urdf", "odd.py"):
+        if kind == "pipe":
+            os.mkfifo(here / name)
+        else:
+            (here / name).symlink_to("/dev/zero")
+    said = refused([word.replace("#", "odd") for word in NO_FILES[what]], here, capsys)
+    assert "is not a regular file" in said or "is not a file" in said or "no such file" in said
+
+
+def test_the_state_of_a_batch_is_a_file(here: Path, capsys: Captured) -> None:
+    os.mkfifo(here / "camgen-batch.jsonl")
+    assert "camgen-batch.jsonl: is not a regular file" in refused(
+        ["batch", "plate.dxf", "--post", "gcode"], here, capsys
+    )
+
+
+def test_a_file_beyond_the_limit(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(LIMITS, "file_bytes", LIMITS["file_bytes"]._replace(value=100))
+    with pytest.raises(InputError, match="has more than 100 bytes; split it"):
+        Files().read("plate.dxf" if (here / "plate.dxf").stat().st_size > 100 else __file__)
+
+
+# -- pictures and solids
+
+
+def png(side: int, bits: int, colour: int) -> bytes:
+    """The head of a PNG and no more: its size is told before anything is decoded."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    head = struct.pack(">IIBBBBB", side, side, bits, colour, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
+
+
+def test_a_picture_is_bounded_by_its_bytes(here: Path, capsys: Captured) -> None:
+    (here / "deep.png").write_bytes(png(14_000, 16, 6))
+    (here / "wide.png").write_bytes(png(15_000, 8, 0))
+    words = ["--post", "gcode", "--set", "image.mm_per_px=0.1"]
+    said = refused(["build", "deep.png", *words], here, capsys)
+    assert "deep.png: its pixels take 1,568,000,000 bytes, more than 600,000,000" in said
+    said = refused(["build", "wide.png", *words], here, capsys)
+    assert "wide.png: has 15000 x 15000 pixels, more than 200 million" in said
+
+
+def test_an_accessor_with_nothing_behind_it(here: Path) -> None:
+    accessors = [{"componentType": 5126, "count": 2_000_000_000, "type": "VEC3"}]
+    text = json.dumps({"asset": {"version": "2.0"}, "accessors": accessors}).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON")
+    (here / "a.glb").write_bytes(head + text)
+    with pytest.raises(InputError, match="an accessor of 2,000,000,000 elements in a file of"):
+        mesh_file.load(source(here / "a.glb"))
+
+
+def test_of_a_3mf_the_model_alone_is_unpacked(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with zipfile.ZipFile(here / "a.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", "<model/>")
+        archive.writestr("Metadata/plate.png", bytes(10_000_000))
+    slim = mesh_file._model_alone("a.3mf", (here / "a.3mf").read_bytes())
+    assert len(slim) < 1000
+    monkeypatch.setitem(LIMITS, "model_bytes", LIMITS["model_bytes"]._replace(value=5))
+    with pytest.raises(InputError, match="its model unpacks to more than 5 bytes"):
+        mesh_file.load(source(here / "a.3mf"))
+
+
+@pytest.mark.parametrize(
+    ("text", "wild"),
+    [
+        ("#1=A(#2);#2147483647=B();", ""),
+        ("#2147483648=ORIENTED_EDGE('',*,*,#1,.T.);", "#2147483648"),
+        ("#1=A(#4294967296);", "#4294967296"),
+        ("#1=A(#0);", "#0"),
+        ("#1=A('#99999999999 is a text'); /* #99999999999 */", ""),
+        (f"#{DIGITS}=A();", "#" + 24 * "9"),
+        ("#0000000000012=A();", ""),
+    ],
+)
+def test_numbers_of_step_entities(text: str, wild: str) -> None:
+    assert find_wild_id(text.encode()) == wild
+
+
+# -- the whole process: what stands beside the line, and what it costs
+
+
+def test_no_warning_beside_the_line_and_little_memory(here: Path) -> None:
+    (here / "bomb.dxf").write_text(nested(10, 10))
+    (here / "page.svg").write_text(svg('<path d="M0 0h9"/><circle cx="1e308" cy="0" r="1e308"/>'))
+    for name in ("bomb.dxf", "page.svg"):
+        done = subprocess.run(
+            [sys.executable, "-m", "camgen", "build", name, "--post", "gcode", "-q", "--set", "operation.kind=trace"],
+            capture_output=True, text=True, check=False, timeout=60,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (2_000_000_000,) * 2),
+        )  # fmt: skip
+        assert "Warning" not in done.stderr
+        assert done.returncode == (2 if name == "bomb.dxf" else 0)
+        assert done.stderr.count("\n") == (1 if done.returncode else 0), done.stderr
+
+
+def test_the_table_of_limits_is_in_the_documents() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text(encoding="utf-8")
+    assert limits_as_table() in page
