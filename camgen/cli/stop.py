@@ -35,12 +35,11 @@ def say_why(error: BaseException) -> str:
 
 
 @contextmanager
-def signals_as_interrupts() -> Iterator[None]:
-<<<<<<< HEAD
-    """In here SIGTERM and SIGHUP raise ``Terminated``; one that the process was started without (nohup) is unheard."""
-=======
-    """In here SIGTERM and SIGHUP raise ``Terminated``. What the process was started to ignore (nohup) stays ignored."""
->>>>>>> 43b9794 (Hostile input is bounded by a table of limits, and what is its fault is no fault of camgen)
+def signals_as_interrupts(last: bool = False) -> Iterator[None]:
+    """In here SIGTERM and SIGHUP raise ``Terminated``. What the process was started to ignore (nohup) stays ignored.
+
+    last: the process ends afterwards. What was to be done is done then, so that a signal has nothing to end any more.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread has to do with signals
         return
@@ -51,7 +50,7 @@ def signals_as_interrupts() -> Iterator[None]:
         yield
     finally:
         for number in heard:
-            signal.signal(number, signal.SIG_DFL)
+            signal.signal(number, signal.SIG_IGN if last else signal.SIG_DFL)
 
 
 def _raise(number: int, _frame: FrameType | None) -> None:
