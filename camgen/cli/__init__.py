@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = _parse(words)
         says = voice(arguments.quiet, arguments.verbose)
-        with signals_as_interrupts():
+        with signals_as_interrupts(last=argv is None):
             return _command(arguments.command)(arguments, says)
     except SystemExit as leave:  # argparse after --help and --version
         return leave.code if isinstance(leave.code, int) else 0
