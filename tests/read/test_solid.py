@@ -31,7 +31,8 @@ def test_units_of_a_mesh_are_those_of_the_job() -> None:
         inspect(PARTS / "rfa1.step", Job(input=InputTable(units="inch")))
 
 
-def test_a_job_file_can_be_written(tmp_path: Path) -> None:
+def test_a_job_file_can_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "part.stl").write_bytes((PARTS / "rfa1.stl").read_bytes())
     assert main(["init", str(tmp_path / "part.stl"), "-q"]) == 0
     assert (tmp_path / "part.toml").exists()
