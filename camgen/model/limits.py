@@ -34,6 +34,8 @@ _TABLE = (
     Limit("picture_pixels", 200_000_000, "pixels", "a photo or a scan"),
     Limit("picture_bytes", 600_000_000, "bytes", "its pixels as decoded: 16-bit RGBA has eight bytes for each"),
     Limit("step_id", 2**31 - 1, "", "the number of an entity in a STEP file"),
+    Limit("step_seconds", 300, "s", "what the CAD kernel may take to read a STEP file"),
+    Limit("step_place", 1e9, "units of the file", "a coordinate of a point in a STEP file"),
     Limit("model_bytes", 1_000_000_000, "bytes", "what the model of a 3MF file unpacks to; nothing else is unpacked"),
     Limit("accessor", 1, "elements for each byte", "an accessor of a GLB file, by the size of the file"),
     Limit("urdf_bytes", 8_000_000, "bytes", "a URDF"),

@@ -329,3 +329,20 @@ def test_shared_twins_agree() -> None:
     ]
     assert len(radii[0]) == 34
     assert np.allclose(*radii, atol=1e-4)
+
+
+@with_kernel
+@pytest.mark.parametrize(
+    ("was", "says", "why"),
+    [
+        (b"(200.,45.,100.)", b"(200.,45.100.)", "is damaged: it ends the CAD kernel"),
+        (b"(200.,45.,100.)", b"(200.,1e20,100.)", "is damaged: a point at 1e20, no part is so large"),
+    ],
+)
+def test_a_file_that_ends_the_kernel_ends_nothing_else(was: bytes, says: bytes, why: str, tmp_path: Path) -> None:
+    """Found by bench.reliability.inputs: both end the process that gives them to OCCT."""
+    sound = (PARTS / "rfa2.step").read_bytes()
+    assert was in sound
+    (tmp_path / "part.step").write_bytes(sound.replace(was, says, 1))
+    with pytest.raises(InputError, match=re.escape(why)):
+        kernel.load(source(tmp_path / "part.step"))

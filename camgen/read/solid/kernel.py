@@ -6,7 +6,11 @@ converts when it reads.
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from importlib import import_module
 from io import BytesIO
 from typing import Any
@@ -21,7 +25,7 @@ from camgen.model.limits import most
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.part21 import find_wild_id, take_out
+from camgen.read.solid.part21 import find_wild_id, find_wild_place, take_out
 
 #: What a shape that is sound on paper only makes the kernel raise.
 STUMBLES = (RuntimeError, ValueError, TypeError)
@@ -53,6 +57,34 @@ def load(source: Source) -> tuple[Any, tuple[Note, ...]]:
     message = part("Message")
     # OCCT prints what it finds odd; the command line alone prints.
     message.Message.DefaultMessenger_s().RemovePrinters(message.Message_PrinterOStream.get_type_descriptor_s())
+    _try_aside(source)
+    return _load(source)
+
+
+def _try_aside(source: Source) -> None:
+    """``InputError`` where reading the file ends a process: a child reads it first. OCCT does not check all that it
+    takes from a file, and what it then touches is no error that could be caught.
+    """
+    if not hasattr(os, "fork"):
+        return
+    sys.stderr.flush()
+    child = os.fork()
+    if child == 0:
+        with suppress(BaseException):  # whatever it is, the parent meets it too, and tells it
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what it says as it dies is for nobody
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(round(most("step_seconds")))
+            _load(source)
+        os._exit(0)
+    ended = os.waitpid(child, 0)[1]
+    if os.WIFSIGNALED(ended):
+        what = "is damaged: it ends the CAD kernel"
+        if os.WTERMSIG(ended) == signal.SIGALRM:
+            what = f"takes the CAD kernel more than {most('step_seconds'):g} s"
+        raise InputError(source.name, what, "", _SAVE_AGAIN)
+
+
+def _load(source: Source) -> tuple[Any, tuple[Note, ...]]:
     failure = part("Standard").Standard_Failure
     try:
         reader, notes = _sound(source)
@@ -70,6 +102,8 @@ def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
     if wild := find_wild_id(data):
         what = f"is damaged: {wild} is no number of an entity, which are 1 to {most('step_id')}"
         raise InputError(source.name, what, "", _SAVE_AGAIN)
+    if far := find_wild_place(data):
+        raise InputError(source.name, f"is damaged: a point at {far}, no part is so large", "", _SAVE_AGAIN)
     for _ in range(_ROUNDS):
         reader = part("STEPControl").STEPControl_Reader()
         if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":

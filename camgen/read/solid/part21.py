@@ -23,6 +23,8 @@ _FREE = re.compile(rb"'(?:[^']|'')*'|/\*.*?\*/", re.DOTALL)
 _INSTANCE = re.compile(rb"#([0-9]+)\s*=\s*([^;]*);")
 _REFERENCE = re.compile(rb"#([0-9]+)")
 #: A number that may be 0, or beyond 32 bits.
+_POINT = re.compile(rb"CARTESIAN_POINT\s*\(([^;]{0,400})")
+_REAL = re.compile(rb"[-+]?[0-9]+(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?")
 _LONG = re.compile(rb"#\s*(0+(?![0-9])|0*[1-9][0-9]{9,})")
 _NAME = re.compile(rb"[A-Z][A-Z0-9_]*(?=\s*\()")
 #: A parameter that is a list of nothing but references.
@@ -268,6 +270,15 @@ def find_wild_id(data: bytes) -> str:
     bare = _FREE.sub(b"' '", data)
     wild = (found[1] for found in _LONG.finditer(bare) if not 0 < int(found[1][:20]) <= most("step_id"))
     return next((f"#{harmless(number.decode('ascii'), 24)}" for number in wild), "")
+
+
+def find_wild_place(data: bytes) -> str:
+    """The first coordinate of a point with which the kernel cannot calculate: far beyond every part it ends the
+    process. Empty where all can be.
+    """
+    bare = _FREE.sub(b"' '", data)
+    points = (number for found in _POINT.finditer(bare) for number in _REAL.findall(found[1]))
+    return next((number.decode("ascii")[:24] for number in points if not abs(float(number)) <= most("step_place")), "")
 
 
 def list_other_files(data: bytes) -> list[str]:
