@@ -104,9 +104,19 @@ def _set(machine: Machine, words: list[str]) -> bool:
     return True
 
 
+def _filled(words: Sequence[str]) -> list[str]:
+    """The words of a position; a number that is left out before a comma is 0 (RC8 manual, position type)."""
+    filled: list[str] = []
+    for word in words:
+        if word == "," and filled[-1:] in (["("], [","]):
+            filled.append("0")
+        filled.append(word)
+    return filled
+
+
 def _target(words: Sequence[str], unit: str = "mm") -> Event:
     """A position by place, orientation and figure, joint values, or what stands there."""
-    pose = arguments(words, "p", 7)
+    pose = arguments(_filled(words), "p", 7)
     if pose:
         x, y, z, a, b, c, *figure = [*pose, *[0.0] * (6 - len(pose))]
         place = tuple(Number(value, unit) for value in (x, y, z))
@@ -153,7 +163,7 @@ def _move(words: list[str], here: Point | None) -> tuple[Event, Point | None]:
 
 
 def _place(words: Sequence[str]) -> Point | None:
-    pose = arguments(words, "p", 7)
+    pose = arguments(_filled(words), "p", 7)
     return (*pose, 0.0, 0.0)[:3] if pose else None  # type: ignore[return-value]
 
 

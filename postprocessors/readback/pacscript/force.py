@@ -8,6 +8,8 @@ import string
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force
 
@@ -31,6 +33,8 @@ def parameter(machine: Machine, rest: str) -> None:
     force = evaluate(parts[2], machine.lookup)
     if not isinstance(force, Pose):
         raise Unreadable("ForceParam needs P(fx, fy, fz, mx, my, mz)")
+    if not np.array_equal(force.rotation, np.eye(3)):
+        raise Unreadable("ForceParam with a torque is not evaluated")
     if frame != _WORK:
         raise Unreadable("a force outside the work frame is not evaluated")
     if not 1 <= table <= _TABLES:

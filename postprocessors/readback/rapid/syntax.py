@@ -9,7 +9,7 @@ from functools import lru_cache
 from msgspec import Struct
 
 from camgen.model.pose import Vec3
-from camgen.post import Fault
+from camgen.post import Fault, Remark
 
 _N = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _POINT = rf"\[\[{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N}\],\[{_N},{_N},{_N},{_N},{_N},{_N}\]\]"
@@ -620,8 +620,9 @@ class _Parser(Calls):
         kind, text, line, start = token
         if kind not in ("name", "move"):
             self.take()
-            if text != ";":  # an empty statement
+            if text != ";":
                 raise Wrong(line, f"a statement expected, found {show_token(token)}")
+            self.faults.append(Remark(line, "an empty statement, which the kernel manual does not have"))
             return
         if text.lower() in RESERVED:
             self.control()

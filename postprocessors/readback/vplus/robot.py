@@ -259,6 +259,8 @@ class RobotState(Variables):
         value, unit, turning, always = pace(statement.rest) or self._read(statement.rest, words.speed)
         if turning > 100 or (value > 100 and unit != "mm/s"):
             self.remark(statement.line, "SPEED above 100 %: the controller takes the most that it has")
+        if not always and unit != "MONITOR":
+            self.remark(statement.line, "SPEED without ALWAYS holds for one motion")
         if unit == "MONITOR":
             self._monitor = min(value, 100.0) / 100
         elif always:
