@@ -204,12 +204,14 @@ class Strict(Machine):
 
     def _take_idle(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """Remarks on what changes no motion of a program, and the machine all the same."""
-        if self.begun and "T" in words and "tool change" not in codes and int(words["T"]) != self.expect.tool:
+        changes = self.expect.tool and int(words.get("T", 0.0)) == self.expect.tool
+        if self.begun and "T" in words and "tool change" not in codes and not changes:
             self.remark(f"T{words['T']:g} selects a tool that no M6 changes to")
         if self.begun and "S" in words and "spindle" not in codes and self.spindle == "M5":
             self.remark(f"S{words['S']:g} without M3 or M4")
-        if self.begun and codes.get("plane", "G17") != "G17":
-            self.remark(f"{codes['plane']} leaves the plane in which posts write")
+        for group, usual in (("plane", "G17"), ("arc distance", "G91.1")):
+            if self.begun and codes.get(group, usual) != usual:
+                self.remark(f"{codes[group]} where posts write in {usual}")
 
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
         """As the machine does, but as the options of the post expect it."""
@@ -218,6 +220,8 @@ class Strict(Machine):
     def switch(self, signal: str, value: float) -> None:
         """Sets an output under the name of its signal, or presses."""
         channel, scale = self.expect.force or (-1, 1.0)
+        if self.lifted and not self.begun:
+            self.remark("an output is switched when the machine has moved already (G53)")
         if signal != f"aout{channel}":
             name = self.expect.names.get(signal, signal.replace("dout", "P").replace("aout", "E"))
             self.add(Output(name, value))
