@@ -114,7 +114,7 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
     body: list[Instruction] = [MoveJ(cell.home, job.process.travel)]
     if job.process.spindle > 0:
         body += [Output("spindle", job.process.spindle), *dwell(job.process)]
-    elif isinstance(cell.home, Pose) and job.operation.depth and job.process.switch == "auto":
+    elif isinstance(cell.home, Pose) and job.operation.depth and _nothing_turns(job.process):
         what = f"a cut of {job.operation.depth:g} mm with the spindle at rest"
         remedy = 'set it to the speed in rpm, or process.switch to "contact" for a laser or a plasma torch'
         raise JobError("job", what, "process.spindle", remedy)
@@ -130,6 +130,11 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, job.process.travel))
     return finish(body, tour.paths, cell, job, name, header)
+
+
+def _nothing_turns(process: ProcessTable) -> bool:
+    """Whether a mill without a spindle speed would cut with a cutter at rest: no signal is said to turn it either."""
+    return process.switch == "auto" or (process.switch == "air" and not signal(process))
 
 
 def finish(

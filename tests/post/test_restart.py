@@ -98,6 +98,9 @@ def test_a_spindle_turns_before_the_cutter_is_in_the_material_and_until_it_is_ou
 def test_a_cut_with_the_spindle_at_rest_is_refused(post: str) -> None:
     with pytest.raises(camgen.CamgenError, match=r"a cut of 3 mm .*process\.spindle.*process\.switch"):
         camgen.build(PART, post=post, job={"operation": {"depth": 3.0}})
+    relay = {"operation": {"depth": 3.0}, "process": {"switch": "air", "signal": ""}}
+    with pytest.raises(camgen.CamgenError, match=r"a cut of 3 mm .*process\.spindle"):
+        camgen.build(PART, post=post, job=relay)
     laser = {"operation": {"depth": 3.0}, "process": {"switch": "contact"}}
     assert all(plan.work == bool(on) for plan, _, on in simulate(post, laser))
 
