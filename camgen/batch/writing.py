@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import itertools
 import os
+import platform
+import re
 import shutil
 import signal
 import stat
 import threading
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from types import FrameType
 
@@ -22,13 +26,22 @@ from camgen.read.files import identity
 _SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
+#: Where Linux shows the files that a process has open, by their numbers.
+_HANDLES = "/proc/self/fd"
+#: How names of files on their way begin: with the machine, since a folder may be shared by several.
+_MARK = f".camgen-{zlib.crc32(platform.node().encode()):08x}"
+_NUMBERS = itertools.count()
+_LEFT = re.compile(re.escape(_MARK) + r"-(\d{1,9})-\d+\.(?:new|old)")
+
+
 class _Staged(Struct, frozen=True):
-    """One file on its way. asked: as the user wrote it; target: links followed; fresh: what is written; old: where the
-    former file is kept meanwhile, if it ``existed``.
+    """One file on its way. asked: as the user wrote it; target: links followed; handle: the whole new file, open;
+    fresh: its name once it has one; old: where the former file is kept meanwhile, if it ``existed``.
     """
 
     asked: Path
     target: Path
+    handle: int
     fresh: Path
     old: Path
     existed: bool
@@ -53,8 +66,12 @@ def _write_all(files: Sequence[tuple[Path, bytes]], held: Sequence[int]) -> None
     try:
         for asked, data in files:
             with _name_errors(asked):
-                staged.append(_stage(asked))
-                _write(staged[-1], data)
+                staged.append(_stage(asked, data))
+        if held:
+            raise KeyboardInterrupt
+        for one in staged:
+            with _name_errors(one.asked):
+                _name(one)
         for one in staged:
             with _name_errors(one.asked):
                 os.replace(one.fresh, one.target)
@@ -65,6 +82,9 @@ def _write_all(files: Sequence[tuple[Path, bytes]], held: Sequence[int]) -> None
         for one in staged:
             _undo(one)
         raise
+    finally:
+        for one in staged:
+            os.close(one.handle)
     for one in staged:
         one.old.unlink(missing_ok=True)
 
@@ -124,30 +144,87 @@ def _check_target(target: Path) -> None:
         raise JobError(str(target), kind, remedy="give a file name")
 
 
-def _stage(asked: Path) -> _Staged:
+def _stage(asked: Path, data: bytes) -> _Staged:
+    """The new file, whole and on the disk, with the access rights of the old one. Where the system can it has no name
+    yet: a process that is killed here, or by a loss of power, leaves nothing behind.
+    """
     target = Path(os.path.realpath(asked))
-    return _Staged(asked, target, _free(target, "new"), _free(target, "old"), target.exists())
+    _clear(target.parent)
+    existed, fresh = target.exists(), _free(target, "new")
+    handle = _open_unnamed(target.parent)
+    if handle is None:
+        # Exclusive creation: never through a link that somebody else put there.
+        handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+    one = _Staged(asked, target, handle, fresh, _free(target, "old"), existed)
+    try:
+        with open(handle, "wb", closefd=False) as stream:
+            stream.write(data)
+        os.fsync(handle)
+        if existed:
+            os.chmod(handle if os.chmod in os.supports_fd else fresh, stat.S_IMODE(target.stat().st_mode))
+    except BaseException:
+        os.close(handle)
+        fresh.unlink(missing_ok=True)
+        raise
+    return one
 
 
-def _free(target: Path, use: str) -> Path:
-    """A name in the target's folder that nothing has; short, since the target's own may be as long as allowed."""
-    names = (target.parent / f".camgen-{os.getpid()}-{i}.{use}" for i in itertools.count())
-    return next(name for name in names if not os.path.lexists(name))
+def _open_unnamed(folder: Path) -> int | None:
+    """A new file in ``folder`` that has no name yet and is gone with its process. None where there is no such thing:
+    it takes Linux, a file system that can, and /proc to give the file a name (open(2), O_TMPFILE).
+    """
+    if not hasattr(os, "O_TMPFILE") or not os.path.isdir(_HANDLES):
+        return None
+    try:
+        return os.open(folder, os.O_WRONLY | os.O_TMPFILE, 0o666)
+    except OSError:
+        return None
 
 
-def _write(one: _Staged, data: bytes) -> None:
-    """The new file, on the disk and with the access rights of the old one, which is kept under a second name."""
-    # Exclusive creation: never through a link that somebody else put there.
-    with one.fresh.open("xb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
+def _name(one: _Staged) -> None:
+    """Names for the new file and a second one for the former. All names stand for no longer than it takes to move them
+    into place.
+    """
+    if not one.fresh.exists():
+        # Of a link in /proc, link(2) would give a name to the link itself: a folder's handle makes it follow.
+        folder = os.open(one.target.parent, os.O_PATH)
+        try:
+            os.link(f"{_HANDLES}/{one.handle}", one.fresh.name, src_dir_fd=folder, dst_dir_fd=folder)
+        finally:
+            os.close(folder)
     if one.existed:
-        shutil.copymode(one.target, one.fresh)
         try:
             os.link(one.target, one.old)
         except OSError:  # a file system without hard links
             shutil.copy2(one.target, one.old)
+
+
+def _free(target: Path, use: str) -> Path:
+    """A name in the target's folder that nothing has; short, since the target's own may be as long as allowed."""
+    names = (target.parent / f"{_MARK}-{os.getpid()}-{i}.{use}" for i in _NUMBERS)
+    return next(name for name in names if not os.path.lexists(name))
+
+
+@cache
+def _clear(folder: Path) -> None:
+    """Removes what processes of this machine left behind in ``folder`` when they were killed between two names; once,
+    since a batch writes many files into one folder.
+    """
+    for path in folder.glob(f"{_MARK}-*"):
+        found = _LEFT.fullmatch(path.name)
+        if found and not _is_running(int(found[1])):
+            with suppress(OSError):  # another process was faster, or it is not ours to remove
+                path.unlink()
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # it is somebody else's
+        return True
+    return True
 
 
 def _undo(one: _Staged) -> None:
@@ -156,7 +233,8 @@ def _undo(one: _Staged) -> None:
         os.replace(one.old, one.target)
     for path in (one.old, one.fresh) if one.existed else (one.target, one.fresh):
         with suppress(OSError):  # it was never made, or its folder is no folder
-            path.unlink()
+            if path != one.target or os.path.samestat(path.stat(), os.fstat(one.handle)):
+                path.unlink()
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import redirect_stdout
 from typing import NoReturn
 
 from camgen.cli.say import Voice, voice
@@ -33,11 +34,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     says = voice(quiet=False, verbose=0)
     try:
         arguments = _parse(words)
+        if arguments is None:
+            return 0
         says = voice(arguments.quiet, arguments.verbose)
-        with signals_as_interrupts(last=argv is None):
+        # Standard output is for results alone: what a plug-in or a library prints goes where all that is told goes.
+        with signals_as_interrupts(last=argv is None), redirect_stdout(sys.stderr):
             return _command(arguments.command)(arguments, says)
-    except SystemExit as leave:  # argparse after --help and --version
-        return leave.code if isinstance(leave.code, int) else 0
     except CamgenError as error:
         says.error(f"error: {error}")
         _trace(says)
@@ -47,7 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Stopped as error:
         says.error(say_why(error))
         return exit_code(error)
-    except Exception as error:  # the last resort: whatever it is, the user gets one line and exit code 1
+    # The last resort: whatever it is, also a plug-in that ends the process, the user gets one line and exit code 1.
+    except (Exception, SystemExit) as error:
         says.error(f"fault: {type(error).__name__}: {error}; run it again with -vv and report what that prints")
         _trace(says)
         return 1
@@ -85,14 +88,18 @@ class _Parser(argparse.ArgumentParser):
         raise JobError(self.prog.removeprefix("camgen ") or "camgen", message, remedy=f"see {self.prog} --help")
 
 
-def _parse(words: list[str]) -> argparse.Namespace:
+def _parse(words: list[str]) -> argparse.Namespace | None:
+    """The arguments. None after --help and --version, which have said what was asked."""
     parser, commands = parsers()
     first = next((word for word in words if not word.startswith("-")), None)
     if first is None and not {"-h", "--help", "--version"} & set(words):
         raise JobError("command line", "no command is given", remedy=f"give one of {', '.join(commands)}")
     if first is not None and first not in commands:
         raise JobError("command line", f"no command {first!r}", remedy=f"nearest is {_nearest(first, commands)}")
-    arguments, unknown = parser.parse_known_args(words)
+    try:
+        arguments, unknown = parser.parse_known_args(words)
+    except SystemExit:  # what is wrong with the words is raised by _Parser
+        return None
     if unknown:
         options = commands[arguments.command]._option_string_actions  # argparse has no public list
         near = f"nearest is {_nearest(unknown[0], options)}" if unknown[0].startswith("-") else ""

@@ -19,7 +19,7 @@ from camgen.batch.parts import BatchPart, Order, look_at
 from camgen.batch.state import BuildSums, Outcome, Task
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import clean
-from camgen.cli.say import Voice, duration, out, table
+from camgen.cli.say import Voice, duration, table
 from camgen.cli.stop import Stopped, exit_code, say_why
 from camgen.model.errors import JobError, one_line
 from camgen.model.text import counted
@@ -189,7 +189,7 @@ def _tell(rows: list[_Row], says: Voice) -> None:
         return
     says.clear()
     cells = [("file", "status", "paths", "time", "notes"), *(_cells(row) for row in rows)]
-    out(table(cells))
+    says.out(table(cells))
     counts = {status: sum(row.status == status for row in rows) for status in ("built", "unchanged", "failed")}
     text = ", ".join(f"{number} {status}" for status, number in counts.items() if number)
     says.rows([("batch", f"{counted(len(rows), 'part')}: {text}", "bad" if counts["failed"] else "good")])

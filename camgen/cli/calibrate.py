@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice, out, table
+from camgen.cli.say import Voice, table
 from camgen.model.errors import JobError
 from camgen.model.text import counted, short
 from camgen.read.files import Files
@@ -38,7 +38,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         written.append((preview, svg(found, f"{target.label}: {camera_file.name}").encode()))
     write_all(written, files.opened)
     if not says.quiet:
-        out(_errors(found))
+        says.out(_errors(found))
     says.rows(_summary(found, target))
     says.rows([("written", str(path), "good") for path, _ in written])
     return 0

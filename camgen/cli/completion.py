@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import shtab
 
 from camgen.cli import parsers
-from camgen.cli.say import Voice, out
+from camgen.cli.say import Voice
 from camgen.cli.schema import schema
 from camgen.post.plugins import list_installed
 from camgen.robots.catalogue import robots
@@ -22,14 +22,14 @@ from camgen.robots.catalogue import robots
 _FILES = ("FILE", "DIR", "INPUT", "GLOB", "PROGRAM", "PLAN", "PHOTO", "MODEL", "SCAN")
 
 
-def run(arguments: Namespace, _says: Voice) -> int:
+def run(arguments: Namespace, says: Voice) -> int:
     """Prints the script."""
     top, commands = parsers()
     known = _list_known()
     for sub in commands.values():
         for action in sub._actions:  # argparse has no public list
             _teach(action, known)
-    out(_amend(shtab.complete(top, arguments.shell), arguments.shell))
+    says.out(_amend(shtab.complete(top, arguments.shell), arguments.shell))
     return 0
 
 

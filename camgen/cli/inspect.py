@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from camgen.cli.inputs import open_inputs
-from camgen.cli.say import Voice, out
+from camgen.cli.say import Voice
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.read import find_reader, is_drawing
@@ -21,7 +21,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.stage("reading")
         found = str(_inspect(source, job, files))
     says.clear()
-    out(found.rstrip("\n") + "\n")
+    says.out(found.rstrip("\n") + "\n")
     return 0
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from camgen.batch.writing import check_targets, write_all
-from camgen.cli.say import Voice, out
+from camgen.cli.say import Voice
 from camgen.localize import Location, localize
 from camgen.localize.scans import open_scan
 from camgen.localize.scans import read as read_scan
@@ -44,7 +44,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     names = (model.name, scan.name)
     write_all([(target, job(names, found).encode())], files.opened)
     if not says.quiet:
-        out(_line(found.base_from_work) + "\n")
+        says.out(_line(found.base_from_work) + "\n")
     x, y, z = np.ptp(vertices, axis=0).tolist()
     size = f"{short(x, 3)} x {short(y, 3)} x {short(z, 3)} mm, {counted(len(faces), 'triangle')}"
     says.rows([("model", f"{names[0]}: {size}", "plain")])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 
-from camgen.cli.say import Voice, out, table
+from camgen.cli.say import Voice, table
 from camgen.model.text import short
 from camgen.robots.catalogue import robot, robots
 from camgen.robots.models import Robot
@@ -22,7 +22,7 @@ _JOINTS = {
 def run(arguments: Namespace, says: Voice) -> int:
     """Prints the table of robots, with -v their notes too; or what is known of one."""
     if arguments.robot:
-        out(_one(robot(arguments.robot)))
+        says.out(_one(robot(arguments.robot)))
         return 0
     rows = [("name", "maker", "joints", "kind", "kinematics", "limits")]
     known = robots()
@@ -30,7 +30,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     text = table(rows)
     if says.verbose:
         text += "".join(f"{robot.name}: {note}\n" for robot in known for note in robot.notes)
-    out(text)
+    says.out(text)
     return 0
 
 

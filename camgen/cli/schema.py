@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 import msgspec
 from msgspec import Struct, defstruct
 
-from camgen.cli.say import Voice, out
+from camgen.cli.say import Voice
 from camgen.model.job import Job
 from camgen.model.job_tables import tables
 from camgen.post import Post
@@ -87,7 +87,7 @@ def _options(kind: type[Post]) -> Schema:
     }
 
 
-def run(arguments: Namespace, _says: Voice) -> int:
+def run(arguments: Namespace, says: Voice) -> int:
     """Prints the schema."""
-    out(msgspec.json.format(msgspec.json.encode(schema(arguments.post or "")), indent=2).decode() + "\n")
+    says.out(msgspec.json.format(msgspec.json.encode(schema(arguments.post or "")), indent=2).decode() + "\n")
     return 0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from camgen.check.report import Motions, sum_up
 from camgen.cli.motion_file import load as load_plan
-from camgen.cli.say import Voice, duration, length, out, table
+from camgen.cli.say import Voice, duration, length, table
 from camgen.model.errors import InputError
 from camgen.model.program import Columns
 from camgen.model.text import counted, grouped, short
@@ -48,7 +48,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     told = _faults(reading.faults, texts)
     serious = [fault for fault in reading.faults if plan or not isinstance(fault, Remark)]
     if serious:
-        out(table(rows) + told)
+        says.out(table(rows) + told)
         first = serious[0]
         what = f"{counted(len(serious), 'fault')}, first: {first.what}"
         raise InputError(str(paths[0]), what, _place(first.line, texts), "mend the program")
@@ -61,7 +61,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.clear()
         rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
         rows.append(("deviation", f"{found.max_mm:.6f} mm"))
-    out(table(rows) + told)
+    says.out(table(rows) + told)
     return 0
 
 

@@ -38,6 +38,7 @@ _TABLE = (
     Limit("step_place", 1e9, "units of the file", "a coordinate of a point in a STEP file"),
     Limit("model_bytes", 1_000_000_000, "bytes", "what the model of a 3MF file unpacks to; nothing else is unpacked"),
     Limit("accessor", 1, "elements for each byte", "an accessor of a GLB file, by the size of the file"),
+    Limit("plugin_seconds", 30, "s", "what a plug-in may take to be imported, and a reader to recognise a file"),
     Limit("urdf_bytes", 8_000_000, "bytes", "a URDF"),
 )
 LIMITS = {limit.name: limit for limit in _TABLE}

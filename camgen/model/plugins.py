@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import difflib
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from typing import TypeVar
 
-from camgen.model.errors import JobError
+from camgen.model.errors import JobError, one_line
+from camgen.model.limits import most
 
 #: The group of the operations: whoever reads a job knows their names, whoever plans loads them.
 OPERATIONS = "camgen.operations"
+_T = TypeVar("_T")
 
 
 def entries(group: str) -> list[EntryPoint]:
@@ -40,12 +46,42 @@ def find(listed: Sequence[EntryPoint], name: str, kind: str, lists: str) -> Entr
 
 def load(entry: EntryPoint) -> object:
     """What the entry names. JobError with the reason where its package cannot be imported."""
-    # A foreign package may fail in any way at all while it is imported; whatever it is, the user is told its reason.
+    return ask(entry, "be loaded", entry.load)
+
+
+def ask(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
+    """What ``answer``, code of the package of ``entry``, says before anybody has chosen that package. JobError where it
+    cannot ``what``: a foreign package may fail in any way at all, end the process or not end, and spoils no other.
+    """
     try:
-        return entry.load()
-    except Exception as error:
-        what = f"cannot be loaded: {type(error).__name__}: {error}"
-        raise JobError(f"plug-in {entry.name}", what, entry.value, "mend or remove its package") from error
+        with _seconds(most("plugin_seconds")):
+            return answer()
+    except (Exception, SystemExit, _TooLong) as error:
+        why = f"cannot {what}: {type(error).__name__.lstrip('_')}: {one_line(str(error))}"
+        raise JobError(f"plug-in {entry.name}", why, entry.value, "mend or remove its package") from error
+
+
+class _TooLong(BaseException):
+    """Nothing that a package catches as an error of its own."""
+
+
+@contextmanager
+def _seconds(limit: int) -> Iterator[None]:
+    """In here, _TooLong after ``limit`` seconds, where signals are heard: in the main thread, and not on Windows."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise _TooLong(f"it takes more than {limit} s")
+
+    former = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, limit)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, former)
 
 
 def origin(entry: EntryPoint) -> str:

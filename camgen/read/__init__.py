@@ -17,7 +17,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
 from camgen.model.job import CameraTable, Job
 from camgen.model.part import Part
-from camgen.model.plugins import entries, load, origin
+from camgen.model.plugins import ask, entries, load, origin
 from camgen.read.files import Files
 
 READERS = "camgen.readers"
@@ -88,18 +88,29 @@ def list_installed() -> list[InstalledReader]:
 
 def find_reader(source: Source) -> Reader:
     """The reader for this input: by how it begins, else by its suffix. InputError where none or more than one is."""
-    table = list_installed()
-    readers = [one.reader for one in table if one.reader is not None]
-    head = source.data[:HEAD]
-    fit = [one for one in readers if one.recognise(head)] or [one for one in readers if source.suffix in one.suffixes]
+    table = [_recognise(one, source.data[:HEAD]) for one in list_installed()]
+    readers = [one.reader for one, _ in table if one.reader is not None]
+    fit = [one.reader for one, known in table if one.reader is not None and known]
+    fit = fit or [one for one in readers if source.suffix in one.suffixes]
     if len(fit) == 1:
         return fit[0]
     if fit:
         names = " and ".join(one.name for one in fit)
         raise InputError(source.name, f"is claimed by the readers {names}", remedy="remove the package of one of them")
-    broken = "".join(f"; {one.broken}" for one in table if one.broken)
+    broken = "".join(f"; {one.broken}" for one, _ in table if one.broken)
     remedy = f"give {', '.join(one.about for one in readers)}{broken}"
     raise InputError(source.name, "is not a kind of file that camgen reads", remedy=remedy)
+
+
+def _recognise(one: InstalledReader, head: bytes) -> tuple[InstalledReader, bool]:
+    """Whether a reader knows a file by how it begins; one that fails at it is broken, and the others go on."""
+    reader = one.reader
+    if reader is None:
+        return one, False
+    try:
+        return one, bool(ask(one.entry, "look at a file", lambda: reader.recognise(head)))
+    except JobError as error:
+        return InstalledReader(one.entry, None, str(error)), False
 
 
 def find_suffix(name: str) -> str:

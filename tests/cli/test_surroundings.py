@@ -5,6 +5,8 @@ that nobody may write to, another run beside it.
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -132,6 +134,54 @@ def test_two_builds_into_one_folder_both_end_well(tmp_path: Path) -> None:
     assert run(*BUILD, "--plan", "p.json", "--report", "r.json", cwd=alone).returncode == 0
     for name in ("bracket.mod", "p.json", "r.json"):
         assert (tmp_path / name).read_bytes() == (alone / name).read_bytes()
+
+
+# A disk that is full: a small one of its own, which only root can mount.
+FULL = """
+import subprocess, sys
+from camgen.cli import main
+folder, *words = sys.argv[1:]
+subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={words.pop(0)}", "none", folder], check=True)
+open(f"{folder}/b.mod", "w").write("an older program")
+import os
+os.chdir(folder)
+code = main(words)
+print(sorted(os.listdir()), open("b.mod").read()[:16])
+sys.exit(code)
+"""
+
+
+@pytest.mark.skipif(
+    subprocess.run(["unshare", "-m", "true"], capture_output=True, check=False).returncode != 0
+    if shutil.which("unshare")
+    else True,
+    reason="only root can mount a small disk",
+)
+@pytest.mark.parametrize(("size", "code"), [("8k", 2), ("16k", 2), ("10m", 0)])
+def test_a_full_disk_is_told_and_the_old_file_stays(size: str, code: int, tmp_path: Path) -> None:
+    words = ["build", str(PARTS / "bracket.dxf"), "--post", "rapid", "-q", "-o", "b.mod", "--preview", "b.html"]
+    command = ["unshare", "-m", sys.executable, "-c", FULL, str(tmp_path), size, *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == code, done.stderr
+    if code:
+        assert re.fullmatch(r"camgen: error: b.(mod|html): cannot be written: No space left on device\n", done.stderr)
+        assert done.stdout == "['b.mod'] an older program\n"
+    else:
+        assert done.stdout.startswith("['b.html', 'b.mod'] MODULE")
+
+
+def test_one_process_and_four_give_the_same(tmp_path: Path) -> None:
+    """What one builder makes is what four make side by side, and the table of both is the same."""
+    found = []
+    for count in ("1", "4"):
+        folder = tmp_path / count
+        folder.mkdir()
+        names = [str(PARTS / name) for name in ("bracket.dxf", "plate.dxf", "logo.svg", "copper.dxf", "gaps.dxf")]
+        done = run("batch", *names, "--post", "rapid", "--jobs", count, "-o", "out", "--report", "r.json", cwd=folder)
+        table = re.sub(r"\d+\.\d s\b.*", "", done.stdout)
+        found.append((done.returncode, table, {p.name: p.read_bytes() for p in (folder / "out").glob("*.mod")}))
+    assert found[0] == found[1]
+    assert len(found[0][2]) >= 4
 
 
 # As a user that may not do everything, which root is not.

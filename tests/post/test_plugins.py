@@ -4,12 +4,15 @@ import importlib
 import re
 import sys
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import ClassVar
 
 import pytest
 
 from camgen.build import build
 from camgen.build.stages import part
+from camgen.cli import main
+from camgen.model import plugins
 from camgen.model.errors import JobError
 from camgen.post import Post
 from camgen.post.plugins import POSTS, READBACKS, fill_tables, find_post, find_readback, list_installed, make_post
@@ -125,13 +128,42 @@ def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch)
         ("raise RuntimeError('dongle')\n", "RuntimeError: dongle"),
         ("Mini = 3\n", "is not a camgen.post.Post"),
         ("", "AttributeError"),
+        ("import sys; sys.exit(0)\n", "SystemExit: 0"),
+        ("import time; time.sleep(60)\n", "TooLong: it takes more than 1 s"),
+        ("try:\n    while True: pass\nexcept Exception: pass\n", "TooLong: it takes more than 1 s"),
     ],
 )
 def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(tmp_path, monkeypatch, module, says):
+    monkeypatch.setattr(plugins, "most", lambda _: 1)
     found = install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module)
     assert says in found["strange"].broken
     assert found["strange"].origin == "strange 3.1"
     assert {"gcode", "rapid"} <= set(found)
+
+
+def test_what_a_plug_in_prints_is_no_result(tmp_path, monkeypatch, capsys):
+    """Standard output is what scripts read."""
+    module = "print('welcome')\n" + POST.format(name="Mini") + "def read(files, options): return None\n"
+    install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module)
+    monkeypatch.delitem(sys.modules, "strange_post", raising=False)
+    capsys.readouterr()
+    assert main(["posts"]) == 0
+    told = capsys.readouterr()
+    assert (told.out.count("welcome"), told.err) == (0, "welcome\n")
+    assert "strange" in told.out
+
+
+@pytest.mark.parametrize("does", ["raise SystemExit(0)", "raise RuntimeError('dongle')"])
+def test_a_post_that_fails_at_its_work_is_told_and_leaves_nothing(tmp_path, monkeypatch, capsys, does):
+    """An end with 0 and without a program would be taken for one."""
+    text = f"from camgen_posts.gcode import GCode\nclass Own(GCode):\n    def end(self, program): {does}\n"
+    path = write(tmp_path, text + "def read(files, options): return None\n")
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    bracket = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+    assert main(["build", str(bracket), "--post", path, "-q"]) == 1
+    assert does.split("(")[0].removeprefix("raise ") in capsys.readouterr().err
+    assert [one for one in sorted(tmp_path.iterdir()) if one.name != "__pycache__"] == before
 
 
 def test_a_post_without_a_readback_is_listed_as_broken(tmp_path, monkeypatch):

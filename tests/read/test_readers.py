@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from camgen.cli import main
+from camgen.model import plugins
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
 from camgen.read import READERS, find_reader, find_suffix, list_installed, read
@@ -91,6 +92,20 @@ def test_a_foreign_reader_is_found_by_content_by_suffix_and_by_name(
     assert capsys.readouterr().out == "a line\n"
     (line,) = (one for one in list_installed() if one.name == "line")
     assert (line.origin, line.broken) == ("strange 3.1", "")
+
+
+@pytest.mark.parametrize("does", ["1 / 0", "exit(0)", "print(head) or None.x", "time.sleep(60)"])
+def test_a_reader_that_fails_at_files_of_others_spoils_none(
+    does: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plugins, "most", lambda _: 1)
+    module = LINE.replace('lambda head: head.startswith(b"LINE")', f"lambda head: {does}")
+    register(
+        tmp_path, monkeypatch, "line = strange_reader:LINE", "import time\nexit = __import__('sys').exit\n" + module
+    )
+    assert find_reader(Source(Path("a.svg"), b"<svg/>")).name == "svg"
+    with pytest.raises(InputError, match=r"is not a kind of file.*plug-in line: cannot look at a file: "):
+        find_reader(Source(Path("a.zzz"), b"what is this"))
 
 
 @pytest.mark.usefixtures("_line")
