@@ -199,8 +199,8 @@ def test_units_scale_the_part(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("kind", "scale"), [("obj", 1), ("ply", 1), ("off", 1), ("glb", 1000), ("3mf", 1)])
 def test_every_format_holds_the_same_edges(tmp_path: Path, kind: str, scale: float) -> None:
     if kind == "3mf":
-        pytest.importorskip("lxml", reason="trimesh needs lxml for 3MF")
-        pytest.importorskip("networkx", reason="trimesh needs networkx for 3MF")
+        pytest.importorskip("lxml", reason="3MF needs the extra 3mf: lxml is missing")
+        pytest.importorskip("networkx", reason="3MF needs the extra 3mf: networkx is missing")
     shape = trimesh.Trimesh(*_indexed(extruded(L_PROFILE, 25)))
     shape.units = "mm"
     path = tmp_path / f"part.{kind}"
@@ -221,6 +221,18 @@ def test_a_material_needs_no_package_that_is_not_there(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.stdout, done.stderr) == ("2\n", "")
+
+
+@pytest.mark.parametrize("package", ["lxml", "networkx"])
+def test_a_3mf_without_its_extra_names_it(package: str, tmp_path: Path) -> None:
+    pytest.importorskip("lxml", reason="a 3MF to read is made with lxml")
+    trimesh.Trimesh(*_indexed(extruded(L_PROFILE, 25))).export(tmp_path / "part.3mf")
+    code = f"import sys; sys.modules['{package}'] = None; from camgen.cli import main; main(['inspect', 'part.3mf'])"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stderr == (
+        "camgen: error: part.3mf: reading 3MF needs the packages lxml and networkx; "
+        "pip install 'camgen[3mf]', or export it again from the CAD program\n"
+    )
 
 
 def _indexed(triangles: Array) -> tuple[Array, Any]:

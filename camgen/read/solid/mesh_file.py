@@ -155,7 +155,11 @@ def _parse(name: str, data: bytes, kind: str) -> tuple[FloatArray, IntArray, str
         faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
         unit = "m" if kind == ".glb" else str(mesh.units or "").lower()
     except _STUMBLES as error:
-        package = error.name or ("lxml" if kind == ".3mf" else "") if isinstance(error, ImportError) else ""
+        package = error.name or "" if isinstance(error, ImportError) else ""
+        # trimesh takes 3MF for no format at all where one of its packages is missing, without an error that names it.
+        if kind == ".3mf" and isinstance(error, ImportError):
+            what = "reading 3MF needs the packages lxml and networkx"
+            raise InputError(name, what, "", f"pip install 'camgen[3mf]', or {_SAVE_AGAIN}") from error
         if package and package != _GUESSER:
             missing = f"reading this {kind[1:].upper()} needs the package {package}"
             raise InputError(name, missing, "", f"install {package}, or {_SAVE_AGAIN}") from error
