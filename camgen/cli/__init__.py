@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return exit_code(error)
     # The last resort: whatever it is, also a plug-in that ends the process, the user gets one line and exit code 1.
     except (Exception, SystemExit) as error:
-        says.error(f"fault: {type(error).__name__}: {error}; run it again with -vv and report what that prints")
+        says.error(f"fault: {type(error).__name__}: {error}; add -vv to the command and report what it prints")
         _trace(says)
         return 1
 

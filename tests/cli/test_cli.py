@@ -319,7 +319,7 @@ def test_a_fault_is_one_line_and_a_traceback_only_on_demand(capsys: Captured, mo
     monkeypatch.setattr("camgen.cli.build.build", broken)
     assert main(["build", "plate.dxf", "--post", "gcode"]) == 1
     said = capsys.readouterr().err
-    assert said == ("camgen: fault: ZeroDivisionError: one two; run it again with -vv and report what that prints\n")
+    assert said == ("camgen: fault: ZeroDivisionError: one two; add -vv to the command and report what it prints\n")
     assert main(["build", "plate.dxf", "--post", "gcode", "-vv"]) == 1
     assert "Traceback" in capsys.readouterr().err
     assert main(["build", "none.dxf", "--post", "gcode", "-v"]) == 1
