@@ -32,6 +32,13 @@ _MOTIONS = {
     "fcpressl": "pose speed newtons zone tool", "fcpressc": "pose pose speed newtons zone tool",
     "fcpressend": "pose speed tool",
 }  # fmt: skip
+_SUPERVISIONS = ("confj", "confl")
+_OUTPUTS = ("setdo", "setao", "setgo", "set", "reset")
+#: Statements after which something is so that only a motion, or what is not known here, may change.
+_STATES = (
+    ["waittime", "\\", "inpos", ",", "0", ";"],
+    ["if", "fcisforcemode", "(", ")", "fcdeact", ";"],
+)
 _SETTINGS = {"confj", "confl", "singarea", "accset", "velset", "cirpathmode"}
 _KINDS = ("const", "pers", "var")
 _RESERVED = """
@@ -46,9 +53,12 @@ _OUTSIDE = "outside"
 
 def trace(text: str) -> list[Event]:
     """The trace of one module."""
-    module = _Module(re.findall(r"\w+", re.sub("![^\n]*", "", text.lower())))
-    for words in _statements(text):
+    # The name of an optional argument belongs to its instruction alone (kernel manual, parameter lists).
+    statements = list(_statements(text))
+    module = _Module(re.findall(r"(?<!\\)\b\w+", re.sub("![^\n]*", "", text.lower())), _list_switching(statements))
+    for words in statements:
         module.read(words)
+    module.leave()
     for name in sorted(module.persistent):
         module.machine.say("persistent", name, *module.persistent[name])
     return module.machine.end()
@@ -79,18 +89,45 @@ def _statements(text: str) -> Iterator[list[str]]:
         yield words
 
 
+def _list_switching(statements: list[list[str]]) -> dict[str, list[list[str]]]:
+    """The bodies of the routines; empty for one that holds anything else than outputs set to a number."""
+    bodies: dict[str, list[list[str]]] = {}
+    name = ""
+    for words in statements:
+        if words[-1] == ")" and "proc" in words[:2]:
+            name = words[words.index("proc") + 1]
+            bodies[name] = []
+        elif words == ["endproc"]:
+            name = ""
+        elif name:
+            bodies[name].append(words)
+    return {
+        name: body if all(words[0] in _OUTPUTS and words[-1] == ";" for words in body) else []
+        for name, body in bodies.items()
+    }
+
+
 class _Module:
-    """What is declared, and the machine that reads the routines. words: of the text, without comments. here: where the
-    tool is.
+    """What is declared, and the machine that reads the routines. words: of the text, without comments. bodies: of the
+    routines, as ``_list_switching`` gives them. here: where the tool is.
     """
 
-    def __init__(self, words: list[str]) -> None:
-        self.machine, self.words = Machine(), words
+    def __init__(self, words: list[str], bodies: dict[str, list[list[str]]]) -> None:
+        self.machine, self.words, self.bodies = Machine(), words, bodies
         self.persistent: dict[str, Event] = {}
         self.here: Point | None = None
         self.data: dict[str, Event] = {f"v{v}": self._flat("speed", [v, "500", "5000", "1000"]) for v in _SPEEDS}
         self.data |= {name: ("false", *(Number(float(v)) for v in zone)) for name, zone in _ZONES.items()}
-        self.routines = False
+        self.routines, self.routine = False, ""
+
+    def leave(self) -> None:
+        """The end of a routine. What main leaves of the supervision of postures counts no more: it is on whenever a
+        program is started from its beginning (system data types manual, ConfJ, ConfL), and calls show it.
+        """
+        if self.routine == "main":
+            for name in _SUPERVISIONS:
+                self.machine.state.pop(name, None)
+        self.machine.leave()
 
     def read(self, words: list[str]) -> None:
         """One statement."""
@@ -103,15 +140,32 @@ class _Module:
             # Nothing in the text says its name: it is no matter which it is.
             machine.tell(words[:1])
         elif name in ("proc", "local"):
-            self.routines, self.here = True, None
-            machine.leave()
-            machine.tell(words)
+            self._begin(words)
         elif words[-1] != ";" and name not in (*_WHOLE, "module"):
             machine.tell(words)
         elif name in _MOTIONS:
             self._move(name, words[1:-1], words)
+        elif len(words) == 2 and name in self.bodies:
+            self._call(name, words)
         elif not self._set(name, words):
             machine.tell(words)
+
+    def _begin(self, words: list[str]) -> None:
+        """The header of a routine."""
+        self.routines, self.here = True, None
+        self.leave()
+        self.machine.tell(words)
+        self.routine = words[-3] if words[-2:] == ["(", ")"] else ""
+        for setting in _SUPERVISIONS if self.routine == "main" else ():
+            self.machine.hold(setting, "\\", "on")
+
+    def _call(self, name: str, words: list[str]) -> None:
+        """A routine of this module: what it does where it only switches; else it takes over all that holds."""
+        if self.bodies[name] and all(self._set(each[0], each) for each in self.bodies[name]):
+            return
+        self.machine.move("calls")
+        self.machine.tell(words)
+        self.here = None
 
     def _set(self, name: str, words: list[str]) -> bool:
         """A setting, an output or a wait; False where it is none of them."""
@@ -124,6 +178,9 @@ class _Module:
             machine.switch(words[1], Number(float(name == "set")))
         elif name == "waittime" and len(words) == 3 and as_number(words[1:2]) is not None:
             machine.say("wait", Number(as_number(words[1:2]) or 0.0, "s"))
+        elif words in _STATES:
+            # Said again where nothing has moved, they find the arm standing, and force control off.
+            machine.switch(" ".join(words), "is so")
         else:
             return False
         return True
@@ -187,16 +244,33 @@ class _Module:
             self.machine.tell(words)
             return
         values = [self._value(kind, place) for kind, place in zip(kinds, places, strict=True)]
-        self._settle(kinds, values)
+        self._settle(name, kinds, values)
         atoms: list[Atom] = [each for value in values for each in ("|", *value)]
-        for k, (_, *options) in enumerate(parts):
+        place = 0
+        for value, *options in parts:
+            # The comma before an optional argument may be left out (kernel manual, argument lists).
+            place += bool(value)
             for option in options:
                 units = {"wobj": "frame", "fx": "newtons", "fy": "newtons", "fz": "newtons"}.get(option[0], "")
-                atoms += [f"\\{k}", *option[:2], *self._value(units, option[2:])]
-        self.machine.move(name, *atoms)
+                atoms += [f"\\{place}", *option[:2], *self._value(units, option[2:])]
+        self._show(name, atoms)
 
-    def _settle(self, kinds: list[str], values: list[Event]) -> None:
-        """What two texts may say differently: any via point of an arc, the speed of external axes that do not move."""
+    def _show(self, name: str, atoms: list[Atom]) -> None:
+        """A motion with what holds for it: ConfJ is about MoveJ, ConfL about lines and arcs (system data types manual,
+        ConfJ, ConfL); MoveAbsJ has no configuration.
+        """
+        machine, state = self.machine, self.machine.state
+        about = {"moveabsj": "", "movej": "confj"}.get(name, "confl")
+        machine.state = {key: value for key, value in state.items() if key == about or key not in _SUPERVISIONS}
+        machine.move(name, *atoms)
+        machine.state = state
+        for words in _STATES:
+            machine.outputs.pop(" ".join(words), None)
+
+    def _settle(self, name: str, kinds: list[str], values: list[Event]) -> None:
+        """What two texts may say differently: any via point of an arc, the speed of external axes that do not move, and
+        that of a TCP which stays where it is, since the slowest of all that moves decides (speeddata).
+        """
         poses = [k for k, kind in enumerate(kinds) if kind == "pose"]
         ends = [[each for each in values[k] if isinstance(each, Number)] for k in poses]
         points = [(end[0].value, end[1].value, end[2].value) if len(end) == 17 else None for end in ends]
@@ -207,7 +281,10 @@ class _Module:
         if ends and all(each.value == 9e9 for each in ends[-1][-6:]):
             rest = [each for each in speed[-2:] if isinstance(each, Number) and each.value > 0]
             if len(speed) >= 4 and len(rest) == 2:
-                values[kinds.index("speed")] = speed[:-2]
+                speed = values[kinds.index("speed")] = speed[:-2]
+        if name == "movel" and self.here is not None and points == [self.here] and len(speed) == 2:
+            tcp = speed[0]
+            values[1] = speed[1:] if isinstance(tcp, Number) and tcp.value > 0 else speed
         self.here = points[-1] if points else None
 
 
