@@ -120,7 +120,7 @@ class Post(ABC):
     #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J, which a
     #: text with "joint-share" gives by that where it is known; "blend": its radius; "stop": only whether the motion
     #: stops at its target; "turn": the speed of a turn on the spot; "force-direction": not only the newtons;
-    #: "confdata", "figure", "switches": so much of ``ir.Posture``.
+    #: "via-orientation": that at the via point of an arc; "confdata", "figure", "switches": so much of ``ir.Posture``.
     verified_fields: ClassVar[frozenset[str]] = frozenset(
         {"orientation", "speed", "joint-speed", "blend", "stop", "force-direction"}
     )

@@ -13,7 +13,8 @@ What is compared, and how exactly:
   across and along the arc, the centre by sqrt(2) times its own error at half a circle: 4.9 d together. Where a radius
   is only a few d, the second order adds up to 1 d. Rounding 200,000 arcs at random gives 2.2 d and 3.1 d.
 * Orientations within ``tolerance.angle``, from the skew part of the difference: the trace alone cannot tell 1e-8 rad
-  from 0. The orientation at ``via`` is left out: controllers interpolate from the start to the end.
+  from 0. That at ``via`` only where the post carries it: controllers interpolate from the start to the end, and use it
+  at most to tell in which sense.
 * Postures: ABB's confdata, DENSO's figure or the switches of V+ are equal, or neutral where the plan has none.
 * The share of the joints' greatest speeds instead of a joint motion's speed, where it is known and the text gives it.
 * Joints, speeds, blends, waits, forces within their tolerances, as far as the post ``verified_fields`` them.
@@ -279,6 +280,10 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     if "orientation" in carries:
         a, b = (list(map(attrgetter("target.rotation"), take(side, posed))) for side in (p, q))
         yield _Column(_TURN, places[posed], a, b, _turns(a, b), tolerance.angle)
+    if "via-orientation" in carries:
+        arc = both.plan.moves_are(MoveC)[: both.moves]
+        a, b = (list(map(attrgetter("via.rotation"), take(side, arc))) for side in (p, q))
+        yield _Column("orientation half-way", places[arc], a, b, _turns(a, b), tolerance.angle)
     a, b = ([item.target.values for item in take(side, ~posed)] for side in (p, q))
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
     yield _Column("joint values", places[~posed], a, b, error, tolerance.joint)

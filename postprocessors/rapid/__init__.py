@@ -76,7 +76,7 @@ class Rapid(RapidOptions):
     suffix: ClassVar[str] = ".mod"
     about: ClassVar[str] = "ABB RAPID modules (IRC5, OmniCore, S4)"
     passes: ClassVar[tuple[str, ...]] = ("halves", "chords")
-    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {"confdata", "turn"}
+    verified_fields: ClassVar[frozenset[str]] = RapidOptions.verified_fields | {"confdata", "turn", "via-orientation"}
 
     #: Rotations as they are printed, by identity, with the rotation itself: programs share them.
     _rotations: dict[int, tuple[FloatArray, str]] = field(default_factory=dict, init=False, repr=False)

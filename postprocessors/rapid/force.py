@@ -219,12 +219,16 @@ def stop_before_calibrations(post: str, body: Sequence[Instruction]) -> tuple[In
 
 #: Sweep in rad, and what digits may leave of it; distance in mm between any two of the three points.
 _WIDEST, _FLATTEST, _FLATTEST_PRINTED, _CLOSEST = math.radians(120), math.radians(4), math.radians(3.8), 0.2
+#: The least part of an arc that its circle point may cut off.
+_SHORTER = 0.25
 
 
 def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
     """Why the arc cannot be one MoveC, empty when it can. decimals: digits of its points, which may make it flat."""
     if sweep_and_height(start, via, end)[0] > _WIDEST + 1e-6:
         return "an arc of more than 120 deg; split it"
+    if _measure_shorter(start, via, end) < _SHORTER:
+        return "an arc whose circle point is near an end of it; split it"
     digit = 10**-decimals
     closest = max(_CLOSEST, 10 * digit)
     planned = _is_round((start, via, end), _FLATTEST, 2 * digit, closest)
@@ -232,6 +236,15 @@ def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
     if not planned or not _is_round(printed, _FLATTEST_PRINTED, digit, 0.0):
         return f"an arc of less than 4 deg, {closest:g} mm or {2 * digit:g} mm height; use a straight motion"
     return ""
+
+
+def _measure_shorter(start: Vec3, via: Vec3, end: Vec3) -> float:
+    """How much of the arc the shorter of its pieces beside ``via`` is, up to 0.5; that where they are no arc."""
+    sides = (np.subtract(via, start), np.subtract(end, via))
+    chord = np.subtract(end, start)
+    # The angle at an end of the chord is half of the piece of the arc on its other side.
+    angles = [math.atan2(float(np.linalg.norm(np.cross(side, chord))), float(side @ chord)) for side in sides]
+    return min(angles) / sum(angles) if min(angles) > 0 else 0.5
 
 
 def _is_round(arc: tuple[Vec3, Vec3, Vec3], flattest: float, lowest: float, closest: float) -> bool:

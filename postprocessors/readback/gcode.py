@@ -13,6 +13,8 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from msgspec.structs import replace
+
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
 from camgen.model.program import Force, Instruction, Output
@@ -102,7 +104,7 @@ class Expect:
     work: the work offset. tool: the tool that is changed to, 0: none. path: most mm of G64, None where the controller
     has none. names: signal by output, as the interpreter names those. lift: up in machine coordinates before G49.
     force: analog output and value per N, None without force. digital, analog: how many of these outputs the machine
-    has.
+    has. spiral: by how much the radii of an arc may differ for its printed digits, mm.
     """
 
     work: str
@@ -113,6 +115,7 @@ class Expect:
     force: tuple[int, float] | None = None
     digital: int = 4
     analog: int = 4
+    spiral: float = 0.003
 
 
 @dataclass(slots=True, kw_only=True)
@@ -122,7 +125,7 @@ class Strict(Machine):
     text: whether a line has come that is not blank. said: the modal groups that have come. started: a motion was read.
     applied, path: G43 or G49, and G61 or G64, as the program said. changed: to the tool. pressing: by force;
     following: N from the next motion on. waiting: the line of an output that waits for the next motion. unread: the
-    first line with a word that no post writes.
+    first line with a word that no post writes. idle: words whose code has not come, S and T, with their lines.
     """
 
     rules: Rules
@@ -141,6 +144,7 @@ class Strict(Machine):
     following: float | None = None
     waiting: int = 0
     unread: int = 0
+    idle: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     def fault(self, what: str) -> None:
         """Notes a fault of the line that is read."""
@@ -205,13 +209,29 @@ class Strict(Machine):
     def _take_idle(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """Remarks on what changes no motion of a program, and the machine all the same."""
         changes = self.expect.tool and int(words.get("T", 0.0)) == self.expect.tool
-        if self.begun and "T" in words and "tool change" not in codes and not changes:
-            self.remark(f"T{words['T']:g} selects a tool that no M6 changes to")
-        if self.begun and "S" in words and "spindle" not in codes and self.spindle == "M5":
-            self.remark(f"S{words['S']:g} without M3 or M4")
+        if "T" in words and not changes:
+            self._wait_for("T", f"T{words['T']:g} selects a tool that no M6 changes to")
+        if "S" in words and self.spindle == "M5":
+            self._wait_for("S", f"S{words['S']:g} without M3 or M4")
+        if "tool change" in codes:
+            self.idle.pop("T", None)
+        if codes.get("spindle", "M5") != "M5":
+            self.idle.pop("S", None)
+        if self.rules.linuxcnc and "M30" in codes.values():
+            self.remark("M30 exchanges pallets before the end; posts write M2")
         for group, usual in (("plane", "G17"), ("arc distance", "G91.1")):
-            if self.begun and codes.get(group, usual) != usual:
+            if codes.get(group, usual) != usual:
                 self.remark(f"{codes[group]} where posts write in {usual}")
+
+    def _wait_for(self, letter: str, what: str) -> None:
+        """Keeps a word until its code comes, and notes the one before it that has none."""
+        self.note_idle(letter)
+        self.idle[letter] = (self.line, what)
+
+    def note_idle(self, letter: str) -> None:
+        """Notes a word whose code has not come."""
+        if letter in self.idle:
+            self.faults.append(Remark(*self.idle.pop(letter)))
 
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
         """As the machine does, but as the options of the post expect it."""
@@ -245,6 +265,7 @@ class Strict(Machine):
             raise LineError("G1 without a feed (F)")
         if self.lifted:
             _check_modes(self)
+            _check_path(self)
         Machine.stand(self, code)
 
     def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
@@ -259,6 +280,7 @@ class Strict(Machine):
         else:
             _start(self)
             _place(self, named)
+            _check_spiral(self, words)
         self.waiting = 0
         if self.following is not None:
             self.force, self.following = self.following, None
@@ -316,8 +338,7 @@ def _start(m: Strict) -> None:
         m.remark("neither G49 nor G43 before the first motion: a tool length that is on shifts Z")
     if m.lifted and not m.expect.lift:
         m.remark("G53 has sent the tool to the machine's zero of Z, but post.lift is false")
-    if m.expect.path is not None and not m.path:
-        m.remark("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
+    _check_path(m)
 
 
 def _check_modes(m: Strict) -> None:
@@ -329,6 +350,13 @@ def _check_modes(m: Strict) -> None:
             f"{', '.join(missing)} not said before the first motion: the program before may have left it otherwise"
         )
     m.said.update(needed)
+
+
+def _check_path(m: Strict) -> None:
+    """A remark on corners that may be rounded by any amount, once."""
+    if m.expect.path is not None and not m.path:
+        m.path = "none"
+        m.remark("neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
 
 
 def _place(m: Strict, named: Sequence[str]) -> None:
@@ -344,10 +372,26 @@ def _place(m: Strict, named: Sequence[str]) -> None:
         why = "X or Y moves while Z is not known"
     elif any(m.known[AXES.index(axis)] for axis in named):
         m.remark("an axis moves again before the position is known in all axes")
+    elif not (m.known[2] or m.lifted) and len(named) > 1:
+        m.remark("Z moves together with X or Y while it is not known")
+    elif len([axis for axis in "XY" if axis in named]) == 1:
+        m.remark("X and Y move one after the other to where the program begins")
     if why:
         m.remark(f"{why}; read as from 0")
         m.known[:] = [True, True, True]
         m.begun = True
+
+
+def _check_spiral(m: Strict, words: Mapping[str, float]) -> None:
+    """A remark on an arc that the controller takes, though its radius changes by more than its digits lose."""
+    if m.motion not in ("G2", "G3") or "R" in words or m.incremental or m.absolute_centre or m.plane != "G17":
+        return
+    (x, y), (i, j) = m.at[:2], (words.get(letter, 0.0) * m.scale for letter in "IJ")
+    u, v = (words[axis] * m.scale + m.shift[k] if axis in words else m.at[k] for k, axis in enumerate("XY"))
+    start, end = math.hypot(i, j), math.hypot(u - x - i, v - y - j)
+    taken = max(m.rules.arcs.spiral[0], 0.001 * start)  # more is a fault of its own
+    if m.expect.spiral < abs(start - end) <= taken:
+        m.remark(f"an arc whose radius goes from {start:.4f} to {end:.4f} mm")
 
 
 def _check_cycle(m: Strict, words: Mapping[str, float]) -> None:
@@ -377,6 +421,8 @@ def _change(m: Strict, code: str, words: dict[str, float]) -> None:  # noqa: ARG
         raise LineError("M6 without a tool (T)")
     if m.begun:
         raise LineError("a tool change after the first motion is not read")
+    if m.changed:
+        m.remark("M6 a second time")
     if m.tool != m.expect.tool:
         raise LineError(f"tool T{m.tool}, but post.tool is {m.expect.tool}")
     m.changed = True
@@ -448,9 +494,12 @@ _HANDLERS: dict[str, Callable[[Strict, str, dict[str, float]], None]] = {
 
 def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
     """The machine after the lines. Never raises for anything that they hold."""
-    m = Strict(limits=rules.arcs, rules=rules, expect=expect)
+    exact = replace(rules.arcs, spiral=(expect.spiral,) * 3)
+    m = Strict(limits=rules.arcs, exact=exact, rules=rules, expect=expect)
     play(m, lines, Blocks({}, {}))
     _read_rest(m, lines)
+    for letter in "ST":
+        m.note_idle(letter)
     if not m.ended:
         m.fault("the program has no end (M2 or M30)")
     if any(m.known) and not m.begun:
@@ -496,6 +545,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
         names=names,
         lift=options.get("lift", True) is True,
         force=force,
+        spiral=spiral(options),
         digital=max([outputs, *(int(word[4:]) + 1 for word in names if re.fullmatch("dout[0-9]{1,2}", word))]),
         analog=max(outputs, force[0] + 1 if force else 0),
     )
@@ -542,6 +592,13 @@ def number(options: Mapping[str, object], key: str, default: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise JobError(f"[post] {key}", f"{value!r} is not a number")
     return value
+
+
+def spiral(options: Mapping[str, object]) -> float:
+    """By how much the two radii of an arc differ at most in coordinates of so many digits, mm: half a digit in X and Y
+    of both its ends, and what more its centre loses.
+    """
+    return 3 * 10 ** -number(options, "decimals", 3)
 
 
 def signals(options: Mapping[str, object], default: dict[str, str]) -> dict[str, str]:

@@ -14,7 +14,7 @@ from camgen.model.program import Instruction, Output
 from camgen.post import Reading
 from camgen.read.gcode.arcs import Limits
 
-from .gcode import Expect, Rules, lines_of, list_written, number, run, signals
+from .gcode import Expect, Rules, lines_of, list_written, number, run, signals, spiral
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
@@ -41,7 +41,12 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
         run(
             lines_of(files),
             GRBL,
-            Expect(work=str(options.get("work", "G54")), names=names, lift=options.get("lift", False) is True),
+            Expect(
+                work=str(options.get("work", "G54")),
+                names=names,
+                lift=options.get("lift", False) is True,
+                spiral=spiral(options),
+            ),
         )
     )
     return replace(reading, body=_rename_spindle(reading.body, names, power))

@@ -724,8 +724,8 @@ def test_reader_agrees_with_the_interpreter(text):
         "neither G49 nor G43 before the first motion: a tool length that is on shifts Z",
         "neither G61 nor G64 P before the first motion: corners may be rounded by any amount",
     ]
-    usual = "where posts write in"
-    assert [f.what for f in reading.faults if UNSAID not in f.what and usual not in f.what] == allowed
+    unusual = (UNSAID, "where posts write in", "posts write M2", "Z moves together with X or Y")
+    assert [f.what for f in reading.faults if not any(words in f.what for words in unusual)] == allowed
     canon = run(text)
     assert canon.error == ""
     calls = [call for call in canon.calls if call.kind.startswith(("STRAIGHT", "ARC"))]
@@ -907,3 +907,45 @@ def test_what_changes_the_machine_and_no_motion_is_remarked(old: str, new: str, 
     found = read(IDLE.replace(old, new)).faults
     assert [(type(one), one.line) for one in found] == [(Remark, line)]
     assert found[0].what.startswith(said)
+
+
+HEAD = "G17 G21 G40 G54 G80 G90 G91.1 G94\nG64 P0.01 Q0\nG49\n"
+
+
+@pytest.mark.parametrize(
+    ("body", "line", "what"),
+    [
+        ("G0 Z50 T2\nG0 X0 Y0\nM2\n", 4, "T2 selects a tool that no M6 changes to"),
+        ("G0 Z50 S9\nG0 X0 Y0\nM2\n", 4, "S9 without M3 or M4"),
+        ("G0 Z50 S9\nG0 X0 Y0\nS8 M3\nM5\nM2\n", 4, ""),
+        ("S9\nS8\nM3\nG0 Z50\nG0 X0 Y0\nM5\nM2\n", 4, "S9 without M3 or M4"),
+        ("G0 X0 Y0 Z50\nM2\n", 4, "Z moves together with X or Y while it is not known"),
+        ("G0 Z50\nG0 X0\nY0\nM2\n", 5, "X and Y move one after the other to where the program begins"),
+        ("G18\nG0 Z50\nG0 X0 Y0\nM2\n", 4, "G18 where posts write in G17"),
+        ("G0 Z50\nG0 X0 Y0\nM30\n", 6, "M30 exchanges pallets before the end; posts write M2"),
+        (
+            "G0 Z50\nG0 X0 Y0\nG3 X10 Y0 I5.01 J0 F60\nG1 X0\nM2\n",
+            6,
+            "an arc whose radius goes from 5.0100 to 4.9900 mm",
+        ),
+        ("G0 Z50\nG0 X0 Y0\nG3 X10 Y0 I5.001 J0 F60\nG1 X0\nM2\n", 6, ""),
+    ],
+)
+def test_what_no_program_of_ours_says_is_a_remark(body, line, what):
+    found = read(HEAD + body, lift=False).faults
+    assert [(f.line, f.what) for f in found] == ([(line, what)] if what else [])
+    assert all(isinstance(f, Remark) for f in found)
+
+
+def test_a_tool_that_is_changed_to_twice_is_a_remark():
+    head = HEAD.replace("G49", "T3 M6\nT3 M6\nG43 H3")
+    assert [(f.line, f.what) for f in read(head + "G0 Z50\nG0 X0 Y0\nM2\n", tool=3, lift=False).faults] == [
+        (4, "M6 a second time")
+    ]
+
+
+def test_corners_before_the_lift_are_remarked_on():
+    text = HEAD.replace("G64 P0.01 Q0\n", "G53 G0 Z0\n") + "G64 P0.01 Q0\nG0 X0 Y0\nG0 Z50\nM2\n"
+    assert [(f.line, f.what) for f in read(text).faults] == [
+        (2, "neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
+    ]

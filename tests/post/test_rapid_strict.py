@@ -2,16 +2,18 @@
 
 import math
 from collections.abc import Mapping
+from contextlib import nullcontext
 
 import pytest
 from camgen_posts.rapid import Rapid
 from camgen_posts.readback.rapid import read
 
-from camgen.model.errors import Refused
+from camgen.model.errors import Refused, VerifyError
 from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose, frozen, rotation_about, translation
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program
 from camgen.post import Remark
 from camgen.post.plugins import make_post
+from camgen.post.verify import compare
 from tests.support.whole import whole
 
 PRESS = (0.0, 0.0, -1.0)
@@ -40,6 +42,14 @@ CUT = (
     Output("process", 0.0),
     Output("spindle", 0.0),
 )
+TWO_OUTPUTS = (
+    MoveJ(at(0, 0, 20), 100.0),
+    Output("process", 1.0),
+    Output("air", 1.0),
+    MoveL(at(0, 0), 20.0),
+    Output("process", 0.0),
+    Output("air", 0.0),
+)
 PRESSED = (
     MoveL(at(0, 0, 30), 50.0),
     MoveL(at(0, 0), 20.0),
@@ -56,12 +66,32 @@ BODIES = {
     "pressed": (PRESSED, {"force_load": "lTool", "force_change": 20.0, "force_distance": 5.0}),
     "posed": (POSED, {}),
     "stated": (POSED, {"conf": "state"}),
+    "twice": (
+        (
+            *PRESSED,
+            MoveL(at(0, 0), 20.0),
+            Force(9.0, PRESS),
+            MoveL(at(30, 0), 20.0, 0.0, 9.0, PRESS),
+            Force(0.0),
+            MoveL(at(30, 0, 30), 20.0),
+        ),
+        {"force_load": "lTool"},
+    ),
+    "glued": (TWO_OUTPUTS, {"signals": {"process": "doProcess", "air": "doAir"}}),
+    "ground": ((Output("process", 1.0), *PRESSED, Output("process", 0.0)), {"force_calibrated": True}),
+    "taken": (CUT, SIGNALS | {"declare": False}),
+    "old": (CUT, SIGNALS | {"s4": True}),
     "exit": (CUT, SIGNALS | {"on_error": "exit"}),
 }
 TOOL = "tooldata tCamgen:=[TRUE,[[0.000,0.000,100.000],[1.0000000,0.0000000,0.0000000,0.0000000]],"
 CONFJ, CONFL = "        ConfJ\\Off;\n", "        ConfL\\Off;\n"
 ERROR = "    ERROR\n        camSafe;\n        RAISE;\n"
 DEACT = "        IF FCIsForceMode() FCDeact;\n"
+SETTLE, CALIBRATE = "        WaitTime\\InPos,0;\n", "        FCCalib lTool;\n"
+PROCESS_OFF, AIR_OFF = "        SetDO doProcess,0;\n", "        SetDO doAir,0;\n"
+BANNER = "a banner other than %%% / VERSION:1 / LANGUAGE:ENGLISH / %%%"
+UNSETTLED = "FCCalib without WaitTime\\InPos right before it: the arm may still swing"
+ORDER = "the ERROR handler of main switches off in another order than posts do, force control last"
 VIA = "MoveC [[5.000,2.000,0.000]"
 #: What a controller refuses: program, what stands there and what then does, the words of the fault.
 FAULTS = [
@@ -109,6 +139,21 @@ REMARKS = [
         "MoveL [[30.000,0.000,0.000],[1.0000000,0.0000000,",
         "the tool turns by 180 deg in one straight motion; its sense is open",
     ),
+    ("cut", "TASK PERS tooldata", "PERS tooldata", "tCamgen is PERS, one for all tasks, not TASK PERS"),
+    ("cut", "TASK PERS wobjdata", "PERS wobjdata", "wCamgen is PERS, one for all tasks, not TASK PERS"),
+    ("old", "PERS tooldata", "TASK PERS tooldata", "tCamgen is TASK PERS, which S4 has not"),
+    ("old", "ENGLISH", "ENGLISHH", BANNER),
+    ("old", "VERSION:1\n", "VERSION:1 ", BANNER),
+    ("cut", "MODULE part\n", "! x\nMODULE part\n", "a comment outside of a module, where the kernel manual has none"),
+    ("cut", "ENDMODULE\n", "ENDMODULE\n! x\n", "a comment outside of a module, where the kernel manual has none"),
+    ("taken", "WObj:=wCamgen", "WObj:=WaitTime", "WaitTime is not declared, by post.work it is wCamgen"),
+    ("pressed", SETTLE, "", UNSETTLED),
+    ("pressed", SETTLE + CALIBRATE, CALIBRATE + SETTLE, UNSETTLED),
+    ("pressed", SETTLE, SETTLE + "        SetDO doOther,0;\n", UNSETTLED),
+    ("pressed", CALIBRATE, CALIBRATE * 2, UNSETTLED),
+    ("twice", CALIBRATE, "", "no FCCalib before pressing, though post.force_load asks for it"),
+    ("glued", "    PROC camSafe()\n" + PROCESS_OFF + AIR_OFF, "    PROC camSafe()\n" + AIR_OFF + PROCESS_OFF, ORDER),
+    ("ground", "        camSafe;\n" + DEACT, DEACT + "        camSafe;\n", ORDER),
     ("cut", CONFJ, "", "a configuration of zeros, and ConfJ is not off"),
     ("cut", CONFL, "", "a configuration of zeros, and ConfL is not off"),
     ("stated", CONFL, CONFL.replace("Off", "On"), "ConfL is on, though post.conf is state"),
@@ -252,3 +297,41 @@ def test_an_arc_that_its_digits_make_flat_becomes_lines() -> None:
     arc = text_of((MoveJ(start, 50.0), MoveC(via, end, 20.0)), {"decimals": 5})
     assert "MoveC" in arc
     assert read({"a": arc}, {}).faults == ()
+
+
+def test_each_section_that_was_planned_with_a_calibration_has_it() -> None:
+    """Also the one before the second section, after the way up; where the tool stays down there is none."""
+    body, options = BODIES["twice"]
+    text = text_of(body, options)
+    assert text.count("FCCalib lTool;") == 2
+    place = text.rindex(CALIBRATE)
+    found = read({"a": text[:place] + text[place + len(CALIBRATE) :]}, options).faults
+    assert [one.what for one in found] == ["no FCCalib before pressing, though post.force_load asks for it"]
+    again = (MoveL(at(0, 0, 0.5), 20.0), Force(9.0, PRESS), MoveL(at(20, 0), 20.0, 0.0, 9.0, PRESS), Force(0.0))
+    low = (*PRESSED[:-1], MoveL(at(30, 0, 0.5), 20.0), *again, MoveL(at(20, 0, 30), 20.0))
+    text = text_of(low, options)
+    assert text.count("FCCalib lTool;") == 1
+    assert read({"a": text}, options).faults == ()
+
+
+def test_the_orientation_at_a_circle_point_is_compared() -> None:
+    """It tells in which sense the tool turns (MoveC)."""
+    post = make_post(Rapid, SIGNALS)
+    plan = Program("part", translation(300, -75, 100), translation(0, 0, 100), whole((HOME, *CUT)))
+    prepared = post.prepare(plan, 0.01)
+    text = post.render(prepared)[0].text
+    turned = text.replace(f"{VIA},[0.0000000,1.0000000,", f"{VIA},[1.0000000,0.0000000,")
+    assert turned != text
+    for one, same in ((text, True), (turned, False)):
+        reading = read({"a": one}, SIGNALS)
+        assert reading.faults == ()
+        with nullcontext() if same else pytest.raises(VerifyError, match="orientation half-way reads"):
+            compare(prepared, reading, post.tolerance(), post.list_verified(), "a")
+
+
+def test_an_arc_whose_circle_point_is_near_an_end_is_split() -> None:
+    """The read-back remarks on what the manual advises against, so the post does not write it."""
+    start, via, end = at(0, 0), at(377, 0, 58), at(451, 0, 121)
+    text = text_of((MoveJ(start, 50.0), MoveC(via, end, 20.0)), {"decimals": 0})
+    assert text.count("MoveC") == 2
+    assert read({"a": text}, {"decimals": 0}).faults == ()

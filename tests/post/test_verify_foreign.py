@@ -51,6 +51,7 @@ def test_faults_of_a_rapid_program_have_their_lines(capsys, tmp_path):
     code, page, told, error = verified(capsys, written(tmp_path, "a.mod", RAPID), "rapid")
     assert code == 2
     assert told == [
+        "line 2: remark: tA is PERS, one for all tasks, not TASK PERS",
         "line 4: a quaternion is not normalised (its square differs from 1 by 0.19)",
         "line 6: a_name_that_is_longer_than_thirty_two_ch is longer than 32 characters",
         "line 7: remark: main has no ERROR handler, which post.on_error asks for",
@@ -78,6 +79,7 @@ def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
     code, page, told, error = verified(capsys, written(tmp_path, "good.mod", text), "rapid")
     assert (code, error) == (0, "")
     assert told == [
+        "line 2: remark: tA is PERS, one for all tasks, not TASK PERS",
         "line 5: remark: main has no ERROR handler, which post.on_error asks for",
         "line 6: remark: a configuration of zeros, and ConfJ is not off",
         "line 6: remark: a tool of 1 kg with its centre of gravity at 0, 0, 1 mm, by post.mass and post.cog it has "

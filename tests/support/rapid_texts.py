@@ -6,7 +6,7 @@ from random import Random
 
 E9 = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 TOOL = "TASK PERS tooldata {}:=[TRUE,[[0,0,{}],[1,0,0,0]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]];\n"
-WORK = 'PERS wobjdata {}:=[FALSE,TRUE,"",[[{},0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+WORK = 'TASK PERS wobjdata {}:=[FALSE,TRUE,"",[[{},0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
 POINT = f"[[1,2,3],[0,1,0,0],[0,0,0,0],{E9}]"
 START = f"ConfJ\\Off;ConfL\\Off;MoveAbsJ [[0,0,0,0,90,0],{E9}],v100,fine,t1;\n"
 TAIL = "t1\\WObj:=w1;\n"

@@ -178,9 +178,9 @@ class _Module:
             machine.switch(words[1], Number(float(name == "set")))
         elif name == "waittime" and len(words) == 3 and as_number(words[1:2]) is not None:
             machine.say("wait", Number(as_number(words[1:2]) or 0.0, "s"))
-        elif words in _STATES:
+        elif (plain := " ".join(words).replace("- 0 ;", "0 ;").split(" ")) in _STATES:
             # Said again where nothing has moved, they find the arm standing, and force control off.
-            machine.switch(" ".join(words), "is so")
+            machine.switch(" ".join(plain), "is so")
         else:
             return False
         return True

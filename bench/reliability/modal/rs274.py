@@ -35,6 +35,7 @@ def trace(text: str, grbl: bool) -> list[Event]:
         controller.read(line)
     if not controller.ended:
         controller.machine.say("no end")
+    controller.machine.hold("S", *controller.speed)
     return controller.machine.end()
 
 
@@ -71,6 +72,7 @@ class _Controller:
         self.mode, self.feed = "", 0.0
         self.sticky: dict[str, float] = {}
         self.back = "?"
+        self.speed: Event = ("no S",)
 
     def read(self, line: str) -> None:
         """One line. What is not understood or not allowed stands in the trace as it is."""
@@ -101,9 +103,11 @@ class _Controller:
         if "feed mode" in codes:
             machine.hold("feed mode", codes["feed mode"])
         self.feed = words.pop("F", self.feed)
-        for letter in "ST":
-            if letter in words:
-                machine.hold(letter, Number(words.pop(letter)))
+        if "S" in words:
+            # A speed is that of the spindle: while this stands, no motion feels it (m-code, "M3, M4, M5").
+            self.speed = ("S", Number(words.pop("S")))
+        if "T" in words:
+            machine.hold("T", Number(words.pop("T")))
         if "digital" in codes or "analog" in codes:
             self._output(codes.get("digital", ""), codes.get("analog", ""), words)
         if "change" in codes:
@@ -136,12 +140,11 @@ class _Controller:
 
     def _switch(self, codes: dict[str, str]) -> None:
         """Spindle and coolant."""
-        state = self.machine.state
         if "spindle" in codes:
-            turning = () if codes["spindle"] == "M5" else state.get("S", ("no S",))
+            turning = () if codes["spindle"] == "M5" else self.speed
             self.machine.switch("spindle", codes["spindle"], *turning)
         elif self.machine.outputs.get("spindle", ("M5",))[0] != "M5":
-            self.machine.switch("spindle", self.machine.outputs["spindle"][0], *state.get("S", ()))
+            self.machine.switch("spindle", self.machine.outputs["spindle"][0], *self.speed)
         for name in ("mist", "flood"):
             if name in codes or "coolant" in codes:
                 self.machine.switch(name, "on" if name in codes else "off")

@@ -85,6 +85,7 @@ class Machine:
     opened: bool = False
     ended: bool = False
     lifted: bool = False
+    exact: Limits | None = None  # of arcs that nothing is said of; None: limits
 
     def bare(self, raw: str) -> str:
         """The line without all that is no word (``words.bare``). Raises LineError."""

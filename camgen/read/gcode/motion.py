@@ -312,7 +312,7 @@ def _add_arc(
     if j is not None:
         words["J"] = float(j) * unit
     try:
-        found = pieces("G17", f"G{digit}", start, end, words, False, unit != 1.0, m.limits)
+        found = pieces("G17", f"G{digit}", start, end, words, False, unit != 1.0, m.exact or m.limits)
     except LineError:
         return False
     m.lines += [place + 1] * (len(found) - 1)

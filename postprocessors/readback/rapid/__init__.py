@@ -223,7 +223,7 @@ def _find_called(program: Linked, routine: Routine, call: Call, depth: int) -> R
 
 def _check_handlers(program: Linked, state: State, main: Routine) -> None:
     """Notes what is wrong with the handlers of the program, and the outputs that it uses and that one leaves on."""
-    used = {item.signal for item in state.body if isinstance(item, Output)}
+    used = dict.fromkeys(item.signal for item in state.body if isinstance(item, Output))
     _find_missing_handlers(program, state, main, used)
     for routine in program.scopes:
         if routine.handler is None:
@@ -233,17 +233,22 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
             line = routine.handler[-1].line if routine.handler else routine.line
             if not end:
                 raise Wrong(line, f"the ERROR handler of {routine.name} goes on behind the error; end it with RAISE")
-            left = sorted(used - off) if end == "exit" or routine is main else []
+            left = sorted(used.keys() - off.keys()) if end == "exit" or routine is main else []
             if left:
                 raise Wrong(line, f"the ERROR handler of {routine.name} leaves {', '.join(left)[:60]} on")
             if routine is main:
-                _judge_main_handler(state, line, off, end)
+                _judge_main_handler(state, line, [*used, DEACT_WHERE_ON], off, end)
         except Wrong as wrong:
             state.faults.append(wrong.fault)
 
 
-def _judge_main_handler(state: State, line: int, off: set[str], end: str) -> None:
-    """Notes where the handler of main leaves force control on, or ends otherwise than the options ask."""
+def _judge_main_handler(state: State, line: int, order: list[str], off: dict[str, None], end: str) -> None:
+    """Notes where the handler of main leaves force control on, has another order, or ends otherwise than options ask.
+
+    order: in which the program names its outputs; the force is last, so that nothing runs without it.
+    """
+    if [name for name in off if name in order] != [name for name in order if name in off]:
+        state.remark(line, "the ERROR handler of main switches off in another order than posts do, force control last")
     wanted = state.known.asked.on_error
     if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.body):
         state.remark(line, "the ERROR handler of main leaves force control on")
@@ -251,7 +256,7 @@ def _judge_main_handler(state: State, line: int, off: set[str], end: str) -> Non
         state.remark(line, f"the ERROR handler of main ends with {end.upper()}, by post.on_error it is {wanted}")
 
 
-def _find_missing_handlers(program: Linked, state: State, main: Routine, used: set[str]) -> None:
+def _find_missing_handlers(program: Linked, state: State, main: Routine, used: Mapping[str, None]) -> None:
     """Notes routines without an ERROR handler where the options ask for one: main's, then those that hand errors on."""
     drops = used or any(isinstance(item, Force) for item in state.body)
     if state.known.asked.on_error == "none" or not drops:
@@ -266,12 +271,12 @@ def _find_missing_handlers(program: Linked, state: State, main: Routine, used: s
 
 def _handle(
     program: Linked, state: State, routine: Routine, body: Sequence[Call | Inline], depth: int
-) -> tuple[set[str], str]:
+) -> tuple[dict[str, None], str]:
     """The outputs that ``body``, of a handler or of what it calls, switches off, and the word that it ends with.
 
-    The outputs have ``DEACT_WHERE_ON`` among them where it ends force control.
+    They are in order. The outputs have ``DEACT_WHERE_ON`` among them where it ends force control.
     """
-    off: set[str] = set()
+    off: dict[str, None] = {}
     for item in body:
         call = item.call() if isinstance(item, Inline) else item
         state.scope = program.scopes[routine]
@@ -283,10 +288,10 @@ def _handle(
             one = switch(state, call)
             if one.value:
                 raise Wrong(call.line, "an ERROR handler that switches something on")
-            off.add(one.signal)
+            off[one.signal] = None
         elif call.name in DEACTIVATIONS:
             check_deactivation(state, call)
-            off.add(DEACT_WHERE_ON)
+            off[DEACT_WHERE_ON] = None
         elif call.name in MOTIONS or call.name in STATEMENTS:
             raise Wrong(call.line, f"{call.name} in an ERROR handler is not read")
         else:

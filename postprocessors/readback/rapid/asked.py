@@ -23,7 +23,8 @@ _NO_TURN = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 class Asked(Struct, frozen=True):
     """Options of the post, its defaults where they are not given. load: mass, kg, and centre of gravity, mm;
-    acceleration: of AccSet, empty: none; calibration: the loaddata of FCCalib, empty: none.
+    acceleration: of AccSet, empty: none; calibration: the loaddata of FCCalib, empty: none; task: whether persistents
+    are those of their task; names: of the tool and of the work object on the controller.
     """
 
     load: tuple[float, ...]
@@ -35,6 +36,8 @@ class Asked(Struct, frozen=True):
     singularity: str
     acceleration: tuple[float, ...]
     calibration: str
+    task: bool
+    names: Mapping[str, str]
 
 
 def read_asked(options: Mapping[str, object]) -> Asked:
@@ -50,6 +53,8 @@ def read_asked(options: Mapping[str, object]) -> Asked:
         singularity=str(options.get("sing_area", "")),
         acceleration=_numbers(options, "acc_set"),
         calibration=str(options.get("force_load", "")),
+        task=options.get("s4", False) is not True,
+        names={"tool": str(options.get("tool", "tCamgen")), "work": str(options.get("work", "wCamgen"))},
     )
 
 
@@ -77,6 +82,19 @@ def judge_load(asked: Asked, load: Value) -> str:
         f"a tool of {mass} kg with its centre of gravity at {', '.join(cog)} mm, by post.mass and post.cog it has "
         f"{wanted} kg at {', '.join(centre)} mm"
     )
+
+
+def judge_persistent(asked: Asked, name: str, task: bool) -> str:
+    """What is wrong with the kind of a persistent that is not local (RAPID kernel manual, persistent declarations)."""
+    if task == asked.task:
+        return ""
+    return f"{name} is TASK PERS, which S4 has not" if task else f"{name} is PERS, one for all tasks, not TASK PERS"
+
+
+def judge_name(asked: Asked, kind: str, name: str) -> str:
+    """What is wrong with the name of a tool or a work object that the text does not declare. kind: as in ``names``."""
+    wanted = asked.names[kind]
+    return "" if name.lower() == wanted.lower() else f"{name[:40]} is not declared, by post.{kind} it is {wanted}"
 
 
 def judge_pressing(asked: Asked, values: Mapping[str, Value]) -> Iterator[str]:

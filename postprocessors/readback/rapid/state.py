@@ -9,7 +9,7 @@ from typing import cast
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
-from camgen.model.program import Instruction, Posture
+from camgen.model.program import Instruction, Joints, Posture
 from camgen.post import Fault, Remark
 
 from .asked import Asked, judge_load
@@ -67,7 +67,10 @@ class State:
     postures: set[tuple[str, bool]] = field(default_factory=set)  # of ConfJ and ConfL: whether targets state one
     singularity: str = ""
     acceleration: tuple[float, ...] = ()
-    calibrated: bool = False
+    calibrated: bool = False  # since the last section with force
+    settled: bool = False  # WaitTime\\InPos has waited for standstill, and nothing has been done since
+    pressed: bool = False  # a section with force has begun
+    way: list[Pose | Joints] = field(default_factory=list)  # targets since the last section with force
     rotations: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
 
     def add(self, item: Instruction, line: int) -> None:

@@ -6,12 +6,21 @@ import math
 from collections.abc import Callable, Mapping
 from typing import cast
 
+import numpy as np
+
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Wait
 from camgen.model.text import counted
 from camgen.post import Fault, Remark
 
-from .asked import judge_acceleration, judge_calibration, judge_pressing, judge_singularity
+from .asked import (
+    judge_acceleration,
+    judge_calibration,
+    judge_name,
+    judge_persistent,
+    judge_pressing,
+    judge_singularity,
+)
 from .data import Value, numbers
 from .state import Bound, State
 from .syntax import DEACT_WHERE_ON, Call, Expr, Inline, Ref, Wrong
@@ -30,6 +39,8 @@ _SUPERVISION = {"confj": "ConfJ", "confl": "ConfL"}
 _ANALOG = "spindle"
 #: rad/s that the tool turns at in every speed of RAPID's own; and mm that a motion travels for sure.
 _ON_THE_WAY, _SAME_TURN, _TRAVELS = math.radians(500.0), 1e-9, 0.01
+#: Farther than this from the surface, mm, the tool was in the air: 1 mm (docs/posts/rapid.md), and its printed digits.
+_AIR = 1.01
 
 
 def _signal(state: State, call: Call) -> str:
@@ -65,6 +76,7 @@ def _switch_signal(state: State, call: Call) -> None:
     """SetDO, SetAO, Set, Reset."""
     item = switch(state, call)
     state.stopped(call.name)
+    state.settled = False
     state.add(item, call.line)
 
 
@@ -79,6 +91,7 @@ def _wait(state: State, call: Call) -> None:
     if seconds < 0:
         raise Wrong(call.line, "a wait must not be negative")
     state.stopped(call.name)
+    state.settled = state.settled or bool(switches)
     if seconds > 0 or not switches:
         state.add(Wait(seconds), call.line)
 
@@ -128,7 +141,9 @@ def _calibrate(state: State, call: Call) -> None:
     if state.pressing is not None:
         raise Wrong(call.line, "fccalib while pressing")
     state.remark(call.line, judge_calibration(asked, said))
-    state.calibrated = True
+    if not state.settled:
+        state.remark(call.line, "FCCalib without WaitTime\\InPos right before it: the arm may still swing")
+    state.calibrated, state.settled = True, False
     state.stopped(call.name)
 
 
@@ -252,6 +267,8 @@ def _move(state: State, line: int, bound: Bound, via: Pose | None, target: Pose 
             state.faults.append(Fault(line, f"{bound.name} while pressing, before FCPressEnd"))
         state.add(_free(bound, via, target, _turn(state, bound, target)), line)
     state.here = target if isinstance(target, Pose) else None
+    state.way.append(target)
+    state.settled = False
     state.blending = line if bound.blend > 0 else 0
 
 
@@ -318,7 +335,11 @@ def _frame_argument(state: State, kind: str, data_type: str, expr: Expr | None, 
     data = state.scope.find(expr.name)
     if data is not None and data.storage != "pers":
         raise Wrong(line, f"{expr.name} must be PERS, not {data.storage.upper()}")
+    if data is not None and not data.local:
+        state.remark(data.line, judge_persistent(state.known.asked, data.name, data.task))
     unknown = state.known.external and not state.scope.known(expr)
+    if unknown:
+        state.remark(line, judge_name(state.known.asked, kind, expr.name))
     state.frame(kind, expr, None if unknown else state.scope.value(expr, data_type, line), line)
     state.frame_of[kind] = (expr.name, state.scope)
 
@@ -378,7 +399,8 @@ def _press(state: State, line: int, bound: Bound, via: Pose | None, target: Pose
         raise Wrong(line, f"{name} without FCPress1LStart")
     elif name == "fcpressend":
         state.stopped(name)
-        state.pressing = None
+        state.pressing, state.calibrated = None, False
+        state.way.clear()
         state.add(Force(0.0), line)
         state.add(MoveL(target, speed, blend, posture=bound.posture, turn=_turn(state, bound, target)), line)
         return
@@ -406,13 +428,26 @@ def _begin_pressing(state: State, line: int, values: Mapping[str, Value]) -> flo
         raise Wrong(line, "the threshold of FCPress1LStart is 0 to 100 %")
     for what in judge_pressing(state.known.asked, values):
         state.remark(line, what)
-    if state.known.asked.calibration and not state.calibrated:
-        state.remark(line, "no FCCalib before pressing, though post.force_load asks for it")
     axis, force = given[0]
     state.stopped("fcpress1lstart")
     state.pressing = (axis, state.known.sign if force > 0 else -state.known.sign)
+    if state.known.asked.calibration and not state.calibrated and _was_in_the_air(state, state.here, state.pressing):
+        state.remark(line, "no FCCalib before pressing, though post.force_load asks for it")
+    state.pressed = True
     state.add(Force(abs(force), _direction(state.here, state.pressing)), line)
     return abs(force)
+
+
+def _was_in_the_air(state: State, start: Pose, pressing: tuple[int, int]) -> bool:
+    """Whether the tool could be calibrated since the last section, if there was one: it was above ``start``, where the
+    next one begins, or at joint values. Between sections on one surface it stays down.
+    """
+    if not state.pressed:
+        return True
+    away = np.stack([start.rotation[:, 2], _direction(start, pressing)])
+    places = [target.origin for target in state.way if isinstance(target, Pose)]
+    above = np.subtract(start.origin, places) @ away.T if places else np.zeros(1)
+    return len(places) < len(state.way) or float(above.max()) > _AIR
 
 
 def _direction(at: Pose, pressing: tuple[int, int]) -> Vec3:

@@ -33,6 +33,8 @@ _TOKEN = re.compile(
 _MOVE = re.compile(rf"(Move[LJ])[ ](.*\]\]),({_NAME}),({_NAME}),({_NAME})\\WObj:=({_NAME});")
 #: The optional banner of old files: %%% VERSION:1 LANGUAGE:ENGLISH %%%.
 _BANNER = re.compile(r"\A\s*%%%[A-Za-z0-9:\s]*%%%[ \t]*(?=\n)")
+#: Its four lines (RAPID overview, file format).
+_BANNER_LINES = "%%% VERSION:1 LANGUAGE:ENGLISH %%%".split()  # noqa: SIM905 (as it is written)
 #: Never a name (RAPID kernel manual 2.4).
 RESERVED = frozenset(
     """alias and backward case connect const default div do else elseif endfor endfunc endif endmodule endproc endrecord
@@ -185,7 +187,7 @@ class Inline(Struct, frozen=True, eq=False, gc=False):
 
 
 class Data(Struct, frozen=True, eq=False, gc=False):
-    """A declaration. storage: const, pers or var."""
+    """A declaration. storage: const, pers or var. task: of TASK PERS."""
 
     line: int
     storage: str
@@ -193,6 +195,7 @@ class Data(Struct, frozen=True, eq=False, gc=False):
     name: str
     local: bool
     value: Expr | None
+    task: bool = False
 
 
 class Routine(Struct, frozen=True, eq=False, gc=False):
@@ -462,8 +465,12 @@ class _Parser(Calls):
     def __init__(self, text: str, first_line: int, plain: bool) -> None:
         start = banner(text)
         super().__init__(text, first_line + text.count("\n", 0, start), start)
-        self.plain = plain
+        self.plain, self.first_line = plain, first_line
         self.faults: list[Fault] = []
+        found = [one.strip() for one in text[:start].strip().split("\n")]
+        if start and found != _BANNER_LINES:
+            self.faults.append(Remark(first_line, f"a banner other than {' / '.join(_BANNER_LINES)}"))
+        self.outside = start
 
     def recover(self) -> None:
         """Skips behind the next semicolon, but never over a word that opens or closes a routine or module."""
@@ -483,12 +490,22 @@ class _Parser(Calls):
         found = []
         while self.token[0] != "end":
             if self.word() == "module":
+                self.remark_comment()
                 found.append(self.module())
             else:
                 self.faults.append(Fault(self.token[2], f"{show_token(self.token)} stands outside a module"))
                 while self.token[0] != "end" and self.word() != "module":
                     self.take()
+        self.remark_comment()
         return found
+
+    def remark_comment(self) -> None:
+        """Notes a comment between modules: it is an element of a list inside of one (RAPID kernel manual, comments)."""
+        end = self.token[3] if self.token[0] != "end" else len(self.text)
+        comment = self.text.find("!", self.outside, end)
+        if comment >= 0:
+            line = self.first_line + self.text.count("\n", 0, comment)
+            self.faults.append(Remark(line, "a comment outside of a module, where the kernel manual has none"))
 
     def module(self) -> Module:
         line = self.take()[2]
@@ -512,6 +529,7 @@ class _Parser(Calls):
             except Wrong as wrong:
                 self.faults.append(wrong.fault)
                 self.recover()
+        self.outside = self.token[3] + len("endmodule")
         self.take()
         return Module(line, name, tuple(data), tuple(routines))
 
@@ -557,7 +575,7 @@ class _Parser(Calls):
             raise Wrong(line, f"{name} has no value")
         if storage == "pers" and not _literal(value):
             raise Wrong(line, f"PERS {name} must have a literal value")
-        return Data(line, storage, data_type, name, local, value)
+        return Data(line, storage, data_type, name, local, value, task)
 
     # -- routines ------------------------------------------------------------------------------------------------
 
