@@ -24,7 +24,10 @@ from camgen.post.passes import PASSES
 DIGITS = 3
 #: How far a press direction may be off the tool axis that stands for it; well below what a printed orientation loses.
 _ALIGNED = 5e-7
-_TURN = 'set tool.orient = "follow", so that the tool turns with the surface'
+_TURN = (
+    'on a drawing set tool.orient = "follow", so that the tool turns with the surface; of a part leave that edge out '
+    '(input.select), or all pressing (post.force = "ignore")'
+)
 
 
 def tool_axis(rotation: FloatArray, press: Vec3) -> tuple[int, int] | None:

@@ -374,7 +374,7 @@ def _place(m: Strict, named: Sequence[str]) -> None:
         m.remark("an axis moves again before the position is known in all axes")
     elif not (m.known[2] or m.lifted) and len(named) > 1:
         m.remark("Z moves together with X or Y while it is not known")
-    elif len([axis for axis in "XY" if axis in named]) == 1:
+    elif len([axis for axis in "XY" if axis in named]) == 1 and not (m.known[0] or m.known[1]):
         m.remark("X and Y move one after the other to where the program begins")
     if why:
         m.remark(f"{why}; read as from 0")
@@ -390,7 +390,7 @@ def _check_spiral(m: Strict, words: Mapping[str, float]) -> None:
     u, v = (words[axis] * m.scale + m.shift[k] if axis in words else m.at[k] for k, axis in enumerate("XY"))
     start, end = math.hypot(i, j), math.hypot(u - x - i, v - y - j)
     taken = max(m.rules.arcs.spiral[0], 0.001 * start)  # more is a fault of its own
-    if m.expect.spiral < abs(start - end) <= taken:
+    if m.expect.spiral + 1e-9 < abs(start - end) <= taken:
         m.remark(f"an arc whose radius goes from {start:.4f} to {end:.4f} mm")
 
 

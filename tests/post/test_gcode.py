@@ -917,7 +917,7 @@ HEAD = "G17 G21 G40 G54 G80 G90 G91.1 G94\nG64 P0.01 Q0\nG49\n"
     [
         ("G0 Z50 T2\nG0 X0 Y0\nM2\n", 4, "T2 selects a tool that no M6 changes to"),
         ("G0 Z50 S9\nG0 X0 Y0\nM2\n", 4, "S9 without M3 or M4"),
-        ("G0 Z50 S9\nG0 X0 Y0\nS8 M3\nM5\nM2\n", 4, ""),
+        ("G0 Z50 S9\nG0 X0 Y0\nM3\nM5\nM2\n", 4, ""),
         ("S9\nS8\nM3\nG0 Z50\nG0 X0 Y0\nM5\nM2\n", 4, "S9 without M3 or M4"),
         ("G0 X0 Y0 Z50\nM2\n", 4, "Z moves together with X or Y while it is not known"),
         ("G0 Z50\nG0 X0\nY0\nM2\n", 5, "X and Y move one after the other to where the program begins"),

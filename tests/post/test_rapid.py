@@ -336,7 +336,10 @@ def test_pressing_can_be_left_out() -> None:
 # Refusals -------------------------------------------------------------------------------------------------------
 
 TWISTED = MoveL(on_disc(0.1), 20.0, 0.0, 25.0, inward(0.2))
-FOLLOW = 'set tool.orient = "follow", so that the tool turns with the surface'
+FOLLOW = (
+    'on a drawing set tool.orient = "follow", so that the tool turns with the surface; of a part leave that edge out '
+    '(input.select), or all pressing (post.force = "ignore")'
+)
 
 
 @pytest.mark.parametrize(
