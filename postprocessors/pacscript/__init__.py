@@ -158,8 +158,9 @@ class PacScript(PacScriptOptions):
         return ""
 
     def list_verified(self) -> frozenset[str]:
-        """Tool and work frame are stated where the text defines them."""
-        return self.verified_fields | {option for option in ("tool", "work") if self.define and getattr(self, option)}
+        """Tool and work frame are stated where the text defines them, the radius of a blend where it is in mm."""
+        frames = {option for option in ("tool", "work") if self.define and getattr(self, option)}
+        return self.verified_fields | frames | ({"blend"} if self.pass_mark == "mm" else set())
 
     def prepare(self, program: Program, chord: float) -> Program:
         """As the base does; then states what the text will say where an option gives something up."""

@@ -24,6 +24,10 @@ def test_every_program_is_passed_and_is_itself(post):
         assert not any(event[0] in ("refused", "no end", "two radii", "too long") for event in TRACES[post](text))
 
 
+#: Of force.ir for PacScript: the motion before force control is on, its table, its begin.
+GO = "    Move L, @0 P(10.000, 10.000, 0.000, 180.0000, 0.0000, 0.0000, -1), Speed = Mps(20)\n"
+PARAM = "    ForceParam 1, 2, P(0.000, 12.500, 0.000, 0, 0, 0) ' verify\n"
+CTRL = "    ForceCtrl True, 1 ' verify\n"
 #: A part of the first program of a post, or of the one that is named by its number, and what stands there instead.
 DIFFERENT = [
     ("pacscript", 0, "ChangeTool 1", "ChangeTool 2"),
@@ -39,6 +43,13 @@ DIFFERENT = [
     ("pacscript", 0, "Speed = Mps(100 * unit)", "Speed = Mps(100 + unit)"),
     ("pacscript", 1, "0.000, 0, 0, 0)", "0.000, 1, 0, 0)"),
     ("pacscript", 3, "Mps(20)", "Mps(20.1)"),
+    ("pacscript", 3, PARAM, ""),
+    ("pacscript", 3, f"{PARAM}{CTRL}", f"{CTRL}{PARAM}"),
+    ("pacscript", 3, PARAM, PARAM.replace("ForceParam 1", "ForceParam 2")),
+    ("pacscript", 3, PARAM, PARAM.replace("12.500", "12.600")),
+    ("pacscript", 3, PARAM, f"{PARAM}    Call other\n"),
+    ("pacscript", 10, "(ByVal unit As Single)\n", "(unit As Single)\n    unit = 2\n"),
+    ("pacscript", 10, "(ByVal unit As Single)\n", "(ByVal ByVal unit As Single)\n"),
     ("rapid", 0, "ConfL\\Off;", ""),
     ("rapid", 0, "v100,fine", "v100,z1"),
     ("rapid", 0, "[8,500,5000,1000]", "[8,0,5000,1000]"),
@@ -85,6 +96,9 @@ DIFFERENT = [
     ("grbl", 0, "(post", "(!post"),
 ]
 SAME = [
+    ("pacscript", 3, PARAM, f"    ForceParam 1, 2, P(0, 5, 0)\n{PARAM}"),
+    ("pacscript", 3, f"{GO}{PARAM}", f"{PARAM}{GO}"),
+    ("pacscript", 10, "(ByVal unit As Single)", "(unit As Single)"),
     ("pacscript", 0, "ChangeTool 1", "changetool 01\n    ChangeTool 1 ' again"),
     ("pacscript", 0, "180.0000, 0.0000, 0.0000, -1)", "-180, 0, 0)"),
     ("pacscript", 0, "100 * unit", "unit * 100.0"),

@@ -752,7 +752,7 @@ def test_homogeneous_position_gives_the_axes() -> None:
 
 def test_joints_in_degrees_and_several_targets() -> None:
     reading = reading_of("Move P, @P J(90, -45), @5 P(1), @0 J(0, 0, 180)" + S)
-    assert reading.faults == ()
+    assert serious(reading) == []
     first, second, third = reading.body[1:]
     assert isinstance(first, MoveJ)
     assert isinstance(second, MoveJ)

@@ -7,10 +7,12 @@ import pytest
 from camgen_posts.pacscript import PacScript
 from camgen_posts.readback.pacscript import read
 
+from camgen.model.errors import VerifyError
 from camgen.model.pose import TOOL_DOWN, Pose, translation
 from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Program, Wait
 from camgen.post import Remark
 from camgen.post.plugins import make_post
+from camgen.post.verify import compare
 from tests.support.whole import whole
 
 HOME = MoveJ(Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0))), 100.0)
@@ -42,8 +44,19 @@ OPTIONS: dict[str, dict[str, object]] = {
     "plain": {},
     "other": {"tool": 3, "work": 2, "ext_speed": 50.0, "accel": 80.0, "define": True},
     "parts": {"max_lines": 5},
+    "mm": {"pass_mark": "mm"},
+    "force": {"force": "template"},
 }
 GIVE = "    GiveArm\nEnd Sub"
+OUT = "        GiveArm\n        Exit Sub\n"
+TARGET = "P(30.000, 0.000, 0.000, 180.0000, 0.0000, 0.0000, 5)"
+VIA = "P(5.000, 2.000, 0.000, 180.0000, 0.0000, 0.0000, 5)"
+ARC_END = "P(10.000, 0.000, 0.000, 180.0000, 0.0000, 0.0000, 5)"
+HOME_JOINTS = "J(0.0000, 0.0000, 90.0000, 0.0000, 30.0000, 0.0000)"
+OTHERWISE = "Mps is asked otherwise than by the programs of the post"
+LEFT_OUT = "a value is left out between commas"
+SIGNS = "a sign stands right after another or after an operator"
+BARE = "a position stands without its P"
 #: What a controller refuses, or cannot be meant: options, what stands there and what then does, the words of the fault.
 FAULTS = [
     ("plain", "    Set IO[24]", "    Motor Off\n    Set IO[24]", "a motion with the motor off"),
@@ -87,6 +100,7 @@ FAULTS = [
         "the force table 11; there are 1 to 10",
     ),
     ("plain", "Accel 50, 50", "Accel 50, 50, 50", "an acceleration has one value or two"),
+    ("parts", "ByVal unit As Single", "ByVal unit As Singel", "parameters that cannot be read"),
 ]
 #: What it takes, and no program of ours says.
 REMARKS = [
@@ -140,6 +154,70 @@ REMARKS = [
         "Mps(37 * unit), Accel = 5",
         "a motion with an Accel of its own, which no option asks for",
     ),
+    ("plain", "Speed 10", "Speed 20", "Speed 20, by post.internal_speed it is 10"),
+    ("plain", "Speed 10", "Speed Mps(9)", "Speed by Mps, by post.internal_speed it is 10"),
+    ("plain", "    Speed 10\n", "", "no Speed, by post.internal_speed it is 10"),
+    ("plain", "Keep = 0", "Keep = 1", "TakeArm without Keep = 0, so that what the last program has set may hold"),
+    (
+        "plain",
+        "TakeArm Keep = 0",
+        "TakeArm",
+        "TakeArm without Keep = 0, so that what the last program has set may hold",
+    ),
+    (
+        "plain",
+        "    TakeArm Keep = 0\n    Reset IO[24]\n",
+        "    Reset IO[24]\n    TakeArm Keep = 0\n",
+        "an output before TakeArm",
+    ),
+    (
+        "force",
+        "    TakeArm Keep = 0\n",
+        "    ForceCtrl False\n    TakeArm Keep = 0\n",
+        "a force change before TakeArm",
+    ),
+    ("plain", VIA, VIA.replace(", 5)", ", -1)"), "the via point of an arc leaves its figure open, its end has 5"),
+    (
+        "plain",
+        ARC_END,
+        ARC_END.replace(", 5)", ", -1)"),
+        "the via point of an arc has figure 5, its end leaves it open",
+    ),
+    ("plain", f"@0 {TARGET}", f"@E {TARGET}", "the pass mark @E, which no program of the post says"),
+    ("plain", f"@0 {TARGET}", f"@C {TARGET}", "the pass mark @C, which no program of the post says"),
+    ("plain", f"@0 {TARGET}", f"@2 {TARGET}", "a blend in mm, by post.pass_mark it is @P"),
+    ("mm", f"@0 {TARGET}", f"@P {TARGET}", "@P, by post.pass_mark blends are in mm"),
+    ("plain", f"@0 {TARGET}", f"@0 {TARGET[1:]}", BARE),
+    ("plain", f"@0 {TARGET}", f"@ {TARGET}", BARE),
+    ("plain", VIA, VIA[1:], BARE),
+    ("other", "    Tool 3, P(", "    Tool 3, (", BARE),
+    ("plain", TARGET, TARGET.replace("0.0000, 5)", ", 5)"), LEFT_OUT),
+    ("plain", TARGET, TARGET.replace("0.000, 180", ", 180"), LEFT_OUT),
+    ("plain", HOME_JOINTS, HOME_JOINTS.replace("30.0000, 0.0000)", "30.0000, )"), LEFT_OUT),
+    ("plain", HOME_JOINTS, HOME_JOINTS.replace("(0.0000, ", "(, "), LEFT_OUT),
+    ("plain", "    Set IO[24]", "    ForceParam 1, 2, P(0, 5, 0, 0, , 0)\n    Set IO[24]", LEFT_OUT),
+    ("plain", TARGET, TARGET.replace(", 180.0000", ", --180.0000"), SIGNS),
+    ("plain", TARGET, TARGET.replace(", 5)", ", 10 / +2)"), SIGNS),
+    ("plain", OUT, "        Exit Sub\n", OTHERWISE),
+    ("plain", OUT, "        GiveArm\n", OTHERWISE),
+    ("plain", OUT, "        GiveArm        Exit Sub\n", OTHERWISE),
+    ("plain", OUT, OUT.replace("Exit", "GoTo"), OTHERWISE),
+    ("plain", OUT, f"{OUT}        Speed 10\n", OTHERWISE),
+    ("plain", "Mps(100 * unit) <", "Mps(110 * unit) <", OTHERWISE),
+    ("plain", "> 20 Then", "> 21 Then", OTHERWISE),
+    ("plain", "Mps(0.1) > 0.2", "Mps(0.1) > 0.3", OTHERWISE),
+]
+#: What a program may say otherwise than this post without a remark.
+TAKEN = [
+    ("plain", TARGET, TARGET.replace(".0000", "").replace(".000", ".0")),
+    ("plain", TARGET, TARGET.lower()),
+    ("plain", TARGET, TARGET.replace("180.0000", "90 * 2")),
+    ("plain", TARGET, TARGET.replace("180.0000", "-(0 - 180)")),
+    ("plain", f"@0 {TARGET}", TARGET),
+    ("plain", "    Set IO[24]", '    PrintDbg "a, , --(1, 2, 3)"\n    Set IO[24]'),
+    ("plain", "> 20 Then", ">20  THEN ' or so"),
+    ("parts", "ByVal unit As Single", "unit As Single"),
+    ("plain", "    Speed 10\n    Accel", "    Speed 10\n    Speed 10.0\n    Accel"),
 ]
 
 
@@ -161,6 +239,40 @@ def test_what_no_controller_takes_is_a_fault(options: str, before: str, after: s
 def test_what_no_option_asks_for_is_a_remark(options: str, before: str, after: str, what: str) -> None:
     remarks = [one for one in found(OPTIONS[options], before, after) if one[1] == what]
     assert remarks == [(True, what)]
+
+
+@pytest.mark.parametrize(("options", "before", "after"), TAKEN)
+def test_what_means_the_same_needs_no_remark(options: str, before: str, after: str) -> None:
+    assert found(OPTIONS[options], before, after) == []
+
+
+def test_the_internal_speed_is_left_alone_where_motions_run_at_it() -> None:
+    """Then it is compared with theirs."""
+    lines = "TakeArm Keep = 0", "Speed 30", "Accel 50, 50", "ChangeTool 1", "ChangeWork 1", "Move P, @0 P(1, 2, 3)"
+    for last in ("Move P, @0 P(4, 5, 6)", "Move P, @0 P(4.0, 5.0, 6.0), Speed = 5"):
+        text = "\n".join(("Sub Main", *lines, last, "GiveArm", "End Sub", ""))
+        assert read({"a": text}, {}).faults == ()
+    text = text.replace("P(1, 2, 3)", "P(1, 2, 3), Speed = 5")
+    assert [one.what for one in read({"a": text}, {}).faults] == ["Speed 30, by post.internal_speed it is 10"]
+
+
+def test_another_radius_of_a_blend_is_found_where_it_is_in_mm() -> None:
+    options: dict[str, object] = {"pass_mark": "mm"}
+    post = make_post(PacScript, options)
+    body = (HOME, MoveJ(at(0, 0, 20), 100.0), MoveL(at(9, 0, 20), 20.0, 2.0), MoveL(at(9, 9, 20), 20.0))
+    program = post.prepare(Program("part", translation(300, -75, 150), translation(0, 0, 100), whole(body)), 0.01)
+    (file,) = post.render(program)
+    assert file.text.count("@2 ") == 1
+    compare(program, read({"a": file.text}, options), post.tolerance(), post.list_verified(), "a")
+    wider = read({"a": file.text.replace("@2 ", "@3 ")}, options)
+    with pytest.raises(VerifyError, match="blend reads 3, planned is 2"):
+        compare(program, wider, post.tolerance(), post.list_verified(), "a")
+
+
+def test_a_fault_is_told_before_a_remark_of_its_line() -> None:
+    text = text_of(CUT, {}).replace(TARGET, "(, 2, x)")
+    kinds = [isinstance(one, Remark) for one in read({"a": text}, {}).faults]
+    assert kinds == [False, True, True]
 
 
 def test_an_arc_ends_in_the_figure_in_which_it_starts() -> None:

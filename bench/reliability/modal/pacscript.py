@@ -28,11 +28,54 @@ _SETTINGS = {"speed", "extspeed", "changetool", "changework", "motor", "payload"
 _NAMES = {"ptp": "p", "s": "speed"}
 
 
+class _Robot(Machine):
+    """With its force tables: ``ForceParam`` defines one (RC8 manual 5176), by which the robot presses while force
+    control is on. While it is off a table shows nowhere.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tables: dict[str, Event] = {}
+        self.pressing = False
+
+    def fill(self, table: str, value: Event) -> None:
+        """Shows at once while the robot presses: it may press by this table."""
+        if self.tables.get(table) != value:
+            self.tables[table] = value
+            if self.pressing:
+                self.show_tables()
+
+    def press(self, *value: Atom) -> None:
+        """Force control on or off, by all tables."""
+        self.pressing = value[:1] != ("false",)
+        self.show_tables()
+        self.switch("forcectrl", *value)
+
+    def show_tables(self) -> None:
+        """All tables, each that has changed."""
+        for table in sorted(self.tables):
+            self.switch(f"forceparam {table}", *self.tables[table])
+
+    def tell(self, words: Sequence[str]) -> None:
+        """A statement that is not understood may read the tables and fill them, or begin to press."""
+        self.show_tables()
+        super().tell(words)
+        self.tables.clear()
+        self.pressing |= words[0] in ("call", "sub") or "forcectrl" in words
+
+    def end(self) -> list[Event]:
+        """With the tables that are left behind."""
+        self.show_tables()
+        return super().end()
+
+
 def trace(text: str) -> list[Event]:
     """The trace of one file."""
-    machine, depth, here = Machine(), 0, None
-    for line in text.split("\n"):
-        words = _words(line)
+    machine, depth, here = _Robot(), 0, None
+    lines = text.split("\n")
+    read = [_words(line) for line in lines]
+    for k, (line, said) in enumerate(zip(lines, read, strict=True)):
+        words = _without_by_value(said, read[k + 1 :])
         if len(line.encode()) > _LONGEST:
             machine.say("too long", line)
         if not words:
@@ -56,6 +99,18 @@ def _words(line: str) -> list[str]:
     return [] if words[:1] == ["rem"] else words
 
 
+def _without_by_value(words: list[str], after: Sequence[list[str]]) -> list[str]:
+    """The words of a statement, a ``Sub`` that gives no name a value and calls none without ``ByVal``: whether it has
+    the caller's variable (``ByRef``, the other word of the keyword list) or a copy, the values in it are the same.
+    """
+    if words[:1] != ["sub"]:
+        return words
+    inside = after[: after.index(["end", "sub"])] if ["end", "sub"] in after else after
+    if any("=" in one[1:2] or one[:1] in (["call"], ["sub"], ["dim"], ["for"]) for one in inside):
+        return words
+    return [word for k, word in enumerate(words) if word != "byval" or words[k - 1] not in ("(", ",")]
+
+
 def _tell_once(machine: Machine, words: Sequence[str]) -> None:
     """A statement as it is. The same value given again at once to the same name says nothing."""
     event = ("says", *atoms(words))
@@ -63,7 +118,7 @@ def _tell_once(machine: Machine, words: Sequence[str]) -> None:
         machine.tell(words)
 
 
-def _read(machine: Machine, words: list[str], here: Point | None) -> Point | None:
+def _read(machine: _Robot, words: list[str], here: Point | None) -> Point | None:
     """A statement that stands in no branch. here: where the tool stands; returned is where it stands after it."""
     name = words[0]
     if name in ("sub", "end", "function", "call"):
@@ -81,7 +136,7 @@ def _read(machine: Machine, words: list[str], here: Point | None) -> Point | Non
     return here
 
 
-def _set(machine: Machine, words: list[str]) -> bool:
+def _set(machine: _Robot, words: list[str]) -> bool:
     """A setting, an output or a wait; False where it is none of them."""
     name, rest, number = words[0], split(words[1:]), as_number(words[1:])
     if name in _SETTINGS and len(words) > 1:
@@ -92,9 +147,9 @@ def _set(machine: Machine, words: list[str]) -> bool:
     elif name in ("tool", "work") and len(rest) > 1:
         machine.hold(f"{name} {' '.join(rest[0])}", *(each for part in rest[1:] for each in _target(part)))
     elif name == "forceparam" and len(rest) > 1:
-        machine.switch(f"{name} {' '.join(rest[0])}", *(each for part in rest[1:] for each in _target(part, "N")))
+        machine.fill(" ".join(rest[0]), tuple(each for part in rest[1:] for each in _target(part, "N")))
     elif name == "forcectrl" and len(words) > 1:
-        machine.switch(name, *atoms(words[1:]))
+        machine.press(*atoms(words[1:]))
     elif name in ("set", "reset") and re.fullmatch(r"io \[ \d+ \]", " ".join(words[1:])):
         machine.switch(f"io {int(words[3])}", name)
     elif name == "delay" and number is not None:

@@ -12,13 +12,14 @@ from collections.abc import Callable, Mapping
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
 from camgen.model.text import counted
-from camgen.post import Fault, Reading
+from camgen.post import Fault, Reading, Remark
 
 from . import force, motion
 from .asked import read_asked
 from .conditions import carry_out_if
 from .machine import UNITS, Machine
 from .motion import Plain, carry_out
+from .spelling import find_unusual
 from .text import Procedure, SourceText, Statement, read_source
 from .values import Unreadable, Value, arguments, evaluate, index, number
 from .words import name_fault
@@ -64,9 +65,14 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     if main := source.procedures.get("main"):
         _Run(machine, source, templates).procedure(main)
         _finish(machine)
-    faults = sorted({*source.faults, *machine.faults}, key=lambda fault: (fault.line, fault.what))
+    faults = sorted({*source.faults, *machine.faults}, key=_place_fault)
     work, tool = (machine.frames.get((kind, machine.numbers[kind])) for kind in ("work", "tool"))
     return Reading(tuple(machine.body), tuple(machine.lines), tuple(faults), work, tool)
+
+
+def _place_fault(fault: Fault) -> tuple[int, bool, str]:
+    """In order of line, faults before remarks: a build tells the first one."""
+    return fault.line, isinstance(fault, Remark), fault.what
 
 
 def _positive(options: Mapping[str, object], key: str, default: float) -> float:
@@ -94,8 +100,7 @@ def _finish(machine: Machine) -> None:
         machine.fault("force control is on at the end")
     if machine.armed:
         machine.remark("the arm is not given back")
-    if machine.moved and not machine.settled:
-        machine.judge_settings()
+    machine.judge_end()
 
 
 _MOTIONS = (MoveJ, MoveL, MoveC)
@@ -137,6 +142,8 @@ class _Run:
         try:
             if self.templates and (force_lines := force.apply_template(machine, self.templates, statements, at)):
                 return force_lines
+            for what in find_unusual(text):
+                machine.remark(what)
             match = _VERB.fullmatch(text)
             verb = match[1].lower() if match else ""
             if verb == "if" and (count := carry_out_if(machine, statements, at)):
@@ -237,7 +244,9 @@ def _take_arm(machine: Machine, rest: str) -> None:
         raise Unreadable(f"TakeArm {rest[:40]}; Keep is 0 or 1")
     if group:
         machine.remark(f"arm group {group}, which no program of the post takes")
-    if not keep:
+    if keep:
+        machine.remark("TakeArm without Keep = 0, so that what the last program has set may hold")
+    else:
         # Believed to set the internal speed to 100 % and both frames to 0; programs of the post do not rely on it.
         machine.internal = 100.0
         if machine.moved and any(machine.numbers.values()):

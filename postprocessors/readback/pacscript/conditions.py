@@ -7,6 +7,7 @@ is only decided where it comes out the same for every arm.
 from __future__ import annotations
 
 import re
+from functools import cache
 from itertools import islice
 
 from .machine import Machine
@@ -17,6 +18,12 @@ from .values import Either, Mps, Unreadable, evaluate, join, spread
 #: mm/s at 100 % of the slowest and of the fastest arm; and the least internal speed, %, to which a controller may raise
 #: what is below.
 _SLOWEST, _FASTEST, _LEAST = 500.0, 20_000.0, 0.1
+#: The questions of the post, each by its statements: in which unit ``Mps`` is, and whether it is a percentage at all.
+_QUESTIONS = (
+    ("if mps(0.1) > 0.2 then", "unit = 0.001", "end if"),
+    ("if mps(100 * unit) < 0.5 or mps(100 * unit) > 20 then", "givearm", "exit sub", "end if"),
+)
+_WORD = re.compile(r"[\w.]+|\S")
 _IF = re.compile(r"if\b(.*)\bthen", re.IGNORECASE)
 _WORDS = re.compile(r"\b(?:and|or)\b", re.IGNORECASE)
 _COMPARISON = re.compile(r"([^<>=]+)([<>])([^<>=]+)")
@@ -37,6 +44,7 @@ def carry_out_if(machine: Machine, statements: list[Statement], at: int) -> int 
         return None
     machine.asked = True
     try:
+        _hold_question(machine, statements[at : at + count])
         truth = _decide(machine, found[1])
         for branch, taken in zip(branches, (truth, [not one for one in truth]), strict=True):
             for statement in branch if any(taken) else ():
@@ -46,6 +54,21 @@ def carry_out_if(machine: Machine, statements: list[Statement], at: int) -> int 
         machine.fault(str(error))
         machine.here = None
     return count
+
+
+def _hold_question(machine: Machine, statements: list[Statement]) -> None:
+    """A remark where neither question of the post stands: what a branch would do that no arm goes into, nobody sees."""
+    if [_words(_text(statement)) for statement in statements] not in _known_questions():
+        machine.remark("Mps is asked otherwise than by the programs of the post")
+
+
+def _words(text: str) -> list[str]:
+    return _WORD.findall(text.lower())
+
+
+@cache
+def _known_questions() -> list[list[list[str]]]:
+    return [[_words(text) for text in question] for question in _QUESTIONS]
 
 
 def _text(statement: Statement) -> str:

@@ -10,13 +10,14 @@ from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Instruction, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.post import Fault, Remark
 
-from .asked import Asked, judge_settings, read_asked
+from .asked import Asked, judge_internal, judge_mark, judge_settings, read_asked
 from .values import Either, Mps, Unreadable, Value, evaluate, speed
 from .words import TYPES
 
-#: What 100 % is taken for when the options do not say it (a fault tells, but of joint motions), mm/s; the blend that
-#: ``@P`` is given, mm.
-_RATED, PASS_BLEND = 1000.0, 1.0
+#: What 100 % is taken for when the options do not say it (a fault tells, but of joint motions), mm/s.
+_RATED = 1000.0
+#: The blend of a pass mark, mm; how near ``@P`` and ``@C`` pass their target is the controller's choice.
+_BLENDS = {"@0": 0.0, "@E": 0.0, "@P": 1.0, "@C": 1.0}
 #: mm/s that ``Mps(1)`` is, by the unit that the controller reads; the first one is taken where a text leaves it open.
 UNITS = {"mm/s": 1.0, "m/s": 1000.0}
 #: Two speeds are the same within so much of them: single precision.
@@ -47,6 +48,11 @@ class Machine:
     #: where it says none of these.
     stated_external: float = 0.0
     acceleration: tuple[float, ...] | None = None
+    #: The internal speed as the text says it, None: not at all; whether a motion runs at it.
+    stated_internal: float | Mps | None = None
+    leans: bool = False
+    #: The pass marks so far and their blends, mm.
+    blends: dict[str, float] = field(default_factory=dict)
     #: The figure of the arm, where the text tells it.
     figure: int | None = None
     #: The text compares ``Mps`` with a percentage.
@@ -87,6 +93,31 @@ class Machine:
         self.settled = True
         for what in judge_settings(self.wanted, self.numbers, self.stated_external, self.acceleration):
             self.remark(what)
+
+    def judge_end(self) -> None:
+        """Holds what is left behind against the options."""
+        if self.moved and not self.settled:
+            self.judge_settings()
+        if (
+            not self.leans
+            and self.acceleration is not None
+            and (what := judge_internal(self.wanted, self.stated_internal))
+        ):
+            self.remark(what)
+
+    def lean(self) -> float | Mps:
+        """The internal speed, for a motion without its own."""
+        self.leans = True
+        return self.internal
+
+    def blend(self, mark: str) -> float:
+        """The blend in mm that a pass mark stands for."""
+        known = self.blends.get(mark)
+        if known is None:
+            known = self.blends[mark] = _BLENDS[mark] if mark in _BLENDS else float(mark[1:])
+            if what := judge_mark(self.wanted, mark):
+                self.remark(what)
+        return known
 
     def lookup(self, key: str | tuple[str, int]) -> Value:
         """The value of a variable that the text has set."""
@@ -137,8 +168,8 @@ class Machine:
         if self.passing:
             self.fault(f"{_STILL[type(item)]} after a motion that passes its target: it may come too early")
             self.passing = False
-        if self.given:
-            self.remark(f"{_STILL[type(item)]} after GiveArm")
+        if not self.armed:
+            self.remark(f"{_STILL[type(item)]} {'after GiveArm' if self.given else 'before TakeArm'}")
         self.emit(item)
 
     def pressing(self) -> tuple[float, Vec3]:

@@ -13,7 +13,8 @@ from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Posture
 from camgen.model.text import counted
 
-from .machine import PASS_BLEND, Machine
+from .machine import Machine
+from .spelling import find_unusual
 from .values import (
     UNDEFINED,
     Figured,
@@ -28,8 +29,7 @@ from .values import (
 from .values import speed as checked_speed
 
 _MARK = re.compile(r"@\s*(0|P|E|C|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
-_STOPS, _PASSES = ("@0", "@E", "@e"), ("@P", "@p", "@C", "@c")
-_MARKS = dict.fromkeys(_STOPS, 0.0) | dict.fromkeys(_PASSES, PASS_BLEND)
+_MARKS = frozenset(("@0", "@P", "@E", "@C"))
 _NAMED = re.compile(r"\* [A-Za-z]")
 _OPTION = re.compile(r"(speed|s|accel|decel)\s*=\s*(.*)", re.IGNORECASE)
 _EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
@@ -37,12 +37,12 @@ _LINEAR = {"l": True, "p": False, "ptp": False}
 
 
 class Manner(Struct, frozen=True, gc=False):
-    """How a motion is made. linear: ``L``, else ``P``; blend: mm; speed: its own, as its text where that holds a name,
-    None where it has none.
+    """How a motion is made. linear: ``L``, else ``P``; mark: as ``_mark`` gives it; speed: its own, as its text where
+    that holds a name, None where it has none.
     """
 
     linear: bool
-    blend: float
+    mark: str
     speed: float | Mps | str | None
 
 
@@ -59,8 +59,8 @@ def move(machine: Machine, rest: str) -> None:
     if not targets:
         raise Unreadable("a motion without a target")
     for text in targets:
-        blend, expression = _mark(text)
-        go(machine, _LINEAR[kind], _place(machine, expression), blend, speed, at_once)
+        mark, expression = _mark(text)
+        go(machine, _LINEAR[kind], _place(machine, expression), machine.blend(mark), speed, at_once)
 
 
 def manner_of(kind: str, mark: str, speed: str) -> Manner:
@@ -87,10 +87,10 @@ def approach(machine: Machine, rest: str) -> None:
     linear = _interpolation(parts)
     (reference, length), speed, at_once = _exactly(machine, parts[1:], 2)
     pose = _place(machine, reference)
-    blend, expression = _mark(length)
+    mark, expression = _mark(length)
     if isinstance(pose, Joints):
         raise Unreadable("an approach to joints is not evaluated")
-    go(machine, linear, _back(pose, number(expression, machine.lookup)), blend, speed, at_once)
+    go(machine, linear, _back(pose, number(expression, machine.lookup)), machine.blend(mark), speed, at_once)
 
 
 def depart(machine: Machine, rest: str) -> None:
@@ -98,8 +98,8 @@ def depart(machine: Machine, rest: str) -> None:
     parts = arguments(rest)
     linear = _interpolation(parts)
     (length,), speed, at_once = _exactly(machine, parts[1:], 1)
-    blend, expression = _mark(length)
-    go(machine, linear, _back(_here(machine), number(expression, machine.lookup)), blend, speed, at_once)
+    mark, expression = _mark(length)
+    go(machine, linear, _back(_here(machine), number(expression, machine.lookup)), machine.blend(mark), speed, at_once)
 
 
 def draw(machine: Machine, rest: str) -> None:
@@ -107,17 +107,17 @@ def draw(machine: Machine, rest: str) -> None:
     parts = arguments(rest)
     linear = _interpolation(parts)
     (way,), speed, at_once = _exactly(machine, parts[1:], 1)
-    blend, expression = _mark(way)
+    mark, expression = _mark(way)
     value, here = evaluate(expression, machine.lookup), _here(machine)
     if not isinstance(value, Vector):
         raise Unreadable("Draw needs a vector")
     x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
-    go(machine, linear, Pose(here.rotation, (x, y, z)), blend, speed, at_once)
+    go(machine, linear, Pose(here.rotation, (x, y, z)), machine.blend(mark), speed, at_once)
 
 
 def speed_statement(machine: Machine, rest: str) -> None:
     """``Speed`` in percent or by ``Mps``: for motions without their own."""
-    machine.internal = checked_speed(evaluate(rest, machine.lookup))
+    machine.internal = machine.stated_internal = checked_speed(evaluate(rest, machine.lookup))
     machine.acceleration, machine.settled = (), False  # Speed changes it (reference, Speed).
 
 
@@ -159,7 +159,7 @@ def _percent(machine: Machine, rest: str) -> list[float]:
 def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps, bool]:
     """The parts that are no options, the speed, and whether ``Next`` runs on before the arm arrives."""
     targets: list[str] = []
-    speed: Value = machine.internal
+    speed: Value | None = None
     at_once = False
     for part in parts:
         if "=" in part and (option := _OPTION.fullmatch(part)):
@@ -174,7 +174,7 @@ def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps
             raise Unreadable("extended axes are not evaluated")
         else:
             targets.append(part)
-    return targets, checked_speed(speed), at_once
+    return targets, machine.lean() if speed is None else checked_speed(speed), at_once
 
 
 def _exactly(machine: Machine, parts: list[str], count: int) -> tuple[list[str], float | Mps, bool]:
@@ -190,19 +190,17 @@ def _interpolation(parts: list[str]) -> bool:
     return _LINEAR[parts[0].lower()]
 
 
-def _mark(text: str) -> tuple[float, str]:
-    """The blend in mm that the pass mark before a target stands for, and the target."""
+def _mark(text: str) -> tuple[str, str]:
+    """The pass mark before a target, @ and 0, P, E, C or mm, and the target. Without a mark it is @0."""
     if not text.startswith("@"):
-        return 0.0, text
+        return "@0", text
     head, _, place = text.partition(" ")
     if head in _MARKS:
-        return _MARKS[head], place.strip()
+        return head, place.strip()
     match = _MARK.match(text)
     if match is None:
         raise Unreadable(f"the pass mark of {text} is not understood")
-    mark = match[1].strip("[] \t").lower()
-    blend = _MARKS.get("@" + mark)
-    return float(mark) if blend is None else blend, text[match.end() :]
+    return "@" + match[1].strip("[] \t").upper(), text[match.end() :]
 
 
 def _place(machine: Machine, expression: str) -> Pose | Joints:
@@ -245,11 +243,11 @@ def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, spee
 def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool) -> None:
     if len(targets) != 2:
         raise Unreadable(f"Move C has {counted(len(targets), 'point')} instead of two")
-    blend, expression = _mark(targets[1])
+    mark, expression = _mark(targets[1])
     via, end = _place(machine, targets[0]), _place(machine, expression)
     if isinstance(via, Joints) or isinstance(end, Joints):
         raise Unreadable("an arc through joints is not evaluated")
-    arc(machine, via, end, blend, speed, at_once)
+    arc(machine, via, end, machine.blend(mark), speed, at_once)
 
 
 def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float | Mps, at_once: bool) -> None:
@@ -258,12 +256,22 @@ def arc(machine: Machine, via: Pose, end: Pose, blend: float, speed: float | Mps
         machine.fault("an arc from a place that the text does not give")
     elif shape := _shape(machine.here.origin, via.origin, end.origin):
         machine.fault(shape)
-    if isinstance(via, Figured) and isinstance(end, Figured) and via.figure != end.figure:
-        machine.fault("the points of the arc have different figures")
+    _compare_figures(machine, via, end)
     posture = _posture(end)
     via, end = (Pose(place.rotation, place.origin) for place in (via, end))
     mm_s = machine.mm_per_second(speed)
     machine.emit_motion(MoveC(via, end, mm_s, blend, *machine.pressing(), posture=posture), blend > 0 or at_once)
+
+
+def _compare_figures(machine: Machine, via: Pose, end: Pose) -> None:
+    """The reference asks for one figure at the ends of an arc; what the one of the via point does, it does not say."""
+    if isinstance(via, Figured) and isinstance(end, Figured):
+        if via.figure != end.figure:
+            machine.fault("the points of the arc have different figures")
+    elif isinstance(via, Figured):
+        machine.remark(f"the via point of an arc has figure {via.figure}, its end leaves it open")
+    elif isinstance(end, Figured):
+        machine.remark(f"the via point of an arc leaves its figure open, its end has {end.figure}")
 
 
 @lru_cache(maxsize=64)
@@ -340,8 +348,9 @@ def _place_plain(position: str, turn: str) -> Pose:
 @lru_cache(maxsize=1024)
 def _read_turn(turn: str) -> tuple[FloatArray, int]:
     """The rotation and the figure that follow x, y, z in the brackets of ``P()``, as the long way reads them."""
-    value = evaluate(f"P(0, 0, 0{turn})", nothing)
-    if not isinstance(value, Pose):
+    position = f"P(0, 0, 0{turn})"
+    value = evaluate(position, nothing)
+    if not isinstance(value, Pose) or find_unusual(position):
         raise Unreadable(f"{turn} is no rotation")
     return value.rotation, value.figure if isinstance(value, Figured) else UNDEFINED
 
@@ -349,10 +358,11 @@ def _read_turn(turn: str) -> tuple[FloatArray, int]:
 def carry_out(machine: Machine, item: Plain) -> None:
     """Does what ``pacscript_motion.move`` does with the same line."""
     manner = item.manner
-    speed = machine.internal if manner.speed is None else manner.speed
+    speed = machine.lean() if manner.speed is None else manner.speed
     if isinstance(speed, str):
         speed = machine.speed_of(speed)
+    blend = machine.blend(manner.mark)
     if item.via is not None:
-        arc(machine, item.via, item.target, manner.blend, speed, False)
+        arc(machine, item.via, item.target, blend, speed, False)
     else:
-        go(machine, manner.linear, item.target, manner.blend, speed, False)
+        go(machine, manner.linear, item.target, blend, speed, False)

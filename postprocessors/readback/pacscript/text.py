@@ -177,6 +177,7 @@ def _open(opening: re.Match[str], number: int, main: str, source: SourceText) ->
     parameters = {m[1].lower(): (m[2] or "variant").lower() for m in matches if m}
     if len(parameters) < len(matches) or not TYPES.keys() >= set(parameters.values()):
         source.faults.append(Fault(number, "parameters that cannot be read"))
+        parameters = {name: kind if kind in TYPES else "variant" for name, kind in parameters.items()}
     _check_names(source, number, *(() if given == "main" else (opening[2],)), *parameters)
     if name == "main" and parameters:
         source.faults.append(Fault(number, "Main has parameters, and nobody calls it with values"))
