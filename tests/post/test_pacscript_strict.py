@@ -13,6 +13,7 @@ from camgen.model.program import Instruction, Joints, MoveC, MoveJ, MoveL, Outpu
 from camgen.post import Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
+from tests.support.strict import find_after
 from tests.support.whole import whole
 
 HOME = MoveJ(Joints(tuple(math.radians(v) for v in (0.0, 0.0, 90.0, 0.0, 30.0, 0.0))), 100.0)
@@ -223,11 +224,7 @@ TAKEN = [
 
 def found(options: Mapping[str, object], before: str, after: str) -> list[tuple[bool, str]]:
     """Whether each thing that is found in a program with one change is a remark, and its words."""
-    text = text_of(CUT, options)
-    assert read({"part.pcs": text}, options).faults == ()
-    assert before in text, text
-    faults = read({"part.pcs": text.replace(before, after, 1)}, options).faults
-    return [(isinstance(one, Remark), one.what) for one in faults]
+    return [(remark, what) for _, remark, what in find_after(read, text_of(CUT, options), options, before, after)]
 
 
 @pytest.mark.parametrize(("options", "before", "after", "what"), FAULTS)

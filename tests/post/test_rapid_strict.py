@@ -14,6 +14,7 @@ from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL
 from camgen.post import Remark
 from camgen.post.plugins import make_post
 from camgen.post.verify import compare
+from tests.support.strict import find_after
 from tests.support.whole import whole
 
 PRESS = (0.0, 0.0, -1.0)
@@ -210,12 +211,7 @@ REMARKS = [
 def noted(name: str, before: str, after: str) -> list[tuple[int, bool, str]]:
     """Line, whether it is a remark, and words of what is found in a program with one change."""
     body, options = BODIES[name]
-    text = text_of(body, options)
-    assert read({"part.mod": text}, options).faults == ()
-    assert before in text, text
-    place = text.index(before)
-    found = read({"part.mod": text[:place] + after + text[place + len(before) :]}, options).faults
-    return [(one.line - text.count("\n", 0, place) - 1, isinstance(one, Remark), one.what) for one in found]
+    return find_after(read, text_of(body, options), options, before, after)
 
 
 @pytest.mark.parametrize(("name", "before", "after", "what"), FAULTS)
