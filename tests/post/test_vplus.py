@@ -723,6 +723,10 @@ UNSAID = "not said before the first motion: the program before may have left it 
 SETTLES = "sets how exactly the robot stops, which camgen never writes"
 RATED = "ACCEL other than 100, 100: corners and the time of the program are others"
 OVER = "SPEED above 100 %: the controller takes the most that it has"
+GONE = "after DETACH: the robot may be another program's by then"
+SLOWER = "a straight motion at 5 % rotational speed: where the tool turns, it may be slower than its SPEED"
+LEFT_OUT = "a joint of #PPOINT left out, read as 0: what it means is not confirmed"
+SHARED_BY = "is not declared by AUTO: a global variable, which other programs share and which outlives this one"
 HEADER = ".PROGRAM bracket_top()"
 POINT = "    MOVE #PPOINT(0, 45, 50, 0)\n    BREAK\n    SPEED 12.5"
 #: Of the text above: what is changed, and what is found in which line. The first motion is in 16, 15 without RIGHTY.
@@ -764,6 +768,34 @@ STRICT: list[tuple[str, str, Fault]] = [
     ("    ENABLE CP\n", "", Remark(15, f"ENABLE CP {UNSAID}")),
     ("    ATTACH ()\n", "", Remark(15, f"ATTACH {UNSAID}")),
     ("    SELECT ROBOT = 1\n", "", Remark(15, f"SELECT ROBOT {UNSAID}")),
+    ("    TOOL cg.tool\n", "", Remark(15, f"TOOL {UNSAID}")),
+    ("    SELECT ROBOT = 1\n    ATTACH ()", "    ATTACH ()\n    SELECT ROBOT = 1",
+     Remark(7, "SELECT ROBOT after ATTACH, which took the robot that was selected before")),
+    ("ATTACH ()", "ATTACH", Remark(7, "ATTACH without (): what that means is not confirmed")),
+    ("DETACH ()", "DETACH ;)", Remark(34, "DETACH without (): what that means is not confirmed")),
+    ("    DETACH ()\n", "", Remark(34, "the program ends without DETACH: the robot stays attached")),
+    ("    DETACH ()\n    RETURN", "    RETURN\n    DETACH ()",
+     Remark(34, "the program ends without DETACH: the robot stays attached")),
+    ("DETACH ()", "DETACH ()\n    DETACH ()", Remark(35, f"DETACH {GONE}")),
+    ("DETACH ()", "DETACH ()\n    SIGNAL -33", Remark(35, f"an output {GONE}")),
+    ("DETACH ()", "DETACH ()\n    WAIT.EVENT , 1", Remark(35, f"a dwell {GONE}")),
+    ("    RETURN", "    RETURN RETURN", Fault(35, "RETURN stands alone")),
+    ("    RETURN", "    LEFTY",
+     Remark(35, "LEFTY after the last motion stays in force for the program after this one")),
+    ("100 MMPS ALWAYS", "100 ALWAYS MMPS",
+     Remark(20, "ALWAYS stands last in a SPEED: another order is not confirmed")),
+    ("    SPEED 20, 100 MMPS ALWAYS\n", "",
+     Remark(20, "a straight motion with its SPEED in percent: mm/s by post.rated")),
+    ("20, 100 MMPS", "20, 5 MMPS", Remark(21, SLOWER)),
+    ("#PPOINT(0, ", "#PPOINT(, ", Remark(16, LEFT_OUT)),
+    ("#PPOINT(0, 45, 50, 0)", "#PPOINT(0, 45, 50,)", Remark(16, LEFT_OUT)),
+    ("    AUTO cg.tool, cg.work\n", "", Remark(9, f"cg.tool {SHARED_BY}")),
+    ("cg.tool, cg.work", "cg.tool, cg.wora", Remark(12, f"cg.work {SHARED_BY}")),
+    ("    AUTO", "    LOCAL", Remark(5, "LOCAL: its variables outlive the program, those of AUTO do not")),
+    ("ENABLE", "DISABLE", Remark(8, "DISABLE CP: every motion stops, those of the programs after this one too")),
+    ("    RIGHTY", "    BASE", Remark(15, "BASE sets the world frame, for other programs too")),
+    ("    RIGHTY", "    SPEED 50 MONITOR",
+     Remark(15, "SPEED MONITOR sets the operator's speed, for other programs too")),
 ]  # fmt: skip
 
 
@@ -772,6 +804,51 @@ def test_what_the_controller_refuses_is_a_fault_and_what_it_takes_a_remark(old: 
     text = EXPECTED.replace(old, new, 1)
     assert text != EXPECTED
     assert fault in read({"a": text}, {"rated": 1000.0}).faults
+
+
+def remarks(text: str, options: dict[str, object]) -> list[tuple[int, str]]:
+    return [(f.line, f.what) for f in read({"a": text}, options).faults if isinstance(f, Remark)]
+
+
+def test_the_words_of_post_posture_stand_before_the_first_move() -> None:
+    asked: dict[str, object] = {"rated": 1000.0, "posture": ["RIGHTY"]}
+    what = "post.posture asks for RIGHTY before the first MOVE"
+    assert remarks(EXPECTED, asked) == []
+    assert remarks(EXPECTED.replace("    RIGHTY\n", ""), asked) == [(15, what)]
+    late = EXPECTED.replace("    RIGHTY\n", "").replace("    BREAK\n", "    BREAK\n    RIGHTY\n", 1)
+    assert remarks(late, asked) == [(15, what)]
+    assert remarks(EXPECTED.replace("RIGHTY", "LEFTY"), asked) == [(16, what)]
+    other = EXPECTED.replace("    WAIT.EVENT", "    LEFTY\n    WAIT.EVENT")
+    assert remarks(other, asked) == [(24, what)]
+
+
+def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
+    """Speed and posture are said again after a CALL and after its RETURN."""
+    head = ["AUTO wf", "SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL 100, 100", "TOOL NULL", "RIGHTY"]
+    sub = ".PROGRAM sub()\nAUTO wf\nSET wf = NULL\n{}MOVES wf:NULL\nBREAK\n.END\n"
+    main = "\n".join([".PROGRAM main()", *head, "SPEED 20 MMPS ALWAYS", "CALL sub()", "{}DETACH ()", ".END\n"])
+    again = "SPEED 20 MMPS ALWAYS\nRIGHTY\n"
+    assert remarks(main.format("") + sub.format(again), {}) == []
+    speed = "no SPEED since a CALL or its RETURN: whether that keeps the speed is not confirmed"
+    posture = "RIGHTY not said since a CALL or its RETURN: whether that keeps the posture is not confirmed"
+    assert remarks(main.format("") + sub.format(""), {}) == [(16, speed), (16, posture)]
+    after = main.format("MOVES TRANS(1)\nBREAK\n") + sub.format(again)
+    assert remarks(after, {}) == [(11, speed), (11, posture)]
+
+
+def test_what_the_controller_has_is_what_the_options_name() -> None:
+    options: dict[str, object] = {"declare": False}
+    text = "\n".join([
+        ".PROGRAM t()", "SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL 100, 100", "TOOL cg.tool",
+        "MOVE cg.work:NULL", "BREAK", "DETACH ()", ".END\n",
+    ])  # fmt: skip
+    assert remarks(text, options) == []
+    assert remarks(text.replace("TOOL cg.tool", "TOOL cg.work"), options) == [
+        (1, "the tool is cg.work, not cg.tool as post.tool has it")
+    ]
+    assert remarks(text.replace("cg.work", "cg.tool"), options) == [
+        (7, "a target in cg.tool, not in cg.work as post.work has it")
+    ]
 
 
 def test_four_axes_take_no_tilt_in_whatever_frames() -> None:

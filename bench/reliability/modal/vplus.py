@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from typing import NamedTuple
 
 from bench.reliability.modal.machine import Event, Machine, Number, arguments, as_number, atom, split, turn, turned
 
 _WORD = re.compile(r'"[^"]*"|\d+\.?\d*(?:e[+-]?\d+)?|\.\d+|[.$#]?[a-z][a-z0-9_.]*|==|<>|<=|>=|\S')
 #: So much of a name counts.
 _COUNTS = 15
+#: More programs than any text calls.
+_CALLS = 100
 _POSTURE = {
     "lefty": "arm", "righty": "arm", "above": "elbow", "below": "elbow", "flip": "wrist", "noflip": "wrist",
     "single": "turns", "multiple": "turns",
@@ -23,27 +26,113 @@ _KEYWORDS = """
     inverse shift dx dy dz rx ry rz""".split()  # noqa: SIM905
 
 
+class _Program(NamedTuple):
+    """Its name, and its lines in words."""
+
+    name: str
+    lines: list[list[str]]
+
+
 def trace(text: str) -> list[Event]:
-    """The trace of one file."""
-    task = _Task(re.findall(r"[a-z][a-z0-9_.]*", re.sub(";[^\n]*", "", text.lower())))
-    for line in text.split("\n"):
-        words = _WORD.findall(line.split(";")[0].lower())
-        if words:
-            task.read([word[:_COUNTS] if word[:1].isalpha() and word != "wait.event" else word for word in words])
-    return task.machine.end()
+    """The trace of one file: of its first program, and of what that calls."""
+    lines = [_WORD.findall(line.split(";")[0].lower()) for line in text.split("\n")]
+    lines = [[word if word == "wait.event" else _cut(word) for word in words] for words in lines if words]
+    programs = _part(lines)
+    if not programs:
+        machine = Machine()
+        machine.say("no programs")
+        for words in lines:
+            machine.tell(words)
+        return machine.end()
+    task = _Task(programs)
+    first = programs[0].name
+    # The first program is the one that is started: it is no matter what it is called.
+    names = re.findall(r"[a-z][a-z0-9_.]*", re.sub(";[^\n]*", "", text.lower()))
+    task.run(first, "" if _is_free(first) and names.count(first) == 1 else first)
+    for program in programs:
+        if program.name not in task.reached:
+            task.leave_out(program.name, program.lines)
+    return task.end()
+
+
+def _cut(word: str) -> str:
+    return word[:_COUNTS] if word[:1].isalpha() else word
+
+
+def _part(lines: list[list[str]]) -> list[_Program]:
+    """The programs, none where a line is in none, one has arguments or no end, or two have one name."""
+    programs: list[_Program] = []
+    within = False
+    for words in lines:
+        if words[0] == ".program" and not within and words[2:] == ["(", ")"]:
+            programs.append(_Program(words[1], []))
+            within = True
+        elif words == [".end"] and within:
+            within = False
+        elif within and words[0][0] != ".":
+            programs[-1].lines.append(words)
+        else:
+            return []
+    return programs if not within and len({one.name for one in programs}) == len(programs) else []
 
 
 class _Task:
-    """A program that runs. text: its words, without comments. known: the variables by name. moving: whether a motion
-    has begun since the last BREAK. begun: whether an executable line has come. opened: whether a program has.
+    """A program that runs. programs: by name. known: the variables by name. reached: the programs that ran. at: where
+    the last motion went. moving: whether a motion has begun since the last BREAK. begun: whether an executable line
+    has come. own: the variables of the program that runs. robot: the one that is selected, if any.
     """
 
-    def __init__(self, text: list[str]) -> None:
-        self.text, self.opened = text, False
+    def __init__(self, programs: list[_Program]) -> None:
+        self.programs = {program.name: program.lines for program in programs}
         self.machine = Machine()
         self.known: dict[str, Event] = {}
-        self.moving = False
-        self.begun = False
+        self.own: set[str] = set()
+        self.reached: list[str] = []
+        self.at: Event = ()
+        self.moving = self.begun = self.attached = False
+        self.robot = ""
+
+    def end(self) -> list[Event]:
+        """The whole trace. SPEED 100,100 ALWAYS is assumed whenever program execution starts (Language Reference,
+        SPEED): no speed is left behind.
+        """
+        for name in ("speed", "next speed"):
+            self.machine.state.pop(name, None)
+        return self.machine.end()
+
+    def run(self, name: str, called: str) -> None:
+        """A program from its first line to its RETURN, or to ``.END``, which is one: programs that ran on real robots
+        (adept_experimental, ``ros.read.4bytes``) are called, have no RETURN, and their callers go on.
+        """
+        known, own, begun = dict(self.known), self.own, self.begun
+        self.own, self.begun = set(), False
+        self.reached.append(name)
+        self.machine.say("enters", called)
+        self.cross()
+        lines = self.programs[name]
+        count = lines.index(["return"]) if ["return"] in lines else len(lines)
+        for words in lines[:count]:
+            self.read(words)
+        self.leave_out(called, [words for words in lines[count:] if words != ["return"]])
+        self.machine.say("leaves", called)
+        for each in self.own:
+            self.known.pop(each, None)
+            if each in known:
+                self.known[each] = known[each]
+        self.own, self.begun = own, begun
+        self.cross()
+
+    def leave_out(self, name: str, lines: list[list[str]]) -> None:
+        """Lines that are not reached."""
+        for words in lines:
+            self.machine.say("not reached", name)
+            self.machine.tell(words)
+
+    def cross(self) -> None:
+        """From one program to another: whether that keeps what was set, is not known."""
+        state = self.machine.state
+        for name, value in state.items():
+            state[name] = value if value[:1] == ("kept?",) else ("kept?", *value)
 
     def read(self, words: list[str]) -> None:
         """One line."""
@@ -51,13 +140,9 @@ class _Task:
         handler = _STATEMENTS.get(name)
         if name == "auto":
             machine.say("auto", "late" if self.begun else "first", *sorted(words[1:]))
-            return
-        if name == ".program":
-            machine.leave()
-            first, self.begun, self.opened = not self.opened, False, True
-            # The first program is the one that is started: it is no matter what it is called.
-            free = first and _is_free(words[1:2]) and self.text.count(words[1]) == 1
-            machine.tell([name, *words[2:]] if free else words)
+            self.own |= {word for word in words[1:] if word != ","}
+            for each in self.own:
+                self.known.pop(each, None)
             return
         self.begun = True
         if name in _POSTURE and len(words) == 1:
@@ -70,10 +155,35 @@ class _Task:
             if self.moving:
                 machine.say(name)
             self.moving = False
-        elif words == ["return"] and machine.trace[-1:] == [("says", "return")]:
-            return  # Nothing comes to it.
         elif handler is None or not handler(self, words[1:]):
             machine.tell(words)
+
+    def call(self, words: list[str]) -> bool:
+        """``CALL name()``."""
+        if words[1:] != ["(", ")"] or words[0] not in self.programs or len(self.reached) > _CALLS:
+            return False
+        self.run(words[0], words[0])
+        return True
+
+    def select(self, words: list[str]) -> bool:
+        """``SELECT ROBOT = n``: which robot ATTACH takes. Selected again before that, it is the same."""
+        again = words == ["robot", "=", self.robot] and not self.attached
+        self.robot = words[2] if words[:2] == ["robot", "="] and len(words) == 3 else ""
+        return again
+
+    def attach(self, words: list[str]) -> bool:
+        """``ATTACH ()``. To a task that has the robot it says nothing: task 0 has it from its start (User's Guide,
+        robot control programs), and programs that ran on real robots (adept_experimental, ``ros.srv.cmd``) attach it
+        there all the same.
+        """
+        again = words == ["(", ")"] and self.attached
+        self.attached = self.attached or words == ["(", ")"]
+        return again
+
+    def detach(self, words: list[str]) -> bool:
+        """``DETACH ()``."""
+        self.attached = self.attached and words != ["(", ")"]
+        return False
 
     def set(self, words: list[str]) -> bool:
         """``name = location``."""
@@ -85,6 +195,7 @@ class _Task:
     def tool(self, words: list[str]) -> bool:
         """``TOOL`` and its location."""
         self.machine.hold("tool", *self.value(words))
+        self.at = ()
         return bool(words)
 
     def value(self, words: list[str]) -> Event:
@@ -105,11 +216,26 @@ class _Task:
         return tuple(each for event in found for each in (":", *event))
 
     def move(self, words: list[str], name: str) -> bool:
-        """A motion to a location; a speed for the next motion is used up."""
-        self.machine.move(name, *self.value(words))
-        self.machine.state.pop("next speed", None)
-        self.moving = True
+        """A motion to a location; a speed for the next motion is used up.
+
+        With MMPS the first number is the linear speed of the tool tip, the second the rotational one of straight
+        motions (Language Reference, SPEED): a straight motion whose target only turns has none of the first.
+        """
+        state, target = self.machine.state, self.value(words)
+        key = "next speed" if "next speed" in state else "speed"
+        pace = state.get(key, ())
+        if name == "moves" and pace[:1] == ("mmps",) and len(pace) == 3 and self.is_turn(target):
+            state[key] = ("turns", pace[2])
+        self.machine.move(name, *target)
+        state.update({key: pace} if pace else {})
+        state.pop("next speed", None)
+        self.moving, self.at = True, target
         return bool(words)
+
+    def is_turn(self, target: Event) -> bool:
+        """Whether ``target`` differs from where the last motion went in the rotation of its last ``TRANS`` alone."""
+        found = [value.unit for value in target[-9:] if isinstance(value, Number)]
+        return found == ["turn"] * 9 and self.at[:-9] == target[:-9] and self.at[-9:] != target[-9:]
 
     def speed(self, words: list[str]) -> bool:
         """``SPEED s [,r] [unit] [ALWAYS]``."""
@@ -124,7 +250,8 @@ class _Task:
         numbers = [Number(value, kind if k == 0 else "%") for k, value in enumerate(known)]
         key = "monitor" if unit == "monitor" else "speed" if always else "next speed"
         if len(numbers) == 1:
-            numbers += [one for one in self.machine.state.get(key, ())[2:3] if isinstance(one, Number)]
+            before = self.machine.state.get(key, ())
+            numbers += [one for one in before[2:3] if isinstance(one, Number) and before[0] != "kept?"]
         self.machine.hold(key, unit, *numbers)
         return True
 
@@ -148,12 +275,13 @@ class _Task:
 
 
 _STATEMENTS: dict[str, Callable[[_Task, list[str]], bool]] = {
+    "attach": _Task.attach, "call": _Task.call, "detach": _Task.detach, "select": _Task.select,
     "set": _Task.set, "tool": _Task.tool, "speed": _Task.speed, "signal": _Task.signal, "wait.event": _Task.dwell,
     "move": lambda task, words: task.move(words, "move"), "moves": lambda task, words: task.move(words, "moves"),
 }  # fmt: skip
 
 
-def _is_free(name: list[str]) -> bool:
+def _is_free(name: str) -> bool:
     """Whether a program may be called that."""
-    keyword = " ".join(name) in {*_STATEMENTS, *_SETTINGS, *_POSTURE, *_KEYWORDS}
-    return re.fullmatch(r"[a-z][a-z0-9_.]*", " ".join(name)) is not None and not keyword
+    keyword = name in {*_STATEMENTS, *_SETTINGS, *_POSTURE, *_KEYWORDS}
+    return re.fullmatch(r"[a-z][a-z0-9_.]*", name) is not None and not keyword

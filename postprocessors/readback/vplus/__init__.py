@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
+import numpy as np
 from msgspec.structs import replace
 
 from camgen.model.errors import one_line
@@ -88,6 +89,7 @@ class Machine(RobotState):
         """Carries out ``routine`` and what it calls. What cannot be, is reported."""
         try:
             self._run(routine)
+            self.finish(self._line)
         except _Exhausted:
             self.report(self._line, "the loops of this program do not come to an end")
 
@@ -104,6 +106,8 @@ class Machine(RobotState):
                 continue
             self._spend(statement.line)
             if statement.word == "RETURN":
+                if statement.rest:
+                    self.report(statement.line, "RETURN stands alone")
                 break
             try:
                 index = self._next(routine, index, statement, loops)
@@ -116,6 +120,7 @@ class Machine(RobotState):
         count = len(plain.poses)
         if count <= self._budget and self.stretch(plain):
             self._budget -= count
+            self._line = plain.line + count - 1
             return
         for statement in one_by_one(plain):
             self._spend(statement.line)
@@ -165,7 +170,7 @@ class Machine(RobotState):
             raise Unreadable("a loop with step 0")
         if index not in partner:
             raise Unreadable("a loop without END")
-        self.assign(name, first)
+        self.store(statement.line, name, first)
         loop = _Loop(index, partner[index], name, last, step)
         if (first - last) * step > 0:
             return loop.end + 1
@@ -209,6 +214,8 @@ class Machine(RobotState):
     def declares(self, statement: Statement) -> None:
         """``AUTO``, ``LOCAL`` and ``GLOBAL``."""
         self.declare(statement.rest, statement.word != "GLOBAL")
+        if statement.word != "AUTO":
+            self.remark(statement.line, f"{statement.word}: its variables outlive the program, those of AUTO do not")
 
 
 def _length(statement: Statement | Stretch) -> int:
@@ -231,6 +238,8 @@ _DOES: dict[str, Callable[[Machine, Statement], None]] = {
 
 #: Faults are messages of one line.
 _LONGEST_FAULT = 160
+#: How far the printed digits may move a turn on the spot, mm: 0.1 with one decimal, and its double.
+_SPOT = 0.2
 #: The defaults of the post's options that give numbers their meaning (docs/posts/vplus.md).
 _RATED, _RATED_TURN, _SIGNALS, _TOOL, _WORK = 7500.0, 1200.0, {"process": 33}, "cg.tool", "cg.work"
 
@@ -250,9 +259,11 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
         faults.setdefault((line, one_line(what)[:_LONGEST_FAULT]), Remark)
 
     machine = _run(files, options, report, remark)
+    _check_given(machine, options, remark)
     if machine.axes == 4:
         check_scara(machine)
     work, body, lines = _translate(machine, report)
+    _check_turning(tuple(body), lines, machine.turning, remark)
     body = _with_turns(tuple(body), machine.turning, _number(options, "rated_turn", _RATED_TURN))
     ordered = sorted(faults.items(), key=lambda item: item[0][0])
     told = tuple(kind(line, what) for (line, what), kind in ordered)
@@ -267,6 +278,8 @@ def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report
         programs.setdefault(canonical(routine.name), routine)
     rated, signals, known = _number(options, "rated", _RATED), _signal_names(options), _list_known(options)
     machine = Machine(programs, report, remark, rated, signals, known)
+    posture = options.get("posture", ())
+    machine.asked = frozenset(map(str, posture)) if isinstance(posture, (list, tuple)) else frozenset()
     for start in _start(list(programs.values()), report):
         machine.run(start)
     return machine
@@ -292,6 +305,25 @@ def _with_turns(
     return splice(body, changed) if changed else body
 
 
+def _check_turning(
+    body: tuple[Instruction, ...], lines: Sequence[int], turning: Sequence[tuple[int, float]], remark: Report
+) -> None:
+    """Remarks on a rotational speed below 100 % where the tool does not turn on the spot: it may slow the path."""
+    if all(rate >= 100 for _, rate in turning):
+        return
+    columns = Columns(body)
+    moved = np.zeros(len(columns.at), np.bool_)
+    moved[1:] = np.abs(np.diff(columns.ends, axis=0)).max(axis=1, initial=0.0) > _SPOT
+    moved[1:] &= columns.posed[:-1] & columns.moves_are(MoveL)[1:]
+    straight = columns.at[moved].tolist()
+    ends = [begin for begin, _ in turning[1:]] + [len(body)]
+    for (begin, rate), end in zip(turning, ends, strict=True):
+        first = bisect_left(straight, begin)
+        if rate < 100 and first < len(straight) and straight[first] < end:
+            what = f"a straight motion at {rate:g} % rotational speed"
+            remark(lines[straight[first]], f"{what}: where the tool turns, it may be slower than its SPEED")
+
+
 def _signal_names(options: Mapping[str, object]) -> dict[int, str]:
     table = options.get("signals", _SIGNALS)
     return {n: str(name) for name, n in table.items() if isinstance(n, int)} if isinstance(table, Mapping) else {}
@@ -302,6 +334,16 @@ def _list_known(options: Mapping[str, object]) -> frozenset[str]:
     if options.get("declare", True):
         return frozenset()
     return frozenset(canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK)))
+
+
+def _check_given(machine: Machine, options: Mapping[str, object], remark: Report) -> None:
+    """Remarks on a tool or a work frame of the controller that is not the one that the options name."""
+    tool, work = (canonical(str(options.get(key, name))) for key, name in (("tool", _TOOL), ("work", _WORK)))
+    if machine.tool_name not in ("", tool):
+        remark(1, f"the tool is {machine.tool_name}, not {tool} as post.tool has it")
+    for line, frame in zip(machine.lines, machine.frames, strict=True):
+        if frame is not None and frame.external not in ("", work):
+            remark(line, f"a target in {frame.external}, not in {work} as post.work has it")
 
 
 def _start(found: list[Routine], report: Report) -> list[Routine]:

@@ -54,12 +54,13 @@ class Scope(Protocol):
 
 class Expression:
     """One text, read from left to right. Every method raises Unreadable where the text does not fit. constant: no name
-    had a say in what was read so far.
+    had a say in what was read so far. omitted: a number between commas was left out.
     """
 
     def __init__(self, text: str, scope: Scope) -> None:
         self._scope = scope
         self.constant = True
+        self.omitted = False
         # An empty token closes the list, so that there is always a next one.
         self._tokens: list[str] = [*_TOKEN.findall(text.upper()), ""]
         self._at = 0
@@ -172,7 +173,10 @@ class Expression:
         return values
 
     def _real_or_zero(self) -> float:
-        return 0.0 if self.peek() in (",", ")", "") else self.real()
+        if self.peek() not in (",", ")", ""):
+            return self.real()
+        self.omitted = True
+        return 0.0
 
     # -- locations -----------------------------------------------------------------------------------------------
 
@@ -345,6 +349,10 @@ class Variables:
                 raise Unreadable(f"{part.strip()} is declared twice")
             if local:
                 self._locals[-1][key] = None
+
+    def is_own(self, name: str) -> bool:
+        """Whether the program that runs has declared ``name`` for itself."""
+        return canonical(name) in self._locals[-1]
 
     def _external(self, key: str) -> bool:
         """Whether the name stands for what the controller has: the text gives it no value and declares no own one."""

@@ -39,8 +39,10 @@ _PROFILE = re.compile(r"\(\s*(\d{1,9})\s*\)\s*(?=[\d.])")
 #: Postures of the elbow and the wrist: a SCARA has neither.
 _SIX_AXIS_ONLY = frozenset(_PAIRS[1] + _PAIRS[2])
 #: What stands before the first motion of a program that leaves nothing to the one before.
-_SETTINGS = ("SELECT ROBOT", "ATTACH", "ENABLE CP", "ACCEL")
+_SETTINGS = ("SELECT ROBOT", "ATTACH", "ENABLE CP", "ACCEL", "TOOL")
 _ROBOT = re.compile(r"ROBOT\s*=\s*1", re.IGNORECASE)
+#: The manual has ALWAYS last.
+_DISORDERED = re.compile(r"\bALWAYS\s+\w", re.IGNORECASE)
 #: After COARSE, FINE, NULL and NONULL.
 _SETTLING = re.compile(r"(\d+(?:\.\d*)?)?\s*(ALWAYS)?", re.IGNORECASE)
 
@@ -49,7 +51,8 @@ class RobotState(Variables):
     """The robot while a text is carried out. body: what it does, in order. lines, frames: for each its line, and what
     its target is given in, None where it has no pose. tool: None while it is the controller's. turning: the rotational
     speeds, % of the rated one, each with the place in the body from which on it holds. axes: how many joints the arm
-    has, 0 while no precision point says. bent: the postures that only six axes have, by line.
+    has, 0 while no precision point says. bent: the postures that only six axes have, by line. asked: the words of
+    ``post.posture``. tool_name: of a tool that only the controller has.
 
     Methods with a ``Statement`` carry it out; Unreadable when they cannot.
     """
@@ -66,9 +69,10 @@ class RobotState(Variables):
         self.turning: list[tuple[int, float]] = [(0, 100.0)]
         self.axes = 0
         self.bent: dict[int, str] = {}
+        self.asked: frozenset[str] = frozenset()
+        self.tool_name = ""
         self._rated = rated
         self._signals = signals
-        self._tool_name = ""
         #: The place of the last motion in the body.
         self._last: int | None = None
         self._at: Location | None = None
@@ -83,6 +87,36 @@ class RobotState(Variables):
         self._begun = False
         self._detached = False
         self._said: set[str] = set()
+        #: Whether no SPEED has come since a CALL or its RETURN, and the posture words that have, None once told.
+        self._crossed = False
+        self._restated: set[str] | None = None
+        #: The posture words that no motion has come after, by line, and the SPEED of the last straight motion.
+        self._unused: dict[int, str] = {}
+        self._straight: Pace | None = None
+        self._shares = False
+
+    def enter(self) -> None:
+        """A program starts."""
+        super().enter()
+        if self.depth > 1:
+            self._cross()
+
+    def leave(self) -> None:
+        """The program ends."""
+        super().leave()
+        if self.depth:
+            self._cross()
+
+    def _cross(self) -> None:
+        """From one program to another: which settings that keeps, is not confirmed."""
+        self._crossed, self._restated = True, set()
+
+    def finish(self, line: int) -> None:
+        """What the text leaves behind. line: the last one that was carried out."""
+        for place, word in self._unused.items():
+            self.remark(place, f"{word} after the last motion stays in force for the program after this one")
+        if "ATTACH" in self._said and not self._detached:
+            self.remark(line, "the program ends without DETACH: the robot stays attached")
 
     def here(self, word: str) -> Location:
         """Where the last motion went."""
@@ -98,7 +132,7 @@ class RobotState(Variables):
         """``name = number``."""
         name, _, text = statement.rest.partition("=")
         value = self._read(text, words.real)
-        self.assign(variable(name.strip()), value)
+        self.store(statement.line, variable(name.strip()), value)
 
     def set(self, statement: Statement) -> None:
         """``SET name = location`` or ``SET #name = precision point``."""
@@ -107,11 +141,25 @@ class RobotState(Variables):
         if not sign:
             raise Unreadable("SET wants name = location")
         expression = Expression(text, self)
-        value = expression.point() if name[0] == "#" else expression.location()
+        value = self._point(expression, statement) if name[0] == "#" else expression.location()
         expression.finish()
         if isinstance(value, Joints):
             self._count_axes(statement.line, value)
+        self.store(statement.line, name, value)
+
+    def store(self, line: int, name: str, value: float | Location | Joints) -> None:
+        """``assign``, with a remark on the first variable that is not the program's own."""
         self.assign(name, value)
+        if not self._shares and not self.is_own(name):
+            self._shares = True
+            what = "a global variable, which other programs share and which outlives this one"
+            self.remark(line, f"{name} is not declared by AUTO: {what}")
+
+    def _point(self, text: Expression, statement: Statement) -> Joints:
+        point = text.point()
+        if text.omitted:
+            self.remark(statement.line, "a joint of #PPOINT left out, read as 0: what it means is not confirmed")
+        return point
 
     def _read(self, text: str, what: Callable[[Expression], T]) -> T:
         """``what`` of a text; kept, if no name has a say in it."""
@@ -134,17 +182,18 @@ class RobotState(Variables):
         straight = plain.word == "MOVES"
         if frame is None or not (straight or first[1] == others[1] == "%"):
             return False
-        self._begin(plain.line)
+        self._begin(plain.line, straight)
         kind, blend, count = MoveL if straight else MoveJ, ROUNDED if self._path else 0.0, len(plain.poses)
         made = partial(kind, posture=self._posture) if self._posture else kind
         self._turn(first)
         self.body.append(made(plain.poses[0], self._mm_per_second(first), blend))
+        self._once = None
         if count > 1:
+            self._check_speed(plain.line + 1, straight)
             self._turn(others)
             self.body += map(made, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend))
         self.lines += range(plain.line, plain.line + count)
         self.frames += repeat(frame, count)
-        self._once = None
         self._at, self._moving, self._last = Location(plain.poses[-1], frame), True, len(self.body) - 1
         return True
 
@@ -161,7 +210,7 @@ class RobotState(Variables):
     def move(self, statement: Statement) -> None:
         """``MOVE`` or ``MOVES`` with any target."""
         text = Expression(statement.rest, self)
-        target = text.point() if text.peek()[:1] == "#" else text.location()
+        target = self._point(text, statement) if text.peek()[:1] == "#" else text.location()
         text.finish()
         self._go(statement, target)
 
@@ -184,8 +233,8 @@ class RobotState(Variables):
         self._at, self._moving = None, True
 
     def _go(self, statement: Statement, target: Location | Joints) -> None:
-        self._begin(statement.line)
         straight = statement.word.endswith("S")
+        self._begin(statement.line, straight, isinstance(target, Location))
         setting = self._once or self._always
         self._once = None
         self._turn(setting)
@@ -204,11 +253,13 @@ class RobotState(Variables):
             self._add(statement, MoveJ(target, speed, blend))
         self._last = len(self.body) - 1
 
-    def _begin(self, line: int) -> None:
-        """What must hold before a motion."""
+    def _begin(self, line: int, straight: bool, posed: bool = True) -> None:
+        """What must hold before a motion. posed: whether its target is a pose."""
         if self._detached:
             self.report(line, "a motion after DETACH: the robot is not attached to this program")
             self._detached = False  # told once
+        self._check_speed(line, straight)
+        self._check_posture(line, straight, posed)
         if self._begun:
             return
         self._begun = True
@@ -216,6 +267,36 @@ class RobotState(Variables):
         if missing:
             what = f"{', '.join(missing)} not said before the first motion"
             self.remark(line, f"{what}: the program before may have left it otherwise")
+
+    def _check_speed(self, line: int, straight: bool) -> None:
+        """Remarks on a speed that the text leaves open."""
+        if self._crossed and self._once is None:
+            self._crossed = False
+            self.remark(line, "no SPEED since a CALL or its RETURN: whether that keeps the speed is not confirmed")
+        setting = self._once or self._always
+        if straight and setting != self._straight:
+            self._straight = setting
+            if setting[1] == "%":
+                self.remark(line, "a straight motion with its SPEED in percent: mm/s by post.rated")
+
+    def _check_posture(self, line: int, straight: bool, posed: bool) -> None:
+        """Remarks on a posture that the text leaves open, or that the options do not ask for."""
+        self._unused.clear()
+        if self.asked:
+            if not straight and "MOVE" not in self._said:
+                self._compare_posture(line)
+        elif posed and self._restated is not None:
+            kept = {*(self._posture.switches if self._posture else ())} - self._restated
+            self._restated = None
+            if kept:
+                what = f"{', '.join(sorted(kept))} not said since a CALL or its RETURN"
+                self.remark(line, f"{what}: whether that keeps the posture is not confirmed")
+        if not straight:
+            self._said.add("MOVE")
+
+    def _compare_posture(self, line: int) -> None:
+        if {*(self._posture.switches if self._posture else ())} != self.asked:
+            self.remark(line, f"post.posture asks for {', '.join(sorted(self.asked))} before the first MOVE")
 
     def _count_axes(self, line: int, point: Joints) -> None:
         """A report on a precision point of another arm than the ones before."""
@@ -261,7 +342,11 @@ class RobotState(Variables):
             self.remark(statement.line, "SPEED above 100 %: the controller takes the most that it has")
         if not always and unit != "MONITOR":
             self.remark(statement.line, "SPEED without ALWAYS holds for one motion")
+        if _DISORDERED.search(statement.rest):
+            self.remark(statement.line, "ALWAYS stands last in a SPEED: another order is not confirmed")
+        self._crossed = self._crossed and not (always and unit != "MONITOR")
         if unit == "MONITOR":
+            self.remark(statement.line, "SPEED MONITOR sets the operator's speed, for other programs too")
             self._monitor = min(value, 100.0) / 100
         elif always:
             self._always, self._once = (value, unit, turning), None
@@ -278,6 +363,11 @@ class RobotState(Variables):
         words = {*(self._posture.switches if self._posture else ()), statement.word}
         words -= {*pair} - {statement.word}
         self._posture = Posture(switches=tuple(word for both in _PAIRS for word in both if word in words))
+        self._unused[statement.line] = statement.word
+        if self._restated is not None:
+            self._restated.add(statement.word)
+        if self.asked and "MOVE" in self._said:
+            self._compare_posture(statement.line)
 
     def accel(self, statement: Statement) -> None:
         """``ACCEL``: not in the instructions, and so anything but the rated acceleration is a remark."""
@@ -296,6 +386,8 @@ class RobotState(Variables):
         if statement.rest.upper() != "CP":
             raise Unreadable(f"{statement.word} {statement.rest[:20]} is not evaluated")
         self._path = statement.word == "ENABLE"
+        if not self._path:
+            self.remark(statement.line, "DISABLE CP: every motion stops, those of the programs after this one too")
         self._said.add("ENABLE CP")
 
     def settle(self, statement: Statement) -> None:
@@ -310,17 +402,20 @@ class RobotState(Variables):
         """``SELECT ROBOT = 1``: the one that a program has anyway."""
         if not _ROBOT.fullmatch(statement.rest):
             raise Unreadable(f"SELECT {statement.rest[:30]} is not evaluated")
+        if "ATTACH" in self._said and not self._detached:
+            self.remark(statement.line, "SELECT ROBOT after ATTACH, which took the robot that was selected before")
         self._said.add("SELECT ROBOT")
 
     def set_tool(self, statement: Statement) -> None:
         """``TOOL``: one for the whole program."""
+        self._said.add("TOOL")
         text = Expression(statement.rest, self)
         location = text.location()
         text.finish()
         external = location.frame.external
         tool = None if external else location.in_base()
-        changed = external != self._tool_name or not same(tool, self.tool)
-        self.tool, self._tool_name = tool, external
+        changed = external != self.tool_name or not same(tool, self.tool)
+        self.tool, self.tool_name = tool, external
         if changed and self._last is not None:
             self._at = None
             raise Unreadable("the tool changes between motions")
@@ -329,6 +424,7 @@ class RobotState(Variables):
         """``BASE``: only one that moves nothing; it stops the path."""
         values = self._read(statement.rest, words.reals)
         self._stopped()
+        self.remark(statement.line, "BASE sets the world frame, for other programs too")
         if any(values):
             raise Unreadable("BASE moves the world frame, which is not evaluated")
 
@@ -359,11 +455,14 @@ class RobotState(Variables):
     def _standing(self, statement: Statement, what: str) -> None:
         if self._moving:
             self.report(statement.line, f"{what} while the robot may still move: BREAK is missing before it")
+        if self._detached:
+            self.remark(statement.line, f"{what} after DETACH: the robot may be another program's by then")
 
     def attach(self, statement: Statement) -> None:
         """``ATTACH``: the robot is this program's."""
         if "".join(statement.rest.split()) not in ("", "()"):
             raise Unreadable(f"ATTACH {statement.rest[:30]} is not evaluated")
+        self._check_brackets(statement)
         self._said.add("ATTACH")
         self._detached = False
 
@@ -371,8 +470,13 @@ class RobotState(Variables):
         """``DETACH``: not while the robot moves, and nothing moves it after that."""
         if statement.rest.replace(" ", "") not in ("", "()"):
             raise Unreadable("DETACH of a device is not evaluated")
+        self._check_brackets(statement)
         self._standing(statement, "DETACH")
         self._detached = True
+
+    def _check_brackets(self, statement: Statement) -> None:
+        if not statement.rest:
+            self.remark(statement.line, f"{statement.word} without (): what that means is not confirmed")
 
 
 def same(a: Pose | None, b: Pose | None) -> bool:
