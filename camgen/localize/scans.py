@@ -25,10 +25,12 @@ _PLY = {
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }  # fmt: skip
-_PCD = {"F": "f", "I": "i", "U": "u"}
+_PCD = {
+    kind + size: kind.lower() + size for kind, sizes in (("F", "48"), ("I", "1248"), ("U", "1248")) for size in sizes
+}
 _ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-#: A file cannot say more than this of one number of itself.
-_MOST_ENTRIES = 10**9
+#: A file cannot say more than this of one number of itself; a point cannot have more numbers (descriptors have 1,344).
+_MOST_ENTRIES, _MOST_COLUMNS = 10**9, 10_000
 AGAIN = "export it again from the scanner's program"
 
 
@@ -78,7 +80,10 @@ def _ply_head(data: bytes) -> _Head:
         raise ValueError("its head has no beginning or no end")
     body = data.index(b"\n", end) + 1
     lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()]
-    order = next(_ORDER[words[1]] for words in lines if words[:1] == ["format"])
+    ways = [words[1] for words in lines if words[:1] == ["format"]]
+    if not ways:
+        raise ValueError("its head has no format")
+    order = _ORDER[ways[0]]
     elements = [i for i, words in enumerate(lines) if words[:1] == ["element"]]
     if not elements or lines[elements[0]][1] != "vertex":
         raise ValueError("its first element is not vertex")
@@ -95,8 +100,11 @@ def _pcd_head(data: bytes) -> _Head:
     body = data.index(b"\n", at) + 1
     lines = [line.split() for line in data[:body].decode("ascii", "replace").splitlines()]
     said = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
-    sizes = zip(said["FIELDS"], said["TYPE"], said["SIZE"], said.get("COUNT", ["1"] * len(said["SIZE"])), strict=True)
-    columns = [(n, f"<{_PCD[t]}{int(s)}") for n, t, s, count in sizes for _ in range(int(count))]
+    counts = [int(count) for count in said.get("COUNT", ["1"] * len(said["SIZE"]))]
+    if min(counts, default=0) < 0 or sum(counts) > _MOST_COLUMNS:
+        raise ValueError(f"its COUNT is beyond the {_MOST_COLUMNS:,} numbers that a point may have")
+    sizes = zip(said["FIELDS"], said["TYPE"], said["SIZE"], counts, strict=True)
+    columns = [(n, "<" + _PCD[t + s]) for n, t, s, count in sizes for _ in range(count)]
     way = {"ascii": "ascii", "binary": "records", "binary_compressed": "columns"}[said["DATA"][0]]
     return _Head(tuple(columns), int(said["POINTS"][0]), way, body)
 

@@ -33,9 +33,11 @@ _MM = {
 #: a package for this format, or the one that guesses the encoding of what is no text at all.
 _STUMBLES = (
     ValueError, TypeError, LookupError, NameError, AttributeError, ArithmeticError, AssertionError, OSError, EOFError,
-    ImportError, NotImplementedError, RuntimeError, SyntaxError, BadZipFile, struct.error, zlib.error,
+    ImportError, NotImplementedError, RuntimeError, StopIteration, SyntaxError, BadZipFile, struct.error, zlib.error,
 )  # fmt: skip
 _GUESSER = "charset_normalizer"
+#: The part of a 3MF archive that trimesh reads.
+_MODEL = "3d/3dmodel.model"
 #: Coordinates beyond this are damage.
 _FARTHEST_COORDINATE = 1e9
 _QUIET = logging.NullHandler()
@@ -107,6 +109,8 @@ def _model_alone(name: str, data: bytes) -> bytes:
     try:
         with ZipFile(BytesIO(data)) as archive, ZipFile(slim, "w") as model:
             entries = [one for one in archive.infolist() if one.filename.lower().endswith(".model")]
+            if not any(_MODEL in one.filename.lower() for one in entries):
+                raise InputError(name, "is no 3MF mesh: 3D/3dmodel.model is not in it", "", _SAVE_AGAIN)
             if sum(one.file_size for one in entries) > most("model_bytes"):
                 what = f"its model unpacks to more than {most('model_bytes'):,} bytes"
                 raise InputError(name, what, "", "export it with fewer triangles")

@@ -1,0 +1,126 @@
+"""Nearly valid inputs for every reader and every read-back, made by hypothesis: what comes of them.
+
+    python -m bench.reliability.fuzz [NAME ...] [--examples 20000] [--seed 0]
+
+The table of ``bench.reliability.fuzzing.table`` says for each name what its inputs are made of, what is called, and
+what may come of it; the tests try a few of each. A miss is printed with the smallest input that makes it, as bytes for
+a test. STEP, for which a process is started each time, gets a tenth of the examples. Each name has a process of its
+own, with a limit of memory: one that is ended by a signal is a miss, and its input is printed too. The same seed gives
+the same inputs. Exits with 1 if there is a miss.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+from hypothesis import HealthCheck, Phase, given, seed, settings
+
+from bench.machine import machine
+from bench.reliability.fuzzing.table import TABLE, Fuzzed, judge
+
+_NAMES = {one.name: one for one in TABLE}
+#: Bytes of an input that are printed, and of memory that a process may have.
+_PRINTED, _MEMORY = 3000, 4 * 1024**3
+
+
+class Ran(NamedTuple):
+    """examples: that were tried, ``read`` of them a value. miss: "" or what it is and of which input. peak: bytes."""
+
+    examples: int
+    read: int
+    miss: str
+    seconds: float
+    peak: int
+
+
+def fuzz(one: Fuzzed, examples: int, start: int, last: Path) -> Ran:
+    """Tries one reader until a miss. last: gets the input that is tried, for whoever looks after a crash."""
+    counts = [0, 0]
+    latest = b""
+
+    @seed(start)
+    @settings(
+        max_examples=examples,
+        deadline=None,
+        database=None,
+        suppress_health_check=list(HealthCheck),
+        phases=(Phase.generate, Phase.shrink),
+        print_blob=False,
+    )
+    @given(one.inputs)
+    def attempt(data: bytes) -> None:
+        nonlocal latest
+        counts[0] += 1
+        last.write_bytes(data)
+        latest = data
+        counts[1] += judge(one, data)
+
+    began, miss = time.perf_counter(), ""
+    try:
+        attempt()
+    except Exception as error:  # whatever a reader raises is what is looked for
+        miss = f"{type(error).__name__}: {error}: {latest[:_PRINTED]!r}"
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return Ran(counts[0], counts[1], miss, time.perf_counter() - began, peak)
+
+
+def _in_process(name: str, examples: int, start: int) -> Ran:
+    """``fuzz`` in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        last = Path(folder) / "last"
+        words = [
+            sys.executable,
+            "-m",
+            "bench.reliability.fuzz",
+            name,
+            "--examples",
+            str(examples),
+            "--seed",
+            str(start),
+        ]
+        done = subprocess.run([*words, "--last", str(last)], capture_output=True, text=True, check=False)
+        if done.returncode == 0:
+            return Ran(*json.loads(done.stdout.splitlines()[-1]))
+        data = last.read_bytes() if last.exists() else b""
+        said = (done.stderr.splitlines() or [""])[-1]
+        return Ran(0, 0, f"ended with {done.returncode}: {said}: {data[:_PRINTED]!r}", 0.0, 0)
+
+
+def main() -> int:
+    """The table, and every miss."""
+    parser = argparse.ArgumentParser(prog="python -m bench.reliability.fuzz")
+    parser.add_argument("names", nargs="*", metavar="NAME", choices=[*_NAMES, []], help=", ".join(_NAMES))
+    parser.add_argument("--examples", type=int, default=20_000, metavar="N", help="of each; default 20000")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="another number, other inputs")
+    parser.add_argument("--last", type=Path, help=argparse.SUPPRESS)
+    words = parser.parse_args()
+    if words.examples < 1:
+        parser.error("--examples: give 1 or more")
+    if words.last:
+        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+        print(json.dumps(fuzz(_NAMES[words.names[0]], words.examples, words.seed, words.last)))
+        return 0
+    print(machine(), end="\n\n")
+    print("| input | examples | read | refused | misses | seconds | peak MB |\n|---|---|---|---|---|---|---|")
+    misses = []
+    for name in words.names or _NAMES:
+        ran = _in_process(name, max(1, round(words.examples * _NAMES[name].weight)), words.seed)
+        counts = f"{ran.examples:,} | {ran.read:,} | {ran.examples - ran.read:,} | {int(bool(ran.miss))}"
+        print(f"| {name} | {counts} | {ran.seconds:.0f} | {ran.peak / 1e6:.0f} |", flush=True)
+        misses += [f"{name}: {ran.miss}"] if ran.miss else []
+    print()
+    for miss in misses:
+        print(miss)
+    return 1 if misses else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

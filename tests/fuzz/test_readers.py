@@ -1,0 +1,106 @@
+"""Nearly valid inputs for every reader and every read-back: a value, or one line for the user.
+
+The table is the one of ``python -m bench.reliability.fuzz``, which tries many more. What it found stands below.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+
+from bench.reliability.fuzzing import table
+from bench.reliability.fuzzing.table import TABLE, Fuzzed, Miss, judge
+from camgen.localize import scans
+from camgen.model.errors import InputError
+from camgen.model.files import Source
+from camgen.model.program import Output
+from camgen.post import Reading
+from camgen.read.solid import mesh_file
+
+EXAMPLES = 30
+
+
+@pytest.mark.parametrize("one", TABLE, ids=lambda one: one.name)
+def test_nearly_valid_inputs(one: Fuzzed) -> None:
+    # Always the same examples: a build that fails is to fail again. New ones are the command's affair.
+    @settings(
+        max_examples=max(3, round(EXAMPLES * one.weight)), derandomize=True, database=None,
+        phases=(Phase.explicit, Phase.generate), suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
+    @given(one.inputs)
+    def attempt(data: bytes) -> None:
+        judge(one, data)
+
+    attempt()
+
+
+# The judge itself: each kind of miss is one.
+
+
+def odd(call: object, never_fails: bool = False) -> Fuzzed:
+    return Fuzzed("odd", TABLE[0].inputs, call, never_fails)  # type: ignore[arg-type]
+
+
+def raises(error: Exception) -> object:
+    def call(_data: bytes) -> object:
+        raise error
+
+    return call
+
+
+def test_what_a_miss_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert judge(odd(lambda data: data), b"x")
+    assert not judge(odd(raises(InputError("a", "is odd"))), b"x")
+    with pytest.raises(Miss, match="InputError: a: is odd"):
+        judge(odd(raises(InputError("a", "is odd")), never_fails=True), b"x")
+    with pytest.raises(KeyError):
+        judge(odd(raises(KeyError("x"))), b"x")
+    body = (Output("a", float("nan")),)
+    with pytest.raises(Miss, match="not finite: nan"):
+        judge(odd(lambda _data: Reading(body, (1,), ())), b"x")
+    numbers = iter(range(9))
+    with pytest.raises(Miss, match="read twice"):
+        judge(odd(lambda _data: next(numbers)), b"x")
+    monkeypatch.setattr(table, "SECONDS", 0.05)
+    with pytest.raises(Miss, match="no end within"):
+        judge(odd(lambda _data: sum(k for k in range(10**9))), b"x")
+
+
+# What was found.
+
+
+def cloud(**said: str) -> bytes:
+    head = {"FIELDS": "x y z", "SIZE": "4 4 4", "TYPE": "F F F", "COUNT": "1 1 1", "POINTS": "100", "DATA": "binary"}
+    return "".join(f"{key} {value}\n" for key, value in (head | said).items()).encode() + bytes(1200)
+
+
+@pytest.mark.parametrize(
+    ("said", "what"),
+    [
+        ({"COUNT": "1000000000 1 1"}, "its COUNT is beyond the 10,000 numbers"),  # took all memory
+        ({"COUNT": "-1 1 1"}, "its COUNT is beyond"),
+        ({"SIZE": "-4 4 4"}, "'F-4'"),
+        ({"SIZE": "3 3 3"}, "'F3'"),
+    ],
+)
+def test_what_a_point_cloud_says_of_its_numbers(said: dict[str, str], what: str) -> None:
+    with pytest.raises(InputError, match=f"is damaged or no PCD point cloud: .*{what}"):
+        scans.read(Source(Path("scan.pcd"), cloud(**said)))
+
+
+def test_a_point_cloud_without_a_format() -> None:
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    with pytest.raises(InputError, match="is damaged or no PLY point cloud: its head has no format"):
+        scans.read(Source(Path("scan.ply"), f"ply\nelement vertex 1\n{axes}end_header\n1 2 3\n".encode()))
+
+
+def test_a_3mf_whose_model_is_elsewhere() -> None:
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as zipped:
+        zipped.writestr("3D/other.model", "<model/>")
+    with pytest.raises(InputError, match=r"a\.3mf: is no 3MF mesh: 3D/3dmodel\.model is not in it; export it again"):
+        mesh_file.load(Source(Path("a.3mf"), archive.getvalue()))
