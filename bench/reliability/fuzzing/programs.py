@@ -60,8 +60,11 @@ def _expression(draw: st.DrawFn, depth: int = 0) -> str:
 
 @st.composite
 def _block(draw: st.DrawFn) -> str:
-    """A line of words."""
-    kind = draw(st.integers(0, 19))
+    """A line of words: mostly a motion that runs, since nothing is read after what does not."""
+    kind = draw(st.integers(0, 59))
+    if kind >= 20:
+        axes = draw(st.lists(st.sampled_from("XYZ"), min_size=1, max_size=3, unique=True))
+        return " ".join((draw(st.sampled_from(("G0", "G1", "G1", ""))), *(axis + draw(plain_numbers) for axis in axes)))
     if kind <= 1:
         return f"{draw(st.sampled_from(_PARAMETERS))} = {draw(_expression())}"
     if kind == 2:
@@ -83,10 +86,11 @@ _BLOCKS = st.lists(_block(), max_size=4)
 @st.composite
 def _flow(draw: st.DrawFn, depth: int = 0) -> list[str]:
     """Some blocks, at times in a loop, a condition or a subroutine."""
-    kind = draw(st.integers(0, 9 if depth < 2 else 3))
+    kind = draw(st.integers(0, 8 if depth < 2 else 3)) if not draw(rarely) else 9
     inner = draw(_BLOCKS) if kind < 4 or depth > 1 else draw(_BLOCKS) + draw(_flow(depth + 1))
-    number = draw(st.sampled_from(("1", "2", "3", "<a>", "1", "", "-1", "[1+1]", "x")))
-    condition = draw(_expression())
+    odd = draw(rarely)
+    number = draw(st.sampled_from(("1", "", "-1", "[1+1]", "x"))) if odd else f"<a{draw(st.integers(0, 99))}>"
+    condition = draw(_expression()) if odd else draw(st.sampled_from(("1", "0", "#1", "3", "#1 lt 2")))
     step = [f"#1 = [#1 + {draw(plain_numbers)}]"]
     return {
         4: [f"o{number} repeat [{draw(numbers)}]", *inner, f"o{number} endrepeat"],
@@ -110,7 +114,8 @@ def _flow(draw: st.DrawFn, depth: int = 0) -> list[str]:
 @st.composite
 def gcode(draw: st.DrawFn) -> bytes:
     """A program."""
-    lines = ["G21 G90 G17 G94 F100 S1000"[: draw(st.sampled_from((30, 30, 30, 12, 0)))]]
+    head = "G21 G90 G17 G94 F100 S1000 G0 X0"
+    lines = [head[: draw(st.integers(0, len(head)))] if draw(rarely) else head]
     for _ in range(draw(st.integers(1, 4))):
         lines += draw(_flow())
     lines += draw(st.sampled_from((["G1 X1 Y1", "M2"], ["M2"], ["M30"], ["%"], [])))
