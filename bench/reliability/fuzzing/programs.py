@@ -91,10 +91,11 @@ def _flow(draw: st.DrawFn, depth: int = 0) -> list[str]:
     odd = draw(rarely)
     number = draw(st.sampled_from(("1", "", "-1", "[1+1]", "x"))) if odd else f"<a{draw(st.integers(0, 99))}>"
     condition = draw(_expression()) if odd else draw(st.sampled_from(("1", "0", "#1", "3", "#1 lt 2")))
-    step = [f"#1 = [#1 + {draw(plain_numbers)}]"]
+    # A loop without an end is read until its bound, which takes seconds.
+    step = [f"#1 = [#1 + {draw(plain_numbers) if odd and draw(rarely) else '1'}]"]
     return {
-        4: [f"o{number} repeat [{draw(numbers)}]", *inner, f"o{number} endrepeat"],
-        5: [f"o{number} while [#1 lt {condition}]", *inner, *step, f"o{number} endwhile"],
+        4: [f"o{number} repeat [{draw(numbers) if odd else 3}]", *inner, f"o{number} endrepeat"],
+        5: ["#1 = 0", f"o{number} while [#1 lt [{condition}]]", *inner, *step, f"o{number} endwhile"],
         6: [f"o{number} if [{condition}]", *inner, f"o{number} else", *inner[:1], f"o{number} endif"],
         7: [
             f"o{number} sub",

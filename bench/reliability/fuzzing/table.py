@@ -39,8 +39,8 @@ from camgen.robots.urdf import read_urdf
 from camgen.robots.workcell import equip
 from camgen.vision.camera.camera import read_camera
 
-#: Of the processor, for one input of a few kB.
-SECONDS = 10
+#: Of the processor, for one input of a few kB: a loop of G-code without an end is given up after 500,000 lines.
+SECONDS = 60
 POSTS = {"rapid": "mod", "pacscript": "pcs", "vplus": "v2", "gcode": "ngc", "grbl": "nc"}
 #: Without bound on purpose: limits of a joint that turns on and on.
 _UNBOUNDED = frozenset({"serial_limits"})
