@@ -27,7 +27,6 @@ NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
 LIBRARIES = {
     "machine", "photo.paper", "robots.plain_loop", "reliability.programs", "reliability.mutations",
     "reliability.wheel_cases",
-    *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs", "table")),
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
     "reliability.fuzzing.table",
     *(f"reliability.modal.{name}" for name in ("machine", "rs274", "rapid", "pacscript", "vplus")),
