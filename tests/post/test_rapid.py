@@ -691,7 +691,7 @@ def test_an_end_of_force_control_that_does_not_ask_is_read() -> None:
     reading = read({"m.mod": module(way + end)}, BY_HAND)
     (remark,) = reading.faults
     assert isinstance(remark, Remark)
-    assert remark.line == 9
+    assert (remark.line, remark.what.split(":")[0]) == (9, "fcdeact without IF FCIsForceMode()")
     assert reading.body[-1] == Force(0.0)
 
 
@@ -921,8 +921,8 @@ def test_a_force_program_says_what_it_assumes() -> None:
 
 # Reading --------------------------------------------------------------------------------------------------------
 
-FRAMES = """PERS tooldata t1:=[TRUE,[[0,0,9],[1,0,0,0]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]];
-PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[0.70710678,0,0,0.70710678]],[[10,0,0],[1,0,0,0]]];
+FRAMES = """TASK PERS tooldata t1:=[TRUE,[[0,0,9],[1,0,0,0]],[0.001,[0,0,0.001],[1,0,0,0],0,0,0]];
+TASK PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[0.70710678,0,0,0.70710678]],[[10,0,0],[1,0,0,0]]];
 """
 POINT = f"[[1,2,3],[0,1,0,0],[0,0,0,0],{E9}]"
 START = f"ConfJ\\Off;ConfL\\Off;MoveAbsJ [[0,0,0,0,90,0],{E9}],v100,fine,t1;"
