@@ -75,7 +75,7 @@ def _pack(task: Task) -> Task | Outcome:
             what = "an arm from a URDF file does not travel to a cluster"
             raise JobError(task.job_file, what, "cell.robot", "build without --dask")
         names = [str(task.source), *list_carried(task.job)]
-        files = Files()
+        files = Files(limits=task.job.limits)
         return replace(task, carried=tuple((name, files.read(name).data) for name in names))
     except CamgenError as error:
         return Outcome(error.exit_code, str(error))

@@ -119,6 +119,7 @@ def build(
     files = files or Files()
     sources = path_or_part(inputs)
     settings = settings_of(job, files)
+    files = files.within(settings.limits)
     poster = poster_of(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
     watch("reading")

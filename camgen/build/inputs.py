@@ -41,6 +41,7 @@ def read_inputs(sources: Sequence[Path | Part], job: Job, cell: Cell, files: Fil
 
 def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
     """The cell of ``job`` on the base of ``cell``, that of a post, with the arm that ``part`` is checked with."""
+    files = files.within(job.limits)
     arm = _arm(job.cell.robot or (cell.robot if part is not None and part.solid is not None else ""), files)
     return equip(cell, job, arm, _meshes(job, files))
 
@@ -96,6 +97,7 @@ def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
     """Twelve hex digits that stand for the settings and the bytes of all files that are read."""
     if not sources:
         raise InputError("input", "none is given")
+    files = files.within(job.limits)
     total = hashlib.sha256(msgspec.json.encode(_own(job), order="deterministic"))
     seen: set[str] = set()
     for source in sources:

@@ -8,9 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from camgen.model.errors import JobError, rename_errors
-from camgen.model.files import Source
 from camgen.read import find_suffix
-from camgen.read.files import Files, bounded
+from camgen.read.files import Files
 
 #: Where standard input would lie if it were a file: in a folder that nobody makes.
 _FOLDER = Path("-")
@@ -29,6 +28,6 @@ def open_inputs(names: Sequence[str], kind: str | None) -> Iterator[tuple[list[P
     kind = (kind or "").lstrip(".")
     if not kind.isalnum():
         raise JobError("-", "standard input has no suffix", remedy="say what it is, e.g. --format dxf")
-    stdin = Source(_FOLDER / f"stdin{find_suffix(kind)}", bounded("-", sys.stdin.buffer))
-    with rename_errors(stdin.name, "-"), rename_errors(str(stdin.path), "-"):
-        yield [stdin.path if name == "-" else Path(name) for name in names], Files([stdin])
+    stdin = _FOLDER / f"stdin{find_suffix(kind)}"
+    with rename_errors(stdin.name, "-"), rename_errors(str(stdin), "-"):
+        yield [stdin if name == "-" else Path(name) for name in names], Files(streams={stdin: sys.stdin.buffer})

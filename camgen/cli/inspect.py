@@ -15,9 +15,10 @@ from camgen.read.job_file import beside, load
 
 def run(arguments: Namespace, says: Voice) -> int:
     """Prints the summary of a drawing, read with the ``[input]`` of the job."""
-    with open_inputs([arguments.input], arguments.format) as (paths, files):
+    with open_inputs([arguments.input], arguments.format) as (paths, opened):
+        job = load(beside(arguments.job, None if arguments.input == "-" else paths[0]), arguments.sets, opened)
+        files = opened.within(job.limits)
         source = files.read(paths[0])
-        job = load(beside(arguments.job, None if arguments.input == "-" else paths[0]), arguments.sets, files)
         says.stage("reading")
         found = str(_inspect(source, job, files))
     says.clear()

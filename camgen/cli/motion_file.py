@@ -17,7 +17,7 @@ from msgspec import Struct, field
 
 from camgen.check.report import clean
 from camgen.model.errors import CamgenError, JobError
-from camgen.model.limits import LIMITS
+from camgen.model.limits import Limits
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
 from camgen.model.program import (
     Comment,
@@ -35,7 +35,8 @@ from camgen.model.program import (
 )
 from camgen.read.files import Files
 
-_Number = Annotated[float, msgspec.Meta(ge=-LIMITS["number"].value, le=LIMITS["number"].value)]
+_MOST = Limits().number
+_Number = Annotated[float, msgspec.Meta(ge=-_MOST, le=_MOST)]
 _Index = Annotated[int, msgspec.Meta(ge=-1, lt=2**31)]
 Row = tuple[_Number, _Number, _Number]
 Matrix = tuple[Row, Row, Row]

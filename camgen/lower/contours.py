@@ -20,7 +20,7 @@ from camgen.lower.columns import ZONES, Mask, Orientations, Rows
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
-from camgen.model.limits import most
+from camgen.model.limits import tell
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose, Vec3, frozen
 from camgen.model.program import (
@@ -94,12 +94,13 @@ def _about_z(angle: float) -> FloatArray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _insist_on_size(tour: Tour) -> None:
+def _insist_on_size(tour: Tour, most: float) -> None:
     """JobError for more motions than any controller takes, before they are made."""
     motions = sum(len(path.position) * len(path.depths) for path in tour.paths)
-    if motions > most("motions"):
-        what = f"{motions:,} motions come of its paths and passes, more than {most('motions'):,}"
-        raise JobError("job", what, "operation.passes", "take fewer passes, or build the part in several programs")
+    if motions > most:
+        what = f"{motions:,} motions come of its paths and passes, more than {tell(most)}"
+        remedy = "take fewer passes, build the part in several programs, or raise limits.motions"
+        raise JobError("job", what, "operation.passes", remedy)
 
 
 def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
@@ -110,7 +111,7 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
     """
     if not tour.paths:
         raise NoSafeProgram(name, "no path to run")
-    _insist_on_size(tour)
+    _insist_on_size(tour, job.limits.motions)
     body: list[Instruction] = [MoveJ(cell.home, job.process.travel)]
     if job.process.spindle > 0:
         body += [Output("spindle", job.process.spindle), *dwell(job.process)]

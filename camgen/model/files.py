@@ -6,12 +6,17 @@ from pathlib import Path
 
 from msgspec import Struct
 
+from camgen.model.limits import Limits
+
 
 class Source(Struct, frozen=True, eq=False):
-    """One input. path: as the user gave it, for messages; nobody opens it again. data: all its bytes."""
+    """One input. path: as the user gave it, for messages; nobody opens it again. data: all its bytes.
+    limits: what of it is too much.
+    """
 
     path: Path
     data: bytes
+    limits: Limits = Limits()
 
     @property
     def name(self) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, field
 
-from camgen.model.limits import LIMITS, most
+from camgen.model.limits import Limits
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -114,18 +114,13 @@ class OperationTable(Table, frozen=True):
     corner_radius: Annotated[NotNegative, Meta(description="least radius of inner corners of the path, mm")] = 0.0
     inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
     stepover: Annotated[
-        float,
-        Meta(
-            ge=LIMITS["stepover"].value, le=1, description="fill: from pass to pass, as a share of the tool's diameter"
-        ),
+        float, Meta(gt=0, le=1, description="fill: from pass to pass, as a share of the tool's diameter")
     ] = 0.7
     holes: Annotated[
         Values | None, Meta(description="drill: the diameters that are drilled, [from, to] mm; not set: all")
     ] = None
     depth: Annotated[NotNegative, Meta(description="depth of the tool tip below the top face, mm")] = 0.0
-    passes: Annotated[
-        int, Meta(ge=1, le=most("passes"), description="the depth is reached in so many equal passes")
-    ] = 1
+    passes: Annotated[int, Meta(ge=1, description="the depth is reached in so many equal passes")] = 1
     lead_in: Annotated[NotNegative, Meta(description="length of the run-in to a followed contour, mm")] = 0.0
     lead_out: Annotated[NotNegative, Meta(description="length of the run-out, mm")] = 0.0
     overlap: Annotated[NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")] = 0.0
@@ -259,9 +254,7 @@ class CellTable(Table, frozen=True):
 class ToleranceTable(Table, frozen=True):
     """[tolerance]: how far curves may be left."""
 
-    chord: Annotated[
-        float, Meta(ge=LIMITS["chord"].value, description="deviation of lines and arcs from the drawn curve, mm")
-    ] = 0.01
+    chord: Annotated[Positive, Meta(description="deviation of lines and arcs from the drawn curve, mm")] = 0.01
     arc_fit: Annotated[
         NotNegative, Meta(description="short lines become an arc that leaves them by at most this, mm; 0: they stay")
     ] = 0.01
@@ -284,4 +277,5 @@ class Job(Table, frozen=True):
     page: PageTable = PageTable()
     cell: CellTable = CellTable()
     tolerance: ToleranceTable = ToleranceTable()
+    limits: Limits = Limits()
     post: dict[str, object] = {}

@@ -1,55 +1,71 @@
-"""What is too much: the limits beyond which an input is a mistake or an attack, and is refused before it costs much.
+"""[limits]: what is too much. An input beyond is a mistake or an attack, and is refused before it costs much.
 
-docs/reliability.md has this table. None is near what a real part needs; who needs more splits the part.
+Each is a setting of the job; docs/reliability.md has this table. None is near what a real part needs.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, get_args, get_type_hints
+
+from msgspec import Meta, Struct
+from msgspec.structs import asdict
 
 
-class Limit(NamedTuple):
-    """name: how the code and docs/reliability.md call it. bounds: what may not be more (or less) than ``value``."""
-
-    name: str
-    value: float
-    unit: str
-    bounds: str
+def _most(about: str, top: float | None = None) -> Meta:
+    """top: what no user may go beyond."""
+    return Meta(gt=0, le=top, description=about)
 
 
-_TABLE = (
-    Limit("file_bytes", 1_000_000_000, "bytes", "any file that is read, and standard input"),
-    Limit("number", 1e6, "", "any number of a job but a seed, and of a plan file, on either side of 0"),
-    Limit("passes", 1000, "passes", "`operation.passes`"),
-    Limit("stepover", 0.01, "diameters, at least", "`operation.stepover`"),
-    Limit("chord", 1e-6, "mm, at least", "`tolerance.chord`"),
-    Limit("motions", 3_000_000, "motions", "the segments of all paths times the passes"),
-    Limit("dxf_depth", 64, "blocks", "block references within another in a DXF drawing"),
-    Limit("dxf_entities", 1_000_000, "entities", "what the blocks and arrays of a DXF drawing expand to"),
-    Limit("svg_bytes", 200_000_000, "bytes", "an SVG drawing"),
-    Limit("svg_depth", 64, "references", "`use` within what another `use` refers to"),
-    Limit("svg_uses", 100_000, "elements", "what the `use` elements of an SVG drawing expand to"),
-    Limit("svg_elements", 2_000_000, "elements", "all elements of an SVG drawing"),
-    Limit("svg_page", 1e6, "mm", "width and height of an SVG page"),
-    Limit("picture_pixels", 200_000_000, "pixels", "a photo or a scan"),
-    Limit("picture_bytes", 600_000_000, "bytes", "its pixels as decoded: 16-bit RGBA has eight bytes for each"),
-    Limit("step_id", 2**31 - 1, "", "the number of an entity in a STEP file"),
-    Limit("step_seconds", 300, "s", "what the CAD kernel may take to read a STEP file"),
-    Limit("step_place", 1e9, "units of the file", "a coordinate of a point in a STEP file"),
-    Limit("model_bytes", 1_000_000_000, "bytes", "what the model of a 3MF file unpacks to; nothing else is unpacked"),
-    Limit("accessor", 1, "elements for each byte", "an accessor of a GLB file, by the size of the file"),
-    Limit("plugin_seconds", 30, "s", "what a plug-in may take to be imported, and a reader to recognise a file"),
-    Limit("urdf_bytes", 8_000_000, "bytes", "a URDF"),
-)
-LIMITS = {limit.name: limit for limit in _TABLE}
+class Limits(Struct, frozen=True, forbid_unknown_fields=True):
+    """[limits]: what is too much and is refused; whoever means more raises its limit."""
+
+    file_bytes: Annotated[float, _most("bytes of any file, and of standard input")] = 1_000_000_000
+    number: Annotated[float, _most("any number of a job but a seed and limits, on either side of 0", 1e9)] = 1_000_000
+    passes: Annotated[float, _most("`operation.passes`", 1e6)] = 1000
+    stepover: Annotated[float, _most("`operation.stepover` at least, diameters")] = 0.01
+    chord: Annotated[float, _most("`tolerance.chord` at least, mm")] = 1e-6
+    motions: Annotated[float, _most("the segments of all paths times the passes")] = 3_000_000
+    edges: Annotated[float, _most("selected edges of a 3-D part")] = 2000
+    dxf_depth: Annotated[float, _most("block references within another in a DXF drawing", 200)] = 64
+    dxf_entities: Annotated[float, _most("entities that the blocks and arrays of a DXF drawing expand to")] = 1_000_000
+    svg_bytes: Annotated[float, _most("bytes of an SVG drawing")] = 200_000_000
+    svg_depth: Annotated[float, _most("`use` within what another `use` refers to, in an SVG drawing")] = 64
+    svg_uses: Annotated[float, _most("elements that the `use` elements of an SVG drawing expand to")] = 100_000
+    svg_elements: Annotated[float, _most("all elements of an SVG drawing")] = 2_000_000
+    svg_page: Annotated[float, _most("width and height of an SVG page, mm", 1e9)] = 1_000_000
+    picture_pixels: Annotated[float, _most("pixels of a photo or a scan")] = 200_000_000
+    picture_bytes: Annotated[float, _most("bytes of its pixels as decoded: 16-bit RGBA has eight for each")] = (
+        600_000_000
+    )
+    camera_bytes: Annotated[float, _most("bytes of a camera file")] = 1_000_000
+    mesh_place: Annotated[float, _most("a coordinate in a mesh, units of the file", 1e12)] = 1e9
+    step_seconds: Annotated[float, _most("what the CAD kernel may take to read a STEP file, s")] = 300
+    step_place: Annotated[float, _most("a coordinate of a point in a STEP file, units of the file")] = 1e9
+    model_bytes: Annotated[float, _most("bytes that the model of a 3MF file unpacks to; nothing else is unpacked")] = (
+        1_000_000_000
+    )
+    accessor: Annotated[float, _most("elements of an accessor of a GLB file for each byte of the file")] = 1
+    gcode_steps: Annotated[
+        float, _most("lines that a G-code program runs in loops and subroutines, beyond those of its text")
+    ] = 500_000
+    gcode_motions: Annotated[float, _most("instructions of a G-code program beyond its lines")] = 3_000_000
+    gcode_pieces: Annotated[float, _most("holes of one line of G-code, pecks of a hole, pieces of an arc")] = 20_000
+    urdf_bytes: Annotated[float, _most("bytes of a URDF")] = 8_000_000
+    urdf_joints: Annotated[float, _most("joints of an arm in a URDF", 100)] = 12
 
 
-def most(name: str) -> int:
-    """The value of the limit ``name`` as a whole number."""
-    return int(LIMITS[name].value)
+def tell(value: float) -> str:
+    """A limit for a message.
+
+    >>> tell(1e6), tell(0.01), tell(1e-6)
+    ('1,000,000', '0.01', '1e-06')
+    """
+    return f"{value:,.10g}"
 
 
 def table() -> str:
     """The limits as Markdown."""
-    rows = (f"| `{one.name}` | {one.value:,.10g} | {one.unit} | {one.bounds} |" for one in _TABLE)
-    return "\n".join(["| limit | value | unit | of what |", "|---|---|---|---|", *rows]) + "\n"
+    hints = get_type_hints(Limits, include_extras=True)
+    about = {name: get_args(hint)[1].description for name, hint in hints.items()}
+    rows = [f"| `{name}` | {tell(value)} | {about[name]} |" for name, value in asdict(Limits()).items()]
+    return "\n".join(["| limit | value | of what |", "|---|---|---|", *rows]) + "\n"

@@ -13,10 +13,12 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TypeVar
 
 from camgen.model.errors import JobError, one_line
-from camgen.model.limits import most
 
 #: The group of the operations: whoever reads a job knows their names, whoever plans loads them.
 OPERATIONS = "camgen.operations"
+#: What a plug-in may take to be imported, and a reader to recognise a file. It is no setting of a job: posts and
+#: operations are looked up to read one.
+SECONDS = 30
 _T = TypeVar("_T")
 
 
@@ -54,7 +56,7 @@ def ask(entry: EntryPoint, what: str, answer: Callable[[], _T]) -> _T:
     cannot ``what``: a foreign package may fail in any way at all, end the process or not end, and spoils no other.
     """
     try:
-        with _seconds(most("plugin_seconds")):
+        with _seconds(SECONDS):
             return answer()
     except (Exception, SystemExit, _TooLong) as error:
         why = f"cannot {what}: {type(error).__name__.lstrip('_')}: {one_line(str(error))}"

@@ -133,7 +133,7 @@ def read(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) -> 
 
     files: what has been read already.
     """
-    files = files or Files()
+    files = (files or Files()).within(job.limits)
     source = files.read(path)
     return find_reader(source).read(source, job, files)
 
@@ -143,7 +143,7 @@ def inspect(path: str | Path, job: Job = _DEFAULTS, files: Files | None = None) 
 
     files: what has been read already.
     """
-    files = files or Files()
+    files = (files or Files()).within(job.limits)
     source = files.read(path)
     return find_reader(source).inspect(source, job, files)
 

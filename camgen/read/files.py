@@ -5,30 +5,48 @@ from __future__ import annotations
 import difflib
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import BinaryIO
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.limits import most
+from camgen.model.limits import Limits, tell
+
+_DEFAULTS = Limits()
 
 
 class Files:
-    """The input files of one build. given: what need not be opened, since its bytes are here: standard input, and
-    what travelled to another machine.
+    """The input files of one build. given: what need not be opened, since its bytes are here: what travelled to another
+    machine. streams: what is read from there when it is asked for: standard input. limits: of what is read.
     """
 
-    def __init__(self, given: Iterable[Source] = ()) -> None:
+    def __init__(
+        self,
+        given: Iterable[Source] = (),
+        streams: Mapping[Path, BinaryIO] = MappingProxyType({}),
+        limits: Limits = _DEFAULTS,
+    ) -> None:
+        self.limits = limits
         self._data = {identity(source.path): source.data for source in given}
+        self._streams = {identity(path): stream for path, stream in streams.items()}
         #: What was opened, by its ``identity``: nothing of it may be written over.
         self.opened: dict[str, Path] = {}
+
+    def within(self, limits: Limits) -> Files:
+        """The same files, what was read among them, under the limits of a job."""
+        if limits == self.limits:
+            return self
+        other = Files(limits=limits)
+        other._data, other._streams, other.opened = self._data, self._streams, self.opened
+        return other
 
     def read(self, path: str | Path) -> Source:
         """An input. InputError where there is none: missing, a folder, not to be read."""
         path = Path(path)
         try:
-            if identity(path) not in self._data:
+            if identity(path) not in self._data | self._streams:
                 _insist_on_file(path)
             return self.open(path)
         except FileNotFoundError as error:
@@ -42,12 +60,14 @@ class Files:
         """
         path = Path(path)
         same = identity(path)
+        if same in self._streams:
+            self._data[same] = _bounded(str(path), self._streams.pop(same), self.limits.file_bytes)
         if same not in self._data:
             _insist_on_regular(path)
             with path.open("rb") as stream:
-                self._data[same] = bounded(str(path), stream)
+                self._data[same] = _bounded(str(path), stream, self.limits.file_bytes)
             self.opened[same] = path
-        return Source(path, self._data[same])
+        return Source(path, self._data[same], self.limits)
 
 
 def identity(path: str | Path) -> str:
@@ -76,11 +96,11 @@ def _insist_on_regular(path: Path) -> None:
         raise InputError(str(path), "is not a regular file", remedy="copy it to a file")
 
 
-def bounded(name: str, stream: BinaryIO) -> bytes:
-    """All of a stream. InputError where it is longer than any input may be."""
-    data = stream.read(most("file_bytes") + 1)
-    if len(data) > most("file_bytes"):
-        raise InputError(name, f"has more than {most('file_bytes'):,} bytes", remedy="split it")
+def _bounded(name: str, stream: BinaryIO, most: float) -> bytes:
+    """All of a stream. InputError where it is longer than ``most`` bytes."""
+    data = stream.read(int(most) + 1)
+    if len(data) > most:
+        raise InputError(name, f"has more than {tell(most)} bytes", remedy="split it, or raise limits.file_bytes")
     return data
 
 

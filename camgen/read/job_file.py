@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable
 from camgen.model.job_tables import FILES, settings, split_name, tables
-from camgen.model.limits import most
+from camgen.model.limits import tell
 from camgen.model.plugins import OPERATIONS, entries
 from camgen.read.files import Files
 
@@ -175,11 +175,10 @@ def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) ->
                 raise _unknown_key(table, key, origin)
             if not all(math.isfinite(number) for number in _floats(value)):
                 raise JobError(origin, f"{key} must be finite, not {_quote_short(value)}", f"[{table}]")
-            if table != "post" and key != "seed" and any(abs(number) > most("number") for number in _numbers(value)):
-                what = f"{key} cannot be beyond {most('number'):,}: {_quote_short(value)}"
-                raise JobError(origin, what, f"[{table}]", "give a value that can be meant")
     try:
-        return _with_kind(tree)
+        limits = msgspec.convert({"limits": tree.get("limits", {})}, Job).limits
+        _insist_on_numbers(tree, origins, source, limits.number)
+        job = _with_kind(tree)
     except msgspec.ValidationError as error:
         place = re.search(r"`\$\.(\w+)\.(\w+)", str(error))
         if place is None:
@@ -187,6 +186,35 @@ def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) ->
         table, key = place.groups()
         what = f"{key} must be {known[table, key].allowed}, not {_quote_short(tree[table][key])}"
         raise JobError(origins.get((table, key), source), what, f"[{table}]") from error
+    _insist_on_settings(job, origins, source)
+    return job
+
+
+def _insist_on_numbers(tree: Tree, origins: Mapping[tuple[str, str], str], source: str, most: float) -> None:
+    """JobError for a number that no machine has; a seed is none of a machine, nor is a limit."""
+    for table, keys in tree.items():
+        for key, value in keys.items():
+            if table in ("post", "limits") or key == "seed" or all(abs(number) <= most for number in _numbers(value)):
+                continue
+            what = f"{key} cannot be beyond {tell(most)}: {_quote_short(value)}"
+            remedy = "give a value that can be meant, or raise limits.number"
+            raise JobError(origins.get((table, key), source), what, f"[{table}]", remedy)
+
+
+def _insist_on_settings(job: Job, origins: Mapping[tuple[str, str], str], source: str) -> None:
+    """JobError for a setting that is beyond a limit of the same job."""
+    operation, limits = job.operation, job.limits
+    found = (
+        ("operation", "passes", operation.passes, operation.passes > limits.passes),
+        ("operation", "stepover", operation.stepover, operation.stepover < limits.stepover),
+        ("tolerance", "chord", job.tolerance.chord, job.tolerance.chord < limits.chord),
+    )
+    for table, key, value, beyond in found:
+        if beyond:
+            most = key == "passes"
+            what = f"{key} must be {tell(getattr(limits, key))} at {'most' if most else 'least'}, not {value:g}"
+            remedy = f"give a value that can be meant, or {'raise' if most else 'lower'} limits.{key}"
+            raise JobError(origins.get((table, key), source), what, f"[{table}]", remedy)
 
 
 def _with_kind(tree: Tree) -> Job:

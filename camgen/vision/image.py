@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
-from camgen.model.limits import most
+from camgen.model.limits import Limits, tell
 from camgen.model.part import Note
 from camgen.model.text import counted, short
 
@@ -289,7 +289,7 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     if head is None:
         what = "is not a PNG, JPEG, TIFF, BMP or PGM image, or cut off in its first bytes"
         raise InputError(name, what, remedy="give a photo or a scan in one of these formats")
-    _insist_on_size(name, head)
+    _insist_on_size(name, head, source.limits)
     notes: list[Note] = []
     stored = _decode(data, name, head, notes)
     if head.white < 255:
@@ -308,14 +308,15 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
     return Picture(name, pixels, _dpi(head, notes), turned, tuple(notes))
 
 
-def _insist_on_size(name: str, head: Header) -> None:
+def _insist_on_size(name: str, head: Header, limits: Limits) -> None:
     pixels = head.width * head.height
-    if pixels > most("picture_pixels"):
-        what = f"has {head.width} x {head.height} pixels, more than {most('picture_pixels') // 1_000_000} million"
-        raise InputError(name, what, remedy="crop it or scan with fewer DPI")
-    if pixels * head.depth > most("picture_bytes"):
-        what = f"its pixels take {pixels * head.depth:,} bytes, more than {most('picture_bytes'):,}"
-        raise InputError(name, what, remedy="save it with 8 bits a channel and without transparency, or crop it")
+    if pixels > limits.picture_pixels:
+        what = f"has {head.width} x {head.height} pixels, more than {tell(limits.picture_pixels)}"
+        raise InputError(name, what, remedy="crop it, scan with fewer DPI, or raise limits.picture_pixels")
+    if pixels * head.depth > limits.picture_bytes:
+        what = f"its pixels take {pixels * head.depth:,} bytes, more than {tell(limits.picture_bytes)}"
+        remedy = "save it with 8 bits a channel and without transparency, crop it, or raise limits.picture_bytes"
+        raise InputError(name, what, remedy=remedy)
 
 
 def _decode(data: bytes, name: str, head: Header, notes: list[Note]) -> NDArray[np.generic]:

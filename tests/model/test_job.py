@@ -81,7 +81,7 @@ BAD_FILES = {
     "[cell]\nhome = [0, -inf]": "home must be finite, not [0, -Infinity] ([cell])",
     "[cell]\nhome = [0, 'a']": 'home must be a list of numbers, not [0, "a"] ([cell])',
     "[input]\nlayers = 'A'": 'layers must be a list of texts, not "A" ([input])',
-    "[operation]\npasses = 1.5": "passes must be a whole number >= 1 and <= 1000, not 1.5 ([operation])",
+    "[operation]\npasses = 1.5": "passes must be a whole number >= 1, not 1.5 ([operation])",
     "[tool]\norient = 'folow'": 'orient must be one of "fixed", "follow", not "folow" ([tool])',
     "[operation]\ninside_first = 1": "inside_first must be true or false, not 1 ([operation])",
     "[tool]\ndiameter = 2021-01-01": 'diameter must be a number > 0, not "2021-01-01" ([tool])',

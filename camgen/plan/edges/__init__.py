@@ -18,6 +18,7 @@ from camgen.collision.scene import Scene, name_pair
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
+from camgen.model.limits import tell
 from camgen.model.part import Edge, Note, Part, Solid
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
@@ -102,13 +103,17 @@ def _stop(motion: Reached, hit: Hit | None) -> Reached | Unreached:
 
 
 def _choose(solid: Solid, job: Job) -> dict[str, Edge]:
-    """The selected edges by their ids."""
+    """The selected edges by their ids. InputError for more than may be: of a noisy mesh every triangle has some."""
     if not solid.edges:
         raise InputError(solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it")
     chosen = set(select(solid, [job.input.select]))
     if not chosen:
         what = f"picks no edge; the part has {counted(len(solid.edges), 'edge')}"
         raise JobError("job", what, "input.select", "camgen inspect lists them")
+    if len(chosen) > job.limits.edges:
+        what = f"{counted(len(chosen), 'edge')} are to be processed, more than {tell(job.limits.edges)}"
+        remedy = "smooth the mesh, select some of them, or raise limits.edges"
+        raise InputError(solid.source, what, "input.select", remedy)
     return {edge.id: edge for edge in solid.edges if edge.id in chosen}
 
 

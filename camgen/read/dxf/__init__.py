@@ -229,7 +229,7 @@ def _read(source: Source, settings: InputTable, chord: float) -> _Read:
     layers = layers_of(document, settings.layers)
     # Damaged files hold infinities; what comes of them is found and told by name.
     with np.errstate(invalid="ignore", over="ignore"):
-        drawn = walk(name, document, scale, layers)
+        drawn = walk(name, document, scale, layers, source.limits)
         layers.check(name)
         # The document is the largest thing in memory and no longer needed.
         del document

@@ -17,7 +17,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from camgen.model.errors import InputError
-from camgen.model.limits import most
+from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.layers import FROZEN, Layers
@@ -177,10 +177,10 @@ class _Place(Struct, eq=False):
         return self.by_extrusion[key]
 
 
-def walk(name: str, document: Drawing, scale: float, layers: Layers) -> DrawnEntities:
+def walk(name: str, document: Drawing, scale: float, layers: Layers, limits: Limits) -> DrawnEntities:
     """All entities of model space with blocks expanded. scale: mm per drawing unit. ``InputError`` if too many."""
     drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers)
-    _Sizes(name, document).insist(document.modelspace())
+    _Sizes(name, document, limits).insist(document.modelspace())
     _entities(name, drawn, document.modelspace(), _Place(0, ""))
     for layout in document.layouts:
         if layout.is_any_paperspace:
@@ -195,8 +195,9 @@ class _Sizes:
     blocks and arrays multiply, so that a few lines of text may stand for more than any memory holds.
     """
 
-    def __init__(self, name: str, document: Drawing) -> None:
+    def __init__(self, name: str, document: Drawing, limits: Limits) -> None:
         self.name = name
+        self.limits = limits
         self.blocks = document.blocks
         self.known: dict[str, int] = {}
 
@@ -213,18 +214,19 @@ class _Sizes:
                 block = str(a.get("name"))
                 columns, rows = array_of(a)
                 total += columns * rows * (1 + self._of(block, around))
-            if total > most("dxf_entities"):
-                what = f"blocks expand to more than {most('dxf_entities'):,} entities"
-                raise InputError(self.name, what, around[-1] if around else "", "explode or thin them")
+            if total > self.limits.dxf_entities:
+                what = f"blocks expand to more than {tell(self.limits.dxf_entities)} entities"
+                remedy = "explode or thin them, or raise limits.dxf_entities"
+                raise InputError(self.name, what, around[-1] if around else "", remedy)
         return total
 
     def _of(self, block: str, around: tuple[str, ...]) -> int:
         key = block.casefold()
         if key in around or key not in self.blocks:
             return 0  # the walk says so
-        if len(around) >= most("dxf_depth"):
-            what = f"blocks stand more than {most('dxf_depth')} deep within each other"
-            raise InputError(self.name, what, harmless(block), "explode them")
+        if len(around) >= self.limits.dxf_depth:
+            what = f"blocks stand more than {tell(self.limits.dxf_depth)} deep within each other"
+            raise InputError(self.name, what, harmless(block), "explode them, or raise limits.dxf_depth")
         if key not in self.known:
             self.known[key] = self._count(self.blocks.get(block), (*around, key))
         return self.known[key]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
@@ -53,7 +55,7 @@ class ProgramFacts(Struct, frozen=True):
 
 def read(source: Source, job: Job, _files: Files) -> Recorded:
     """The program in ``source``. InputError for a line that is not replayed, and for a program without a motion."""
-    run = interpret(_lines(source), replace(LINUXCNC, helix=job.tolerance.chord))
+    run = _run(_lines(source), source, job)
     if run.stopped:
         line, what = run.stopped
         raise InputError(source.name, what, f"line {line}", "mend the line, or build from the drawing")
@@ -67,7 +69,7 @@ def read(source: Source, job: Job, _files: Files) -> Recorded:
 def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
     """What is in the program, also where it cannot be replayed to its end. InputError if it is no text."""
     lines = _lines(source)
-    run = interpret(lines, replace(LINUXCNC, helix=job.tolerance.chord))
+    run = _run(lines, source, job)
     columns = Columns(run.body)
     working = ~columns.moves_are(MoveJ)
     points = np.concatenate([columns.ends[working], columns.vias[working]]) if working.any() else np.zeros((0, 3))
@@ -87,6 +89,11 @@ def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
         notes=_notes(run),
         stopped=f"line {run.stopped[0]}: {run.stopped[1]}" if run.stopped else "",
     )
+
+
+def _run(lines: Sequence[str], source: Source, job: Job) -> ProgramRun:
+    limits = source.limits
+    return interpret(lines, replace(LINUXCNC, helix=job.tolerance.chord, pieces=limits.gcode_pieces), limits)
 
 
 def _notes(run: ProgramRun) -> tuple[Note, ...]:

@@ -6,6 +6,8 @@ import math
 
 from msgspec import Struct
 
+from camgen.model.limits import Limits as Bounds
+from camgen.model.limits import tell
 from camgen.model.pose import Vec3
 from camgen.read.gcode.words import LineError
 
@@ -17,8 +19,6 @@ _PLANES = {"G17": (0, 1, 2), "G18": (2, 0, 1), "G19": (1, 2, 0)}
 _NO_ANGLE = 1e-6
 #: A half circle whose rounded points reach a little further stays one arc: mm along it, but no more than so many rad.
 _OVER_MM, _OVER_RAD = 0.01, 0.1
-#: More pieces than this are not meant.
-_MOST = 20_000
 
 #: Via point, None for a line, and end point.
 Piece = tuple[Vec3 | None, Vec3]
@@ -29,7 +29,8 @@ class Limits(Struct, frozen=True):
 
     spiral: by how much the radii may differ at least, at most (mm), and at least in a program in inches; between the
     two 0.1 % of the radius counts. shorter: by how much R may be less than half the chord, mm. least_radius: mm. turns:
-    whether P counts turns. helix: by how much the lines that a helix becomes may leave it, mm.
+    whether P counts turns. helix: by how much the lines that a helix becomes may leave it, mm. pieces: what an arc
+    may become at most.
     """
 
     spiral: tuple[float, float, float]
@@ -37,6 +38,7 @@ class Limits(Struct, frozen=True):
     least_radius: float
     turns: bool
     helix: float = 0.002
+    pieces: float = Bounds().gcode_pieces
 
 
 #: Of LinuxCNC 2.9, from its source and tried with its interpreter.
@@ -68,7 +70,7 @@ def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float
     sweep = _sweep(code, begin, math.atan2(b1 - b, a1 - a), words.pop("P", 1.0), limits)
     rise = end[normal] - start[normal]
     if rise or abs(sweep) - min(_OVER_MM / max(r0, r1), _OVER_RAD) > math.pi:
-        return _divide(axes, start, end, (a, b), (r0, r1, begin, sweep), limits.helix)
+        return _divide(axes, start, end, (a, b), (r0, r1, begin, sweep), limits)
     r, angle = (r0 + r1) / 2, begin + sweep / 2
     point = [start[normal]] * 3
     point[first], point[second] = a + r * math.cos(angle), b + r * math.sin(angle)
@@ -129,7 +131,7 @@ def _divide(
     end: Vec3,
     centre: Vec2,
     arc: tuple[float, float, float, float],
-    helix: float,
+    limits: Limits,
 ) -> list[Piece]:
     """A helix as lines, a wide arc as several. arc: radii at start and end, angle at the start, sweep."""
     first, second, normal = axes
@@ -145,15 +147,15 @@ def _divide(
         return (point[0], point[1], point[2])
 
     if lift:
-        step = 2 * math.acos(max(0.0, 1 - helix / radius))
-        count = _count(abs(sweep) / step)
+        step = 2 * math.acos(max(0.0, 1 - limits.helix / radius))
+        count = _count(abs(sweep) / step, limits.pieces)
         return [*((None, at(i / count)) for i in range(1, count)), (None, end)]
-    count = _count((abs(sweep) - min(_OVER_MM / radius, _OVER_RAD)) / math.pi)
+    count = _count((abs(sweep) - min(_OVER_MM / radius, _OVER_RAD)) / math.pi, limits.pieces)
     ends = [*(at(i / count) for i in range(1, count)), end]
     return [(at((i + 0.5) / count), point) for i, point in enumerate(ends)]
 
 
-def _count(number: float) -> int:
-    if number > _MOST:
-        raise LineError(f"an arc of more than {_MOST} pieces cannot be meant")
+def _count(number: float, most: float) -> int:
+    if number > most:
+        raise LineError(f"an arc of more than {tell(most)} pieces cannot be meant (limits.gcode_pieces)")
     return max(1, math.ceil(number))

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 
 from msgspec import Struct, field
 
+from camgen.model.limits import Limits as Bounds
+from camgen.model.limits import tell
 from camgen.model.part import Note, Part
 from camgen.model.program import Instruction
 from camgen.read.gcode.arcs import LINUXCNC, Limits
 from camgen.read.gcode.machine import (
     HANDLERS,
-    MOST,
     Machine,
     feed,
     lift,
@@ -23,8 +24,7 @@ from camgen.read.gcode.machine import (
 from camgen.read.gcode.motion import move, read_plain
 from camgen.read.gcode.words import COMMENT, Line, LineError, Parameters, UnknownWord, bare, value_at, words_of
 
-#: So many lines beyond those of the text may run, in loops and subroutines.
-_STEPS = 500_000
+_BOUNDS = Bounds()
 _KNOWN = 200
 _SPEED = re.compile(r"[sS][ \t]*[-+.0-9\[#]")
 
@@ -51,9 +51,9 @@ class ProgramRun(Struct, frozen=True, eq=False):
     units: str
 
 
-def interpret(lines: Sequence[str], limits: Limits = LINUXCNC) -> ProgramRun:
-    """What the lines of a program do. limits: of its arcs. Never raises for a text."""
-    m = Machine(limits, on_off=not _has_speed(lines))
+def interpret(lines: Sequence[str], limits: Limits = LINUXCNC, bounds: Bounds = _BOUNDS) -> ProgramRun:
+    """What the lines of a program do. limits: of its arcs. bounds: what is too much. Never raises for a text."""
+    m = Machine(limits, bounds, on_off=not _has_speed(lines))
     stopped, unread = None, False
     try:
         found = blocks(lines)
@@ -91,8 +91,8 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
     """
     flow = Flow(found, Parameters(m.value))
     remembered: dict[str, Line] = {}
-    at, left = 0, len(lines) + _STEPS
-    m.most = len(lines) + MOST
+    at, left = 0, len(lines) + m.bounds.gcode_steps
+    m.most = len(lines) + m.bounds.gcode_motions
     while at < len(lines) and not m.ended:
         if m.is_settled():
             after = read_plain(m, lines, at)
@@ -103,7 +103,9 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
         m.line, left = at + 1, left - 1
         try:
             if left < 0:
-                raise LineError(f"the program has not ended after {_STEPS} lines in loops")
+                steps = tell(m.bounds.gcode_steps)
+                raise LineError(f"the program has not ended after {steps} lines in loops (limits.gcode_steps)")
+            m.insist_on_size()
             at = _step(m, lines[at], at, flow, remembered)
         except LineError as error:
             m.refuse(error)

@@ -6,6 +6,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from camgen.model.limits import Limits as Bounds
+from camgen.model.limits import tell
 from camgen.model.part import Note, NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Wait
@@ -14,8 +16,7 @@ from camgen.read.gcode.words import LineError, bare, not_read
 
 #: G0 runs at the machine's own speed, which no text tells; an instruction needs a positive one, mm/s.
 RAPID = 100.0
-#: More instructions than this beyond the lines of the text are not meant.
-MOST = 3_000_000
+_BOUNDS = Bounds()
 AXES = "XYZ"
 ARCS = ("G2", "G3")
 
@@ -32,23 +33,24 @@ PLAIN = re.compile(
 class Machine:
     """Lengths mm, feeds mm/s, absolute coordinates: those of the frame in which the program begins.
 
-    limits: of arcs. on_off: the spindle is switched without ever a speed. others: axes that must stand still. plain:
-    what a line looks like that is read the short way (``motion.read_plain``). most: instructions. line: 1-based, the
-    one that is read. at: the position; known: of which axes the program has said it. begun: a position has been written
-    down. held: rapid motions before that. entry: the feed at which an assumed start is reached, 0: none. shift:
-    absolute = program + shift. unit: mm, None: not said. blend: 1 where corners may be rounded (G64), else 0. force: N,
-    of motions at feed. length, length_at_z: G43 or G49, and the one that held at the first motion of Z. to_start:
-    whether a cycle retracts to where it began (G98). level, sticky: where the cycles in a row began, and their words
-    that hold on. opened: a per cent sign has come.
+    limits: of arcs. bounds: what is too much. on_off: the spindle is switched without ever a speed. others: axes that
+    must stand still. plain: what a line looks like that is read the short way (``motion.read_plain``). most:
+    instructions. line: 1-based, the one that is read. at: the position; known: of which axes the program has said it.
+    begun: a position has been written down. held: rapid motions before that. entry: the feed at which an assumed start
+    is reached, 0: none. shift: absolute = program + shift. unit: mm, None: not said. blend: 1 where corners may be
+    rounded (G64), else 0. force: N, of motions at feed. length, length_at_z: G43 or G49, and the one that held at the
+    first motion of Z. to_start: whether a cycle retracts to where it began (G98). level, sticky: where the cycles in a
+    row began, and their words that hold on. opened: a per cent sign has come.
 
     What is stricter overrides ``bare``, ``take``, ``obey``, ``settle``, ``stand``, ``switch``, ``note`` and ``refuse``.
     """
 
     limits: Limits = LINUXCNC
+    bounds: Bounds = _BOUNDS
     on_off: bool = False
     others: str = "ABCUVW"
     plain: re.Pattern[str] = PLAIN
-    most: int = MOST
+    most: float = _BOUNDS.gcode_motions
     line: int = 0
     body: list[Instruction] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
@@ -118,10 +120,14 @@ class Machine:
 
     def add(self, item: Instruction) -> None:
         """Writes ``item`` down for the line that is read."""
-        if len(self.body) >= self.most:
-            raise LineError(f"more than {self.most} instructions cannot be meant")
+        self.insist_on_size()
         self.body.append(item)
         self.lines.append(self.line)
+
+    def insist_on_size(self) -> None:
+        """LineError where the program has become longer than any that is meant."""
+        if len(self.body) >= self.most:
+            raise LineError(f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)")
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
         """Notes what the user should know, once, with the first line that it concerns."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from camgen.geometry.arcs import span_lengths
+from camgen.model.limits import tell
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Wait
 from camgen.read.gcode.arcs import Piece, pieces
@@ -117,8 +118,6 @@ def _length(start: Vec3, found: Sequence[Piece]) -> float:
 
 #: Where a peck begins again above the last one, mm, in LinuxCNC.
 _AGAIN = 0.254
-#: More holes, or more pecks in one, are not meant.
-_MOST = 20_000
 _NORMAL = {"G17": 2, "G18": 1, "G19": 0}
 
 
@@ -132,8 +131,11 @@ def drill(m: Machine, words: dict[str, float]) -> None:
             scale = 1.0 if letter == "P" else m.scale
             m.sticky[letter] = words.pop(letter) * scale
     count = words.pop("L", 1.0)
-    if count < 1 or count != int(count) or count > _MOST:
+    if count < 1 or count != int(count):
         raise LineError(f"L{count:g} is no number of holes")
+    if count > m.bounds.gcode_pieces:
+        most = tell(m.bounds.gcode_pieces)
+        raise LineError(f"L{count:g}: more than {most} holes cannot be meant (limits.gcode_pieces)")
     for letter in needed:
         if letter not in m.sticky:
             raise LineError(f"{m.motion} without {letter}")
@@ -233,8 +235,9 @@ def _peck(m: Machine, axis: int, retract: float, bottom: float, clear: float) ->
     if step <= 0:
         raise LineError(f"{m.motion} with pecks of Q{step:g}")
     count = math.ceil((retract - bottom) / step - 1e-9)
-    if count > _MOST:
-        raise LineError(f"{m.motion} with more than {_MOST} pecks cannot be meant")
+    if count > m.bounds.gcode_pieces:
+        most = tell(m.bounds.gcode_pieces)
+        raise LineError(f"{m.motion} with more than {most} pecks cannot be meant (limits.gcode_pieces)")
     for peck in range(1, count):
         reached = retract - peck * step
         _in(m, axis, reached)

@@ -21,11 +21,11 @@ from msgspec import Struct
 from camgen.geometry.vectors import cross
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.limits import most
+from camgen.model.limits import tell
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
-from camgen.read.solid.part21 import find_wild_id, find_wild_place, take_out
+from camgen.read.solid.part21 import LARGEST_ID, find_wild_id, find_wild_place, take_out
 
 #: What a shape that is sound on paper only makes the kernel raise.
 STUMBLES = (RuntimeError, ValueError, TypeError)
@@ -73,15 +73,16 @@ def _try_aside(source: Source) -> None:
         with suppress(BaseException):  # whatever it is, the parent meets it too, and tells it
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # what it says as it dies is for nobody
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
-            signal.alarm(round(most("step_seconds")))
+            signal.setitimer(signal.ITIMER_REAL, source.limits.step_seconds)
             _load(source)
         os._exit(0)
     ended = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(ended):
-        what = "is damaged: it ends the CAD kernel"
+        what, remedy = "is damaged: it ends the CAD kernel", _SAVE_AGAIN
         if os.WTERMSIG(ended) == signal.SIGALRM:
-            what = f"takes the CAD kernel more than {most('step_seconds'):g} s"
-        raise InputError(source.name, what, "", _SAVE_AGAIN)
+            what = f"takes the CAD kernel more than {tell(source.limits.step_seconds)} s"
+            remedy = f"{_SAVE_AGAIN}, or raise limits.step_seconds"
+        raise InputError(source.name, what, "", remedy)
 
 
 def _load(source: Source) -> tuple[Any, tuple[Note, ...]]:
@@ -100,10 +101,11 @@ def _sound(source: Source) -> tuple[Any, tuple[Note, ...]]:
     """
     data, notes = source.data, tuple[Note, ...]()
     if wild := find_wild_id(data):
-        what = f"is damaged: {wild} is no number of an entity, which are 1 to {most('step_id')}"
+        what = f"is damaged: {wild} is no number of an entity, which are 1 to {LARGEST_ID}"
         raise InputError(source.name, what, "", _SAVE_AGAIN)
-    if far := find_wild_place(data):
-        raise InputError(source.name, f"is damaged: a point at {far}, no part is so large", "", _SAVE_AGAIN)
+    if far := find_wild_place(data, source.limits.step_place):
+        remedy = f"{_SAVE_AGAIN}, or raise limits.step_place"
+        raise InputError(source.name, f"is damaged: a point at {far}, no part is so large", "", remedy)
     for _ in range(_ROUNDS):
         reader = part("STEPControl").STEPControl_Reader()
         if reader.ReadStream(source.name, BytesIO(data)).name != "IFSelect_RetDone":

@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
-from camgen.model.limits import most
+from camgen.model.limits import tell
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
@@ -38,8 +38,6 @@ _STUMBLES = (
 _GUESSER = "charset_normalizer"
 #: The part of a 3MF archive that trimesh reads.
 _MODEL = "3d/3dmodel.model"
-#: Coordinates beyond this are damage.
-_FARTHEST_COORDINATE = 1e9
 _QUIET = logging.NullHandler()
 _SAVE_AGAIN = "export it again from the CAD program"
 
@@ -65,9 +63,9 @@ def load(source: Source) -> MeshSoup:
     if kind == ".stl":
         data, notes = _stl(name, data)
     if kind == ".3mf":
-        data = _model_alone(name, data)
+        data = _model_alone(name, data, source.limits.model_bytes)
     if kind == ".glb":
-        _insist_on_accessors(name, data)
+        _insist_on_accessors(name, data, source.limits.accessor)
     vertices, faces, unit = _parse(name, data, kind)
     if not len(faces):
         raise InputError(
@@ -75,12 +73,13 @@ def load(source: Source) -> MeshSoup:
         )
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(name, "a face names a vertex that is not there", "", _SAVE_AGAIN)
-    wrong = np.flatnonzero(~(np.abs(vertices[faces]) < _FARTHEST_COORDINATE).all(axis=(1, 2)))
+    wrong = np.flatnonzero(~(np.abs(vertices[faces]) < source.limits.mesh_place).all(axis=(1, 2)))
     if len(wrong):
         what = (
             f"{counted(len(wrong), 'face has', 'faces have')} coordinates that are not numbers, or beyond all measure"
         )
-        raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", _SAVE_AGAIN)
+        remedy = f"{_SAVE_AGAIN}, or raise limits.mesh_place"
+        raise InputError(name, what, f"the first is face {int(wrong[0]) + 1}", remedy)
     return MeshSoup(vertices, faces, unit, _MM.get(unit, 1.0), notes)
 
 
@@ -103,7 +102,7 @@ def _stl(name: str, data: bytes) -> tuple[bytes, tuple[Note, ...]]:
     return data[:size], (Note("repaired", what),)
 
 
-def _model_alone(name: str, data: bytes) -> bytes:
+def _model_alone(name: str, data: bytes, most: float) -> bytes:
     """The archive of a 3MF file with its model alone: pictures and settings are unpacked by nobody."""
     slim = BytesIO()
     try:
@@ -111,9 +110,9 @@ def _model_alone(name: str, data: bytes) -> bytes:
             entries = [one for one in archive.infolist() if one.filename.lower().endswith(".model")]
             if not any(_MODEL in one.filename.lower() for one in entries):
                 raise InputError(name, "is no 3MF mesh: 3D/3dmodel.model is not in it", "", _SAVE_AGAIN)
-            if sum(one.file_size for one in entries) > most("model_bytes"):
-                what = f"its model unpacks to more than {most('model_bytes'):,} bytes"
-                raise InputError(name, what, "", "export it with fewer triangles")
+            if sum(one.file_size for one in entries) > most:
+                what = f"its model unpacks to more than {tell(most)} bytes"
+                raise InputError(name, what, "", "export it with fewer triangles, or raise limits.model_bytes")
             for one in entries:
                 model.writestr(one.filename, archive.read(one))
     except _STUMBLES as error:
@@ -121,7 +120,7 @@ def _model_alone(name: str, data: bytes) -> bytes:
     return slim.getvalue()
 
 
-def _insist_on_accessors(name: str, data: bytes) -> None:
+def _insist_on_accessors(name: str, data: bytes, most: float) -> None:
     """InputError for an accessor of a GLB file (glTF 2.0, section 3.6.2) that claims more than may be: it may say any
     number without a byte behind it. What is damaged otherwise is told by who reads it.
     """
@@ -130,9 +129,9 @@ def _insist_on_accessors(name: str, data: bytes) -> None:
         counts = [int(one["count"]) for one in json.loads(data[20 : 20 + length]).get("accessors", ())]
     except _STUMBLES:
         return
-    if max(counts, default=0) > most("accessor") * len(data):
+    if max(counts, default=0) > most * len(data):
         what = f"an accessor of {max(counts):,} elements in a file of {len(data):,} bytes"
-        raise InputError(name, what, "", _SAVE_AGAIN)
+        raise InputError(name, what, "", f"{_SAVE_AGAIN}, or raise limits.accessor")
 
 
 def _is_text(data: bytes) -> bool:

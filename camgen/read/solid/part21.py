@@ -14,7 +14,6 @@ from functools import cached_property
 
 from msgspec import Struct, field
 
-from camgen.model.limits import most
 from camgen.model.part import Note
 from camgen.model.text import counted, harmless
 
@@ -263,22 +262,26 @@ def _notes(bad: Sequence[Sequence[bytes]], empty: int) -> tuple[Note, ...]:
     return tuple(notes)
 
 
+#: The kernel holds the numbers of entities in 32 bits.
+LARGEST_ID = 2**31 - 1
+
+
 def find_wild_id(data: bytes) -> str:
     """The first number of an entity, or of what one refers to, that the kernel cannot hold: beyond 32 bits it ends the
     process. Empty where all can be.
     """
     bare = _FREE.sub(b"' '", data)
-    wild = (found[1] for found in _LONG.finditer(bare) if not 0 < int(found[1][:20]) <= most("step_id"))
+    wild = (found[1] for found in _LONG.finditer(bare) if not 0 < int(found[1][:20]) <= LARGEST_ID)
     return next((f"#{harmless(number.decode('ascii'), 24)}" for number in wild), "")
 
 
-def find_wild_place(data: bytes) -> str:
+def find_wild_place(data: bytes, most: float) -> str:
     """The first coordinate of a point with which the kernel cannot calculate: far beyond every part it ends the
     process. Empty where all can be.
     """
     bare = _FREE.sub(b"' '", data)
     points = (number for found in _POINT.finditer(bare) for number in _REAL.findall(found[1]))
-    return next((number.decode("ascii")[:24] for number in points if not abs(float(number)) <= most("step_place")), "")
+    return next((number.decode("ascii")[:24] for number in points if not abs(float(number)) <= most), "")
 
 
 def list_other_files(data: bytes) -> list[str]:

@@ -15,7 +15,7 @@ from msgspec import Struct
 from camgen.model.errors import InputError
 from camgen.model.files import Source
 from camgen.model.job import InputTable, Job
-from camgen.model.limits import most
+from camgen.model.limits import Limits, tell
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless, short
@@ -26,6 +26,8 @@ from camgen.read.pieces import tally
 from camgen.read.svg.flatten import flatten
 from camgen.read.svg.tree import DrawnShape, walk
 from camgen.read.svg.values import MM_PER_PX, Malformed, ViewBox, combine, fit_viewport, length, view_box
+
+_DEFAULTS = Limits()
 
 # The page of an SVG document: mm of its units, and where the work frame lies on it.
 
@@ -51,11 +53,11 @@ class SvgPage(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
 
 
-def page_of(file: str, attributes: Mapping[str, str], wanted: str) -> SvgPage:
+def page_of(file: str, attributes: Mapping[str, str], wanted: str, limits: Limits = _DEFAULTS) -> SvgPage:
     """The page by width, height, viewBox and preserveAspectRatio, or by ``input.units`` where it is given."""
     try:
         box = view_box(attributes.get("viewBox"))
-        sizes = _sizes(attributes, box)
+        sizes = _sizes(attributes, box, limits.svg_page)
         asked = wanted.strip().lower()
         if asked != "auto":
             scale = _MORE[asked] if asked in _MORE else units.resolve(file, wanted, 0, None)[1]
@@ -74,7 +76,7 @@ def page_of(file: str, attributes: Mapping[str, str], wanted: str) -> SvgPage:
         raise InputError(file, str(error), "the svg element", "mend it, or save the drawing again") from error
 
 
-def _sizes(attributes: Mapping[str, str], box: ViewBox | None) -> tuple[float, float] | None:
+def _sizes(attributes: Mapping[str, str], box: ViewBox | None, most: float) -> tuple[float, float] | None:
     """Width and height in px; None where the file leaves them to whoever shows it. One follows from the other."""
     given: list[float | None] = []
     for name in ("width", "height"):
@@ -85,8 +87,8 @@ def _sizes(attributes: Mapping[str, str], box: ViewBox | None) -> tuple[float, f
         value = length(text, name, (0.0, 0.0))
         if value <= 0:
             raise Malformed(f"{name} is not above 0")
-        if value * MM_PER_PX > most("svg_page"):
-            raise Malformed(f"{name} is beyond {most('svg_page'):,} mm")
+        if value * MM_PER_PX > most:
+            raise Malformed(f"{name} is beyond {tell(most)} mm (limits.svg_page)")
         given.append(value)
     width, height = given
     if width is not None and height is not None:
@@ -205,22 +207,24 @@ def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
 
 
 def _read(source: Source, settings: InputTable, chord: float) -> _Read:
-    root = _parse(source.name, source.data)
-    page = page_of(source.name, root.attrib, settings.units)
+    root = _parse(source)
+    page = page_of(source.name, root.attrib, settings.units, source.limits)
     layers = Layers({}, {}, tuple(g.strip().casefold() for g in settings.layers))
     # Damaged files hold infinities; what comes of them is found and told.
     with np.errstate(all="ignore"):
-        drawn = walk(source.name, root, page.matrix, page.view, layers)
+        drawn = walk(source.name, root, page.matrix, page.view, layers, source.limits)
         layers.check(source.name)
         contours, joints = join.contours(flatten(drawn, chord), settings.join)
     contours, notes = _from_corner(contours) if page.open else (contours, ())
     return _Read(page.units, page.told, drawn, contours, (*page.notes, *notes, *_left(drawn), *joints))
 
 
-def _parse(name: str, data: bytes) -> ElementTree.Element:
+def _parse(source: Source) -> ElementTree.Element:
     """The root element. A document that defines entities is refused: they can make any file of one."""
-    if len(data) > most("svg_bytes"):
-        raise InputError(name, f"has more than {most('svg_bytes'):,} bytes", remedy="split the drawing")
+    name, data, most = source.name, source.data, source.limits.svg_bytes
+    if len(data) > most:
+        what = f"has more than {tell(most)} bytes"
+        raise InputError(name, what, remedy="split the drawing, or raise limits.svg_bytes")
     if data[:2] == b"\x1f\x8b":
         raise InputError(name, "is compressed (.svgz)", remedy="decompress it with gzip")
     if not data.strip():

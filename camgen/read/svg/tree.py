@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from camgen.model.errors import InputError
-from camgen.model.limits import most
+from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.layers import Layers
@@ -165,7 +165,9 @@ class _Place(Struct, frozen=True):
     inside: frozenset[str] = frozenset()
 
 
-def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float], layers: Layers) -> DrawnShape:
+def walk(
+    file: str, root: Element, matrix: FloatArray, view: tuple[float, float], layers: Layers, limits: Limits
+) -> DrawnShape:
     """All shapes below ``root``. matrix: (2, 3), mm of its user units. InputError for a document that never ends."""
     drawn = DrawnShape(layers)
     sheet = StyleSheet()
@@ -176,7 +178,7 @@ def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float]
         if element.tag == _SVG + "style":
             sheet.add("".join(element.itertext()))
     place = _Place(matrix, is_styled({}, "svg", root.attrib, sheet), view)
-    walker = _Walk(drawn, sheet, ids)
+    walker = _Walk(file, drawn, sheet, ids, limits.svg_depth)
     # Depth first by a list: documents nest deeper than Python calls.
     todo = [(child, place) for child in reversed(root)] if not is_gone(place.style) else []
     steps = uses = 0
@@ -185,21 +187,25 @@ def walk(file: str, root: Element, matrix: FloatArray, view: tuple[float, float]
         todo += reversed(list(walker.step(element, place)))
         steps += 1
         uses += bool(place.inside)
-        if uses > most("svg_uses") or steps + len(todo) > most("svg_elements"):
-            of = most("svg_uses" if uses > most("svg_uses") else "svg_elements")
-            what = f"more than {of:,} elements come of its references" if uses else f"has more than {of:,} elements"
-            raise InputError(file, what, remedy="draw the shapes themselves" if uses else "split the drawing")
+        if uses > limits.svg_uses:
+            what = f"more than {tell(limits.svg_uses)} elements come of its references"
+            raise InputError(file, what, remedy="draw the shapes themselves, or raise limits.svg_uses")
+        if steps + len(todo) > limits.svg_elements:
+            what = f"has more than {tell(limits.svg_elements)} elements"
+            raise InputError(file, what, remedy="split the drawing, or raise limits.svg_elements")
     for selector in sheet.unknown:
         drawn.leave("rules of the style sheet for other than elements, classes and ids", harmless(selector, 40), "")
     return drawn
 
 
 class _Walk(Struct):
-    """What every step needs."""
+    """What every step needs. deepest: references within each other."""
 
+    file: str
     drawn: DrawnShape
     sheet: StyleSheet
     ids: dict[str, Element]
+    deepest: float
 
     def step(self, element: Element, place: _Place) -> Iterator[tuple[Element, _Place]]:
         """Draws ``element``, or gives what is inside it with the place there."""
@@ -274,8 +280,11 @@ class _Walk(Struct):
         target = self.ids.get(name.removeprefix("#")) if name.startswith("#") else None
         if target is None:
             raise Malformed("refers to nothing in this file")
-        if name in place.inside or len(place.inside) > most("svg_depth"):
+        if name in place.inside:
             raise Malformed("refers to itself")
+        if len(place.inside) > self.deepest:
+            what = f"references stand more than {tell(self.deepest)} deep within each other"
+            raise InputError(self.file, what, remedy="draw the shapes themselves, or raise limits.svg_depth")
         x, y = (length(element.attrib.get(key, "0"), key, place.view) for key in ("x", "y"))
         matrix = combine(place.matrix, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]))
         inside = place.inside | {name}

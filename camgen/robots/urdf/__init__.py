@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
+from camgen.model.limits import tell
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.read.files import Files
@@ -27,8 +28,6 @@ from camgen.robots.urdf.xml import Description, read_description
 _PAD = 5.0
 #: Whole turns of all joints together that are looked at: seven joints of +-360 deg have 3 to the power of 7.
 _TURNS = 2187
-#: Beyond this an arm has no use for joints.
-_MOST_JOINTS = 12
 #: rad: joints are bent by so much for a home where the arm is not stretched. Least singular value that is enough there.
 _BEND, _CLEAR_OF_SINGULAR = math.radians(30), 0.05
 
@@ -40,10 +39,10 @@ def read_urdf(file: str, tip: str, files: Files) -> Robot:
     """
     described = read_description(Path(file), files)
     chain = chain_of(described, tip)
-    if len(chain.joints) > _MOST_JOINTS:
-        raise InputError(
-            file, f"has {len(chain.joints)} joints between {chain.base} and {chain.tip}, {_MOST_JOINTS} at most"
-        )
+    most = files.limits.urdf_joints
+    if len(chain.joints) > most:
+        what = f"has {len(chain.joints)} joints between {chain.base} and {chain.tip}, {tell(most)} at most"
+        raise InputError(file, what, remedy="name a nearer tip, FILE.urdf#LINK, or raise limits.urdf_joints")
     links, notes = _links(described, chain, files)
     arm = _bare(described, chain, links, notes)
     if len(turns(arm)) > _TURNS:

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, ParseError, TreeBuilder, XMLParser, f
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
-from camgen.model.limits import most
+from camgen.model.limits import tell
 from camgen.model.pose import Pose, Vec3, rotation_from_fixed_xyz
 from camgen.read.files import Files, reason
 
@@ -280,8 +280,10 @@ def _content(path: Path, files: Files) -> bytes:
         state = path.stat()
         if not stat.S_ISREG(state.st_mode):
             raise InputError(file, "is not a file", "cell.robot", "name the URDF file of the arm")
-        if state.st_size > most("urdf_bytes"):
-            raise InputError(file, f"is larger than {most('urdf_bytes') // 1_000_000} MB: no description of a robot")
+        most = files.limits.urdf_bytes
+        if state.st_size > most:
+            what = f"has more than {tell(most)} bytes: no description of a robot"
+            raise InputError(file, what, remedy="name the URDF of the arm, or raise limits.urdf_bytes")
         return files.open(path).data
     except FileNotFoundError as error:
         raise InputError(file, "no such file", "cell.robot", "a job file names it from its own folder") from error

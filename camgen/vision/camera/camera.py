@@ -15,6 +15,7 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
+from camgen.model.limits import tell
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.vision.camera.lens import COUNTS, distort_ideal, straight
@@ -241,7 +242,6 @@ def _reason(error: Exception) -> str:
     return " ".join(str(said).split())[:120]
 
 
-_MOST_BYTES = 1_000_000
 _MOST_PX = 1_000_000
 #: Even the third coefficient of a telephoto lens, where the radius is below 0.02, stays under this.
 _MOST_BENT = 1e12
@@ -292,8 +292,9 @@ def _onto(camera: Camera, points: FloatArray) -> FloatArray:
 def read_camera(source: Source) -> Camera:
     """The camera in a file, by content. InputError says what is missing or cannot be meant, and what to do."""
     name = source.name
-    if len(source.data) > _MOST_BYTES:
-        raise InputError(name, "is too large for a camera file", remedy="give the file of a calibration")
+    if len(source.data) > source.limits.camera_bytes:
+        what = f"has more than {tell(source.limits.camera_bytes)} bytes: no camera file"
+        raise InputError(name, what, remedy="give the file of a calibration, or raise limits.camera_bytes")
     try:
         text = source.data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
