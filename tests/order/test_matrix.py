@@ -95,6 +95,15 @@ def test_the_same_seed_gives_the_same_order() -> None:
     assert shortest(*costs, seed=3) == shortest(*costs, seed=3)
 
 
+def test_a_search_goes_on_from_an_order() -> None:
+    """From a good order it never ends with a worse one, and from any order it ends far below that."""
+    tables = plane(random.Random(5), 40)
+    good = shortest(*tables)
+    assert total(*tables, *shortest(*tables, effort=0.0, start=good)) <= total(*tables, *good) + 1e-9
+    drawn = list(range(40)), [False] * 40
+    assert total(*tables, *shortest(*tables, effort=0.0, start=drawn)) < 0.6 * total(*tables, *drawn)
+
+
 def test_a_way_around_what_is_missing_is_found() -> None:
     # Only one chain of 14 items is possible at all, each run backwards: 0 <- 1 <- 2 ...
     count = 14

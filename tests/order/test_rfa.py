@@ -14,9 +14,9 @@ from camgen.collision.cell import around
 from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
-from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, steps
+from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, along, steps
 from camgen.order.edges.retract import Retraction, Room, retractions
-from camgen.order.edges.route import Route, route
+from camgen.order.edges.route import Route, Wish, route
 from camgen.plan.edges import room_of, setup_of
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Setup, Track
 from camgen.plan.edges.reach import reach
@@ -48,7 +48,7 @@ def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
 @cache
 def routed(part: str, best: bool = True) -> Route:
     setup, room, motions = cell(part)
-    return route(setup, room, motions, mesh.read(source(PARTS / f"{part}.stl")).edges, ARM.home, 100.0, best)
+    return route(setup, room, motions, mesh.read(source(PARTS / f"{part}.stl")).edges, ARM.home, Wish(100.0, best))
 
 
 def matrix(pose: Pose) -> FloatArray:
@@ -177,7 +177,7 @@ def test_the_cheapest_link_is_that_of_a_plain_search(seed: int) -> None:
     home = np.random.default_rng(seed).uniform(1, 2, n)
     blocked = np.random.default_rng(seed + 99).random((n, n)) < 0.3
     blocked |= blocked.T
-    best, first = steps(ends_, blocked, home)
+    best, first = steps(ends_, along(ends_), blocked, home)
     hop = ends_.direct.copy()
     for k in range(n):
         hop[k, k ^ 1] = ends_.through[k // 2]
@@ -239,7 +239,7 @@ def test_edges_that_share_a_corner_are_linked_at_it() -> None:
 def test_where_a_force_presses_every_link_leaves_the_part() -> None:
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
-    made = route(setup, room, motions, edges, ARM.home, 100.0, best=True, lifted=True)
+    made = route(setup, room, motions, edges, ARM.home, Wish(100.0, best=True, lifted=True))
     assert len(made.legs) > 2
     for leg in made.legs[1:]:
         assert isinstance(leg.link[0], Along)
@@ -259,10 +259,71 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
         return [hit or (WALL if two else None) for hit, two in zip(said, pairs, strict=True)]
 
     edges = mesh.read(source(PARTS / "rfa2.stl")).edges
-    made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, 100.0, best=True)
+    made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, Wish(100.0, best=True))
     assert len(made.legs) == len(motions)
     assert made.seconds > routed("rfa2").seconds
     for leg in made.legs[1:]:
         turns = [piece for piece in leg.link if isinstance(piece, Turn)]
         if any(isinstance(p, Along) and p.kind == "retraction" for p in leg.link):
             assert any(np.allclose(turn.joints, ARM.home) for turn in turns)
+
+
+def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice() -> None:
+    """All free motions to one motion are walled off: it alone is left out, and what is known of the others is kept."""
+    setup, room, motions = cell("rfa1")
+    edges = mesh.read(source(PARTS / "rfa1.stl")).edges
+    lost = motions[1]
+    outs = retractions(setup, room, [(_end(one, k), one.joints[k]) for one in motions for k in (0, -1)])
+    safe = [out.joints[-1].tobytes() for out in outs if isinstance(out, Retraction)]
+    assert len(safe) == 2 * len(motions)
+    once = {row for row in safe if safe.count(row) == 1} | {ARM.home.tobytes()}  # two edges may begin in one pose
+    places = {*safe, ARM.home.tobytes()}
+    asked: list[bytes] = []
+
+    def walled(several: Sequence[Track]) -> list[Hit | None]:
+        rows = [[row.tobytes() for row in track.joints] for track in several]
+        free = [len(two) == 2 and places.issuperset(two) for two in rows]
+        asked.extend(b"".join(two) for two in rows if len(two) == 2 and once.issuperset(two))
+        return [WALL if is_free and not {*safe[2:4]}.isdisjoint(two) else None
+                for two, is_free in zip(rows, free, strict=True)]  # fmt: skip
+
+    told: list[str] = []
+    wish = Wish(100.0, best=True, lifted=True)
+    made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, wish, told.append)
+    assert [one.id for one in made.dropped] == [lost.id]
+    assert {leg.motion.id for leg in made.legs} == {one.id for one in motions} - {lost.id}
+    assert len(asked) == len(set(asked))
+    assert told[0] == f"{len(motions)} edges, tour 1"
+    assert told[-1].startswith(f"{len(motions) - 1} edge")
+
+
+def _end(motion: Reached, k: int) -> Way:
+    way = motion.way
+    return Way(way.position[[k]], np.full((1, 3), np.nan), way.rotation[[k]])
+
+
+def test_a_search_that_finds_no_end_is_ended() -> None:
+    """Every free motion collides but those home: after the last round all go by way of home."""
+    setup, room, motions = cell("rfa1")
+    edges = mesh.read(source(PARTS / "rfa1.stl")).edges
+
+    def walled(several: Sequence[Track]) -> list[Hit | None]:
+        home = (any(np.allclose(row, ARM.home) for row in track.joints) for track in several)
+        return [None if len(track.joints) != 2 or free else WALL for track, free in zip(several, home, strict=True)]
+
+    told: list[str] = []
+    wish = Wish(100.0, best=True, lifted=True)
+    made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, wish, told.append)
+    assert not made.dropped
+    assert len(made.legs) == len(motions)
+    assert len(told) <= 32
+    for leg in made.legs[1:]:
+        assert sum(isinstance(piece, Turn) for piece in leg.link) == 2
+
+
+def test_reaching_tells_how_far_it_is() -> None:
+    setup, _, motions = cell("rfa1")
+    known = {edge.id: edge for edge in mesh.read(source(PARTS / "rfa1.stl")).edges}
+    told: list[int] = []
+    reach([known[one.id] for one in motions[:2]], setup, 2.0, tell=told.append)
+    assert told == [0, 1]

@@ -13,7 +13,7 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.order.edges.links import Along, Turn
-from camgen.order.edges.route import Route, route
+from camgen.order.edges.route import Route, Wish, route
 from camgen.order.tours import EdgeTour
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges import edge_path, freedom_of, home_of, left_out, none_left, room_of, setup_of
@@ -35,7 +35,8 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
     room, travel = room_of(plan.where, setup), job.process.travel
-    made = route(setup, room, plan.motions, plan.edges, home, travel, best, lifted)
+    wish = Wish(travel, best, lifted)
+    made = route(setup, room, plan.motions, plan.edges, home, wish, lambda far: watch(f"linking {far}"))
     lost = [*plan.unreached, *made.dropped]
     if not made.legs:
         raise none_left(plan.part, len(edges), lost[0])

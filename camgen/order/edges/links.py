@@ -22,7 +22,7 @@ from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
 #: Up to so many motions it is looked for links along more than one edge: the cost is the cube of their number.
-_MANY = 150
+MANY = 150
 #: Links by retraction, free motion and approach, the second by way of the home position.
 FREE, BY_HOME = -1, -2
 
@@ -74,25 +74,34 @@ def distinct(vertices: FloatArray, near: float) -> BoolArray:
     return np.asarray(same)
 
 
-def steps(ends: Ends, blocked: BoolArray, home: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Seconds (2 n, 2 n) of the cheapest link from each end to each other, and how it begins (2 n, 2 n): the next end
-    on the way, ``FREE`` for retraction, free motion and approach, ``BY_HOME`` for the same by way of the home position.
-
-    blocked: (2 n, 2 n) free motions that collide. home: (2 n,) s from free space to home, infinite where that collides.
-    """
-    moving = np.stack([np.where(blocked, math.inf, ends.free), home[:, None] + home[None]])
-    free = moving.min(axis=0) + ends.out[:, None] + ends.out[None]
-    begins = np.where(moving.argmin(axis=0) == 0, FREE, BY_HOME)
+def along(ends: Ends) -> tuple[FloatArray, IntArray]:
+    """Seconds (2 n, 2 n) of the cheapest link at the part from each end to each other, and the next end on its way."""
     best = ends.direct.copy()
     at = np.arange(len(best))
     first = np.broadcast_to(at[None], best.shape).copy()
-    if len(best) <= 2 * _MANY:
+    if len(best) <= 2 * MANY:
         best[at, at ^ 1] = ends.through[at // 2]
         for k in range(len(best)):
             over = best[:, k, None] + best[None, k]
             better = over < best - 1e-12
             best = np.where(better, over, best)
             first = np.where(better, first[:, k, None], first)
+    return best, first
+
+
+def steps(
+    ends: Ends, at_part: tuple[FloatArray, IntArray], blocked: BoolArray, home: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Seconds (2 n, 2 n) of the cheapest link from each end to each other, and how it begins (2 n, 2 n): the next end
+    on the way, ``FREE`` for retraction, free motion and approach, ``BY_HOME`` for the same by way of the home position.
+
+    at_part: as of ``along``. blocked: (2 n, 2 n) free motions that collide. home: (2 n,) s from free space to home,
+    infinite where that collides.
+    """
+    moving = np.stack([np.where(blocked, math.inf, ends.free), home[:, None] + home[None]])
+    free = moving.min(axis=0) + ends.out[:, None] + ends.out[None]
+    begins = np.where(moving.argmin(axis=0) == 0, FREE, BY_HOME)
+    best, first = at_part
     rfa = free < best
     return np.where(rfa, free, best), np.where(rfa, begins, first)
 

@@ -6,7 +6,7 @@ Only motions in free space that the tour takes are tested: one that collides is 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import count, pairwise
 
 import numpy as np
@@ -14,6 +14,7 @@ from msgspec import Struct
 
 from camgen.model.part import BoolArray, Edge, IntArray
 from camgen.model.pose import FloatArray
+from camgen.model.text import counted
 from camgen.order.edges import links
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.solver import matrix
@@ -22,11 +23,24 @@ from camgen.plan.edges.ways import Way
 
 #: Ends of edges nearer than this are one vertex, mm.
 _VERTEX = 0.01
-#: So many tours are found before those motions that still collide are given up.
-_ROUNDS = 30
+#: So many tours are found before those motions that still collide are given up, and so many again when motions to
+#: which none leads have been left out.
+_ROUNDS, _AGAIN = 30, 5
+#: After so often motions to which the way home collides are left out too: the others can always be reached by it.
+_PASSES = 10
 #: Share of the usual search while links still turn out to collide, and then.
 _QUICK, _FULL = 0.05, 0.3
 _REMEDY = "raise cell.safety, or move the part: cell.base_from_work"
+
+
+class Wish(Struct, frozen=True):
+    """speed: mm/s between the motions. best: the shortest tour that is found, else the nearest neighbour's. lifted:
+    every link leaves the part, as it must do where a force presses.
+    """
+
+    speed: float
+    best: bool
+    lifted: bool = False
 
 
 class Leg(Struct, frozen=True, eq=False):
@@ -49,22 +63,22 @@ class Route(Struct, frozen=True, eq=False):
 
 
 class _Known(Struct, eq=False):
-    """What has been found out about free motions, filled in as tours need them. blocked: (2 n, 2 n) and home_blocked:
-    (2 n,), those that collide. clear: pairs of ends, -1 for home, that do not.
+    """What has been found out about free motions, filled in as tours need them: (2 n + 1, 2 n + 1) from end to end, the
+    last one home, those that collide and those that do not.
     """
 
     blocked: BoolArray
-    home_blocked: BoolArray
-    clear: set[tuple[int, int]]
+    clear: BoolArray
 
 
 class _Work(Struct, frozen=True, eq=False):
-    """n motions that can be left at both ends."""
+    """n motions that can be left at both ends. at_part: as of ``links.along``."""
 
     room: Room
     motions: tuple[Reached, ...]
     out: tuple[Retraction, ...]
     ends: links.Ends
+    at_part: tuple[FloatArray, IntArray]
     home: FloatArray
     to_home: FloatArray
     known: _Known
@@ -79,35 +93,39 @@ class _Found(Struct, frozen=True, eq=False):
     nearest: float
 
 
+def _ignore(_: str) -> None:
+    """The search of a caller who does not look at it."""
+
+
 def route(
     setup: Setup,
     room: Room,
     motions: Sequence[Reached],
     edges: Sequence[Edge],
     home: FloatArray,
-    speed: float,
-    best: bool,
-    lifted: bool = False,
+    wish: Wish,
+    tell: Callable[[str], None] = _ignore,
 ) -> Route:
-    """The tour over ``motions`` along ``edges`` (one each), from ``home`` (J,), at ``speed`` mm/s between them.
+    """The tour over ``motions`` along ``edges`` (one each), from ``home`` (J,). tell: is told how far the search is.
 
-    best: the shortest that is found, else the nearest neighbour's. lifted: every link leaves the part, as it must do
-    where a force presses.
+    It ends after ``_ROUNDS`` and ``_PASSES`` times ``_AGAIN`` tours, and a few.
     """
     by_id = {edge.id: edge for edge in edges}
     left, outs, dropped = _left(setup, room, motions)
-    while left:
-        own = [by_id[motion.id] for motion in left]
-        work = _work(setup, room, left, outs, own, home, speed, lifted)
-        found = _order(work, best)
-        lost = _find_lost(work, found)
+    if not left:
+        return Route((), (), tuple(dropped), 0.0, 0.0)
+    work = _work(setup, room, left, outs, [by_id[motion.id] for motion in left], home, wish)
+    for attempt in count():
+        found = _order(work, wish.best, _AGAIN if attempt else _ROUNDS, tell)
+        lost = _find_lost(work, found, attempt >= _PASSES)
         if not lost:
             legs, back = _legs(work, found)
             return Route(legs, back, tuple(dropped), found.seconds, found.nearest)
-        dropped += [Unreached(left[k].id, "collision", "no free motion leads to it") for k in sorted(lost)]
-        kept = [k for k in range(len(left)) if k not in lost]
-        left, outs = [left[k] for k in kept], [outs[2 * k + end] for k in kept for end in (0, 1)]
-    return Route((), (), tuple(dropped), 0.0, 0.0)
+        dropped += [Unreached(work.motions[k].id, "collision", "no free motion leads to it") for k in sorted(lost)]
+        if len(lost) == len(work.motions):
+            return Route((), (), tuple(dropped), 0.0, 0.0)
+        work = _without(work, lost)
+    raise AssertionError("every attempt leaves at least one motion out")
 
 
 def _left(
@@ -145,9 +163,9 @@ def _work(
     outs: Sequence[Retraction],
     edges: Sequence[Edge],
     home: FloatArray,
-    speed: float,
-    lifted: bool,
+    wish: Wish,
 ) -> _Work:
+    speed = wish.speed
     joints = np.concatenate([motion.joints[[0, -1]] for motion in motions])
     safe = np.stack([out.joints[-1] for out in outs])
     out = np.array([out.way.length.sum() for out in outs]) / speed
@@ -155,7 +173,7 @@ def _work(
     free = links.seconds(setup.robot, safe[:, None], safe[None], speed)
     vertices = np.concatenate([_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)])
     direct = links.seconds(setup.robot, joints[:, None], joints[None], speed)
-    direct[lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
+    direct[wish.lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
     for (a, b), hit in zip(near.tolist(), room.hits([Track(joints[pair]) for pair in near]), strict=True):
@@ -163,9 +181,29 @@ def _work(
             direct[a, b] = direct[b, a] = math.inf
     ends = links.Ends(joints, safe, out, free, direct, through)
     to_home = links.seconds(setup.robot, safe, home[None], speed)
-    count = len(joints)
-    known = _Known(np.zeros((count, count), dtype=bool), np.zeros(count, dtype=bool), set())
-    return _Work(room, tuple(motions), tuple(outs), ends, home, to_home, known)
+    size = (len(joints) + 1,) * 2
+    known = _Known(np.zeros(size, dtype=bool), np.zeros(size, dtype=bool))
+    return _Work(room, tuple(motions), tuple(outs), ends, links.along(ends), home, to_home, known)
+
+
+def _without(work: _Work, lost: set[int]) -> _Work:
+    """The others alone, with all that is known of them."""
+    kept = [k for k in range(len(work.motions)) if k not in lost]
+    at = np.array([2 * k + end for k in kept for end in (0, 1)])
+    ends, square, all_of = work.ends, np.ix_(at, at), np.ix_([*at, -1], [*at, -1])
+    ends = links.Ends(
+        ends.joints[at], ends.safe[at], ends.out[at], ends.free[square], ends.direct[square], ends.through[kept]
+    )
+    return _Work(
+        room=work.room,
+        motions=tuple(work.motions[k] for k in kept),
+        out=tuple(work.out[k] for k in at),
+        ends=ends,
+        at_part=links.along(ends),
+        home=work.home,
+        to_home=work.to_home[at],
+        known=_Known(work.known.blocked[all_of], work.known.clear[all_of]),
+    )
 
 
 def _vertices(motion: Reached, edge: Edge) -> FloatArray:
@@ -175,21 +213,27 @@ def _vertices(motion: Reached, edge: Edge) -> FloatArray:
     return np.asarray(ends)
 
 
-def _order(work: _Work, best: bool) -> _Found:
-    """The tour, all its links tested unless they are infinite."""
-    known = work.known
-    effort = _QUICK
+def _order(work: _Work, best: bool, rounds: int, tell: Callable[[str], None]) -> _Found:
+    """The tour, all its links tested unless they are infinite. After so many rounds what is known to be clear alone is
+    taken.
+    """
+    effort, surely = _QUICK, False
+    order: matrix.Order | None = None
     for attempt in count():
-        if attempt == _ROUNDS:
-            _only_clear(known)
-        home = np.where(known.home_blocked, math.inf, work.to_home)
-        between, first = links.steps(work.ends, known.blocked, home)
+        tell(f"{counted(len(work.motions), 'edge')}, tour {attempt + 1}")
+        if attempt == rounds:
+            surely = True
+            _test_home(work)
+        blocked, home = _blocked(work, surely)
+        between, first = links.steps(work.ends, work.at_part, blocked, home)
         table = between.reshape(len(work.motions), 2, -1, 2)
         ends = (home + work.ends.out).reshape(-1, 2)
         near = matrix.nearest(table, ends)
-        order = matrix.shortest(table, ends, ends, effort=effort) if best else near
+        # A large tour goes on from the last one, of which little has changed.
+        start = order if len(work.motions) > links.MANY else None
+        order = matrix.shortest(table, ends, ends, effort=effort, start=start) if best else near
         costs = [matrix.total(table, ends, ends, *one) for one in (order, near)]
-        if _collides(work, order, first):
+        if not surely and _collides(work, order, first):
             continue
         if effort == _FULL:
             return _Found(order, first, *costs)
@@ -197,12 +241,13 @@ def _order(work: _Work, best: bool) -> _Found:
     raise AssertionError("every round tests at least one motion more")
 
 
-def _only_clear(known: _Known) -> None:
-    """Take whatever has not been tested to collide."""
-    known.blocked[:] = True
-    for a, b in known.clear:
-        if b >= 0:
-            known.blocked[a, b] = known.blocked[b, a] = False
+def _blocked(work: _Work, surely: bool) -> tuple[BoolArray, FloatArray]:
+    """The free motions (2 n, 2 n) that are not taken, and s home (2 n,), infinite where that is none. surely: whatever
+    has not been tested is taken to collide.
+    """
+    known = work.known
+    blocked = ~known.clear if surely else known.blocked
+    return blocked[:-1, :-1], np.where(blocked[:-1, -1], math.inf, work.to_home)
 
 
 def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
@@ -214,30 +259,43 @@ def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
             pairs.add((max(a, b), min(a, b)))
         elif first[a, b] == links.BY_HOME:
             pairs |= {(a, -1), (b, -1)}
+    return _test(work, pairs)
+
+
+def _test(work: _Work, pairs: set[tuple[int, int]]) -> bool:
+    """Test the free motions ``pairs`` of ends, -1 for home, that are not known yet. Does one collide?"""
     known, safe = work.known, work.ends.safe
-    new = [p for p in sorted(pairs - known.clear) if not (known.home_blocked[p[0]] if p[1] < 0 else known.blocked[p])]
+    new = [pair for pair in sorted(pairs) if not (known.clear[pair] or known.blocked[pair])]
     hits = work.room.hits([Track(np.stack([safe[a], work.home if b < 0 else safe[b]])) for a, b in new])
     for (a, b), hit in zip(new, hits, strict=True):
-        if not hit:
-            known.clear.add((a, b))
-        elif b < 0:
-            known.home_blocked[a] = True
-        else:
-            known.blocked[a, b] = known.blocked[b, a] = True
+        table = known.blocked if hit else known.clear
+        table[a, b] = table[b, a] = True
     return any(hits)
 
 
-def _find_lost(work: _Work, found: _Found) -> set[int]:
-    """The motions to which, or from which, the tour has no finite link."""
+def _test_home(work: _Work) -> None:
+    """Test all ways home that are not known yet."""
+    _test(work, {(end, -1) for end in range(len(work.to_home))})
+
+
+def _find_lost(work: _Work, found: _Found, strictly: bool) -> set[int]:
+    """The motions to which the tour has no finite link; not those behind one of them, to which another may lead.
+    strictly: and those from whose ends the way home is not known to be clear.
+    """
     if math.isfinite(found.seconds):
         return set()
-    home = ~work.known.home_blocked
+    if strictly:
+        _test_home(work)
     states = _states(found.order)
-    lost = {states[0][0] // 2} if not home[states[0][0]] else set()
-    lost |= {states[-1][1] // 2} if not home[states[-1][1]] else set()
-    between, _ = links.steps(work.ends, work.known.blocked, np.where(home, work.to_home, math.inf))
-    lost |= {b // 2 for (_, a), (b, _) in pairwise(states) if not math.isfinite(between[a, b])}
-    return lost
+    blocked, home = _blocked(work, surely=True)
+    away = np.isinf(home)
+    lost = {states[0][0] // 2} if away[states[0][0]] else set()
+    lost |= {states[-1][1] // 2} if away[states[-1][1]] else set()
+    between, _ = links.steps(work.ends, work.at_part, blocked, home)
+    for (_, a), (b, _) in pairwise(states):
+        if math.isinf(between[a, b]) and a // 2 not in lost:
+            lost.add(b // 2)
+    return lost | {end // 2 for end in np.flatnonzero(away).tolist()} if strictly else lost
 
 
 def _states(order: matrix.Order) -> list[tuple[int, int]]:

@@ -53,7 +53,14 @@ _BATCH, _WIDEST = 20_000, 64
 _EPS = 1e-12
 
 
-def shortest(between: FloatArray, first: FloatArray, last: FloatArray, seed: int = 0, effort: float = 1.0) -> Order:
+def shortest(
+    between: FloatArray,
+    first: FloatArray,
+    last: FloatArray,
+    seed: int = 0,
+    effort: float = 1.0,
+    start: Order | None = None,
+) -> Order:
     """The order and the directions of n items that cost least, from home through all items and back.
 
     between[i, a, j, b]: (n, 2, n, 2), from end a of item i, where it is left, to end b of item j, where it is entered;
@@ -61,7 +68,8 @@ def shortest(between: FloatArray, first: FloatArray, last: FloatArray, seed: int
     last[i, a]: (n, 2), from end a to home; zeros where nothing comes before or after, and inf to fix the first or last
     item. What an item itself costs when run backwards may be put on the ends that it is entered at. If no order is
     finite, one with the fewest infinite steps that was met is given: ``total`` is then inf. Equal seeds, equal orders.
-    effort: how many shuffles are tried, as a share of the usual number. ValueError for tables of other shapes, NaN or
+    effort: how many shuffles are tried, as a share of the usual number. start: an order from which the search goes
+    on, else that of the nearest neighbour. ValueError for tables of other shapes, NaN or
     -inf.
     """
     count = _check(between, first, last)
@@ -70,9 +78,9 @@ def shortest(between: FloatArray, first: FloatArray, last: FloatArray, seed: int
     steps = _steps(between, first, last)
     if count <= EXACT:
         return _items(_exact(steps))
-    start, flipped = nearest(between, first)
+    items, flipped = nearest(between, first) if start is None else start
     home = 2 * count
-    states = np.array([home, *(2 * i + back for i, back in zip(start, flipped, strict=True)), home])
+    states = np.array([home, *(2 * i + back for i, back in zip(items, flipped, strict=True)), home])
     return _items(_iterate(states, steps, seed, effort)[1:-1])
 
 

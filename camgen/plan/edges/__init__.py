@@ -56,7 +56,12 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     watch("reaching")
     setup = setup_of(robot, cell, where.scene)
     operation = job.operation
-    found = reach(edges.values(), setup, operation.offset, operation.offset_along, freedom_of(job), operation.trim)
+    free, trim = freedom_of(job), operation.trim
+
+    def tell(done: int) -> None:
+        watch(f"reaching {done} of {counted(len(edges), 'edge')}")
+
+    found = reach(edges.values(), setup, operation.offset, operation.offset_along, free, trim, tell)
     found = _clear_between(found, room_of(where, setup))
     good = tuple(one for one in found if isinstance(one, Reached))
     lost = tuple(one for one in found if isinstance(one, Unreached))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from typing import Literal
 
@@ -121,6 +121,10 @@ _ON_ARCS = 0.9
 _SHARES = (0.25, 0.5, 1.0)
 
 
+def _ignore(_: int) -> None:
+    """For callers who do not look at it."""
+
+
 def reach(
     edges: Iterable[Edge],
     setup: Setup,
@@ -128,14 +132,20 @@ def reach(
     direction: Offset = "mean",
     freedom: Freedom = _NONE,
     trim: float = 0.0,
+    tell: Callable[[int], None] = _ignore,
 ) -> tuple[Reached | Unreached, ...]:
     """How each of ``edges`` is processed ``offset`` mm away from it (``poses.poses``), or why it cannot be. trim: mm at
-    either end that may be left out where the whole cannot be reached; closed edges have no ends.
+    either end that may be left out where the whole cannot be reached; closed edges have no ends. tell: is told how many
+    were tried.
 
     Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
     least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
     """
-    return tuple(_reach(edge, setup, offset, direction, freedom, trim) for edge in edges)
+    found = []
+    for done, edge in enumerate(edges):
+        tell(done)
+        found.append(_reach(edge, setup, offset, direction, freedom, trim))
+    return tuple(found)
 
 
 def _reach(
