@@ -207,7 +207,7 @@ def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
     file = tmp_path / "large.urdf"
     with file.open("wb") as stream:
         stream.truncate(8_000_001)
-    with pytest.raises(CamgenError, match="is larger than 8 MB: no description of a robot"):
+    with pytest.raises(CamgenError, match="has more than 8,000,000 bytes: no description of a robot"):
         robot(str(file))
 
 
