@@ -1008,7 +1008,8 @@ def test_faults_by_line(body: str, faults: list[tuple[int, str]]) -> None:
     ("text", "faults"),
     [
         ("", [(1, "there is no PROC main")]),
-        ("MODULE m\nENDMODULE\n! tail\n5", [(4, "'5' stands outside a module"), (4, "there is no PROC main")]),
+        ("MODULE m\nENDMODULE\n! tail\n5", [(3, "a comment outside of a module, where the kernel manual has none"),
+                                           (4, "'5' stands outside a module"), (4, "there is no PROC main")]),
         (f"MODULE m\nPROC main()\n{START}\n", [(3, "t1 is not declared"), (4, "ENDMODULE of m is missing"),
                                                (4, "ENDPROC of main is missing")]),
         (f"MODULE m\n{FRAMES}PROC main()\nConfJ\\Off;MoveJ {POINT},v5,fine,t1;\nENDPROC\nENDMODULE",
