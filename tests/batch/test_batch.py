@@ -269,7 +269,7 @@ def test_a_fault_tells_its_trace_when_asked(here: Path, capsys: Captured) -> Non
 
 @pytest.mark.usefixtures("here")
 def test_a_terminal_gets_a_bar(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("camgen.cli.voice", lambda *_, **__: Voice(terminal=True))
+    monkeypatch.setattr("camgen.cli.voice", lambda *_, **__: Voice(sys.stdout, terminal=True))
     assert main(["batch", "parts/*.dxf", "--post", "gcode", "-o", "out"]) == 0
     said = capsys.readouterr().err
     assert "\r\x1b[2K[########----------------] 1 of 3, 0 failed, about " in said

@@ -134,7 +134,7 @@ def test_a_foreign_post_is_listed_with_where_it_came_from(tmp_path, monkeypatch)
     ],
 )
 def test_a_broken_plug_in_is_listed_with_its_reason_and_stops_no_other(tmp_path, monkeypatch, module, says):
-    monkeypatch.setattr(plugins, "most", lambda _: 1)
+    monkeypatch.setattr(plugins, "SECONDS", 1)
     found = install(tmp_path, monkeypatch, ["strange=strange_post:Mini"], ["strange=strange_post:read"], module)
     assert says in found["strange"].broken
     assert found["strange"].origin == "strange 3.1"

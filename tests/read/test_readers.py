@@ -98,7 +98,7 @@ def test_a_foreign_reader_is_found_by_content_by_suffix_and_by_name(
 def test_a_reader_that_fails_at_files_of_others_spoils_none(
     does: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plugins, "most", lambda _: 1)
+    monkeypatch.setattr(plugins, "SECONDS", 1)
     module = LINE.replace('lambda head: head.startswith(b"LINE")', f"lambda head: {does}")
     register(
         tmp_path, monkeypatch, "line = strange_reader:LINE", "import time\nexit = __import__('sys').exit\n" + module
