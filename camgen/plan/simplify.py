@@ -15,7 +15,7 @@ from camgen.geometry.segments import from_contours
 from camgen.geometry.thinning import Polylines, thin
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
-from camgen.model.pose import frozen
+from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, grouped, short
 from camgen.plan.border_arcs import with_arcs
 from camgen.read import is_drawing
@@ -23,6 +23,8 @@ from camgen.vision.similarity import scale_of
 
 #: The border of pixels lies up to half a pixel beside the line that it shows, and a little more where it turns.
 _PIXELS = 1.0
+#: Digits of a pixel that count, and what is added to the tolerance so that the same one is the same at every scale, px.
+_DIGITS, _SLACK = 6, 1e-6
 
 
 def simplify(part: Part, job: Job) -> Part:
@@ -38,7 +40,10 @@ def simplify(part: Part, job: Job) -> Part:
         before = sum(len(c.points) for c in contours)
         # A fill is planned on the pixels; its contours are only shown.
         arcs_wanted = artwork and job.tolerance.arc_fit > 0 and job.operation.kind != "fill"
-        contours = _thin(contours, tolerance, arcs_wanted)
+        if part.raster is not None and artwork:
+            contours = _thin_in_pixels(contours, tolerance, arcs_wanted, part.raster.work_from_view)
+        else:
+            contours = _thin(contours, tolerance, arcs_wanted)
         count, arcs = sum(len(c.points) for c in contours), sum(int((c.bulges != 0).sum()) for c in contours)
         what = f"{counted(before, 'point')} thinned out to {grouped(count)}"
         what += f", {counted(arcs, 'arc')} found" if arcs_wanted else ""
@@ -54,6 +59,21 @@ def _long_enough(contours: Sequence[Contour], least: float, notes: list[Note]) -
         what = f"{counted(len(contours) - len(kept), 'contour')} shorter than {short(least, 3)} mm"
         notes.append(Note("skipped", what, "input.min_length"))
     return kept
+
+
+def _thin_in_pixels(
+    contours: Sequence[Contour], tolerance: float, arcs: bool, work_from_view: FloatArray
+) -> tuple[Contour, ...]:
+    """The same for borders of pixels, in pixels: the drawing at another scale gets the same lines and arcs."""
+    turned, shift, scale = work_from_view[:, :2], work_from_view[:, 2], scale_of(work_from_view)
+    # Far below what a pixel tells, and far above what the scale leaves in the last digits.
+    grid = [np.round((c.points - shift) @ np.linalg.inv(turned).T, _DIGITS) for c in contours]
+    drawn = _thin([replace(c, points=g) for c, g in zip(contours, grid, strict=True)], tolerance / scale + _SLACK, arcs)
+    # A picture's rows run down: seen from the other side arcs bend the other way.
+    side = np.sign(np.linalg.det(turned))
+    return tuple(
+        replace(c, points=frozen(c.points @ turned.T + shift), bulges=frozen(side * c.bulges + 0.0)) for c in drawn
+    )
 
 
 def _thin(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple[Contour, ...]:

@@ -85,6 +85,7 @@ SMOKES = [
     Smoke("robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)}),
     Smoke("photo.image_space 1 0", (12,), FIGURES | {"waypoints/m": (500, 5000)}),
     Smoke("photo.outlines 1 0 'disc r 5'", (12,), {"rms": (0, 1), "pieces": (2, 2)}),
+    Smoke("photo.pictures {here}/image", (1,), {"outlines": (7, 9), "at points": (0, 0), "most": (0, 2)}),
     Smoke("photo.masks {here}/image 480 1", (5,), {"parts": (1, 1), "holes": (7, 12)}),
     Smoke("photo.photo render {here}/new 1 1", (), {}),
     Smoke("photo.photo judge {here}/photos", (1, 3), {"built": (1, 1), "max mm": (0, 1)}),

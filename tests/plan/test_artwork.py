@@ -22,6 +22,7 @@ from camgen.read.job_file import from_mapping
 from camgen.vision.ink import borders, ink_of
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "image"
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 TRACE = {"operation": {"kind": "trace"}}
 
 
@@ -264,3 +265,15 @@ def test_small_squares_stay_squares_and_small_discs_become_circles(tmp_path: Pat
     for k, disc in enumerate(discs):
         assert disc.bulges.tolist() == [1.0, 1.0]
         assert np.hypot(*(disc.points[1] - disc.points[0])) / 2 == pytest.approx(4 + 0.7 * k, abs=0.5)
+
+
+@pytest.mark.parametrize("name", ["gear.png", "board.png"])
+def test_the_scale_of_a_drawing_has_no_say_in_its_pieces(name: str) -> None:
+    """A pixel is a pixel: what is nearest or far enough by the last digit alone is the same at every scale."""
+    found = []
+    for scale in (0.1, 0.11574, 0.115741, 0.3, 7.0):
+        job = from_mapping({**TRACE, "image": {"mm_per_px": scale}})
+        found.append(simplify(read(PARTS / name, job), job).contours)
+        for one, other in zip(found[0], found[-1], strict=True):
+            assert np.allclose(one.points / 0.1, other.points / scale, atol=1e-4)
+            assert np.allclose(one.bulges, other.bulges, atol=1e-6)

@@ -16,7 +16,8 @@ from camgen.model.errors import InputError
 from camgen.model.part import Contour
 from camgen.vision.lines_arcs.contours import OutlineFit, primitives
 from camgen.vision.lines_arcs.fit import circles, join_sums, lines, move_sums, sum_runs
-from camgen.vision.lines_arcs.polish import FittedChain, polish, to_arcs
+from camgen.vision.lines_arcs.polish import FittedChain, no_fillets, polish, to_arcs
+from camgen.vision.lines_arcs.spots import make_sound
 from camgen.vision.outline import Outline, outlines
 from tests.support.outline_pictures import Drawn, disc, drawn, gear, mask_of, picture, plate, with_holes
 
@@ -264,6 +265,56 @@ def test_what_no_line_or_arc_follows_keeps_its_points_within_the_rest() -> None:
     side = (-40 + 40j) * np.exp(0.2j) + 70 + 70j
     assert np.abs(corners(contours) - side).min() < 0.1
     assert part.gaps(walked(contours)).max() < 1.2
+
+
+def spotted(seed: int) -> Drawn:
+    """A plate with rounded corners, and a ragged spot of 20 px on one side."""
+    rng = np.random.default_rng(seed)
+    spot = [(-10 + 0.5 * k, -60 + float(rng.normal(0, 2.5)), 0.0) for k in range(41)]
+    return drawn([(-90, -60, 12), *spot, (90, -60, 12), (90, 60, 0), (-90, 60, 20)]).placed(0.3, 110 + 90j)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_unsound_spot_leaves_the_rest_of_the_outline_fitted(seed: int) -> None:
+    part = spotted(seed)
+    grey = picture(part, 190, 220, 0.5, 3.0)
+    contours, fits, _ = primitives(outlines(grey, mask_of(grey))[0], PIXELS)
+    assert len(contours[0].points) < 60
+    assert fits[0].arcs >= 3
+    assert fits[0].lines_mm < 130
+    # What is told lies where the spot is, or on one of the lines that end there.
+    spot = -60j * np.exp(0.3j) + 110 + 90j
+    assert all(abs(x - 1j * y - spot) < 60 for x, y in fits[0].places)
+    middles = [(x + y) / 2 for x, y in (((-90 + 30j), (-90 - 30j)), ((90 + 30j), (90 - 30j)))]
+    places = walked(contours[:1])
+    for side in middles:
+        assert np.abs(places - (side * np.exp(0.3j) + 110 + 90j)).min() < 0.3
+
+
+def test_the_scale_of_a_picture_has_no_say_in_its_pieces() -> None:
+    """What a photo gives at 0.11574 mm/px it gives at 0.115741, in mm of its own."""
+    for seed in range(4):
+        grey = picture(spotted(seed), 190, 220, 0.5, 3.0)
+        loops = outlines(grey, mask_of(grey))[0]
+        found = [primitives(loops, PIXELS * scale)[0] for scale in (1.0, 0.11574, 0.115741, 1 / 3, 40.0)]
+        for contours, scale in zip(found, (1.0, 0.11574, 0.115741, 1 / 3, 40.0), strict=True):
+            for one, other in zip(found[0], contours, strict=True):
+                assert np.allclose(one.points * scale, other.points, atol=1e-9)
+                assert np.array_equal(one.bulges, other.bulges)
+
+
+def test_points_that_cross_are_cut_off_there_alone() -> None:
+    t = 2 * np.pi * np.arange(200) / 200
+    points = 40 * np.exp(1j * t)
+    # Two steps back, across itself.
+    points[[50, 51, 52]] = points[[52, 51, 50]] + np.array([0.4, -0.3, 0.2])
+    one = np.ones(1, dtype=np.bool_)
+    chain = FittedChain(points[:1], np.zeros(1), one, ~one)
+    sound = make_sound(chain, no_fillets(chain), one, points, np.zeros(200, dtype=np.int64), 0.01)
+    assert sound is not None
+    assert 0 < sound.cut < 4
+    assert shapely.is_valid(shapely.Polygon(np.column_stack([sound.ring.corners.real, sound.ring.corners.imag])))
+    assert len(sound.ring.corners) > 190
 
 
 def test_a_view_out_of_scale_is_refused() -> None:

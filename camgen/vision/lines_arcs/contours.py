@@ -9,29 +9,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import shapely
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.rings import ComplexArray, Rings, rings
-from camgen.geometry.segments import flatten, from_contours
 from camgen.model.part import Contour, IntArray, Note
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import counted
+from camgen.model.text import counted, short
 from camgen.vision.lines_arcs.fit import BoolArray, Curves
 from camgen.vision.lines_arcs.joints import CornerJoints, clear, joints, normals, orient, small_corners, tangents
 from camgen.vision.lines_arcs.polish import (
     FittedChain,
-    along,
     astray,
     astray_beyond,
     beyond,
     errors,
     fillets_of,
+    no_fillets,
     polish,
-    repair,
 )
 from camgen.vision.lines_arcs.runs import Runs, blocks, fit_runs, merge, relax, rougher, trim, within
+from camgen.vision.lines_arcs.spots import FITTED, make_sound, stretches_of
 from camgen.vision.outline import Outline
 from camgen.vision.similarity import scale_of
 
@@ -126,23 +124,21 @@ def _put_right(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, b
 
 #: What the picture hides beside noise, px: the pattern of its pixels, and distortion that the camera model leaves.
 _HIDDEN = 0.02
-#: Arcs are flattened to this (px) to see whether a contour crosses itself.
-_CHORD = 0.02
-#: What is left of an outline that crosses itself, of its area, when its small loops are cut off.
-_MOST_LOST = 0.98
 
 
 class OutlineFit(Struct, frozen=True):
     """How well a contour follows its outline: rms_mm and max_mm of the points away from rounded corners, and how many
-    lines and arcs it has. doubtful: stretches that no line or arc follows, kept as lines from point to point.
-    cut: px2 of small loops that were cut off a polygon.
+    lines and arcs it has. doubtful: stretches that no line or arc follows, kept as lines, of lines_mm in all; places:
+    their middles, mm. cut: px2 of small loops that were cut off.
     """
 
     rms_mm: float
     max_mm: float
     lines: int
     arcs: int
-    doubtful: int
+    doubtful: int = 0
+    lines_mm: float = 0.0
+    places: tuple[tuple[float, float], ...] = ()
     cut: float = 0.0
 
 
@@ -152,9 +148,10 @@ def primitives(
     """The ``outlines`` (view pixels) as contours in the work frame (mm), and how well each fits.
 
     work_from_view: (2, 3), mm of a pixel centre; a similarity, v may run against y. Outer contours run
-    counter-clockwise, holes clockwise; arcs are half a circle at most. A contour that would cross itself is kept as the
-    polygon of its points, and left out if that crosses itself too; notes say so. Raises InputError if the view is not
-    to scale.
+    counter-clockwise, holes clockwise; arcs are half a circle at most. Stretches that no line or arc follows soundly
+    are kept as lines within the noise of their points. A contour whose points cross themselves is cut off at small
+    loops, and left out if they are large; notes say so. Every decision is made in pixels: the scale has no say.
+    Raises InputError if the view is not to scale.
     """
     matrix = np.asarray(work_from_view, dtype=np.float64)
     scale_of(matrix)
@@ -174,26 +171,29 @@ def primitives(
         stop = begin[mine[-1]] + parts.runs.count[mine[-1]]
         found = _contour(parts, mine, rows[begin[mine[0]] : stop], outline, matrix)
         if found is None:
-            found = _polygon(outline, matrix)
-            notes.append(_note_kept(k, None if found is None else found[1].cut))
-        elif found[1].doubtful:
-            stretches = counted(found[1].doubtful, "stretch", "stretches")
-            what = f"{stretches} of outline {k + 1} kept as lines from point to point"
-            notes.append(Note("warning", what, "no line or arc follows them"))
-        if found is not None:
+            notes.append(Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there"))
+        else:
             contours.append(Contour(*found[0], True, layer, f"c{len(contours) + 1}"))
             fits.append(found[1])
-    return tuple(contours), tuple(fits), tuple(notes)
+    return tuple(contours), tuple(fits), (*notes, *_tell_lines(contours, fits))
 
 
-def _note_kept(k: int, cut: float | None) -> Note:
-    """cut: px2 of small loops that were cut off, None where the outline is left out."""
-    if cut is None:
-        return Note("skipped", f"outline {k + 1} crosses itself", "the mask is too ragged there")
-    what = f"outline {k + 1} kept as a polygon of its points"
+def _tell_lines(contours: Sequence[Contour], fits: Sequence[OutlineFit]) -> tuple[Note, ...]:
+    """What was kept as lines, and what was cut off."""
+    notes = []
+    of = [k for k, fit in enumerate(fits) if fit.doubtful]
+    if of:
+        count, length = sum(fits[k].doubtful for k in of), sum(fits[k].lines_mm for k in of)
+        what = f"{counted(count, 'stretch', 'stretches')} of {counted(len(of), 'outline')} kept as lines"
+        what += f", {short(length, 1)} mm in all"
+        ids, places = tuple(contours[k].id for k in of), tuple(p for k in of for p in fits[k].places)
+        notes.append(Note("warning", what, "no lines and arcs follow them soundly", ids, places))
+    cut = [k for k, fit in enumerate(fits) if fit.cut]
     if cut:
-        what += f", {cut:.1f} px2 of it cut off where it crosses itself"
-    return Note("warning", what, "no lines and arcs follow it soundly")
+        what = f"{short(sum(fits[k].cut for k in cut), 1)} px2 of {counted(len(cut), 'outline')} cut off"
+        why = "small loops where they cross themselves"
+        notes.append(Note("warning", what, why, tuple(contours[k].id for k in cut)))
+    return tuple(notes)
 
 
 _Found = tuple[tuple[FloatArray, FloatArray], OutlineFit]
@@ -203,28 +203,43 @@ def _contour(parts: Divided, mine: IntArray, rows: IntArray, outline: Outline, m
     """Points and bulges in mm of the runs ``mine`` of one outline, whose points are ``rows``; None if it fails."""
     points, counts = parts.points[rows], parts.counts[rows]
     sigma = float(np.hypot(outline.sigma, _HIDDEN))
+    circle = _circle(parts, mine, points, sigma, matrix) if len(mine) == 1 else None
+    if circle is not None:
+        return circle
     if len(mine) == 1:
-        return _circle(parts, mine, points, sigma, matrix)
-    chain, piece = _chain(parts, mine, points, counts)
-    if len(chain.corners) == 2 and chain.straight.all():
+        chain, piece = _points_only(points), np.zeros(len(points), dtype=np.int64)
+    else:
+        chain, piece = _chain(parts, mine, points, counts)
+    if len(chain.corners) < 3 and chain.straight.all():
+        fillets, bad = no_fillets(chain), np.ones(len(chain.corners), dtype=np.bool_)
+    else:
+        fillets = fillets_of(chain, points, piece, outline.blur, sigma)
+        counts = counts & beyond(chain, fillets, points, piece)
+        bad = astray(chain, fillets, points, piece, counts, sigma)
+    sound = make_sound(chain, fillets, bad, points, piece, astray_beyond(sigma))
+    if sound is None:
         return None
-    fillets = fillets_of(chain, points, piece, outline.blur, sigma)
-    counts = counts & beyond(chain, fillets, points, piece)
-    bad = astray(chain, fillets, points, piece, counts, sigma)
-    fillets = replace(fillets, reach=np.where(bad | np.roll(bad, 1), 0.0, fillets.reach))
-    shape = _in_work(*_halve(*repair(chain, fillets, bad, points, piece)), matrix)
-    if bad.all() or not _simple(shape, matrix):
-        return None
-    error = errors(chain, points, piece)[counts & ~bad[piece]]
-    return shape, _fit(error, shape[1], int(bad.sum()), matrix)
+    shape = _in_work(sound.ring.corners, sound.ring.bulges, matrix)
+    error = errors(chain, points, piece)[counts & (sound.drawn == FITTED)[piece]]
+    middles, lengths = stretches_of(sound.drawn, points, piece)
+    fit = _fit(error, shape[1], matrix)
+    places = tuple((x, y) for x, y in _in_work(middles, np.zeros(len(middles)), matrix)[0].tolist())
+    lines_mm = scale_of(matrix) * float(lengths.sum())
+    return shape, replace(fit, doubtful=len(places), lines_mm=lines_mm, places=places, cut=sound.cut)
 
 
-def _fit(error: FloatArray, bulges: FloatArray, doubtful: int, matrix: FloatArray) -> OutlineFit:
+def _points_only(points: ComplexArray) -> FittedChain:
+    """A chain of one piece that is no curve: points that no circle follows."""
+    one = np.ones(1, dtype=np.bool_)
+    return FittedChain(points[:1], np.zeros(1), one, ~one)
+
+
+def _fit(error: FloatArray, bulges: FloatArray, matrix: FloatArray) -> OutlineFit:
     """error: distances of points, px."""
     size = scale_of(matrix) * np.abs(error)
     arcs = int((bulges != 0).sum())
     rms, most = (float(np.sqrt((size**2).mean())), float(size.max())) if len(size) else (0.0, 0.0)
-    return OutlineFit(rms, most, len(bulges) - arcs, arcs, doubtful)
+    return OutlineFit(rms, most, len(bulges) - arcs, arcs)
 
 
 def _circle(parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, matrix: FloatArray) -> _Found | None:
@@ -240,7 +255,7 @@ def _circle(parts: Divided, mine: IntArray, points: ComplexArray, sigma: float, 
         return None
     corners = np.array([centre + 1 / abs(bend), centre - 1 / abs(bend)])
     shape = _in_work(corners, np.full(2, np.sign(bend)), matrix)
-    return shape, _fit(error, shape[1], 0, matrix)
+    return shape, _fit(error, shape[1], matrix)
 
 
 def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArray) -> tuple[FittedChain, IntArray]:
@@ -258,17 +273,6 @@ def _chain(parts: Divided, mine: IntArray, points: ComplexArray, counts: BoolArr
     return polish(FittedChain(corners, bulges, straight, smooth), points, piece, counts.astype(np.float64)), piece
 
 
-def _halve(corners: ComplexArray, bulges: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    """Arcs of more than half a circle as two."""
-    none = np.zeros(len(corners), dtype=np.bool_)
-    middle = along(FittedChain(corners, bulges, none, none), 0.5)
-    large = np.flatnonzero(np.abs(bulges) > 1)
-    half = np.tan(np.arctan(bulges) / 2)
-    corners = np.insert(corners, large + 1, middle[large])
-    shaped = np.insert(np.where(np.abs(bulges) > 1, half, bulges), large + 1, half[large])
-    return corners, shaped
-
-
 def _in_work(corners: ComplexArray, bulges: FloatArray, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points (N, 2) mm and bulges, the part on the left."""
     points = np.column_stack([corners.real, corners.imag]) @ matrix[:, :2].T + matrix[:, 2]
@@ -276,26 +280,3 @@ def _in_work(corners: ComplexArray, bulges: FloatArray, matrix: FloatArray) -> t
         return frozen(points), frozen(0.0 - bulges)
     # Not mirrored, so the part is on the right: the other way round, which turns the bulges too.
     return frozen(points[::-1]), frozen(0.0 - np.roll(bulges[::-1], -1))
-
-
-def _simple(shape: tuple[FloatArray, FloatArray], matrix: FloatArray) -> bool:
-    segments = from_contours([Contour(*shape, True, "")])
-    points, _ = flatten(segments, _CHORD * scale_of(matrix))
-    return len(points) > 2 and bool(shapely.is_valid(shapely.Polygon(points)))
-
-
-def _polygon(outline: Outline, matrix: FloatArray) -> _Found | None:
-    """The points as they are. Where the outline crosses itself, in a slit of a pixel, the small loop is cut off."""
-    drawn, cut = shapely.Polygon(outline.points), 0.0
-    if not shapely.is_valid(drawn):
-        pieces = [p for p in shapely.get_parts(shapely.make_valid(drawn)) if p.geom_type == "Polygon"]
-        whole = sum(piece.area for piece in pieces)
-        drawn = max(pieces, key=lambda piece: float(piece.area), default=drawn)
-        if not pieces or drawn.area < _MOST_LOST * whole:
-            return None
-        cut = whole - float(shapely.Polygon(drawn.exterior).area)
-        cut = abs(cut) + sum(float(shapely.Polygon(inner).area) for inner in drawn.interiors)
-    ring = shapely.get_coordinates(shapely.normalize(drawn).exterior)[:-1]
-    # A normalised ring runs clockwise in u and v, which in the work frame is counter-clockwise.
-    corners = (ring[::-1] if outline.hole else ring) @ np.array([1, 1j])
-    return _in_work(corners, np.zeros(len(corners)), matrix), OutlineFit(0.0, 0.0, len(corners), 0, 1, cut)

@@ -259,6 +259,12 @@ def fillets_of(chain: FittedChain, points: ComplexArray, piece: IntArray, blur: 
     return Fillets(np.where(told, reach, 0.0), turn, ~told & ~chain.smooth & (depth > farthest))
 
 
+def no_fillets(chain: FittedChain) -> Fillets:
+    """Sharp corners, whatever the points say."""
+    none = np.zeros(len(chain.corners))
+    return Fillets(none, none, none > 0)
+
+
 def _depths(corners: ComplexArray, inwards: ComplexArray, points: ComplexArray, piece: IntArray) -> FloatArray:
     """How far ``inwards`` (K,) of each corner the points around it pass."""
     size = np.bincount(piece, minlength=len(corners))
@@ -274,10 +280,14 @@ def _depths(corners: ComplexArray, inwards: ComplexArray, points: ComplexArray, 
 
 def repair(
     chain: FittedChain, fillets: Fillets, bad: BoolArray, points: ComplexArray, piece: IntArray
-) -> tuple[ComplexArray, FloatArray]:
-    """Corners and bulges with the fillets put in, and with ``bad`` (K,) pieces as lines from point to point."""
+) -> tuple[ComplexArray, FloatArray, IntArray]:
+    """Corners, bulges and their pieces with the fillets put in, and with ``bad`` (K,) pieces as lines between points.
+
+    piece (N,): ascending, which one each of the ``points`` belongs to; each has one at least.
+    """
+    rounded = np.where(bad | np.roll(bad, 1), 0.0, fillets.reach)
     begin = np.searchsorted(piece, np.arange(len(bad) + 1))
-    low, high = fillets.reach / _lengths(chain), 1 - np.roll(fillets.reach, -1) / _lengths(chain)
+    low, high = rounded / _lengths(chain), 1 - np.roll(rounded, -1) / _lengths(chain)
     # Beside a bad piece the corner is as doubtful: a good one begins and ends where its own points do.
     low = np.where(np.roll(bad, 1), _share(chain, points[begin[:-1]]), low)
     high = np.where(np.roll(bad, -1), _share(chain, points[begin[1:] - 1]), high)
@@ -288,12 +298,13 @@ def repair(
     for k in range(len(bad)):
         after = (k + 1) % len(bad)
         # The end of a piece is the beginning of the next, unless something lies between.
-        between = not bad[k] and (bad[after] or fillets.reach[after] > 0)
+        between = not bad[k] and (bad[after] or rounded[after] > 0)
         own = points[begin[k] : begin[k + 1]] if bad[k] else first[k : k + 1]
         corners.append(np.append(own, last[k]) if between else own)
         shape = np.zeros(len(own)) if bad[k] else bulges[k : k + 1]
         shapes.append(np.append(shape, 0.0 if bad[after] else np.tan(fillets.turn[after] / 4)) if between else shape)
-    return np.concatenate(corners), np.concatenate(shapes)
+    counts = [len(own) for own in corners]
+    return np.concatenate(corners), np.concatenate(shapes), np.repeat(np.arange(len(bad)), counts)
 
 
 def _lengths(chain: FittedChain) -> FloatArray:

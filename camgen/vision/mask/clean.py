@@ -16,6 +16,8 @@ from camgen.vision.to_scale import ScaledView
 #: Nothing smaller has an outline.
 _LEAST_PIXELS = 12.0
 _PARENT = 3
+#: Areas that differ by less, as a share, are the same: a scale is given in digits.
+_SAME = 1e-4
 
 Ring = NDArray[np.int32]
 
@@ -35,6 +37,8 @@ def clean(mask: Bytes, view: ScaledView, min_area: float, name: str) -> tuple[No
     """
     mm2 = view.mm_per_px**2
     least = max(min_area / mm2, _LEAST_PIXELS)
+    # What is just as large as asked for is so at every scale.
+    enough = least * (1 - _SAME)
     found, tree = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     rings = [np.asarray(ring, np.int32) for ring in found]
     steps = np.array([len(ring) if len(ring) > 1 else 0 for ring in rings], np.float64)
@@ -45,13 +49,13 @@ def clean(mask: Bytes, view: ScaledView, min_area: float, name: str) -> tuple[No
     pixels = np.where(outer, areas + steps / 2 + 1, areas - steps / 2 + 1)
     filled = pixels.copy()
     np.subtract.at(pixels, parents[~outer], filled[~outer])
-    kept = outer & (pixels >= least)
+    kept = outer & (pixels >= enough)
     if not kept.any():
         raise _nothing(view, outer, pixels, least * mm2, name)
     specks = outer & ~kept
     for k in np.flatnonzero(specks).tolist():
         _erase(mask, MaskPiece(rings[k], float(pixels[k]), float(filled[k])))
-    small = ~outer & (filled < least)
+    small = ~outer & (filled < enough)
     small[~outer] &= kept[parents[~outer]]
     for k in np.flatnonzero(small).tolist():
         cv2.drawContours(mask, [rings[k]], -1, 255, cv2.FILLED)
