@@ -129,6 +129,7 @@ class Raster(Struct, frozen=True, eq=False):
     photo: as it was taken, (H, W) or (H, W, 3) blue, green, red. framed: (N, 2) px, the view's border in the photo.
     view: the work plane to scale, (h, w) or (h, w, 3). work_from_view: (2, 3), mm of a pixel centre of it. mask: (h, w)
     of the view, 255 where the part is. borders: of the part, closed, (N, 2) px of the view, finer than the mask.
+    doubt: (h, w), 255 where other ways to tell the part from the bench see it differently, None where none does.
     """
 
     photo: NDArray[np.uint8]
@@ -137,6 +138,7 @@ class Raster(Struct, frozen=True, eq=False):
     work_from_view: FloatArray
     mask: NDArray[np.uint8]
     borders: tuple[FloatArray, ...]
+    doubt: NDArray[np.uint8] | None = None
 
 
 class Part(Struct, frozen=True, eq=False):

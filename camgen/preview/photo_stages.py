@@ -18,6 +18,8 @@ from camgen.preview.panels import WIDE, Crop, Panel, Pixels, faint, image, line,
 
 #: How far apart the normals are drawn, mm of the page.
 _NORMALS_APART_MM = 2.5
+#: Blue, green, red of what is in doubt.
+_DOUBT = np.array([0, 90, 170], dtype=np.uint8)
 #: From slow to fast, from no force to the most.
 _RAMP = ("#30123b", "#4662d7", "#36aaf9", "#1ae4b6", "#72fe5e", "#c8ef34", "#faba39", "#f66b19", "#ca2a04")
 
@@ -33,6 +35,7 @@ def svg(part: Part, raster: Raster, tour: Tour, notes: Sequence[Note], title: st
             crop.high,
             [show_crop(crop, raster.mask, smooth=False), _outline(part, raster, crop)],
         ),
+        *_doubt(part, raster, crop),
         Panel("distance from the part", crop.high, [show_crop(crop, _distance(raster))]),
         Panel("normals, towards the part", crop.high, [faint(raster, crop), *_normals(tour, raster, crop)]),
         _colour("path by feed, mm/s", 1.0, [p.feed for p in tour.paths], tour, raster, crop),
@@ -52,6 +55,16 @@ def _photo(raster: Raster) -> Iterator[str]:
     framed = raster.framed[np.isfinite(raster.framed).all(axis=1)].clip(0, (width - 1, height - 1)) * scale
     if len(framed) > 2:
         yield f'<path class="plane" d="{line(framed)}Z"/>'
+
+
+def _doubt(part: Part, raster: Raster, crop: Crop) -> Iterator[Panel]:
+    """Where other ways to tell the part from the bench differ, in orange over the view."""
+    if raster.doubt is None:
+        return
+    view = raster.view if raster.view.ndim == 3 else np.repeat(raster.view[..., None], 3, axis=2)
+    tinted = np.where(raster.doubt[..., None] > 0, view // 3 + _DOUBT, 255 - (255 - view) // 2).astype(np.uint8)
+    content = [show_crop(crop, tinted), _outline(part, raster, crop)]
+    yield Panel("in doubt: part or bench by the method", crop.high, content)
 
 
 def _distance(raster: Raster) -> Pixels:

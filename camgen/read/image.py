@@ -79,6 +79,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
         work_from_view=seen.view.work_from_view,
         mask=seen.mask.pixels,
         borders=tuple(outline.points for outline in found),
+        doubt=seen.mask.doubt,
     )
     return Part(
         source.stem, source.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_tell_fit(fits)), raster

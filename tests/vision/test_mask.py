@@ -511,3 +511,52 @@ def test_parts_of_shared_pictures(name: str) -> None:
     mask = part_mask(already_to_scale(load(source(IMAGES / name)), mm_per_px=0.1))
     least, most = COUNTS[name]
     assert least <= cv2.connectedComponents(mask.pixels)[0] - 1 <= most
+
+
+def lit(kind: str) -> np.ndarray:
+    """A bench without a part under uneven light, grey levels."""
+    v, u = np.mgrid[0:480, 0:620] / 480
+    one, other = np.exp(-((u - 0.2) ** 2 + (v - 0.2) ** 2) * 8), np.exp(-((u - 1.1) ** 2 + (v - 0.8) ** 2) * 8)
+    return {"lamp": 120 + 60 * other, "two lamps": 90 + 60 * one + 50 * other}[kind]
+
+
+def shaded(part: float, shade: float, soft: float) -> np.ndarray:
+    """The part and its cast shadow on a light bench."""
+    shadow = cv2.GaussianBlur(np.roll(SHAPE, (14, 22), axis=(0, 1)), (0, 0), soft)
+    return scene(part, 200 - (200 - shade) * shadow)
+
+
+@pytest.mark.parametrize("soft", [1, 6])
+@pytest.mark.parametrize(("part", "shade"), [(60, 80), (60, 120), (90, 120), (90, 140), (110, 140)])
+def test_a_cast_shadow_is_told_and_shown(part: float, shade: float, soft: float) -> None:
+    mask = part_mask(seen(shaded(part, shade, soft)))
+    note = next(note for note in mask.notes if "part or bench by the method" in note.what)
+    assert note.kind == "warning"
+    assert mask.doubt is not None
+    assert mask.doubt.shape == mask.pixels.shape
+    # Where it is in doubt there is shadow, or the border beside it, not the part.
+    inside = cv2.erode(SHAPE, np.ones((9, 9))) > 0.5
+    assert np.mean(inside[mask.doubt > 0]) < 0.1
+    for x, y in note.places:
+        assert 0 < x < 620 * SCALE
+        assert 0 < y < 480 * SCALE
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0, 5.0])
+@pytest.mark.parametrize("kind", ["lamp", "two lamps"])
+def test_what_uneven_light_invents_on_a_bare_bench_is_told(kind: str, noise: float) -> None:
+    grey = lit(kind) + np.random.default_rng(1).normal(0, noise, (480, 620))
+    try:
+        mask = part_mask(seen(np.clip(np.rint(grey), 0, 255).astype(np.uint8)))
+    except InputError:
+        return
+    assert any(n.kind == "warning" for n in mask.notes)
+
+
+def test_a_part_that_is_clear_is_not_doubted() -> None:
+    for pixels in (scene(60, 200), scene(200, 70, slope=0.5), scene(RED, GREEN), scene(60, 200, noise=8, blur=2.5)):
+        assert part_mask(seen(pixels)).doubt is None
+
+
+def test_a_method_that_is_asked_for_is_not_compared() -> None:
+    assert part_mask(seen(shaded(60, 120, 1)), mask="otsu").doubt is None

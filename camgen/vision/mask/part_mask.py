@@ -14,11 +14,12 @@ from typing import Literal
 import cv2
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import ImageTable
 from camgen.model.part import Note
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.vision.mask.cells import Bools, Bytes, Cells, Floats, bench_of, cells_of, depth
 from camgen.vision.mask.channel import (
     MIXED,
@@ -36,6 +37,7 @@ from camgen.vision.mask.channel import (
     split_at,
 )
 from camgen.vision.mask.clean import clean
+from camgen.vision.mask.doubt import Doubt, find_doubt, first_tone, other_levels, show_doubt
 from camgen.vision.mask.level import beyond, spread_out
 from camgen.vision.to_scale import ScaledView
 
@@ -57,6 +59,8 @@ _COLOURED = 8.0
 _OFF_MIDDLE = 0.1
 #: What differs from the bench the other way is worth a note from so much of the part on.
 _OTHER_SIDE = 0.05
+#: Places of a note that are shown, the largest ones.
+_MOST_PLACES = 20
 
 
 class Asked(Struct, frozen=True, eq=False):
@@ -70,13 +74,16 @@ class Asked(Struct, frozen=True, eq=False):
 
 
 class MaskChoice(Struct, frozen=True, eq=False):
-    """What was found and how. level: a given one, instead of halfway."""
+    """What was found and how. level: a given one, instead of halfway. others: what other ways found, by name, where
+    ``auto`` has looked at them.
+    """
 
     method: Method
     why: str
     found: Found
     level: float | None = None
     notes: tuple[Note, ...] = ()
+    others: dict[str, Bools] = {}
 
 
 def choose_mask(pixels: Bytes, empty: Bytes | None, cells: Cells, asked: Asked) -> MaskChoice:
@@ -162,11 +169,32 @@ def _background(pixels: Bytes, empty: Bytes, cells: Cells, asked: Asked) -> Mask
 def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     """Grey, if it shows the part clearly and all of it, else colour: grey is nearer to what a lens and a blur do."""
     grey = _adaptive(pixels, cells, asked)
-    if _find_coloured(cells):
-        reason = _for_colour(pixels, cells, asked, grey)
-        colour = _color(pixels, cells, asked) if reason else None
-        if colour is not None:
-            return _because(colour, reason)
+    few = _few_coloured(pixels, cells, asked) if _find_coloured(cells) else None
+    choice = _choose(pixels, cells, asked, grey, few)
+    if choice is None:
+        return None
+    others = other_levels(choice.found, cells)
+    # A method has a say where it tells the part clearly, one threshold where the light is even.
+    if grey is not None and grey.found.clear >= _CLEAR_CONTRAST:
+        others["adaptive"] = grey.found.part
+        if _variation_of_light(grey.found, cells) <= _EVEN:
+            values = grey.found.channel.cells
+            others["otsu"] = split_at(values, cells, otsu(values, cells), asked.invert)
+    if few is not None and few.found.clear >= _CLEAR_CONTRAST and choice.method != "color":
+        others["color"] = _as_many(few.found.part, cells.valid.shape)
+    tone = first_tone(choice.found)
+    if tone is not None:
+        others["one tone of it"] = tone
+    return replace(choice, others=others)
+
+
+def _choose(
+    pixels: Bytes, cells: Cells, asked: Asked, grey: MaskChoice | None, few: MaskChoice | None
+) -> MaskChoice | None:
+    reason = _for_colour(few, grey)
+    colour = _color(pixels, cells, asked) if reason else None
+    if colour is not None:
+        return _because(colour, reason)
     if grey is None:
         return None
     if grey.found.clear < _CLEAR_CONTRAST:
@@ -175,26 +203,39 @@ def _auto(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
     return _by_light(cells, asked, grey)
 
 
-def _for_colour(pixels: Bytes, cells: Cells, asked: Asked, grey: MaskChoice | None) -> str:
-    """Why colour is better than grey; empty if it is not. Judged by a part of the cells, evenly spread."""
-    step = max(1, math.isqrt(cells.valid.size // _ENOUGH))
+def _few_coloured(pixels: Bytes, cells: Cells, asked: Asked) -> MaskChoice | None:
+    """The part by its colour in some of the cells, evenly spread."""
+    step = _step(cells.valid.shape)
     few = Cells(
         np.ascontiguousarray(cells.values[::step, ::step]), cells.valid[::step, ::step].copy(), cells.size * step
     )
-    colour = _color(pixels, few, asked)
+    return _color(pixels, few, asked)
+
+
+def _step(shape: tuple[int, ...]) -> int:
+    return max(1, math.isqrt(shape[0] * shape[1] // _ENOUGH))
+
+
+def _as_many(few: Bools, shape: tuple[int, ...]) -> Bools:
+    """Some of the cells spread to all of ``shape``."""
+    step = _step(shape)
+    return np.asarray(few.repeat(step, axis=0).repeat(step, axis=1)[: shape[0], : shape[1]], np.bool_)
+
+
+def _for_colour(colour: MaskChoice | None, grey: MaskChoice | None) -> str:
+    """Why colour is better than grey; empty if it is not. Judged by some of the cells."""
     if colour is None or colour.found.clear < _CLEAR_CONTRAST:
         return ""
     if grey is None or grey.found.clear < _CLEAR_CONTRAST:
         return "part and bench differ in colour more clearly than in grey"
+    step = _step(grey.found.part.shape)
     more = _more(colour.found.part, grey.found.part[::step, ::step].copy())
     return "colour shows more of the part than grey does" if more else ""
 
 
 def _by_light(cells: Cells, asked: Asked, grey: MaskChoice) -> MaskChoice:
     """Otsu's threshold if the light is even and it finds the same; the simpler way is the one to be told."""
-    bench = grey.found.bench.values[cells.valid]
-    low, middle, high = np.percentile(bench, [1, 50, 99]).tolist()
-    varies = (high - low) / max(middle, 1.0)
+    varies = _variation_of_light(grey.found, cells)
     if varies > _EVEN:
         return _because(grey, f"the light varies by {100 * varies:.0f} % over the picture")
     channel = grey.found.channel
@@ -202,6 +243,12 @@ def _by_light(cells: Cells, asked: Asked, grey: MaskChoice) -> MaskChoice:
     if not same(plain, grey.found.part):
         return _because(grey, "one threshold for the whole picture finds something else than the bench's rim says")
     return _because(MaskChoice("otsu", "", grey.found, notes=grey.notes), "the light is even")
+
+
+def _variation_of_light(found: Found, cells: Cells) -> float:
+    """By how much the bench varies over the picture, of its value in the middle."""
+    low, middle, high = np.percentile(found.bench.values[cells.valid], [1, 50, 99]).tolist()
+    return float((high - low) / max(middle, 1.0))
 
 
 def _because(choice: MaskChoice, reason: str) -> MaskChoice:
@@ -249,7 +296,8 @@ class Mask(Struct, frozen=True, eq=False):
 
     method: the one used. why: a sentence. grey: (H, W) uint8 or float32, in which the boundary is where ``level`` is, a
     number or (H, W) float32; the part is below it if ``dark``, else above. Beside dropped specks and filled holes, and
-    where the photo shows nothing, ``pixels`` is exactly that side.
+    where the photo shows nothing, ``pixels`` is exactly that side. doubt: (H, W), 255 where other methods than the one
+    that ``auto`` chose see it differently by more than a border; None where none does.
     """
 
     pixels: Bytes
@@ -259,6 +307,7 @@ class Mask(Struct, frozen=True, eq=False):
     level: float | Floats
     dark: bool
     notes: tuple[Note, ...] = ()
+    doubt: Bytes | None = None
 
 
 def part_mask(
@@ -288,12 +337,30 @@ def part_mask(
     if view.valid is not None:
         pixels[~view.valid] = 0
     notes += clean(pixels, view, settings.min_area, name)
+    doubt = find_doubt(choice.found.part, choice.others, cells, settings.min_area / view.mm_per_px**2)
+    if doubt is not None:
+        notes += (_note_doubt(doubt, cells, view),)
     # Views, since the grey picture may be the caller's own.
     pixels, grey = pixels.view(), grey.view()
     for array in (pixels, grey, level):
         if isinstance(array, np.ndarray):
             array.flags.writeable = False
-    return Mask(pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes)
+    in_doubt = None if doubt is None else show_doubt(doubt, cells, pixels.shape)
+    return Mask(pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes, in_doubt)
+
+
+def _note_doubt(doubt: Doubt, cells: Cells, view: ScaledView) -> Note:
+    """What other methods see differently, and where."""
+    mm2 = (cells.size * view.mm_per_px) ** 2
+    count = len(doubt.places)
+    what = f"{counted(count, 'place')}, {short(int(doubt.where.sum()) * mm2, 1)} mm2 in all, "
+    what += f"{'are' if count > 1 else 'is'} part or bench by the method: a shadow, a shine, or uneven light?"
+    by = ", ".join(f"{name} by {short(size * mm2, 1)} mm2" for name, size in doubt.by)
+    why = f"others differ there: {by}; look at the preview, set image.mask or image.threshold, or give image.background"
+    middle = (cells.size - 1) / 2
+    at = np.array([[u * cells.size + middle, v * cells.size + middle, 1.0] for v, u in doubt.places[:_MOST_PLACES]])
+    places = tuple((x, y) for x, y in (at @ view.work_from_view.T).tolist())
+    return Note("warning", what, why, places=places)
 
 
 def _method(settings: ImageTable, background: ScaledView | None) -> Method:
