@@ -67,6 +67,13 @@ class ImageTable(Table, frozen=True):
     ] = None
     color: Annotated[Values | None, Meta(description="color of the bench or of the part: [red, green, blue]")] = None
     invert: Annotated[bool, Meta(description="the part is what was taken for the bench")] = False
+    lines: Annotated[
+        Literal["auto", "centre", "border"],
+        Meta(
+            description="of a drawing that is traced: ink along its middle (centre), along its borders (border), or "
+            "thin lines and lettering along their middle and the rest along its borders (auto)"
+        ),
+    ] = "auto"
     min_area: Annotated[NotNegative, Meta(description="smaller specks and holes are dropped and counted, mm2")] = 1.0
 
 

@@ -1,5 +1,5 @@
 """Drawings in black and white, to be traced, filled or drilled: the borders of the ink, point by point
-(continuous-path.md, 3).
+(continuous-path.md, 3), and where thin lines and lettering are traced their middles.
 
 ``camgen.simplify`` makes lines and arcs of them once the size on the page is known.
 """
@@ -12,16 +12,17 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
 from camgen.model.job import ImageTable, Job
 from camgen.model.part import Contour, Note, Part, Raster
-from camgen.model.pose import frozen
-from camgen.model.text import short
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted, short
 from camgen.read.files import Files
+from camgen.vision.centre import middles_of, piece_of, pieces_of
 from camgen.vision.image import Picture, load
-from camgen.vision.ink import borders, ink_of
+from camgen.vision.ink import Ink, borders, ink_of
 from camgen.vision.to_scale import ScaledView, already_to_scale
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
-    """The ink in the picture ``source``: closed contours of one point per pixel of border, lines between them.
+    """The ink in the picture ``source``: contours of one point per pixel of border or middle, lines between them.
 
     InputError if the picture has no ink or no scale, JobError for settings that a drawing has no use for.
     """
@@ -36,10 +37,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
     found = borders(ink)
     # Pixel (0, 0) of what was found is the paper around the picture.
     matrix = np.column_stack([view.work_from_view[:, :2], view.work_from_view @ (-1.0, -1.0, 1.0)])
-    contours = []
-    for k, border in enumerate(found, 1):
-        points = frozen(border @ matrix[:, :2].T + matrix[:, 2])
-        contours.append(Contour(points, frozen(np.zeros(len(points))), True, "0", f"c{k}"))
+    contours, told = _contours(ink, found, matrix, job)
     height, width = picture.pixels.shape[:2]
     mask = ink.pixels.view(np.uint8) * np.uint8(255)
     grey = np.clip(ink.grey, 0, 255).astype(np.uint8)
@@ -57,8 +55,32 @@ def read(source: Source, job: Job, _files: Files) -> Part:
         *picture.notes,
         *view.notes,
         Note("assumed", f"ink told from paper by {ink.why}", "image.invert swaps them"),
+        *told,
     )
-    return Part(source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", tuple(contours), notes, raster)
+    return Part(source.stem, source.name, f"{short(view.mm_per_px, 5)} mm/px", contours, notes, raster)
+
+
+def _contours(
+    ink: Ink, found: list[FloatArray], matrix: FloatArray, job: Job
+) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+    """The borders ``found``, and instead of those of thin lines their middles, if the drawing is traced."""
+    drawn = [(border, True) for border in found]
+    notes: tuple[Note, ...] = ()
+    if job.operation.kind == "trace" and job.image.lines != "border":
+        pieces = pieces_of(ink, job.image.lines == "centre")
+        middles, once = middles_of(pieces)
+        drawn = [(border, True) for border in found if not once[piece_of(border, pieces)]]
+        drawn += [(middle.points, middle.closed) for middle in middles]
+        if once.any():
+            what = f"{counted(int(once.sum()), 'piece')} of ink drawn once, along the middle"
+            rest = len(once) - 1 - int(once.sum())
+            what += f", {counted(rest, 'piece')} along the border" if rest else ""
+            notes = (Note("assumed", what, f'image.lines = "{job.image.lines}"; "border" draws both sides'),)
+    contours = []
+    for k, (points, closed) in enumerate(drawn, 1):
+        placed = frozen(points @ matrix[:, :2].T + matrix[:, 2])
+        contours.append(Contour(placed, frozen(np.zeros(len(placed))), closed, "0", f"c{k}"))
+    return tuple(contours), notes
 
 
 def _view(picture: Picture, job: Job) -> ScaledView:
@@ -83,3 +105,5 @@ def _nothing_unused(job: Job) -> None:
             remedy = "leave it out; input.min_length drops what is small"
             what = "has no effect on a drawing that is traced, filled or drilled"
             raise JobError(f"[image] {key}", what, remedy=remedy)
+    if job.image.lines != default.lines and job.operation.kind != "trace":
+        raise JobError("[image] lines", "has no effect on a drawing that is not traced", remedy="leave it out")

@@ -157,6 +157,7 @@ def _nothing_unused(job: Job) -> None:
             bool(image.background) and image.mask not in ("auto", "background"),
             f'mask = "{image.mask}" does not look at it',
         ),
+        ("[image] lines", image.lines != "auto", "it is for drawings that are traced"),
     ):
         if unused:
             raise JobError(where, f"has no effect: {why}", remedy="leave one of the two out")

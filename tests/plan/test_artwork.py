@@ -46,7 +46,8 @@ def rings(part: Part, step: float) -> list[np.ndarray]:
         one = from_contours([contour])
         points, _ = flatten(one, 1e-4)
         # A thin line may be left as two points, there and back: no ring.
-        ring = shapely.segmentize(shapely.linestrings(np.concatenate([points, points[:1]])), step)
+        end = points[:1] if contour.closed else contour.points[-1:]
+        ring = shapely.segmentize(shapely.linestrings(np.concatenate([points, end])), step)
         found.append(shapely.get_coordinates(ring))
     return found
 
@@ -277,3 +278,61 @@ def test_the_scale_of_a_drawing_has_no_say_in_its_pieces(name: str) -> None:
         for one, other in zip(found[0], found[-1], strict=True):
             assert np.allclose(one.points / 0.1, other.points / scale, atol=1e-4)
             assert np.allclose(one.bulges, other.bulges, atol=1e-6)
+
+
+def sketch() -> tuple[np.ndarray, np.ndarray]:
+    """A line of 4 px, an arc of 4 px, N and L of 3 px and a solid square; and the points of line and arc, px."""
+    finer, pixels = 4, np.full((1200, 1600), 255, np.uint8)
+    t = np.linspace(0, 1.5 * np.pi, 400)
+    arc = np.column_stack([300 + 60 * np.cos(t), 90 + 60 * np.sin(t)])
+    line = np.column_stack([np.linspace(40, 200, 400), np.linspace(30, 130, 400)])
+    for points in (arc, line):
+        steps = np.round((points + 0.5) * finer - 0.5).astype(np.int32)
+        cv2.polylines(pixels, [steps], False, 0, 4 * finer)
+    for letter in ([(60, 240), (60, 200), (80, 240), (80, 200)], [(100, 200), (100, 240), (120, 240)]):
+        cv2.polylines(pixels, [np.array(letter, np.int32) * finer], False, 0, 3 * finer)
+    cv2.rectangle(pixels, (1100, 760), (1400, 1060), 0, cv2.FILLED)
+    small = cv2.resize(pixels, (400, 300), interpolation=cv2.INTER_AREA)
+    return small, np.concatenate([arc, line])
+
+
+def length(part: Part) -> float:
+    return float(from_contours(part.contours).length.sum())
+
+
+def test_thin_lines_and_lettering_are_drawn_once_along_their_middle(tmp_path: Path) -> None:
+    picture, middle = sketch()
+    path = written(tmp_path, picture)
+    jobs = {how: {"image": {"mm_per_px": 1.0, "lines": how}} for how in ("auto", "border", "centre")}
+    parts = {how: both(path, **job)[1] for how, job in jobs.items()}
+    # The square keeps its border, of 4 x 75 px; of all else one side is enough.
+    around = 4 * 75
+    once, twice = length(parts["auto"]) - around, length(parts["border"]) - around
+    assert 0.4 * twice < once < 0.52 * twice
+    closed = [c for c in parts["auto"].contours if c.closed]
+    assert len(closed) == 1
+    assert any("drawn once, along the middle, 1 piece along the border" in n.what for n in parts["auto"].notes)
+    assert all(c.closed for c in parts["border"].contours)
+    # Nowhere farther than a pixel from what was drawn, and of 4 px half is cut off at each end at most.
+    matrix = parts["auto"].raster.work_from_view
+    drawn = shapely.union_all([shapely.linestrings(points) for points in rings(parts["auto"], 1.0)])
+    wanted = (middle + 1) @ matrix[:, :2].T + matrix[:, 2]
+    off = shapely.distance(shapely.points(wanted), drawn)
+    assert off.max() < 2.6
+    assert np.sqrt((off**2).mean()) < 0.5
+
+
+def test_a_dot_keeps_its_border(tmp_path: Path) -> None:
+    picture = np.full((100, 100), 255, np.uint8)
+    cv2.circle(picture, (50, 50), 20, 0, cv2.FILLED)
+    part = both(written(tmp_path, picture), image={"mm_per_px": 1.0, "lines": "centre"})[1]
+    assert [c.closed for c in part.contours] == [True]
+    assert length(part) == pytest.approx(2 * np.pi * 20, rel=0.03)
+
+
+@pytest.mark.parametrize("kind", ["fill", "drill", "follow"])
+def test_lines_of_what_is_not_traced_are_refused(tmp_path: Path, kind: str) -> None:
+    picture, _ = sketch()
+    job = from_mapping({"operation": {"kind": kind}, "image": {"mm_per_px": 1.0, "lines": "centre"}})
+    with pytest.raises(JobError, match="lines: has no effect"):
+        read(written(tmp_path, picture), job)
