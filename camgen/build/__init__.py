@@ -229,7 +229,7 @@ def poster_of(name: str, job: Job, origin: str) -> Post:
 def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) -> None:
     """NoSafeProgram when nothing is left to do, or, where ``strict``, when something was left out or went wrong."""
     skipped = [note for note in notes if note.kind == "skipped"]
-    if not part.contours and part.solid is None and not isinstance(part, Recorded):
+    if not part.contours and not part.curves and part.solid is None and not isinstance(part, Recorded):
         raise InputError(part.source, "nothing to work on", remedy="camgen inspect shows what the file holds")
     if not something:
         # What the planner left out comes last; what the reader left out is not why the contours have no path.

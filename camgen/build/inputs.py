@@ -42,27 +42,50 @@ def read_inputs(sources: Sequence[Path | Part], job: Job, cell: Cell, files: Fil
 def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell:
     """The cell of ``job`` on the base of ``cell``, that of a post, with the arm that ``part`` is checked with."""
     files = files.within(job.limits)
-    arm = _arm(job.cell.robot or (cell.robot if part is not None and part.solid is not None else ""), files)
+    in_space = part is not None and (part.solid is not None or bool(part.curves))
+    arm = _arm(job.cell.robot or (cell.robot if in_space else ""), files)
     return equip(cell, job, arm, _meshes(job, files))
 
 
 def join_parts(parts: Sequence[Part]) -> Part:
-    """Several parts in one work frame as one. Contour ids get the place of their input in front: ``2/c7``."""
+    """Several parts in one work frame as one. Contour ids get the place of their input in front: ``2/c7``.
+
+    Curves in space go together with each other, and with the one 3-D part that they lie on or beside.
+    """
     if len(parts) == 1:
         return parts[0]
+    solids = [part.solid for part in parts if part.solid is not None]
+    curves = [part for part in parts if part.curves]
+    if curves and len(curves) + len(solids) == len(parts) and len(solids) <= 1:
+        return _join_curves(parts, solids[0] if solids else None)
+    if curves:
+        what = "curves in space make a program by themselves, or with one 3-D part"
+        raise InputError(curves[0].source, what, remedy="build them alone")
     alone = [part for part in parts if part.raster is not None or part.solid is not None or isinstance(part, Recorded)]
     if alone:
         what = "picture" if alone[0].raster is not None else "program" if alone[0].solid is None else "3-D part"
         raise InputError(alone[0].source, f"a {what} makes a program by itself", remedy="build it alone")
     contours = [replace(c, id=f"{k}/{c.id}") for k, part in enumerate(parts, 1) for c in part.contours]
+    return replace(_head(parts), contours=tuple(contours))
+
+
+def _head(parts: Sequence[Part]) -> Part:
+    """Names, units and notes of several parts."""
     notes = [replace(note, what=f"{part.source}: {note.what}") for part in parts for note in part.notes]
     return Part(
         name=parts[0].name,
         source=" + ".join(part.source for part in parts),
         units=" + ".join(dict.fromkeys(part.units for part in parts)),
-        contours=tuple(contours),
+        contours=(),
         notes=tuple(notes),
     )
+
+
+def _join_curves(parts: Sequence[Part], solid: Solid | None) -> Part:
+    """Curves of one or several files, with what they lie on."""
+    own = [part for part in parts if part.curves]
+    listed = [(f"{k}/" if len(own) > 1 else "", c) for k, part in enumerate(parts, 1) for c in part.curves]
+    return replace(_head(parts), curves=tuple(replace(c, id=before + c.id) for before, c in listed), solid=solid)
 
 
 def _read(path: Path, job: Job, files: Files) -> Part:
@@ -125,13 +148,15 @@ def digest_of(job: Job, sources: Sequence[Path | Part], files: Files) -> str:
 def _bytes_of(part: Part) -> bytes:
     """What stands for a part that was made in code."""
     columns: list[NDArray[Any]] = [column for c in part.contours for column in (c.points, c.bulges)]
+    for curve in part.curves:
+        columns += [curve.points, curve.via, *([] if curve.rotations is None else [curve.rotations])]
     if part.solid is not None:
         columns += [part.solid.vertices, part.solid.faces]
     if part.raster is not None:
         columns += [part.raster.mask, *part.raster.borders]
     if isinstance(part, Recorded):
         return repr(part.run).encode()
-    names = [(c.id, c.layer, c.closed) for c in part.contours]
+    names = [(c.id, c.layer, c.closed) for c in part.contours] + [(c.id, c.layer, c.closed) for c in part.curves]
     return msgspec.json.encode(names) + b"".join(column.tobytes() for column in columns)
 
 

@@ -101,7 +101,9 @@ def _doubt_unit(part: Part) -> str:
 
 
 def _points(part: Part) -> FloatArray:
-    """Where a drawing or a solid is, mm. None of a picture: its scale is no unit."""
+    """Where a drawing, a solid or curves are, mm. None of a picture: its scale is no unit."""
+    if part.curves:
+        return np.concatenate([curve.points for curve in part.curves])
     if part.solid is not None:
         return part.solid.vertices
     if part.raster is not None or not part.contours:

@@ -56,10 +56,19 @@ class Surroundings(Struct, frozen=True, eq=False):
 Meshes = Sequence[tuple[str, Solid]]
 
 
-def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None, meshes: Meshes, tip: float = 0.0) -> Surroundings:
+def around(
+    job: Job,
+    robot: Robot,
+    cell: Cell,
+    solid: Solid | None,
+    meshes: Meshes,
+    tip: float = 0.0,
+    beside: FloatArray | None = None,
+) -> Surroundings:
     """The scene of ``cell`` with ``robot``, the tool, holder and fixtures of ``job`` and the part ``solid``.
     meshes: of the fixtures those that are meshes. tip: mm that the tool's tip may enter the part beside what its
-    leaning asks for: by so much the rims that it works bend into it.
+    leaning asks for: by so much the rims that it works bend into it. beside: (N, 3), work frame, what is worked on
+    beside the part: the box that is left upwards holds it too.
 
     Without fixtures a 3-D part is taken to stand on a table. JobError for boxes that are none.
     """
@@ -79,8 +88,8 @@ def around(job: Job, robot: Robot, cell: Cell, solid: Solid | None, meshes: Mesh
     work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part")]
     rest = [k for k in range(len(made.pairs)) if k not in work]
     notes += tuple(Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home") for a, b in overlaps)
-    points = solid.vertices if solid is not None else np.zeros((1, 3))
-    low, high = _extent(cell.base_from_work, points)
+    points = [one for one in (None if solid is None else solid.vertices, beside) if one is not None]
+    low, high = _extent(cell.base_from_work, np.concatenate(points or [np.zeros((1, 3))]))
     tops = [high[2], *(_top(box) for link in standing if link.name != "table" for box in link.boxes)]
     tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in meshes]
     room = _width(job, holder) / 2 + job.cell.safety

@@ -127,7 +127,8 @@ def bezier(control: FloatArray) -> FloatArray:
 
 
 def bspline(control: FloatArray, knots: FloatArray, degree: int, weights: FloatArray | None = None) -> FloatArray:
-    """A B-spline with ``control`` (N, 2) and N + degree + 1 ``knots`` as Bezier segments, by blossoming.
+    """A B-spline with ``control`` (N, D) and N + degree + 1 ``knots`` as Bezier segments (S, degree + 1, D + 1), by
+    blossoming.
 
     The control points of the segment between two knots are the blossom of the spline at those two knots (Ramshaw),
     which holds for clamped, open and periodic knots alike. ``ValueError`` if the numbers do not make a spline.
@@ -145,7 +146,7 @@ def bspline(control: FloatArray, knots: FloatArray, degree: int, weights: FloatA
     if not len(spans):
         raise ValueError("all knots are one")
     low, high = knots[spans], knots[spans + 1]
-    segments = np.empty((len(spans), degree + 1, 3))
+    segments = np.empty((len(spans), degree + 1, homogeneous.shape[1]))
     for k in range(degree + 1):
         arguments = [low] * (degree - k) + [high] * k
         segments[:, k] = _blossom(homogeneous, knots, degree, spans, arguments)

@@ -8,12 +8,16 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.geometry.arcs import span_lengths
 from camgen.geometry.rotations import between
+from camgen.lower.columns import blends, gather
 from camgen.lower.contours import dwell, finish, in_air, plunge, signal, switch_on
 from camgen.model.cell import Cell
 from camgen.model.job import Job, ProcessTable
+from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
 from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order import EdgeTour
 from camgen.order.edges.links import Along, Piece, Turn
 from camgen.plan.edges.motion import Reached, feed_of
@@ -34,12 +38,14 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
     for number, (leg, length) in enumerate(zip(route.legs, lengths, strict=True)):
         out, way = _split(leg.link)
         body += _belonging(_link(out, job), number - 1, False)
-        body.append(Comment(f"edge {leg.motion.id}"))
+        noun = "edge" if tour.paths[number].operation == "edges" else "curve"
+        body.append(Comment(f"{noun} {leg.motion.id}"))
         link = [*_link(way, job)]
         if isinstance(leg.link[-1], Turn):
             link += _state(leg.motion.way, process)
         body += _belonging(link, number, False)
-        body += _belonging(_work(leg.motion, feed_of(leg.motion, length, process), job), number, True)
+        feed = feed_of(leg.motion, length, process)
+        body += _belonging(_work(leg.motion, feed, _blends(tour.paths[number], job), job), number, True)
     out, way = _split(route.back[:-1])
     body += _belonging(_link(out, job), len(route.legs) - 1, False)
     body.append(Comment("back to home"))
@@ -117,7 +123,19 @@ def _along(way: Way, speed: float) -> Iterator[Instruction]:
         yield _segment(way, row, speed, 0.0)
 
 
-def _work(motion: Reached, feed: float, job: Job) -> Iterator[Instruction]:
+def _blends(path: ToolPath, job: Job) -> list[float]:
+    """The blend at the end of each row: at edges the tool stops, curves in space are run through where they are smooth
+    within ``tolerance.chord``, but where the tool turns on the spot.
+    """
+    if path.operation == "edges":
+        return [0.0] * len(path.position)
+    blend = blends(gather([path], [0.0]), job.tolerance.chord)
+    still = np.flatnonzero(span_lengths(path.position, path.via[1:]) < SAME_POINT_MM)
+    blend[still] = blend[still + 1] = 0.0
+    return [float(radius) for radius in blend]
+
+
+def _work(motion: Reached, feed: float, blend: Sequence[float], job: Job) -> Iterator[Instruction]:
     """The processing motion between force on, process on and process off, force off."""
     process, force = job.process, job.process.force
     name = "" if in_air(job) else signal(process)
@@ -126,21 +144,21 @@ def _work(motion: Reached, feed: float, job: Job) -> Iterator[Instruction]:
     if name:
         yield from switch_on(process)
     for row in range(1, len(motion.way)):
-        yield _segment(motion.way, row, feed, force)
+        yield _segment(motion.way, row, feed, force, blend[row])
     if name:
         yield Output(name, 0.0)
     if force > 0:
         yield Force(0.0)
 
 
-def _segment(way: Way, row: int, speed: float, force: float) -> MoveL | MoveC:
+def _segment(way: Way, row: int, speed: float, force: float, blend: float = 0.0) -> MoveL | MoveC:
     """One motion; it presses along the tool."""
     target = _pose(way.rotation[row], way.position[row])
     press = _vector(way.rotation[row, :, 2]) if force > 0 else (0.0, 0.0, 0.0)
     if math.isnan(way.via[row, 0]):
-        return MoveL(target, speed, 0.0, force, press)
+        return MoveL(target, speed, blend, force, press)
     rotation = between(way.rotation[row - 1 : row], way.rotation[row : row + 1], np.array([0]), np.array([0.5]))[0]
-    return MoveC(_pose(rotation, way.via[row]), target, speed, 0.0, force, press)
+    return MoveC(_pose(rotation, way.via[row]), target, speed, blend, force, press)
 
 
 def _pose(rotation: FloatArray, origin: FloatArray) -> Pose:

@@ -153,6 +153,17 @@ class ToolTable(Table, frozen=True):
         0.0
     )
     symmetric: Annotated[bool, Meta(description="any turn of the tool about its axis is as good")] = False
+    axis: Annotated[
+        Literal["auto", "fixed", "given", "normal"],
+        Meta(
+            description="along a curve in space; fixed: as angles says; given: by the angles of the points; normal: "
+            "square to the nearest face of a part that is given too; auto: given where there are angles, else fixed"
+        ),
+    ] = "auto"
+    angles: Annotated[
+        Values | None,
+        Meta(description="a fixed tool in the work frame: [rx, ry, rz], deg; not set: straight down, [180, 0, 0]"),
+    ] = None
     holder: Annotated[
         Boxes | None,
         Meta(description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, z], ...], mm"),

@@ -28,6 +28,7 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     edges: Annotated[float, _most("selected edges of a 3-D part")] = 2000
     dxf_depth: Annotated[float, _most("block references within another in a DXF drawing", 200)] = 64
     dxf_entities: Annotated[float, _most("entities that the blocks and arrays of a DXF drawing expand to")] = 1_000_000
+    points: Annotated[float, _most("points of a list of points")] = 1_000_000
     svg_bytes: Annotated[float, _most("bytes of an SVG drawing")] = 200_000_000
     svg_depth: Annotated[float, _most("`use` within what another `use` refers to, in an SVG drawing")] = 64
     svg_uses: Annotated[float, _most("elements that the `use` elements of an SVG drawing expand to")] = 100_000

@@ -46,6 +46,8 @@ BoolArray = NDArray[np.bool_]
 
 EdgeKind = Literal["line", "arc", "circle", "curve"]
 
+#: A curve whose heights differ by no more, mm, is flat.
+LEVEL_MM = 1e-3
 #: Faces that meet at less than this (rad) are one smooth surface.
 FEATURE_ANGLE = float(np.radians(30.0))
 
@@ -123,6 +125,37 @@ class Contour(Struct, frozen=True, eq=False):
         return f"Contour({self.id!r}, {counted(len(self.points), 'point')}, {'closed' if self.closed else 'open'})"
 
 
+class Curve(Struct, frozen=True, eq=False):
+    """A chain of lines and arcs in space, work frame, mm.
+
+    points: (N, 3) in order, the ends of the spans; a closed one repeats its first point at the end. via: (N - 1, 3),
+    half-way along an arc of at most half a circle, NaN for a line. length: arcs exact. rotations: (N, 3, 3)
+    work_from_tool at the points, None where the input does not say how the tool stands. id: the place in
+    ``Part.curves`` as users see it, e.g. ``c12``.
+    """
+
+    id: str
+    layer: str
+    points: FloatArray
+    via: FloatArray
+    closed: bool
+    length: float
+    rotations: FloatArray | None = None
+
+    @property
+    def level(self) -> float | None:
+        """The height, mm, of one that lies parallel to the work plane, None of others."""
+        heights = np.concatenate([self.points[:, 2], self.via[~np.isnan(self.via[:, 2]), 2]])
+        return float(heights[0]) if np.ptp(heights) <= LEVEL_MM else None
+
+    def __repr__(self) -> str:
+        return f"Curve({self.id!r}, {counted(len(self.points), 'point')}, {self.length:.3f} mm)"
+
+
+#: What an arm follows in space.
+Line = Edge | Curve
+
+
 class Raster(Struct, frozen=True, eq=False):
     """A picture of a part, and what was seen in it. Pixel (0, 0) is the centre of the first one, v runs down.
 
@@ -145,6 +178,7 @@ class Part(Struct, frozen=True, eq=False):
     """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was.
 
     raster: the picture that it was read from, None where there is none. solid: the 3-D part, None for a flat one.
+    curves: in space; where there are any there are no contours, and a solid is what they lie on or beside.
     """
 
     name: str
@@ -154,9 +188,11 @@ class Part(Struct, frozen=True, eq=False):
     notes: tuple[Note, ...]
     raster: Raster | None = None
     solid: Solid | None = None
+    curves: tuple[Curve, ...] = ()
 
     def __repr__(self) -> str:
         what = counted(len(self.contours), "contour") if self.solid is None else repr(self.solid)
+        what = counted(len(self.curves), "curve") if self.curves else what
         return f"Part({self.name!r}, {what}, {counted(len(self.notes), 'note')})"
 
     def _repr_svg_(self) -> str | None:

@@ -25,13 +25,13 @@ from camgen.read.gcode.interpreter import Recorded
 
 if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
-    from camgen.model.part import Edge
+    from camgen.model.part import Line
     from camgen.plan.edges.motion import Reached, Unreached
     from camgen.read.gcode.interpreter import ProgramRun
 
 #: What is called when a stage begins or has got somewhere: what the user is told.
 Watch = Callable[[str], None]
-Kind = Literal["drawing", "picture", "solid", "program"]
+Kind = Literal["drawing", "picture", "solid", "program", "curves"]
 Options = TypeVar("Options")
 
 
@@ -88,15 +88,17 @@ class Plan(Struct, frozen=True, eq=False):
 
 
 class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
-    """The processing motions along edges that the arm reaches, a path each. edges: all that were asked for, mm.
-    unreached: those without a motion. where: what there is to run into. made: the paths, which follow from these.
+    """The processing motions along edges, or curves in space, that the arm reaches, a path each. edges: all that were
+    asked for, mm. unreached: those without a motion. where: what there is to run into. made: the paths, which follow
+    from these. noun: what an edge is called.
     """
 
-    edges: tuple[Edge, ...]
+    edges: tuple[Line, ...]
     motions: tuple[Reached, ...]
     unreached: tuple[Unreached, ...]
     where: Surroundings
     made: tuple[ToolPath, ...]
+    noun: str = "edge"
 
 
 class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
@@ -145,9 +147,11 @@ def find_operation(part: Part, job: Job) -> Operation:
 
 
 def kind_of(part: Part) -> Kind:
-    """What a part is: a drawing, a picture, a solid, or a program that was read."""
+    """What a part is: a drawing, a picture, a solid, curves in space, or a program that was read."""
     if isinstance(part, Recorded):
         return "program"
+    if part.curves:
+        return "curves"
     return "solid" if part.solid is not None else "drawing" if part.raster is None else "picture"
 
 
@@ -155,7 +159,8 @@ def _usual(kind: Kind, job: Job) -> str:
     """What is done where the job does not say it. What is laid on a page is a drawing, and is drawn."""
     if kind in ("solid", "program"):
         return {"solid": "edges", "program": "replay"}[kind]
-    return "trace" if job.page.size and job.operation.planner != "image" else "follow"
+    on_lines = kind == "curves" or (job.page.size and job.operation.planner != "image")
+    return "trace" if on_lines else "follow"
 
 
 def _not_for(kind: Kind, name: str, part: Part) -> JobError:
@@ -166,6 +171,8 @@ def _not_for(kind: Kind, name: str, part: Part) -> JobError:
         )
     elif kind == "solid":
         what, remedy = f'"{name}" is for flat parts, this is a 3-D part', 'set operation.kind to "edges"'
+    elif kind == "curves":
+        what, remedy = f'"{name}" is for flat parts, these are curves in space', 'set operation.kind to "trace"'
     elif name == "replay":
         what, remedy = f'"replay" is for G-code, {part.source} is none', "leave it out"
     else:

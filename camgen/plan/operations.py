@@ -58,6 +58,15 @@ def _trace(part: Part, job: Job) -> Plan:
     return Plan(part, trace(merged, job), (*part.notes, *notes, *more))
 
 
+def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
+    """Drawings and pictures in the plane, curves in space."""
+    if not part.curves:
+        return _plan_flat(_trace)(part, job, cell, watch)
+    from camgen.plan.space import plan_space  # noqa: PLC0415 (only for what needs it)
+
+    return plan_space(part, job, cell, watch)
+
+
 def _recover(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     """The part with its arcs found again where they were drawn as many short lines."""
     from camgen.plan.recover import recover  # noqa: PLC0415 (only for what needs it)
@@ -95,7 +104,7 @@ def _replay(part: Part, job: Job, _cell: Cell | None, _watch: Watch) -> Plan:
 FOLLOW = Operation(
     "follow", "beside the contours, outer loops outside, holes inside", ("drawing", "picture"), _plan_flat(_follow)
 )
-TRACE = Operation("trace", "on the drawn lines", ("drawing", "picture"), _plan_flat(_trace))
+TRACE = Operation("trace", "on the drawn lines", ("drawing", "picture", "curves"), _trace_any)
 FILL = Operation("fill", "strokes that cover what closed contours enclose", ("drawing", "picture"), _plan_flat(_fill))
 DRILL = Operation("drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat(_drill))
 EDGES = Operation("edges", "along the sharp edges of a 3-D part", ("solid",), _edges)

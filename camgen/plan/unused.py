@@ -11,10 +11,12 @@ from camgen.model.job import Job
 
 _ALL = ("*",)
 _SETTING = re.compile(r"\b[a-z]+\.[a-z_]+\b")
+#: How a tool stands along a curve in space.
+_STAND = ("axis", "angles")
 _EDGES = {
     "input": ("select",),
     "operation": ("offset", "trim", "offset_along"),
-    "tool": ("axis_tilt", "symmetric"),
+    "tool": ("axis_tilt", "symmetric", *_STAND),
 }
 _PICTURES = {"image": _ALL, "camera": _ALL}
 _REPLAYS = {"process": ("max_feed",)}
@@ -22,6 +24,13 @@ _CONTOURS = (
     "side", "planner", "direction", "corner_radius", "inside_first", "stepover", "holes", "depth", "passes", "lead_in",
     "lead_out", "overlap",
 )  # fmt: skip
+_CURVES: dict[str, tuple[str, ...]] = {
+    **_PICTURES,
+    "page": _ALL,
+    "input": ("min_length", "select"),
+    "tool": ("orient",),
+    "tolerance": ("arc_fit", "simplify"),
+}
 #: By what is built from: the settings that nothing reads.
 _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     "a drawing": _EDGES | _PICTURES | _REPLAYS,
@@ -31,15 +40,31 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "page": _ALL,
         "input": ("layers", "join", "min_length"),
         "operation": _CONTOURS,
-        "tool": ("orient",),
+        "tool": ("orient", *_STAND),
         "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
+    },
+    "curves in space": _CURVES
+    | {
+        "operation": (*_CONTOURS, "offset", "offset_along"),
+        "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
+        "tour": ("layers", "seam"),
+    },
+    "curves in space on a machine without an arm": _CURVES
+    | {
+        "operation": (
+            *(name for name in _CONTOURS if name not in ("depth", "passes")),
+            *("offset", "trim", "offset_along"),
+        ),
+        "tool": ("orient", "axis_tilt", "symmetric"),
+        "process": ("retract", "stay_down", *_REPLAYS["process"]),
+        "tour": ("seam",),
     },
     "a replay": {
         **_PICTURES,
         "page": _ALL,
         "input": ("units", "layers", "select", "join", "min_length"),
         "operation": (*_CONTOURS, "offset", "trim", "offset_along"),
-        "tool": ("orient", "axis_tilt", "symmetric"),
+        "tool": ("orient", "axis_tilt", "symmetric", *_STAND),
         "process": (
             *("feed", "force", "plunge", "max_feed_factor", "turn", "retract", "stay_down"),
             *("spindle", "signal", "switch", "dwell"),
@@ -49,8 +74,8 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
 
 
 def no_idle(job: Job, source: str) -> None:
-    """JobError for a setting of ``job`` that is not its default and that nothing reads for ``source``, "a drawing", "a
-    picture", "a 3-D part" or "a replay".
+    """JobError for a setting of ``job`` that is not its default and that nothing reads for ``source``, a key of
+    the table: "a drawing", "a 3-D part".
     """
     for table, keys in _IDLE[source].items():
         given, default = asdict(getattr(job, table)), asdict(getattr(Job(), table))

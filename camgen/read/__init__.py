@@ -44,7 +44,7 @@ class Reader(Struct, frozen=True):
     name: str
     about: str
     suffixes: tuple[str, ...]
-    makes: Literal["drawing", "picture", "solid", "program"]
+    makes: Literal["drawing", "picture", "solid", "program", "curves"]
     read: Callable[[Source, Job, Files], Part]
     inspect: Callable[[Source, Job, Files], object]
     recognise: Callable[[bytes], bool] = recognise_none

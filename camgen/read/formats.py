@@ -97,3 +97,11 @@ GCODE = Reader(
     read=_read_with("camgen.read.gcode"),
     inspect=_inspect_with("camgen.read.gcode"),
 )
+POINTS = Reader(
+    name="xyz",
+    about="a list of points in space",
+    suffixes=(".xyz", ".pts", ".csv", ".txt"),
+    makes="curves",
+    read=_read_with("camgen.read.points"),
+    inspect=_inspect_with("camgen.read.points"),
+)

@@ -61,4 +61,4 @@ def inspect(source: Source, job: Job, files: Files) -> str:
     return "\n".join([f"list of points, units {part.units}", *rows, *map(str, part.notes)])
 
 
-POINTS = Reader("points", "a list of points", (".csv", ".xy"), "drawing", read, inspect)
+POINTS = Reader("points", "a list of points", (".xy",), "drawing", read, inspect)

@@ -44,7 +44,7 @@ COPIES = {
 NOT_RUN = {
     "tcp://host:8786": "needs a cluster, see tests/batch/test_batch_dask.py",
     "--post krl": "needs the example post installed, see tests/docs/test_writing_a_post.py",
-    "slot.csv": "needs the example reader installed, see tests/read/test_example_reader.py",
+    "slot.xy": "needs the example reader installed, see tests/read/test_example_reader.py",
 }
 
 

@@ -29,10 +29,10 @@ def test_it_is_as_short_as_promised() -> None:
 
 
 def test_the_installed_reader_builds_a_program(site: Path, tmp_path: Path) -> None:
-    (tmp_path / "slot.csv").write_text(SLOT)
-    done = run(site, "-m", "camgen", "build", "slot.csv", "--post", "gcode", folder=tmp_path)
+    (tmp_path / "slot.xy").write_text(SLOT)
+    done = run(site, "-m", "camgen", "build", "slot.xy", "--post", "gcode", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "slot.csv: mm, 2 contours (1 closed, 1 open), layer 0" in done.stderr
+    assert "slot.xy: mm, 2 contours (1 closed, 1 open), layer 0" in done.stderr
     assert "the contour in line 12 (its points differ in z: contours are flat)" in done.stderr
     xs = [float(x) for x in re.findall(r"X(-?[\d.]+)", (tmp_path / "slot.ngc").read_text())]
     assert np.ptp(xs) == pytest.approx(80, abs=10)
@@ -40,11 +40,11 @@ def test_the_installed_reader_builds_a_program(site: Path, tmp_path: Path) -> No
 
 def test_it_is_asked_for_standard_input_by_name_and_by_suffix(site: Path, tmp_path: Path) -> None:
     said = []
-    for name in ("points", "csv", "xy"):
+    for name in ("points", "xy"):
         done = run(site, "-m", "camgen", "inspect", "-", "--format", name, data=SLOT, folder=tmp_path)
         assert done.returncode == 0, done.stderr
         said.append(done.stdout.splitlines())
-    assert said[0] == said[1] == said[2]
+    assert said[0] == said[1]
     assert said[0][:3] == ["list of points, units mm", "c1: 4 points, closed", "c2: 2 points, open"]
     assert not list(tmp_path.iterdir())
 
@@ -52,14 +52,14 @@ def test_it_is_asked_for_standard_input_by_name_and_by_suffix(site: Path, tmp_pa
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("1,2\n3,4\nx,5\n", "bad.csv: 'x,5' is no point (line 3)"),
-        ("1,2\n3\n", "bad.csv: '3' is no point (line 2)"),
-        ("1,2,3,4\n", "bad.csv: '1,2,3,4' is no point (line 1)"),
-        ("1,2\nnan,2\n", "bad.csv: a coordinate is not finite (line 2)"),
-        ("# nothing\n", "bad.csv: nothing to machine; give two or more lines x,y"),
+        ("1,2\n3,4\nx,5\n", "bad.xy: 'x,5' is no point (line 3)"),
+        ("1,2\n3\n", "bad.xy: '3' is no point (line 2)"),
+        ("1,2,3,4\n", "bad.xy: '1,2,3,4' is no point (line 1)"),
+        ("1,2\nnan,2\n", "bad.xy: a coordinate is not finite (line 2)"),
+        ("# nothing\n", "bad.xy: nothing to machine; give two or more lines x,y"),
     ],
 )
 def test_what_is_no_list_is_refused_in_one_line(site: Path, tmp_path: Path, text: str, says: str) -> None:
-    (tmp_path / "bad.csv").write_text(text)
-    done = run(site, "-m", "camgen", "build", "bad.csv", "--post", "gcode", folder=tmp_path)
+    (tmp_path / "bad.xy").write_text(text)
+    done = run(site, "-m", "camgen", "build", "bad.xy", "--post", "gcode", folder=tmp_path)
     assert (done.returncode, done.stderr) == (2, f"camgen: error: {says}\n")

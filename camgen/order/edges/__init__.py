@@ -39,46 +39,48 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     made = route(setup, room, plan.motions, plan.edges, home, wish, lambda far: watch(f"linking {far}"))
     lost = [*plan.unreached, *made.dropped]
     if not made.legs:
-        raise none_left(plan.part, len(edges), lost[0])
+        raise none_left(plan.part, len(edges), lost[0], plan.noun)
     lengths = tuple(edges[leg.motion.id].length - sum(leg.motion.trimmed) for leg in made.legs)
     paths = tuple(edge_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
     method = "best found" if best else "nearest neighbour"
-    notes = (*left_out(made.dropped, edges), *_advice(lost, freedom_of(job)), *_note_freed(made), *_note_links(made))
+    noun = plan.noun
+    advice = _advice(lost, freedom_of(job), noun)
+    notes = (*left_out(made.dropped, edges), *advice, *_note_freed(made, noun), *_note_links(made, noun))
     return EdgeTour(paths, _travel(made, setup, home), method, notes=notes, route=made, lengths=lengths, made=paths)
 
 
-def _advice(lost: Sequence[Unreached], freedom: Freedom) -> list[Note]:
-    """What a user may not know that he can do about edges that are left out."""
+def _advice(lost: Sequence[Unreached], freedom: Freedom, noun: str) -> list[Note]:
+    """What a user may not know that he can do about edges that are left out. noun: what these are."""
     if freedom or not any(one.kind in ("limit", "singular", "jump", "collision") for one in lost):
         return []
-    what = f"{counted(len(lost), 'edge is', 'edges are')} out of reach of the nominal tool"
+    what = f"{counted(len(lost), f'{noun} is', f'{noun}s are')} out of reach of the nominal tool"
     return [Note("warning", what, "a tilt or a free roll may reach them: tool.axis_tilt = 15, tool.symmetric = true")]
 
 
-def _note_freed(made: Route) -> list[Note]:
+def _note_freed(made: Route, noun: str) -> list[Note]:
     """The edges that the nominal orientation does not reach."""
     notes = []
     for leg in made.legs:
         if leg.motion.freed is not None:
             tilt, roll = (short(value, 1) for value in leg.motion.freed)
             notes.append(
-                Note("assumed", f"edge {leg.motion.id} is reached with {tilt} deg of tilt, {roll} deg of roll")
+                Note("assumed", f"{noun} {leg.motion.id} is reached with {tilt} deg of tilt, {roll} deg of roll")
             )
     for leg in made.legs:
         if sum(leg.motion.trimmed) > 0:
             before, after = (short(value, 1) for value in leg.motion.trimmed)
-            what = f"edge {leg.motion.id} is run without its first {before} and last {after} mm"
+            what = f"{noun} {leg.motion.id} is run without its first {before} and last {after} mm"
             notes.append(Note("skipped", what, "the whole cannot be reached", (leg.motion.id,)))
     return notes
 
 
-def _note_links(made: Route) -> list[Note]:
+def _note_links(made: Route, noun: str) -> list[Note]:
     kinds = [piece.kind for leg in made.legs for piece in leg.link if isinstance(piece, Along)]
     free = sum(any(isinstance(p, Along) and p.kind == "approach" for p in leg.link) for leg in made.legs)
     direct = len(made.legs) - free
     what = (
         f"links: {free} with approach from free space, {direct} direct, "
-        f"{counted(kinds.count('shared edge'), 'edge')} run idle; "
+        f"{counted(kinds.count('shared edge'), noun)} run idle; "
         f"{short(made.seconds, 1)} s, nearest neighbour {short(made.nearest, 1)} s"
     )
     return [Note("assumed", what)]

@@ -12,7 +12,7 @@ from itertools import count, pairwise
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.part import BoolArray, Edge, IntArray
+from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.order.edges import links
@@ -101,7 +101,7 @@ def route(
     setup: Setup,
     room: Room,
     motions: Sequence[Reached],
-    edges: Sequence[Edge],
+    edges: Sequence[Line],
     home: FloatArray,
     wish: Wish,
     tell: Callable[[str], None] = _ignore,
@@ -161,7 +161,7 @@ def _work(
     room: Room,
     motions: Sequence[Reached],
     outs: Sequence[Retraction],
-    edges: Sequence[Edge],
+    edges: Sequence[Line],
     home: FloatArray,
     wish: Wish,
 ) -> _Work:
@@ -206,7 +206,7 @@ def _without(work: _Work, lost: set[int]) -> _Work:
     )
 
 
-def _vertices(motion: Reached, edge: Edge) -> FloatArray:
+def _vertices(motion: Reached, edge: Line) -> FloatArray:
     """(2, 3) where the edge starts and ends as it is run, NaN where the motion does not go so far."""
     ends = edge.points[[-1, 0] if motion.backwards else [0, -1]].copy()
     ends[np.array(motion.trimmed) > 0] = np.nan

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Literal
 
@@ -19,7 +19,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.limits import tell
-from camgen.model.part import Edge, Note, Part, Solid
+from camgen.model.part import Edge, Line, Note, Part, Solid
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Joints
@@ -28,8 +28,9 @@ from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, feed_of
-from camgen.plan.edges.reach import reach
+from camgen.plan.edges.reach import poses, reach_ways
 from camgen.plan.edges.select import select
+from camgen.plan.edges.ways import Way
 from camgen.plan.unused import no_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
@@ -52,25 +53,52 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     edges = _choose(solid, job)
     tip = own_contact(edges.values(), job)
     where = around(job, robot, cell, solid, cell.meshes, tip)
-    home_of(robot, cell, where.scene)
+    along = job.operation.offset, job.operation.offset_along
+    ways = ((edge, poses(edge, *along)) for edge in edges.values())
+    return plan_ways(part, job, cell, watch, ways, where, (*where.notes, *_note_contact(tip)), "edge")
+
+
+def plan_ways(
+    part: Part,
+    job: Job,
+    cell: Workcell,
+    watch: Watch,
+    ways: Iterable[tuple[Line, Way | Unreached]],
+    where: Surroundings,
+    notes: Sequence[Note],
+    noun: str,
+) -> EdgePlan:
+    """The motions along ``ways``, those that the arm reaches. notes: beside the part's. noun: what a line is called.
+
+    NoSafeProgram where none can be run.
+    """
+    assert cell.arm is not None
+    home_of(cell.arm, cell, where.scene)
     watch("reaching")
-    setup = setup_of(robot, cell, where.scene)
-    operation = job.operation
-    free, trim = freedom_of(job), operation.trim
+    setup = setup_of(cell.arm, cell, where.scene)
+    listed = list(ways)
+    lines = {line.id: line for line, _ in listed}
 
     def tell(done: int) -> None:
-        watch(f"reaching {done} of {counted(len(edges), 'edge')}")
+        watch(f"reaching {done} of {counted(len(lines), noun)}")
 
-    found = reach(edges.values(), setup, operation.offset, operation.offset_along, free, trim, tell)
+    found = reach_ways(listed, setup, freedom_of(job), job.operation.trim, tell)
     found = _clear_between(found, room_of(where, setup))
     good = tuple(one for one in found if isinstance(one, Reached))
     lost = tuple(one for one in found if isinstance(one, Unreached))
     if not good:
-        raise none_left(part, len(edges), lost[0])
-    paths = tuple(edge_path(motion, edges[motion.id], job) for motion in good)
-    notes = (*part.notes, *where.notes, *_note_contact(tip), *left_out(lost, edges))
+        raise none_left(part, len(lines), lost[0], noun)
+    paths = tuple(edge_path(motion, lines[motion.id], job) for motion in good)
     return EdgePlan(
-        part, paths, notes, edges=tuple(edges.values()), motions=good, unreached=lost, where=where, made=paths
+        part,
+        paths,
+        (*part.notes, *notes, *left_out(lost, lines)),
+        edges=tuple(lines.values()),
+        motions=good,
+        unreached=lost,
+        where=where,
+        made=paths,
+        noun=noun,
     )
 
 
@@ -86,9 +114,9 @@ def freedom_of(job: Job) -> Freedom:
     return Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric)
 
 
-def none_left(part: Part, count: int, first: Unreached) -> NoSafeProgram:
-    """The error where none of ``count`` edges can be processed."""
-    return NoSafeProgram(part.source, f"none of {counted(count, 'edge')} can be processed: {first.id}", first.text)
+def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> NoSafeProgram:
+    """The error where none of ``count`` edges can be processed. noun: what they are."""
+    return NoSafeProgram(part.source, f"none of {counted(count, noun)} can be processed: {first.id}", first.text)
 
 
 def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
@@ -180,15 +208,16 @@ def _hit(scene: Scene, course: Course, met: Meeting) -> Hit | None:
     return Hit("collision", f"collision, {name_pair(scene, met.pair)}", float(at))
 
 
-def edge_path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
+def edge_path(motion: Reached, edge: Line, job: Job) -> ToolPath:
     """The motion along ``edge`` as a tool path."""
+    layer, operation = (edge.kind, "edges") if isinstance(edge, Edge) else (edge.layer, "trace")
     way, count = motion.way, len(motion.way)
     axis = frozen(way.rotation[:, :, 2])
     press = np.stack([np.concatenate([axis[:1], axis[:-1]]), axis], axis=1)
     feed = feed_of(motion, edge.length - sum(motion.trimmed), job.process)
     return ToolPath(
         id=motion.id,
-        layer=edge.kind,
+        layer=layer,
         position=way.position,
         via=way.via,
         axis=axis,
@@ -197,7 +226,7 @@ def edge_path(motion: Reached, edge: Edge, job: Job) -> ToolPath:
         feed=frozen(np.full(count, feed)),
         closed=edge.closed,
         contours=(edge.id,),
-        operation="edges",
+        operation=operation,
     )
 
 
@@ -208,7 +237,7 @@ def leave_out(plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "ju
     paths = tuple(path for path in plan.paths if path.id not in gone)
     edges = {edge.id: edge for edge in plan.edges}
     if not paths:
-        raise none_left(plan.part, len(edges), more[0])
+        raise none_left(plan.part, len(edges), more[0], plan.noun)
     return replace(
         plan,
         paths=paths,
@@ -219,10 +248,12 @@ def leave_out(plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "ju
     )
 
 
-def left_out(lost: Sequence[Unreached], edges: Mapping[str, Edge]) -> list[Note]:
-    """Notes on edges without a motion."""
-    found = [(one, edges[one.id]) for one in lost]
-    return [
-        Note("skipped", f"edge {one.id}, {edge.kind} of {short(edge.length, 1)} mm", one.text, (one.id,))
-        for one, edge in found
-    ]
+def left_out(lost: Sequence[Unreached], edges: Mapping[str, Line]) -> list[Note]:
+    """Notes on edges and curves without a motion."""
+    return [Note("skipped", _describe(edges[one.id]), one.text, (one.id,)) for one in lost]
+
+
+def _describe(line: Line) -> str:
+    if isinstance(line, Edge):
+        return f"edge {line.id}, {line.kind} of {short(line.length, 1)} mm"
+    return f"curve {line.id}, {short(line.length, 1)} mm"

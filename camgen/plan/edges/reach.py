@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import are_bent, chain
 from camgen.geometry.rotations import SURE_TURN
 from camgen.geometry.vectors import cross
-from camgen.model.part import Edge
+from camgen.model.part import Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, Unreached, dense_parts, flange_poses
@@ -141,19 +141,25 @@ def reach(
     Each motion keeps the joint limits, 2 deg from singularities and clear of collisions wherever it is looked at, at
     least every 5 mm and 5 deg, and no joint turns by more than 15 deg from look to look.
     """
+    return reach_ways([(edge, poses(edge, offset, direction)) for edge in edges], setup, freedom, trim, tell)
+
+
+def reach_ways(
+    ways: Iterable[tuple[Line, Way | Unreached]],
+    setup: Setup,
+    freedom: Freedom = _NONE,
+    trim: float = 0.0,
+    tell: Callable[[int], None] = _ignore,
+) -> tuple[Reached | Unreached, ...]:
+    """``reach`` for edges and curves whose poses are known already, or why they have none."""
     found = []
-    for done, edge in enumerate(edges):
+    for done, (line, way) in enumerate(ways):
         tell(done)
-        found.append(_reach(edge, setup, offset, direction, freedom, trim))
+        found.append(way if isinstance(way, Unreached) else _reach(line, way, setup, freedom, trim))
     return tuple(found)
 
 
-def _reach(
-    edge: Edge, setup: Setup, offset: float, direction: Offset, freedom: Freedom, trim: float
-) -> Reached | Unreached:
-    way = poses(edge, offset, direction)
-    if isinstance(way, Unreached):
-        return way
+def _reach(edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float) -> Reached | Unreached:
     whole = _along(setup, edge.id, way, freedom)
     if isinstance(whole, Reached) or edge.closed:
         return whole

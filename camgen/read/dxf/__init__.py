@@ -1,4 +1,4 @@
-"""DXF drawings, ASCII and binary, R12 to R2018: the curves of model space as contours.
+"""DXF drawings, ASCII and binary, R12 to R2018: the curves of model space as contours, or as curves in space.
 
 ``docs/inputs/dxf.md`` tells what is used, how ends are joined and what each note means.
 """
@@ -17,12 +17,14 @@ from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
 from camgen.model.files import Source
-from camgen.model.job import InputTable, Job
-from camgen.model.part import Contour, Note, Part
+from camgen.model.job import Job
+from camgen.model.part import Contour, Curve, Note, Part
+from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
-from camgen.read import join, units
+from camgen.read import join, space, units
 from camgen.read.dxf.entities import REPAIRED, DrawnEntities, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
+from camgen.read.dxf.in_space import place_in_space
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
 from camgen.read.files import Files
 from camgen.read.pieces import tally
@@ -142,7 +144,7 @@ class LayerFacts(Struct, frozen=True):
 class DxfFacts(Struct, frozen=True):
     """What is in a DXF file; its ``str`` is a page to print.
 
-    closed and open: contours after joining; size: mm; notes as of ``read``.
+    closed and open: contours after joining; space: curves that leave the plane; size: mm; notes as of ``read``.
     """
 
     version: str
@@ -151,15 +153,17 @@ class DxfFacts(Struct, frozen=True):
     counts: tuple[tuple[str, int], ...]
     closed: int
     open: int
-    size: tuple[float, float]
+    space: int
+    size: tuple[float, ...]
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
-        width, height = (short(v, 3) for v in self.size)
+        width, height = (short(v, 3) for v in self.size[:2])
         lines = [
             f"DXF {self.version}, units {self.units}, used part {width} x {height} mm",
             f"entities: {_list_counts(self.counts)}",
-            f"contours: {self.closed} closed, {self.open} open",
+            f"contours: {self.closed} closed, {self.open} open"
+            + (f"; {counted(self.space, 'curve')} in space" if self.space else ""),
             *(f"layer {layer.name}: {layer.state}; {_list_counts(layer.counts)}" for layer in self.layers),
             *map(str, self.notes),
         ]
@@ -171,7 +175,9 @@ class _Read(Struct, frozen=True):
     units: str
     drawn: DrawnEntities
     contours: tuple[Contour, ...]
-    size: tuple[float, float]
+    curves: tuple[Curve, ...]
+    space: int
+    size: tuple[float, ...]
     about_file: tuple[Note, ...]
     left: tuple[Note, ...]
 
@@ -183,20 +189,21 @@ class _Read(Struct, frozen=True):
 def read(source: Source, job: Job, _files: Files) -> Part:
     """The drawing in ``source``, read with ``[input]``; ellipses and splines within ``tolerance.chord``.
 
+    Where a curve leaves the plane and is to be traced, off any page, all of the drawing is read as curves in space.
     ``InputError`` if it cannot be read or holds nothing to machine, ``JobError`` for unknown units or layers.
     """
     name = source.name
-    found = _read(source, job.input, job.tolerance.chord)
-    if not found.contours:
+    found = _read(source, job)
+    if not found.contours and not found.curves:
         damage = [n.what for n in found.about_file if n.kind in {"repaired", "skipped", "warning"}]
         left = "; ".join([*damage, *(f"{n.what}: {n.why}" for n in found.left)])
         raise InputError(name, "nothing to machine", left or "the drawing is empty", "draw curves on a visible layer")
-    return Part(source.stem, name, found.units, found.contours, found.notes)
+    return Part(source.stem, name, found.units, found.contours, found.notes, curves=found.curves)
 
 
 def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
     """What is in the drawing. ``InputError`` if it cannot be read, ``JobError`` as for ``read``."""
-    found = _read(source, job.input, job.tolerance.chord)
+    found = _read(source, job)
     drawn = found.drawn
     kinds: Counter[str] = Counter()
     by_layer: dict[str, Counter[str]] = {name: Counter() for name in drawn.layers.names}
@@ -216,17 +223,20 @@ def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
         counts=tuple(sorted(kinds.items())),
         closed=closed,
         open=len(found.contours) - closed,
+        space=found.space,
         size=found.size,
         notes=found.notes,
     )
 
 
-def _read(source: Source, settings: InputTable, chord: float) -> _Read:
-    name, data = source.name, source.data
+def _read(source: Source, job: Job) -> _Read:
+    name, data, settings, chord = source.name, source.data, job.input, job.tolerance.chord
     document, notes = load(name, data)
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(name, settings.units, *_state(name, document, data))
     layers = layers_of(document, settings.layers)
+    contours: tuple[Contour, ...] = ()
+    curves: tuple[Curve, ...] = ()
     # Damaged files hold infinities; what comes of them is found and told by name.
     with np.errstate(invalid="ignore", over="ignore"):
         drawn = walk(name, document, scale, layers, source.limits)
@@ -234,11 +244,22 @@ def _read(source: Source, settings: InputTable, chord: float) -> _Read:
         # The document is the largest thing in memory and no longer needed.
         del document
         flat = flatten(drawn, chord)
-        contours, join_notes = join.contours(flat.soup, settings.join)
-    size = _size(contours)
-    doubts = units.doubts(size, unit, name) if contours and settings.units.strip().lower() == "auto" else ()
-    left = (*_left(drawn), *_not_flat(drawn, flat), *_take(drawn, flat), *join_notes)
-    return _Read(version, unit, drawn, contours, size, (*notes, *unit_notes, *doubts), left)
+        if flat.tilted and _is_meant_in_space(job):
+            curves, joints = space.curves(place_in_space(drawn, chord), settings.join)
+            left = (*_left(drawn), *_take(drawn), *joints, *([space.tell_which(curves)] if curves else []))
+        else:
+            contours, joints = join.contours(flat.soup, settings.join)
+            left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *joints)
+    rows = [c.points for c in contours] + [c.points for c in curves]
+    size = _size(rows)
+    doubts = units.doubts(size, unit, name) if rows and settings.units.strip().lower() == "auto" else ()
+    about_file = (*notes, *unit_notes, *doubts)
+    return _Read(version, unit, drawn, contours, curves, len(flat.tilted), size[:2], about_file, left)
+
+
+def _is_meant_in_space(job: Job) -> bool:
+    """Whether curves that leave the plane are to be followed: a page is flat, and so is all but tracing."""
+    return job.operation.kind == "trace" and not job.page.size
 
 
 def _state(name: str, document: Drawing, data: bytes) -> tuple[int, int | None]:
@@ -258,13 +279,9 @@ def _state(name: str, document: Drawing, data: bytes) -> tuple[int, int | None]:
     return insunits or 0, measurement
 
 
-def _size(contours: tuple[Contour, ...]) -> tuple[float, float]:
-    """Width and height over the points of all contours, mm."""
-    if not contours:
-        return 0.0, 0.0
-    points = np.concatenate([c.points for c in contours])
-    width, height = np.ptp(points, axis=0).tolist()
-    return width, height
+def _size(rows: list[FloatArray]) -> tuple[float, ...]:
+    """Along the axes, over all points (N, D), mm."""
+    return tuple(np.ptp(np.concatenate(rows), axis=0).tolist()) if rows else (0.0, 0.0)
 
 
 def _list_counts(counts: tuple[tuple[str, int], ...]) -> str:
@@ -302,12 +319,13 @@ def _not_flat(drawn: DrawnEntities, flat: Flat) -> list[Note]:
         ]
         more = len(flat.tilted) - len(named)
         what = "; ".join(named) + (f"; and {more} more" if more else "")
-        notes.append(Note("skipped", what, "curves must be flat and parallel to the XY plane; nothing is projected"))
+        why = "curves must be flat and parallel to the XY plane; nothing is projected"
+        notes.append(Note("skipped", what, f'{why}; operation.kind = "trace" follows them in space'))
     return notes
 
 
-def _take(drawn: DrawnEntities, flat: Flat) -> list[Note]:
-    """Notes on what was taken for something simpler: heights, thickness, widths."""
+def _level(flat: Flat) -> list[Note]:
+    """A note on heights, which a flat drawing has none of."""
     notes = []
     heights = flat.heights[np.isfinite(flat.heights)]
     low, high = float(heights.min(initial=0.0)), float(heights.max(initial=0.0))
@@ -315,6 +333,12 @@ def _take(drawn: DrawnEntities, flat: Flat) -> list[Note]:
         low, high = float(heights.min()), float(heights.max())
         at = short(low, 3) if high - low <= FLAT_MM else f"{short(low, 3)} to {short(high, 3)}"
         notes.append(Note("assumed", f"curves drawn at z = {at} mm", "taken as lying in the work plane"))
+    return notes
+
+
+def _take(drawn: DrawnEntities) -> list[Note]:
+    """Notes on what was taken for something simpler: thickness, widths."""
+    notes = []
     if drawn.flattened:
         notes.append(Note("assumed", f"with thickness: {_count(drawn.flattened)}", "the curve itself is used"))
     if drawn.widths:

@@ -357,7 +357,7 @@ def _spline(drawn: DrawnEntities, entity: Any, a: Attributes, layer: str, place:
         return "no spline can be made of its points and knots"
     control = np.array([p.xyz for p in tool.control_points])
     weights = np.array(tool.weights()) if tool.is_rational else None
-    drawn.smooth_owner.append(drawn.own(place, "SPLINE", layer, False, a, ocs=False))
+    drawn.smooth_owner.append(drawn.own(place, entity.dxftype(), layer, False, a, ocs=False))
     drawn.smooth.append(Smooth(control, np.array(tool.knots()), tool.degree, weights))
     return ""
 
@@ -370,6 +370,8 @@ _KINDS: dict[str, Callable[[DrawnEntities, Any, Attributes, str, _Place], str]] 
     "POLYLINE": _polyline,
     "ELLIPSE": _ellipse,
     "SPLINE": _spline,
+    # A HELIX holds the spline that is drawn beside the numbers that it was made of.
+    "HELIX": _spline,
 }
 
 

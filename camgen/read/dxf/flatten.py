@@ -36,7 +36,7 @@ class Flat(Struct, frozen=True, eq=False):
     heights: FloatArray
 
 
-class _Rows(Struct, frozen=True, eq=False):
+class EntityRows(Struct, frozen=True, eq=False):
     """Pieces of lines and arcs: owner (P,), counts (P,), rows of x, y, z, bulge (V, 4)."""
 
     owner: IntArray
@@ -57,7 +57,7 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
     matrices = np.array(drawn.matrices)
     matrix = np.array(drawn.matrix, dtype=np.intp)
     similar, mirrored = _similar(matrices)
-    given = _concatenate([_lines(drawn), _arcs(drawn), _outlines(drawn)])
+    given = gather(drawn)
     which = matrix[given.owner]
     world, low, high = _place(drawn, given, matrices, which)
     level = ~(high - low > _allow(world))
@@ -87,13 +87,18 @@ def flatten(drawn: DrawnEntities, chord: float) -> Flat:
 # --- lines and arcs --------------------------------------------------------------------------------------------------
 
 
-def _lines(drawn: DrawnEntities) -> _Rows:
+def gather(drawn: DrawnEntities) -> EntityRows:
+    """Lines, arcs and outlines, each in its own frame, arcs in parts of at most a half circle."""
+    return _concatenate([_lines(drawn), _arcs(drawn), _outlines(drawn)])
+
+
+def _lines(drawn: DrawnEntities) -> EntityRows:
     ends = np.array(drawn.lines).reshape(-1, 3)
     owner = np.array(drawn.line_owner, dtype=np.intp)
-    return _Rows(owner, np.full(len(owner), 2), np.column_stack([ends, np.zeros(len(ends))]))
+    return EntityRows(owner, np.full(len(owner), 2), np.column_stack([ends, np.zeros(len(ends))]))
 
 
-def _arcs(drawn: DrawnEntities) -> _Rows:
+def _arcs(drawn: DrawnEntities) -> EntityRows:
     """Arcs and circles as polylines with a bulge, in parts of at most a half circle."""
     x, y, z, radius, start, sweep = np.array(drawn.arcs).reshape(-1, 6).T
     owner = np.array(drawn.arc_owner, dtype=np.intp)
@@ -108,23 +113,23 @@ def _arcs(drawn: DrawnEntities) -> _Rows:
     rows[(np.cumsum(counts) - 1)[~closed], 3] = 0.0
     # Half circles exactly, so that circles are known again.
     rows[np.abs(rows[:, 3] - 1) < 1e-12, 3] = 1.0
-    return _Rows(owner, counts, rows)
+    return EntityRows(owner, counts, rows)
 
 
-def _outlines(drawn: DrawnEntities) -> _Rows:
+def _outlines(drawn: DrawnEntities) -> EntityRows:
     owner = np.array(drawn.outline_owner, dtype=np.intp)
     counts = np.array([len(o) for o in drawn.outlines], dtype=np.intp)
     rows = np.concatenate(drawn.outlines) if drawn.outlines else np.zeros((0, 4))
     closed = np.array(drawn.closed, dtype=np.bool_)[owner]
     rows[(np.cumsum(counts) - 1)[~closed], 3] = 0.0
-    return _Rows(owner, counts, rows)
+    return EntityRows(owner, counts, rows)
 
 
-def _concatenate(parts: list[_Rows]) -> _Rows:
-    return _Rows(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("owner", "counts", "rows")))
+def _concatenate(parts: list[EntityRows]) -> EntityRows:
+    return EntityRows(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("owner", "counts", "rows")))
 
 
-def _has_arcs(given: _Rows) -> BoolArray:
+def _has_arcs(given: EntityRows) -> BoolArray:
     of = np.repeat(np.arange(len(given.counts)), given.counts)
     return np.asarray(np.bincount(of, given.rows[:, 3] != 0, minlength=len(given.counts)) > 0)
 
@@ -139,7 +144,7 @@ def _similar(matrices: FloatArray) -> tuple[BoolArray, BoolArray]:
 
 
 def _place(
-    drawn: DrawnEntities, given: _Rows, matrices: FloatArray, which: IntArray
+    drawn: DrawnEntities, given: EntityRows, matrices: FloatArray, which: IntArray
 ) -> tuple[Soup, FloatArray, FloatArray]:
     """The pieces in the work frame and the least and greatest height (P,) of each, arcs included."""
     rows = given.rows
@@ -176,7 +181,7 @@ def _allow(soup: Soup) -> FloatArray:
 # --- ellipses and splines --------------------------------------------------------------------------------------------
 
 
-def _oval(drawn: DrawnEntities, given: _Rows, piece: int, matrix: FloatArray, height: float) -> _Chain:
+def _oval(drawn: DrawnEntities, given: EntityRows, piece: int, matrix: FloatArray, height: float) -> _Chain:
     """A piece with arcs under a matrix that makes them elliptical."""
     first = int(given.counts[:piece].sum())
     rows = given.rows[first : first + given.counts[piece]]
