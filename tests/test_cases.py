@@ -18,10 +18,15 @@ from camgen.model.program_text import dump, parse
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 CASES = sorted(p for p in (FIXTURES / "cases").iterdir() if p.is_dir())
+ENDINGS = (".stl", ".dxf", ".svg", ".png", ".xyz")
 POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
 SOLID = [case for case in CASES if (FIXTURES / "parts" / f"{case.name.split('-')[0]}.stl").exists()]
 FLAT = [case for case in CASES if case not in SOLID]
-ALL = [(case, post) for case in FLAT for post in POSTS] + [(case, "rapid") for case in SOLID]
+# A tool that leans is for an arm of six axes.
+LEANING = [case for case in CASES if (FIXTURES / "parts" / f"{case.name.split('-')[0]}.xyz").exists()]
+ARMS = ("rapid", "pacscript")
+ALL = [(case, post) for case in FLAT for post in (ARMS if case in LEANING else POSTS)]
+ALL += [(case, "rapid") for case in SOLID]
 
 
 def built(case: Path, post: str) -> Result:
@@ -38,7 +43,7 @@ def built(case: Path, post: str) -> Result:
 
 def parts(case: Path) -> list[Path]:
     """What the case may be about: the first word of its name with an ending."""
-    return [FIXTURES / "parts" / (case.name.split("-")[0] + ending) for ending in (".stl", ".dxf", ".svg", ".png")]
+    return [FIXTURES / "parts" / (case.name.split("-")[0] + ending) for ending in ENDINGS]
 
 
 def compare(file: Path, text: str, accept: bool) -> None:

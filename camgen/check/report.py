@@ -115,7 +115,7 @@ def report(
     time: of the program. verified: the largest deviation of the read-back, mm. files: names.
     checked: what of reach, collision and limits was checked, and the result. coverage: of a fill.
     """
-    contours = part.contours
+    contours = part.curves or part.contours
     lengths, durations = path_sums(tour.paths)
     times = (column.tolist() for column in (lengths, durations, time.paths, time.links))
     rows = zip(tour.paths, *times, strict=True)
@@ -123,11 +123,12 @@ def report(
         "input": {
             "source": clean(part.source),
             "units": part.units,
-            "contours": len(contours),
+            "contours": len(part.contours),
             "closed": sum(c.closed for c in contours),
             "open": sum(not c.closed for c in contours),
             "layers": sorted({clean(c.layer) for c in contours}),
             **({} if part.solid is None else {"edges": len(part.solid.edges)}),
+            **({"curves": len(part.curves)} if part.curves else {}),
         },
         "paths": [_path(*row) for row in rows],
         "skipped": [{"what": clean(n.what), "why": clean(n.why)} for n in notes if n.kind == "skipped"],

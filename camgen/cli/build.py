@@ -94,6 +94,11 @@ def _input(result: Result) -> str:
     if isinstance(result.part, Recorded):
         done = counted(len(result.part.run.body), "instruction")
         return f"{result.part.source}: {result.part.units}, G-code that gives {done}"
+    if result.part.curves:
+        curves = result.part.curves
+        level = sum(curve.level is not None for curve in curves)
+        kinds = f"{counted(len(curves), 'curve')} ({grouped(len(curves) - level)} in space, {grouped(level)} flat)"
+        return f"{result.part.source}: {result.part.units}, {kinds}"
     if result.part.solid is not None:
         edges = result.part.solid.edges
         convex = sum(edge.convex for edge in edges)

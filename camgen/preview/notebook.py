@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camgen.model.drawing import draw_svg
-from camgen.model.part import Part
+from camgen.model.part import Line, Part
 from camgen.model.path import Tour
 from camgen.preview.curves import of_spans
 from camgen.preview.draw import PageChains, Paper, bounds, by_order, of_contours, of_paths, path_data
@@ -19,7 +19,7 @@ _PART = "#80868b"
 
 @draw_svg.register
 def _draw_part(part: Part) -> str:
-    """Contours, or edges from above."""
+    """Contours, or edges and curves from above."""
     return _draw([(chains, [_PART] * len(chains.first)) for chains in _chains(part)])
 
 
@@ -40,10 +40,11 @@ def _draw_tour(tour: Tour) -> str:
 
 
 def _chains(part: Part) -> list[PageChains]:
-    if part.solid is None:
+    lines: Sequence[Line] = part.curves or (part.solid.edges if part.solid else ())
+    if not lines:
         return [of_contours(part.contours)] if part.contours else []
-    size = float(np.linalg.norm(np.ptp(part.solid.vertices, axis=0)))
-    spans = of_spans([(edge.points, edge.via) for edge in part.solid.edges], 1e-3 * size)
+    size = float(np.linalg.norm(np.ptp(np.concatenate([line.points for line in lines]), axis=0)))
+    spans = of_spans([(line.points, line.via) for line in lines], 1e-3 * size)
     first = np.cumsum([0, *spans.counts[:-1].tolist()])
     return [PageChains(spans.points[:, :2], np.zeros(len(spans.points)), first)] if len(spans.points) else []
 

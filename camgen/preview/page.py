@@ -75,6 +75,7 @@ def _plain(view: View) -> dict[str, object]:
             "counts": chains.counts.tolist(),
             "rows": view.lines,
         },
+        "flat": view.flat,
         "solid": view.solid and _mesh(view.solid, origin),
         "paths": view.rows,
         "skipped": [[note.what, note.why] for note in view.skipped],

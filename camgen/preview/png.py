@@ -56,7 +56,7 @@ def png(view: View) -> bytes:
 
 
 def _fit(view: View) -> _Sheet:
-    turn, tilt = (-math.pi / 2, math.pi / 2) if view.solid is None else (-1.05, 0.6)
+    turn, tilt = (-math.pi / 2, math.pi / 2) if view.flat else (-1.05, 0.6)
     right = (-math.sin(turn), math.cos(turn), 0.0)
     up = (-math.sin(tilt) * math.cos(turn), -math.sin(tilt) * math.sin(turn), math.cos(tilt))
     axes = np.array([right, np.negative(up)])
@@ -75,7 +75,7 @@ def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
     """Contours and edges by state, over the sheet inside closed contours."""
     ends = np.cumsum(view.chains.counts)[:-1]
     chains = list(zip(view.lines, np.split(sheet.place(view.chains.points), ends), strict=True)) if view.lines else []
-    if view.solid is None:
+    if view.flat:
         closed = [points for line, points in chains if line.closed and line.state != "unused"]
         if closed:
             cv2.fillPoly(image, closed, _SHEET, cv2.LINE_AA, _SHIFT)
@@ -115,7 +115,7 @@ def _words(image: Pixels, view: View, sheet: _Sheet) -> None:
     write(", ".join(f"{name.lower()} {_plain(facts[name])}" for name in names), _BORDER, 92, 0.6)
     if view.skipped:
         write(f"left out: {len(view.skipped)}, in red where it was drawn", _BORDER, _HIGH - 22, 0.6)
-    if view.solid is None:
+    if view.flat:
         power = 10.0 ** math.floor(math.log10(300 / sheet.scale))
         bar = max(m * power for m in (1, 2, 5) if m * power <= 300 / sheet.scale * (1 + 1e-12))
         right = _WIDE - _BORDER

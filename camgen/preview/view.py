@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.check.report import clean, path_sums
 from camgen.geometry.ragged import begins
-from camgen.model.part import Note, Solid
+from camgen.model.part import Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import short
 from camgen.preview import Built
@@ -122,9 +122,10 @@ class Row(Struct, frozen=True):
 class View(Struct, frozen=True, eq=False):
     """title: of the page. facts: label and text of the numbers to show. lines: what ``chains`` draws, in its order.
 
-    solid: triangles, None for a flat part. arm: the robot, None where none is known. base_from_work,
-    flange_from_tool: of the program. diameter: of the tool, mm. bodies: tool and holder, boxes at the flange. standing:
-    table and fixtures, boxes in the work frame. meshes: fixtures that are meshes. skipped: what was left out.
+    solid: triangles, None where there are none. flat: all of the part lies in the work plane. arm: the robot, None
+    where none is known. base_from_work, flange_from_tool: of the program. diameter: of the tool, mm. bodies: tool and
+    holder, boxes at the flange. standing: table and fixtures, boxes in the work frame. meshes: fixtures that are
+    meshes. skipped: what was left out.
     """
 
     title: str
@@ -132,6 +133,7 @@ class View(Struct, frozen=True, eq=False):
     lines: tuple[ViewLine, ...]
     chains: SpaceChains
     solid: Solid | None
+    flat: bool
     rows: tuple[Row, ...]
     track: Track
     arm: Arm | None
@@ -158,6 +160,7 @@ def view(result: Built) -> View:
         lines=lines,
         chains=chains,
         solid=part.solid,
+        flat=part.solid is None and not part.curves,
         rows=_rows(result),
         track=way,
         arm=arm,
@@ -185,12 +188,14 @@ def _sag(result: Built) -> float:
 
 
 def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains]:
-    """The contours and edges of the part, and how they are drawn."""
+    """The contours, curves and edges of the part, and how they are drawn."""
     contours = tuple(c for c in result.part.contours if len(c.points) > 1)
+    curves = result.part.curves
     edges = result.part.solid.edges if result.part.solid else ()
-    flat, sharp = of_contours(contours, sag), of_spans([(edge.points, edge.via) for edge in edges], sag)
+    spatial: list[Line] = [*curves, *edges]
+    flat, sharp = of_contours(contours, sag), of_spans([(one.points, one.via) for one in spatial], sag)
     chains = SpaceChains(np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts]))
-    names = [(c.id, c.layer, c.closed) for c in contours]
+    names = [(c.id, c.layer, c.closed) for c in contours] + [(c.id, c.layer, c.closed) for c in curves]
     names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
     why = reasons([note for note in result.notes if note.kind == "skipped"])
     done = {ident for path in result.tour.paths for ident in path.contours}
@@ -205,7 +210,7 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
         )
         for (ident, layer, closed), length in zip(names, _lengths(chains), strict=True)
     ]
-    if edges:
+    if edges or curves:
         return _trim(result, lines, chains)
     marks = _spots(result)
     table = SpaceChains(

@@ -21,7 +21,7 @@ for (let s = 1; s < stations; s++) {
 for (const s of worked) grow(track.position.subarray(3 * s, 3 * s + 3));
 if (box.low[0] > box.high[0]) grow(track.position);
 const extent = Math.max(Math.hypot(...box.high.map((v, k) => v - box.low[k])), 1e-3);
-const isFlat = !data.solid;
+const isFlat = data.flat;
 
 // Layers: name, colour in the style sheet, the things that are shown.
 const layers = {
