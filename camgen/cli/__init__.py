@@ -134,6 +134,7 @@ def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
     command("init", "write a commented job file for an input", _init)
     command("verify", "read a program back and say what it does", _verify)
     command("calibrate", "measure the lens of a camera from photos of a board", _calibrate)
+    command("capture", "take a picture with a camera, or from a video or a stream", _capture)
     command("markers", "draw a sheet of markers that shows a photo where the work plane is", _markers)
     command("localize", "find a CAD part in a point cloud and write its work frame", _localize)
     command("robots", "list the robots that camgen knows, or say what a URDF describes", _robots)
@@ -213,6 +214,16 @@ def _calibrate(sub: _Parser) -> None:
     )
     sub.add_argument("--dictionary", metavar="NAME", help="ChArUco board: its markers, e.g. 5X5_100 (default: 4X4_50)")
     sub.add_argument("--preview", metavar="FILE.svg", help="draw the residuals")
+
+
+def _capture(sub: _Parser) -> None:
+    sub.add_argument("source", metavar="SOURCE", help="number of a camera, e.g. 0; a video file; address of a stream")
+    sub.add_argument("-o", "--output", metavar="FILE.png", required=True, help="the picture: .png, .tif or .bmp")
+    _job(sub)
+    sub.add_argument("--frames", metavar="N", type=int, default=16, help="the mean of so many frames (default: 16)")
+    sub.add_argument("--skip", metavar="N", type=int, help="leave out so many before (default: 10; of a file none)")
+    sub.add_argument("--timeout", metavar="S", type=float, default=10.0, help="give up after so long (default: 10)")
+    sub.add_argument("--strict", action="store_true", help="blur, glare and missing markers are errors")
 
 
 def _markers(sub: _Parser) -> None:

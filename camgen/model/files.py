@@ -7,16 +7,18 @@ from pathlib import Path
 from msgspec import Struct
 
 from camgen.model.limits import Limits
+from camgen.model.part import Note
 
 
 class Source(Struct, frozen=True, eq=False):
     """One input. path: as the user gave it, for messages; nobody opens it again. data: all its bytes.
-    limits: what of it is too much.
+    limits: what of it is too much. notes: what is known of how it came about, where a camera took it.
     """
 
     path: Path
     data: bytes
     limits: Limits = Limits()
+    notes: tuple[Note, ...] = ()
 
     @property
     def name(self) -> str:

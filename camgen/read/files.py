@@ -29,7 +29,9 @@ class Files:
         limits: Limits = _DEFAULTS,
     ) -> None:
         self.limits = limits
-        self._data = {identity(source.path): source.data for source in given}
+        sources = {identity(source.path): source for source in given}
+        self._data = {same: source.data for same, source in sources.items()}
+        self._notes = {same: source.notes for same, source in sources.items()}
         self._streams = {identity(path): stream for path, stream in streams.items()}
         #: What was opened, by its ``identity``: nothing of it may be written over.
         self.opened: dict[str, Path] = {}
@@ -40,6 +42,7 @@ class Files:
             return self
         other = Files(limits=limits)
         other._data, other._streams, other.opened = self._data, self._streams, self.opened
+        other._notes = self._notes
         return other
 
     def read(self, path: str | Path) -> Source:
@@ -67,7 +70,7 @@ class Files:
             with path.open("rb") as stream:
                 self._data[same] = _bounded(str(path), stream, self.limits.file_bytes)
             self.opened[same] = path
-        return Source(path, self._data[same], self.limits)
+        return Source(path, self._data[same], self.limits, self._notes.get(same, ()))
 
 
 def identity(path: str | Path) -> str:

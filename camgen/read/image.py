@@ -238,7 +238,7 @@ def _plane(picture: Picture, camera: Camera | None, table: CameraTable) -> Plane
             raise JobError("[camera] plane_from", f"has {counted(len(table.plane_from), 'value')}", remedy="give 6")
         return plane_from_pose(camera, pose_from_values(table.plane_from))
     if table.markers:
-        return find(picture, camera, _target(table), height=table.height)
+        return find(picture, camera, find_target(table), height=table.height)
     return None
 
 
@@ -256,7 +256,7 @@ def _region(job: Job) -> Region | None:
     """What is looked at: what the job says; on a marker sheet its free area, since markers look like parts."""
     values = job.image.region
     if values is None:
-        target = _target(job.camera) if job.camera.markers else None
+        target = find_target(job.camera) if job.camera.markers else None
         if isinstance(target, Board):
             remedy = "give [image] region = [x from, y from, x to, y to], mm from the board's lower left corner"
             raise JobError("[camera] markers", "a board on the bench looks like a part", remedy=remedy)
@@ -269,7 +269,7 @@ def _region(job: Job) -> Region | None:
     return x0, y0, x1, y1
 
 
-def _target(table: CameraTable) -> Sheet | Board:
+def find_target(table: CameraTable) -> Sheet | Board:
     """The sheet or the board that lies on the bench."""
     squares = _BOARD.fullmatch(table.markers)
     if squares is None:

@@ -290,7 +290,7 @@ def load(source: Source, *, sensor: bool = False) -> Picture:
         what = "is not a PNG, JPEG, TIFF, BMP or PGM image, or cut off in its first bytes"
         raise InputError(name, what, remedy="give a photo or a scan in one of these formats")
     _insist_on_size(name, head, source.limits)
-    notes: list[Note] = []
+    notes: list[Note] = [*source.notes]
     stored = _decode(data, name, head, notes)
     if head.white < 255:
         stored = (stored.astype(np.float64) * (255 / head.white)).clip(0, 255).round().astype(np.uint8)

@@ -15,6 +15,7 @@ from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import ezdxf
 import numpy as np
 import pytest
@@ -45,6 +46,9 @@ NOT_RUN = {
     "tcp://host:8786": "needs a cluster, see tests/batch/test_batch_dask.py",
     "--post krl": "needs the example post installed, see tests/docs/test_writing_a_post.py",
     "slot.xy": "needs the example reader installed, see tests/read/test_example_reader.py",
+    "capture 0": "needs a camera, see tests/cli/test_capture.py",
+    "build camera:0": "needs a camera, see tests/cli/test_capture.py",
+    "inspect camera:0": "needs a camera, see tests/cli/test_capture.py",
 }
 
 
@@ -87,6 +91,14 @@ def words_of(line: str) -> list[str]:
     return shlex.split(line.partition(" > ")[0], comments=True)[1:]
 
 
+def film(file: Path, photo: np.ndarray) -> None:
+    """Three frames of a photo, with every pixel as it is."""
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter_fourcc(*"FFV1"), 10.0, photo.shape[1::-1])
+    for _ in range(3):
+        writer.write(photo)
+    writer.release()
+
+
 @pytest.fixture(scope="session")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the files that the documents speak of."""
@@ -98,7 +110,10 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for k in range(4):
         board.modelspace().add_circle((5.0 * k, 0), 0.4)
     board.saveas(folder / "board.dxf")
-    photos.write(folder, replace(photos.photos(1, 1)[0], name="photo"))
+    photo = photos.photos(1, 1)[0]
+    even = replace(photo.shot, lens=replace(photo.shot.lens, size=(1200, 858)))  # as codecs want it
+    photos.write(folder, replace(photo, name="photo", shot=even))
+    film(folder / "clip.avi", cv2.imread(str(folder / "photo.png")))
     np.savetxt(
         folder / "bench.ply", scan(trimesh.load_mesh(PARTS / "rfa1.stl"), 2000, 1), fmt="%.4f", header=PLY, comments=""
     )

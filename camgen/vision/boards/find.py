@@ -79,6 +79,17 @@ def find(picture: Picture, camera: Camera | None, target: Sheet | Board, *, heig
     return replace(plane, notes=(*notes, *plane.notes))
 
 
+def list_marks(pixels: Pixels, target: Sheet | Board) -> tuple[list[int], list[int]]:
+    """The numbers of the markers of a sheet, or of the corners of a board, that a picture shows, and of the missing."""
+    if isinstance(target, Sheet):
+        found = {number for number, _ in _detect(_grey(pixels), len(target.ids))}
+        every = list(target.ids)
+    else:
+        _, ids = _corners(pixels, target)
+        found, every = set(ids.tolist()), list(range((target.columns - 1) * (target.rows - 1)))
+    return [one for one in every if one in found], [one for one in every if one not in found]
+
+
 def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
     grey = _grey(picture.pixels)
     seen = _detect(grey, len(sheet.ids))
@@ -109,6 +120,18 @@ def _sheet(picture: Picture, camera: Camera | None, sheet: Sheet) -> _Found:
 
 
 def _board(picture: Picture, board: Board) -> _Found:
+    corners, owners = _corners(picture.pixels, board)
+    if len(owners) < 4:
+        what = f"shows {counted(len(owners), 'corner')} of the {board.label}"
+        raise InputError(picture.name, what, remedy="four are needed; check its squares, its dictionary and the light")
+    row, column = np.divmod(owners, board.columns - 1)
+    mm = np.column_stack([column + 1, board.rows - 1 - row]) * board.square
+    names = [f"corner {number}" for number in owners.tolist()]
+    return _Found(corners, mm, owners, names, "corner", ())
+
+
+def _corners(pixels: Pixels, board: Board) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Inner corners (N, 2) px of a board and their numbers (N,), row by row from above."""
     import cv2  # noqa: PLC0415 (loaded only by what needs it)
 
     name = f"DICT_{board.dictionary}"
@@ -116,16 +139,11 @@ def _board(picture: Picture, board: Board) -> _Found:
         raise JobError(board.label, f"no dictionary {board.dictionary!r}", remedy="give e.g. 4X4_50 or 5X5_100")
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     drawn = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, board.marker, dictionary)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(_grey(picture.pixels))
-    if ids is None or len(ids) < 4:
-        count = 0 if ids is None else len(ids)
-        what = f"shows {counted(count, 'corner')} of the {board.label}"
-        raise InputError(picture.name, what, remedy="four are needed; check its squares, its dictionary and the light")
-    owners = np.asarray(ids).ravel().astype(np.int64)
-    places = np.asarray(drawn.getChessboardCorners(), dtype=np.float64)[owners, :2]
-    mm = np.column_stack([places[:, 0], board.rows * board.square - places[:, 1]])
-    names = [f"corner {number}" for number in owners.tolist()]
-    return _Found(np.asarray(corners, dtype=np.float64).reshape(-1, 2), mm, owners, names, "corner", ())
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(drawn).detectBoard(_grey(pixels))
+    owners = np.asarray(() if ids is None else ids).ravel().astype(np.int64)
+    if not len(owners):
+        return np.zeros((0, 2)), owners
+    return np.asarray(corners, dtype=np.float64).reshape(-1, 2), owners
 
 
 def _agreeing(found: _Found, camera: Camera | None) -> tuple[NDArray[np.bool_], list[int]]:
