@@ -1,7 +1,8 @@
 """docs/papers.md: every section, equation, figure and table of the three papers, and where camgen has it.
 
-The rows stand in ``papers.toml``. What they name is looked up before the page is made: a module or a document that is not there, a
-command that is none, a figure that its page does not state, an item of a paper without a row or with one that does not exist stop it.
+The rows stand in ``papers.toml``. What they name is looked up before the page is made: a module or a document that is
+not there, a command that is none, a figure that its page does not state, an item of a paper without a row or with one
+that does not exist stop it.
 """
 
 from __future__ import annotations
@@ -20,15 +21,16 @@ TABLE = Path(__file__).with_name("papers.toml")
 _NUMBER = re.compile(r"\d+(?:,\d{3})*(?:\.\d+)?")
 _HEAD = """# The papers, row by row
 
-camgen contains three papers. This page has every section with a method or a result, every equation, figure and table of them: where it is, the command
-that shows it, what the paper states and what camgen comes to, and where camgen differs on purpose. A row that names what is not there any more, or a
-figure that its page does not have, stops `python -m docs.make.pages`, which makes this page.
+camgen contains three papers. This page has every section with a method or a result, every equation, figure and table
+of them: where it is, the command that shows it, what the paper states and what camgen comes to, and where camgen
+differs on purpose. A row that names what is not there any more, or a figure that its page does not have, stops
+`python -m docs.make.pages`, which makes this page.
 """
 
 
 class Row(Struct, frozen=True, forbid_unknown_fields=True):
-    """items: of the paper, as "3.2.1", "eq. 7", "fig. 3". where: modules and documents, from the root. said, ours: figures of the paper and
-    of camgen, the latter with the page that states them. differs: on purpose, and why.
+    """items: of the paper, as "3.2.1", "eq. 7", "fig. 3". where: modules and documents, from the root. said, ours:
+    figures of the paper and of camgen, the latter with the page that states them. differs: on purpose, and why.
     """
 
     items: tuple[str, ...]
@@ -82,7 +84,7 @@ def _faults(row: Row) -> list[str]:
         faults.append("its figures name no page")
     if row.page:
         stated = set(_NUMBER.findall((ROOT / row.page).read_text(encoding="utf-8")))
-        faults += [f"{row.page} does not state {figure}" for figure in _NUMBER.findall(row.ours) if figure not in stated]
+        faults += [f"{row.page} does not state {one}" for one in _NUMBER.findall(row.ours) if one not in stated]
     return faults
 
 
