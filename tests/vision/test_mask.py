@@ -560,3 +560,46 @@ def test_a_part_that_is_clear_is_not_doubted() -> None:
 
 def test_a_method_that_is_asked_for_is_not_compared() -> None:
     assert part_mask(seen(shaded(60, 120, 1)), mask="otsu").doubt is None
+
+
+def drawn_on_bench(*parts: tuple[float, float, float, float, float]) -> np.ndarray:
+    """Dark ellipses (u, v, half axes, deg) on a light bench, 600 x 400 px."""
+    share = np.zeros((1600, 2400), np.uint8)
+    for u, v, a, b, turn in parts:
+        cv2.ellipse(share, (round(4 * u), round(4 * v)), (round(4 * a), round(4 * b)), turn, 0, 360, 255, cv2.FILLED)
+    grey = 200 - 140 / 255 * cv2.resize(share, (600, 400), interpolation=cv2.INTER_AREA)
+    return np.rint(grey + np.random.default_rng(2).normal(0, 2, grey.shape)).astype(np.uint8)
+
+
+def met(pixels: np.ndarray) -> list[tuple[float, float]]:
+    """The places, px, where parts are said to meet."""
+    notes = [n for n in part_mask(seen(pixels)).notes if "touch or overlap" in n.what]
+    assert all(n.kind == "warning" for n in notes)
+    return [(x / SCALE, len(pixels) - y / SCALE) for n in notes for x, y in n.places]
+
+
+def test_parts_that_touch_or_overlap_are_told() -> None:
+    for apart in (0, 4, 10):
+        [(u, v)] = met(drawn_on_bench((200, 200, 80, 80, 0), (340 - apart, 200, 60, 60, 0)))
+        assert abs(u - 280) < 12
+        assert abs(v - 200) < 4
+    chain = [(120, 200, 60, 40, 0), (238, 200, 60, 60, 0), (340, 250, 55, 55, 0)]
+    assert len(met(drawn_on_bench(*chain))) == 2
+    assert len(met(drawn_on_bench((200, 200, 110, 50, 10), (415, 200, 110, 50, -10)))) == 1
+
+
+def test_parts_that_are_apart_or_one_are_not_said_to_touch() -> None:
+    assert not met(drawn_on_bench((200, 200, 80, 80, 0), (346, 200, 60, 60, 0)))
+    assert not met(drawn_on_bench((300, 200, 150, 60, 30)))
+    # A tee, a star and an I-beam: one part each.
+    tee = np.full((400, 600), 200, np.uint8)
+    tee[80:140, 150:450], tee[140:320, 270:330] = 60, 60
+    assert not met(tee)
+    star = np.full((400, 600), 200, np.uint8)
+    rim = np.where(np.arange(10) % 2, 70, 180) * np.exp(1j * np.pi * np.arange(10) / 5) + 300 + 200j
+    cv2.fillPoly(star, [np.column_stack([rim.real, rim.imag]).round().astype(np.int32)], 60)
+    assert not met(star)
+    beam = np.full((400, 600), 200, np.uint8)
+    beam[60:110, 150:450], beam[290:340, 150:450], beam[110:290, 270:330] = 60, 60, 60
+    assert not met(beam)
+    assert not met(scene(60, 200))

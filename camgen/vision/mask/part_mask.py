@@ -8,7 +8,7 @@ tones; ``mask_colour`` and ``mask_background`` make one channel of a coloured pi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 import cv2
@@ -39,6 +39,7 @@ from camgen.vision.mask.channel import (
 from camgen.vision.mask.clean import clean
 from camgen.vision.mask.doubt import Doubt, find_doubt, first_tone, other_levels, show_doubt
 from camgen.vision.mask.level import beyond, spread_out
+from camgen.vision.mask.touching import Meeting, meetings
 from camgen.vision.to_scale import ScaledView
 
 # The methods by name, and how ``auto`` chooses among them.
@@ -345,6 +346,7 @@ def part_mask(
     for array in (pixels, grey, level):
         if isinstance(array, np.ndarray):
             array.flags.writeable = False
+    notes += _note_meetings(meetings(pixels, cells), cells, view)
     in_doubt = None if doubt is None else show_doubt(doubt, cells, pixels.shape)
     return Mask(pixels, choice.method, choice.why, grey, level, dark, choice.notes + notes, in_doubt)
 
@@ -357,10 +359,23 @@ def _note_doubt(doubt: Doubt, cells: Cells, view: ScaledView) -> Note:
     what += f"{'are' if count > 1 else 'is'} part or bench by the method: a shadow, a shine, or uneven light?"
     by = ", ".join(f"{name} by {short(size * mm2, 1)} mm2" for name, size in doubt.by)
     why = f"others differ there: {by}; look at the preview, set image.mask or image.threshold, or give image.background"
-    middle = (cells.size - 1) / 2
-    at = np.array([[u * cells.size + middle, v * cells.size + middle, 1.0] for v, u in doubt.places[:_MOST_PLACES]])
-    places = tuple((x, y) for x, y in (at @ view.work_from_view.T).tolist())
-    return Note("warning", what, why, places=places)
+    return Note("warning", what, why, places=_in_work([(u, v) for v, u in doubt.places[:_MOST_PLACES]], cells, view))
+
+
+def _note_meetings(found: list[Meeting], cells: Cells, view: ScaledView) -> tuple[Note, ...]:
+    if not found:
+        return ()
+    what = f"parts seem to touch or overlap in {counted(len(found), 'place')}: taken for one, with one outline"
+    lengths = ", ".join(f"{short(m.length * cells.size * view.mm_per_px, 1)} mm" for m in found[:_MOST_PLACES])
+    why = f"two sharp notches face each other there, {lengths} apart; move the parts apart, or crop with image.region"
+    return (Note("warning", what, why, places=_in_work([m.middle for m in found[:_MOST_PLACES]], cells, view)),)
+
+
+def _in_work(places: Sequence[tuple[float, float]], cells: Cells, view: ScaledView) -> tuple[tuple[float, float], ...]:
+    """Places u, v in cells as x, y in mm."""
+    at = np.array([[*place, 1.0] for place in places]) * (cells.size, cells.size, 1.0)
+    at[:, :2] += (cells.size - 1) / 2
+    return tuple((x, y) for x, y in (at @ view.work_from_view.T).tolist())
 
 
 def _method(settings: ImageTable, background: ScaledView | None) -> Method:
