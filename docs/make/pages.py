@@ -17,6 +17,7 @@ from pathlib import Path
 
 from camgen.model.limits import table
 from docs.make.api import api
+from docs.make.papers import papers_page
 from docs.make.posts import with_options
 from docs.make.robots import robots_page
 
@@ -74,6 +75,7 @@ PAGES: dict[str, Callable[[str], str]] = {
     "api.md": lambda _: api(),
     **{f"posts/{name}.md": _post_page(name) for name in POSTS},
     "reliability.md": with_limits,
+    "papers.md": lambda _: papers_page(),
     **dict.fromkeys(CONSOLES, with_consoles),
 }
 
