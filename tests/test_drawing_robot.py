@@ -95,22 +95,26 @@ def test_without_a_scale_the_user_is_told_of_the_page(
 
 def test_the_stages_of_a_drawing_are_shown(tmp_path: Path) -> None:
     for name, words, count, fourth in (
-        ("gear.png", GEAR, 5, r"4 lines and 14 arcs, \d+ points"),
-        ("board.png", BOARD, 6, r"4 lines of a pen of 0\.8 mm"),
+        ("gear.png", GEAR, 6, r"4 lines and 14 arcs, \d+ points"),
+        ("board.png", BOARD, 7, r"4 lines of a pen of 0\.8 mm"),
     ):
         picture = tmp_path / "stages.svg"
         program(tmp_path, name, *words, "--preview", str(picture))
         root = ElementTree.parse(picture).getroot()
         texts = [text.text or "" for text in root.iter(f"{SPACE}text")]
         panels = [text for text in texts if text[:1].isdigit()]
-        assert [text[0] for text in panels] == list("123456")[:count]
+        assert [text[0] for text in panels] == list("1234567")[:count]
         assert re.fullmatch(fourth, panels[3])
+        # The paper's figures 6 and 7: the same strokes, and less way with the pen up.
+        found, run = (re.search(r"(\d+) strokes, pen up ([\d.]+) mm, (.*)", text).groups() for text in panels[-2:])  # type: ignore[union-attr]
+        assert (found[2], run[2], found[0]) == ("as found", "by order", run[0])
+        assert float(run[1]) < float(found[1])
     # The board has no page of its own: 591 x 472 px at 300 per inch and a row of paper around them.
-    assert panels[5].startswith("6 50.2 x 40.1 mm: ")
+    assert panels[6].startswith("7 50.2 x 40.1 mm: ")
     # Between two strokes the pen goes one way, as thin line.
-    count = int(re.findall(r"(\d+) strokes", panels[5])[0])
-    (up,) = (path for path in root.iter(f"{SPACE}path") if path.get("class") == "up")
-    assert up.get("d", "").count("M") == count - 1
+    count = int(re.findall(r"(\d+) strokes", panels[6])[0])
+    ways = [path for path in root.iter(f"{SPACE}path") if path.get("class") == "up"]
+    assert [up.get("d", "").count("M") for up in ways] == [count - 1] * 2
     colours = [path.get("stroke") for path in root.iter(f"{SPACE}path") if path.get("stroke")]
     assert len(set(colours)) == count
 

@@ -28,7 +28,7 @@ from camgen.model.drawing import draw_svg
 from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import Tour
+from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.program import Program
 from camgen.model.text import counted, short
@@ -36,7 +36,7 @@ from camgen.model.version import __version__
 from camgen.order import order
 from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, plan
 from camgen.post import OutputFile, Post
-from camgen.post.plugins import dynamics_of, fill_tables, find_post, find_readback, make_post
+from camgen.post.plugins import cell_of, dynamics_of, fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import Deviation, compare
 from camgen.read.files import Files
 from camgen.read.gcode.interpreter import Recorded
@@ -58,9 +58,10 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     """What a build made. All lengths mm, angles rad, times s.
 
     part: what was read, as it was planned. cell: with the robot and the fixtures. tour: the paths in order, with their
-    leads. program: as the text says it, arcs already replaced where the controller has none. files: the text with LF
-    line ends. deviation: of the text read back. motions: the sums of the program. cycle: its time. reach, clear: what
-    the check with a robot found, None where there is none. coverage: of a fill. where: what it was tested against.
+    leads; planned: before that. program: as the text says it, arcs already replaced where the controller has none.
+    files: the text with LF line ends. deviation: of the text read back. motions: the sums of the program. cycle: its
+    time. reach, clear: what the check with a robot found, None where there is none. coverage: of a fill. where: what it
+    was tested against.
     """
 
     part: Part
@@ -78,6 +79,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     clear: Clear | None = None
     coverage: Coverage | None = None
     where: Surroundings | None = None
+    planned: tuple[ToolPath, ...] = ()
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -123,7 +125,7 @@ def build(
     poster = poster_of(post, settings, str(job) if isinstance(job, (str, Path)) else "job")
     readback = find_readback(post)
     watch("reading")
-    read = read_inputs(sources, settings, poster.cell(), files)
+    read = read_inputs(sources, settings, cell_of(poster, settings), files)
     planned = plan(read.part, settings, read.cell, watch)
     _insist(planned.part, planned.notes, bool(planned.paths), strict)
     title = poster.program or name or planned.part.name
@@ -199,6 +201,7 @@ def _sum_up(
         clear=checks.clear,
         coverage=plan.coverage,
         where=checks.where,
+        planned=plan.paths,
     )
 
 

@@ -16,6 +16,7 @@ from camgen.build.inputs import join_parts, read_cell
 from camgen.check import Checks
 from camgen.check import check as check_program
 from camgen.lower import lower as lower_tour
+from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Part
@@ -25,7 +26,7 @@ from camgen.order import order as order_plan
 from camgen.plan import EdgePlan, Plan, Watch, ignore_stages
 from camgen.plan import plan as plan_part
 from camgen.post import OutputFile, Reading
-from camgen.post.plugins import fill_tables, find_post, find_readback
+from camgen.post.plugins import cell_of, fill_tables, find_post, find_readback
 from camgen.post.verify import Deviation, compare
 from camgen.preview.drawings import draw
 from camgen.read import read as read_file
@@ -67,7 +68,7 @@ def cell(post: str, job: JobLike = None, part: Part | None = None) -> Workcell:
     """
     files = Files()
     settings = settings_of(job, files)
-    return read_cell(part, settings, find_post(post).cell(), files)
+    return read_cell(part, settings, _own_cell(post, settings), files)
 
 
 def plan(part: Part, job: JobLike = None, cell: CellLike | None = None, watch: Watch = ignore_stages) -> Plan:
@@ -130,11 +131,16 @@ def preview(result: Result, suffix: str = ".svg") -> bytes:
 def _cell(cell: CellLike | None, job: Job, part: Part) -> Workcell | None:
     if not isinstance(cell, str):
         return cell
-    return read_cell(part, job, find_post(cell).cell(), Files())
+    return read_cell(part, job, _own_cell(cell, job), Files())
 
 
 def _take_cell(cell: CellLike | None, job: Job) -> Workcell:
     """The frames and the home of a program are never guessed."""
     if cell is None:
         raise JobError("cell", "is not given", remedy='give what camgen.cell makes, or the name of a post: "rapid"')
-    return read_cell(None, job, find_post(cell).cell(), Files()) if isinstance(cell, str) else cell
+    return read_cell(None, job, _own_cell(cell, job), Files()) if isinstance(cell, str) else cell
+
+
+def _own_cell(post: str, job: Job) -> Cell:
+    """The built-in cell of the post of this name, with the options of ``job``."""
+    return cell_of(poster_of(post, job, "job"), job)

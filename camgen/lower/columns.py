@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from camgen.geometry.arcs import Spans, spans
 from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes
 from camgen.geometry.vectors import angles, dots, unit
+from camgen.lower.corners import Corners, blend_corners
+from camgen.model.cell import Dynamics
 from camgen.model.path import ToolPath
 from camgen.model.pose import TOOL_DOWN, FloatArray, frozen
 
@@ -20,8 +22,6 @@ Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Middle = Callable[[Indices], FloatArray]
 
-#: Zones that every controller has, mm, as in ``passes.corner_blend``; 0 is an exact stop.
-ZONES = (5.0, 1.0, 0.3)
 #: An orientation that jumps by more at a corner is turned there while the tool stands still, rad.
 _JUMP = math.radians(0.5)
 
@@ -83,22 +83,20 @@ def gather(paths: Sequence[ToolPath], depths: Sequence[float]) -> Rows:
     )
 
 
-def blends(rows: Rows, chord: float) -> FloatArray:
-    """Blend radius (N,) at the end of each segment: ``passes.corner_blend`` of the corner, and no more than half of
-    the shorter neighbour; 0 at the ends of a path, along the tool, and where force begins or ends.
-
-    The least zone stays beside shorter neighbours, where the corner allows it: controllers cut a zone to half of the
-    neighbours by themselves, while a stop at every point of a fine polyline would leave its mark on the part.
+def blends(rows: Rows, tolerance: FloatArray, pace: Dynamics) -> FloatArray:
+    """Blend radius (N,) at the end of each segment, which leaves its corner by ``tolerance`` (N,) mm at most; 0 at the
+    ends of a path, along the tool, and where force begins or ends. pace: how the machine rounds corners.
     """
     spans = rows.spans
-    (start, end), length = spans.tangents(), spans.length[1:]
-    # A line drawn 10 mm long counts as that, whatever is left of it in the last binary digit.
-    half = np.full(len(length), 1e-9)
-    half[1:] += np.minimum(length[:-1], length[1:]) / 2
-    reach = 2 * chord / np.maximum(np.sin(angles(end[:-1], start[1:]) / 2), 1e-9)
-    room = np.minimum(reach, np.maximum(half, ZONES[-1]))
+    (start, end), length = spans.tangents(), spans.length
+    corners = Corners(
+        sine=np.sin(angles(end[:-1], start[1:]) / 2),
+        before=length[:-1],
+        after=length[1:],
+        fast=np.maximum(rows.feed[:-1], rows.feed[1:]),
+    )
     blend = np.zeros(len(rows.position))
-    blend[:-1] = np.select([room >= zone for zone in ZONES], ZONES, 0.0)
+    blend[:-1] = blend_corners(corners, tolerance[:-1], pace)
     pressing = rows.force > 0
     blend[:-1][pressing[:-1] != pressing[1:]] = 0.0
     # Nothing is rounded on the way into the part: where a peck begins, the material is a quarter of a millimetre below.

@@ -16,8 +16,9 @@ from msgspec.structs import replace
 
 from camgen.geometry.rotations import SURE_TURN, turns_about_z
 from camgen.lower import columns as lower_rows
-from camgen.lower.columns import ZONES, Mask, Orientations, Rows
-from camgen.model.cell import Cell
+from camgen.lower.columns import Mask, Orientations, Rows
+from camgen.lower.corners import ZONES, corner_tolerance
+from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
 from camgen.model.limits import tell
@@ -122,7 +123,7 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
     # A machine without joints has no axis that winds up.
     winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
     runs = _runs(tour, winds)
-    table = _table(runs, job, winds)
+    table = _table(runs, job, winds, cell.pace)
     for run in range(len(runs)):
         body += _enter(table, run, job, run == 0, isinstance(cell.home, Pose))
         body += _work(table, run, job)
@@ -220,7 +221,7 @@ class _Table(Struct, frozen=True, eq=False):
     lifted: list[bool]
 
 
-def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
+def _table(runs: list[_Run], job: Job, winds: bool, pace: Dynamics) -> _Table:
     rows = lower_rows.gather([run.path for run in runs], [run.depth for run in runs])
     if job.tool.orient == "follow":
         for row in lower_rows.find_unfollowed(rows)[:1].tolist():
@@ -231,7 +232,8 @@ def _table(runs: list[_Run], job: Job, winds: bool) -> _Table:
         orientations = lower_rows.orient_along(rows)
     else:
         orientations = lower_rows.orient_fixed(rows)
-    blend = lower_rows.blends(rows, job.tolerance.chord)
+    tolerance = np.array([corner_tolerance(job, run.path.operation) for run in runs])
+    blend = lower_rows.blends(rows, np.repeat(tolerance, rows.last - rows.first + 1), pace)
     blend[np.flatnonzero(orientations.turns) - 1] = 0.0
     above_start, near, above_end = _heights(rows, runs, job.process)
     lifted = _lifted(rows)

@@ -1,7 +1,7 @@
 """A recorded program for another machine: its motions between the two home positions of that machine.
 
 A rapid motion becomes travel at ``process.travel`` along the straight line, or stays one where the axes of the machine
-are the coordinates. Feeds are those of the program. Corners are rounded within ``tolerance.chord``, unless the program
+are the coordinates. Feeds are those of the program. Corners are rounded within ``tolerance.corner``, unless the program
 asks for an exact path (G61, G61.1).
 """
 
@@ -12,9 +12,9 @@ from msgspec.structs import replace
 
 from camgen.geometry.arcs import chain
 from camgen.geometry.vectors import dots
-from camgen.lower.columns import ZONES
 from camgen.lower.contours import finish
-from camgen.model.cell import Cell
+from camgen.lower.corners import Corners, blend_corners, corner_tolerance
+from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output, Program
@@ -36,7 +36,7 @@ def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", hea
     out: list[Instruction] = [MoveJ(cell.home, travel), *body[:first]]
     arrival = _arrive(body[first], cartesian, job, tour.run.entry)  # type: ignore[arg-type]  # a MoveJ, found above
     out += [replace(item, path=path) for item in arrival]
-    manner = zip(_blends(columns, job.tolerance.chord).tolist()[1:], following, strict=True)
+    manner = zip(_blends(columns, corner_tolerance(job, "replay"), cell.pace).tolist()[1:], following, strict=True)
     last: MoveJ | MoveL | MoveC = body[first]  # type: ignore[assignment]
     for item in body[first + 1 :]:
         if isinstance(item, MoveJ):
@@ -86,7 +86,7 @@ def _leave(last: Pose, cartesian: bool, job: Job) -> list[Instruction]:
     return [_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel)] if z < high - SAME_POINT_MM else []
 
 
-def _blends(columns: Columns, chord: float) -> FloatArray:
+def _blends(columns: Columns, tolerance: float, pace: Dynamics) -> FloatArray:
     """Blend radius (M,) at the end of each motion: as ``lower_rows.blends``, where both motions are at feed, nothing is
     switched between them and the program allows it (a recorded blend above 0).
     """
@@ -99,10 +99,9 @@ def _blends(columns: Columns, chord: float) -> FloatArray:
     start, end = spans.tangents()
     cosine = dots(end[:-1], start[1:])
     sine_half = np.sqrt(np.clip((1 - cosine) / 2, 0.0, 1.0))
-    reach = 2 * chord / np.maximum(sine_half, 1e-9)
-    half = np.minimum(length[1:-1], length[2:]) / 2 + 1e-9
-    room = np.minimum(reach, np.maximum(half, ZONES[-1]))
+    fast = np.maximum(columns.speed[1:-1], columns.speed[2:])
+    rounded = blend_corners(Corners(sine_half, length[1:-1], length[2:], fast), tolerance, pace)
     working = ~columns.moves_are(MoveJ)
     allowed = working[1:-1] & working[2:] & (columns.blend[1:-1] > 0) & (np.diff(columns.at)[1:] == 1)
-    blend[1:-1] = np.where(allowed, np.select([room >= zone for zone in ZONES], ZONES, 0.0), 0.0)
+    blend[1:-1] = np.where(allowed, rounded, 0.0)
     return blend

@@ -11,23 +11,8 @@ from camgen.model.pose import Pose
 from camgen.model.program import Joints
 
 
-class Cell(Struct, frozen=True):
-    """The built-in cell in which a job without ``[cell]`` is posted: frames and home position.
-
-    name: for messages. sliding: the joints, counted from 0, whose values are mm. robot: which of camgen's robots it is,
-    empty for a machine that is none.
-    """
-
-    name: str
-    base_from_work: Pose
-    flange_from_tool: Pose
-    home: Joints | Pose
-    sliding: frozenset[int] = frozenset()
-    robot: str = ""
-
-
 class Dynamics(Struct, frozen=True):
-    """What a machine is taken to do where the time of a program is worked out. Nothing of it is in the text.
+    """What a machine is taken to do: for the time of a program, and for the corners that it rounds by itself.
 
     acceleration: mm/s2 of the TCP. turning: rad/s of the tool. ramp: s in which a joint, or the tool where it turns at
     rest, comes to full speed. corner: how one is passed: "zone": rounded within the blend radius; "overlap": the next
@@ -46,3 +31,19 @@ class Dynamics(Struct, frozen=True):
     along: float = 1.0
     last: float = 1.0
     shares: bool = False
+
+
+class Cell(Struct, frozen=True):
+    """The built-in cell in which a job without ``[cell]`` is posted: frames and home position.
+
+    name: for messages. sliding: the joints, counted from 0, whose values are mm. robot: which of camgen's robots it is,
+    empty for a machine that is none. pace: what its machine is taken to do.
+    """
+
+    name: str
+    base_from_work: Pose
+    flange_from_tool: Pose
+    home: Joints | Pose
+    sliding: frozenset[int] = frozenset()
+    robot: str = ""
+    pace: Dynamics = Dynamics()

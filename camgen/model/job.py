@@ -188,7 +188,11 @@ class ProcessTable(Table, frozen=True):
     ] = None
     travel: Annotated[Positive, Meta(description="speed between contours, mm/s")] = 100.0
     acceleration: Annotated[
-        Positive | None, Meta(description="of the machine, mm/s2, for the time alone; not set: what its post assumes")
+        Positive | None,
+        Meta(
+            description="of the machine, mm/s2: for the time, and for the corners that V+ and PacScript round by it; "
+            "not set: what its post assumes"
+        ),
     ] = None
     turn: Annotated[Positive, Meta(description="speed of turning the tool where it stays in its place, deg/s")] = 60.0
     approach: Annotated[NotNegative, Meta(description="height above the start where the feed begins, mm")] = 2.0
@@ -276,6 +280,13 @@ class ToleranceTable(Table, frozen=True):
     arc_fit: Annotated[
         NotNegative, Meta(description="short lines become an arc that leaves them by at most this, mm; 0: they stay")
     ] = 0.01
+    corner: Annotated[
+        NotNegative | None,
+        Meta(
+            description="how far a corner may be rounded that the tool passes without a stop, mm; not set: a twentieth "
+            "of tool.diameter, 0.05 at most, where it traces or fills, else tolerance.chord"
+        ),
+    ] = None
     simplify: Annotated[
         NotNegative | None,
         Meta(description="lines are thinned out within this, mm; not set: one pixel of a traced picture, else none"),

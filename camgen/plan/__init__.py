@@ -20,7 +20,7 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, entries, find, load
 from camgen.model.text import counted
-from camgen.plan.page import on_page
+from camgen.plan.page import in_margin, on_page
 from camgen.read.gcode.interpreter import Recorded
 
 if TYPE_CHECKING:
@@ -126,7 +126,8 @@ def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_s
 
     Raises JobError for settings that do not go together, InputError for a part that holds nothing for the operation.
     """
-    part = _simplify(on_page(part, job), job)
+    laid = on_page(part, job)
+    part = in_margin(part, laid, _simplify(laid, job), job)
     watch("planning")
     made = find_operation(part, job).plan(part, job, cell, watch)
     # What the reader left out is told whatever an operation of another package makes of it.

@@ -59,16 +59,17 @@ def circle_of(points: FloatArray) -> tuple[FloatArray, float, float]:
 
     Then its largest distance from the lines between the points: what they cut off of the circle counts too.
     """
-    middle = points.mean(axis=0)
+    middle = np.add.reduce(points) / len(points)
     local = points - middle
-    square = (local * local).sum(axis=1)
+    square = np.einsum("nd,nd->n", local, local)
     normal = local.T @ local
     determinant = float(normal[0, 0] * normal[1, 1] - normal[0, 1] * normal[1, 0])
     if determinant <= 1e-12 * float(np.trace(normal)) ** 2:
         return middle, np.inf, np.inf
-    u, v = (local.T @ (square - square.mean()) / 2).tolist()
+    mean = np.add.reduce(square) / len(square)
+    u, v = (local.T @ (square - mean) / 2).tolist()
     centre = np.array([normal[1, 1] * u - normal[0, 1] * v, normal[0, 0] * v - normal[1, 0] * u]) / determinant
-    radius = float(np.sqrt(square.mean() + centre @ centre))
+    radius = float(np.sqrt(mean + centre @ centre))
     off = float(np.abs(np.hypot(*(local - centre).T) - radius).max())
     return middle + centre, radius, off + _cut_off(points, radius)
 
@@ -196,7 +197,7 @@ def _farthest(fits: Callable[[int], bool], good: int, limit: int) -> int:
 
 def _line_off(stretch: FloatArray) -> float:
     """The largest distance of points from the line through them with the least square distance."""
-    local = stretch - stretch.mean(axis=0)
+    local = stretch - np.add.reduce(stretch) / len(stretch)
     x, y = local.T
     angle = np.arctan2(2 * float(x @ y), float(x @ x - y @ y)) / 2
     return float(np.abs(y * np.cos(angle) - x * np.sin(angle)).max())
@@ -254,7 +255,7 @@ def _shape(stretch: FloatArray, arc: bool) -> _Shape:
     inner = stretch[1:-1]
     if len(inner) < _POINTS:
         return None
-    middle = inner.mean(axis=0)
+    middle = np.add.reduce(inner) / len(inner)
     x, y = (inner - middle).T
     angle = np.arctan2(2 * float(x @ y), float(x @ x - y @ y)) / 2
     return middle, np.array([np.cos(angle), np.sin(angle)])

@@ -44,8 +44,7 @@ def on_page(part: Part, job: Job) -> Part:
         raise JobError("job", "a page is for drawings, and this is a 3-D part", "page.size", "leave [page] out")
     if not part.contours:
         return part
-    box = bounds(from_contours(part.contours))
-    low, high = box[:, :2].min(axis=0), box[:, 2:].max(axis=0)
+    low, high = _box(part)
     size = page_size(page)
     drawn = high - low
     room = np.array(size) - 2 * page.margin
@@ -55,12 +54,48 @@ def on_page(part: Part, job: Job) -> Part:
     ratio = _ratio(part, page, drawn, room)
     if (drawn * ratio > room + _ROUNDING).any():
         raise _leaves(part, page, size, drawn * ratio)
+    return _lay(part, size, (low, high), ratio, ratio)
+
+
+def in_margin(part: Part, laid: Part, drawn: Part, job: Job) -> Part:
+    """``drawn``, what came of ``part`` when it was ``laid`` on the page, with its own box centred and as large as the
+    page allows.
+
+    Lines and arcs that are laid through the points of a drawing leave its box a little, to either side. What is filled
+    or drilled is planned on the picture and not on them. InputError for a drawing with a scale that leaves the page.
+    """
+    page = job.page
+    pixels = drawn.raster is not None and job.operation.kind in ("fill", "drill")
+    if not page.size or not drawn.contours or drawn.contours is laid.contours or pixels:
+        return drawn
+    size = page_size(page)
+    low, high = _box(drawn)
+    room = np.array(size) - 2 * page.margin
+    ratio = _ratio(drawn, page, high - low, room) if page.scale == "fit" else 1.0
+    if ((high - low) * ratio > room + _ROUNDING).any():
+        raise _leaves(drawn, page, size, high - low)
+    own = float(np.ptp(_box(laid), axis=0).max() / np.ptp(_box(part), axis=0).max())
+    kept = replace(drawn, notes=tuple(note for note in drawn.notes if note is not laid.notes[-1]))
+    return _lay(kept, size, (low, high), ratio, own * ratio)
+
+
+def _box(part: Part) -> tuple[FloatArray, FloatArray]:
+    """Its lower left and upper right corner, mm."""
+    box = bounds(from_contours(part.contours))
+    return box[:, :2].min(axis=0), box[:, 2:].max(axis=0)
+
+
+def _lay(
+    part: Part, size: tuple[float, float], box: tuple[FloatArray, FloatArray], ratio: float, in_all: float
+) -> Part:
+    """``part`` times ``ratio``, the middle of its ``box`` in that of the page. in_all: the ratio to what was read."""
+    low, high = box
     shift = np.array(size) / 2 - ratio * (low + high) / 2
-    unit = ratio * _unit(part)
     pixels = part.raster is not None
-    told = f"1 {'px' if pixels else 'unit'} = {short(unit, 5)} mm, drawing {_describe(drawn * ratio)}"
+    unit = (ratio if pixels else in_all) * _unit(part)
+    told = f"1 {'px' if pixels else 'unit'} = {short(unit, 5)} mm, drawing {_describe((high - low) * ratio)}"
     note = Note(
-        "assumed", f"centred on a page of {_describe(size)}: {told}", f"the drawing's own size times {ratio:.6g}"
+        "assumed", f"centred on a page of {_describe(size)}: {told}", f"the drawing's own size times {in_all:.6g}"
     )
     return replace(
         part,
@@ -178,7 +213,8 @@ def inspect(raw: Part, job: Job) -> DrawingFacts:
     from camgen.plan.simplify import simplify  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
 
     assert raw.raster is not None
-    part = simplify(on_page(raw, job), job)
+    laid = on_page(raw, job)
+    part = in_margin(raw, laid, simplify(laid, job), job)
     segments = from_contours(part.contours)
     box = bounds(segments)
     lengths = np.bincount(segments.owner, segments.length, minlength=len(part.contours))

@@ -43,7 +43,7 @@ def simplify(part: Part, job: Job) -> Part:
         if part.raster is not None and artwork:
             contours = _thin_in_pixels(contours, tolerance, arcs_wanted, part.raster.work_from_view)
         else:
-            contours = _thin(contours, tolerance, arcs_wanted)
+            contours = thin_out(contours, tolerance, arcs_wanted)
         count, arcs = sum(len(c.points) for c in contours), sum(int((c.bulges != 0).sum()) for c in contours)
         what = f"{counted(before, 'point')} thinned out to {grouped(count)}"
         what += f", {counted(arcs, 'arc')} found" if arcs_wanted else ""
@@ -68,7 +68,7 @@ def _thin_in_pixels(
     turned, shift, scale = work_from_view[:, :2], work_from_view[:, 2], scale_of(work_from_view)
     # Far below what a pixel tells, and far above what the scale leaves in the last digits.
     grid = [np.round((c.points - shift) @ np.linalg.inv(turned).T, _DIGITS) for c in contours]
-    drawn = _thin([replace(c, points=g) for c, g in zip(contours, grid, strict=True)], tolerance / scale + _SLACK, arcs)
+    drawn = thin_out([replace(c, points=g) for c, g in zip(contours, grid, strict=True)], tolerance / scale + _SLACK, arcs)
     # A picture's rows run down: seen from the other side arcs bend the other way.
     side = np.sign(np.linalg.det(turned))
     return tuple(
@@ -76,7 +76,8 @@ def _thin_in_pixels(
     )
 
 
-def _thin(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple[Contour, ...]:
+def thin_out(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple[Contour, ...]:
+    """The contours with the points that they need to stay within ``tolerance``; arcs: those of them that are found."""
     chains = Polylines.of(contours)
     kept = thin(chains, tolerance)
     ends = np.searchsorted(kept, chains.first)
@@ -85,7 +86,8 @@ def _thin(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple[Co
         low, high = int(chains.first[k]), int(chains.first[k + 1])
         mine = kept[ends[k] : ends[k + 1]] - low
         points, bulges = chains.points[low:high], chains.bulges[low:high]
-        found = with_arcs(points, mine, contour.closed, tolerance) if arcs else (points[mine], bulges[mine])
+        wanted = arcs and high - low > 2
+        found = with_arcs(points, mine, contour.closed, tolerance) if wanted else (points[mine], bulges[mine])
         rows = slice(0, -1) if contour.closed else slice(None)
         result.append(replace(contour, points=frozen(found[0][rows]), bulges=frozen(found[1][rows])))
     return tuple(result)

@@ -41,6 +41,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "input": ("layers", "join", "min_length"),
         "operation": _CONTOURS,
         "tool": ("orient", *_STAND),
+        "tolerance": ("corner",),
         "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
     },
     "curves in space": _CURVES

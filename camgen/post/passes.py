@@ -11,7 +11,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.arcs import circle, minus, turn_about
-from camgen.lower.columns import ZONES
+from camgen.lower.corners import ZONES
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 from camgen.model.program import Force, Instruction, MoveC, MoveL, Program
 

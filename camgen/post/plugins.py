@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.model.cell import Dynamics
+from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries, find, load, origin
@@ -140,6 +140,11 @@ def _only(path: str) -> type[Post]:
     if len(found) != 1:
         raise JobError(path, f"defines {len(found)} posts", remedy="a post file defines exactly one")
     return found[0]
+
+
+def cell_of(post: Post, job: Job) -> Cell:
+    """The built-in cell of the post, with what its machine is taken to do by the options of the post and the job."""
+    return replace(post.cell(), pace=dynamics_of(post, job))
 
 
 def dynamics_of(post: Post, job: Job) -> Dynamics:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
-from camgen.model.path import Tour
+from camgen.model.path import ToolPath, Tour
 from camgen.model.program import Program
 from camgen.post import Post
 from camgen.robots.workcell import Workcell
@@ -32,6 +32,8 @@ class Built(Protocol):
     def cell(self) -> Workcell: ...  # noqa: D102
     @property
     def tour(self) -> Tour: ...  # noqa: D102
+    @property
+    def planned(self) -> tuple[ToolPath, ...]: ...  # noqa: D102
     @property
     def notes(self) -> tuple[Note, ...]: ...  # noqa: D102
     @property

@@ -1,7 +1,7 @@
 """The way from a picture to a drawing as one SVG file: the stages side by side (continuous-path.md, figures 4-7, 9-11).
 
-Picture, ink, borders, then lines and arcs, or the lines of the pen in its width and what they cover, and the order on
-the page.
+Picture, ink, borders, then lines and arcs, or the lines of the pen in its width and what they cover, and the strokes on
+the page in the order in which they were found, and in that in which they are run.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import numpy as np
 
 from camgen.model.job import Job
 from camgen.model.part import Note, Part, Raster
-from camgen.model.path import Tour
+from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
+from camgen.order.arrange import measure_travel
 from camgen.plan.fill.cover import coverage_map
 from camgen.plan.page import page_size
 from camgen.preview.draw import Paper, by_order, of_contours, of_paths, path_data, spots
@@ -27,8 +28,19 @@ _DOT, _STROKE, _BINS = 0.55, 0.45, 32
 _MAP = 1000
 
 
-def svg(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Job, title: str) -> str:
-    """The picture as SVG text, sized in mm. ``job`` says how wide the pen is and how large the page."""
+def svg(
+    part: Part,
+    raster: Raster,
+    tour: Tour,
+    planned: tuple[ToolPath, ...],
+    notes: tuple[Note, ...],
+    job: Job,
+    title: str,
+) -> str:
+    """The picture as SVG text, sized in mm. ``job`` says how wide the pen is and how large the page.
+
+    planned: the strokes before they were put in order.
+    """
     crop = make_crop(raster)
     height, width = raster.photo.shape[:2]
     points = counted(sum(len(border) for border in raster.borders), "point")
@@ -40,7 +52,8 @@ def svg(part: Part, raster: Raster, tour: Tour, notes: tuple[Note, ...], job: Jo
         Panel("ink", crop.high, [show_crop(crop, np.bitwise_not(raster.mask), smooth=False)]),
         Panel(f"borders of the ink, {points}", crop.high, [faint(raster, crop), _borders(raster, crop)]),
         *drawn,
-        _order(raster, tour, job),
+        _order(raster, planned, measure_travel(planned, None), "as found", job),
+        _order(raster, tour.paths, tour.travel, "by order", job),
     ]
     return sheet(panels, notes, title)
 
@@ -100,8 +113,8 @@ def _draw_covered(raster: Raster, tour: Tour, job: Job, crop: Crop) -> Panel:
     )
 
 
-def _order(raster: Raster, tour: Tour, job: Job) -> Panel:
-    """The page with the strokes in colour from first to last, and the way between them with the pen up."""
+def _order(raster: Raster, paths: tuple[ToolPath, ...], travel: float, how: str, job: Job) -> Panel:
+    """The page with the strokes in colour from first to last, and between them the ``travel`` mm with the pen up."""
     if job.page.size:
         width, height = page_size(job.page)
         corner = (0.0, 0.0)
@@ -113,24 +126,24 @@ def _order(raster: Raster, tour: Tour, job: Job) -> Panel:
         width, height, corner = x1 - x0, y1 - y0, (x0, y0)
     scale = WIDE / width
     page = Paper(scale, -corner[0] * scale, (corner[1] + height) * scale)
-    content = [f'<rect class="sheet" width="{WIDE}" height="{height * scale:.2f}"/>', *_strokes(tour, page)]
-    count = f"{len(tour.paths)} {'holes, travel' if job.operation.kind == 'drill' else 'strokes, pen up'}"
-    told = f"{short(width, 1)} x {short(height, 1)} mm: {count} {short(tour.travel, 1)} mm, by order"
+    content = [f'<rect class="sheet" width="{WIDE}" height="{height * scale:.2f}"/>', *_strokes(paths, page)]
+    count = f"{len(paths)} {'holes, travel' if job.operation.kind == 'drill' else 'strokes, pen up'}"
+    told = f"{short(width, 1)} x {short(height, 1)} mm: {count} {short(travel, 1)} mm, {how}"
     return Panel(told, height * scale, content)
 
 
-def _strokes(tour: Tour, page: Paper) -> Iterator[str]:
-    data = path_data(of_paths(tour.paths), page)
+def _strokes(paths: tuple[ToolPath, ...], page: Paper) -> Iterator[str]:
+    data = path_data(of_paths(paths), page)
     edges = np.unique(np.linspace(0, len(data), _BINS + 1).astype(int)).tolist()
     for a, b in pairwise(edges):
         yield f'<path stroke="{by_order(a, len(data))}" stroke-width="{_STROKE}" d="{"".join(data[a:b])}"/>'
     # A hole is a point.
-    points = [k for k, path in enumerate(tour.paths) if not np.ptp(path.position[:, :2], axis=0).any()]
+    points = [k for k, path in enumerate(paths) if not np.ptp(path.position[:, :2], axis=0).any()]
     for k in points:
-        x, y = page.place(tour.paths[k].position[:1])[0].tolist()
+        x, y = page.place(paths[k].position[:1])[0].tolist()
         colour = by_order(k, len(data))
         yield f'<path stroke="{colour}" stroke-width="{4 * _STROKE}" d="M{x:.2f} {y:.2f}h0"/>'
-    gaps = zip(tour.paths[:-1], tour.paths[1:], strict=True)
+    gaps = pairwise(paths)
     ups: list[FloatArray] = [page.place(np.stack([a.position[-1], b.position[0]])) for a, b in gaps]
     if ups:
         yield f'<path class="up" d="{"".join(map(line, ups))}"/>'

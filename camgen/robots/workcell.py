@@ -54,7 +54,7 @@ def equip(cell: Cell, job: Job, arm: Robot | None = None, meshes: Meshes = ()) -
         values = enumerate(_values("home", table.home, count))
         home = Joints(tuple(v if k in sliding else math.radians(v) for k, v in values))
     name, robot = _name(table.robot) or cell.name, table.robot or cell.robot
-    return Workcell(name, work, tool, home, cell.sliding, robot, arm, meshes)
+    return Workcell(name, work, tool, home, cell.sliding, robot, cell.pace, arm, meshes)
 
 
 def _name(robot: str) -> str:

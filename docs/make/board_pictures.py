@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.plan.boards import MM, board, marks, part_of
 from camgen.plan.fill import fill
-from camgen.plan.fill.cover import coverage_map
+from camgen.plan.fill.cover import coverage_map, run_along
 from camgen.read.job_file import from_mapping
 from camgen.vision.crosses import crosses
 
@@ -29,7 +29,7 @@ def filled(pixels: int, seed: int, diameter: float) -> np.ndarray:
     picture = shown.pixels.copy()
     back = np.linalg.inv(np.vstack([shown.work_from_map, [0, 0, 1]]))[:2]
     for path in paths:
-        points = path.position[:, :2] @ back[:, :2].T + back[:, 2]
+        points = run_along(path, 0.01) @ back[:, :2].T + back[:, 2]
         cv2.polylines(picture, [np.rint(points * 16).astype(np.int32)[:, None]], False, _LINE, 1, cv2.LINE_AA, 4)
     return picture[300:1200, 500:1700]
 

@@ -27,6 +27,8 @@ from .rules import SPEED_DIGITS, Posture, unprintable
 _IN = "    "
 #: Degrees with 4 digits: three angles together stay within 3e-6 rad.
 _ANGLE_DIGITS = 4
+#: What 100 % of ACCEL is taken to be, mm/s2 of the TCP.
+_RATED_ACCELERATION = 5000.0
 #: Sliding joints get more digits than poses, so that one tolerance serves rad and mm.
 _SLIDE_DIGITS = 5
 
@@ -61,6 +63,14 @@ class VPlus(Post):
         kw_only=True,
         metadata={"help": "what 100 % rotational speed means, deg/s, for turns on the spot; a slower arm turns slower"},
     )
+    accel: float = field(
+        default=100.0, kw_only=True, metadata={"help": "acceleration and deceleration, % of the rated one"}
+    )
+    profile: int = field(
+        default=0,
+        kw_only=True,
+        metadata={"help": "profile of ACCEL, 0 to 8; 0 is at full acceleration at once, others rise to it"},
+    )
     declare: bool = field(
         default=True, kw_only=True, metadata={"help": "set tool and work frame; false: they are on the controller"}
     )
@@ -91,6 +101,8 @@ class VPlus(Post):
             ("decimals", 1 <= self.decimals <= 4, "1 to 4: a V+ real is single precision"),
             ("max_lines", self.max_lines >= 0, "0 for no limit"),
             ("rated", 0 < self.rated <= 20000, "the TCP speed of a MOVE at 100 %, up to 20000 mm/s"),
+            ("accel", 1 <= self.accel <= 100, "1 to 100 %"),
+            ("profile", 0 <= self.profile <= 8, "0 to 8"),
             ("rated_turn", 0 < self.rated_turn <= 10000, "deg/s at 100 %, up to 10000"),
         ):
             if not good:
@@ -113,8 +125,8 @@ class VPlus(Post):
         return replace(super().tolerance(), speed=speed, turn=turn)
 
     def dynamics(self) -> Dynamics:
-        """Corners by speed and acceleration, whatever the blend."""
-        return Dynamics(corner="overlap")
+        """Corners by speed and acceleration, whatever the blend. Rated: 5000 mm/s2, assumed."""
+        return Dynamics(acceleration=_RATED_ACCELERATION * self.accel / 100, corner="overlap")
 
     # -- legality ------------------------------------------------------------------------------------------------
 
@@ -212,7 +224,9 @@ class VPlus(Post):
         if self.declare:
             lines.append(f"{_IN}AUTO {', '.join(declared)}")
         # Modal, and as the last program left them: corners and the time rely on both.
-        lines += [f"{_IN}{text}" for text in ("SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL 100, 100")]
+        share = short(self.accel, SPEED_DIGITS)
+        accel = f"ACCEL ({self.profile}) {share}, {share}"
+        lines += [f"{_IN}{text}" for text in ("SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", accel)]
         if self.declare:
             lines.append(f"{_IN}SET {self.tool} = {self._trans(program.flange_from_tool)}")
         lines.append(f"{_IN}TOOL {self.tool}")

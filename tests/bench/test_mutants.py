@@ -75,7 +75,7 @@ DIFFERENT = [
     ("rapid", 3, "\\Fy:=-12.5,50", "\\Fz:=-12.5,50"),
     ("vplus", 0, "AUTO cg.tool, cg.work", ""),
     ("vplus", 0, "BREAK", ""),
-    ("vplus", 0, "ACCEL 100, 100", "ACCEL 100, 50"),
+    ("vplus", 0, "ACCEL (0) 100, 100", "ACCEL (0) 100, 50"),
     ("vplus", 0, ", 100 MMPS", ", 90 MMPS"),
     ("vplus", 0, "SIGNAL 33", "SIGNAL 34"),
     ("vplus", 0, ".PROGRAM part()", ".PROGRAM move()"),

@@ -16,7 +16,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
 from camgen.plan.page import on_page
-from camgen.plan.simplify import simplify
+from camgen.plan.simplify import simplify, thin_out
 from camgen.read import read
 from camgen.read.job_file import from_mapping
 from camgen.vision.ink import borders, ink_of
@@ -161,10 +161,8 @@ def test_the_drawing_leaves_no_border_by_more_than_the_tolerance(pixels: np.ndar
         Contour(frozen(b * [0.1, -0.1]), frozen(np.zeros(len(b))), True, "0", f"c{k}")
         for k, b in enumerate(borders(ink))
     )
-    from camgen.plan.simplify import _thin  # noqa: PLC0415 (without a file)
-
     raw = Part("a", "a.png", "mm", contours, ())
-    drawn = Part("a", "a.png", "mm", _thin(contours, tolerance, arcs=True), ())
+    drawn = Part("a", "a.png", "mm", thin_out(contours, tolerance, arcs=True), ())
     assert apart(raw, drawn, 0.02) <= tolerance + 1e-3
 
 

@@ -51,11 +51,24 @@ def planned(part: Part, diameter: float, **operation: object) -> Plan:
     return plan(part, job_for(diameter, **operation))
 
 
+def way(path: ToolPath) -> np.ndarray:
+    """Points along a path, each arc as 64 chords of the circle through its three points."""
+    points = path.position[:1, :2] @ [1, 1j]
+    for start, via, end in zip(path.position, path.via[1:], path.position[1:], strict=False):
+        a, v, b = (complex(p[0], p[1]) for p in (start, via, end))
+        if np.isnan(v):
+            points = np.append(points, b)
+            continue
+        # Where the bisectors of the two chords cross; each half of the arc is less than half a turn.
+        p, q = v - a, b - v
+        centre = a + p / 2 + 1j * p * (((b - a) / 2) * q.conjugate()).real / ((1j * p) * q.conjugate()).real
+        turn = np.angle((v - centre) / (a - centre)) + np.angle((b - centre) / (v - centre))
+        points = np.append(points, centre + (a - centre) * np.exp(1j * turn * np.arange(1, 65) / 64))
+    return np.column_stack([points.real, points.imag])
+
+
 def ink(paths: tuple[ToolPath, ...], diameter: float) -> shapely.Geometry:
-    lines = [
-        shapely.LineString(p.position[:, :2]) if len(p.position) > 1 else shapely.Point(p.position[0, :2])
-        for p in paths
-    ]
+    lines = [shapely.LineString(way(p)) if len(p.position) > 1 else shapely.Point(p.position[0, :2]) for p in paths]
     return shapely.union_all([line.buffer(diameter / 2, quad_segs=32) for line in lines])
 
 
@@ -84,9 +97,26 @@ def test_a_plate_with_a_hole_is_covered_and_the_hole_stays_free() -> None:
     assert outside < 0.0005
     # No stroke comes nearer to a border than the marker's radius, but by what thins the lines out.
     border = copper.boundary
-    nearest = min(border.distance(shapely.LineString(p.position[:, :2])) for p in paths if len(p.position) > 1)
+    nearest = min(border.distance(shapely.LineString(way(p))) for p in paths if len(p.position) > 1)
     assert nearest > 0.425 - 0.02
     assert all((p.force_direction == 0).all() and (p.position[:, 2] == 0).all() for p in paths)
+
+
+def test_the_passes_of_a_region_are_one_closed_stroke_over_bridges_inside_it() -> None:
+    plates = [rectangle(0, 0, 40, 25), circle(20, 12, 6), rectangle(40.5, 0, 12, 9), circle(60, 20, 2.2)]
+    paths = tuple(p for p in planned(part_with(*plates), 0.85).paths if p.id.startswith("f"))
+    assert [p.closed for p in paths] == [True] * 3
+    assert all((p.position[0] == p.position[-1]).all() for p in paths)
+    copper = shapely.union_all([
+        shapely.box(0, 0, 40, 25).difference(shapely.Point(20, 12).buffer(6, quad_segs=64)),
+        shapely.box(40.5, 0, 52.5, 9), shapely.Point(60, 20).buffer(2.2, quad_segs=64),
+    ])  # fmt: skip
+    covered, outside = shares(paths, 0.85, copper)
+    assert covered > 0.99
+    assert outside < 0.0005
+    # A bridge is run twice, there and back, and is no longer than from pass to pass.
+    length = sum(shapely.LineString(way(p)).length for p in paths)
+    assert length * 0.595 < 1.05 * copper.area
 
 
 def test_what_lies_in_a_hole_is_covered_again() -> None:
@@ -225,10 +255,10 @@ def test_the_stepover_is_the_distance_of_the_passes() -> None:
     part = part_with(rectangle(0, 0, 20, 20))
     for stepover in (0.5, 0.9):
         loops = [p for p in planned(part, 1.0, stepover=stepover).paths if p.id.startswith("f")]
-        lowest = sorted(float(p.position[:, 1].min()) for p in loops)
-        # The innermost ones may be several at one distance.
-        assert np.diff(lowest)[:8] == pytest.approx([stepover] * 8, abs=0.02)
-        assert lowest[0] == pytest.approx(0.5, abs=0.01)
+        across = shapely.LineString([(10.13, 0), (10.13, 9)])
+        met = [shapely.get_coordinates(shapely.LineString(way(p)).intersection(across))[:, 1] for p in loops]
+        assert np.diff(np.sort(np.concatenate(met)))[:8] == pytest.approx([stepover] * 8, abs=0.02)
+        assert np.concatenate(met).min() == pytest.approx(0.5, abs=0.01)
 
 
 def test_depths_and_force() -> None:

@@ -1,5 +1,7 @@
 """[page]: the algorithms of continuous-path.md, section 3.2, against their formulas."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,8 +12,13 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import PageTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
+from camgen.model.text import short
+from camgen.plan import plan
 from camgen.plan.page import on_page, page_size
+from camgen.read import read
 from camgen.read.job_file import from_mapping
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
 
 def part_of(
@@ -113,3 +120,31 @@ def test_a_scale_per_unit_of_two_units_is_refused() -> None:
 def test_without_a_page_nothing_changes() -> None:
     part = part_of([[0, 0], [1, 1]])
     assert on_page(part, from_mapping({})) is part
+
+
+@pytest.mark.parametrize("size", ["A5", [120, 100], "A4 landscape"])
+@pytest.mark.parametrize("tolerance", [{}, {"simplify": 0.8}])
+def test_what_is_drawn_of_a_picture_keeps_out_of_the_margin(size: object, tolerance: dict[str, float]) -> None:
+    """The lines and arcs, not the pixels, which lie up to a pixel to either side of them."""
+    job = from_mapping({"page": {"size": size, "margin": 10}, "tolerance": tolerance})
+    found = plan(read(PARTS / "gear.png", job), job)
+    low_x, low_y, high_x, high_y = box(found.part)
+    width, height = page_size(job.page)
+    least = min(low_x, low_y, width - high_x, height - high_y)
+    assert least == pytest.approx(10, abs=1e-6)
+    assert (low_x + high_x, low_y + high_y) == pytest.approx((width, height))
+    told = [note for note in found.notes if note.what.startswith("centred on a page")]
+    assert len(told) == 1
+    assert f"drawing {short(high_x - low_x, 2)} x {short(high_y - low_y, 2)} mm" in told[0].what
+    assert found.part.units in told[0].what.replace(" = ", "=").replace("1 px=", "").replace(" mm,", " mm/px,")
+
+
+def test_a_drawing_at_a_scale_of_its_own_is_centred_as_it_is_drawn() -> None:
+    job = from_mapping({"page": {"size": [200, 150], "scale": 0.2}})
+    found = plan(read(PARTS / "gear.png", job), job)
+    low_x, low_y, high_x, high_y = box(found.part)
+    assert (low_x + high_x, low_y + high_y) == pytest.approx((200, 150))
+    assert found.part.units == "0.2 mm/px"
+    tight = from_mapping({"page": {"size": [high_x - low_x + 19.9, 150], "scale": 0.2}})
+    with pytest.raises(InputError, match="leaves the page"):
+        plan(read(PARTS / "gear.png", tight), tight)

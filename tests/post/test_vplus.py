@@ -95,7 +95,7 @@ EXPECTED = """\
     SELECT ROBOT = 1
     ATTACH ()
     ENABLE CP
-    ACCEL 100, 100
+    ACCEL (0) 100, 100
     SET cg.tool = TRANS(0,0,100,0,0,0)
     TOOL cg.tool
     SET cg.work = TRANS(250,-75,150,0,0,0)
@@ -721,7 +721,7 @@ def test_faults_by_line(lines: list[str], expected: tuple[int, str]) -> None:
 
 UNSAID = "not said before the first motion: the program before may have left it otherwise"
 SETTLES = "sets how exactly the robot stops, which camgen never writes"
-RATED = "ACCEL other than 100, 100: corners and the time of the program are others"
+RATED = "ACCEL other than (0) 100, 100: corners and the time of the program are others"
 OVER = "SPEED above 100 %: the controller takes the most that it has"
 GONE = "after DETACH: the robot may be another program's by then"
 SLOWER = "a straight motion at 5 % rotational speed: where the tool turns, it may be slower than its SPEED"
@@ -760,11 +760,12 @@ STRICT: list[tuple[str, str, Fault]] = [
     ("    RIGHTY", "    NONULL ALWAYS", Remark(15, f"NONULL {SETTLES}")),
     ("    RIGHTY", "    COARSE 0", Fault(15, "COARSE 0 is not evaluated")),
     ("    RIGHTY", "    NULL 5", Fault(15, "NULL 5 is not evaluated")),
-    ("ACCEL 100, 100", "ACCEL 200, 100", Remark(9, RATED)),
-    ("ACCEL 100, 100", "ACCEL 100", Remark(9, RATED)),
-    ("ACCEL 100, 100", "ACCEL (1) 100, 100", Remark(9, RATED)),
-    ("ACCEL 100, 100", "ACCEL (9) 100, 100", Fault(9, "ACCEL has profiles 0 to 8, not 9")),
-    ("    ACCEL 100, 100\n", "", Remark(15, f"ACCEL {UNSAID}")),
+    ("ACCEL (0) 100, 100", "ACCEL (0) 200, 100", Remark(9, RATED)),
+    ("ACCEL (0) 100, 100", "ACCEL (0) 100", Remark(9, RATED)),
+    ("ACCEL (0) 100, 100", "ACCEL (1) 100, 100", Remark(9, RATED)),
+    ("ACCEL (0) 100, 100", "ACCEL 100, 100", Remark(9, "ACCEL without a profile keeps that of the program before")),
+    ("ACCEL (0) 100, 100", "ACCEL (9) 100, 100", Fault(9, "ACCEL has profiles 0 to 8, not 9")),
+    ("    ACCEL (0) 100, 100\n", "", Remark(15, f"ACCEL {UNSAID}")),
     ("    ENABLE CP\n", "", Remark(15, f"ENABLE CP {UNSAID}")),
     ("    ATTACH ()\n", "", Remark(15, f"ATTACH {UNSAID}")),
     ("    SELECT ROBOT = 1\n", "", Remark(15, f"SELECT ROBOT {UNSAID}")),

@@ -15,23 +15,27 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.geometry.arcs import bulge_middles
 from camgen.geometry.ragged import begins
 from camgen.geometry.rings import ComplexArray, latest, rings, unit
-from camgen.geometry.segments import BoolArray, IntArray
+from camgen.geometry.segments import BoolArray, IntArray, flatten, from_contours
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.plan import Coverage
 from camgen.plan.columns import pass_depths
-from camgen.plan.fill.cover import lines_of, measure, paint
-from camgen.plan.fill.ground import Distances, Ground, Pixels, ground
+from camgen.plan.fill.bridges import join_passes
+from camgen.plan.fill.cover import SAG, lines_of, measure, paint, run_along
+from camgen.plan.fill.ground import Distances, Ground, Pixels, ground, slope
 from camgen.plan.fill.joined import tell_joined
 from camgen.plan.fill.lines import CentreLine, centre, centre_lines
 from camgen.plan.image_space.border import CLOSE, foot, near
 from camgen.plan.image_space.field import beyond, sample_field
+from camgen.plan.simplify import thin_out
+from camgen.vision.similarity import scale_of
 from camgen.vision.skeleton import graph, skeleton, strokes
 
 # Passes along the border, one inside the other, each the line at one distance from the border.
@@ -80,7 +84,7 @@ def _exact(field: Ground, chains: Sequence[FloatArray], level: float, rounds: in
     table = rings([len(c) for c in chains])
     flat = np.concatenate(chains)
     pixels = flat[:, 0] + 1j * flat[:, 1]
-    depth, inwards = _slope(field, pixels)
+    depth, inwards = slope(field, pixels)
     points = pixels - inwards * (depth - level)
     row = near(field.edge, points - inwards * level)
     row = np.where(row >= 0, row, row[np.maximum(latest(table, row >= 0), 0)])
@@ -97,18 +101,6 @@ def _exact(field: Ground, chains: Sequence[FloatArray], level: float, rounds: in
     return np.split(points, table.first[1:])
 
 
-def _slope(field: Ground, pixels: ComplexArray) -> tuple[FloatArray, ComplexArray]:
-    """Depth at ``pixels`` and its gradient, unit."""
-    width = field.depth.shape[1]
-    at = pixels.imag.astype(np.int64) * width + pixels.real.astype(np.int64)
-    flat = field.depth.ravel()
-    right, down = (
-        np.sum([flat[at + by + k] - flat[at - by + k] for k in (-side, 0, side)], axis=0, dtype=np.float64)
-        for by, side in ((1, width), (width, 1))
-    )
-    return flat[at].astype(np.float64), unit(np.asarray(right + 1j * down))
-
-
 # What passes and centre lines left bare: strokes where the tool has room, one touch where it pays.
 
 #: The tool has room where it is no nearer to the border than this share of its radius.
@@ -117,7 +109,7 @@ _ROOM_SHARE = 0.9
 #: square leaves wherever the pixels lie, and must cover this many times what it inks outside.
 _TOUCH, _GRAIN, _PAYS = 1.6, 4, 2.0
 #: Where a touch is tried, from the place with most room towards the middle of the piece.
-_WAY = (0.0, 0.25, 0.5, 0.75, 1.0)
+_WAY = tuple(k / 8 for k in range(9))
 
 
 class _Bare(Struct, frozen=True, eq=False):
@@ -193,19 +185,26 @@ def _runs(points: ComplexArray, where: BoolArray) -> list[ComplexArray]:
     return [points[a:b] for a, b in edges.reshape(-1, 2).tolist()]
 
 
-#: Strokes are thinned out within this, px of the grid, where the job does not say.
-_SIMPLIFY = 0.2
+#: Strokes are thinned out within this, px of the grid, where the job does not say. Of a picture within so many of its
+#: own px, since it does not know its edges better, and within this share of the tool's diameter.
+_SIMPLIFY, _SEEN, _OF_TOOL = 0.2, 0.5, 1 / 20
+#: Where it is looked at what strokes cover, px, their arcs are chords.
+_FLAT = 0.05
 #: What is left bare is worth a stroke from this share of the tool's disc on.
 _WORTH_SHARE = 0.05
 
 
 class Kind(Struct, frozen=True, eq=False):
-    """Strokes of one kind. mark: what their ids begin with. lines: (N,) px each, the first again where closed."""
+    """Strokes of one kind, px. mark: what their ids begin with. strokes: lines and arcs, one point: a touch. lines: the
+    same as lines alone, (N,) each, the first point again where closed. thin: of a place thinner than the tool. made_of:
+    how many passes or lines they are.
+    """
 
     mark: str
+    strokes: tuple[Contour, ...]
     lines: list[ComplexArray]
-    closed: list[bool]
     thin: list[bool]
+    made_of: int
 
 
 def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], Coverage]:
@@ -217,7 +216,7 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     if not any(c.closed for c in part.contours):
         raise InputError(part.source, "no closed contour to fill", remedy="trace it, or close its outlines")
     field = ground(part, job.tool.diameter / 2)
-    kinds = _strokes(field, job.tool.diameter / 2 / field.mm_per_px, job)
+    kinds = _strokes(field, job.tool.diameter / 2 / field.mm_per_px, job, _thinning(part, field, job))
     region = _regions(field)
     of = _of_borders(field, region)
     paths = _paths(field, kinds, _borders(part, field, of), region, job)
@@ -228,29 +227,45 @@ def fill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...], 
     return paths, notes, coverage
 
 
-def _strokes(field: Ground, radius: float, job: Job) -> list[Kind]:
-    simplify = job.tolerance.simplify
-    near = max(job.tolerance.chord / field.mm_per_px, _SIMPLIFY) if simplify is None else simplify / field.mm_per_px
-    wide = passes(field, radius, 2 * radius * job.operation.stepover)
-    round_ = Kind("f", [_thin(points, True, near) for points in wide], [True] * len(wide), [False] * len(wide))
-    middle = _kind("m", centre_lines(field, radius, core(field, radius)), near, radius)
-    ink = paint(*lines_of(round_.lines + middle.lines), radius, field.mask.shape[:2])
+def _thinning(part: Part, field: Ground, job: Job) -> float:
+    """Px of the grid within which strokes are thinned out."""
+    if job.tolerance.simplify is not None:
+        return job.tolerance.simplify / field.mm_per_px
+    near = max(job.tolerance.chord, _SIMPLIFY * field.mm_per_px)
+    if part.raster is not None and part.raster.borders:
+        near = max(near, min(_SEEN * scale_of(part.raster.work_from_view), _OF_TOOL * job.tool.diameter))
+    return near / field.mm_per_px
+
+
+def _strokes(field: Ground, radius: float, job: Job, near: float) -> list[Kind]:
+    arcs = job.tolerance.arc_fit > 0
+    spacing = 2 * radius * job.operation.stepover
+    rounds = passes(field, radius, spacing)
+    wide = [CentreLine(points, True, radius) for points in join_passes(field, rounds, radius, spacing)]
+    narrow = centre_lines(field, radius, core(field, radius))
+    # As they were found: what is worth a stroke of its own does not hang on how they are thinned out.
+    drawn = [np.append(line.points, line.points[:1]) if line.closed else line.points for line in (*wide, *narrow)]
+    ink = paint(*lines_of(drawn), radius, field.mask.shape[:2])
     rest = find_uncovered(field, ink, radius, _WORTH_SHARE * np.pi * radius**2)
-    return [round_, middle, _kind("r", rest, near, 0.0)]
+    found = ("f", wide, 0.0, len(rounds)), ("m", narrow, radius, len(narrow)), ("r", rest, 0.0, len(rest))
+    return [_kind(mark, lines, near, arcs, least, made_of) for mark, lines, least, made_of in found]
 
 
-def _kind(mark: str, lines: Sequence[CentreLine], near: float, radius: float) -> Kind:
+def _kind(mark: str, lines: Sequence[CentreLine], near: float, arcs: bool, radius: float, made_of: int) -> Kind:
     """radius: a place less than twice as wide is thinner than the tool."""
-    points = [_thin(line.points, line.closed, near) for line in lines]
-    return Kind(mark, points, [line.closed for line in lines], [line.wide < radius for line in lines])
+    drawn = tuple(_contour(line) for line in lines)
+    if near > 0 and drawn:
+        drawn = thin_out(drawn, near, arcs)
+    points, owner = flatten(from_contours(drawn), _FLAT)
+    flat = np.split(points @ np.array([1, 1j]), np.searchsorted(owner, np.arange(1, len(drawn)))) if drawn else []
+    last = [stroke.points[0 if stroke.closed else -1] @ np.array([1, 1j]) for stroke in drawn]
+    ended = [np.append(line, end) for line, end in zip(flat, last, strict=True)]
+    return Kind(mark, drawn, ended, [line.wide < radius for line in lines], made_of)
 
 
-def _thin(points: ComplexArray, closed: bool, near: float) -> ComplexArray:
-    """The points that a line needs to stay within ``near`` px (Douglas and Peucker 1973); closed: the first again."""
-    if len(points) > 2 and near > 0:
-        flat = np.column_stack([points.real, points.imag]).astype(np.float32)[:, None]
-        points = cv2.approxPolyDP(flat, near, closed)[:, 0].astype(np.float64) @ np.array([1, 1j])
-    return np.append(points, points[:1]) if closed else points
+def _contour(line: CentreLine) -> Contour:
+    points = np.column_stack([line.points.real, line.points.imag])
+    return Contour(frozen(points), frozen(np.zeros(len(points))), line.closed, "")
 
 
 def _regions(field: Ground) -> IntArray:
@@ -293,15 +308,15 @@ def _borders(part: Part, field: Ground, of: IntArray) -> dict[int, list[Contour]
 def _paths(
     field: Ground, kinds: Sequence[Kind], borders: dict[int, list[Contour]], region: IntArray, job: Job
 ) -> tuple[ToolPath, ...]:
-    lines = [line for kind in kinds for line in kind.lines]
-    if not lines:
+    strokes = [stroke for kind in kinds for stroke in kind.strokes]
+    if not strokes:
         return ()
-    counts = np.array([len(line) for line in lines])
+    counts = np.array([len(stroke.points) + stroke.closed for stroke in strokes])
     low = begins(counts)
-    flat = np.concatenate(lines)
+    flat, middle = _rows(strokes)
     where = _region_of(flat[low], region).tolist()
     position = np.column_stack([field.placed(flat), np.zeros(len(flat))])
-    via = np.full_like(position, np.nan)
+    via = np.column_stack([field.placed(middle), np.where(np.isnan(middle), np.nan, 0.0)])
     axis = np.tile([0.0, 0.0, -1.0], (len(flat), 1))
     press = np.zeros((len(flat), 2, 3))
     if job.process.force:
@@ -310,7 +325,7 @@ def _paths(
     for column in (position, via, axis, press, force, feed):
         column.flags.writeable = False
     some = borders[min(borders)]
-    names = [(f"{kind.mark}{k}", closed) for kind in kinds for k, closed in enumerate(kind.closed, 1)]
+    names = [(f"{kind.mark}{k}", stroke.closed) for kind in kinds for k, stroke in enumerate(kind.strokes, 1)]
     rows = [slice(a, a + n) for a, n in zip(low.tolist(), counts.tolist(), strict=True)]
     return tuple(
         ToolPath(
@@ -331,10 +346,25 @@ def _paths(
     )
 
 
+def _rows(strokes: Sequence[Contour]) -> tuple[ComplexArray, ComplexArray]:
+    """The points (N,) px of the strokes, of closed ones the first again, and the middles (N,) of the arcs that end
+    there, NaN where none does.
+    """
+    points = [np.append(s.points, s.points[:1], axis=0) if s.closed else s.points for s in strokes]
+    middles = []
+    for stroke, own in zip(strokes, points, strict=True):
+        bulge = stroke.bulges[: len(own) - 1]
+        arcs = np.where(bulge[:, None] != 0, bulge_middles(own[:-1], bulge, own[1:]), np.nan)
+        middles += [np.full((1, 2), np.nan), arcs]
+    both = (np.concatenate(rows) @ np.array([1, 1j]) for rows in (points, middles))
+    flat, middle = both
+    return np.asarray(flat), np.asarray(middle)
+
+
 def measure_coverage(field: Ground, paths: Sequence[ToolPath], thin: Sequence[bool], radius: float) -> Coverage:
     """What the paths cover of the ground, mm2, from where the tool will be. thin: whose ink beside is counted apart."""
     edge = field.placed(field.edge.points) @ np.array([1, 1j])
-    lines = [path.position[:, :2] @ np.array([1, 1j]) for path in paths]
+    lines = [run_along(path, radius / SAG) @ np.array([1, 1j]) for path in paths]
     wide = [line for line, apart in zip(lines, thin, strict=True) if not apart]
     narrow = [line for line, apart in zip(lines, thin, strict=True) if apart]
     return measure(field.edge.table, edge, wide, narrow, radius)
@@ -356,8 +386,9 @@ def _rules(kinds: Sequence[Kind], region: IntArray, job: Job) -> tuple[Note, ...
     what = (
         f"{counted(len(by | along), 'region')} to fill: {', '.join(f'{len(own)} {how}' for own, how in shares if own)}"
     )
+    joined = f" in {counted(len(round_.lines), 'stroke')}" if len(round_.lines) < round_.made_of else ""
     why = (
-        f"{counted(len(round_.lines), 'pass', 'passes')}, {counted(len(middle.lines), 'centre line')} "
+        f"{counted(round_.made_of, 'pass', 'passes')}{joined}, {counted(len(middle.lines), 'centre line')} "
         f"({sum(middle.thin)} of places thinner than the tool), {counted(len(rest.lines), 'stroke')} for what they left"
     )
     return (Note("assumed", what, why),)

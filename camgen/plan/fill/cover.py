@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.arcs import chain
+from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.rings import ComplexArray, Rings, rings
 from camgen.geometry.segments import IntArray
 from camgen.model.part import Part
@@ -107,6 +109,22 @@ def measure(
 COLOURS = ((255, 255, 255), (90, 160, 60), (40, 40, 220), (40, 190, 250))
 
 
+#: Arcs are looked at as chords that leave them by such a part of the tool's diameter.
+SAG = 1000
+
+
+def run_along(path: ToolPath, sag: float) -> FloatArray:
+    """(N, 2) mm along the path, arcs as chords that leave them by ``sag`` mm at most."""
+    if np.isnan(path.via).all():
+        return path.position[:, :2]
+    found = chain(path.position, path.via[1:])
+    with np.errstate(divide="ignore"):
+        step = 2 * np.arccos(np.clip(1 - sag / found.radius, -1.0, 1.0))
+    count = np.ceil(found.sweep / np.maximum(step, 1e-3)).clip(1).astype(np.int64)
+    points = found.point((ramp(count) + 1) / count[owners(count)], owners(count))
+    return np.append(path.position[:1, :2], points[:, :2], axis=0)
+
+
 class Map(Struct, frozen=True, eq=False):
     """pixels: (H, W, 3) in ``COLOURS``. work_from_map: (2, 3), mm of a pixel centre (u, v), v down."""
 
@@ -118,7 +136,7 @@ def coverage_map(part: Part, paths: Sequence[ToolPath], diameter: float, most: i
     """What ``paths`` cover of the closed contours of ``part`` with a tool of ``diameter`` mm, at most ``most`` px."""
     counts, points, work_from_grid, _ = outlines(part, diameter / 2)
     border = np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]
-    strokes = [path.position[:, :2] for path in paths]
+    strokes = [run_along(path, diameter / SAG) for path in paths]
     everything = np.concatenate([border, *strokes])
     low, high = everything.min(axis=0) - diameter, everything.max(axis=0) + diameter
     pixel = float((high - low).max()) / most

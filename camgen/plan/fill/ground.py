@@ -12,7 +12,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import owners, stretches
-from camgen.geometry.rings import ComplexArray, Rings, rings
+from camgen.geometry.rings import ComplexArray, Rings, rings, unit
 from camgen.geometry.segments import IntArray, flatten, from_contours
 from camgen.model.errors import JobError
 from camgen.model.part import Part, Raster
@@ -66,6 +66,18 @@ def ground(part: Part, radius: float) -> Ground:
     far = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     depth = np.asarray(cv2.max(cv2.subtract(far, _OUTSIDE), 0.0), dtype=np.float32)  # type: ignore[call-overload]
     return Ground(mask, depth, border(*_dense(table, points), shape), contour, work_from_grid)
+
+
+def slope(field: Ground, pixels: ComplexArray) -> tuple[FloatArray, ComplexArray]:
+    """Depth at ``pixels`` and its gradient, unit."""
+    width = field.depth.shape[1]
+    at = pixels.imag.astype(np.int64) * width + pixels.real.astype(np.int64)
+    flat = field.depth.ravel()
+    right, down = (
+        np.sum([flat[at + by + k] - flat[at - by + k] for k in (-side, 0, side)], axis=0, dtype=np.float64)
+        for by, side in ((1, width), (width, 1))
+    )
+    return flat[at].astype(np.float64), unit(np.asarray(right + 1j * down))
 
 
 def outlines(part: Part, radius: float) -> tuple[IntArray, ComplexArray, FloatArray, IntArray]:

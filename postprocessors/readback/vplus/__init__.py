@@ -79,8 +79,9 @@ class Machine(RobotState):
         rated: float,
         signals: Mapping[int, str],
         known: frozenset[str],
+        accel: tuple[int, float],
     ) -> None:
-        super().__init__(report, remark, rated, signals, known)
+        super().__init__(report, remark, rated, signals, known, accel)
         self._programs = programs
         self._budget = _LOOPED + sum(map(_length, (s for p in programs.values() for s in p.statements)))
         self._line = 0
@@ -277,7 +278,8 @@ def _run(files: Mapping[str, str], options: Mapping[str, object], report: Report
     for routine in found:
         programs.setdefault(canonical(routine.name), routine)
     rated, signals, known = _number(options, "rated", _RATED), _signal_names(options), _list_known(options)
-    machine = Machine(programs, report, remark, rated, signals, known)
+    accel = int(_number(options, "profile", 0)), _number(options, "accel", 100.0)
+    machine = Machine(programs, report, remark, rated, signals, known, accel)
     posture = options.get("posture", ())
     machine.asked = frozenset(map(str, posture)) if isinstance(posture, (list, tuple)) else frozenset()
     for start in _start(list(programs.values()), report):

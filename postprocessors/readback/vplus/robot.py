@@ -40,6 +40,8 @@ _PROFILE = re.compile(r"\(\s*(\d{1,9})\s*\)\s*(?=[\d.])")
 _SIX_AXIS_ONLY = frozenset(_PAIRS[1] + _PAIRS[2])
 #: What stands before the first motion of a program that leaves nothing to the one before.
 _SETTINGS = ("SELECT ROBOT", "ATTACH", "ENABLE CP", "ACCEL", "TOOL")
+#: Percentages are printed with 4 digits.
+_SAME_SHARE = 5e-5
 _ROBOT = re.compile(r"ROBOT\s*=\s*1", re.IGNORECASE)
 #: The manual has ALWAYS last.
 _DISORDERED = re.compile(r"\bALWAYS\s+\w", re.IGNORECASE)
@@ -52,15 +54,22 @@ class RobotState(Variables):
     its target is given in, None where it has no pose. tool: None while it is the controller's. turning: the rotational
     speeds, % of the rated one, each with the place in the body from which on it holds. axes: how many joints the arm
     has, 0 while no precision point says. bent: the postures that only six axes have, by line. asked: the words of
-    ``post.posture``. tool_name: of a tool that only the controller has.
+    ``post.posture``. tool_name: of a tool that only the controller has. accel: profile and % that the options ask for.
 
     Methods with a ``Statement`` carry it out; Unreadable when they cannot.
     """
 
     def __init__(
-        self, report: Report, remark: Report, rated: float, signals: Mapping[int, str], known: frozenset[str]
+        self,
+        report: Report,
+        remark: Report,
+        rated: float,
+        signals: Mapping[int, str],
+        known: frozenset[str],
+        accel: tuple[int, float],
     ) -> None:
         super().__init__(known)
+        self._accel = accel
         self.report, self.remark = report, remark
         self.body: list[MoveJ | MoveL | Output | Wait] = []
         self.lines: list[int] = []
@@ -370,7 +379,7 @@ class RobotState(Variables):
             self._compare_posture(statement.line)
 
     def accel(self, statement: Statement) -> None:
-        """``ACCEL``: not in the instructions, and so anything but the rated acceleration is a remark."""
+        """``ACCEL``: not in the instructions, and so a remark where it is not what the options ask for."""
         profile = _PROFILE.match(statement.rest)
         if profile and int(profile[1]) > 8:
             raise Unreadable(f"ACCEL has profiles 0 to 8, not {profile[1]}")
@@ -378,8 +387,13 @@ class RobotState(Variables):
         if len(values) > 2:
             raise Unreadable("ACCEL has two percentages")
         self._said.add("ACCEL")
-        if profile or values != [100.0, 100.0]:
-            self.remark(statement.line, "ACCEL other than 100, 100: corners and the time of the program are others")
+        wanted, share = self._accel
+        if profile is None:
+            self.remark(statement.line, "ACCEL without a profile keeps that of the program before")
+        shares = len(values) == 2 and max(abs(value - share) for value in values) <= _SAME_SHARE
+        if (profile and int(profile[1]) != wanted) or not shares:
+            what = f"ACCEL other than ({wanted}) {share:g}, {share:g}: corners and the time of the program are others"
+            self.remark(statement.line, what)
 
     def switch(self, statement: Statement) -> None:
         """``ENABLE CP`` and ``DISABLE CP``."""

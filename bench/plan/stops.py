@@ -1,0 +1,110 @@
+"""Where a V+ robot stops while it draws, and what its rounded corners leave of the drawing.
+
+    python -m bench.plan.stops [BOARD ...]
+
+The boards of docs/drawing-robot.md and docs/fill.md (BOARD: board.png, copper.dxf, rendered, gear.png), each with a
+stop at every corner (tolerance.corner = 0) and as it is by default. Covered as run: by the lines of the program, with
+the parabola of docs/posts/vplus.md at every corner without a stop. Exits with 1 where 5 % or more of the pen-down
+motions of a board stop; every stroke ends in a stop.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from bench.machine import machine
+from bench.plan.boards import board, part_of
+from camgen.build import Result, build
+from camgen.geometry.rings import rings
+from camgen.plan.fill.cover import measure
+from camgen.plan.fill.ground import outlines
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+MOST = 0.05
+FILL = {"operation": {"kind": "fill"}, "cell": {"robot": "Cobra s600"}}
+BOARDS = {
+    "board.png": (lambda: PARTS / "board.png", FILL | {"tool": {"diameter": 0.8}}),
+    "copper.dxf": (lambda: PARTS / "copper.dxf", FILL | {"tool": {"diameter": 0.85}}),
+    "rendered": (lambda: part_of(board(600, 2, plane=True)), FILL | {"tool": {"diameter": 0.85}}),
+    "gear.png": (lambda: PARTS / "gear.png", {"page": {"size": "A5"}, "cell": {"robot": "Cobra s600"}}),
+}
+
+
+def runs(result: Result) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each stroke its corners (N,) mm, and how far (N,) before and behind them they are rounded."""
+    columns = result.program.columns
+    way = result.cell.pace.acceleration
+    found = []
+    for path in np.unique(columns.path[columns.works]).tolist():
+        rows = np.flatnonzero(columns.works & (columns.path == path))
+        points = columns.ends[np.append(rows[0] - 1, rows), :2] @ [1, 1j]
+        length = np.abs(np.diff(points))
+        reach = np.zeros(len(points))
+        inner = np.minimum(columns.speed[rows[:-1]] ** 2 / (2 * way), np.maximum(length[:-1], length[1:]) / 2)
+        reach[1:-1] = np.where(columns.blend[rows[:-1]] > 0, inner, 0.0)
+        found.append((points, reach))
+    return found
+
+
+def round_off(points: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """The corners as parabolas of eight lines, no longer than half of either neighbour."""
+    drawn = [points[:1]]
+    share = np.linspace(0, 1, 9)
+    for before, at, behind, far in zip(points[:-2], points[1:-1], points[2:], reach[1:-1], strict=True):
+        begin, end = (at + (other - at) * min(far / max(abs(other - at), 1e-9), 0.5) for other in (before, behind))
+        drawn.append((1 - share) ** 2 * begin + 2 * share * (1 - share) * at + share**2 * end)
+    return np.concatenate([*drawn, points[-1:]])
+
+
+def covered(result: Result) -> str:
+    """% of the copper, by the strokes as they are run."""
+    if result.coverage is None:
+        return "-"
+    radius = result.job.tool.diameter / 2
+    counts, points, work_from_grid, _ = outlines(result.part, radius)
+    border = (np.column_stack([points.real, points.imag]) @ work_from_grid[:, :2].T + work_from_grid[:, 2]) @ [1, 1j]
+    strokes = [round_off(*run) for run in runs(result)]
+    strokes += [path.position[:1, :2] @ [1, 1j] for path in result.tour.paths if len(path.position) == 1]
+    found = measure(rings(counts), border, strokes, [], radius)
+    return f"{100 * found.covered / found.copper:.2f}"
+
+
+def row(name: str, how: str, result: Result) -> float:
+    columns = result.program.columns
+    moves, stops = int(columns.works.sum()), int((columns.works & (columns.blend == 0)).sum())
+    strokes = len(np.unique(columns.path[columns.works]))
+    planned = "-" if result.coverage is None else f"{100 * result.coverage.covered / result.coverage.copper:.2f}"
+    told = f"{name} | {how} | {strokes} | {moves} | {stops} | {100 * stops / moves:.1f} | {stops - strokes}"
+    drawing = result.cycle.total - result.cycle.travel
+    print(f"| {told} | {drawing:.1f} | {result.cycle.total:.1f} | {planned} | {covered(result)} |", flush=True)
+    return stops / moves
+
+
+def table(names: list[str]) -> bool:
+    heads = (
+        "board",
+        "corners",
+        "strokes",
+        "pen-down motions",
+        "stops",
+        "%",
+        "of them at corners",
+        "drawing, s",
+        "all, s",
+    )
+    print("|", " | ".join((*heads, "covered as planned, %", "as run, %")), "|")
+    print(f"|{'---|' * 11}")
+    good = True
+    for name in names:
+        part, job = BOARDS[name]
+        row(name, "stop", build(part(), post="vplus", job=job | {"tolerance": {"corner": 0}}))
+        good &= row(name, "run on", build(part(), post="vplus", job=job)) < MOST
+    return good
+
+
+if __name__ == "__main__":
+    print(machine(), "\n")
+    sys.exit(0 if table(sys.argv[1:] or list(BOARDS)) else 1)
