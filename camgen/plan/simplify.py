@@ -68,7 +68,9 @@ def _thin_in_pixels(
     turned, shift, scale = work_from_view[:, :2], work_from_view[:, 2], scale_of(work_from_view)
     # Far below what a pixel tells, and far above what the scale leaves in the last digits.
     grid = [np.round((c.points - shift) @ np.linalg.inv(turned).T, _DIGITS) for c in contours]
-    drawn = thin_out([replace(c, points=g) for c, g in zip(contours, grid, strict=True)], tolerance / scale + _SLACK, arcs)
+    drawn = thin_out(
+        [replace(c, points=g) for c, g in zip(contours, grid, strict=True)], tolerance / scale + _SLACK, arcs
+    )
     # A picture's rows run down: seen from the other side arcs bend the other way.
     side = np.sign(np.linalg.det(turned))
     return tuple(

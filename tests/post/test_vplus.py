@@ -825,7 +825,7 @@ def test_the_words_of_post_posture_stand_before_the_first_move() -> None:
 
 def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
     """Speed and posture are said again after a CALL and after its RETURN."""
-    head = ["AUTO wf", "SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL 100, 100", "TOOL NULL", "RIGHTY"]
+    head = ["AUTO wf", "SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL (0) 100, 100", "TOOL NULL", "RIGHTY"]
     sub = ".PROGRAM sub()\nAUTO wf\nSET wf = NULL\n{}MOVES wf:NULL\nBREAK\n.END\n"
     main = "\n".join([".PROGRAM main()", *head, "SPEED 20 MMPS ALWAYS", "CALL sub()", "{}DETACH ()", ".END\n"])
     again = "SPEED 20 MMPS ALWAYS\nRIGHTY\n"
@@ -840,7 +840,7 @@ def test_what_a_call_keeps_is_not_taken_for_granted() -> None:
 def test_what_the_controller_has_is_what_the_options_name() -> None:
     options: dict[str, object] = {"declare": False}
     text = "\n".join([
-        ".PROGRAM t()", "SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL 100, 100", "TOOL cg.tool",
+        ".PROGRAM t()", "SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", "ACCEL (0) 100, 100", "TOOL cg.tool",
         "MOVE cg.work:NULL", "BREAK", "DETACH ()", ".END\n",
     ])  # fmt: skip
     assert remarks(text, options) == []
