@@ -12,7 +12,8 @@ from camgen.geometry.arcs import span_lengths
 from camgen.geometry.rotations import between
 from camgen.lower.columns import blends, gather
 from camgen.lower.contours import dwell, finish, in_air, plunge, signal, switch_on
-from camgen.model.cell import Cell
+from camgen.lower.corners import corner_tolerance
+from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job, ProcessTable
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, Pose, Vec3, frozen
@@ -45,7 +46,9 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
             link += _state(leg.motion.way, process)
         body += _belonging(link, number, False)
         feed = feed_of(leg.motion, length, process)
-        body += _belonging(_work(leg.motion, feed, _blends(tour.paths[number], job), job), number, True)
+        body += _belonging(
+            _work(leg.motion, feed, _blends(tour.paths[number], feed, job, cell.pace), job), number, True
+        )
     out, way = _split(route.back[:-1])
     body += _belonging(_link(out, job), len(route.legs) - 1, False)
     body.append(Comment("back to home"))
@@ -123,13 +126,15 @@ def _along(way: Way, speed: float) -> Iterator[Instruction]:
         yield _segment(way, row, speed, 0.0)
 
 
-def _blends(path: ToolPath, job: Job) -> list[float]:
+def _blends(path: ToolPath, feed: float, job: Job, pace: Dynamics) -> list[float]:
     """The blend at the end of each row: at edges the tool stops, curves in space are run through where they are smooth
-    within ``tolerance.chord``, but where the tool turns on the spot.
+    within ``tolerance.corner`` at ``feed``, but where the tool turns on the spot.
     """
     if path.operation == "edges":
         return [0.0] * len(path.position)
-    blend = blends(gather([path], [0.0]), job.tolerance.chord)
+    run = np.full(len(path.position), feed)
+    rows = replace(gather([path], [0.0]), feed=run)
+    blend = blends(rows, np.full_like(run, corner_tolerance(job, path.operation)), pace)
     still = np.flatnonzero(span_lengths(path.position, path.via[1:]) < SAME_POINT_MM)
     blend[still] = blend[still + 1] = 0.0
     return [float(radius) for radius in blend]
