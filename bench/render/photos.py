@@ -45,6 +45,11 @@ def photos(count: int, megapixels: int) -> list[Photo]:
     return [_photo(k, megapixels) for k in range(count)]
 
 
+def of_paper(count: int, megapixels: int) -> list[Photo]:
+    """``count`` photos of the part of the PIST paper, each by a camera, from a place and in light of its own."""
+    return [_photo(k, megapixels, "paper") for k in range(count)]
+
+
 def hard() -> list[Photo]:
     """Large photos that depart from the others in one thing: sRGB coding; colour and JPEG; little light; a part that
     is little darker than a bench with strong grain, with a photo of the empty bench.
@@ -60,17 +65,18 @@ def hard() -> list[Photo]:
     ]
 
 
-def _photo(k: int, megapixels: int) -> Photo:
+def _photo(k: int, megapixels: int, part: str = "") -> Photo:
+    """part: the name of the one that is seen; by default that of the number."""
     rng = np.random.default_rng([k, megapixels])
-    name = list(NAMED)[k] if k < len(NAMED) else f"random{k}"
-    loops = NAMED[name]() if k < len(NAMED) else random_part(k)
+    name = part or (list(NAMED)[k] if k < len(NAMED) else f"random{k}")
+    loops = NAMED[name]() if name in NAMED else random_part(k)
     way = WAYS[k % len(WAYS)]
     lens = _lens(megapixels, rng)
     height = float(rng.choice([0.0, 1.5])) if way == "markers" else 0.0
     paper = sheet("A4")
     middle = complex(*paper.free) / 2 if way == "markers" else complex(*rng.uniform(20, 200, 2))
     turn = rng.uniform(0, 2 * np.pi)
-    part = tuple(loop.moved(turn, middle) for loop in loops)
+    placed = tuple(loop.moved(turn, middle) for loop in loops)
     room = np.array(lens.size) * ((0.12, 0.1) if way == "markers" else (0.3, 0.25))
     pixel = complex(*(np.array(lens.size) / 2 + rng.uniform(-1, 1, 2) * room))
     tilt = 18 * rng.uniform() ** 0.5
@@ -80,9 +86,10 @@ def _photo(k: int, megapixels: int) -> Photo:
         lens, rotation, origin, blur=0.7, exposure=0.85, gradient=tuple(rng.uniform(-0.3, 0.3, 2)),
         vignetting=rng.uniform(0, 0.2), read=1.6, shot=0.01, seed=k,
     )  # fmt: skip
-    scene = _scene(part, paper if way == "markers" else None, height, rng)
+    scene = _scene(placed, paper if way == "markers" else None, height, rng)
     tool = 3 / 8 * INCH if name == "paper" else 6.0
-    return Photo(f"{name}-{megapixels}mp", part, scene, shot, way, tool, tilt, height)
+    number = f"{k}-" if part else ""
+    return Photo(f"{name}-{number}{megapixels}mp", placed, scene, shot, way, tool, tilt, height)
 
 
 def _lens(megapixels: int, rng: np.random.Generator) -> Lens:

@@ -18,7 +18,9 @@ class Truth:
     """All places at ``distance`` from a part, outside of its material.
 
     points: (N,) complex, mm. normals: (N,) complex, unit, towards the part. sharp: (N,) bool, what sharp corners make:
-    the arc around an outer one, the kink before an inner one or before another part of the outline.
+    the arc around an outer one, the kink before an inner one or before another part of the outline. contact: (N,), by
+    how much the contact point runs along the part while the tool centre runs a mm: 0 around a sharp corner. length:
+    (N,) mm, what each point stands for: of the part where the contact point runs, else of the path.
     """
 
     part: Pieces
@@ -26,6 +28,8 @@ class Truth:
     points: np.ndarray
     normals: np.ndarray
     sharp: np.ndarray
+    contact: np.ndarray
+    length: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,7 @@ def offset_truth(loops: Sequence[Loop], distance: float) -> Truth:
     part = pieces(loops)
     kept = [_beside(part, k, distance) for k in range(len(part.start))]
     kept += [_around(part, *corner, distance) for loop in _numbered(loops) for corner in _corners(part, loop)]
-    points, normals, sharp = (np.concatenate(column) for column in zip(*kept, strict=True))
-    return Truth(part, distance, points, normals, sharp)
+    return Truth(part, distance, *(np.concatenate(column) for column in zip(*kept, strict=True)))
 
 
 def _numbered(loops: Sequence[Loop]) -> list[np.ndarray]:
@@ -56,7 +59,7 @@ def _numbered(loops: Sequence[Loop]) -> list[np.ndarray]:
     return [np.arange(end - len(loop.points), end) for end, loop in zip(ends, loops, strict=True)]
 
 
-def _beside(part: Pieces, k: int, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _beside(part: Pieces, k: int, distance: float) -> tuple[np.ndarray, ...]:
     t = np.linspace(0, 1, max(2, round(part.length[k] / SPACING) + 1))
     place, rate = part.at(np.full(len(t), k), t)
     normal = 1j * rate / np.abs(rate)
@@ -64,7 +67,16 @@ def _beside(part: Pieces, k: int, distance: float) -> tuple[np.ndarray, np.ndarr
     free = part.distance(points) > distance - 1e-7
     # Next to what has gone: there the path bends sharply.
     sharp = ~(np.append(True, free[:-1]) & np.append(free[1:], True))
-    return points[free], normal[free], sharp[free]
+    # The path runs around the centre of an arc with another radius, at the same angles.
+    contact = np.full(len(t), part.length[k] / abs(part.length[k] + distance * part.sweep[k]))
+    return points[free], normal[free], sharp[free], contact[free], _stands_for(part.length[k], t)[free]
+
+
+def _stands_for(length: float, t: np.ndarray) -> np.ndarray:
+    """What each of the places ``t``, evenly from 0 to 1, has of a length."""
+    share = np.full(len(t), length / (len(t) - 1))
+    share[[0, -1]] /= 2
+    return share
 
 
 def _corners(part: Pieces, loop: np.ndarray) -> list[tuple[int, complex, float]]:
@@ -75,14 +87,14 @@ def _corners(part: Pieces, loop: np.ndarray) -> list[tuple[int, complex, float]]
     return [(loop[i], before[i] / abs(before[i]), turn[i]) for i in np.flatnonzero(turn > 1e-6).tolist()]
 
 
-def _around(
-    part: Pieces, piece: int, direction: complex, turn: float, distance: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _around(part: Pieces, piece: int, direction: complex, turn: float, distance: float) -> tuple[np.ndarray, ...]:
     """The arc around the start of ``piece``."""
-    normal = 1j * direction * np.exp(1j * np.linspace(0, turn, max(2, round(distance * turn / SPACING) + 1)))
+    t = np.linspace(0, 1, max(2, round(distance * turn / SPACING) + 1))
+    normal = 1j * direction * np.exp(1j * turn * t)
     points = part.start[piece] - distance * normal
     free = part.distance(points) > distance - 1e-7
-    return points[free], normal[free], np.ones(free.sum(), bool)
+    length = _stands_for(distance * turn, t)
+    return points[free], normal[free], np.ones(free.sum(), bool), np.zeros(free.sum()), length[free]
 
 
 def path_error(path: np.ndarray, truth: Truth, away: float = 1.0) -> Error:

@@ -15,7 +15,8 @@ from camgen.model.pose import FloatArray
 from camgen.plan.image_space import image_space
 from camgen.plan.image_space.border import between_pixels
 from camgen.plan.image_space.field import Pixels, chains, gradient
-from camgen.plan.image_space.tool_path import choose_needed, feeds, observe, resample
+from camgen.plan.image_space.stretches import steady_ratio
+from camgen.plan.image_space.tool_path import Limits, choose_needed, feeds, observe, sharpen, smooth, spaced
 
 SCALE = 0.143
 TOOL = 6.0
@@ -193,11 +194,8 @@ def test_an_inner_corner_without_a_radius(degrees: float) -> None:
     nearest = np.abs(own - kink).min()
     assert nearest < 0.35
     near = np.abs(own[1:] - kink) < 6.0
-    lost = (path.force[1:] == 0) & near
-    assert lost.any()
-    # Only right at the corner does the tool not touch as expected.
-    assert np.abs(own[1:][lost] - kink).max() < 1.5
-    assert (path.force[1:][near & (np.abs(own[1:] - kink) > 2.0)] == FORCE).all()
+    # Right in the corner the tool touches both sides.
+    assert (path.force[1:][near] == FORCE).all()
     clear = (own.real > -20) & (own.imag > -20) & (np.abs(own - kink) < 20)
     assert np.minimum(own.real, own.imag)[clear].min() > 3.0 - 0.7 * SCALE
     assert path.feed[1:][near].min() > 0.8 * FEED
@@ -330,36 +328,124 @@ def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:
     turn = 2 * np.pi * np.arange(90) / 90
     slow, fast = np.exp(1j * turn) * 5, 0.5 * np.cos(40 * turn)
     count = np.array([30])
-    _, (kept,) = resample(table, count, slow + 3)
     # A wave far below the cut-off passes (eq. 13), one above it is gone; 30 of 90 points: every third.
-    assert kept == pytest.approx(slow[::3] + 3, abs=0.005)
-    _, (filtered,) = resample(table, count, slow + fast)
-    assert filtered == pytest.approx(slow[::3], abs=0.01)
-    _, (rolled,) = resample(table, count, np.roll(slow + fast, 3))
-    assert rolled == pytest.approx(np.roll(filtered, 1))
+    assert smooth(table, count, slow + 3)[0] == pytest.approx(slow + 3, abs=0.005)
+    (filtered,) = smooth(table, count, slow + fast)
+    assert filtered == pytest.approx(slow, abs=0.01)
+    assert smooth(table, count, np.roll(slow + fast, 1))[0] == pytest.approx(np.roll(filtered, 1))
+    assert np.flatnonzero(spaced(table, count)).tolist() == list(range(0, 90, 3))
 
 
-def test_more_waypoints_than_pixels() -> None:
+def test_waypoints_are_spaced_on_each_curve() -> None:
     table = rings([40, 60])
-    turn = np.concatenate([2 * np.pi * np.arange(n) / n for n in (40, 60)])
-    result, (points,) = resample(table, np.array([64, 96]), np.exp(1j * turn))
-    wanted = np.concatenate([np.exp(2j * np.pi * np.arange(n) / n) for n in (64, 96)])
-    assert result.count.tolist() == [64, 96]
-    assert points == pytest.approx(wanted, abs=0.002)
+    rows = np.flatnonzero(spaced(table, np.array([10, 25])))
+    assert rows[:10].tolist() == list(range(0, 40, 4))
+    assert len(rows) == 35
+    assert set(np.diff(rows[10:]).tolist()) == {2, 3}
+    # A point for each pixel, and the filter does nothing.
+    points = np.exp(2j * np.pi * np.arange(100) / 7)
+    assert smooth(table, table.count, points)[0] == pytest.approx(points)
 
 
 def test_the_removal_keeps_its_bound_and_the_changes_of_force() -> None:
     x = np.arange(0.0, 101.0)
     points = x + 1j * 0.4 * np.sin(x / 15)
     press = np.full(len(x), -1j)
-    force = (x > 30) & (x <= 60)
-    keep = choose_needed(np.array([0, len(x)]), points, press, force, 1e-3, 0.05)
+    switched = (x == 30) | (x == 60)
+    ends, each = np.array([0, len(x)]), np.ones(len(x), dtype=bool)
+    keep = choose_needed(ends, points, press, each, switched, Limits(1e-3, 0.05))
     assert keep[[0, 30, 60, 100]].all()
     assert keep.sum() < 30
     left = np.interp(x, x[keep], points.imag[keep])
     assert np.abs(left - points.imag).max() <= 0.05
-    straight = choose_needed(np.array([0, len(x)]), x + 0j, press, np.ones(len(x), dtype=bool), 1e-3, 0.05)
+    straight = choose_needed(ends, x + 0j, press, each, ~each, Limits(1e-3, 0.05))
     assert np.flatnonzero(straight).tolist() == [0, 100]
+
+
+def test_only_waypoints_at_the_spacing_stay_on_a_curve() -> None:
+    turn = np.linspace(0, np.pi, 121)
+    points, press = 100 * np.exp(1j * turn), -np.exp(1j * turn)
+    every = np.arange(121) % 4 == 0
+    none = np.zeros(121, dtype=bool)
+    keep = choose_needed(np.array([0, 121]), points, press, every, none, Limits(1e-3, 10.0))
+    # Every 6 deg; the press may turn by 1 deg off the line between: here it turns steadily.
+    assert (keep == every).all()
+    finer = choose_needed(np.array([0, 121]), points, press, every, none, Limits(1e-3, 0.02))
+    assert finer[every].all()
+    assert finer.sum() > every.sum()
+
+
+def run_over(*pieces: tuple[int, float], noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """What the contact point runs in each px of the tool centre, and what it should: pieces of (length px, ratio)."""
+    true = np.concatenate([np.full(size, ratio) for size, ratio in pieces])
+    off = np.random.default_rng(5).normal(0, noise, len(true))
+    return true + off - np.roll(off, 1), true
+
+
+@pytest.mark.parametrize("shift", [0, 1, 37, 95])
+def test_the_window_follows_the_curvature(shift: int) -> None:
+    """A line, an inner arc shorter than the tool's radius, a line, an outer arc, a corner; the noise of a photo."""
+    along, true = run_over((90, 1.0), (18, 4.0), (100, 1.0), (190, 0.73), (60, 1.0), (52, 0.0), noise=0.6)
+    table = rings([len(true)])
+    found = np.roll(steady_ratio(table, np.roll(along, shift), np.ones(len(true)), 0.7), -shift)
+    apart = np.min([np.abs((np.arange(len(true)) - cut + 255) % 510 - 255) for cut in (0, 90, 108, 208, 398, 458)], 0)
+    assert found[apart > 2] == pytest.approx(true[apart > 2], abs=0.06)
+    # The arc is found as sharply as the joints are: no peak where it ends, and no slow stretch beside it.
+    assert np.abs(found / np.maximum(true, 1) - 1)[90:108].mean() < 0.1
+    assert (np.abs(found - true) > 0.06).sum() <= 8
+
+
+def test_a_smooth_curve_has_no_steps() -> None:
+    true = 1 + 0.5 * np.sin(2 * np.pi * np.arange(800) / 800)
+    off = np.random.default_rng(3).normal(0, 0.4, 800)
+    found = steady_ratio(rings([800]), true + off - np.roll(off, 1), np.ones(800), 0.7)
+    assert found == pytest.approx(true, abs=0.1)
+    assert np.abs(np.diff(found)).max() < 0.03
+
+
+def test_two_curves_know_nothing_of_each_other() -> None:
+    along, _ = run_over((120, 1.0), (60, 0.0), (70, 2.0), noise=0.3)
+    table = rings([250, 30])
+    both = steady_ratio(table, np.concatenate([along, np.full(30, 3.0)]), np.ones(280), 0.5)
+    assert both[:250] == pytest.approx(steady_ratio(rings([250]), along, np.ones(250), 0.5))
+    assert both[250:] == pytest.approx(3.0)
+
+
+def test_a_corner_that_a_photo_rounds_is_sharp() -> None:
+    """The contact point ran 6 px around a square corner, so this seems to have a radius of 6 / (pi / 2) = 3.8 px."""
+    ratio, along = np.ones(200), np.ones(200)
+    ratio[100:160] = 0.1 - 1e-6
+    along[100:160] = 0.1
+    press = np.exp(1j * np.interp(np.arange(200), [99, 159], [0, np.pi / 2]))
+    found = sharpen(rings([200]), ratio, along, press)
+    # Its tangents meet 3.8 px before and after: so much of both ends belongs to the lines.
+    assert np.flatnonzero(found < 0.5).tolist() == list(range(103, 157))
+    rolled = sharpen(rings([200]), *(np.roll(one, 70) for one in (ratio, along)), np.roll(press, 70))
+    assert rolled == pytest.approx(np.roll(found, 70))
+
+
+def notch(size: int, scale: float) -> list[tuple[float, float]]:
+    """The border, px, of a plate with a notch whose inner corners are arcs of 6.35 mm."""
+    turn = np.linspace(0, np.pi / 2, 60)
+    arcs = [complex(x, 25.0) + 6.35 * np.exp(1j * (start - turn)) for x, start in ((-10.0, np.pi), (10.0, np.pi / 2))]
+    corners = np.concatenate([[-16.35 + 0j], *arcs, [16.35 + 0j], [38 + 0j, 38 + 50j, -38 + 50j, -38 + 0j]])
+    points = corners * np.exp(0.2j) / scale + complex(size / 2, size / 2) - 25j / scale
+    return [(one.real, one.imag) for one in points.tolist()]
+
+
+def test_the_feed_on_a_short_inner_arc() -> None:
+    """The path on it has 1.59 mm of radius and 2.5 mm of length, a fraction of the tool: a quarter of the feed."""
+    size, tool = 800, 9.525
+    pixels = mask(polygon(size, notch(size, SCALE)))
+    job = Job(tool=ToolTable(diameter=tool), process=ProcessTable(feed=5.0, force=2.0))
+    (path,), _ = image_space(pixels, rectified(SCALE, size), job)
+    step = np.abs(np.diff(places(path)))
+    slow = path.feed[1:] < 2.5
+    # At both ends of both arcs it is slow by a pixel more, and the joint is found to a pixel.
+    assert step[slow].sum() == pytest.approx(2 * 1.5875 * np.pi / 2 + 4 * SCALE, abs=0.5)
+    assert path.feed[1:][slow] == pytest.approx(1.25, rel=0.05)
+    straight = (path.feed[1:] > 2.5) & (path.force[1:] > 0)
+    assert step[straight & (np.abs(path.feed[1:] / 5 - 1) > 0.05)].sum() < 0.5
 
 
 def test_diagonal_steps_are_no_slower_than_straight_ones() -> None:

@@ -25,9 +25,12 @@ from camgen.model.text import counted
 from camgen.plan.columns import Label, pass_depths, tool_paths
 from camgen.plan.image_space.border import Border, between_pixels, border
 from camgen.plan.image_space.field import Field, Pixels, chains, field, sample_field
+from camgen.plan.image_space.stretches import steady_ratio
 from camgen.plan.image_space.tool_path import (
+    ANGLE_NOISE,
+    PIXEL_NOISE,
+    Limits,
     PixelWay,
-    average,
     check_reach,
     choose_needed,
     contact_points,
@@ -38,7 +41,10 @@ from camgen.plan.image_space.tool_path import (
     observe,
     pixel_way,
     place_borders,
-    resample,
+    sharpen,
+    slowed,
+    smooth,
+    spaced,
     touching,
 )
 from camgen.vision.similarity import scale_of
@@ -137,11 +143,14 @@ _LEAST_RADIUS_PX = 1.5
 _CONTACT_GAP_PX, _PIXEL_GAP = 1.0, 2.0
 #: Change of the force angle (rad/mm) below which a path counts as straight: that of a radius of 29 mm.
 _STRAIGHT_RATE = np.radians(2.0)
+#: Where the feed changes by more than this share, a waypoint stays.
+_FEED_STEP = 0.02
 
 
 class _Waypoints(Struct, frozen=True, eq=False):
     """Closed curves of eq. (12), pixels of the field. press: unit vectors of theta_f. feed: as a multiple of the
-    nominal one, and force: on or off, both of the segment that ends in the row.
+    nominal one, and force: on or off, both of the segment that ends in the row. spaced: (N,) those at the spacing that
+    is asked for; the others lie between them.
     """
 
     table: Rings
@@ -149,6 +158,7 @@ class _Waypoints(Struct, frozen=True, eq=False):
     force_direction: ComplexArray
     feed: FloatArray
     force: BoolArray
+    spaced: BoolArray
 
 
 def image_space(
@@ -188,7 +198,7 @@ def image_space(
     gouge = sample_field(picture.far, points.points) < distance - (_CONTACT_GAP_PX if exact else _PIXEL_GAP)
     sound = np.bincount(points.table.loop, gouge, len(main)) == 0
     notes = left_out(edge, check_reach(way, picture, edge, distance, radius), main, sound, job, mm_per_px)
-    chain = _chain(points, _STRAIGHT_RATE * mm_per_px, job.tolerance.chord / mm_per_px)
+    chain = _chain(points, Limits(_STRAIGHT_RATE * mm_per_px, job.tolerance.chord / mm_per_px))
     return _paths(chain, labels(main, way.parent, sound), _move_corner(work_from_view, picture.corner), job), tuple(
         notes
     )
@@ -212,29 +222,45 @@ def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
 def _waypoints(
     way: PixelWay, edge: Border, picture: Field | None, distance: float, step: float, fastest: float
 ) -> tuple[_Waypoints, IntArray]:
-    """Waypoints ``step`` px apart with feed and force, and the row (N,) of ``edge`` that each touches, -1 for none.
+    """Waypoints ``step`` px apart and those between them, with feed and force, and the row (N,) of ``edge`` that each
+    touches, -1 for none.
 
     picture: where the gap between contact point and part is looked up in the distance image, as the paper does.
     """
-    count = np.maximum(np.rint(perimeters(way.table, way.points) / step).astype(np.int64), 8)
-    table, (points, press) = resample(way.table, count, way.points, way.press)
-    size = np.abs(press)
+    table = way.table
+    count = np.clip(np.rint(perimeters(table, way.points) / step).astype(np.int64), 8, table.count)
+    points, press = smooth(table, count, way.points, way.press)
     # Opposite directions may cancel out in the filter; the one before holds.
-    press = unit(press)[latest(table, size > 1e-6)]
-    contacts = contact_points(points, press, distance)
-    gap, row = _gaps(edge, contacts, picture)
-    # In a sharp inner corner contact leaps from one side to the other, perhaps between two waypoints.
-    back = table.shifted(-1)
-    half_way = contact_points((points + points[back]) / 2, unit(press + press[back]), distance)
+    press = unit(press)[latest(table, np.abs(press) > 1e-6)]
+    contact, along, run, touched = _contact(way, edge, picture, distance)
+    ratio = steady_ratio(table, along, run, (ANGLE_NOISE if picture is None else PIXEL_NOISE) * distance)
+    ratio = sharpen(table, ratio, along, way.press)
+    force = contact & moving(table, ratio)
+    ratio = slowed(table, ratio)
+    waypoints = _Waypoints(table, points, press, feeds(ratio, contact, fastest), force, spaced(table, count))
+    return waypoints, touched
+
+
+def _contact(
+    way: PixelWay, edge: Border, picture: Field | None, distance: float
+) -> tuple[BoolArray, FloatArray, FloatArray, IntArray]:
+    """Of the segment that ends in each row (N,): whether the tool touches, and by how many px the contact point and the
+    tool centre run; and the row of ``edge`` that is touched at its end, -1 for none.
+    """
+    table, back = way.table, way.table.shifted(-1)
     tolerance = _CONTACT_GAP_PX if picture is None else _PIXEL_GAP
-    touches = touching(table, gap, tolerance)
-    contact = touches & touches[back] & (_gaps(edge, half_way, picture)[0] <= tolerance)
-    along, run = observe(table, points, contacts)
-    # Where contact ends the filter has turned the angles already.
-    sure = contact & contact[back] & contact[table.shifted(1)]
-    ratio = average(table, along, run, sure, round(distance / 2 / step))
-    force = contact & moving(table, along, run)
-    return _Waypoints(table, points, press, feeds(ratio, sure, fastest), force), np.where(touches, row, -1)
+    contacts = contact_points(way.points, way.press, distance)
+    gap, row = _gaps(edge, contacts, picture)
+    along, run = observe(table, way.points, contacts)
+    half_way = contact_points((way.points + way.points[back]) / 2, unit(way.press + way.press[back]), distance)
+    far = _gaps(edge, half_way, picture)[0] > tolerance
+    # In a sharp inner corner contact leaps from one side to the other: the tool touches both.
+    leaps = far | (gap > tolerance) | (gap > tolerance)[back]
+    # The way is bent there, within a pixel.
+    leaps = leaps | leaps[back] | leaps[table.shifted(1)]
+    touches = touching(table, gap, tolerance) if way.back is not None else np.ones(len(table), dtype=bool)
+    contact = touches & touches[back]
+    return contact, np.where(leaps, run, along), run, np.where(gap <= tolerance, row, -1)
 
 
 def _gaps(edge: Border, contacts: ComplexArray, picture: Field | None) -> tuple[FloatArray, IntArray]:
@@ -254,16 +280,17 @@ class _Chain(Struct, frozen=True, eq=False):
     loop: IntArray
 
 
-def _chain(points: _Waypoints, rate: float, bound: float) -> _Chain:
+def _chain(points: _Waypoints, limits: Limits) -> _Chain:
     """The segments between the waypoints that are needed [3.4.2], each as fast as those that it stands for."""
     count = points.table.count
     closed = rings(count + 1)
-    place = ramp(closed.count)
-    row = points.table.first[closed.loop] + place % count[closed.loop]
-    here, press, force = points.points[row], points.force_direction[row], points.force[row]
-    keep = choose_needed(np.append(closed.first, len(closed)), here, press, force, rate, bound)
+    row = points.table.first[closed.loop] + ramp(closed.count) % count[closed.loop]
+    here, press, force, feed = points.points[row], points.force_direction[row], points.force[row], points.feed[row]
+    # A segment ends in its row: what changes after a row changes there.
+    switched = np.append((force[1:] != force[:-1]) | (np.abs(np.log(feed[1:] / feed[:-1])) > _FEED_STEP), False)
+    keep = choose_needed(np.append(closed.first, len(closed)), here, press, points.spaced[row], switched, limits)
     step = np.append(0.0, np.abs(np.diff(here)))
-    run, time = np.cumsum(step), np.cumsum(step / points.feed[row])
+    run, time = np.cumsum(step), np.cumsum(step / feed)
     vertex = np.flatnonzero(keep)
     low, high = vertex[:-1], vertex[1:]
     same = (closed.loop[low] == closed.loop[high]) & (run[high] > run[low])

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.ragged import ramp
-from camgen.geometry.rings import ComplexArray, Rings, evenly, hold_switch, rings, unit
+from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.rings import ComplexArray, Rings, evenly, hold_switch, latest, rings, unit
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.plan.image_space.border import CLOSE, Border, border, foot, iso_line, near
@@ -110,6 +110,10 @@ def _bring(
 #: Part of the path's speed at which the contact point stands still: a sharp outer corner. Below the first it begins,
 #: above the second it is over.
 _STANDS, _MOVES = 0.1, 0.35
+#: Noise (rad) of the force direction along a path that is straight or an arc: to the exact border, and from pixels.
+ANGLE_NOISE, PIXEL_NOISE = 0.02, 0.05
+#: Radius (px) up to which a corner in a photo may be a sharp one; the largest turn (rad) of one.
+_ROUNDED, _SHARPEST = 4, 2.6
 #: The tool centre is never slowed below this part of the feed, however tight the inner curve.
 _SLOWEST = 0.02
 
@@ -132,18 +136,6 @@ def observe(table: Rings, points: ComplexArray, contacts: ComplexArray) -> tuple
     return np.asarray((way * unit(step).conj()).real), np.abs(step)
 
 
-def average(table: Rings, along: FloatArray, step: FloatArray, contact: BoolArray, half: int) -> FloatArray:
-    """(N,) observed feed for a tool centre of speed 1, over the segment of each row and ``half`` more on both sides.
-
-    It is the change of an angle, in which the noise of the angle is many times as large: over a tool's radius it is no
-    longer seen. Segments without contact are no part of it; 1 where there is no other.
-    """
-    row = table.along(np.arange(len(table))[:, None], np.arange(-half, half + 1))
-    ran = np.where(contact, along, 0.0)[row].sum(axis=1)
-    whole = np.where(contact, step, 0.0)[row].sum(axis=1)
-    return np.where(whole > 0, np.maximum(ran, 0.0) / np.where(whole > 0, whole, 1.0), 1.0)
-
-
 def feeds(ratio: FloatArray, contact: BoolArray, fastest: float) -> FloatArray:
     """(N,) feed of the tool centre as a multiple of the nominal feed: 1 / ratio (eq. 11), at most ``fastest`` (twice in
     the paper). Without contact there is nothing to hold constant: 1.
@@ -158,9 +150,39 @@ def touching(table: Rings, gap: FloatArray, tolerance: float) -> BoolArray:
     return hold_switch(table, gap <= tolerance / 2, gap > tolerance, True)
 
 
-def moving(table: Rings, along: FloatArray, step: FloatArray) -> BoolArray:
+def moving(table: Rings, ratio: FloatArray) -> BoolArray:
     """(N,) false at sharp outer corners, where the observed feed is near zero [4.2.1]."""
-    return hold_switch(table, along >= _MOVES * step, along < _STANDS * step, True)
+    return hold_switch(table, ratio >= _MOVES, ratio < _STANDS, True)
+
+
+def sharpen(table: Rings, ratio: FloatArray, along: FloatArray, press: ComplexArray) -> FloatArray:
+    """``ratio`` where the contact point stands still at sharp corners, and not about them.
+
+    A photo shows a corner round, by a pixel or two, and the contact point seems to stand from where that begins. The
+    corner is where the lines beside it meet: the tangent of half the turn times that radius, which is what the contact
+    point ran by divided by the turn. So much at both ends belongs to the lines, at most ``_ROUNDED`` px.
+    """
+    still = ratio < _STANDS
+    starts = still & ~still[table.shifted(-1)]
+    start = latest(table, starts)
+    row = np.flatnonzero(still & (start >= 0))
+    start, size = start[row], np.bincount(start[row], minlength=len(table))
+    ran = np.bincount(start, along[row], len(table))
+    turn = np.bincount(start, np.abs(np.angle(press[row] * press[table.shifted(-1)[row]].conj())), len(table))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift = np.nan_to_num(ran / turn * np.tan(np.minimum(turn, _SHARPEST) / 2))
+    shift = np.clip(np.floor(shift), 0, np.minimum(_ROUNDED, size // 3))
+    place = (row - start) % table.count[table.loop[row]]
+    result = ratio.copy()
+    before, after = table.along(start, -1), table.along(start, size[start])
+    result[row] = np.where(place < shift[start], ratio[before], result[row])
+    result[row] = np.where(place >= size[start] - shift[start], ratio[after], result[row])
+    return result
+
+
+def slowed(table: Rings, ratio: FloatArray) -> FloatArray:
+    """``ratio`` with the greater one of two neighbours: where it changes, the tool rather is slow too early."""
+    return np.asarray(np.maximum(np.maximum(ratio[table.shifted(-1)], ratio[table.shifted(1)]), ratio))
 
 
 def nearest(edge: Border, contacts: ComplexArray) -> tuple[FloatArray, IntArray]:
@@ -174,55 +196,70 @@ def nearest(edge: Border, contacts: ComplexArray) -> tuple[FloatArray, IntArray]
 
 # From a point at every pixel to few waypoints (PIST, section 3.4).
 
+
+class Limits(Struct, frozen=True):
+    """What the removal of waypoints keeps to. rate: rad/px of the force direction below which a path counts as
+    straight. off: px by which the path may change.
+    """
+
+    rate: float
+    off: float
+
+
 #: Zero crossings of the low-pass on each side of its middle.
 _LOBES = 4
 #: Bound (rad) on the angle by which the removal of waypoints may turn the force direction in between.
 _PRESS_TURN = np.radians(1.0)
 
 
-def resample(table: Rings, count: IntArray, *columns: ComplexArray) -> tuple[Rings, list[ComplexArray]]:
-    """Closed curves of N points as curves of ``count`` (L,) points, low-pass filtered [3.4.1].
+def smooth(table: Rings, count: IntArray, *columns: ComplexArray) -> list[ComplexArray]:
+    """Closed curves of N points, low-pass filtered for re-sampling to ``count`` (L,) points at most N [3.4.1].
 
     The factor num / den is count / N of each curve, so that whole periods remain whole. Of up-sampling by num, the
-    low-pass at f_c = f_n / max(num, den) (eq. 13) and down-sampling by den only the points that are left are worked
-    out: each is the sum of the points around it, weighted by a sinc of the cut-off in a Hann window, with wrap-around.
-    In cycles per point of the input f_c is half of min(1, count / N). Directions are filtered as unit vectors.
+    low-pass at f_c = f_n / max(num, den) (eq. 13) and down-sampling by den only the filter is left here: its values at
+    all N points, of which ``choose_needed`` takes those at the new spacing, and others where they are needed. Each is
+    the sum of the points around it, weighted by a sinc of the cut-off in a Hann window, with wrap-around. In cycles per
+    point of the input f_c is half of count / N. Directions are filtered as unit vectors.
     """
-    result = rings(count)
-    loop = result.loop
-    factor = (table.count / count)[loop]
-    exact = ramp(result.count) * factor
-    middle = np.floor(exact).astype(np.int64)
-    cutoff = 1.0 / np.maximum(factor, 1.0)
+    factor = (table.count / count)[table.loop]
     reach = int(np.ceil(_LOBES * float(np.max(factor, initial=1.0))))
-    tap = np.arange(1 - reach, reach + 1)
+    tap = np.arange(-reach, reach + 1)
     # In zero crossings from the point.
-    place = (tap - (exact - middle)[:, None]) * cutoff[:, None]
+    place = tap / factor[:, None]
     weight = np.sinc(place) * np.where(np.abs(place) < _LOBES, 0.5 + 0.5 * np.cos(np.pi * place / _LOBES), 0.0)
     weight /= weight.sum(axis=1, keepdims=True)
-    source = table.first[loop][:, None] + (middle[:, None] + tap) % table.count[loop][:, None]
-    return result, [np.einsum("nt,nt->n", column[source], weight) for column in columns]
+    source = table.along(np.arange(len(table))[:, None], tap)
+    return [np.einsum("nt,nt->n", column[source], weight) for column in columns]
+
+
+def spaced(table: Rings, count: IntArray) -> BoolArray:
+    """(N,) the rows that are nearest to ``count`` (L,) places evenly along each curve."""
+    loop = owners(count)
+    places = np.rint(ramp(count) * (table.count / count)[loop]).astype(np.int64)
+    chosen = np.zeros(len(table), dtype=bool)
+    chosen[table.first[loop] + places % table.count[loop]] = True
+    return chosen
 
 
 def choose_needed(
-    first: IntArray, points: ComplexArray, press: ComplexArray, force: BoolArray, rate: float, bound: float
+    first: IntArray, points: ComplexArray, press: ComplexArray, spaced: BoolArray, switched: BoolArray, limits: Limits
 ) -> BoolArray:
     """Which waypoints (N,) remain when the redundant ones are removed [3.4.2].
 
-    first: (L + 1,) rows at which the curves begin, and N; each curve's last row is its end. The force angle's backward
-    difference per px of path decides: waypoints where it is below ``rate`` on both sides go. Those where force begins
-    or ends stay; force (N,) is of the segment that ends in a row. Then the waypoint farthest off comes back, in every
-    gap, until none is farther than ``bound`` px from the straight line that is left, and no press direction turned by
-    more than 1 deg.
+    first: (L + 1,) rows at which the curves begin, and N; each curve's last row is its end. spaced: (N,) those at the
+    spacing that is asked for. The force angle's backward difference per px of path decides: of these, waypoints where
+    it is below ``limits.rate`` on both sides go. Those that are ``switched`` (N,), where force or feed changes, stay.
+    Then the waypoint farthest off comes back, in every gap, until none is farther than ``limits.off`` px from the
+    straight line that is left, and no press direction turned by more than 1 deg.
     """
-    turn = np.abs(np.angle(press[1:] * press[:-1].conj()))
-    slow = np.append(turn < rate * np.abs(np.diff(points)), True)
-    keep = ~slow
-    keep[1:] |= ~slow[:-1]
-    keep[:-1] |= force[1:] != force[:-1]
+    keep = switched.copy()
     keep[first[:-1]] = keep[first[1:] - 1] = True
+    row = np.flatnonzero(spaced | keep)
+    turn = np.abs(np.angle(press[row[1:]] * press[row[:-1]].conj()))
+    quick = turn >= limits.rate * np.abs(np.diff(points[row]))
+    keep[row[1:][quick]] = keep[row[:-1][quick]] = True
     while True:
-        off = _deviation(np.flatnonzero(keep), points, press, bound)
+        off = _deviation(np.flatnonzero(keep), points, press, limits.off)
         begin = np.flatnonzero(keep)
         worst = np.maximum.reduceat(off, begin)
         over = worst > 1.0
