@@ -136,6 +136,30 @@ def test_a_rectified_view_whose_noise_is_interpolated(seed: int) -> None:
     assert off(drawn_there, contours).max() < 0.1
 
 
+def grained(seed: int) -> Contour:
+    """A plate of 540 x 450 px with two rounded corners: points along it, moved across by the grain of brushed metal."""
+    rng = np.random.default_rng(seed)
+    shape = drawn([(0, 0, 0), (540, 0, 0), (540, 450, 90), (0, 450, 90)]).placed(0.3, 320 + 320j)
+    at = np.append(shape.loops[0], shape.loops[0][0])
+    run = np.append(0.0, np.cumsum(np.abs(np.diff(at))))
+    place = np.linspace(0, run[-1], int(run[-1]), endpoint=False)
+    points = np.interp(place, run, at.real) + 1j * np.interp(place, run, at.imag)
+    away = 1j * (np.roll(points, -1) - np.roll(points, 1))
+    grain = np.convolve(rng.normal(0, 1, len(points) + 4), np.ones(5) / np.sqrt(5), "valid")
+    points += away / np.abs(away) * (0.045 * grain + rng.normal(0, 0.03, len(points)))
+    line = np.column_stack([points.real, points.imag])
+    (contour,), _, notes = primitives([Outline(line, line, False, 0.03, 0.7)], PIXELS)
+    assert not notes
+    return contour
+
+
+def test_grain_breaks_no_line() -> None:
+    # Five neighbours share its noise, and it is more than twice what the differences of two tell.
+    contours = [grained(seed) for seed in range(12)]
+    assert sum(len(contour.bulges) == 6 for contour in contours) >= 10
+    assert max(len(contour.bulges) for contour in contours) <= 8
+
+
 def test_contours_are_in_mm_and_their_directions_right() -> None:
     part = plate().placed(0.3, 300 + 250j)
     grey = picture(part, 500, 600, 0.7, 2.0)

@@ -26,6 +26,8 @@ _ROUNDING_SLACK, _ROUNDING_PX = 1.5, 0.25
 _SHALLOW = np.radians(30.0)
 _SIGMAS, _GAP_PX = 4.0, 0.03
 _NEAR_PX = 4.0
+#: A tangential joint lies within this share of the shorter of its two runs.
+_JOINT_SHARE = 0.25
 #: Points that a short line and a short arc keep.
 _CORE = (3, 4)
 
@@ -209,7 +211,9 @@ def _touching(
     x = np.where(bent, -theta / safe, 0.0)
     least = apart - theta * x - bend * x * x / 2
     allowed = _SIGMAS * sigma * np.sqrt(4.0 / count + 4.0 / other) + _GAP_PX
+    # A line and what is nearly one touch anywhere: not beyond the points that tell the joint.
     reach = _NEAR_PX + 2 * np.sqrt(2 * allowed / np.maximum(np.abs(bend), 1e-5))
+    reach = np.minimum(reach, _NEAR_PX + _JOINT_SHARE * np.minimum(count, other))
     touch = near + x * tangents(one, near)
     touch = _between(one, two, touch)
     return bent & (np.abs(least) < allowed) & (np.abs(x) < reach), touch

@@ -28,7 +28,7 @@ _LOST_SIGMAS = 40.0
 _ROUNDED = 2.5
 _ROUNDS = 60
 #: Points at both ends of a run that do not tell its noise, fours that do, and how much more they tell at most.
-_SHARED, _FEW, _MOST_SHARED = 4, 6, 1.8
+_SHARED, _FEW, _MOST_SHARED = 4, 6, 3.0
 
 
 class Runs(Struct, frozen=True, eq=False):
@@ -191,7 +191,7 @@ def rougher(runs: Runs, loops: Rings, points: ComplexArray, curves: Curves, sigm
     """The noise (L,) px that neighbours share: what means of four points are off their curves, twice.
 
     Where a photo was rectified, linear interpolation has smoothed its noise, and differences of neighbours tell too
-    little of it. From ``sigma`` to 1.8 times that, the most that interpolation does; long runs tell it.
+    little of it; the grain of a brushed part is shared too. From ``sigma`` to three times that; long runs tell it.
     """
     rows, _ = runs.rows(loops)
     which = owners(runs.count)
