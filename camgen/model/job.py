@@ -115,6 +115,17 @@ class OperationTable(Table, frozen=True):
         Literal["geometric", "image"],
         Meta(description="follow a photo by lines and arcs found in it, or in image space as the PIST paper does"),
     ] = "geometric"
+    waypoint_spacing: Annotated[
+        Positive | None,
+        Meta(
+            description="image planner: between waypoints before the redundant ones go, mm, a pixel at least; "
+            "not set: chords of it leave a curve of half the tool's radius by tolerance.chord"
+        ),
+    ] = None
+    waypoint_turn: Annotated[
+        Positive,
+        Meta(description="image planner: waypoints where the force direction turns by less are redundant, deg/mm"),
+    ] = 2.0
     direction: Annotated[
         Literal["climb", "conventional", "any"], Meta(description="climb: the part on the right of the travel")
     ] = "climb"

@@ -21,6 +21,7 @@ def _plan_flat(make: Callable[[Part, Job], Plan]) -> Callable[[Part, Job, Cell |
         no_idle(job, f"a {kind_of(part)}")
         if job.operation.planner == "image":
             return _plan_in_image(part, job)
+        no_idle(job, "the geometric planner")
         return make(part, job)
 
     return planned

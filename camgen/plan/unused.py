@@ -21,8 +21,8 @@ _EDGES = {
 _PICTURES = {"image": _ALL, "camera": _ALL}
 _REPLAYS = {"process": ("max_feed",)}
 _CONTOURS = (
-    "side", "planner", "direction", "corner_radius", "inside_first", "stepover", "holes", "depth", "passes", "lead_in",
-    "lead_out", "overlap",
+    "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius", "inside_first", "stepover",
+    "holes", "depth", "passes", "lead_in", "lead_out", "overlap",
 )  # fmt: skip
 _CURVES: dict[str, tuple[str, ...]] = {
     **_PICTURES,
@@ -31,9 +31,10 @@ _CURVES: dict[str, tuple[str, ...]] = {
     "tool": ("orient",),
     "tolerance": ("arc_fit", "simplify"),
 }
+_WAYPOINTS = ("waypoint_spacing", "waypoint_turn")
 #: By what is built from: the settings that nothing reads.
 _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
-    "a drawing": _EDGES | _PICTURES | _REPLAYS,
+    "a drawing": _EDGES | _PICTURES | _REPLAYS | {"operation": (*_EDGES["operation"], *_WAYPOINTS)},
     "a picture": _EDGES | _REPLAYS,
     "a 3-D part": {
         **_PICTURES,
@@ -60,6 +61,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "process": ("retract", "stay_down", *_REPLAYS["process"]),
         "tour": ("seam",),
     },
+    "the geometric planner": {"operation": _WAYPOINTS},
     "a replay": {
         **_PICTURES,
         "page": _ALL,

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import camgen
 from camgen.geometry.rings import hold_switch, rings
 from camgen.geometry.segments import BoolArray
 from camgen.model.errors import InputError, JobError
@@ -17,6 +18,7 @@ from camgen.plan.image_space.border import between_pixels
 from camgen.plan.image_space.field import Pixels, chains, gradient
 from camgen.plan.image_space.stretches import steady_ratio
 from camgen.plan.image_space.tool_path import Limits, choose_needed, feeds, observe, sharpen, smooth, spaced
+from camgen.plan.unused import no_idle
 
 SCALE = 0.143
 TOOL = 6.0
@@ -313,14 +315,46 @@ def test_redundant_waypoints_go_and_the_path_stays() -> None:
     corners = turned([(-half, -half), (half, -half), (half, half), (-half, half)], 20, centre)
     pixels = mask(polygon(size, corners))
     view, tool = rectified(SCALE, size), ToolTable(diameter=TOOL)
-    (all_of_them,), _ = image_space(pixels, view, Job(tool=tool, tolerance=ToleranceTable(chord=1e-7)), spacing=0.5)
-    (few,), _ = image_space(pixels, view, Job(tool=tool, tolerance=ToleranceTable(chord=0.01)), spacing=0.5)
+    spaced_so = OperationTable(waypoint_spacing=0.5)
+    chords = [ToleranceTable(chord=chord) for chord in (1e-7, 0.01)]
+    jobs = [Job(tool=tool, operation=spaced_so, tolerance=chord) for chord in chords]
+    (all_of_them,), (few,) = (image_space(pixels, view, job)[0] for job in jobs)
     assert len(few.position) < len(all_of_them.position) / 3
     begin, end = places(few)[:-1], places(few)[1:]
     way = end - begin
     here = places(all_of_them)[:, None]
     part = np.clip(((here - begin) * way.conj()).real / np.abs(way) ** 2, 0, 1)
     assert np.abs(here - begin - part * way).min(axis=1).max() <= 0.01 + 1e-9
+
+
+def test_spacing_and_redundancy_are_settings() -> None:
+    pixels, *_ = disc(200.0)
+    view, loose = rectified(SCALE, len(pixels)), ToleranceTable(chord=0.5)
+
+    def count(**operation: float) -> int:
+        job = Job(operation=OperationTable(**operation), tolerance=loose)  # type: ignore[arg-type]
+        (path,), _ = image_space(pixels, view, job)
+        return len(path.position) - 1
+
+    # Around a path of 31.6 mm radius the force direction turns by 1.8 deg/mm.
+    around = 2 * np.pi * (200 * SCALE + 3)
+    assert count(waypoint_spacing=1.0, waypoint_turn=0.5) == pytest.approx(around / 1.0, rel=0.1)
+    assert count(waypoint_spacing=4.0, waypoint_turn=0.5) == pytest.approx(around / 4.0, rel=0.1)
+    assert count(waypoint_spacing=1.0, waypoint_turn=4.0) < around / 2.0
+    # No finer than the pixels.
+    assert count(waypoint_spacing=0.001, waypoint_turn=0.5) == pytest.approx(around / SCALE, rel=0.1)
+
+
+@pytest.mark.parametrize("setting", [{"waypoint_spacing": 0.5}, {"waypoint_turn": 1.0}])
+def test_the_geometric_planner_has_no_waypoints_to_space(setting: dict[str, float]) -> None:
+    points = np.array([[0.0, 0.0], [30, 0], [30, 20], [0, 20]])
+    part = camgen.part(points)
+    job = Job(operation=OperationTable(**setting))  # type: ignore[arg-type]
+    with pytest.raises(JobError, match=r"no effect on a drawing \(operation\.waypoint_"):
+        camgen.plan(part, job)
+    with pytest.raises(JobError, match=r"no effect on the geometric planner \(operation\.waypoint_"):
+        no_idle(job, "the geometric planner")
+    no_idle(job, "a picture")
 
 
 def test_the_start_of_the_curve_does_not_matter_to_the_filter() -> None:

@@ -8,6 +8,7 @@ beside the part; ``image_space_resample`` waypoints; ``image_space_process`` con
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -141,8 +142,6 @@ def not_followed(borders: IntArray, how: str, why: str) -> Note:
 _LEAST_RADIUS_PX = 1.5
 #: Gap (px) between contact point and part from which contact is lost: to the exact border, and to pixel centres.
 _CONTACT_GAP_PX, _PIXEL_GAP = 1.0, 2.0
-#: Change of the force angle (rad/mm) below which a path counts as straight: that of a radius of 29 mm.
-_STRAIGHT_RATE = np.radians(2.0)
 #: Where the feed changes by more than this share, a waypoint stays.
 _FEED_STEP = 0.02
 
@@ -167,16 +166,14 @@ def image_space(
     job: Job,
     *,
     exact: bool = True,
-    spacing: float | None = None,
     borders: Sequence[FloatArray] | None = None,
 ) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
     """Paths around the part in ``mask_pixels`` ((H, W) uint8, not 0: part) and in its holes, and what is left out.
 
     work_from_view: (2, 3) similarity, mm of a pixel centre (u, v); v may run against y. exact: the path is an iso-line
     between pixels, normals from the nearest point of the border; else integer pixels and the gradient of the distance
-    image, as in the paper. spacing: mm between waypoints before the redundant ones go; by default the chord that leaves
-    a curve of half the tool's radius by ``tolerance.chord``, a pixel at least. borders: of the part in view pixels,
-    closed (N, 2) without the first point again, where they are known better than the mask tells.
+    image, as in the paper. borders: of the part in view pixels, closed (N, 2) without the first point again, where they
+    are known better than the mask tells.
 
     Positions are in the work frame at z = 0, ``depths`` below it. The removal of redundant waypoints moves the path by
     at most ``tolerance.chord``. Raises JobError for settings that an image has no answer to, InputError for a mask or a
@@ -191,17 +188,21 @@ def image_space(
     curves = between_pixels(chains(picture.part)) if borders is None else place_borders(borders, picture)
     edge = border(*curves, picture.far.shape)
     way = iso_way(picture, edge, distance, radius) if exact else pixel_way(picture, distance, radius)
-    chord = float(np.sqrt(2 * job.tool.diameter * job.tolerance.chord))
-    step = max((chord if spacing is None else spacing) / mm_per_px, 1.0)
+    step = max((job.operation.waypoint_spacing or _usual_spacing(job)) / mm_per_px, 1.0)
     points, touched = _waypoints(way, edge, None if exact else picture, distance, step, job.process.max_feed_factor)
     main = beside_which(edge, points.table, points.points, touched)
     gouge = sample_field(picture.far, points.points) < distance - (_CONTACT_GAP_PX if exact else _PIXEL_GAP)
     sound = np.bincount(points.table.loop, gouge, len(main)) == 0
     notes = left_out(edge, check_reach(way, picture, edge, distance, radius), main, sound, job, mm_per_px)
-    chain = _chain(points, Limits(_STRAIGHT_RATE * mm_per_px, job.tolerance.chord / mm_per_px))
+    chain = _chain(points, Limits(np.radians(job.operation.waypoint_turn) * mm_per_px, job.tolerance.chord / mm_per_px))
     return _paths(chain, labels(main, way.parent, sound), _move_corner(work_from_view, picture.corner), job), tuple(
         notes
     )
+
+
+def _usual_spacing(job: Job) -> float:
+    """mm: the chord that leaves a curve of half the tool's radius by ``tolerance.chord``."""
+    return math.sqrt(2 * job.tool.diameter * job.tolerance.chord)
 
 
 def _insist(mask_pixels: Pixels, job: Job, distance: float) -> None:
