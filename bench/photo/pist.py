@@ -1,17 +1,26 @@
-"""The case study of docs/pist.md: python -m bench.photo.pist [--figures] [--small]
+"""The case study of docs/pist.md.
 
---figures: the page's pictures are drawn again. --small: with a tenth of the pixels, for a try.
+    python -m bench.photo.pist [--figures] [--small]    the paper's results; the page's pictures drawn again
+    python -m bench.photo.pist --feed [--small]         the observed feed and the force, on ten photos by both planners;
+                                                        exit code 1 where more than 2 % of the contact is 5 % off
 
-The paper's part (3 x 2.5 in, tool 3/8 in, 5 mm/s, 2 N) is rendered as its camera would see it, and drawn as DXF. Both
-go through camgen for a Denso controller. What the planned programs do is compared with the exact path, and with the
-path of the CAD route.
+--small: one photo with a tenth of the pixels, for a try.
+
+The paper's part (3 x 2.5 in, tool 3/8 in, 5 mm/s, 2 N) is put in three places. Of each a photo is rendered as the
+paper's camera would see it, and built for a Denso controller: the vision route. The CAD route is the paper's: a
+drawing is planned once, the clamped part is scanned, ``camgen localize`` finds it, and the path is moved there. What
+the programs do is compared with the exact path; a model of the contact (bench/photo/contact.py) says what force it
+costs.
 """
 
 from __future__ import annotations
 
+import math
 import sys
 import tempfile
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import ezdxf
@@ -19,64 +28,147 @@ import numpy as np
 
 import camgen
 from bench.machine import machine
+from bench.photo.contact import Contact, pressed
+from bench.photo.observed import Observed, Run, observe, run
 from bench.photo.paper import paper_route
-from bench.photo.photo import planned
-from bench.render.photos import photos, write
+from bench.photo.pist_figures import contacts, errors, frames
+from bench.render.parts import paper
+from bench.render.photos import Photo, of_paper, write
 from bench.render.shapes import Loop
-from bench.render.truth import Truth, offset_truth, path_error
-from camgen.cli import main as run
+from bench.render.solid import sheet
+from bench.render.truth import Error, Truth, offset_truth, path_error
+from camgen.build import Result
+from camgen.cli import main as command
+from camgen.model.job import Job
+from camgen.model.pose import pose_from_values
 from camgen.preview.photo_stages import svg
 from camgen.read.job_file import load
+from tests.support.clouds import ROUND, scan
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
-#: mm: half the height of a row of the error picture; what counts as near a sharp corner.
-SCALE, NEAR = 0.25, 1.0
-STYLE = """.bg{fill:#fff}text{font-family:system-ui,Helvetica,Arial,sans-serif;font-size:3.4px;fill:#202124}
-.tick{font-size:2.4px;text-anchor:end}path{fill:none}.frame{stroke:#9aa0a6;stroke-width:.2}
-.line{stroke:#1f6feb;stroke-width:.35}@media (prefers-color-scheme:dark){.bg{fill:#17181b}text{fill:#e8eaed}}"""
+FEED, FORCE = 5.0, 2.0
+#: mm: thickness of the sheet, noise of the scanner, and how far from its place (mm, deg) the part is said to be.
+THICK, NOISE, ABOUT = 2.0, 0.05, (5.0, 4.0)
+POINTS = 50_000
+#: The scanner runs over the part and so far (mm) beyond its ends, at this speed (mm/s).
+BEYOND, SCAN_FEED = 20.0, 10.0
+#: Where the middle of the part is before the arm, mm; the tool's rest is the post's.
+BEFORE = (350.0, 0.0, 150.0)
+CAD, EXACT, IMAGE, PIXELS = "drawing, scan, localize", "photo, geometric", "photo, image space", "photo, whole pixels"
+#: The share of the contact that may be more than 5 % off the feed.
+MOST_OFF = 0.02
+#: Away from where force is put on, mm of path.
+SETTLED = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """What one route does at one place. run: its program. error, seen: of it; seen is None for points alone. off: (N,)
+    mm, how much nearer to the part the path is than it should be. force: (N,) N. way: (N,) mm along the path. seconds:
+    of the robot, 0 where it is not known. found: s of the computer, from the photo or the scan on.
+    """
+
+    run: Run
+    error: Error
+    seen: Observed | None
+    off: np.ndarray
+    force: np.ndarray
+    way: np.ndarray
+    seconds: float
+    found: float
 
 
 def main(figures: bool, small: bool) -> None:
-    photo = photos(1, 1 if small else 10)[0]
-    truth = offset_truth(photo.loops, photo.tool / 2)
+    places = of_paper(1 if small else 3, 1 if small else 10)
+    routes: dict[str, list[Route]] = {CAD: [], EXACT: [], IMAGE: [], PIXELS: []}
+    begins: list[complex] = []
+    shown: list[tuple[Result, Result]] = []
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        write(folder, photo)
-        file, job = folder / f"{photo.name}.png", folder / f"{photo.name}.toml"
-        paths = {
-            "photo, geometric planner": path(file, job, "operation.planner=geometric"),
-            "photo, image-space planner": path(file, job, "operation.planner=image"),
-            "photo, whole pixels as in the paper": paper_route(folder, photo.name, file.name, truth),
-            "drawing (CAD)": path(drawing(folder, photo.loops), without_camera(job), "tool.orient=fixed"),
-        }
-        seen = camgen.build(file, post="pacscript", job=load(job))
-    cad = paths["drawing (CAD)"]
-    print(f"{machine()}\n\nTilt {photo.tilt:.1f} deg, {seen.part.units}, tool {photo.tool:.3f} mm.\n")
-    print("| route | max mm | rms mm | at sharp corners max mm | from the CAD route rms mm |\n|---|---|---|---|---|")
-    for name, points in paths.items():
-        error = path_error(points, truth)
-        apart = "" if points is cad else f"{apart_from(points, cad, truth):.4f}"
-        print(f"| {name} | {error.most:.4f} | {error.rms:.4f} | {error.near:.4f} | {apart} |")
-    if figures and seen.part.raster is not None:
-        title = "3 x 2.5 in part, from photo to path"
-        (IMAGES / "pist-stages.svg").write_text(svg(seen.part, seen.part.raster, seen.tour, seen.notes, title))
-        (IMAGES / "pist-error.svg").write_text(drawn(paths, truth))
+        moves = scanned(folder)
+        for k, photo in enumerate(places):
+            write(folder, photo)
+            truth = offset_truth(photo.loops, photo.tool / 2)
+            seen = {name: vision(folder, photo, planner) for name, planner in ((EXACT, "geometric"), (IMAGE, "image"))}
+            for name, (result, spent) in seen.items():
+                routes[name].append(judged(run(result.program), truth, result.cycle.total, spent))
+            drawn, spent = by_drawing(folder, photo, k)
+            routes[CAD].append(judged(drawn[0], truth, drawn[1] + moves, spent))
+            pixels = paper_route(folder, photo.name, f"{photo.name}.png", truth)
+            routes[PIXELS].append(judged(at_feed(pixels), truth, 0.0, 0.0, told=False))
+            begins.append(complex(photo.loops[0].points[:2].mean()))
+            shown.append((seen[EXACT][0], seen[IMAGE][0]))
+    print(f"{machine()}\n\nPlacements: {len(places)}, tilt {', '.join(f'{photo.tilt:.1f}' for photo in places)} deg.\n")
+    tell(routes, moves)
+    if figures:
+        draw(*shown[0], routes, begins)
 
 
-def path(source: Path, job: Path, setting: str) -> np.ndarray:
-    """Points of the planned program while the tool works, complex, mm."""
-    plan = source.with_suffix(".json")
-    words = ["build", str(source), "--post", "pacscript", "--job", str(job), "--set", setting, "-q"]
-    if run([*words, "-o", str(source.parent), "--plan", str(plan)]):
+def tell_feeds(small: bool) -> int:
+    """A row a photo and planner. Of the small photos, in which an inner arc has five pixels, nothing is asked."""
+    print(f"{machine()}\n\n| photo | planner | off 5 % | off 10 % | peak | without force mm | standing with force mm |")
+    print("|---|---|---|---|---|---|---|")
+    missed = False
+    for photo in of_paper(1 if small else 10, 1 if small else 10):
+        with tempfile.TemporaryDirectory() as scratch:
+            write(Path(scratch), photo)
+            truth = offset_truth(photo.loops, photo.tool / 2)
+            for planner in ("geometric", "image"):
+                seen = observe(run(vision(Path(scratch), photo, planner)[0].program), truth, FEED)
+                missed |= seen.off5 > MOST_OFF and not small
+                shares = f"{100 * seen.off5:.2f} % | {100 * seen.off10:.2f} % | {seen.peak:.2f}"
+                forced = f"{seen.without:.2f} | {seen.too_much:.2f}"
+                print(f"| {photo.name} | {planner} | {shares} | {forced} |", flush=True)
+    return int(missed)
+
+
+def vision(folder: Path, photo: Photo, planner: str) -> tuple[Result, float]:
+    """The program from the photo, and the seconds that it took."""
+    file = folder / f"{photo.name}.png"
+    job = load(folder / f"{photo.name}.toml", [f"operation.planner={planner}", *arm(photo)])
+    begun = time.perf_counter()
+    result = camgen.build(file, post="pacscript", job=job)
+    return result, time.perf_counter() - begun
+
+
+def arm(photo: Photo) -> list[str]:
+    """The paper's arm, the part before it."""
+    middle = complex(photo.loops[0].points.mean())
+    at = [BEFORE[0] - middle.real, BEFORE[1] - middle.imag, BEFORE[2], 0.0, 0.0, 0.0]
+    return ["cell.robot=VS-6556", f"cell.base_from_work={at}"]
+
+
+# -- the CAD route, as in section 4.3
+
+
+def by_drawing(folder: Path, photo: Photo, k: int) -> tuple[tuple[Run, float], float]:
+    """The drawing's program where ``camgen localize`` finds the part: its run and the robot's seconds; and those of the
+    localization.
+    """
+    own = paper()
+    turn = float(np.angle((photo.loops[0].points[1] - photo.loops[0].points[0]) / np.diff(own[0].points[:2])[0]))
+    middle = complex(photo.loops[0].points[0] - own[0].points[0] * np.exp(1j * turn))
+    model, cloud, frame = folder / "part.stl", folder / f"scan{k}.xyz", folder / f"frame{k}.toml"
+    solid = sheet(own, THICK)
+    solid.export(model)
+    c, s = math.cos(turn), math.sin(turn)
+    matrix, shift = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([middle.real, middle.imag, 0.0])
+    np.savetxt(cloud, scan(solid, POINTS, k, ROUND, NOISE, 0.2) @ matrix.T + shift, fmt="%.4f")
+    about = (middle.real + ABOUT[0], middle.imag - ABOUT[0], 0.0, 0.0, 0.0, math.degrees(turn) + ABOUT[1])
+    begun = time.perf_counter()
+    words = ["localize", str(model), str(cloud), "-o", str(frame), f"--start={','.join(map(str, about))}", "-q"]
+    if command(words):
         sys.exit(1)
-    return planned(plan)
-
-
-def without_camera(job: Path) -> Path:
-    """The tables of a job that a drawing uses as well."""
-    own = job.with_name("drawing.toml")
-    own.write_text(job.read_text().partition("[camera]")[0] + "[tool]" + job.read_text().partition("[tool]")[2])
-    return own
+    spent = time.perf_counter() - begun
+    found = load(frame).cell.base_from_work
+    assert found is not None
+    pose = pose_from_values(found)
+    result = camgen.build(drawing(folder, own), post="pacscript", job=drawn_job(photo))
+    there = run(result.program)
+    flat = np.column_stack([there.places.real, there.places.imag])
+    places = flat @ pose.rotation[:2, :2].T + pose.origin[:2]
+    moved = Run(places @ np.array([1, 1j]), there.speed, there.pressed, there.time)
+    return (moved, result.cycle.total), spent
 
 
 def drawing(folder: Path, loops: Sequence[Loop]) -> Path:
@@ -89,44 +181,99 @@ def drawing(folder: Path, loops: Sequence[Loop]) -> Path:
     return folder / "part.dxf"
 
 
-def apart_from(points: np.ndarray, other: np.ndarray, truth: Truth) -> float:
-    """How far apart two paths are, rms, away from sharp corners: by their distances from the part at nearest points."""
-    sharp = truth.points[truth.sharp]
-    a, b = (truth.part.distance(path) for path in (points, other))
-    apart = []
-    for k in range(0, len(points), 256):
-        here = points[k : k + 256, None]
-        calm = np.abs(here - sharp).min(axis=1, initial=np.inf) > NEAR
-        nearest = np.abs(here[calm] - other).argmin(axis=1)
-        apart.append(a[k : k + 256][calm] - b[nearest])
-    return float(np.sqrt(np.mean(np.concatenate(apart) ** 2)))
+def drawn_job(photo: Photo) -> Job:
+    return camgen.job({
+        "tool": {"diameter": photo.tool}, "process": {"feed": FEED, "force": FORCE}, "post": {"force": "template"},
+        "cell": {"robot": "VS-6556", "base_from_work": [*BEFORE, 0.0, 0.0, 0.0]},
+    })  # fmt: skip
 
 
-def drawn(paths: dict[str, np.ndarray], truth: Truth) -> str:
-    """The error across each path as SVG, a row a route, by the angle at which it is seen from the part's middle."""
-    wide, high, left = 250.0, 22.0, 14.0
-    lines = []
-    for k, (name, points) in enumerate(paths.items()):
-        turn = np.angle(points - truth.points.mean())
-        rank = np.argsort(turn)
-        off = (truth.part.distance(points) - truth.distance)[rank].clip(-SCALE, SCALE)
-        top = 18 + k * (high + 8)
-        x, y = left + (turn[rank] / np.pi + 1) / 2 * wide, top + high / 2 - off / SCALE * high / 2
-        data = "M" + "L".join(f"{a:.1f} {b:.2f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
-        lines += [
-            f'<text x="{left}" y="{top - 1.5}">{name}</text>',
-            f'<path class="frame" d="M{left} {top}h{wide}v{high}h-{wide}zM{left} {top + high / 2}h{wide}"/>',
-            f'<path class="line" d="{data}"/>',
-            f'<text class="tick" x="{left - 1}" y="{top + 2}">+{SCALE}</text>',
-            f'<text class="tick" x="{left - 1}" y="{top + high}">-{SCALE}</text>',
-        ]
-    total = 18 + len(paths) * (high + 8)
-    size = f'width="270mm" height="{total}mm" viewBox="0 0 270 {total}"'
-    title = "error of the tool centre across the path, mm, once around the part"
-    head = [f'<svg xmlns="http://www.w3.org/2000/svg" {size}>', f"<style>{STYLE}</style>"]
-    head += ['<rect class="bg" width="100%" height="100%"/>', f'<text x="{left}" y="8">{title}</text>']
-    return "\n".join([*head, *lines, "</svg>\n"])
+def scanned(folder: Path) -> float:
+    """Seconds in which the arm takes the scanner over the part once, from its rest and back."""
+    document = ezdxf.new("R2010", units=4)
+    half = 1.5 * 25.4 + BEYOND
+    document.modelspace().add_line((-half, 0), (half, 0))
+    document.saveas(folder / "scan.dxf")
+    job = {"process": {"feed": SCAN_FEED}, "operation": {"kind": "trace"},
+           "cell": {"robot": "VS-6556", "base_from_work": [*BEFORE, 0.0, 0.0, 0.0]}}  # fmt: skip
+    return camgen.build(folder / "scan.dxf", post="pacscript", job=job).cycle.total
+
+
+# -- what came out
+
+
+def at_feed(points: np.ndarray) -> Run:
+    """Points alone, run at the nominal feed and pressed all the way."""
+    step = np.abs(np.diff(points, append=points[-1]))
+    whole = np.ones(len(points))
+    return Run(points, FEED * whole, whole > 0, step / FEED)
+
+
+def judged(found: Run, truth: Truth, seconds: float, spent: float, told: bool = True) -> Route:
+    """told: the feed is the route's own."""
+    nearness = truth.distance - truth.part.distance(found.places)
+    force, _ = pressed(nearness, np.where(found.pressed, FORCE, 0.0), found.time, Contact())
+    way = np.append(0.0, np.cumsum(np.abs(np.diff(found.places))))
+    seen = observe(found, truth, FEED) if told else None
+    return Route(found, path_error(found.places[::4], truth), seen, nearness, force, way, seconds, spent)
+
+
+def settled(route: Route) -> np.ndarray:
+    """Force where it has been asked for over ``SETTLED`` mm."""
+    on = route.run.pressed
+    since = route.way - np.maximum.accumulate(np.where(on, -np.inf, route.way))
+    return route.force[on & (since > SETTLED) & (route.way > SETTLED)]
+
+
+def tell(routes: dict[str, list[Route]], moves: float) -> None:
+    print("| route | max mm | rms mm | at sharp corners max mm | contact off 5 % | peak of the feed | ", end="")
+    print("contact without force mm | standing with force mm |\n|---|---|---|---|---|---|---|---|")
+    for name, found in routes.items():
+        error = [one.error for one in found]
+        rms = math.sqrt(np.mean([one.rms**2 for one in error]))
+        cells = f"{max(one.most for one in error):.4f} | {rms:.4f} | {max(one.near for one in error):.4f}"
+        print(f"| {name} | {cells} | {feeds(found)} |")
+    print("\n| at each place: largest error mm | " + " | ".join(routes) + " |\n|---|" + "---|" * len(routes))
+    for k in range(len(routes[CAD])):
+        print(f"| {k + 1} | " + " | ".join(f"{found[k].error.most:.3f}" for found in routes.values()) + " |")
+    print("\n| force, of 2 N | " + " | ".join(routes) + " |\n|---|" + "---|" * len(routes))
+    forces = [np.concatenate([settled(one) for one in found]) - FORCE for found in routes.values()]
+    print("| off rms, N | " + " | ".join(f"{math.sqrt(np.mean(off**2)):.4f}" for off in forces) + " |")
+    print("| off at most, N | " + " | ".join(f"{np.abs(off).max():.3f}" for off in forces) + " |")
+    print(f"\n| time, s | {CAD} | {EXACT} | {IMAGE} |\n|---|---|---|---|")
+    timed = [routes[name] for name in (CAD, EXACT, IMAGE)]
+    robot = [np.mean([one.seconds for one in found]) for found in timed]
+    print("| deburring | " + " | ".join(f"{t - moves * (k == 0):.1f}" for k, t in enumerate(robot)) + " |")
+    print(f"| the scan | {moves:.1f} | 0 | 0 |")
+    print("| the computer | " + " | ".join(f"{np.mean([one.found for one in found]):.1f}" for found in timed) + " |")
+
+
+def feeds(found: list[Route]) -> str:
+    seen = [one.seen for one in found if one.seen is not None]
+    if not seen:
+        return "| | |"
+    shares = f"{100 * max(one.off5 for one in seen):.2f} % | {max(one.peak for one in seen):.2f}"
+    return f"{shares} | {max(one.without for one in seen):.2f} | {max(one.too_much for one in seen):.2f}"
+
+
+def draw(exact: Result, image: Result, routes: dict[str, list[Route]], begins: list[complex]) -> None:
+    if exact.part.raster is not None:
+        stages = svg(exact.part, exact.part.raster, exact.tour, exact.notes, "3 x 2.5 in part, from photo to path")
+        (IMAGES / "pist-stages.svg").write_text(stages)
+    (IMAGES / "pist-contacts.svg").write_text(contacts(image.part, image.tour.paths[0], 3 / 16 * 25.4))
+    (IMAGES / "pist-frames.svg").write_text(frames(exact.part, exact.tour.paths[0]))
+    rows = {name: [series(*one) for one in zip(found, begins, strict=True)] for name, found in routes.items()}
+    (IMAGES / "pist-error.svg").write_text(errors(rows, FORCE))
+
+
+def series(route: Route, begin: complex) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance along the path from where it passes the middle of the drawing's first side; error; force."""
+    first = int(np.abs(route.run.places - begin).argmin())
+    way = np.append(route.way[first:] - route.way[first], route.way[:first] + route.way[-1] - route.way[first])
+    return way, np.roll(route.off, -first), np.roll(route.force, -first)
 
 
 if __name__ == "__main__":
+    if "--feed" in sys.argv:
+        sys.exit(tell_feeds("--small" in sys.argv))
     main("--figures" in sys.argv, "--small" in sys.argv)

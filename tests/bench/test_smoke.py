@@ -25,7 +25,8 @@ PROGRAMS = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected"
 NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
 #: Modules of bench/ that others use, and no commands.
 LIBRARIES = {
-    "machine", "photo.paper", "robots.plain_loop", "reliability.programs", "reliability.mutations",
+    "machine", "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
+    "reliability.programs", "reliability.mutations",
     "reliability.wheel_cases",
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
     "reliability.fuzzing.table",
@@ -92,7 +93,8 @@ SMOKES = [
     Smoke("photo.photo judge {here}/photos", (1, 3), {"built": (1, 1), "max mm": (0, 1)}),
     Smoke("photo.photo speed {here}/photos paper-1mp 1", (3,), {"best s": (0.01, 120), "peak MB": (20, 2000)}),
     Smoke("photo.photo calibration {here}/board 3 1", (), {}),
-    Smoke("photo.pist --small", (4,), FIGURES),
+    Smoke("photo.pist --small", (4, 1, 2, 3), FIGURES),
+    Smoke("photo.pist --feed --small", (2,), {"off 5 %": (0, 35), "peak": (0.9, 4)}),
     Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
     # It forks, as above.
     Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),

@@ -451,10 +451,10 @@ def test_a_corner_that_a_photo_rounds_is_sharp() -> None:
     ratio[100:160] = 0.1 - 1e-6
     along[100:160] = 0.1
     press = np.exp(1j * np.interp(np.arange(200), [99, 159], [0, np.pi / 2]))
-    found = sharpen(rings([200]), ratio, along, press)
+    found = sharpen(rings([200]), ratio, along, press, 0.1)
     # Its tangents meet 3.8 px before and after: so much of both ends belongs to the lines.
     assert np.flatnonzero(found < 0.5).tolist() == list(range(103, 157))
-    rolled = sharpen(rings([200]), *(np.roll(one, 70) for one in (ratio, along)), np.roll(press, 70))
+    rolled = sharpen(rings([200]), *(np.roll(one, 70) for one in (ratio, along)), np.roll(press, 70), 0.1)
     assert rolled == pytest.approx(np.roll(found, 70))
 
 

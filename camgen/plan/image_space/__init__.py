@@ -46,6 +46,7 @@ from camgen.plan.image_space.tool_path import (
     slowed,
     smooth,
     spaced,
+    standing_below,
     touching,
 )
 from camgen.vision.similarity import scale_of
@@ -235,8 +236,9 @@ def _waypoints(
     press = unit(press)[latest(table, np.abs(press) > 1e-6)]
     contact, along, run, touched = _contact(way, edge, picture, distance)
     ratio = steady_ratio(table, along, run, (ANGLE_NOISE if picture is None else PIXEL_NOISE) * distance)
-    ratio = sharpen(table, ratio, along, way.press)
-    force = contact & moving(table, ratio)
+    below = standing_below(distance)
+    ratio = sharpen(table, ratio, along, way.press, below)
+    force = contact & moving(table, ratio, below)
     ratio = slowed(table, ratio)
     waypoints = _Waypoints(table, points, press, feeds(ratio, contact, fastest), force, spaced(table, count))
     return waypoints, touched

@@ -112,6 +112,8 @@ def _bring(
 _STANDS, _MOVES = 0.1, 0.35
 #: Noise (rad) of the force direction along a path that is straight or an arc: to the exact border, and from pixels.
 ANGLE_NOISE, PIXEL_NOISE = 0.02, 0.05
+#: Radius (px) of a sharp corner in a photo.
+_ROUND_PX = 3.0
 #: Radius (px) up to which a corner in a photo may be a sharp one; the largest turn (rad) of one.
 _ROUNDED, _SHARPEST = 4, 2.6
 #: The tool centre is never slowed below this part of the feed, however tight the inner curve.
@@ -150,19 +152,27 @@ def touching(table: Rings, gap: FloatArray, tolerance: float) -> BoolArray:
     return hold_switch(table, gap <= tolerance / 2, gap > tolerance, True)
 
 
-def moving(table: Rings, ratio: FloatArray) -> BoolArray:
-    """(N,) false at sharp outer corners, where the observed feed is near zero [4.2.1]."""
-    return hold_switch(table, ratio >= _MOVES, ratio < _STANDS, True)
+def standing_below(distance: float) -> float:
+    """The ratio below which the contact point stands still, for an offset of ``distance`` px: a corner as round as a
+    photo makes a sharp one has no less.
+    """
+    return max(_STANDS, _ROUND_PX / (distance + _ROUND_PX))
 
 
-def sharpen(table: Rings, ratio: FloatArray, along: FloatArray, press: ComplexArray) -> FloatArray:
+def moving(table: Rings, ratio: FloatArray, below: float) -> BoolArray:
+    """(N,) false at sharp outer corners, where the observed feed is near zero [4.2.1]. below: ``standing_below``."""
+    return hold_switch(table, ratio >= below + _MOVES - _STANDS, ratio < below, True)
+
+
+def sharpen(table: Rings, ratio: FloatArray, along: FloatArray, press: ComplexArray, below: float) -> FloatArray:
     """``ratio`` where the contact point stands still at sharp corners, and not about them.
 
     A photo shows a corner round, by a pixel or two, and the contact point seems to stand from where that begins. The
     corner is where the lines beside it meet: the tangent of half the turn times that radius, which is what the contact
-    point ran by divided by the turn. So much at both ends belongs to the lines, at most ``_ROUNDED`` px.
+    point ran by divided by the turn. So much at both ends belongs to the lines, at most ``_ROUNDED`` px. below:
+    ``standing_below``.
     """
-    still = ratio < _STANDS
+    still = ratio < below
     starts = still & ~still[table.shifted(-1)]
     start = latest(table, starts)
     row = np.flatnonzero(still & (start >= 0))
