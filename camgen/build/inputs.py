@@ -149,7 +149,7 @@ def _bytes_of(part: Part) -> bytes:
     """What stands for a part that was made in code."""
     columns: list[NDArray[Any]] = [column for c in part.contours for column in (c.points, c.bulges)]
     for curve in part.curves:
-        columns += [curve.points, curve.via, *([] if curve.rotations is None else [curve.rotations])]
+        columns += [curve.points, curve.middles, curve.curved, *([] if curve.rotations is None else [curve.rotations])]
     if part.solid is not None:
         columns += [part.solid.vertices, part.solid.faces]
     if part.raster is not None:

@@ -128,24 +128,30 @@ class Contour(Struct, frozen=True, eq=False):
 class Curve(Struct, frozen=True, eq=False):
     """A chain of lines and arcs in space, work frame, mm.
 
-    points: (N, 3) in order, the ends of the spans; a closed one repeats its first point at the end. via: (N - 1, 3),
-    half-way along an arc of at most half a circle, NaN for a line. length: arcs exact. rotations: (N, 3, 3)
-    work_from_tool at the points, None where the input does not say how the tool stands. id: the place in
-    ``Part.curves`` as users see it, e.g. ``c12``.
+    points: (N, 3) in order, the ends of the spans; a closed one repeats its first point at the end. middles: (N - 1, 3)
+    of the spans. curved: (N - 1,) whether each is an arc, of at most half a circle, and no line. length: arcs exact.
+    rotations: (N, 3, 3) work_from_tool at the points, None where the input does not say how the tool stands. id: the
+    place in ``Part.curves`` as users see it, e.g. ``c12``.
     """
 
     id: str
     layer: str
     points: FloatArray
-    via: FloatArray
+    middles: FloatArray
+    curved: BoolArray
     closed: bool
     length: float
     rotations: FloatArray | None = None
 
     @property
+    def via(self) -> FloatArray:
+        """(N - 1, 3) half-way along the arcs, NaN for lines."""
+        return np.where(self.curved[:, None], self.middles, np.nan)
+
+    @property
     def level(self) -> float | None:
         """The height, mm, of one that lies parallel to the work plane, None of others."""
-        heights = np.concatenate([self.points[:, 2], self.via[~np.isnan(self.via[:, 2]), 2]])
+        heights = np.concatenate([self.points[:, 2], self.middles[:, 2]])
         return float(heights[0]) if np.ptp(heights) <= LEVEL_MM else None
 
     def __repr__(self) -> str:

@@ -57,7 +57,7 @@ def _insist_on_three_axes(part: Part, job: Job) -> None:
             key = "tool.axis" if axis == "given" else "tool.angles"
             remedy = 'set tool.axis to "fixed", or give rapid, pacscript or vplus'
             raise JobError("job", f"{what} {short(math.degrees(float(lean.max())), 2)} deg", key, remedy)
-    top = max(float(np.nanmax(np.concatenate([c.points[:, 2], c.via[:, 2]]))) for c in part.curves)
+    top = max(float(np.concatenate([c.points[:, 2], c.middles[:, 2]]).max()) for c in part.curves)
     if top + job.process.approach > job.process.clearance:
         what = f"{short(job.process.clearance, 3)} mm is below where the tool approaches the curves, which reach up to"
         remedy = f"set it to {short(math.ceil(top + job.process.approach), 3)} or more"

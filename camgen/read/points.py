@@ -12,7 +12,6 @@ from collections.abc import Iterator
 import numpy as np
 from msgspec import Struct
 
-from camgen.geometry.arcs import span_lengths
 from camgen.geometry.rotations import angles_between
 from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
@@ -24,6 +23,7 @@ from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.read import units
 from camgen.read.files import Files
+from camgen.read.space import make_curve
 
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _NAMES = ("x", "y", "z", "rx", "ry", "rz")
@@ -106,10 +106,8 @@ def _curve(name: str, rows: FloatArray, mm: float) -> Curve | None:
     if len(points) < 2 or length <= SAME_POINT_MM:
         return None
     closed = len(points) > 3 and float(np.linalg.norm(points[-1] - points[0])) <= SAME_POINT_MM
-    via = np.full((len(points) - 1, 3), np.nan)
-    length = float(span_lengths(points, via).sum())
     turned = None if rotations is None else frozen(rotations[kept])
-    return Curve(name, "0", frozen(points), frozen(via), closed, length, turned)
+    return make_curve(name, "0", points, np.full((len(points) - 1, 3), np.nan), closed, turned)
 
 
 def _chains(source: Source) -> list[tuple[int, list[list[float]]]]:

@@ -31,7 +31,7 @@ _NAMED = 8
 
 
 class Piece(Struct, frozen=True, eq=False):
-    """What was drawn as one: points (N, 3) and via (N - 1, 3) as of ``Curve``, mm; kind and layer of its entity."""
+    """What was drawn as one: points (N, 3) and via (N - 1, 3), NaN for lines, mm; kind and layer of its entity."""
 
     kind: str
     layer: str
@@ -55,10 +55,20 @@ def curves(pieces: Sequence[Piece], tolerance: float) -> tuple[tuple[Curve, ...]
         what = f"{counted(len(gaps), 'gap')} between ends, up to {short(max(gaps), 4)} mm"
         notes.append(Note("joined", what, "input.join"))
     found = tuple(
-        Curve(f"c{k}", layer, frozen(points), frozen(via), loop, float(span_lengths(points, via).sum()))
+        make_curve(f"c{k}", layer, points, via, loop)
         for k, ((points, via, layer), loop) in enumerate(zip(made, loops, strict=True), 1)
     )
     return found, tuple(notes)
+
+
+def make_curve(
+    name: str, layer: str, points: FloatArray, via: FloatArray, closed: bool, rotations: FloatArray | None = None
+) -> Curve:
+    """A curve through ``points`` (N, 3), over ``via`` (N - 1, 3), NaN for lines."""
+    curved = ~np.isnan(via[:, 0])
+    middles = np.where(curved[:, None], via, (points[:-1] + points[1:]) / 2)
+    length = float(span_lengths(points, via).sum())
+    return Curve(name, layer, frozen(points), frozen(middles), curved, closed, length, rotations)
 
 
 def tell_which(found: Sequence[Curve]) -> Note:

@@ -72,6 +72,7 @@ CASES = {
     "edges": Case("a.stl", STL, 3, "edges are to be processed, more than 3"),
     "dxf_depth": Case("a.dxf", nested(4, 1).encode(), 3, "blocks stand more than 3 deep within each other"),
     "dxf_entities": Case("a.dxf", array(3, 4).encode(), 10, "blocks expand to more than 10 entities"),
+    "points": Case("a.xyz", b"0,0,0\n9,0,0\n9,9,9\n", 2, "has more than 2 points", ("process.clearance=50",)),
     "svg_bytes": Case("a.svg", SVG, 20, "has more than 20 bytes"),
     "svg_depth": Case("a.svg", DEEP, 0.5, "references stand more than 0.5 deep within each other"),
     "svg_uses": Case("a.svg", SVG, 3, "more than 3 elements come of its references"),

@@ -12,7 +12,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.files import Source
 from camgen.read import READERS, find_reader, find_suffix, list_installed, read
 
-BUILT_IN = ["dxf", "gcode", "image", "solid", "svg"]
+BUILT_IN = ["dxf", "gcode", "image", "solid", "svg", "xyz"]
 LINE = """
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen

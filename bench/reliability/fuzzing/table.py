@@ -225,9 +225,11 @@ def _read_back(post: str, data: bytes) -> object:
 _KINDS = {
     ".dxf": drawings.dxf(), ".svg": drawings.svg(), ".ngc": programs.gcode(), ".stl": solids.stl(),
     ".obj": solids.obj(), ".off": solids.off(), ".ply": solids.ply(), ".3mf": solids.three_mf(), ".glb": solids.glb(),
+    ".xyz": solids.text_cloud(),
 }  # fmt: skip
 TABLE = (
     *(Fuzzed(kind[1:], inputs, partial(_read_part, kind)) for kind, inputs in _KINDS.items()),
+    Fuzzed("dxf-space", drawings.dxf(), partial(_read_part, ".dxf", job=_TRACE)),
     Fuzzed("step", solids.step(), partial(_read_part, ".step"), weight=0.1),
     Fuzzed("photo", pictures.picture, partial(_read_part, ".png")),
     Fuzzed("picture", pictures.picture, partial(_read_part, ".png", job=_TRACE)),

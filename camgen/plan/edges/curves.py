@@ -36,7 +36,7 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
         what = f"{counted(len(part.curves), 'curve')} in space, more than {tell(job.limits.edges)}"
         raise InputError(part.source, what, remedy="build them in several programs, or raise limits.edges")
     ways = [(curve, stand(curve, job, part.solid)) for curve in part.curves]
-    points = np.concatenate([np.concatenate([c.points, c.via[~np.isnan(c.via[:, 0])]]) for c in part.curves])
+    points = np.concatenate([column for curve in part.curves for column in (curve.points, curve.middles)])
     where = around(job, cell.arm, cell, part.solid, cell.meshes, beside=points)
     return plan_ways(part, job, cell, watch, ways, where, (*where.notes, *_note_faces(part, job)), "curve")
 

@@ -245,7 +245,7 @@ def _read(source: Source, job: Job) -> _Read:
         del document
         flat = flatten(drawn, chord)
         if flat.tilted and _is_meant_in_space(job):
-            curves, joints = space.curves(place_in_space(drawn, chord), settings.join)
+            curves, joints = space.curves(place_in_space(name, drawn, chord, source.limits), settings.join)
             left = (*_left(drawn), *_take(drawn), *joints, *([space.tell_which(curves)] if curves else []))
         else:
             contours, joints = join.contours(flat.soup, settings.join)

@@ -7,12 +7,15 @@ chords. The outlines of old polylines may bulge by more than half a circle and a
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
 
 from camgen.geometry import curves
 from camgen.geometry.space_curves import Chain, chords, lines, turn
+from camgen.model.errors import InputError
+from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.read.dxf.entities import DrawnEntities, Smooth
 from camgen.read.dxf.flatten import gather
@@ -21,18 +24,31 @@ from camgen.read.space import Piece
 _LOST = lines(np.full((2, 3), np.nan))
 
 
-def place_in_space(drawn: DrawnEntities, chord: float) -> list[Piece]:
-    """Everything that was drawn, in drawing order. chord: mm, the deviation allowed for what is no arc."""
-    given = gather(drawn)
-    ends = np.cumsum(given.counts)
+def place_in_space(name: str, drawn: DrawnEntities, chord: float, limits: Limits) -> list[Piece]:
+    """Everything that was drawn, in drawing order. chord: mm, the deviation allowed for what is no arc. name: of the
+    file. InputError for more spans than may be.
+    """
     found: list[tuple[int, Chain]] = []
-    for owner, low, high in zip(given.owner.tolist(), (ends - given.counts).tolist(), ends.tolist(), strict=True):
-        matrix = drawn.matrices[drawn.matrix[owner]]
-        found.append((owner, _outline(given.rows[low:high], drawn.closed[owner], matrix, chord)))
-    for owner, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
-        found.append((owner, _smooth(curve, drawn.matrices[drawn.matrix[owner]], chord)))
+    spans = 0
+    for owner, made in _chains(drawn, chord):
+        spans += len(made[1])
+        if spans > limits.motions:
+            what = f"its curves come to more than {tell(limits.motions)} lines and arcs"
+            remedy = "raise tolerance.chord, check input.units, or raise limits.motions"
+            raise InputError(name, what, "", remedy)
+        found.append((owner, made))
     found.sort(key=lambda one: one[0])
     return [Piece(drawn.kind[owner], drawn.layer[owner], *made) for owner, made in found]
+
+
+def _chains(drawn: DrawnEntities, chord: float) -> Iterator[tuple[int, Chain]]:
+    """Owner and chain of each: lines, arcs and outlines, then what is smooth."""
+    given = gather(drawn)
+    ends = np.cumsum(given.counts)
+    for owner, low, high in zip(given.owner.tolist(), (ends - given.counts).tolist(), ends.tolist(), strict=True):
+        yield owner, _outline(given.rows[low:high], drawn.closed[owner], drawn.matrices[drawn.matrix[owner]], chord)
+    for owner, curve in zip(drawn.smooth_owner, drawn.smooth, strict=True):
+        yield owner, _smooth(curve, drawn.matrices[drawn.matrix[owner]], chord)
 
 
 def _outline(rows: FloatArray, closed: bool, matrix: FloatArray, chord: float) -> Chain:
