@@ -15,6 +15,9 @@ from camgen.lower.corners import ZONES
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 from camgen.model.program import Force, Instruction, MoveC, MoveL, Program
 
+#: A unit vector as near as this to the tool's axis is along it.
+_ALONG = 1e-9
+
 Pass = Callable[[Pose, MoveC, float], list[MoveL | MoveC]]
 
 
@@ -29,7 +32,7 @@ def chords(start: Pose, arc: MoveC, tolerance: float) -> list[MoveL | MoveC]:
     count = max(1, math.ceil(sweep / step - 1e-9))
     blend = max(corner_blend(sweep / count, tolerance), ZONES[-1])
     poses = along(start, arc, [k / count for k in range(1, count)])
-    presses = _turn_force(arc.force_direction, axis, sweep, count)
+    presses = _press(arc, poses, axis, sweep)
     lines: list[MoveL | MoveC] = [
         MoveL(pose, arc.speed, blend, arc.force, press, None, None, arc.path, arc.work)
         for pose, press in zip(poses, presses, strict=True)
@@ -43,7 +46,7 @@ def halves(start: Pose, arc: MoveC, _tolerance: float) -> list[MoveL | MoveC]:
     """The arc as two arcs of half the sweep, exact."""
     _, _, axis, sweep = circle(start.origin, arc.via.origin, arc.target.origin)
     first, middle, last = along(start, arc, (0.25, 0.5, 0.75))
-    press = _turn_force(arc.force_direction, axis, sweep, 2)[0]
+    press = _press(arc, [middle], axis, sweep)[0]
     seam = max(arc.blend, 1.0)
     return [
         replace(arc, via=first, target=middle, force_direction=press, blend=seam, joints=None, posture=None),
@@ -96,8 +99,19 @@ def _turning(start: Pose, arc: MoveC, fraction: float) -> FloatArray:
     return rotation_between(arc.via.rotation, arc.target.rotation, 2 * fraction - 1)
 
 
-def _turn_force(press: Vec3, axis: Vec3, sweep: float, count: int) -> list[Vec3]:
-    """The press direction at the inner points of ``count`` equal pieces, given at the end of the arc."""
+def _press(arc: MoveC, poses: Sequence[Pose], axis: Vec3, sweep: float) -> list[Vec3]:
+    """The press direction at the inner points of equal pieces, which has ``arc`` at its end: along the tool where that
+    presses along itself, however it turns, else turned with the arc.
+    """
+    press = arc.force_direction
     if not any(press):
-        return [press] * (count - 1)
+        return [press] * len(poses)
+    if math.dist(press, arc.target.rotation[:, 2].tolist()) < _ALONG:
+        return [_axis_of(pose) for pose in poses]
+    count = len(poses) + 1
     return [turn_about(press, axis, sweep * (i / count - 1)) for i in range(1, count)]
+
+
+def _axis_of(pose: Pose) -> Vec3:
+    x, y, z = pose.rotation[:, 2].tolist()
+    return (x, y, z)

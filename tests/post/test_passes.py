@@ -166,3 +166,15 @@ def test_a_replacement_that_is_turned_down_says_why() -> None:
     program = Program("p", here, here, (home, MoveJ(start, 100.0), arc))
     with pytest.raises(Refused, match="this line is too short"):
         Fussy().prepare(program, 0.01)
+
+
+def test_a_tool_that_presses_along_itself_does_so_on_all_pieces_of_an_arc() -> None:
+    """The tool leans and does not turn, the arc does: its pieces press as it does, not turned with the arc."""
+    rotation = frozen([[1, 0, 0], [0, -0.8, -0.6], [0, 0.6, -0.8]])
+    start, via, end = (Pose(rotation, place) for place in ((10.0, 0.0, 0.0), (0.0, 10.0, 0.0), (-10.0, 0.0, 0.0)))
+    press = (0.0, -0.6, -0.8)
+    arc = MoveC(via, end, 20.0, 0.0, 5.0, press)
+    for pieces in (halves(start, arc, 0.01), chords(start, arc, 0.5)):
+        assert len(pieces) > 1
+        for piece in pieces:
+            assert piece.force_direction == pytest.approx(press)
