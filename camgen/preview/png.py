@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from camgen.model.errors import one_line
 from camgen.model.pose import FloatArray
+from camgen.preview.aside import TILT, TURN, look_from
 from camgen.preview.view import View
 
 Pixels = NDArray[np.uint8]
@@ -56,19 +57,17 @@ def png(view: View) -> bytes:
 
 
 def _fit(view: View) -> _Sheet:
-    turn, tilt = (-math.pi / 2, math.pi / 2) if view.flat else (-1.05, 0.6)
-    right = (-math.sin(turn), math.cos(turn), 0.0)
-    up = (-math.sin(tilt) * math.cos(turn), -math.sin(tilt) * math.sin(turn), math.cos(tilt))
-    axes = np.array([right, np.negative(up)])
+    right, up = look_from(-math.pi / 2, math.pi / 2) if view.flat else look_from(TURN, TILT)
+    seen = np.array([right, -up])
     work = view.track.events.path[view.track.event] >= 0
-    flat = np.concatenate([view.chains.points, view.track.position[work]]) @ axes.T
+    flat = np.concatenate([view.chains.points, view.track.position[work]]) @ seen.T
     if not len(flat):
-        flat = view.track.position @ axes.T
+        flat = view.track.position @ seen.T
     low, high = flat.min(axis=0), flat.max(axis=0)
     room = np.array([_WIDE - 2 * _BORDER, _HIGH - 2 * _BORDER - _TITLE], float)
     scale = float((room / np.maximum(high - low, 1e-6)).min())
     middle = np.array([_WIDE / 2, (_HIGH + _TITLE) / 2])
-    return _Sheet(axes, scale, middle - (low + high) / 2 * scale)
+    return _Sheet(seen, scale, middle - (low + high) / 2 * scale)
 
 
 def _part(image: Pixels, view: View, sheet: _Sheet) -> None:

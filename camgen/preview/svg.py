@@ -16,6 +16,7 @@ from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.text import counted
+from camgen.preview.aside import see_aside
 from camgen.preview.draw import Paper, arrows, bounds, by_order, of_contours, of_paths, path_data, spots, tell_wrong
 
 #: The drawing is made as large as fits in here, page mm; around it a margin, above it the title.
@@ -46,7 +47,12 @@ class _Sheet(Struct, frozen=True):
 
 
 def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
-    """The picture as SVG text, sized in mm, legible on light and dark. It is drawn to scale, with a scale bar."""
+    """The picture as SVG text, sized in mm, legible on light and dark. It is drawn to scale, with a scale bar; curves
+    in space are seen from aside.
+    """
+    lengths = [path_length(path) for path in tour.paths]
+    if part.curves:
+        part, tour = see_aside(part, tour)
     followed = {ident for path in tour.paths for ident in path.contours}
     used = [c for c in part.contours if c.id in followed]
     unused = [c for c in part.contours if c.id not in followed]
@@ -65,7 +71,7 @@ def svg(part: Part, tour: Tour, notes: Sequence[Note], title: str) -> str:
             *_contours(used, sheet.page, "part"),
             *_contours(unused, sheet.page, "unused"),
             *_travel(tour, sheet.page),
-            *_paths(tour, sheet.page),
+            *_paths(tour, sheet.page, lengths),
             *spots(notes, sheet.page, 0.0),
             *_legend(sheet, tour, bool(unused)),
             *left_out,
@@ -104,13 +110,13 @@ def _travel(tour: Tour, page: Paper) -> Iterator[str]:
         yield '<path class="travel" d="' + "".join(f"M{a:.2f} {b:.2f}L{c:.2f} {d:.2f}" for a, b, c, d in rows) + '"/>'
 
 
-def _paths(tour: Tour, page: Paper) -> Iterator[str]:
-    """The tool paths, one element each while they are few, else one for each colour."""
+def _paths(tour: Tour, page: Paper, lengths: Sequence[float]) -> Iterator[str]:
+    """The tool paths, one element each while they are few, else one for each colour. lengths: mm, of each."""
     paths = tour.paths
     data = path_data(of_paths(paths), page)
     if len(paths) <= _ARROWS:
         for k, (path, line) in enumerate(zip(paths, data, strict=True)):
-            hint = _text(f"{k + 1}: {path.id}, layer {path.layer}, {path_length(path):.1f} mm")
+            hint = _text(f"{k + 1}: {path.id}, layer {path.layer}, {lengths[k]:.1f} mm")
             colour = by_order(k, len(paths))
             yield f'<path class="path" stroke="{colour}" d="{line}"><title>{hint}</title></path>'
             yield from _arrows(path, page, colour)

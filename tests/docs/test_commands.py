@@ -34,7 +34,10 @@ PARTS = FIXTURES / "parts"
 COPIES = {
     **dict.fromkeys(("part.dxf", "-part.dxf", "drawing.dxf", "bracket.dxf"), PARTS / "bracket.dxf"),
     **{f"parts/{k}.dxf": PARTS / f"{k}.dxf" for k in ("bracket", "plate")},
-    **{file: PARTS / file for file in ("logo.svg", "gear.png", "rfa1.stl", "rfa1.toml", "rfa1_base.stl")},
+    **{
+        file: PARTS / file
+        for file in ("logo.svg", "gear.png", "rfa1.stl", "rfa1.toml", "rfa1_base.stl", "space.dxf", "seam.xyz")
+    },
     **dict.fromkeys(("fixtures/parts/bracket.dxf",), PARTS / "bracket.dxf"),
     "board.png": PARTS / "board.png",
     "part.svg": PARTS / "logo.svg",
