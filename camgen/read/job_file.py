@@ -222,7 +222,7 @@ def _with_kind(tree: Tree) -> Job:
     operation = tree.get("operation", {})
     kind = operation.get("kind")
     known = get_args(get_args(get_type_hints(OperationTable, include_extras=True)["kind"])[0])
-    if kind in known or kind not in {entry.name for entry in entries(OPERATIONS)}:
+    if kind in known or kind not in [entry.name for entry in entries(OPERATIONS)]:  # a kind of any type at all
         return msgspec.convert(tree, Job)
     job = msgspec.convert(tree | {"operation": operation | {"kind": "auto"}}, Job)
     return replace(job, operation=replace(job.operation, kind=kind))

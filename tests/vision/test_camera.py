@@ -152,8 +152,20 @@ GOOD = camera_info(camera(5))
         (GOOD + "roi:\n  x_offset: 12\n  y_offset: 0\n", "photos that are binned or cut out"),
         ("%YAML:1.0\n---\ncamera_matrix: 3\n", "has no distortion coefficients"),
         ("%YAML:1.0\n---\nD: 3\n", "has no camera matrix"),
-        ("<opencv_storage></opencv_storage>", "cannot be read by OpenCV"),
-        ("{", "OpenCV"),
+        ("<opencv_storage></opencv_storage>", "holds no named values"),
+        ("<opencv_storage><K>", "is no XML: no element found (line 1)"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><opencv_storage><K>&b;</K></opencv_storage>', "a document type or an entity"),
+        ("{", "is no JSON"),
+        ('{"K": [[1, 0, 2], [0, 1]], "D": 3}', "K is no matrix of numbers"),
+        ('{"K": ' + "[" * 5000 + "]" * 5000 + "}", "nested too deep"),
+        ("%YAML:1.0\n---\nK: [1, 2\n", "is no YAML: expected ',' or ']'"),
+        (f"%YAML:1.0\n---\nK: !!opencv-matrix\n  rows: 3\n  cols: 3\n  data: [{'1,' * 8}]\nD: 1\n",
+         "K says 3 x 3 and holds 8 numbers"),
+        ("%YAML:1.0\n---\nK: !!opencv-matrix\n  rows: 1e9\n  cols: 3\n  data: [1]\nD: 1\n",
+         "K: rows is no number of rows or columns"),
+        # OpenCV's own reader ends the process here.
+        ("%YAMLnull:1.0\n---\nimage_width: 640\nK: !!opencv-matrix\n  rows: 3\n  colsnull: 3\n  data: [1]\nD: 1\n",
+         "K is no matrix of numbers"),
     ],
 )  # fmt: skip
 def test_files_that_cannot_be_meant(tmp_path: Path, text: str, says: str) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -19,14 +18,10 @@ from camgen.model.limits import tell
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
 from camgen.vision.camera.lens import COUNTS, distort_ideal, straight
-
-if TYPE_CHECKING:
-    import cv2
-
+from camgen.vision.camera.stored import AGAIN, Stored, cut, find_numbers, parse_stored, parse_yaml
 
 # What the text of a camera file says, before it is looked at whether it can be a camera.
 
-_AGAIN = "copy it again, or calibrate with camgen calibrate"
 _SIZE_REMEDY = "add image_width and image_height, the size of the calibrated photos in pixels"
 
 _MATRIX_KEYS = (
@@ -62,23 +57,13 @@ class CameraData(Struct, frozen=True, eq=False):
 
 def from_camera_info(file: str, text: str) -> CameraData:
     """camera_info YAML. InputError for what is no YAML, missing keys, and matrices of another size than said."""
-    import yaml  # noqa: PLC0415 (loaded only by what needs it)
-
-    try:
-        root = yaml.load(text, Loader=yaml.BaseLoader)  # strings, lists and maps, nothing else
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f"line {mark.line + 1}" if mark else ""
-        raise InputError(file, f"is no YAML: {error.problem or error.context}", where, _AGAIN) from error
-    except (yaml.YAMLError, RecursionError) as error:
-        reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise InputError(file, f"is no YAML: {reason}", remedy=_AGAIN) from error
+    root = parse_yaml(file, text)
     if not isinstance(root, dict) or not all(isinstance(key, str) for key in root):
-        raise InputError(file, "is no camera_info file: it holds no named values", remedy=_AGAIN)
+        raise InputError(file, "is no camera_info file: it holds no named values", remedy=AGAIN)
     _whole_frame(file, root)
     for key, shape in {"rectification_matrix": (3, 3), "projection_matrix": (3, 4)}.items():
         if key in root and _matrix_data(file, root, key).shape != shape:
-            raise InputError(file, f"{key} is not {shape[0]} x {shape[1]}", remedy=_AGAIN)
+            raise InputError(file, f"{key} is not {shape[0]} x {shape[1]}", remedy=AGAIN)
     model = next((root[key] for key in ("distortion_model", "camera_model") if key in root), "plumb_bob")
     return CameraData(
         matrix=_matrix_data(file, root, "camera_matrix"),
@@ -103,49 +88,29 @@ def _whole_frame(file: str, root: Mapping[str, object]) -> None:
 def _value(file: str, root: Mapping[str, object], key: str) -> object:
     if key not in root:
         near = get_close_matches(key, list(root), 1)
-        raise InputError(file, f"has no {key}", remedy=f"{near[0]} looks like it: correct it" if near else _AGAIN)
+        raise InputError(file, f"has no {key}", remedy=f"{near[0]} looks like it: correct it" if near else AGAIN)
     return root[key]
 
 
 def _whole(file: str, root: Mapping[str, object], key: str) -> int:
     text = str(_value(file, root, key))
     if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise InputError(file, f"{key} is {_cut(text)}, not a whole number", remedy=_SIZE_REMEDY)
+        raise InputError(file, f"{key} is {cut(text)}, not a whole number", remedy=_SIZE_REMEDY)
     return int(text)
 
 
 def _matrix_data(file: str, root: Mapping[str, object], key: str) -> FloatArray:
     found = _value(file, root, key)
     if not isinstance(found, dict):
-        raise InputError(file, f"{key} has no rows, cols and data", remedy=_AGAIN)
+        raise InputError(file, f"{key} has no rows, cols and data", remedy=AGAIN)
     rows, columns = (_whole(file, {f"{key}: {k}": found.get(k, "")}, f"{key}: {k}") for k in ("rows", "cols"))
     data = found.get("data")
     if not isinstance(data, list):
-        raise InputError(file, f"{key} has no list of data", remedy=_AGAIN)
+        raise InputError(file, f"{key} has no list of data", remedy=AGAIN)
     if len(data) != rows * columns:
         what = f"{key} says {rows} x {columns} and holds {counted(len(data), 'number')}"
-        raise InputError(file, what, remedy=_AGAIN)
-    try:
-        return np.array([_number(value) for value in data], dtype=np.float64).reshape(rows, columns)
-    except ValueError as error:
-        raise InputError(file, f"{key} holds {_cut(str(error))}, not a number", remedy=_AGAIN) from error
-
-
-def _number(value: object) -> float:
-    """A YAML float. Python's float takes more than that (1_000, nan): what is no plain number is named, not guessed."""
-    text = str(value)
-    if text.lower().lstrip("+-") in (".inf", ".nan"):
-        return float("nan")
-    try:
-        if "_" in text:
-            raise ValueError
-        return float(text)
-    except ValueError as error:
-        raise ValueError(text) from error
-
-
-def _cut(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:40] + "...")
+        raise InputError(file, what, remedy=AGAIN)
+    return find_numbers(file, key, found)
 
 
 # -- OpenCV FileStorage
@@ -153,26 +118,20 @@ def _cut(text: str) -> str:
 
 def from_storage(file: str, text: str) -> CameraData:
     """An OpenCV FileStorage: YAML, XML or JSON. InputError as for camera_info."""
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
-    try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        root = storage.root()
-        keys = tuple(root.keys()) if root.isMap() else ()
-    except (cv2.error, SystemError) as error:  # SystemError: what OpenCV's constructor makes of its own errors
-        raise InputError(file, f"cannot be read by OpenCV: {_reason(error)}", remedy=_AGAIN) from error
+    root = parse_stored(file, text)
+    keys = tuple(root)
     _one_camera(file, keys)
     matrix_key = _name(file, keys, _MATRIX_KEYS, "camera matrix")
     lens_key = _name(file, keys, _LENS_KEYS, "distortion coefficients")
-    name, model = (_first_text(root, keys, which) for which in (_NAME_KEYS, _MODEL_KEYS))
-    if any(root.getNode(key).isInt() and root.getNode(key).real() for key in _FISHEYE_KEYS if key in keys):
+    name, model = (_first_text(root, which) for which in (_NAME_KEYS, _MODEL_KEYS))
+    if any(root[key] not in ("0", "false") for key in _FISHEYE_KEYS if key in keys):
         model = "fisheye"
     return CameraData(
-        matrix=_store(file, root.getNode(matrix_key), matrix_key),
+        matrix=find_numbers(file, matrix_key, root[matrix_key]),
         matrix_key=matrix_key,
-        lens=_store(file, root.getNode(lens_key), lens_key),
+        lens=find_numbers(file, lens_key, root[lens_key]),
         lens_key=lens_key,
-        size=_store_size(file, root, keys),
+        size=_store_size(file, root),
         name=name,
         model=model.lower(),
     )
@@ -188,58 +147,34 @@ def _one_camera(file: str, keys: Sequence[str]) -> None:
 def _name(file: str, keys: Sequence[str], known: Sequence[str], what: str) -> str:
     found = [key for key in known if key in keys]
     if not found:
-        held = f"it holds {_cut(', '.join(keys))}" if keys else "it holds no named values"
+        held = f"it holds {cut(', '.join(keys))}" if keys else "it holds no named values"
         raise InputError(file, f"has no {what}, {held}", remedy=f"name it {known[0]}")
     if len(found) > 1:
         raise InputError(file, f"has its {what} twice, {found[0]} and {found[1]}", remedy="keep one of them")
     return found[0]
 
 
-def _first_text(root: cv2.FileNode, keys: Sequence[str], known: Sequence[str]) -> str:
-    nodes = [root.getNode(key) for key in known if key in keys]
-    return next((str(node.string()) for node in nodes if node.isString()), "")
+def _first_text(root: Mapping[str, Stored], known: Sequence[str]) -> str:
+    values = (root[key] for key in known if key in root)
+    return next((value for value in values if isinstance(value, str) and not _is_number(value)), "")
 
 
-def _store(file: str, node: cv2.FileNode, key: str) -> FloatArray:
-    """A matrix of OpenCV, or plain lists of numbers."""
-    import cv2  # noqa: PLC0415 (loaded only by what needs it)
-
-    try:
-        found = node.mat() if node.isMap() else _list(node)
-    except (cv2.error, SystemError) as error:
-        raise InputError(file, f"{key} cannot be read by OpenCV: {_reason(error)}", remedy=_AGAIN) from error
-    if found is None or found.ndim > 2:
-        raise InputError(file, f"{key} is no matrix of numbers", remedy=_AGAIN)
-    return np.asarray(found, dtype=np.float64)
+def _is_number(text: str) -> bool:
+    return text.lstrip("+-").replace(".", "", 1).isdigit()
 
 
-def _list(node: cv2.FileNode) -> FloatArray | None:
-    items = [node.at(i) for i in range(node.size())] if node.isSeq() else []
-    if all(item.isInt() or item.isReal() for item in items):
-        return np.array([item.real() for item in items])
-    rows = [_list(item) for item in items]
-    lengths = {-1 if row is None or row.ndim != 1 else len(row) for row in rows}
-    return np.array(rows) if len(lengths) == 1 and lengths != {-1} else None
-
-
-def _store_size(file: str, root: cv2.FileNode, keys: Sequence[str]) -> tuple[int, int]:
-    pair = next((_list(root.getNode(key)) for key in _PAIR_KEYS if key in keys), None)
+def _store_size(file: str, root: Mapping[str, Stored]) -> tuple[int, int]:
+    pair = next((find_numbers(file, key, root[key]) for key in _PAIR_KEYS if key in root), None)
     if pair is None:
-        nodes = [next((root.getNode(k) for k in which if k in keys), None) for which in (_WIDTH_KEYS, _HEIGHT_KEYS)]
-        pair = np.array([node.real() if node is not None and (node.isInt() or node.isReal()) else -1 for node in nodes])
-        if (pair == -1).any():
+        named = [next((key for key in which if key in root), "") for which in (_WIDTH_KEYS, _HEIGHT_KEYS)]
+        if "" in named:
             raise InputError(file, "does not say the size of the photos", remedy=_SIZE_REMEDY)
-    if pair.shape != (2,) or not np.isfinite(pair).all() or (pair % 1).any():
+        found = [find_numbers(file, key, root[key]) for key in named]
+        pair = np.array([one.item() if one.ndim == 0 else np.nan for one in found])
+    if pair.size != 2 or not np.isfinite(pair).all() or (pair % 1).any():
         raise InputError(file, "has a size of the photos that is not two whole numbers", remedy=_SIZE_REMEDY)
-    width, height = (int(value) for value in pair.tolist())
+    width, height = (int(value) for value in pair.ravel().tolist())
     return width, height
-
-
-def _reason(error: Exception) -> str:
-    """What OpenCV says, without where in its source."""
-    cause = error.__cause__ if isinstance(error, SystemError) and error.__cause__ else error
-    said = getattr(cause, "err", "") or str(cause)
-    return " ".join(str(said).split())[:120]
 
 
 _MOST_PX = 1_000_000
@@ -248,7 +183,6 @@ _MOST_BENT = 1e12
 #: Both of ROS' names are the same polynomial with fewer or more of its coefficients.
 _PLUMB_BOB, _RATIONAL = "plumb_bob", "rational_polynomial"
 _MODELS = {_PLUMB_BOB: COUNTS[:3], _RATIONAL: COUNTS}
-_LOOKS = "copy it again, or calibrate with camgen calibrate"
 
 
 class Camera(Struct, frozen=True, eq=False):
@@ -301,7 +235,7 @@ def read_camera(source: Source) -> Camera:
         remedy = "give camera_info YAML or OpenCV YAML, XML or JSON"
         raise InputError(name, "cannot be read as a camera: not a text file", remedy=remedy) from error
     if not text.strip():
-        raise InputError(name, "is empty", remedy=_LOOKS)
+        raise InputError(name, "is empty", remedy=AGAIN)
     stored = text.lstrip().startswith(("%YAML:", "<", "{")) or "!!opencv-matrix" in text
     read: Callable[[str, str], CameraData] = from_storage if stored else from_camera_info
     return _check(read(name, text), source)
@@ -348,14 +282,14 @@ def _check(data: CameraData, source: Source) -> Camera:
         raise InputError(file, what, remedy="calibrate again with one of these")
     matrix, lens = _array(file, data.matrix_key, data.matrix), _array(file, data.lens_key, data.lens).ravel()
     if matrix.shape != (3, 3):
-        raise InputError(file, f"{data.matrix_key} is {_shape(matrix)}, not 3 x 3", remedy=_LOOKS)
+        raise InputError(file, f"{data.matrix_key} is {_shape(matrix)}, not 3 x 3", remedy=AGAIN)
     counts = _MODELS[model]
     if len(lens) not in counts:
         what = f"{data.lens_key} holds {counted(len(lens), 'number')}, {model} has {', '.join(map(str, counts))}"
-        raise InputError(file, what, remedy=_LOOKS)
+        raise InputError(file, what, remedy=AGAIN)
     if np.abs(lens).max(initial=0) > _MOST_BENT:
         what = f"{data.lens_key} holds {float(np.abs(lens).max()):g}, no lens bends so much"
-        raise InputError(file, what, remedy=_LOOKS)
+        raise InputError(file, what, remedy=AGAIN)
     _is_camera_matrix(file, data.matrix_key, matrix)
     width, height = data.size
     if not (0 < width <= _MOST_PX and 0 < height <= _MOST_PX):
@@ -366,7 +300,7 @@ def _check(data: CameraData, source: Source) -> Camera:
 
 def _array(file: str, key: str, values: FloatArray) -> FloatArray:
     if not np.isfinite(values).all():
-        raise InputError(file, f"{key} holds a number that is not finite", remedy=_LOOKS)
+        raise InputError(file, f"{key} holds a number that is not finite", remedy=AGAIN)
     return values
 
 
@@ -374,7 +308,7 @@ def _is_camera_matrix(file: str, key: str, matrix: FloatArray) -> None:
     for name, focal in zip(("fx", "fy"), np.diag(matrix)[:2].tolist(), strict=True):
         if focal <= 0:
             zero = " (all 0: the camera was never calibrated)" if not matrix.any() else ""
-            raise InputError(file, f"{key}: focal length {name} is {focal:g}{zero}, not positive", remedy=_LOOKS)
+            raise InputError(file, f"{key}: focal length {name} is {focal:g}{zero}, not positive", remedy=AGAIN)
     if matrix[2].tolist() != [0, 0, 1] or matrix[1, 0] != 0:
         remedy = "its rows are fx 0 cx, 0 fy cy, 0 0 1; look whether it is transposed"
         raise InputError(file, f"{key} is no camera matrix", remedy=remedy)
