@@ -51,6 +51,7 @@ class Shown(Struct, frozen=True):
 PICTURES = (
     Shown("bracket.svg", PARTS / "bracket.dxf", "rapid"),
     Shown("trace.svg", PARTS / "bracket.dxf", "vplus", {"operation": {"kind": "trace"}}),
+    Shown("space.svg", PARTS / "space.dxf", "rapid", {"operation": {"kind": "trace"}}),
     Shown("fill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "fill"}, "tool": {"diameter": 3.0}}),
     Shown("drill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "drill"}, "tool": {"diameter": 8.0}}),
     Shown("replay.svg", OLD, "rapid", {"post": {"signals": {"dout0": "doProcess"}}}, "old.ngc, rapid"),
