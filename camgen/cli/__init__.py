@@ -179,6 +179,12 @@ def _inspect(sub: _Parser) -> None:
     sub.add_argument("input", metavar="INPUT", help="drawing, picture, 3-D part or G-code; -: stdin")
     _job(sub)
     sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
+    sub.add_argument("--against", metavar="FILE", help="compare a photo with this drawing, or with what its job makes")
+    sub.add_argument("--least", metavar="MM", type=float, help="what differs by less is not told (default: a pixel)")
+    sub.add_argument("--preview", metavar="FILE", help="draw what differs (.svg, .png)")
+    sub.add_argument("--removal", metavar="MM", type=float, help="what a pass takes off: says how many passes more")
+    sub.add_argument("--rework", metavar="FILE.toml", help="write the settings of another run, with --removal")
+    sub.add_argument("--strict", action="store_true", help="what differs is an error, exit code 4")
 
 
 def _robots(sub: _Parser) -> None:

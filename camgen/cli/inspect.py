@@ -6,6 +6,7 @@ from argparse import Namespace
 
 from camgen.cli.inputs import open_inputs
 from camgen.cli.say import Voice
+from camgen.model.errors import JobError
 from camgen.model.files import Source
 from camgen.model.job import Job
 from camgen.read import find_reader, is_drawing
@@ -14,7 +15,14 @@ from camgen.read.job_file import beside, load
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Prints the summary of a drawing, read with the ``[input]`` of the job."""
+    """Prints the summary of a drawing, read with the ``[input]`` of the job; ``--against``: what of a photo differs."""
+    if arguments.against:
+        from camgen.cli.against import run as run_against  # noqa: PLC0415 (OpenCV and shapely, only for photos)
+
+        return run_against(arguments, says)
+    for option in ("least", "preview", "removal", "rework", "strict"):
+        if getattr(arguments, option):
+            raise JobError(f"--{option}", "has no effect without --against", remedy="give the drawing of the part")
     with open_inputs([arguments.input], arguments.format) as (paths, opened):
         job = load(beside(arguments.job, None if arguments.input == "-" else paths[0]), arguments.sets, opened)
         files = opened.within(job.limits)

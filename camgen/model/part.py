@@ -169,6 +169,7 @@ class Raster(Struct, frozen=True, eq=False):
     view: the work plane to scale, (h, w) or (h, w, 3). work_from_view: (2, 3), mm of a pixel centre of it. mask: (h, w)
     of the view, 255 where the part is. borders: of the part, closed, (N, 2) px of the view, finer than the mask.
     doubt: (h, w), 255 where other ways to tell the part from the bench see it differently, None where none does.
+    blur: across its edges, px of the view, a standard deviation; 0: not measured.
     """
 
     photo: NDArray[np.uint8]
@@ -178,6 +179,7 @@ class Raster(Struct, frozen=True, eq=False):
     mask: NDArray[np.uint8]
     borders: tuple[FloatArray, ...]
     doubt: NDArray[np.uint8] | None = None
+    blur: float = 0.0
 
 
 class Part(Struct, frozen=True, eq=False):

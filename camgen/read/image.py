@@ -80,6 +80,7 @@ def read(source: Source, job: Job, files: Files) -> Part:
         mask=seen.mask.pixels,
         borders=tuple(outline.points for outline in found),
         doubt=seen.mask.doubt,
+        blur=float(np.median([outline.blur for outline in found])) if found else 0.0,
     )
     return Part(
         source.stem, source.name, _scale(seen.view), drawn, (*_notes(seen), *notes, *more, *_tell_fit(fits)), raster

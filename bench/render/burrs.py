@@ -1,0 +1,59 @@
+"""Parts with known burrs and gouges: bumps of stated width and height on the straight pieces of their outlines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.render.shapes import Loop
+
+#: Shapes of a burr.
+ROUND, POINTED = "round", "pointed"
+
+
+@dataclass(frozen=True)
+class Burr:
+    """place: of its tip. width: at its foot, height: out of the material, mm; below 0 it is a gouge."""
+
+    place: complex
+    width: float
+    height: float
+    shape: str
+
+
+def with_burrs(
+    loops: tuple[Loop, ...], count: int, rng: np.random.Generator, low: float = 0.2, high: float = 1.0
+) -> tuple[tuple[Loop, ...], list[Burr]]:
+    """The part with ``count`` burrs, ``low`` to ``high`` mm high and two to eight times as wide, apart from each other
+    and from corners; one in four is a gouge. Fewer where its straight pieces have no room.
+    """
+    changed, burrs = list(loops), []
+    for _ in range(20 * count):
+        if len(burrs) == count:
+            break
+        height = rng.uniform(low, high) * (-1 if len(burrs) % 4 == 3 else 1)
+        width = float(np.clip(abs(height) * rng.uniform(2, 8), 1.0, 8.0))
+        which = int(rng.integers(len(changed)))
+        found = _one(changed[which], width, height, str(rng.choice([ROUND, POINTED])), rng)
+        if found is not None and all(abs(found[1].place - other.place) > 6 for other in burrs):
+            changed[which] = found[0]
+            burrs.append(found[1])
+    return tuple(changed), burrs
+
+
+def _one(loop: Loop, width: float, height: float, shape: str, rng: np.random.Generator) -> tuple[Loop, Burr] | None:
+    """One more burr on a straight piece that is long enough; material is on the left."""
+    chord = np.roll(loop.points, -1) - loop.points
+    long = np.flatnonzero((loop.bulges == 0) & (np.abs(chord) > width + 4))
+    if not len(long):
+        return None
+    k = int(rng.choice(long))
+    along = chord[k] / abs(chord[k])
+    foot = loop.points[k] + along * rng.uniform(2, abs(chord[k]) - width - 2)
+    tip = foot + along * width / 2 - 1j * along * height
+    middle = [foot, foot + along * width] if shape == ROUND else [foot, tip, foot + along * width]
+    bulges = [2 * height / width, 0.0] if shape == ROUND else [0.0, 0.0, 0.0]
+    points = np.concatenate([loop.points[: k + 1], middle, loop.points[k + 1 :]])
+    shaped = np.concatenate([loop.bulges[: k + 1], bulges, loop.bulges[k + 1 :]])
+    return Loop(points, shaped), Burr(tip, width, height, shape)

@@ -1,0 +1,117 @@
+"""A photo of what was made, compared with what the job expects (the outlook of continuous-path.md and of pist.md).
+
+Expected is the material inside the contours of a part that is cut or deburred, or the ink that a pen leaves along the
+planned paths. Both, and what the photo shows, are polygons in mm. The photo's are laid on the others by a turn and a
+shift, and what then differs by more than a limit is listed: what is too much, what is missing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.photo.differ import Difference as Difference
+from camgen.check.photo.differ import differ
+from camgen.check.photo.expect import Expected, enclose, expect
+from camgen.check.photo.lay_on import Fit, lay_on
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Job
+from camgen.model.part import Note, Part
+from camgen.model.pose import FloatArray
+from camgen.model.text import short
+
+#: Differences from so many pixels of the photo on are told, and never below this, mm.
+_LEAST_PX, _LEAST_MM = 1.0, 0.1
+
+
+class Inspection(Struct, frozen=True, eq=False):
+    """What a photo says of what was made. All mm, in the frame of the drawing. seen: of the photo, laid on. fit: how.
+    least: what is told. differences: the greatest first.
+    """
+
+    photo: Part
+    expected: Expected
+    seen: shapely.Geometry
+    fit: Fit
+    least: float
+    differences: tuple[Difference, ...]
+    notes: tuple[Note, ...]
+
+    @property
+    def burrs(self) -> tuple[Difference, ...]:
+        """What is too much, the highest first."""
+        return tuple(one for one in self.differences if one.much)
+
+    def area(self, much: bool) -> float:
+        """What is too much, or missing, in all, mm2."""
+        return math.fsum(one.area for one in self.differences if one.much == much)
+
+
+class Rework(Struct, frozen=True):
+    """What a contour needs where a pass of the job takes off so much. height: of its highest burr, mm. feed: mm/s."""
+
+    contour: str
+    burrs: int
+    height: float
+    passes: int
+    feed: float
+
+
+def inspect_photo(photo: Part, drawing: Part, job: Job, least: float | None = None) -> Inspection:
+    """What of ``photo`` (a picture that was read) differs from what ``job`` makes of ``drawing``.
+
+    least: mm, from where on a difference is told; None: a pixel of the photo, 0.1 mm at least. InputError where the
+    photo shows something else, JobError where the job expects nothing that could be seen from above.
+    """
+    raster = photo.raster
+    if raster is None:
+        raise InputError(photo.source, "is no picture", remedy="give a photo of the part")
+    pixel = float(np.hypot(*raster.work_from_view[:, 0]))
+    limit = max(_LEAST_PX * pixel, _LEAST_MM) if least is None else least
+    if not (math.isfinite(limit) and limit > 0):
+        raise JobError("--least", f"cannot be {limit:g} mm", remedy="give a length above 0 mm")
+    expected = expect(drawing, job)
+    borders = [_in_work(border, raster.work_from_view) for border in raster.borders]
+    fit = lay_on(photo.source, borders, expected.region, expected.source)
+    seen = enclose([fit.apply(border) for border in borders])
+    found = differ(seen, expected, limit, raster.blur * pixel)
+    return Inspection(photo, expected, seen, fit, limit, found, (*photo.notes, *drawing.notes, *_note(fit, pixel)))
+
+
+def list_rework(found: Inspection, job: Job, removal: float) -> tuple[Rework, ...]:
+    """More passes, or less feed, for each contour with burrs. removal: what a pass takes off at the job's feed, mm.
+
+    Under a constant force the material that goes away per second is the same, hence its height is as one over the feed.
+    """
+    if not (math.isfinite(removal) and removal > 0):
+        raise JobError("--removal", f"cannot be {removal:g} mm", remedy="give what one pass takes off, above 0 mm")
+    by: dict[str, list[float]] = {}
+    for one in found.burrs:
+        by.setdefault(one.contour, []).append(one.height)
+    return tuple(
+        Rework(name, len(heights), max(heights), *_more(max(heights), removal, job.process.feed))
+        for name, heights in by.items()
+    )
+
+
+def _more(height: float, removal: float, feed: float) -> tuple[int, float]:
+    return max(math.ceil(height / removal - 1e-9), 1), feed * min(removal / height, 1.0)
+
+
+def _in_work(border: FloatArray, work_from_view: FloatArray) -> FloatArray:
+    return np.asarray(border @ work_from_view[:, :2].T + work_from_view[:, 2])
+
+
+def _note(fit: Fit, pixel: float) -> tuple[Note, ...]:
+    x, y = fit.shift
+    what = f"photo laid on the drawing: turned by {short(math.degrees(fit.turn), 3)} deg, moved by {short(x, 3)}, "
+    what += f"{short(y, 3)} mm; {100 * fit.share:.1f} % of its outline fits to {short(fit.rms, 4)} mm rms"
+    notes = [Note("assumed", what, f"a pixel is {short(pixel, 4)} mm")]
+    if fit.rivals:
+        turns = ", ".join(short(math.degrees(turn), 1) for turn in fit.rivals)
+        why = "the part looks the same; places may be meant for another side of it"
+        notes.append(Note("warning", f"it fits as well turned further by {turns} deg", why))
+    return tuple(notes)

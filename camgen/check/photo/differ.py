@@ -1,0 +1,168 @@
+"""Where what is seen and what is expected differ by more than a limit: places, lengths, heights.
+
+Blur rounds a tip and takes from its height: a wedge of 90 deg loses 0.77 of the blur's standard deviation. What is seen
+is blurred once more, and loses about half as much again: from that follows by how much the height is put right. A flat
+bump loses nothing either time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.photo.expect import Expected
+from camgen.model.pose import FloatArray
+
+#: The foot of a difference: where it is a third of the limit, which the noise of an outline is not.
+_FOOT = 1 / 3
+#: Round corners of what is grown by a length: chords of a quarter circle.
+_CHORDS = 16
+#: Pieces smaller than this (mm2) are rounding; so are gaps of this, mm.
+_NOTHING, _TOUCH = 1e-9, 1e-6
+#: A corner of the drawing turns by more than this, rad. There blur rounds both, so that nothing is put right within so
+#: many times the blur.
+_SHARP, _CORNER_BLURS = 0.3, 3.0
+#: Pixels of the blur, which is so many wide each way where a tip is looked at.
+_FINE, _WINDOW = 6, 6
+#: So many times what is lost by blurring again is put right, of burrs and of gouges. Twice is what formulas say of a
+#: wedge; the outline itself runs a little inside of both tips (rendered wedges: 0.03 mm at 0.14 mm/px).
+_LOST_OF_BURR, _LOST_OF_GOUGE = 3.0, 1.0
+_SHIFT = 8
+
+
+class Difference(Struct, frozen=True, eq=False):
+    """A place where there is too much (``much``) or too little. All mm, in the frame of the drawing.
+
+    place: where it is greatest. height: how far it stands out of, or reaches into, what is expected; where all of it is
+    missing, or a gap is filled, half of that width. length: along the outline; of an island by itself, its own. area:
+    mm2. contour: the nearest. whole: it lies apart from the outline: an island too much, or one that is missing.
+    shape: its polygon.
+    """
+
+    much: bool
+    place: tuple[float, float]
+    height: float
+    length: float
+    area: float
+    contour: str
+    whole: bool
+    shape: shapely.Geometry
+
+
+class _Compared(Struct, frozen=True, eq=False):
+    """What is compared, mm. blur: of the outline seen, a standard deviation. corners: (N, 2) of the expected region."""
+
+    seen: shapely.Geometry
+    expected: Expected
+    blur: float
+    corners: shapely.Geometry
+
+
+def differ(seen: shapely.Geometry, expected: Expected, least: float, blur: float) -> tuple[Difference, ...]:
+    """What is too much of ``seen`` and what is missing, from ``least`` mm on, the greatest first.
+
+    blur: of the outline seen, mm, a standard deviation.
+    """
+    region = expected.region
+    both = _Compared(seen, expected, blur, _corners(region))
+    found = [_tell(piece, both, True) for piece in _beyond(seen, region, least)]
+    found += [_tell(piece, both, False) for piece in _beyond(region, seen, least)]
+    told = [one for one in found if one.height >= least]
+    return tuple(sorted(told, key=lambda one: (-one.height, one.place)))
+
+
+def _corners(region: shapely.Geometry) -> shapely.Geometry:
+    """Where the outline of ``region`` turns sharply."""
+    found = [np.zeros((0, 2))]
+    for ring in shapely.get_parts(shapely.boundary(region)):
+        points = shapely.get_coordinates(ring)[:-1] @ np.array([1, 1j])
+        turn = np.angle((np.roll(points, -1) - points) / (points - np.roll(points, 1)))
+        sharp = points[np.abs(turn) > _SHARP]
+        found.append(np.column_stack([sharp.real, sharp.imag]))
+    return shapely.multipoints(np.concatenate(found))
+
+
+def _beyond(more: shapely.Geometry, less: shapely.Geometry, least: float) -> list[shapely.Geometry]:
+    """The pieces of ``more`` without ``less`` from a third of ``least`` (mm) on.
+
+    What lies farther than that outside of the one or deeper than that inside of the other is a difference: between two
+    borders nearer than twice that to each other only one of the two can be.
+    """
+    foot = least * _FOOT
+    gone = shapely.difference(more, less)
+    pieces = []
+    base = shapely.union(
+        shapely.difference(more, shapely.buffer(less, foot, quad_segs=_CHORDS)),
+        shapely.difference(shapely.buffer(more, -foot, quad_segs=_CHORDS), less),
+    )
+    for piece in shapely.get_parts(base):
+        if piece.geom_type == "Polygon" and piece.area > _NOTHING:
+            whole = shapely.intersection(gone, shapely.buffer(piece, 1.5 * foot, quad_segs=_CHORDS))
+            pieces.append(shapely.union_all([part for part in shapely.get_parts(whole) if part.intersects(piece)]))
+    return pieces
+
+
+def _tell(piece: shapely.Geometry, both: _Compared, much: bool) -> Difference:
+    # With the middle of it: of a hole that is filled no point of the border is far from what is expected.
+    points = np.concatenate([_middle(piece), shapely.get_coordinates(piece)])
+    expected = both.expected
+    off = shapely.distance(shapely.points(points), shapely.boundary(expected.region))
+    top = int(off.argmax())
+    place = shapely.points(points[top])
+    lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in expected.rings]
+    nearest = int(np.argmin(shapely.distance(np.array(lines), place)))
+    whole = not shapely.intersects(piece, shapely.buffer(expected.region if much else both.seen, _TOUCH))
+    length = _own_length(piece) if whole or expected.inked else _along(points[1:], expected.rings[nearest])
+    height = float(off[top])
+    if top and not whole and shapely.distance(place, both.corners) > _CORNER_BLURS * both.blur:
+        height += _lost(both, points[top], much)
+    x, y = points[top].tolist()
+    return Difference(much, (x, y), height, length, float(shapely.area(piece)), expected.names[nearest], whole, piece)
+
+
+def _lost(both: _Compared, tip: FloatArray, much: bool) -> float:
+    """What blur took from the height of a tip (2,) of the outline seen, mm."""
+    import cv2  # noqa: PLC0415 (loaded only by what needs it)
+
+    if not both.blur:
+        return 0.0
+    pixel, half = both.blur / _FINE, _WINDOW * _FINE
+    foot = shapely.shortest_line(shapely.boundary(both.expected.region), shapely.points(tip))
+    way = np.diff(shapely.get_coordinates(foot), axis=0)[0]
+    if not np.hypot(*way) > pixel:
+        return 0.0
+    window = shapely.box(*(tip - 2 * half * pixel), *(tip + 2 * half * pixel))
+    grid = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.uint8)
+    for part in shapely.get_parts(shapely.intersection(both.seen, window)):
+        if part.geom_type == "Polygon":
+            rings = [part.exterior, *part.interiors]
+            at = [(shapely.get_coordinates(ring) - tip) / pixel + half for ring in rings]
+            cv2.fillPoly(grid, [np.round(one * 2**_SHIFT).astype(np.int32) for one in at], 255, cv2.LINE_AA, _SHIFT)
+    soft = cv2.GaussianBlur(grid.astype(np.float32), (0, 0), _FINE)
+    along = (way / np.hypot(*way))[None] * np.linspace(-half * 0.7, half * 0.7, 8 * half)[:, None] + half
+    u, v = (along[:, k].astype(np.float32)[:, None] for k in (0, 1))
+    light = cv2.remap(soft, u, v, cv2.INTER_LINEAR).ravel()
+    inside = light > 127.5 if much else light < 127.5
+    last = int(np.flatnonzero(inside).max(initial=0))
+    gone = -(last + 0.5) / len(light) * 1.4 * half + 0.7 * half
+    return float(np.clip((_LOST_OF_BURR if much else _LOST_OF_GOUGE) * gone * pixel, 0.0, both.blur))
+
+
+def _middle(piece: shapely.Geometry) -> FloatArray:
+    """The centre (1, 2) of the greatest circle in it."""
+    return np.asarray(shapely.get_coordinates(shapely.maximum_inscribed_circle(piece, tolerance=1e-3))[:1])
+
+
+def _own_length(piece: shapely.Geometry) -> float:
+    """The longer side of the least rectangle around it."""
+    ring = shapely.get_coordinates(shapely.minimum_rotated_rectangle(piece))
+    return float(np.linalg.norm(np.diff(ring[:3], axis=0), axis=1).max())
+
+
+def _along(points: FloatArray, ring: FloatArray) -> float:
+    """How much of the closed ``ring`` (N, 2) the points lie beside."""
+    line = shapely.LineString(np.concatenate([ring, ring[:1]]))
+    at = np.sort(shapely.line_locate_point(line, shapely.points(points)))
+    gaps = np.append(np.diff(at), at[0] + line.length - at[-1])
+    return float(line.length - gaps.max())

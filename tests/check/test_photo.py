@@ -1,0 +1,242 @@
+"""A photo against its drawing: rendered parts with known burrs and gaps, judged by the sizes they were made with."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import ezdxf
+import numpy as np
+import pytest
+import shapely
+
+from bench.render.optics import Lens, Shot, looking
+from bench.render.parts import bracket
+from bench.render.scene import Layer, Scene, render, written
+from bench.render.shapes import Loop, box, circle, hole, rounded
+from camgen.check.photo import Inspection, inspect_photo, list_rework
+from camgen.check.photo.expect import expect
+from camgen.cli import main
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
+from camgen.model.part import Contour, Part
+from camgen.read.files import Files
+from camgen.read.image import read
+
+PIXEL = 0.14
+#: mm to a side of the pictures, and the middle of what they show.
+WIDE, HIGH = 700, 560
+MIDDLE = complex(WIDE, HIGH) / 2 * PIXEL
+#: The plate of the tests: 60 x 40 mm with a hole, its middle at the origin.
+PLATE = (rounded([(-30, -20, 0), (30, -20, 6), (30, 20, 0), (-30, 20, 0)]), hole(circle(-12, 4, 7)))
+#: What the job of such a picture says.
+SEEN = Job(image=ImageTable(mm_per_px=PIXEL))
+
+
+def photo(file: Path, loops: Sequence[Loop], turn: float = 0.0, ink: float = 0.15) -> Path:
+    """A dark part on a light bench from right above, its origin in the middle, turned by ``turn`` rad."""
+    lens = Lens(np.array([[9000.0, 0, (WIDE - 1) / 2], [0, 9000, (HIGH - 1) / 2], [0, 0, 1]]), (0,) * 5, (WIDE, HIGH))
+    pose = looking(lens, 0j, complex(WIDE - 1, HIGH - 1) / 2, PIXEL, 0, 0, 0)
+    shot = Shot(lens, *pose, blur=0.7, exposure=0.9, gradient=(0.1, -0.1), read=1.6, shot=0.01, seed=3)
+    layer = Layer(tuple(loop.moved(turn, 0j) for loop in loops), ink, texture=0.02)
+    written(file, render(Scene(0.7, (layer,), texture=0.02), shot))
+    return file
+
+
+def drawing(loops: Sequence[Loop]) -> Part:
+    contours = [
+        Contour(np.column_stack([loop.points.real, loop.points.imag]), loop.bulges, True, "0", f"c{k}")
+        for k, loop in enumerate(loops, 1)
+    ]
+    return Part("plate", "plate.dxf", "mm", tuple(contours), ())
+
+
+def bumped(loop: Loop, side: int, at: float, width: float, height: float) -> Loop:
+    """A bump, an arc, on the straight piece ``side`` of an outer loop, ``at`` mm from its start; a dent below 0."""
+    start, end = loop.points[side], loop.points[(side + 1) % len(loop.points)]
+    along = (end - start) / abs(end - start)
+    foot = start + along * at
+    points = np.concatenate([loop.points[: side + 1], [foot, foot + along * width], loop.points[side + 1 :]])
+    bulges = np.concatenate([loop.bulges[: side + 1], [2 * height / width, 0.0], loop.bulges[side + 1 :]])
+    return Loop(points, bulges)
+
+
+def look(folder: Path, made: Sequence[Loop], drawn: Sequence[Loop] = PLATE, turn: float = 0.0) -> Inspection:
+    files = Files()
+    seen = read(files.read(photo(folder / "photo.png", made, turn)), SEEN, files)
+    return inspect_photo(seen, drawing(drawn), Job())
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, 2.5])
+def test_a_part_as_drawn_has_no_difference(tmp_path: Path, turn: float) -> None:
+    found = look(tmp_path, PLATE, turn=turn)
+    assert found.differences == ()
+    assert np.angle(np.exp(1j * (found.fit.turn + turn))) == pytest.approx(0, abs=2e-4)
+    # The middle of the picture is the origin of the drawing.
+    assert found.fit.apply(np.array([[MIDDLE.real, MIDDLE.imag]]))[0] == pytest.approx([0, 0], abs=PIXEL / 2 + 0.02)
+    assert found.fit.rms < 0.1 * PIXEL
+
+
+def test_burrs_and_dents_are_measured(tmp_path: Path) -> None:
+    made = bumped(bumped(bumped(PLATE[0], 0, 10, 5, 0.8), 0, 6, 2, 0.3), 0, 40, 4, 0)
+    made = bumped(made, len(made.points) - 2, 25, 4, -0.5)
+    found = look(tmp_path, (made, PLATE[1]), turn=0.7)
+    high, dent, low = found.differences
+    assert [one.much for one in found.differences] == [True, False, True]
+    for one, height, width in ((high, 0.8, 5), (dent, 0.5, 4), (low, 0.3, 2)):
+        assert one.height == pytest.approx(height, abs=0.03)
+        assert one.length == pytest.approx(width, abs=0.35)
+        # A circular segment of this chord and height.
+        radius = (width**2 / 4 + height**2) / (2 * height)
+        sweep = 2 * np.arcsin(width / 2 / radius)
+        assert one.area == pytest.approx(radius**2 * (sweep - np.sin(sweep)) / 2, rel=0.12)
+        assert one.contour == "c1"
+        assert not one.whole
+    # The side runs from -30, -20; a bump's tip is above the middle of its foot.
+    assert high.place == pytest.approx((-30 + 10 + 2.5, -20.8), abs=0.4)
+    assert found.area(much=True) == pytest.approx(high.area + low.area)
+
+
+def test_a_hole_that_was_not_cut_is_too_much(tmp_path: Path) -> None:
+    (one,) = look(tmp_path, PLATE[:1]).differences
+    assert one.much
+    assert one.contour == "c2"
+    assert one.area == pytest.approx(np.pi * 7**2, rel=0.01)
+    assert one.height == pytest.approx(7, abs=0.1)
+
+
+def test_a_round_part_can_be_turned(tmp_path: Path) -> None:
+    square = (rounded([(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)]),)
+    found = look(tmp_path, square, square, turn=0.1)
+    assert np.degrees(found.fit.rivals) == pytest.approx([-90, 90, 180], abs=0.2) or np.degrees(
+        found.fit.rivals
+    ) == pytest.approx([-180, -90, 90], abs=0.2)
+    assert found.fit.turn == pytest.approx(-0.1, abs=1e-3)
+    assert any("fits as well turned" in note.what for note in found.notes)
+
+
+def test_another_part_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"photo.png: does not show plate.dxf: \d+ % of its outline"):
+        look(tmp_path, bracket())
+
+
+def test_more_passes_follow_from_what_one_takes_off(tmp_path: Path) -> None:
+    found = look(tmp_path, (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1]))
+    (one,) = list_rework(found, Job(process=ProcessTable(feed=6.0)), 0.3)
+    assert (one.contour, one.burrs, one.passes) == ("c1", 1, 3)
+    assert one.feed == pytest.approx(6 * 0.3 / 0.8, rel=0.05)
+    for wrong in (0.0, -1.0, float("nan")):
+        with pytest.raises(JobError, match="--removal"):
+            list_rework(found, Job(), wrong)
+
+
+# -- ink
+
+FILL = Job(operation=OperationTable(kind="fill"), tool=ToolTable(diameter=1.0))
+TRACKS = (box(-20, -8, 5, 8), box(10, -15, 25, -11), box(10, 5, 12, 15))
+
+
+def inked(region: shapely.Geometry) -> list[Loop]:
+    """Polygons as loops of the renderer: outer ones counter-clockwise, holes clockwise."""
+    loops = []
+    for part in shapely.get_parts(region):
+        for ring, inside in ((part.exterior, False), *((ring, True) for ring in part.interiors)):
+            points = shapely.get_coordinates(ring)[:-1]
+            at = points[:, 0] + 1j * points[:, 1]
+            loops.append(Loop(at if ring.is_ccw != inside else at[::-1], np.zeros(len(at))))
+    return loops
+
+
+def test_what_a_pen_left_out_or_spilt_is_found(tmp_path: Path) -> None:
+    whole = expect(drawing(TRACKS), FILL)
+    assert whole.inked
+    assert whole.region.area == pytest.approx(25 * 16 + 15 * 4 + 2 * 10, rel=0.02)
+    gap, spill = shapely.box(14, -16, 17, -10), shapely.box(-2, 11, 2, 13)
+    left = shapely.union(shapely.difference(whole.region, gap), spill)
+    files = Files()
+    seen = read(files.read(photo(tmp_path / "photo.png", inked(left))), SEEN, files)
+    found = inspect_photo(seen, drawing(TRACKS), FILL)
+    much, missing = sorted(found.differences, key=lambda one: not one.much)
+    assert (much.much, missing.much) == (True, False)
+    assert much.whole
+    assert much.area == pytest.approx(4 * 2, rel=0.05)
+    assert much.length == pytest.approx(4, abs=0.2)
+    assert missing.area == pytest.approx(shapely.intersection(whole.region, gap).area, rel=0.05)
+    assert found.area(much=False) == missing.area
+
+
+# -- the command
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    made = (bumped(PLATE[0], 0, 10, 5, 0.8), PLATE[1])
+    photo(tmp_path / "photo.png", made, 0.3)
+    photo(tmp_path / "good.png", PLATE, 0.3)
+    document = ezdxf.new("R2010", units=4)
+    for loop in PLATE:
+        rows = [(z.real, z.imag, bulge) for z, bulge in zip(loop.points, loop.bulges, strict=True)]
+        document.modelspace().add_lwpolyline(rows, format="xyb", close=True)
+    document.saveas(tmp_path / "plate.dxf")
+    (tmp_path / "plate.toml").write_text("[process]\nfeed = 8.0\n")
+    for name in ("photo", "good"):
+        (tmp_path / f"{name}.toml").write_text(f"[image]\nmm_per_px = {PIXEL}\n")
+    return tmp_path
+
+
+def test_the_command_lists_draws_and_says_what_to_do(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["inspect", "photo.png", "--against", "plate.dxf", "--removal", "0.3", "--rework", "again.toml"]
+    assert main([*words, "--preview", "a.svg"]) == 0
+    out = capsys.readouterr().out
+    assert "too much: 1 place, 2." in out
+    assert "missing: nothing from 0.14 mm on" in out
+    assert "c1 needs more passes: 1 burr, the highest 0.8" in out
+    assert "operation.passes = 3, or process.feed = 3." in out
+    text = (desk / "a.svg").read_text()
+    assert text.startswith("<svg ")
+    assert "1 place with too much" in text
+    assert "passes = 3\n" in (desk / "again.toml").read_text()
+    job = ["--job", "again.toml", "--post", "rapid", "-o", "again.mod", "-q"]
+    assert main(["build", "plate.dxf", *job]) == 0  # what was written is a job
+    # The job file stands for the drawing of its name; a PNG shows the same.
+    assert main(["inspect", "photo.png", "--against", "plate.toml", "--preview", "a.png"]) == 0
+    assert "--removal MM" in capsys.readouterr().out
+    assert cv2.imread(str(desk / "a.png")).shape[1] > 1000
+
+
+def test_strict_makes_differing_an_error(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", "good.png", "--against", "plate.dxf", "--strict"]) == 0
+    capsys.readouterr()
+    assert main(["inspect", "photo.png", "--against", "plate.dxf", "--strict", "--preview", "a.svg"]) == 4
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "photo.png: differs from plate.dxf in 1 place, first: too much at -17." in said.err
+    assert not (desk / "a.svg").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["good.png", "--least", "0.2"], "--least: has no effect without --against"),
+        (["good.png", "--strict"], "--strict: has no effect without --against"),
+        (["good.png", "--against", "plate.dxf", "--rework", "r.toml"], "--rework: needs --removal"),
+        (["good.png", "--against", "plate.dxf", "--preview", "a.html"], "a.html: is no kind of picture"),
+        (["good.png", "--against", "plate.dxf", "--least", "0"], "--least: cannot be 0 mm"),
+        (["good.png", "--against", "plate.dxf", "--removal", "0"], "--removal: cannot be 0 mm"),
+        (["good.png", "--against", "none.dxf"], "none.dxf: no such file"),
+        (["good.png", "--against", "other.toml"], "other.toml: beside it is no input of its name"),
+        (["plate.dxf", "--against", "plate.dxf"], "plate.dxf: is not a PNG, JPEG, TIFF, BMP or PGM image"),
+        (["good.png", "--against", "plate.dxf", "--preview", "photo.png/a.svg"], "a.svg"),
+        (["good.png", "--against", "good.png", "--preview", "good.png"], "good.png"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(
+    desk: Path, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+) -> None:
+    before = sorted(desk.iterdir())
+    assert main(["inspect", *words]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    (line,) = said.err.splitlines()
+    assert told in line
+    assert sorted(desk.iterdir()) == before
