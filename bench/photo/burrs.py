@@ -3,8 +3,8 @@
     python -m bench.photo.burrs [PHOTOS, 10] [BURRS, 6] [MEGAPIXELS, 10]    as many photos of clean parts, and of burred
 
 The photos are those of bench.photo.photo (tilted camera, lens, grain, noise, 0.14 mm/px; 0.46 with MEGAPIXELS 1), read
-with their jobs as a user would; the part lies and is turned at random. Goals: heights within 0.05 mm, or 0.35 px, and
-no false one.
+with their jobs as a user would; the part lies and is turned at random. Burrs are 1.4 to 7 px high. Goals: heights
+within 0.05 mm, or 0.35 px, and no false one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bench.machine import machine
 from bench.render.burrs import Burr, with_burrs
 from bench.render.optics import mm_per_px
 from bench.render.parts import NAMED, random_part
-from bench.render.photos import Photo, photos, write
+from bench.render.photos import SIZES, Photo, photos, write
 from bench.render.shapes import Loop
 from camgen.check.photo import Difference, Inspection, inspect_photo
 from camgen.model.job import Job
@@ -44,7 +44,8 @@ def main(arguments: list[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         for k, photo in enumerate(photos(count, megapixels)):
             named = part_of(k)
-            burred, burrs = with_burrs(named, each, np.random.default_rng([k, 7]))
+            pixel = 0.143 * SIZES[10][0] / SIZES[megapixels][0]
+            burred, burrs = with_burrs(named, each, np.random.default_rng([k, 7]), 1.4 * pixel, 7 * pixel)
             clean = inspected(Path(folder), photo, named, named)
             begun = perf_counter()
             found = inspected(Path(folder), photo, named, burred)

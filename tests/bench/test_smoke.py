@@ -95,6 +95,7 @@ SMOKES = [
     Smoke("photo.photo calibration {here}/board 3 1", (), {}),
     Smoke("photo.pist --small", (4, 1, 2, 3), FIGURES),
     Smoke("photo.pist --feed --small", (2,), {"off 5 %": (0, 35), "peak": (0.9, 4)}),
+    Smoke("photo.burrs 1 2 1", (1, 1), {"missed": (0, 0), "height off: max mm": (0, 0.3)}),
     Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
     # It forks, as above.
     Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),

@@ -1,5 +1,6 @@
 """A photo against its drawing: rendered parts with known burrs and gaps, judged by the sizes they were made with."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from bench.render.parts import bracket
 from bench.render.scene import Layer, Scene, render, written
 from bench.render.shapes import Loop, box, circle, hole, rounded
 from camgen.check.photo import Inspection, inspect_photo, list_rework
-from camgen.check.photo.expect import expect
+from camgen.check.photo.expected import expect
 from camgen.cli import main
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import ImageTable, Job, OperationTable, ProcessTable, ToolTable
@@ -191,7 +192,9 @@ def test_the_command_lists_draws_and_says_what_to_do(desk: Path, capsys: pytest.
     assert "too much: 1 place, 2." in out
     assert "missing: nothing from 0.14 mm on" in out
     assert "c1 needs more passes: 1 burr, the highest 0.8" in out
-    assert "operation.passes = 3, or process.feed = 3." in out
+    settings = re.search(r"operation.passes = 3, or process.feed = ([\d.]+)", out)
+    assert settings
+    assert float(settings[1]) == pytest.approx(8 * 0.3 / 0.8, rel=0.05)
     text = (desk / "a.svg").read_text()
     assert text.startswith("<svg ")
     assert "1 place with too much" in text

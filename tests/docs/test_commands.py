@@ -22,6 +22,7 @@ import pytest
 import trimesh
 
 from bench.render import photos
+from bench.render.parts import paper
 from camgen.cli import main, parsers
 from camgen.model.errors import JobError
 from docs.make.pages import CONSOLES
@@ -116,6 +117,11 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     photo = photos.photos(1, 1)[0]
     even = replace(photo.shot, lens=replace(photo.shot.lens, size=(1200, 858)))  # as codecs want it
     photos.write(folder, replace(photo, name="photo", shot=even))
+    sheet = ezdxf.new("R2010", units=4)
+    (loop,) = paper()
+    rows = [(z.real, z.imag, bulge) for z, bulge in zip(loop.points, loop.bulges, strict=True)]
+    sheet.modelspace().add_lwpolyline(rows, format="xyb", close=True)
+    sheet.saveas(folder / "sheet.dxf")
     film(folder / "clip.avi", cv2.imread(str(folder / "photo.png")))
     np.savetxt(
         folder / "bench.ply", scan(trimesh.load_mesh(PARTS / "rfa1.stl"), 2000, 1), fmt="%.4f", header=PLY, comments=""

@@ -13,10 +13,10 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
-from camgen.check.photo.differ import Difference as Difference
-from camgen.check.photo.differ import differ
-from camgen.check.photo.expect import Expected, enclose, expect
-from camgen.check.photo.lay_on import Fit, lay_on
+from camgen.check.photo.differences import Difference as Difference
+from camgen.check.photo.differences import differ
+from camgen.check.photo.expected import Expected, enclose, expect
+from camgen.check.photo.registration import Fit, lay_on
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
