@@ -244,6 +244,7 @@ def _localize(sub: _Parser) -> None:
     sub.add_argument("-o", "--output", metavar="FILE.toml", required=True, help="job file to write")
     sub.add_argument("--units", metavar="UNIT", default="mm", help="what one unit of the scan is (default: mm)")
     sub.add_argument("--start", metavar="X,Y,Z,RX,RY,RZ", help="roughly where the part stands, mm and deg")
+    sub.add_argument("--viewpoint", metavar="X,Y,Z", help="where the scanner stood, mm in the scan's frame; or unknown")
 
 
 def _post(sub: _Parser) -> None:

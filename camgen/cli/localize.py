@@ -12,6 +12,7 @@ import numpy as np
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
 from camgen.localize import Location, localize
+from camgen.localize.doubt import Rival
 from camgen.localize.scans import open_scan
 from camgen.localize.scans import read as read_scan
 from camgen.model.errors import JobError
@@ -27,22 +28,27 @@ from camgen.read.units import MM
 _MM_DIGITS, _DEG_DIGITS = 4, 5
 #: Poses that fit as well are listed up to this number.
 _LISTED = 6
+#: As ``--viewpoint``: the scanner stood at several places, or where the file does not say.
+_UNKNOWN = "unknown"
 
 
 def run(arguments: Namespace, says: Voice) -> int:
     """Writes the frame, prints it, and says how well it is held and what else it could be."""
     model, scan, target = Path(arguments.model), Path(arguments.scan), Path(arguments.output)
     mm, start = _unit(arguments.units), _start(arguments.start)
+    told = _viewpoint(arguments.viewpoint)
     check_targets([target], [model, scan])
     says.stage(f"reading {model.name}")
     files = Files()
     vertices, faces, notes = _part(files.read(model))
     says.stage(f"reading {scan.name}")
     seen = read_scan(open_scan(scan, files), mm)
-    found = localize(scan.name, (vertices, faces), seen.points, start, says.stage)
+    eye = seen.viewpoint if arguments.viewpoint is None else told
+    found = localize(scan.name, (vertices, faces), seen.points, start, says.stage, eye)
     says.clear()
     names = (model.name, scan.name)
-    write_all([(target, job(names, found).encode())], files.opened)
+    stood = "" if eye is None else f"{_millimetres(eye)} mm{'' if arguments.viewpoint else ', as the scan says'}"
+    write_all([(target, job(names, found, stood).encode())], files.opened)
     if not says.quiet:
         says.out(_line(found.base_from_work) + "\n")
     x, y, z = np.ptp(vertices, axis=0).tolist()
@@ -50,7 +56,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     says.rows([("model", f"{names[0]}: {size}", "plain")])
     says.rows([("scan", f"{names[1]}: {counted(len(seen.points), 'point')}, 1 unit = {mm:g} mm", "plain")])
     says.rows([(note.kind, str(note).partition(": ")[2], "look") for note in (*notes, *seen.notes)])
-    says.rows([*_describe(found), ("written", str(target), "good")])
+    says.rows([*_describe(found, stood), ("written", str(target), "good")])
     return 0
 
 
@@ -73,6 +79,20 @@ def _start(text: str | None) -> Pose | None:
     return pose_from_values(values)
 
 
+def _viewpoint(text: str | None) -> FloatArray | None:
+    """Where the scanner stood, None if that is not said or not known."""
+    if text is None or text.strip().lower() == _UNKNOWN:
+        return None
+    try:
+        values = [float(word) for word in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 3 or not all(map(math.isfinite, values)):
+        remedy = f"give x,y,z in mm, or {_UNKNOWN} to disregard what the scan says"
+        raise JobError("--viewpoint", f"{text!r} is no place", remedy=remedy)
+    return np.array(values)
+
+
 def _part(source: Source) -> tuple[FloatArray, IntArray, list[Note]]:
     """The triangles of the model, mm, and what was mended. What is said of its edges does not matter here."""
     if source.suffix in step.SUFFIXES:
@@ -82,9 +102,11 @@ def _part(source: Source) -> tuple[FloatArray, IntArray, list[Note]]:
     return surface.vertices, surface.faces, [note for note in notes if note.kind == "repaired"]
 
 
-def job(names: tuple[str, str], found: Location) -> str:
-    """The job file: the work frame, and as comments what it rests on. ``names``: of the model and of the scan."""
-    told = [f"{label}: {text}" for label, text, _ in _describe(found)]
+def job(names: tuple[str, str], found: Location, stood: str) -> str:
+    """The job file: the work frame, and as comments what it rests on. ``names``: of the model and of the scan.
+    ``stood``: where the scanner did, "" if that is not known.
+    """
+    told = [f"{label}: {text}" if label else text for label, text, _ in _describe(found, stood)]
     lines = [f"camgen {__version__}: where {harmless(names[0])} stands in {harmless(names[1])}", *told]
     return "".join(f"# {line}\n" for line in lines) + f"\n[cell]\n{_line(found.base_from_work)}\n"
 
@@ -99,11 +121,16 @@ def _values(pose: Pose) -> str:
     return f"[{', '.join(texts)}]"
 
 
-def _describe(found: Location) -> Sequence[tuple[str, str, str]]:
+def _millimetres(place: FloatArray) -> str:
+    return ", ".join(short(value, 2) for value in place.tolist())
+
+
+def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
     """What the summary says of a location, and the comments of the job file."""
     near = _percent(found.seen.near)
     points = counted(found.used, "point that counts", "points that count")
-    rows = [
+    rows = [("viewpoint", stood, "plain")] if stood else []
+    rows += [
         (
             "overlap",
             f"{_percent(found.overlap)} of the scan lie within {short(found.within, 3)} mm of the model",
@@ -120,7 +147,7 @@ def _describe(found: Location) -> Sequence[tuple[str, str, str]]:
         rows.append(("ambiguous", f"{found.free} changes nothing: the scan does not hold that", "look"))
     elif found.rivals:
         rows.append(("ambiguous", f"other poses that fit as well: {len(found.rivals)}", "look"))
-        rows += [("", f"turned by {r.turn:.1f} deg: {_line(r.base_from_work)}", "look") for r in found.rivals[:_LISTED]]
+        rows += [("", _tell(rival, found.told_apart), "look") for rival in found.rivals[:_LISTED]]
         if len(found.rivals) > _LISTED:
             rows.append(("", f"and {len(found.rivals) - _LISTED} more", "look"))
     elif found.next_best is not None:
@@ -130,6 +157,11 @@ def _describe(found: Location) -> Sequence[tuple[str, str, str]]:
     if found.weak:
         rows.append(("weak", f"few points hold {found.weak}: scan the part from more sides", "look"))
     return rows
+
+
+def _tell(rival: Rival, told_apart: float) -> str:
+    elsewhere = f", surface up to {short(rival.off, 2)} mm elsewhere" if rival.off > told_apart else ""
+    return f"turned by {rival.turn:.1f} deg{elsewhere}: {_line(rival.base_from_work)}"
 
 
 def _percent(share: float) -> str:

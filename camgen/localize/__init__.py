@@ -1,7 +1,8 @@
 """Where a CAD part stands in a point cloud: a coarse search from everywhere, an exact fit, and what speaks against it.
 
 ``finding.localize`` is the walk; ``scans`` and ``records`` read clouds, ``starts`` and ``coarse`` search,
-``nearest`` and ``fine`` refine, ``doubt`` looks for other poses that fit as well.
+``nearest`` and ``fine`` refine, ``sight`` says what the scanner can have seen, ``doubt`` looks for other poses that
+fit as well.
 """
 
 from __future__ import annotations
@@ -13,11 +14,25 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.localize.coarse import Poses, field
-from camgen.localize.doubt import Rival, SeenShare, alike, beside, freedom, measure_seen, rivals, stray, thin, weakness
-from camgen.localize.fine import TUKEY, ScanFit, cost, on, refine
+from camgen.localize.doubt import (
+    Rival,
+    SeenShare,
+    alike,
+    beside,
+    decides,
+    freedom,
+    measure_seen,
+    noise_limit,
+    rivals,
+    stray,
+    thin,
+    weakness,
+)
+from camgen.localize.fine import TUKEY, ScanFit, cost, costs, on, refine
 from camgen.localize.model import Cloud, Model, model_part
+from camgen.localize.sight import hidden
 from camgen.localize.starts import starts, symmetries, things
-from camgen.model.errors import InputError
+from camgen.model.errors import InputError, NoSafeProgram
 from camgen.model.part import IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, angle_between, frozen
 from camgen.model.text import short
@@ -36,13 +51,17 @@ _STRAY = 0.02
 _SAME_COST = 0.004
 #: A point of the scan lies on the model within this part of the model's size.
 WITHIN = 0.005
-#: Less than this of the scan on the model, or less of the model's near side in the scan: the part was not found.
-LEAST_OVERLAP, LEAST_SEEN = 0.3, 0.65
+#: Less than this of the scan on the model, or less of what the scanner could see of the model in it: the part was not found.
+LEAST_OVERLAP, LEAST_SEEN = 0.3, 0.75
 #: More points in the model's box that are not on it than this, per point that is: it was not found either.
 MOST_STRAY = 0.1
 #: A scan smaller or larger than this, as part of the model's size, is in another unit, and in which it may be.
 _SMALLEST, _LARGEST = 0.05, 50.0
 _UNITS = (("m", 1000.0), ("inch", 25.4), ("um", 0.001))
+#: More of the points than this hidden from the scanner by the part that they lie on: it does not stand there.
+MOST_HIDDEN = 0.1
+#: Poses turned from the start by so much more than the least one, deg, are told apart by where they are.
+_AS_LITTLE = 5.0
 #: Points that lie about a surface by chance spread evenly: 0.58 of the limit. A part that is there is well below.
 _CHANCE = 0.4
 
@@ -52,7 +71,7 @@ class Location(Struct, frozen=True, eq=False):
 
     overlap: share of the scan within ``within`` of the model. rms: of the distances of the ``used`` points that count.
     rivals: other poses that fit as well; next_best: the best of those that do not. free, weak: "" or what the scan
-    does not hold, in words.
+    does not hold, in words. told_apart: mm, surfaces that are nearer to each other the noise does not tell apart.
     """
 
     base_from_work: Pose
@@ -66,6 +85,7 @@ class Location(Struct, frozen=True, eq=False):
     next_best: Rival | None
     free: str
     weak: str
+    told_apart: float
 
 
 def localize(
@@ -74,15 +94,20 @@ def localize(
     scan: FloatArray,
     start: Pose | None = None,
     stage: Callable[[str], None] = lambda _: None,
+    viewpoint: FloatArray | None = None,
 ) -> Location:
-    """Finds the part, vertices (V, 3) and faces (F, 3), in ``scan`` (N, 3), both mm. ``InputError`` if it is not there.
+    """Finds the part, vertices (V, 3) and faces (F, 3), in ``scan`` (N, 3), both mm. ``InputError`` if it is not there,
+    ``NoSafeProgram`` if it may as well stand where its surface is elsewhere, by more than the noise, and ``start`` does
+    not decide that.
 
     name: of the scan, for errors. start: base_from_work as far as it is known: tried too, and of poses that fit equally
-    well the one that is turned least from it is taken (without it: least turned at all).
+    well the one that is turned least from it is taken (without it: least turned at all). viewpoint: (3,) where the
+    scanner stood, in the scan's frame, mm: what the part hides from there was not seen.
     """
     # About the middle of the scan, so that coordinates far from the origin lose no digits in single precision.
     middle = np.median(scan, axis=0)
     points = np.random.default_rng(0).permutation(scan - middle)[:_MANY]
+    eye = None if viewpoint is None else np.asarray(viewpoint, dtype=np.float64) - middle
     given = Pose(IDENTITY, (0.0, 0.0, 0.0)) if start is None else start
     given = Pose(given.rotation, _sum(given.origin, -middle))
     stage("preparing the model")
@@ -90,19 +115,32 @@ def localize(
     _size(name, model.size, points)
     samples = Cloud(model.samples)
     few = points[:_FEW]
-    fits = _search(model, samples, points, given, stage)
-    best = _best(model, samples, few, fits)
+    fits = _search(model, samples, points, given, stage, eye)
+    best = _best(model, samples, few, fits, eye)
     if not math.isfinite(best.noise):
         raise _missing(name, "no pose puts it on the points")
     gate = min(max(best.noise, 1e-6 * model.size) * TUKEY, WITHIN * model.size)
-    costs = [cost(model, samples, few, fit, gate) for fit in fits]
-    equal = [fit for fit, c in zip(fits, costs, strict=True) if c <= min(costs) + _SAME_COST]
-    chosen = min(equal, key=lambda fit: angle_between(given.rotation, frozen(fit.rotation.T)))
+    worth = costs(model, samples, few, fits, gate, eye, _SAME_COST)
+    equal = [fit for fit, c in zip(fits, worth, strict=True) if c <= min(worth) + _SAME_COST]
+    chosen = _choose(model, equal, given, start is not None)
     stage("refining")
     final = chosen
     for some in (points[: 4 * _FEW], points):
         final = refine(model, samples, some, (final.rotation, final.origin), 1.1 * gate)
-    return _judge(name, model, samples, points, middle, final, (fits, costs, gate))
+    return _judge(_Told(name, points, middle, eye, start), model, samples, final, (fits, worth, gate))
+
+
+def _choose(model: Model, equal: list[ScanFit], given: Pose, known: bool) -> ScanFit:
+    """Of the poses that fit equally well the one turned least from the given one; of those turned as little the nearest
+    to it, if where it is was ``known``.
+    """
+    turns = [angle_between(given.rotation, frozen(fit.rotation.T)) for fit in equal]
+    if not known:
+        return equal[int(np.argmin(turns))]
+    least = [fit for fit, turn in zip(equal, turns, strict=True) if turn <= min(turns) + math.radians(_AS_LITTLE)]
+    middle = (model.low + model.high) / 2
+    where = np.asarray(given.rotation) @ middle + np.asarray(given.origin)
+    return min(least, key=lambda fit: float(np.linalg.norm((middle - fit.origin) @ fit.rotation - where)))
 
 
 def _size(name: str, size: float, points: FloatArray) -> None:
@@ -119,7 +157,12 @@ def _size(name: str, size: float, points: FloatArray) -> None:
 
 
 def _search(
-    model: Model, samples: Cloud, points: FloatArray, given: Pose, stage: Callable[[str], None]
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    given: Pose,
+    stage: Callable[[str], None],
+    eye: FloatArray | None,
 ) -> list[ScanFit]:
     """Refined poses, the right one among them: near ``given``, and if the part is not clearly there, everywhere."""
     within, few = WITHIN * model.size, points[:_FEW]
@@ -129,11 +172,13 @@ def _search(
     for place in (given, None):
         stage("searching everywhere" if place is None else "searching near by")
         fits += _look(model, samples, few, starts(model, ground, sets, place))
-        fits += _look(model, samples, few, beside(model, samples, few, fits))
-        best = _best(model, samples, few, fits)
+        fits += _look(model, samples, few, beside(model, samples, few[:_FEWER], fits))
+        best = _best(model, samples, few, fits, eye)
         if best.noise < _CHANCE * within:
             fits += _look(model, samples, few, alike(best, same))
-            best = _best(model, samples, few, fits)
+            best = _best(model, samples, few, fits, eye)
+            if _share_hidden(model, samples, few[:_FEWER], best, within, eye) > MOST_HIDDEN:
+                continue
             if not thin(model) and stray(model, samples, few, best, within) < _STRAY:
                 break
     return fits
@@ -152,45 +197,113 @@ def _look(model: Model, samples: Cloud, few: FloatArray, found: Poses) -> list[S
     ]
 
 
-def _best(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -> ScanFit:
+def _best(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit], eye: FloatArray | None) -> ScanFit:
     """The one that puts the points best onto the model."""
-    return min(fits, key=lambda fit: cost(model, samples, few[:_FEWER], fit, WITHIN * model.size))
+    worth = costs(model, samples, few[:_FEWER], fits, WITHIN * model.size, eye, 0.0)
+    return fits[int(np.argmin(worth))]
+
+
+def _share_hidden(
+    model: Model, samples: Cloud, points: FloatArray, fit: ScanFit, reach: float, eye: FloatArray | None
+) -> float:
+    """Of the points that lie on the model the share that it hides from the scanner."""
+    if eye is None:
+        return 0.0
+    there = on(model, samples, fit.apply(points), reach)[2]
+    return float(hidden(model, there, fit.apply(eye), reach).mean()) if len(there) else 0.0
+
+
+class _Told(Struct, frozen=True, eq=False):
+    """What is known of a scan: its name, the points (N, 3) about its middle (3,), where the scanner stood, about that
+    too, and about where the part stands.
+    """
+
+    name: str
+    points: FloatArray
+    middle: FloatArray
+    eye: FloatArray | None
+    start: Pose | None
 
 
 def _judge(
-    name: str,
+    told: _Told,
     model: Model,
     samples: Cloud,
-    points: FloatArray,
-    middle: FloatArray,
     final: ScanFit,
     others: tuple[list[ScanFit], list[float], float],
 ) -> Location:
-    """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part."""
+    """What was found with all that speaks for and against it. ``InputError`` if it cannot be the part,
+    ``NoSafeProgram`` if it could be elsewhere.
+    """
+    name, points, eye = told.name, told.points, told.eye
     within = WITHIN * model.size
     rest = np.delete(points, final.used, axis=0)
     overlap = (len(final.used) + len(on(model, samples, final.apply(rest), within)[0])) / len(points)
-    view = measure_seen(model, points, final, within)
-    inside = stray(model, samples, points[: 4 * _FEW], final, within)
     if overlap < LEAST_OVERLAP:
         raise _missing(name, f"at best {100 * overlap:.0f} % of the points lie within {short(within, 2)} mm of it")
     if not final.noise < _CHANCE * within:
         raise _missing(name, f"at best its surface is {short(final.noise, 3)} mm rms off the points")
+    view = _refuse_unseen(told, model, samples, final, others[2])
+    equal, following = rivals(model, samples, points[: 4 * _FEW], final, others, _SAME_COST, told.middle)
+    free, away = freedom(model, samples, points[:_FEW], final, (others[2], _SAME_COST), eye)
+    back = final.rotation.T
+    origin = told.middle - back @ final.origin
+    x, y, z = origin.tolist()
+    weak = "" if free else weakness(final)
+    found = Location(
+        Pose(frozen(back), (x, y, z)), len(points), overlap, within, final.rms, len(final.used), view, equal, following,
+        free, weak, noise_limit(model, final),
+    )  # fmt: skip
+    _refuse_unsettled(name, model, found, away, told.start, eye is not None)
+    return found
+
+
+def _refuse_unseen(told: _Told, model: Model, samples: Cloud, final: ScanFit, gate: float) -> SeenShare:
+    """How much of the part shows. ``InputError`` if that is too little, or what shows could not be seen."""
+    name, points, eye = told.name, told.points, told.eye
+    within, some = WITHIN * model.size, points[: 4 * _FEW]
+    unseen = _share_hidden(model, samples, some, final, gate, eye)
+    if unseen > MOST_HIDDEN:
+        why = f"where it fits best, it hides {100 * unseen:.0f} % of the points on it from the scanner"
+        raise InputError(name, "the model was not found in the scan", why, "check --viewpoint: where the scanner stood")
+    view = measure_seen(model, samples, points, final, within, eye)
+    inside = stray(model, samples, some, final, within)
     if view.near < LEAST_SEEN:
         raise _missing(name, f"at best {100 * view.near:.0f} % of its near side show in the scan")
     if inside > MOST_STRAY:
         share = 100 * inside / (1 + inside)
         raise _missing(name, f"where it fits best, {share:.0f} % of the points in its box are off its surface")
-    equal, following = rivals(model, final, others, _SAME_COST, middle)
-    free = freedom(model, samples, points[:_FEW], final, (others[2], _SAME_COST))
-    back = final.rotation.T
-    origin = middle - back @ final.origin
-    x, y, z = origin.tolist()
-    weak = "" if free else weakness(final)
-    return Location(
-        Pose(frozen(back), (x, y, z)), len(points), overlap, within, final.rms, len(final.used), view, equal, following,
-        free, weak,
-    )  # fmt: skip
+    return view
+
+
+def _refuse_unsettled(
+    name: str, model: Model, found: Location, away: float, start: Pose | None, seen_from: bool
+) -> None:
+    """``NoSafeProgram`` if the surface may as well be elsewhere, by more than the noise, and ``start`` does not say
+    which it is.
+
+    away: mm, how far the motion takes the surface that changes nothing.
+    """
+    if found.free and away > found.told_apart and start is None:
+        why = f"{found.free} changes nothing"
+    else:
+        open_ones = [rival for rival in found.rivals if rival.off > found.told_apart]
+        if start is not None:
+            open_ones = [r for r in open_ones if not decides(model, start, found.base_from_work, r.base_from_work)]
+        if not open_ones:
+            return
+        other = max(open_ones, key=lambda rival: rival.off)
+        pose = f"a pose turned by {other.turn:.1f} deg and moved by {short(other.shift, 2)} mm"
+        why = f"{pose} fits as well; it puts the surface up to {short(other.off, 2)} mm elsewhere"
+    place = (
+        "about where the part stands with --start"
+        if start is None
+        else "more exactly where the part stands with --start"
+    )
+    remedy = place if seen_from else f"where the scanner stood with --viewpoint, or {place}"
+    raise NoSafeProgram(
+        name, "the scan does not settle where the part stands", why, f"say {remedy}, or scan it from more sides"
+    )
 
 
 def _missing(name: str, why: str) -> InputError:

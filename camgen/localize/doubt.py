@@ -7,33 +7,56 @@ import math
 import numpy as np
 from msgspec import Struct
 
+from camgen.geometry.vectors import dots
 from camgen.localize.coarse import Poses, turn_poses
-from camgen.localize.fine import ScanFit, cost, on, refine
-from camgen.localize.model import Cloud, Model
+from camgen.localize.fine import ScanFit, cost, draw, on, refine
+from camgen.localize.model import Cloud, Model, candidates, find_touched
+from camgen.localize.sight import around, estimate_eye, far_eyes, look
 from camgen.localize.starts import corners
+from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, Pose, angle_between, frozen
 
 #: Poses that put a corner of the model's box farther apart than this part of its size are different ones.
 _DIFFERENT_SHARE = 0.01
 #: Two sides of a part that are nearer than this part of its size are one to the search.
 _THIN = 0.06
+#: Fits whose other sides are tried, and shifts of each.
+_BESIDE, _SHIFTS = 3, 6
+#: Faces have one direction where the cosine is more than this; one that less than this share of the points lies on does
+#: not count, nor one in the plane of two others (least singular value).
+_ALIKE, _FEW_NORMALS, _FLAT = 0.95, 0.03, 0.3
 #: A motion of which the points say less than this part of what they could is held weakly.
 _WEAK = 0.003
 #: How far a motion is tried that may be free: a corner of the box moves by this part of its size.
 _NUDGE = 0.05
 #: Samples that say how much of the model was seen, and the cosine between a face and the view that still shows it.
 _SEEN_SAMPLES, _FACING = 4000, 0.3
+#: Samples by which the place of the scanner is estimated, and the length of the mean normal of what was seen above
+#: which one side of the part was.
+_VIEW_SAMPLES, _ONE_SIDED = 800, 0.2
+#: The cosine between two normals below which they belong to opposite sides.
+_OPPOSITE = -0.5
+#: Two poses are as good as one where no place of the surface is farther from the other's than this many standard
+#: deviations of the scan's noise, or this part of the model's size, by which triangles may leave the part.
+_BEYOND_NOISE, _BEYOND_SIZE = 3.0, 2e-4
+#: By how much more a pose may cost that is drawn onto another one.
+_TWIN_COST = 0.004
+#: Samples, and corners of triangles, whose distance is asked for that.
+_SPOTS = 1000
+#: Two poses are told apart by a start that lies at most this part of the way from the one to the other.
+_DECIDED = 0.4
 
 
 class Rival(Struct, frozen=True, eq=False):
     """Another pose of the model in the scan. turn: deg from the chosen one; shift: mm, what its box's middle moves;
-    cost: by how much worse it fits, 0..1.
+    cost: by how much worse it fits, 0..1. off: mm, how far its surface is from that of the chosen one at most.
     """
 
     base_from_work: Pose
     turn: float
     shift: float
     cost: float
+    off: float
 
 
 class SeenShare(Struct, frozen=True):
@@ -44,38 +67,141 @@ class SeenShare(Struct, frozen=True):
 
 
 def rivals(
-    model: Model, final: ScanFit, others: tuple[list[ScanFit], list[float], float], same: float, middle: FloatArray
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    final: ScanFit,
+    others: tuple[list[ScanFit], list[float], float],
+    same: float,
+    middle: FloatArray,
 ) -> tuple[tuple[Rival, ...], Rival | None]:
-    """Other poses that fit as well as the best, by turn, and the best of those that do not. ``others``: fits, costs."""
-    fits, costs, _ = others
-    best = min(costs)
-    apart = [(fit, c - best) for fit, c in zip(fits, costs, strict=True) if _off(model, fit, final) > _limit(model)]
+    """Other poses that fit as well as the best, by turn, and the best of those that do not. ``others``: fits, costs and
+    the gate of the costs. ``points`` refine those of the first whose surface does not lie on that of the best.
+    """
+    fits, costs, gate = others
+    best, limit = min(costs), _limit(model, final)
+    apart = [(fit, c - best) for fit, c in zip(fits, costs, strict=True) if _off(model, fit, final) > limit]
     equal: list[tuple[ScanFit, float]] = []
-    for fit, worse in apart:
-        if worse <= same and all(_off(model, fit, known) > _limit(model) for known, _ in equal):
+    for fit, worse in sorted((pair for pair in apart if pair[1] <= same), key=lambda pair: pair[1]):
+        if all(_off(model, fit, known) > limit for known, _ in equal):
             equal.append((fit, worse))
-    told = sorted((_rival(model, f, final, w, middle) for f, w in equal), key=lambda r: (round(r.turn, 1), r.shift))
+    told = [_compare(model, samples, points, final, (fit, worse), gate, middle) for fit, worse in equal]
+    told.sort(key=lambda rival: (round(rival.turn, 1), rival.shift))
     less = min(((f, w) for f, w in apart if w > same), key=lambda pair: pair[1], default=None)
-    return tuple(told), None if less is None else _rival(model, less[0], final, less[1], middle)
+    return tuple(told), None if less is None else _rival(model, less[0], final, less[1], middle, math.inf)
+
+
+def _compare(
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    final: ScanFit,
+    other: tuple[ScanFit, float],
+    gate: float,
+    middle: FloatArray,
+) -> Rival:
+    """The rival with its surface compared; refined with more points where few put it elsewhere."""
+    fit, worse = other
+    off = surface_off(model, samples, final, fit)
+    if off > noise_limit(model, final):
+        fit = refine(model, samples, points, (fit.rotation, fit.origin), gate)
+        off = surface_off(model, samples, final, fit)
+    if off > noise_limit(model, final):
+        off = min(off, _twin_off(model, samples, points, final, fit, gate))
+    return _rival(model, fit, final, worse, middle, off)
+
+
+def _twin_off(model: Model, samples: Cloud, points: FloatArray, final: ScanFit, fit: ScanFit, gate: float) -> float:
+    """How far the surface is from that of the best pose where the fit is drawn onto that, mm; inf if it then is another
+    pose or fits the points worse. A motion that the points hold badly puts each of two alike elsewhere.
+    """
+    limit = _limit(model, final)
+    best = (model.samples[:: max(len(model.samples) // _SPOTS, 1)] - final.origin) @ final.rotation
+    twin = draw(model, samples, best, fit, limit)
+    there = [cost(model, samples, points, each, gate) for each in (twin, final)]
+    if _off(model, twin, fit) > limit or there[0] > there[1] + _TWIN_COST:
+        return math.inf
+    return surface_off(model, samples, final, twin)
+
+
+def noise_limit(model: Model, final: ScanFit) -> float:
+    """How far apart two surfaces may be that the noise of the scan does not tell apart, mm."""
+    return max(_BEYOND_NOISE * final.noise, _BEYOND_SIZE * model.size)
+
+
+def surface_off(model: Model, samples: Cloud, a: ScanFit, b: ScanFit) -> float:
+    """How far the model's surface at the one pose is from that at the other at most, mm, at ``_SPOTS`` samples and
+    corners of triangles each.
+    """
+    every = model.tree.corners.reshape(-1, 3)
+    spots = np.vstack([some[:: max(len(some) // _SPOTS, 1)] for some in (model.samples, every)])
+    there = a.apply((spots - b.origin) @ b.rotation)
+    touch = find_touched(model, candidates(model, samples, there, 2 * model.size + _distance(model, there), 0.0), there)
+    return float(touch.distance.max())
+
+
+def _distance(model: Model, places: FloatArray) -> float:
+    """How far the farthest of the places is from the middle of the model's box, mm."""
+    return float(np.linalg.norm(places - (model.low + model.high) / 2, axis=1).max())
+
+
+def decides(model: Model, start: Pose, found: Pose, other: Pose) -> bool:
+    """Whether a start is plainly nearer to the pose that was found than to the other, along the way between them: the
+    corners of the model's box say where each is.
+    """
+    begin, here, there = (
+        (corners(model) @ np.asarray(pose.rotation).T + np.asarray(pose.origin)).ravel()
+        for pose in (start, found, other)
+    )
+    way = there - here
+    return abs(float(way @ (begin - here))) < _DECIDED * float(way @ way)
 
 
 def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -> Poses:
     """Poses by which a thin part may have been missed: its other side lies on the points, within the search's reach.
 
-    The best two fits, moved by the thickness along and against the face that most points lie on. None if the part is
-    not thin.
+    The best different fits, moved by the thickness, to and fro, along each of the up to three directions that most of
+    the faces have on which points lie, and along several of them together: those that put the points nearest to it.
+    None if the part is not thin.
     """
     if not thin(model):
         return Poses(np.zeros((0, 3, 3)), np.zeros((0, 3)))
     thick = 2 * model.volume / model.area
-    best = sorted(fits, key=lambda fit: cost(model, samples, few, fit, 0.01 * model.size))[:2]
     turns, origins = [], []
-    for fit in best:
-        normals = model.sample_normals[samples.nearest(fit.apply(few))[0][:, 0]]
-        face = np.linalg.eigh(normals.T @ normals)[1][:, 2]
-        turns += [fit.rotation] * 2
-        origins += [fit.origin + thick * face, fit.origin - thick * face]
-    return Poses(np.array(turns), np.array(origins))
+    for fit in _best_different(model, samples, few, fits):
+        axes = _axes(model.sample_normals[samples.nearest(fit.apply(few))[0][:, 0]])
+        signs = np.stack(np.meshgrid(*[(-1, 0, 1)] * len(axes), indexing="ij"), axis=-1).reshape(-1, len(axes))
+        shifts = thick * np.linalg.lstsq(axes, signs[signs.any(axis=1)].T.astype(np.float64), rcond=None)[0].T
+        away = np.stack([samples.nearest(fit.apply(few) + shift)[1][:, 0] for shift in shifts])
+        best = np.argsort(np.minimum(away, thick).mean(axis=1), kind="stable")[:_SHIFTS]
+        turns.append(np.broadcast_to(fit.rotation, (len(best), 3, 3)))
+        origins.append(fit.origin + shifts[best])
+    return Poses(np.concatenate(turns), np.concatenate(origins))
+
+
+def _best_different(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -> list[ScanFit]:
+    """The best fits of which none is near another one."""
+    kept: list[ScanFit] = []
+    for fit in sorted(fits, key=lambda fit: cost(model, samples, few, fit, 0.01 * model.size)):
+        if all(_off(model, fit, known) > 0.5 * _DIFFERENT_SHARE * model.size for known in kept):
+            kept.append(fit)
+        if len(kept) == _BESIDE:
+            break
+    return kept
+
+
+def _axes(normals: FloatArray) -> FloatArray:
+    """Up to three directions (1 to 3, 3), not in one plane, that most of the normals (N, 3) have, to either side."""
+    found = np.zeros((0, 3))
+    left = normals
+    while len(found) < 3 and len(left) >= max(_FEW_NORMALS * len(normals), 1):
+        alike = np.abs(left @ left[:: max(len(left) // 100, 1)].T) > _ALIKE
+        best = alike[:, int(alike.sum(axis=0).argmax())]
+        axis = np.linalg.eigh(left[best].T @ left[best])[1][:, 2]
+        if np.linalg.svd(np.vstack([found, axis]), compute_uv=False)[-1] > _FLAT:
+            found = np.vstack([found, axis])
+        left = left[~best]
+    return found
 
 
 def alike(fit: ScanFit, symmetries: Poses) -> Poses:
@@ -99,8 +225,12 @@ def stray(model: Model, samples: Cloud, few: FloatArray, fit: ScanFit, within: f
     return float(np.count_nonzero(off & inside)) / max(float(np.count_nonzero(~off)), 1.0)
 
 
-def _limit(model: Model) -> float:
-    return _DIFFERENT_SHARE * model.size
+def _limit(model: Model, final: ScanFit) -> float:
+    """How far apart corners of the model's box are by two poses that count as two, mm. The two sides of a sheet are
+    two, if the noise does not hide that.
+    """
+    size = _DIFFERENT_SHARE * model.size
+    return max(min(size, model.volume / model.area), min(size, 2 * _BEYOND_NOISE * final.noise), 1e-3 * model.size)
 
 
 def _places(model: Model, fit: ScanFit) -> FloatArray:
@@ -112,16 +242,24 @@ def _off(model: Model, a: ScanFit, b: ScanFit) -> float:
     return float(np.linalg.norm(_places(model, a) - _places(model, b), axis=1).max())
 
 
-def _rival(model: Model, fit: ScanFit, final: ScanFit, worse: float, middle: FloatArray) -> Rival:
+def _rival(model: Model, fit: ScanFit, final: ScanFit, worse: float, middle: FloatArray, off: float) -> Rival:
     turn = math.degrees(angle_between(frozen(final.rotation), frozen(fit.rotation)))
     shift = float(np.linalg.norm((_places(model, fit) - _places(model, final)).mean(axis=0)))
     x, y, z = (middle - fit.rotation.T @ fit.origin).tolist()
-    return Rival(Pose(frozen(fit.rotation.T), (x, y, z)), turn, shift, worse)
+    return Rival(Pose(frozen(fit.rotation.T), (x, y, z)), turn, shift, worse, off)
 
 
-def freedom(model: Model, samples: Cloud, few: FloatArray, final: ScanFit, limits: tuple[float, float]) -> str:
-    """What motion of the part changes nothing, in words, "" if there is none: it is nudged along the motion that the
-    points hold least, and stays there. ``limits``: mm and cost, as for equal poses.
+def freedom(
+    model: Model,
+    samples: Cloud,
+    few: FloatArray,
+    final: ScanFit,
+    limits: tuple[float, float],
+    eye: FloatArray | None = None,
+) -> tuple[str, float]:
+    """What motion of the part changes nothing, in words, "" if there is none, and how far it takes the surface from
+    where it was, mm: the part is nudged along the motion that the points hold least, and stays there. ``limits``: mm
+    and cost, as for equal poses.
     """
     vectors = np.linalg.eigh(final.information)[1]
     motion = vectors[:, 0]
@@ -133,10 +271,10 @@ def freedom(model: Model, samples: Cloud, few: FloatArray, final: ScanFit, limit
     start = (step @ final.rotation, step @ (final.origin - final.centre) + final.centre + factor * shift)
     nudged = refine(model, samples, few, start, 2 * limits[0])
     away = _off(model, nudged, final)
-    worse = cost(model, samples, few, nudged, limits[0]) - cost(model, samples, few, final, limits[0])
+    worse = cost(model, samples, few, nudged, limits[0], eye) - cost(model, samples, few, final, limits[0], eye)
     if away < 0.5 * _NUDGE * model.size or worse > limits[1]:
-        return ""
-    return _name_motion(final, motion)
+        return "", 0.0
+    return _name_motion(final, motion), surface_off(model, samples, final, nudged)
 
 
 def _name_motion(final: ScanFit, motion: FloatArray) -> str:
@@ -165,19 +303,42 @@ def weakness(final: ScanFit) -> str:
     return _name_motion(final, vectors[:, 0])
 
 
-def measure_seen(model: Model, points: FloatArray, final: ScanFit, within: float) -> SeenShare:
-    """How much of the model the scan shows. The side that was looked at is where the normals of what was seen point on
-    average; what other parts of the model hide is not taken off.
+def measure_seen(
+    model: Model, samples: Cloud, points: FloatArray, final: ScanFit, within: float, eye: FloatArray | None = None
+) -> SeenShare:
+    """How much of the model the scan shows: of all, and of what the scanner could see, which is what faces it and is
+    not hidden by the part itself. eye: (3,) where it stood, in the scan's frame; without it the place far away from
+    where most of what was seen, and little else, can be seen.
     """
     step = max(len(model.samples) // _SEEN_SAMPLES, 1)
     places, normals = model.samples[::step], model.sample_normals[::step]
-    at = final.apply(points)
+    hit = _hit(model, samples, final.apply(points), places, normals, within)
+    few = slice(None, None, max(len(places) // _VIEW_SAMPLES, 1))
+    if eye is not None:
+        asked = look(model, places, normals, final.apply(eye)[None], _FACING)[0]
+    elif hit.any() and float(np.linalg.norm(normals[hit].mean(axis=0))) > _ONE_SIDED:
+        found = estimate_eye(model, places[few], normals[few], hit[few], _FACING)
+        asked = look(model, places, normals, found[None], _FACING)[0]
+    else:  # from all around
+        asked = look(model, places, normals, far_eyes(model, around()), _FACING).any(axis=0)
+    return SeenShare(float(hit.mean()), float(hit[asked].mean()) if asked.any() else 0.0)
+
+
+def _hit(
+    model: Model, samples: Cloud, at: FloatArray, places: FloatArray, normals: FloatArray, within: float
+) -> BoolArray:
+    """Which places on the model (N, 3) have a point of the scan, ``at`` (P, 3) in the model's frame, beside them that
+    does not lie on a face with the opposite normal, as on the other side of a sheet.
+    """
     cloud = Cloud(at)
-    near = cloud.nearest(places)[1][:, 0]
+    nearest, near = (each[:, 0] for each in cloud.nearest(places))
     some = at[:: max(len(at) // 1000, 1)]
     spacing = float(np.median(cloud.nearest(some, 2)[1][:, 1]))
-    hit = near <= max(within, 4 * spacing)
-    view = normals[hit].mean(axis=0) if hit.any() else np.zeros(3)
-    length = float(np.linalg.norm(view))
-    facing = normals @ (view / length) > _FACING if length > 0.2 else np.ones(len(normals), dtype=bool)
-    return SeenShare(float(hit.mean()), float(hit[facing].mean()))
+    reach = max(within, 4 * spacing)
+    hit = np.asarray(near <= reach)
+    beside, of = np.unique(nearest[hit], return_inverse=True)
+    touch = find_touched(model, candidates(model, samples, at[beside], reach, 0.0), at[beside])
+    face = np.zeros((len(beside), 3))
+    face[touch.point] = model.normals[touch.triangle]
+    hit[hit] = dots(face[of], normals[hit]) > _OPPOSITE
+    return hit

@@ -7,6 +7,7 @@ from msgspec import Struct
 
 from camgen.localize.coarse import turn_poses
 from camgen.localize.model import Cloud, Model, Touch, candidates, find_touched
+from camgen.localize.sight import hidden
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import SIGMAS_OF_MEDIAN
@@ -80,6 +81,27 @@ def refine(
     return found
 
 
+def draw(model: Model, samples: Cloud, points: FloatArray, start: ScanFit, reach: float) -> ScanFit:
+    """The pose near ``start`` that puts ``points`` (N, 3) onto the model, all that are within ``reach`` (mm) of it to
+    the end, however near the most of them are. Points without noise that hold a motion by few of them need that.
+    """
+    rotation, origin, found = start.rotation, start.origin, start
+    for _ in range(_STEPS):
+        at = points @ rotation.T + origin
+        touch = find_touched(model, candidates(model, samples, at, reach, 0.0), at)
+        if len(touch.point) < 7:
+            break
+        found, turn, shift = _step(model, touch, at, reach / TUKEY, (rotation, origin))
+        rotation = turn @ rotation
+        origin = turn @ (origin - found.centre) + found.centre + shift
+        if (
+            float(np.linalg.norm(shift)) + found.arm * float(np.linalg.norm(turn - np.eye(3)))
+            < _STILL_SHARE * model.size
+        ):
+            break
+    return found
+
+
 def _step(
     model: Model, touch: Touch, at: FloatArray, noise: float, pose: tuple[FloatArray, FloatArray]
 ) -> tuple[ScanFit, FloatArray, FloatArray]:
@@ -117,16 +139,47 @@ def _pulls(model: Model, touch: Touch, places: FloatArray) -> tuple[FloatArray, 
     return normals, off
 
 
-def cost(model: Model, samples: Cloud, points: FloatArray, fit: ScanFit, gate: float) -> float:
+def cost(
+    model: Model, samples: Cloud, points: FloatArray, fit: ScanFit, gate: float, eye: FloatArray | None = None
+) -> float:
     """How badly ``points`` (N, 3) lie on the model, 0..1: mean of the squared distances in units of ``gate`` (mm), 1
-    for what is beyond.
+    for what is beyond, and for what the model hides from the scanner at ``eye`` (3,), in the scan's frame.
     """
-    near = on(model, samples, fit.apply(points), gate)[1]
+    _, near, there = on(model, samples, fit.apply(points), gate)
+    if eye is not None:
+        # From the model, not from the points: noise puts those of a face that is seen aslant far behind it.
+        near = near[~hidden(model, there, fit.apply(eye), gate)]
     return 1 - (len(near) - float(((near / gate) ** 2).sum())) / len(points)
 
 
-def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> tuple[IntArray, FloatArray]:
-    """Which places ``at`` (N, 3) are within ``reach`` of the model, and the distance of each of these, mm."""
+def costs(
+    model: Model,
+    samples: Cloud,
+    points: FloatArray,
+    fits: list[ScanFit],
+    gate: float,
+    eye: FloatArray | None,
+    same: float,
+) -> list[float]:
+    """The ``cost`` of each fit. What is hidden from ``eye`` is only looked for where it may change the best, or what
+    is worse by at most ``same``; it makes no cost less.
+    """
+    found = [cost(model, samples, points, fit, gate) for fit in fits]
+    if eye is None:
+        return found
+    best = np.inf
+    for i in sorted(range(len(fits)), key=found.__getitem__):
+        if found[i] > best + same:
+            break
+        found[i] = cost(model, samples, points, fits[i], gate, eye)
+        best = min(best, found[i])
+    return found
+
+
+def on(model: Model, samples: Cloud, at: FloatArray, reach: float) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Which places ``at`` (N, 3) are within ``reach`` of the model, and of each of these the distance, mm, and the
+    closest point (K, 3) on the model.
+    """
     touch = find_touched(model, candidates(model, samples, at, reach, 0.0), at)
     near = touch.distance <= reach
-    return touch.point[near], touch.distance[near]
+    return touch.point[near], touch.distance[near], touch.at[near]

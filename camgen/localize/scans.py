@@ -183,10 +183,13 @@ _NUMBER = re.compile(rb"[+-]?(\d|\.\d|nan|inf)", re.IGNORECASE)
 
 
 class Scan(Struct, frozen=True, eq=False):
-    """points: (N, 3) mm, finite, N at least ``LEAST``. notes: what was left out or assumed."""
+    """points: (N, 3) mm, finite, N at least ``LEAST``. notes: what was left out or assumed. viewpoint: (3,) mm, where
+    the file says that the scanner stood.
+    """
 
     points: FloatArray
     notes: tuple[Note, ...]
+    viewpoint: FloatArray | None = None
 
 
 def open_scan(path: Path, files: Files) -> Source:
@@ -210,8 +213,9 @@ def read(source: Source, mm: float = 1.0) -> Scan:
     if not data.strip():
         raise InputError(name, "the file is empty")
     notes: list[Note] = []
+    viewpoint = None
     if kind == ".pcd":
-        points = pcd(name, data)
+        points, viewpoint = pcd(name, data), _viewpoint(name, data, notes)
     elif kind in _TEXTS:
         points = _text(name, data)
     elif kind == ".ply" and not has_faces(data):
@@ -220,7 +224,28 @@ def read(source: Source, mm: float = 1.0) -> Scan:
         points = _text(name, b"\n".join(line[2:] for line in data.splitlines() if line.startswith(b"v ")))
     else:
         points = _spread_over_mesh(source, notes)
-    return Scan(_usable(name, points * mm, notes), tuple(notes))
+    usable = _usable(name, points * mm, notes)
+    return Scan(usable, tuple(notes), None if viewpoint is None else viewpoint * mm)
+
+
+def _viewpoint(name: str, data: bytes, notes: list[Note]) -> FloatArray | None:
+    """Where the scanner stood, (3,), as VIEWPOINT of a PCD file says: its place, then its turn as a quaternion. 0, 0, 0
+    without a turn is what programs write that do not know, and says nothing.
+    """
+    words = next((line.split()[1:] for line in data.splitlines() if line.startswith(b"VIEWPOINT")), None)
+    if words is None:
+        return None
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != 7 or not (np.abs(values) < _FARTHEST_COORDINATE).all():
+        raise InputError(name, "is damaged or no PCD point cloud: its VIEWPOINT is no seven numbers", "", AGAIN)
+    if values.tolist() == [0, 0, 0, 1, 0, 0, 0]:
+        what = "VIEWPOINT 0 0 0 1 0 0 0 of the scan is taken for not known"
+        notes.append(Note("assumed", what, "give --viewpoint=0,0,0 if the scanner stood there"))
+        return None
+    return values[:3]
 
 
 def _usable(name: str, points: FloatArray, notes: list[Note]) -> FloatArray:

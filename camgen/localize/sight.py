@@ -1,0 +1,99 @@
+"""What of a model can be seen from a place: rays against its triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from camgen.collision.tree import ask
+from camgen.geometry.vectors import dots, unit
+from camgen.localize.model import Model
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import FloatArray
+
+#: A place off the model by this part of its size is on it: a ray from there does not meet the triangle it starts on.
+ON_SURFACE = 1e-5
+#: Share by which a ray may pass beside a triangle and meet it still, so that none slips through between two.
+_SEAM = 1e-9
+#: Directions that are tried all around, and then about the best one of them, within this angle (rad).
+_AROUND, _NEARER, _CONE = 60, 16, 0.3
+#: A far eye stands so many sizes of the model away.
+_FAR = 1e4
+
+
+def hidden(model: Model, places: FloatArray, eyes: FloatArray, gap: float) -> BoolArray:
+    """Which ``places`` (N, 3) the model hides from ``eyes`` (3,) or (N, 3), all in the model's frame, mm: a triangle
+    is on the way there, more than ``gap`` (mm) from the place.
+    """
+    ways = unit(eyes - places)
+    ways[ways == 0] = 1e-300
+    # A place within the box leaves it after one diagonal, any other meets it between here and its far end.
+    inverse, pad = 1 / ways, 1e-9 * model.size
+
+    def meets(which: IntArray, low: FloatArray, high: FloatArray) -> BoolArray:
+        one, two = (low - pad - places[which]) * inverse[which], (high + pad - places[which]) * inverse[which]
+        enters, leaves = np.minimum(one, two).max(axis=1), np.maximum(one, two).min(axis=1)
+        return np.asarray((leaves >= enters) & (leaves > gap))
+
+    ray, triangle, _ = ask(model.tree, len(places), meets)
+    blocked = np.zeros(len(places), dtype=bool)
+    blocked[ray[_cross(model.tree.corners[triangle], places[ray], ways[ray]) > gap]] = True
+    return blocked
+
+
+def _cross(corners: FloatArray, places: FloatArray, ways: FloatArray) -> FloatArray:
+    """How far from each place (n, 3) along its unit way the triangle (n, 3, 3) is met, mm; -inf if it is not (Moeller
+    and Trumbore, Fast, minimum storage ray/triangle intersection, 1997).
+    """
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(ways, two)
+    volume = dots(one, across)
+    volume[volume == 0] = np.inf  # beside the triangle: all quotients are 0 and the distance too
+    from_corner = places - corners[:, 0]
+    u = dots(from_corner, across) / volume
+    turned = np.cross(from_corner, one)
+    v = dots(ways, turned) / volume
+    met = (u >= -_SEAM) & (v >= -_SEAM) & (u + v <= 1 + _SEAM)
+    return np.asarray(np.where(met, dots(two, turned) / volume, -np.inf))
+
+
+def far_eyes(model: Model, directions: FloatArray) -> FloatArray:
+    """Eyes (D, 3) that look at the model from far away, from the unit ``directions`` (D, 3)."""
+    return np.asarray((model.low + model.high) / 2 + _FAR * model.size * directions)
+
+
+def look(model: Model, places: FloatArray, normals: FloatArray, eyes: FloatArray, facing: float) -> BoolArray:
+    """Which places (N, 3) on the model, with their normals, each of ``eyes`` (D, 3) sees: (D, N). A surface whose
+    normal and the way to the eye have a cosine of ``facing`` or less is too steep to be seen.
+    """
+    ways = unit((eyes[:, None] - places).reshape(-1, 3)).reshape(len(eyes), -1, 3)
+    seen = np.asarray(np.einsum("dnk,nk->dn", ways, normals) > facing)
+    eye, place = np.nonzero(seen)
+    seen[eye, place] = ~hidden(model, places[place], eyes[eye], ON_SURFACE * model.size)
+    return seen
+
+
+def around() -> FloatArray:
+    """Unit directions (D, 3) on a spiral all around."""
+    k = np.arange(_AROUND) + 0.5
+    up, turn = 1 - 2 * k / _AROUND, np.pi * (3 - 5**0.5) * k
+    out = np.sqrt(1 - up * up)
+    return np.column_stack([out * np.cos(turn), out * np.sin(turn), up])
+
+
+def estimate_eye(model: Model, places: FloatArray, normals: FloatArray, hit: BoolArray, facing: float) -> FloatArray:
+    """The far eye (3,) whose sight agrees best with which of the places (N, 3) were seen, ``hit`` (N,): by Dice's
+    coefficient of the two sets.
+    """
+    directions = around()
+    best = directions[0]
+    for step in range(2):
+        seen = look(model, places, normals, far_eyes(model, directions), facing)
+        agree = 2 * (seen & hit).sum(axis=1) / np.maximum(seen.sum(axis=1) + hit.sum(), 1)
+        best = directions[int(agree.argmax())]
+        if step == 0:
+            turn = 2 * np.pi * np.arange(_NEARER) / _NEARER
+            side = unit(np.cross(best, np.eye(3)[int(np.abs(best).argmin())])[None])[0]
+            ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(best, side))
+            wide = np.where(np.arange(_NEARER) % 2, _CONE, _CONE / 2)[:, None]
+            directions = np.vstack([best, np.cos(wide) * best + np.sin(wide) * ring])
+    return np.asarray(far_eyes(model, best[None])[0])
