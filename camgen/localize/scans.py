@@ -215,7 +215,7 @@ def read(source: Source, mm: float = 1.0) -> Scan:
     notes: list[Note] = []
     viewpoint = None
     if kind == ".pcd":
-        points, viewpoint = pcd(name, data), _viewpoint(name, data, notes)
+        points, viewpoint = pcd(name, data), _viewpoint(name, data)
     elif kind in _TEXTS:
         points = _text(name, data)
     elif kind == ".ply" and not has_faces(data):
@@ -228,7 +228,7 @@ def read(source: Source, mm: float = 1.0) -> Scan:
     return Scan(usable, tuple(notes), None if viewpoint is None else viewpoint * mm)
 
 
-def _viewpoint(name: str, data: bytes, notes: list[Note]) -> FloatArray | None:
+def _viewpoint(name: str, data: bytes) -> FloatArray | None:
     """Where the scanner stood, (3,), as VIEWPOINT of a PCD file says: its place, then its turn as a quaternion. 0, 0, 0
     without a turn is what programs write that do not know, and says nothing.
     """
@@ -242,8 +242,6 @@ def _viewpoint(name: str, data: bytes, notes: list[Note]) -> FloatArray | None:
     if len(values) != 7 or not (np.abs(values) < _FARTHEST_COORDINATE).all():
         raise InputError(name, "is damaged or no PCD point cloud: its VIEWPOINT is no seven numbers", "", AGAIN)
     if values.tolist() == [0, 0, 0, 1, 0, 0, 0]:
-        what = "VIEWPOINT 0 0 0 1 0 0 0 of the scan is taken for not known"
-        notes.append(Note("assumed", what, "give --viewpoint=0,0,0 if the scanner stood there"))
         return None
     return values[:3]
 
