@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from camgen.geometry.rotations import angles_between
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
@@ -49,10 +48,9 @@ def _insist_on_three_axes(part: Part, job: Job) -> None:
         if axis == "normal":
             raise JobError("job", '"normal" needs an arm', "tool.axis", "give rapid, pacscript or vplus")
         turned = curve.rotations if axis == "given" and curve.rotations is not None else fixed_rotation(job)[None]
-        down = np.stack([TOOL_DOWN] * len(turned))
         # A turn about the axis is none to a tool that spins.
-        lean = np.arccos(np.clip(np.einsum("ni,ni->n", turned[:, :, 2], down[:, :, 2]), -1.0, 1.0))
-        if angles_between(turned, down).max() > _UPRIGHT and lean.max() > _UPRIGHT:
+        lean = np.arccos(np.clip(turned[:, :, 2] @ TOOL_DOWN[:, 2], -1.0, 1.0))
+        if lean.max() > _UPRIGHT:
             what = f"a machine of three axes keeps its tool straight down, curve {curve.id} leans it by"
             key = "tool.axis" if axis == "given" else "tool.angles"
             remedy = 'set tool.axis to "fixed", or give rapid, pacscript or vplus'
