@@ -150,6 +150,13 @@ class OperationTable(Table, frozen=True):
         Literal["mean", "burr"],
         Meta(description="mean: between the two faces of an edge; burr: off the face machined last"),
     ] = "mean"
+    last_face: Annotated[
+        str | Values,
+        Meta(
+            description='burr: "top": of two faces the one that looks up more was machined last; [x, y, z]: the one '
+            "that looks more that way; ids of faces as inspect prints them: after all others, in this order"
+        ),
+    ] = "top"
 
 
 class ToolTable(Table, frozen=True):

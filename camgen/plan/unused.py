@@ -15,7 +15,7 @@ _SETTING = re.compile(r"\b[a-z]+\.[a-z_]+\b")
 _STAND = ("axis", "angles")
 _EDGES = {
     "input": ("select",),
-    "operation": ("offset", "trim", "offset_along"),
+    "operation": ("offset", "trim", "offset_along", "last_face"),
     "tool": ("axis_tilt", "symmetric", *_STAND),
 }
 _PICTURES = {"image": _ALL, "camera": _ALL}
@@ -66,7 +66,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         **_PICTURES,
         "page": _ALL,
         "input": ("units", "layers", "select", "join", "min_length"),
-        "operation": (*_CONTOURS, "offset", "trim", "offset_along"),
+        "operation": (*_CONTOURS, "offset", "trim", "offset_along", "last_face"),
         "tool": ("orient", "axis_tilt", "symmetric", *_STAND),
         "process": (
             *("feed", "force", "plunge", "max_feed_factor", "turn", "retract", "stay_down"),

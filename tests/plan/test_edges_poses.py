@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.pose import FloatArray, rotation_about
+from camgen.plan.edges.last_face import TOP
 from camgen.plan.edges.motion import Unreached
 from camgen.plan.edges.reach import poses
 from camgen.plan.edges.ways import Way, counts, divide, rows
@@ -32,11 +33,11 @@ def test_the_front_edge_of_a_block() -> None:
 
 
 def test_along_the_burr_the_offset_is_the_normal_of_the_face_that_looks_up() -> None:
-    found = way(poses(FRONT, 10, "burr"))
+    found = way(poses(FRONT, 10, TOP))
     assert np.allclose(found.position, [[0, 0, 60], [100, 0, 60]])
     assert np.allclose(found.rotation[:, :, 2], [0, 0, -1])
     swapped = straight((0, 0, 50), (100, 0, 50), (0, -1, 0), (0, 0, 1))
-    assert np.allclose(way(poses(swapped, 10, "burr")).rotation, found.rotation)
+    assert np.allclose(way(poses(swapped, 10, TOP)).rotation, found.rotation)
 
 
 def test_the_burr_of_a_bore_in_a_wall_stands_in_the_flat_face() -> None:
@@ -46,7 +47,7 @@ def test_the_burr_of_a_bore_in_a_wall_stands_in_the_flat_face() -> None:
         bore.id, bore.kind, bore.points @ turned, bore.via @ turned, bore.normals[:, ::-1] @ turned,
         bore.via_normals[:, ::-1] @ turned, bore.angle, True, True, 20.0, bore.length,
     )  # fmt: skip
-    assert np.allclose(way(poses(wall, 5, "burr")).rotation[:, :, 2], [-1, 0, 0])
+    assert np.allclose(way(poses(wall, 5, TOP)).rotation[:, :, 2], [-1, 0, 0])
 
 
 def test_an_upright_edge_has_x_level_and_y_upwards() -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray, Pose, pose_from_values, translation
+from camgen.plan.edges.last_face import TOP as UPPER
 from camgen.plan.edges.motion import Freedom, Reached, Setup, Unreached
 from camgen.plan.edges.reach import poses, reach
 from camgen.plan.edges.ways import Way, cut
@@ -103,7 +104,7 @@ def test_backwards_is_the_same_motion() -> None:
 def test_out_of_reach_says_by_how_many_mm() -> None:
     # The tool straight down: the wrist is 85 + 240 mm above the TCP along the flange, here with a tool straight ahead.
     cell = Setup(ARM, translation(2500, 0, 0), translation(0, 0, 240))
-    (found,) = reach([straight((0, 0, 0), (50, 0, 0), (0, 0, 1), (0, -1, 0))], cell, 5.0, "burr")
+    (found,) = reach([straight((0, 0, 0), (50, 0, 0), (0, 0, 1), (0, -1, 0))], cell, 5.0, UPPER)
     assert isinstance(found, Unreached)
     # Axis 2 of an IRB 2400/10 at x = 100, z = 615; upper arm 705, forearm 755 and 135.
     wrist = math.hypot(2500 - 100, 5 + 240 + 85 - 615)
@@ -272,7 +273,7 @@ def test_an_edge_far_away_is_refused_whatever_is_free(name: str) -> None:
 
 def test_a_scara_reaches_an_edge_from_above_but_cannot_lean() -> None:
     cell = Setup(robot("Cobra s600"), translation(350, 100, 100), translation(0, 0, 60))
-    (burr, mean) = (reach([TOP], cell, 5.0, direction)[0] for direction in ("burr", "mean"))
+    (burr, mean) = (reach([TOP], cell, 5.0, direction)[0] for direction in (UPPER, "mean"))
     assert isinstance(burr, Reached)
     rotations, origins = flange(cell.robot, burr.joints)
     assert np.allclose(origins + rotations @ [0, 0, 60], [[350, 100, 155], [470, 100, 155]])

@@ -27,6 +27,7 @@ from camgen.model.text import counted, short
 from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
+from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, feed_of
 from camgen.plan.edges.reach import poses, reach_ways
 from camgen.plan.edges.select import select
@@ -51,10 +52,10 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     robot = cell.arm
     _check(job, cell)
     edges = _choose(solid, job)
-    tip = own_contact(edges.values(), job)
+    direction = offset_along(job, solid, edges.values())
+    tip = own_contact(edges.values(), job, direction)
     where = around(job, robot, cell, solid, cell.meshes, tip)
-    along = job.operation.offset, job.operation.offset_along
-    ways = ((edge, poses(edge, *along)) for edge in edges.values())
+    ways = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
     return plan_ways(part, job, cell, watch, ways, where, (*where.notes, *_note_contact(tip)), "edge")
 
 

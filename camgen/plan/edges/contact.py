@@ -9,6 +9,7 @@ import numpy as np
 from camgen.model.job import Job
 from camgen.model.part import Edge
 from camgen.model.pose import FloatArray
+from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.motion import dense_parts
 from camgen.plan.edges.reach import poses
 from camgen.plan.edges.ways import Way, counts, divide
@@ -21,18 +22,18 @@ _ANYWAY = 0.1
 _LOOK_MM, _LOOK_TURN = 0.5, np.radians(5)
 
 
-def own_contact(edges: Iterable[Edge], job: Job) -> float:
+def own_contact(edges: Iterable[Edge], job: Job, direction: Offset = "mean") -> float:
     """Mm that the tip of the nominal tool may enter the part so that those of ``edges`` that bend into it by no more
     than a quarter of its radius are free of it: 0 where none does.
     """
     radius = job.tool.diameter / 2
-    deep = (_depth(edge, job, radius) for edge in edges if edge.kind != "line")
+    deep = (_depth(edge, job, radius, direction) for edge in edges if edge.kind != "line")
     return max((depth for depth in deep if _ANYWAY < depth <= _MOST * radius), default=0.0)
 
 
-def _depth(edge: Edge, job: Job, radius: float) -> float:
+def _depth(edge: Edge, job: Job, radius: float, direction: Offset) -> float:
     """Mm by which the edge enters the square bar of the tool that works it, from its end or its sides."""
-    tool, drawn = (poses(edge, offset, job.operation.offset_along) for offset in (job.operation.offset, 0.0))
+    tool, drawn = (poses(edge, offset, direction) for offset in (job.operation.offset, 0.0))
     if not isinstance(tool, Way) or not isinstance(drawn, Way):
         return 0.0
     points = divide(drawn, counts(drawn, _LOOK_MM, _LOOK_TURN)).position

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import cache
-from typing import Literal
 
 import numpy as np
 from msgspec.structs import replace
@@ -15,6 +14,7 @@ from camgen.geometry.vectors import cross
 from camgen.model.part import Edge, Line
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import short
+from camgen.plan.edges.last_face import Offset
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, Unreached, dense_parts, flange_poses
 from camgen.plan.edges.search import Grid, grid, search
 from camgen.plan.edges.ways import Way, cut, divide, rows
@@ -22,10 +22,6 @@ from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.reasons import why
 
 # TCP poses along an edge (RFA paper, section III.A): offset, tool z against it, y along the edge, x downwards.
-
-#: mean: along the mean of the two outward normals (paper, fig. 7 a). burr: square to the burr (fig. 7 b), which stands
-#: in the plane of the face machined last, so that the offset is this face's normal.
-Offset = Literal["mean", "burr"]
 
 #: Below this the sum of two unit normals has no direction.
 _OPPOSED = 1e-3
@@ -39,8 +35,6 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreac
     work_from_tool is right-handed: z against the offset, y along the edge or against it, so that x = y cross z points
     downwards on the whole. Where x is level all along, y points upwards at the start; where that is level too, x goes
     with the work's x, or else its y. The travel's direction does not change it: ``Way.reversed``.
-
-    With ``burr`` the face that looks up more was machined last; of two alike the flat one, then the first of the edge.
     """
     away, middle = _directions(edge, direction)
     if not (np.isfinite(away).all() and np.isfinite(middle).all()):
@@ -68,23 +62,16 @@ def poses(edge: Edge, offset: float, direction: Offset = "mean") -> Way | Unreac
 
 def _directions(edge: Edge, direction: Offset) -> tuple[FloatArray, FloatArray]:
     """Unit offset directions at the rows (N, 3) and in the middles (N - 1, 3); NaN where there is none."""
-    if direction == "burr":
-        face = _machine_last(edge)
-        return edge.normals[:, face], edge.via_normals[:, face]
-    return _mean(edge.normals), _mean(edge.via_normals)
+    if direction == "mean":
+        return _mean(edge.normals), _mean(edge.via_normals)
+    face = direction.of(edge)
+    return edge.normals[:, face], edge.via_normals[:, face]
 
 
 def _mean(normals: FloatArray) -> FloatArray:
     total = normals.sum(axis=1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.asarray(np.divide(total, length, out=np.full_like(total, np.nan), where=length > _OPPOSED))
-
-
-def _machine_last(edge: Edge) -> int:
-    """A part does not say which of two faces was machined last: the upper one is taken, then the flat one."""
-    mean = np.concatenate([edge.normals[:-1], edge.via_normals]).mean(axis=0)
-    rank = [(round(float(m[2]), 6), round(float(np.linalg.norm(m)), 6)) for m in mean]
-    return int(rank[1] > rank[0])
 
 
 def _chords(edge: Edge) -> FloatArray:

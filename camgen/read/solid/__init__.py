@@ -14,16 +14,23 @@ from camgen.model.part import Edge, Note, Part, Solid
 from camgen.model.text import counted, harmless, short
 from camgen.read.files import Files
 from camgen.read.solid import mesh, step
+from camgen.read.solid.faces import Face, beside, faces_of
 from camgen.read.units import MM
+
+#: So many faces are listed.
+_LISTED = 200
 
 
 class SolidFacts(Struct, frozen=True):
-    """What is in a 3-D part; its ``str`` is a page to print. size: mm."""
+    """What is in a 3-D part; its ``str`` is a page to print. size: mm. faces: triangles. surfaces: what lies between
+    sharp edges, each with the ids of its edges.
+    """
 
     units: str
     size: tuple[float, float, float]
     faces: int
     edges: tuple[Edge, ...]
+    surfaces: tuple[tuple[Face, tuple[str, ...]], ...]
     notes: tuple[Note, ...]
 
     def __str__(self) -> str:
@@ -33,9 +40,21 @@ class SolidFacts(Struct, frozen=True):
             f"3-D part of {size} mm, units {self.units}, {counted(self.faces, 'triangle')}",
             f"edges: {len(self.edges)}, {convex} convex, {len(self.edges) - convex} concave",
             *(_describe(edge) for edge in self.edges),
+            *self._tell_faces(),
             *map(str, self.notes),
         ]
         return "\n".join(lines)
+
+    def _tell_faces(self) -> list[str]:
+        if len(self.surfaces) > _LISTED:
+            return [f"faces: {len(self.surfaces)}, too many to list"]
+        return [f"faces: {len(self.surfaces)}", *(_describe_face(*one) for one in self.surfaces)]
+
+
+def _describe_face(face: Face, edges: tuple[str, ...]) -> str:
+    """One face: id, area, where a flat one looks to, and its edges."""
+    bent = "bent" if face.looks is None else "looks to " + " ".join(short(v + 0.0, 3) for v in face.looks.tolist())
+    return f"{face.id}: {short(face.area, 1)} mm2, {bent}, " + (f"edges {' '.join(edges)}" if edges else "no edges")
 
 
 def _describe(edge: Edge) -> str:
@@ -52,7 +71,18 @@ def inspect(source: Source, job: Job, _files: Files) -> SolidFacts:
     found = solid(source, job)
     low, high = found.vertices.min(axis=0), found.vertices.max(axis=0)
     x, y, z = np.subtract(high, low).tolist()
-    return SolidFacts(harmless(found.units), (x, y, z), len(found.faces), found.edges, found.notes)
+    return SolidFacts(harmless(found.units), (x, y, z), len(found.faces), found.edges, _surfaces(found), found.notes)
+
+
+def _surfaces(found: Solid) -> tuple[tuple[Face, tuple[str, ...]], ...]:
+    """The faces with their edges; of very many without."""
+    faces = faces_of(found)
+    own: list[list[str]] = [[] for _ in faces.listed]
+    if len(own) <= _LISTED:
+        for name, pair in beside(found.edges, found, faces).items():
+            for k in sorted(set(pair)):
+                own[k].append(name)
+    return tuple((face, tuple(names)) for face, names in zip(faces.listed, own, strict=True))
 
 
 def read(source: Source, job: Job, _files: Files) -> Part:
