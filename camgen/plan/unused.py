@@ -47,7 +47,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "curves in space": _CURVES
     | {
-        "operation": (*_CONTOURS, "offset", "offset_along"),
+        "operation": (*_CONTOURS, "offset", "offset_along", "last_face"),
         "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
         "tour": ("layers", "seam"),
     },
@@ -55,7 +55,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     | {
         "operation": (
             *(name for name in _CONTOURS if name not in ("depth", "passes")),
-            *("offset", "trim", "offset_along"),
+            *("offset", "trim", "offset_along", "last_face"),
         ),
         "tool": ("orient", "axis_tilt", "symmetric"),
         "process": ("retract", "stay_down", *_REPLAYS["process"]),

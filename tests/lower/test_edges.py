@@ -213,9 +213,9 @@ def test_what_cannot_be_reached_is_left_out_with_its_reason(plate: Path) -> None
     assert all(note.what.startswith("edge e") and note.why for note in skipped)
     assert any("table" in note.why for note in skipped)
     assert any(note.what == "the part stands on a table" for note in result.notes)
-    assert not any("a tilt or a free roll may reach them" in note.why for note in result.notes)
     nominal = camgen.build(plate, post="rapid", job={**job, "tool": {}})
-    assert any("a tilt or a free roll may reach them" in note.why for note in nominal.notes)
+    lost = [note.why for note in nominal.notes if note.kind == "skipped"]
+    assert all(" reaches " in why or "another place may" in why for why in lost)
 
 
 def test_the_command_line_builds_and_reports(
@@ -364,6 +364,6 @@ def test_what_stands_between_two_looks_leaves_its_edge_out(plate: Path) -> None:
         assert result.report["checks"]["collision"] == "ok"
     lost = [note.why for note in result.notes if note.kind == "skipped"]
     (place,) = [
-        m[1] for why in lost if (m := re.fullmatch(r"collision, tool against fixture 1, (.*) mm along it", why))
+        m[1] for why in lost if (m := re.fullmatch(r"collision, tool against fixture 1, (.*) mm along it(; .*)?", why))
     ]
     assert 26.8 <= float(place) <= 28.0

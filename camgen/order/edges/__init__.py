@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from camgen.model.cell import Cell
@@ -16,8 +14,8 @@ from camgen.order.edges.links import Along, Turn
 from camgen.order.edges.route import Route, Wish, route
 from camgen.order.tours import EdgeTour
 from camgen.plan import EdgePlan, Watch
-from camgen.plan.edges import edge_path, freedom_of, home_of, left_out, none_left, room_of, setup_of
-from camgen.plan.edges.motion import Freedom, Reached, Setup, Unreached
+from camgen.plan.edges import edge_path, home_of, left_out, none_left, room_of, setup_of
+from camgen.plan.edges.motion import Reached, Setup
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.workcell import Workcell
 
@@ -44,17 +42,8 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     paths = tuple(edge_path(leg.motion, edges[leg.motion.id], job) for leg in made.legs)
     method = "best found" if best else "nearest neighbour"
     noun = plan.noun
-    advice = _advice(lost, freedom_of(job), noun)
-    notes = (*left_out(made.dropped, edges), *advice, *_note_freed(made, noun), *_note_links(made, noun))
+    notes = (*left_out(made.dropped, edges), *_note_freed(made, noun), *_note_links(made, noun))
     return EdgeTour(paths, _travel(made, setup, home), method, notes=notes, route=made, lengths=lengths, made=paths)
-
-
-def _advice(lost: Sequence[Unreached], freedom: Freedom, noun: str) -> list[Note]:
-    """What a user may not know that he can do about edges that are left out. noun: what these are."""
-    if freedom or not any(one.kind in ("limit", "singular", "jump", "collision") for one in lost):
-        return []
-    what = f"{counted(len(lost), f'{noun} is', f'{noun}s are')} out of reach of the nominal tool"
-    return [Note("warning", what, "a tilt or a free roll may reach them: tool.axis_tilt = 15, tool.symmetric = true")]
 
 
 def _note_freed(made: Route, noun: str) -> list[Note]:

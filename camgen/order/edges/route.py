@@ -30,7 +30,7 @@ _ROUNDS, _AGAIN = 30, 5
 _PASSES = 10
 #: Share of the usual search while links still turn out to collide, and then.
 _QUICK, _FULL = 0.05, 0.3
-_REMEDY = "raise cell.safety, or move the part: cell.base_from_work"
+_REMEDY = "cell.safety or another place (camgen place) may help"
 
 
 class Wish(Struct, frozen=True):
@@ -121,7 +121,8 @@ def route(
         if not lost:
             legs, back = _legs(work, found)
             return Route(legs, back, tuple(dropped), found.seconds, found.nearest)
-        dropped += [Unreached(work.motions[k].id, "collision", "no free motion leads to it") for k in sorted(lost)]
+        names = [work.motions[k].id for k in sorted(lost)]
+        dropped += [Unreached(name, "collision", "no free motion leads to it", _REMEDY) for name in names]
         if len(lost) == len(work.motions):
             return Route((), (), tuple(dropped), 0.0, 0.0)
         work = _without(work, lost)
@@ -140,7 +141,7 @@ def _left(
     for motion, *pair in zip(motions, found[::2], found[1::2], strict=True):
         texts = [one for one in pair if isinstance(one, str)]
         if len(texts) == 2:
-            dropped.append(Unreached(motion.id, "collision", f"no way back from it: {texts[0]}"))
+            dropped.append(Unreached(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY))
             continue
         ways = [one for one in pair if isinstance(one, Retraction)]
         if isinstance(pair[0], str):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
@@ -29,13 +29,16 @@ from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.last_face import offset_along
 from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, feed_of
-from camgen.plan.edges.reach import poses, reach_ways
+from camgen.plan.edges.reach import poses, reach_part, reach_ways
+from camgen.plan.edges.remedy import Attempts, remedies
 from camgen.plan.edges.select import select
 from camgen.plan.edges.ways import Way
 from camgen.plan.unused import no_idle
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell
 
+#: The cell with what stands in it, for a job.
+Surround = Callable[[Job], Surroundings]
 #: mm: what two bodies may enter each other before a motion in between is found to collide.
 STEP = 2.0
 
@@ -54,9 +57,12 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
     edges = _choose(solid, job)
     direction = offset_along(job, solid, edges.values())
     tip = own_contact(edges.values(), job, direction)
-    where = around(job, robot, cell, solid, cell.meshes, tip)
+
+    def surround(other: Job) -> Surroundings:
+        return around(other, robot, cell, solid, cell.meshes, tip)
+
     ways = ((edge, poses(edge, job.operation.offset, direction)) for edge in edges.values())
-    return plan_ways(part, job, cell, watch, ways, where, (*where.notes, *_note_contact(tip)), "edge")
+    return plan_ways(part, job, cell, watch, ways, surround, _note_contact(tip), "edge")
 
 
 def plan_ways(
@@ -65,15 +71,17 @@ def plan_ways(
     cell: Workcell,
     watch: Watch,
     ways: Iterable[tuple[Line, Way | Unreached]],
-    where: Surroundings,
+    surround: Surround,
     notes: Sequence[Note],
     noun: str,
 ) -> EdgePlan:
-    """The motions along ``ways``, those that the arm reaches. notes: beside the part's. noun: what a line is called.
+    """The motions along ``ways``, those that the arm reaches. surround: the cell with what stands in it, for a
+    job. notes: beside those of part and cell. noun: what a line is called.
 
     NoSafeProgram where none can be run.
     """
     assert cell.arm is not None
+    where = surround(job)
     home_of(cell.arm, cell, where.scene)
     watch("reaching")
     setup = setup_of(cell.arm, cell, where.scene)
@@ -86,21 +94,49 @@ def plan_ways(
     found = reach_ways(listed, setup, freedom_of(job), job.operation.trim, tell)
     found = _clear_between(found, room_of(where, setup))
     good = tuple(one for one in found if isinstance(one, Reached))
-    lost = tuple(one for one in found if isinstance(one, Unreached))
+    lost = [one for one in found if isinstance(one, Unreached)]
+    watch("reaching, what would help others")
+    attempts = _attempts(job, cell, cell.arm, {line.id: (line, way) for line, way in listed}, surround)
+    lost, more = remedies(lost, lines, job, attempts, noun)
     if not good:
         raise none_left(part, len(lines), lost[0], noun)
     paths = tuple(edge_path(motion, lines[motion.id], job) for motion in good)
     return EdgePlan(
         part,
         paths,
-        (*part.notes, *notes, *left_out(lost, lines)),
+        (*part.notes, *where.notes, *notes, *left_out(lost, lines), *more),
         edges=tuple(lines.values()),
         motions=good,
-        unreached=lost,
+        unreached=tuple(lost),
         where=where,
         made=paths,
         noun=noun,
     )
+
+
+def _attempts(
+    job: Job, cell: Workcell, arm: Robot, ways: Mapping[str, tuple[Line, Way | Unreached]], surround: Surround
+) -> Attempts:
+    """What ``ways`` come to with other settings of the tool or a trim, in the same cell."""
+
+    @cache
+    def place(tilt: float) -> tuple[Setup, Room]:
+        where = surround(replace(job, tool=replace(job.tool, axis_tilt=tilt)))
+        here = setup_of(arm, cell, where.scene)
+        return here, room_of(where, here)
+
+    def whole(other: Job, names: Sequence[str]) -> tuple[Reached | Unreached, ...]:
+        here, room = place(other.tool.axis_tilt)
+        listed = [ways[name] for name in names]
+        return _clear_between(reach_ways(listed, here, freedom_of(other), other.operation.trim), room)
+
+    def part(other: Job, name: str, ends: tuple[float, float]) -> bool:
+        here, room = place(other.tool.axis_tilt)
+        line, way = ways[name]
+        found = way if isinstance(way, Unreached) else reach_part(line, way, here, freedom_of(other), ends)
+        return isinstance(_clear_between([found], room)[0], Reached)
+
+    return Attempts(whole, part)
 
 
 def _note_contact(tip: float) -> list[Note]:
@@ -117,7 +153,8 @@ def freedom_of(job: Job) -> Freedom:
 
 def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> NoSafeProgram:
     """The error where none of ``count`` edges can be processed. noun: what they are."""
-    return NoSafeProgram(part.source, f"none of {counted(count, noun)} can be processed: {first.id}", first.text)
+    what = f"none of {counted(count, noun)} can be processed: {first.id}"
+    return NoSafeProgram(part.source, what, first.text, first.remedy)
 
 
 def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
@@ -251,7 +288,10 @@ def leave_out(plan: EdgePlan, lost: Sequence[tuple[str, Literal["collision", "ju
 
 def left_out(lost: Sequence[Unreached], edges: Mapping[str, Line]) -> list[Note]:
     """Notes on edges and curves without a motion."""
-    return [Note("skipped", _describe(edges[one.id]), one.text, (one.id,)) for one in lost]
+    return [
+        Note("skipped", _describe(edges[one.id]), "; ".join(filter(None, (one.text, one.remedy))), (one.id,))
+        for one in lost
+    ]
 
 
 def _describe(line: Line) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from camgen.collision.cell import around
+from camgen.collision.cell import Surroundings, around
 from camgen.geometry.surface import nearest
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError, JobError
@@ -37,8 +37,12 @@ def plan_curves(part: Part, job: Job, cell: Cell, watch: Watch) -> EdgePlan:
         raise InputError(part.source, what, remedy="build them in several programs, or raise limits.edges")
     ways = [(curve, stand(curve, job, part.solid)) for curve in part.curves]
     points = np.concatenate([column for curve in part.curves for column in (curve.points, curve.middles)])
-    where = around(job, cell.arm, cell, part.solid, cell.meshes, beside=points)
-    return plan_ways(part, job, cell, watch, ways, where, (*where.notes, *_note_faces(part, job)), "curve")
+    arm = cell.arm
+
+    def surround(other: Job) -> Surroundings:
+        return around(other, arm, cell, part.solid, cell.meshes, beside=points)
+
+    return plan_ways(part, job, cell, watch, ways, surround, _note_faces(part, job), "curve")
 
 
 def _note_faces(part: Part, job: Job) -> tuple[Note, ...]:

@@ -83,12 +83,13 @@ class Freedom(Struct, frozen=True):
 
 class Unreached(Struct, frozen=True):
     """An edge that cannot be processed. kind: the shape itself; as in ``robots.reasons``; or a collision. text: the
-    reason with its amount and the place along the edge.
+    reason with its amount and the place along the edge. remedy: what would help, "" where that is not known.
     """
 
     id: str
     kind: Literal["shape", "reach", "lean", "limit", "singular", "jump", "collision"]
     text: str
+    remedy: str = ""
 
 
 class Reached(Struct, frozen=True, eq=False):

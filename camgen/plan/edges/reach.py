@@ -158,6 +158,11 @@ def _reach(edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float) ->
     return whole
 
 
+def reach_part(edge: Line, way: Way, setup: Setup, freedom: Freedom, ends: tuple[float, float]) -> Reached | Unreached:
+    """How an open edge is processed without so many mm of its tool's way at the ends, or why it cannot be."""
+    return _along(setup, edge.id, cut(way, ends[0], float(way.length.sum()) - ends[1]), freedom)
+
+
 def _trims(trim: float, length: float) -> list[tuple[float, float]]:
     """What is left out at the ends, least first; at least half of the edge stays."""
     steps = [trim * share for share in _SHARES]
