@@ -36,6 +36,11 @@ def _picture(result: Built) -> bytes:
 
 
 def _drawing(result: Built) -> bytes:
+    if result.part.solid is not None and not result.part.curves:
+        from camgen.preview.solid_svg import svg as draw_solid  # noqa: PLC0415 (only where a 3-D part is drawn)
+        from camgen.preview.view import view  # noqa: PLC0415
+
+        return draw_solid(view(result), result.part.solid).encode("utf-8")
     from camgen.preview import drawing_stages, photo_stages, svg  # noqa: PLC0415 (only where a picture is asked for)
 
     part, title = result.part, f"{result.part.source}, {result.post.name}"

@@ -21,7 +21,18 @@ from camgen.robots.models import Link
 
 #: The scripts in the order in which they run, all but the first in one scope.
 _LIBRARY = "three.min.js"
-_SCRIPTS = ("data.js", "lines.js", "scene.js", "arm.js", "camera.js", "list.js", "pick.js", "player.js", "viewer.js")
+_SCRIPTS = (
+    "data.js",
+    "lines.js",
+    "scene.js",
+    "arm.js",
+    "camera.js",
+    "list.js",
+    "pick.js",
+    "numbers.js",
+    "player.js",
+    "viewer.js",
+)
 
 
 def page(view: View) -> str:
@@ -78,6 +89,7 @@ def _plain(view: View) -> dict[str, object]:
         "flat": view.flat,
         "solid": view.solid and _mesh(view.solid, origin),
         "paths": view.rows,
+        "numbers": _numbers(view, origin),
         "skipped": [[note.what, note.why] for note in view.skipped],
         "track": {
             "position": _pack(way.position - origin),
@@ -99,6 +111,16 @@ def _plain(view: View) -> dict[str, object]:
         "meshes": [[name, _mesh(shape, origin)] for name, shape in view.meshes],
         "arm": _arm(view),
     }
+
+
+def _numbers(view: View, origin: FloatArray) -> list[object]:
+    """Of the edges of a 3-D part: number or id, where it stands, the path that runs it, -1 for none."""
+    if view.solid is None:
+        return []
+    from camgen.preview.figure import figure_edges, oblique  # noqa: PLC0415 (loads OpenCV, only for 3-D parts)
+
+    edges = figure_edges(view, view.solid, oblique(), None)
+    return [[edge.text, *(edge.middle - origin).tolist(), edge.number] for edge in edges if edge.text]
 
 
 def _arm(view: View) -> dict[str, object] | None:

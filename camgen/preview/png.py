@@ -10,8 +10,11 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.errors import one_line
+from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
 from camgen.preview.aside import TILT, TURN, look_from
+from camgen.preview.draw import by_order
+from camgen.preview.figure import figure_edges, label_places, oblique, runs, shade
 from camgen.preview.view import View
 
 Pixels = NDArray[np.uint8]
@@ -50,8 +53,11 @@ def png(view: View) -> bytes:
     """The picture as the bytes of a PNG file."""
     image = np.full((_HIGH, _WIDE, 3), 255, np.uint8)
     sheet = _fit(view)
-    _part(image, view, sheet)
-    _way(image, view, sheet)
+    if view.solid is None:
+        _part(image, view, sheet)
+        _way(image, view, sheet)
+    else:
+        _solid(image, view, view.solid, sheet)
     _words(image, view, sheet)
     return bytes(cv2.imencode(".png", image)[1])
 
@@ -70,8 +76,48 @@ def _fit(view: View) -> _Sheet:
     return _Sheet(seen, scale, middle - (low + high) / 2 * scale)
 
 
+def _solid(image: Pixels, view: View, solid: Solid, sheet: _Sheet) -> None:
+    """Shaded faces, edges by state, thin where they are hidden, the way, and the number of every edge."""
+    look = oblique()
+    shaded = shade(solid, look)
+    # From a pixel of the shaded picture to one of the image.
+    scale, left = shaded.per_px * sheet.scale, shaded.low * (1.0, -1.0) * sheet.scale + sheet.shift
+    lift = left[1] - scale * (len(shaded.front) - 1)
+    matrix = np.array([[scale, 0.0, left[0]], [0.0, scale, lift]])
+    laid = cv2.warpAffine(shaded.pixels(), matrix, (_WIDE, _HIGH), flags=cv2.INTER_LINEAR, borderValue=(0, 0, 0, 0))
+    np.copyto(image, laid[..., :3], where=laid[..., 3:] > 127)
+    edges = figure_edges(view, solid, look, shaded)
+    for wanted, wide in ((False, 1), (True, 2)):
+        for state, colour in _COLOURS.items():
+            own = [sheet.place(p) for edge in edges if edge.state == state for seen, p in runs(edge) if seen == wanted]
+            cv2.polylines(image, own, False, colour, wide + (state == "skipped"), cv2.LINE_AA, _SHIFT)
+    _way(image, view, sheet)
+    for edge, (at, seen) in zip(edges, label_places(edges, look, 46 / sheet.scale), strict=True):
+        if edge.text:
+            x, y = (at * (1.0, -1.0) * sheet.scale + sheet.shift).round().astype(int).tolist()
+            _disc(image, edge.text, (x, y), _shade_of(edge.number, len(view.rows)), full=seen)
+
+
+def _shade_of(number: int, count: int) -> Colour:
+    """Blue, green, red of a number in the order; of what has none that of what is left out."""
+    if number < 0:
+        return _COLOURS["skipped"]
+    red, green, blue = bytes.fromhex(by_order(number, count)[1:])
+    return blue, green, red
+
+
+def _disc(image: Pixels, text: str, at: tuple[int, int], colour: Colour, *, full: bool) -> None:
+    """A disc with a text; not full: hollow."""
+    size, face = (0.62 if len(text) < 3 else 0.45), cv2.FONT_HERSHEY_SIMPLEX
+    (wide, high), _ = cv2.getTextSize(text, face, size, 2)
+    fill, ink = (colour, (255, 255, 255)) if full else ((255, 255, 255), colour)
+    cv2.circle(image, at, 20, fill, -1, cv2.LINE_AA)
+    cv2.circle(image, at, 20, colour, 2, cv2.LINE_AA)
+    cv2.putText(image, text, (at[0] - wide // 2, at[1] + high // 2), face, size, ink, 2, cv2.LINE_AA)
+
+
 def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
-    """Contours and edges by state, over the sheet inside closed contours."""
+    """Contours by state, over the sheet inside closed ones."""
     ends = np.cumsum(view.chains.counts)[:-1]
     chains = list(zip(view.lines, np.split(sheet.place(view.chains.points), ends), strict=True)) if view.lines else []
     if view.flat:

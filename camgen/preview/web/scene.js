@@ -29,6 +29,7 @@ const layers = {
   skipped: { label: "Left out", colour: "bad", things: [] },
   fixtures: { label: data.standing.some(([name]) => name === "table") ? "Table" : "Fixtures", colour: "fixture", things: [] },
   unused: { label: "Not asked for", colour: "unused", things: [] },
+  numbers: { label: "Numbers", colour: "accent", things: [] },
   paths: { label: "Tool paths", colour: "accent", things: [] },
   arrows: { label: "Directions", colour: "ink", things: [] },
   starts: { label: "Starts", colour: "ink", things: [] },

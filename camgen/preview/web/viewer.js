@@ -45,7 +45,7 @@ function setLegend() {
 
 function setLayers() {
   for (const [name, layer] of Object.entries(layers)) {
-    if (!layer.things.length && !["paths", "travel", "approach"].includes(name)) continue;
+    if (!layer.things.length && !["paths", "travel", "approach"].includes(name) && !(name === "numbers" && numbers.length)) continue;
     const label = make("label");
     const tick = make("input");
     tick.type = "checkbox";
@@ -191,6 +191,7 @@ function paint() {
   showTriad();
   showScale();
   showMeasure();
+  showNumbers();
 }
 
 // Frames that come one after the other tell how fast this machine is: where there is much to draw, slow ones are drawn
