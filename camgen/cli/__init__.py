@@ -137,6 +137,7 @@ def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
     command("capture", "take a picture with a camera, or from a video or a stream", _capture)
     command("markers", "draw a sheet of markers that shows a photo where the work plane is", _markers)
     command("localize", "find a CAD part in a point cloud and write its work frame", _localize)
+    command("place", "search where a 3-D part should stand for an arm", _place)
     command("robots", "list the robots that camgen knows, or say what a URDF describes", _robots)
     command("posts", "list the posts that are installed", lambda _: None)
     command("schema", "print the JSON schema of job files, for editors", _schema)
@@ -245,6 +246,16 @@ def _localize(sub: _Parser) -> None:
     sub.add_argument("--units", metavar="UNIT", default="mm", help="what one unit of the scan is (default: mm)")
     sub.add_argument("--start", metavar="X,Y,Z,RX,RY,RZ", help="roughly where the part stands, mm and deg")
     sub.add_argument("--viewpoint", metavar="X,Y,Z", help="where the scanner stood, mm in the scan's frame; or unknown")
+
+
+def _place(sub: _Parser) -> None:
+    sub.add_argument("input", metavar="INPUT", help="the part: mesh or STEP")
+    _post(sub)
+    _job(sub)
+    sub.add_argument("-o", "--output", metavar="FILE.toml", required=True, help="job file to write, with its [cell]")
+    sub.add_argument(
+        "--height", metavar="MM", type=float, help="where it stands above the base (default: searched too)"
+    )
 
 
 def _post(sub: _Parser) -> None:

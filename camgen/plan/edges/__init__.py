@@ -54,7 +54,7 @@ def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePla
         raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
     robot = cell.arm
     _check(job, cell)
-    edges = _choose(solid, job)
+    edges = choose(solid, job)
     direction = offset_along(job, solid, edges.values())
     tip = own_contact(edges.values(), job, direction)
 
@@ -173,7 +173,7 @@ def _stop(motion: Reached, hit: Hit | None) -> Reached | Unreached:
     return Unreached(motion.id, hit.kind, f"{hit.what}, {along} mm along it")
 
 
-def _choose(solid: Solid, job: Job) -> dict[str, Edge]:
+def choose(solid: Solid, job: Job) -> dict[str, Edge]:
     """The selected edges by their ids. InputError for more than may be: of a noisy mesh every triangle has some."""
     if not solid.edges:
         raise InputError(solid.source, "has no sharp edges", remedy="camgen inspect shows what is in it")
