@@ -23,6 +23,7 @@ from camgen.build import Result, build
 from camgen.preview import page as html
 from camgen.preview import png as picture
 from camgen.preview import view
+from camgen.preview.drawings import draw
 from camgen.preview.svg import svg
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +57,8 @@ PICTURES = (
     Shown("drill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "drill"}, "tool": {"diameter": 8.0}}),
     Shown("replay.svg", OLD, "rapid", {"post": {"signals": {"dout0": "doProcess"}}}, "old.ngc, rapid"),
     Shown("edges.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
+    Shown("rfa1-order.svg", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1_nominal.toml"),
+    Shown("rfa2-order.svg", PARTS / "rfa2.stl", "rapid", PARTS / "rfa2_nominal.toml"),
     Shown("page.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
 )
 
@@ -90,6 +93,8 @@ def drawn(shown: Shown) -> bytes:
         return page(result)
     if shown.name.endswith(".png"):
         return small(picture.png(view.view(result)))
+    if result.part.solid is not None:
+        return draw(result, Path(shown.name))
     title = shown.title or f"{shown.source.name}, {shown.post}"
     return svg(result.part, result.tour, result.notes, title).encode()
 
