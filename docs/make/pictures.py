@@ -31,7 +31,7 @@ PARTS = ROOT / "fixtures" / "parts"
 #: The G-code of the bracket, as a program that somebody kept.
 OLD = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected" / "part.ngc"
 #: Width of a PNG, and the colours of a channel: small files.
-_WIDE, _SHADES = 820, 12
+_WIDE, _SHADES = 820, 11
 #: A browser that draws with the processor, and waits until the page has come to rest.
 _SWITCHES = (
     *("--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"),
