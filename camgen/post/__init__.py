@@ -115,6 +115,8 @@ class Post(ABC):
     suffix: ClassVar[str]
     about: ClassVar[str]
     newline: ClassVar[str] = "\n"
+    #: The endings of further files that a program may have.
+    data_suffixes: ClassVar[tuple[str, ...]] = ()
     #: Names of the passes that may replace what ``why_not`` turns down, in the order in which they are tried.
     passes: ClassVar[tuple[str, ...]] = ("chords",)
     #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J, which a

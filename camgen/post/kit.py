@@ -344,8 +344,8 @@ def _illegal(file: OutputFile, post: type[Post], clean: bool) -> Iterator[str]:
     """What no text may hold."""
     if not file.name or file.name != file.name.strip() or re.search(r"[/\\\x00-\x1f]", file.name):
         yield f"{file.name!r} is no file name"
-    if not file.name.endswith(post.suffix):
-        yield f"{file.name} does not end with {post.suffix}"
+    if not file.name.endswith((post.suffix, *post.data_suffixes)):
+        yield f"{file.name} does not end with {' or '.join((post.suffix, *post.data_suffixes))}"
     if not file.text.isascii():
         yield f"{file.name} is not ASCII"
     if re.search(r"[^\n\t -~]", file.text):

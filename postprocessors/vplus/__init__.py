@@ -21,16 +21,13 @@ from camgen.model.text import short
 from camgen.post import OutputFile, Post, Tolerance, pose_of
 from camgen.post.passes import without_force
 
-from . import rules
+from . import records, rules
+from .lines import IN, Lines
+from .records import Records
 from .rules import SPEED_DIGITS, Posture, unprintable
 
-_IN = "    "
-#: Degrees with 4 digits: three angles together stay within 3e-6 rad.
-_ANGLE_DIGITS = 4
 #: What 100 % of ACCEL is taken to be, mm/s2 of the TCP.
 _RATED_ACCELERATION = 5000.0
-#: Sliding joints get more digits than poses, so that one tolerance serves rad and mm.
-_SLIDE_DIGITS = 5
 
 
 @dataclass
@@ -39,6 +36,7 @@ class VPlus(Post):
 
     name: ClassVar[str] = "vplus"
     suffix: ClassVar[str] = ".v2"
+    data_suffixes: ClassVar[tuple[str, ...]] = (".dat",)
     about: ClassVar[str] = "Adept V+ for SCARA and six-axis robots; arcs as chords"
     newline: ClassVar[str] = "\r\n"
     passes: ClassVar[tuple[str, ...]] = ("chords",)
@@ -87,12 +85,18 @@ class VPlus(Post):
     spindle: Literal["refuse", "on-off"] = field(
         default="refuse", kw_only=True, metadata={"help": "what a spindle becomes: refuse, or on-off (output spindle)"}
     )
+    points: Literal["program", "file"] = field(
+        default="program",
+        kw_only=True,
+        metadata={"help": "where the motions are: in the program, or in a data file that it reads, for long jobs"},
+    )
     _speed: str = field(default="", init=False, repr=False)
     _switches: tuple[str, ...] = field(default=(), init=False, repr=False)
     _posture_due: bool = field(default=True, init=False, repr=False)
     _scara: tuple[FloatArray, FloatArray] | None = field(default=None, init=False, repr=False)
     _by_hand: tuple[str, ...] = field(default=(), init=False, repr=False)
-    _angles: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
+    _lines: Lines = field(init=False, repr=False)
+    _spelled: Lines | Records = field(init=False, repr=False)
     _orientations: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -109,6 +113,18 @@ class VPlus(Post):
                 raise JobError(f"[post] {key}", f"cannot be {getattr(self, key)}", remedy=remedy)
         rules.check_signals(self.signals)
         rules.check_posture(self.posture)
+        if self.points == "file":
+            self._check_file()
+        self._lines = Lines(self.work, self.decimals)
+        self._spelled = Records(self.decimals) if self.points == "file" else self._lines
+
+    def _check_file(self) -> None:
+        if self.decimals > 3:
+            raise JobError("[post] decimals", "a data file holds 3 digits of a mm", remedy="1 to 3")
+        for key, name in (("program", self.program), ("tool", self.tool), ("work", self.work)):
+            if name.lower() in records.VARIABLES:
+                what = f"{name!r} is a variable of the program that reads the data file"
+                raise JobError(f"[post] {key}", what, remedy="give another name")
 
     @classmethod
     def cell(cls) -> Cell:
@@ -154,6 +170,9 @@ class VPlus(Post):
 
     def why_not(self, item: Instruction, start: Pose | None) -> str:
         """The reason and remedy in one, or nothing."""
+        reason = records.too_large(item) if self.points == "file" else ""
+        if reason:
+            return reason
         match item:
             case MoveC():
                 if start is None:
@@ -222,16 +241,17 @@ class VPlus(Post):
         lines = [f".PROGRAM {name}()", *(self.note(text) for text in program.header)]
         lines += [self.comment(text) for text in self._remarks()]
         if self.declare:
-            lines.append(f"{_IN}AUTO {', '.join(declared)}")
+            lines.append(f"{IN}AUTO {', '.join(declared)}")
+        lines += records.declarations() if self.points == "file" else []
         # Modal, and as the last program left them: corners and the time rely on both.
         share = short(self.accel, SPEED_DIGITS)
         accel = f"ACCEL ({self.profile}) {share}, {share}"
-        lines += [f"{_IN}{text}" for text in ("SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", accel)]
+        lines += [f"{IN}{text}" for text in ("SELECT ROBOT = 1", "ATTACH ()", "ENABLE CP", accel)]
         if self.declare:
-            lines.append(f"{_IN}SET {self.tool} = {self._trans(program.flange_from_tool)}")
-        lines.append(f"{_IN}TOOL {self.tool}")
+            lines.append(f"{IN}SET {self.tool} = {self._lines.trans(program.flange_from_tool)}")
+        lines.append(f"{IN}TOOL {self.tool}")
         if self.declare and self.work in declared:
-            lines.append(f"{_IN}SET {self.work} = {self._trans(program.base_from_work)}")
+            lines.append(f"{IN}SET {self.work} = {self._lines.trans(program.base_from_work)}")
         return lines
 
     def _name(self, program: Program, parts: int) -> str:
@@ -246,27 +266,25 @@ class VPlus(Post):
 
     def end(self, program: Program) -> Sequence[str]:  # noqa: ARG002 (the same for every program)
         """Every last motion has its BREAK already: a program's last motion does not blend."""
-        return (f"{_IN}DETACH ()", f"{_IN}RETURN", ".END")
+        return (f"{IN}DETACH ()", f"{IN}RETURN", ".END")
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
         """MOVE, to a precision point or a pose."""
-        lines = self._pace(f"SPEED {short(100 * motion.speed / self.rated, SPEED_DIGITS)} ALWAYS")
+        lines = self._pace(self._spelled.percent(100 * motion.speed / self.rated))
         if self._posture_due:
-            lines += [f"{_IN}{word}" for word in self.posture]
+            lines += [self._spelled.word(word) for word in self.posture]
             self._posture_due = False
         if isinstance(motion.target, Joints):
-            target = _ppoint(motion.target)
-        else:
-            target = f"{self.work}:{self._trans(motion.target)}"
-            lines += self._switched(motion)
-        return [*lines, f"{_IN}MOVE {target}", *_stop(motion)]
+            return [*lines, *self._spelled.to_joints(motion.target, motion.blend == 0)]
+        lines += self._switched(motion)
+        return [*lines, *self._spelled.to_pose("MOVE", motion.target, motion.blend == 0)]
 
     def movel(self, motion: MoveL) -> Sequence[str]:
         """MOVES, at 100 % of the rotational speed at most; where only the tool turns, at that of the motion."""
         turn = 100 * math.degrees(motion.turn) / self.rated_turn if motion.turn else 100.0
-        lines = self._pace(f"SPEED {short(motion.speed, SPEED_DIGITS)}, {short(turn, SPEED_DIGITS)} MMPS ALWAYS")
+        lines = self._pace(self._spelled.straight(motion.speed, turn))
         lines += self._switched(motion)
-        return [*lines, f"{_IN}MOVES {self.work}:{self._trans(pose_of(motion))}", *_stop(motion)]
+        return [*lines, *self._spelled.to_pose("MOVES", pose_of(motion), motion.blend == 0)]
 
     def _switched(self, motion: MoveJ | MoveL) -> list[str]:
         """The words of a posture that is another than before: a TRANS has none, and they stay in force."""
@@ -276,41 +294,33 @@ class VPlus(Post):
         if self.posture:
             raise JobError("[post] posture", "cell.robot plans the posture", remedy="leave out one of the two")
         self._switches = words
-        return [f"{_IN}{word}" for word in words]
+        return [self._spelled.word(word) for word in words]
 
     def _pace(self, text: str) -> list[str]:
         """The SPEED line unless it is the one in force: V+ has one setting for joint and straight motions."""
         if text == self._speed:
             return []
         self._speed = text
-        return [_IN + text]
+        return [text]
 
     def output(self, item: Output) -> Sequence[str]:
         """SIGNAL; the motion before it has printed the BREAK that it needs."""
         number = self.signals[item.signal]
-        return (f"{_IN}SIGNAL {number if item.value else -number}",)
+        return (self._spelled.signal(number if item.value else -number),)
 
     def wait(self, item: Wait) -> Sequence[str]:
         """WAIT.EVENT without an event: a dwell in seconds."""
-        return (f"{_IN}WAIT.EVENT , {short(item.seconds, 3)}",)
+        return (self._spelled.wait(item.seconds),)
 
     def comment(self, text: str) -> str:
         """A line of its own."""
         return f"; {text}"
 
-    def _trans(self, pose: Pose) -> str:
-        key = pose.rotation.tobytes()
-        angles = self._angles.get(key)
-        if angles is None:
-            values = (math.degrees(a) for a in rules.yaw_pitch_roll(pose.rotation))
-            angles = self._angles[key] = ",".join(short(v, _ANGLE_DIGITS) for v in values)
-        x, y, z = pose.origin
-        d = self.decimals
-        return f"TRANS({short(x, d)},{short(y, d)},{short(z, d)},{angles})"
-
     def assemble(self, program: Program, parts: Sequence[Sequence[str]]) -> tuple[OutputFile, ...]:
         """One file; a long program is a main one that calls the others, each with the work frame for itself."""
         self._speed, self._posture_due, self._switches = "", True, ()
+        if self.points == "file":
+            return self._assemble_data(program, [line for part in parts for line in part if line[0] != ";"])
         if len(parts) == 1:
             return super().assemble(program, parts)
         name = self._name(program, len(parts))
@@ -318,7 +328,7 @@ class VPlus(Post):
             remedy = f"shorten post.program to {len(name)} characters or raise post.max_lines"
             raise Refused(self.name, rules.WHOLE, f"{self.program} is too long a name for {len(parts)} parts", remedy)
         lines = self._head(program, name, (self.tool,))
-        lines += [f"{_IN}CALL {name}.{k}()" for k in range(1, len(parts) + 1)]
+        lines += [f"{IN}CALL {name}.{k}()" for k in range(1, len(parts) + 1)]
         lines += self.end(program)
         speed = ""
         switches: list[str] = []
@@ -326,28 +336,25 @@ class VPlus(Post):
         for k, part in enumerate(parts, start=1):
             lines += ["", f".PROGRAM {name}.{k}()"]
             if self.declare:
-                lines += [f"{_IN}AUTO {self.work}", f"{_IN}SET {self.work} = {self._trans(program.base_from_work)}"]
+                lines += [f"{IN}AUTO {self.work}", f"{IN}SET {self.work} = {self._lines.trans(program.base_from_work)}"]
             # Each part says its speed and its posture itself: whether a CALL keeps them is not confirmed.
-            lines += [*([speed] if speed else ()), *switches, *part, f"{_IN}RETURN", ".END"]
+            lines += [*([speed] if speed else ()), *switches, *part, f"{IN}RETURN", ".END"]
             speed, switches = _last_speed(part, speed), rules.last_switches(part, switches) if planned else []
         return (OutputFile(self.file_name(program), "\n".join(lines) + "\n"),)
 
-
-def _ppoint(joints: Joints) -> str:
-    """A precision point: degrees, and mm for joint 3 of a SCARA."""
-    slide = 2 if len(joints.values) == 4 else None
-    texts = (
-        short(v, _SLIDE_DIGITS) if k == slide else short(math.degrees(v), _ANGLE_DIGITS)
-        for k, v in enumerate(joints.values)
-    )
-    return f"#PPOINT({', '.join(texts)})"
-
-
-def _stop(motion: MoveJ | MoveL) -> tuple[str, ...]:
-    """Continuous path is on by default, so a stop has to be said."""
-    return () if motion.blend > 0 else (f"{_IN}BREAK",)
+    def _assemble_data(self, program: Program, body: Sequence[str]) -> tuple[OutputFile, ...]:
+        """The reader program and its data, which know each other by an identification. body: records."""
+        file = records.data_name(program.name)
+        name = rules.program_name(self.program or program.name, 0, (self.tool, self.work, *records.VARIABLES))
+        head = self._head(program, name, (self.tool, self.work))
+        settings = [line for line in head if not line.startswith((".", ";"))]
+        identity = records.identify(settings, body)
+        head[1:1] = [self.note(f"the motions are in {file} on the default disk")]
+        lines = [*head, *records.reader(file, identity, len(body), self.work, records.signals_of(body))]
+        text = OutputFile(self.file_name(program), "\n".join(lines) + "\n")
+        return (text, OutputFile(file, records.data(identity, body)))
 
 
 def _last_speed(part: Sequence[str], before: str) -> str:
     """The SPEED line in force after ``part``, when ``before`` was in force where it started."""
-    return next((line for line in reversed(part) if line.startswith(f"{_IN}SPEED ")), before)
+    return next((line for line in reversed(part) if line.startswith(f"{IN}SPEED ")), before)

@@ -21,6 +21,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 from camgen.post import Fault, Reading, Remark
 
+from .datafile import read_data
 from .expressions import Expression, variable
 from .names import canonical
 from .robot import POSTURES, RobotState, same
@@ -46,8 +47,8 @@ _LOOPED = 100_000
 _CALLS = 20
 _CALL = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(\s*(.*?)\s*\)")
 _OTHERS = frozenset(
-    """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE FOPEN GOTO HALT HERE IF
-    MC OPENI PARAMETER PAUSE REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
+    """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE FOPEN FOPENR GOTO HALT HERE
+    IF MC OPENI PARAMETER PAUSE REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
     """.split()  # noqa: SIM905 (a table)
 )
 #: After these, and after a motion that cannot be read, nobody knows where the robot is.
@@ -250,7 +251,10 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
 
     A target ``frame:..`` is given in that frame when all targets name the same one, which then is ``work``; else all
     are given in the base, and ``work`` is the identity. A motion before BREAK stops (blend 0), another blends by 1 mm.
+    ``points = "file"``: a reader and its data file, in this order.
     """
+    if options.get("points") == "file":
+        return read_data(files, options, read)
     faults: dict[tuple[int, str], type[Fault]] = {}
 
     def report(line: int, what: str) -> None:
