@@ -23,10 +23,10 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 from bench.machine import machine
-from bench.reliability.modal import pacscript, rapid, rs274, vplus
+from bench.reliability.modal import pacscript, rapid, reader, rs274, vplus
 from bench.reliability.modal.machine import Event, is_same
 from bench.reliability.mutations import LANGUAGES, Edit, edits
-from bench.reliability.programs import SOURCES, make
+from bench.reliability.programs import SOURCES, Made, make
 
 TRACES: dict[str, Callable[[str], list[Event]]] = {
     "rapid": rapid.trace,
@@ -66,9 +66,15 @@ def _edits(post: str, program: int) -> list[Edit]:
     return edits(make(post, program).text, LANGUAGES[post])
 
 
+def trace(post: str, made: Made, text: str) -> list[Event]:
+    """What a program does with ``text`` in its place: of one file, or of a reader and its data."""
+    return TRACES[post](text) if len(made.files) == 1 else reader.trace(*made.texts(text).values())
+
+
 @cache
 def _trace(post: str, program: int) -> list[Event]:
-    return TRACES[post](make(post, program).text)
+    made = make(post, program)
+    return trace(post, made, made.text)
 
 
 def judge(task: Task) -> tuple[str, Counter[str], list[LeftOver]]:
@@ -82,7 +88,7 @@ def judge(task: Task) -> tuple[str, Counter[str], list[LeftOver]]:
         except Exception as error:
             verdict, crash = LEFT, f"{type(error).__name__}: {error}"
         if not verdict:
-            same = is_same(_trace(task.post, task.program), TRACES[task.post](text))
+            same = is_same(_trace(task.post, task.program), trace(task.post, made, text))
             verdict = HARMLESS if same else LEFT
         counts[verdict] += 1
         if verdict == LEFT:

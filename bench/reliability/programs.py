@@ -66,15 +66,18 @@ output process 0
 
 
 class Source(NamedTuple):
-    """Where a program comes from: a case, a program by hand (".ir") or one of its own. size: instructions at most."""
+    """Where a program comes from: a case, a program by hand (".ir") or one of its own. size: instructions at most.
+    place: of the file that is mutated, among those of the program.
+    """
 
     name: str
     size: int
     options: Mapping[str, object]
+    place: int = 0
 
 
 class Made(NamedTuple):
-    """A program as posted. file: its name and text. prepared: what it has to say."""
+    """A program as posted. prepared: what it has to say. file, text: what is mutated. files: all of it, by name."""
 
     post: Post
     readback: Readback
@@ -82,10 +85,15 @@ class Made(NamedTuple):
     prepared: Program
     file: str
     text: str
+    files: Mapping[str, str]
+
+    def texts(self, text: str) -> dict[str, str]:
+        """All files with ``text`` in the place of the one that is mutated."""
+        return {**self.files, self.file: text}
 
     def is_caught(self, text: str) -> bool:
         """Whether a build would refuse ``text``."""
-        reading = self.readback({self.file: text}, self.options)
+        reading = self.readback(self.texts(text), self.options)
         try:
             compare(self.prepared, reading, self.post.tolerance(), self.post.list_verified(), self.file)
         except VerifyError:
@@ -133,6 +141,9 @@ SOURCES: dict[str, tuple[Source, ...]] = {
         Source("plate-drill", 30, _ON_OFF | {"posture": ["RIGHTY", "ABOVE"]}),
         Source("copper-fill", 50, {"max_lines": 20}),
         Source("logo-trace", 50, {}),
+        Source("bracket-follow", 16, {"points": "file"}),
+        Source("bracket-follow", 24, {"points": "file"}, place=1),
+        Source("posture.ir", 40, {"points": "file"}, place=1),
     ),
     "gcode": (
         Source("bracket-follow", 60, {"tool": 3}),
@@ -166,10 +177,11 @@ def make(post: str, index: int) -> Made:
     poster = make_post(kind, source.options)
     program = _take(source, kind)
     prepared = poster.prepare(program, _CHORD_VPLUS if post == "vplus" else _CHORD)
-    files = poster.render(prepared)
-    made = Made(poster, find_readback(post), fill_tables(kind, source.options), prepared, files[0].name, files[0].text)
-    if len(files) != 1 or made.is_caught(made.text):
-        raise ValueError(f"{source.name} for {post} is no program of one file that is read back")
+    files = {file.name: file.text for file in poster.render(prepared)}
+    name = [*files][source.place]
+    made = Made(poster, find_readback(post), fill_tables(kind, source.options), prepared, name, files[name], files)
+    if len(files) > 1 + ("points" in source.options) or made.is_caught(made.text):
+        raise ValueError(f"{source.name} for {post} is no program of one file, or one and its data, that is read back")
     return made
 
 

@@ -30,7 +30,7 @@ LIBRARIES = {
     "reliability.wheel_cases",
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
     "reliability.fuzzing.table",
-    *(f"reliability.modal.{name}" for name in ("machine", "rs274", "rapid", "pacscript", "vplus")),
+    *(f"reliability.modal.{name}" for name in ("machine", "rs274", "rapid", "pacscript", "vplus", "reader")),
 }  # fmt: skip
 #: Installs packages from an index, which no test does: .ci/run runs it whole.
 BY_CI = {"reliability.wheel"}

@@ -47,8 +47,8 @@ _LOOPED = 100_000
 _CALLS = 20
 _CALL = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(\s*(.*?)\s*\)")
 _OTHERS = frozenset(
-    """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE FOPEN FOPENR GOTO HALT HERE
-    IF MC OPENI PARAMETER PAUSE REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
+    """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE FOPEN FOPENR GOTO HALT
+    HERE IF MC OPENI PARAMETER PAUSE REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
     """.split()  # noqa: SIM905 (a table)
 )
 #: After these, and after a motion that cannot be read, nobody knows where the robot is.
@@ -268,6 +268,8 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     if machine.axes == 4:
         check_scara(machine)
     work, body, lines = _translate(machine, report)
+    if not any(machine.frames):  # no target says what it is given in
+        work = machine.stated.get(canonical(str(options.get("work", _WORK))))
     _check_turning(tuple(body), lines, machine.turning, remark)
     body = _with_turns(tuple(body), machine.turning, _number(options, "rated_turn", _RATED_TURN))
     ordered = sorted(faults.items(), key=lambda item: item[0][0])

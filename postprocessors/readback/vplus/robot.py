@@ -20,6 +20,7 @@ from camgen.model.program import Joints, MoveJ, MoveL, Output, Posture, Wait
 
 from . import words
 from .expressions import Expression, Variables, variable
+from .names import canonical
 from .text import Frame, Location, Pace, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
 
 #: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
@@ -54,7 +55,8 @@ class RobotState(Variables):
     its target is given in, None where it has no pose. tool: None while it is the controller's. turning: the rotational
     speeds, % of the rated one, each with the place in the body from which on it holds. axes: how many joints the arm
     has, 0 while no precision point says. bent: the postures that only six axes have, by line. asked: the words of
-    ``post.posture``. tool_name: of a tool that only the controller has. accel: profile and % that the options ask for.
+    ``post.posture``. tool_name: of a tool that only the controller has. stated: the locations that ``SET`` gave.
+    accel: profile and % that the options ask for.
 
     Methods with a ``Statement`` carry it out; Unreadable when they cannot.
     """
@@ -80,6 +82,7 @@ class RobotState(Variables):
         self.bent: dict[int, str] = {}
         self.asked: frozenset[str] = frozenset()
         self.tool_name = ""
+        self.stated: dict[str, Pose] = {}
         self._rated = rated
         self._signals = signals
         #: The place of the last motion in the body.
@@ -154,6 +157,8 @@ class RobotState(Variables):
         expression.finish()
         if isinstance(value, Joints):
             self._count_axes(statement.line, value)
+        elif not value.frame.external:
+            self.stated[canonical(name)] = value.in_base()
         self.store(statement.line, name, value)
 
     def store(self, line: int, name: str, value: float | Location | Joints) -> None:
