@@ -273,8 +273,8 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
         (
             [],
             "command line: no command is given; "
-            "give one of build, batch, inspect, init, verify, calibrate, "
-            "markers, localize, robots, posts, schema, completion",
+            "give one of build, batch, inspect, init, verify, calibrate, capture, "
+            "markers, localize, place, robots, posts, schema, completion",
         ),
         (["biuld"], "command line: no command 'biuld'; nearest is build"),
         (["posts", "--quite"], "posts: unknown argument '--quite'; nearest is --quiet"),
