@@ -141,7 +141,7 @@ def test_what_a_hollow_part_hides_of_itself_is_not_asked_for(told):
 def test_a_viewpoint_from_which_nothing_was_seen_is_refused():
     mesh = shells.housing()
     eye = mesh.bounds.mean(axis=0) + np.array([300.0, 330.0, 400.0])
-    with pytest.raises(InputError, match="% of the points on it from the scanner; check --viewpoint"):
+    with pytest.raises(InputError, match=r"% of the points on it from the scanner\); check --viewpoint"):
         localize("scan", shape(mesh), shells.one_sided(mesh, 6000, 1, eye), viewpoint=-eye)
 
 
