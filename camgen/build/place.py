@@ -59,8 +59,9 @@ class Found(Struct, frozen=True, eq=False):
 
 
 class Search(Struct, frozen=True, eq=False):
-    """What the places that were looked at came to. here: the place of the job, best first: the others. looked: places
-    of the grid, and those with collisions.
+    """What the places that were looked at came to. here: the place of the job. best: all from which an edge is reached,
+    the best first, that of the job among them where it has the height that is asked for. looked: places of the grid,
+    and those with collisions.
     """
 
     here: Found
@@ -131,6 +132,9 @@ def search_place(
         found.append(_whole(case, part, spot, known[spot][0], post))
     watch("building where the job has it")
     here = _whole(case, part, _spot_of(case), _nominal(case, _spot_of(case)), post)
+    # What the search sets aside is the freedom of the tool: with it the job's own place may be the best of all.
+    if height is None or math.isclose(height, here.spot.height, abs_tol=1e-6):
+        found.append(here)
     best = sorted((one for one in found if one.edges), key=lambda one: (-one.edges, one.seconds, one.spot))
     if not best:
         raise NoSafeProgram(part.source, "no place was found from which an edge is reached", "", "give another tool")

@@ -72,9 +72,11 @@ def _from(folder: Path, name: str) -> str:
 
 def _describe(found: Search) -> list[tuple[str, str]]:
     grid, near = found.looked
-    rows = [("place", _tell(found.best[0], found.edges))]
-    rows += [("next best", _tell(one, found.edges)) for one in found.best[1:]]
-    rows.append(("the job's", _tell(found.here, found.edges)))
+    best, *others = found.best
+    rows = [("place", _tell(best, found.edges) + (", where the job has it" if best is found.here else ""))]
+    rows += [("next best", _tell(one, found.edges)) for one in others if one is not found.here]
+    if best is not found.here:
+        rows.append(("the job's", _tell(found.here, found.edges)))
     rows.append(("searched", f"{counted(grid, 'place')} by the joints alone, {near} with collisions"))
     return rows
 

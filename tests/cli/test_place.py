@@ -67,6 +67,17 @@ def test_the_place_that_is_written_reaches_more_and_is_the_same_again(
     assert len(camgen.build(plate, post="rapid", job=tables).tour.paths) == 4
 
 
+def test_the_job_s_own_place_is_kept_where_none_is_better(plate: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["place", "plate.obj", "--post", "rapid", "--height", "150", "-q", "-o", "a.toml"]) == 0
+    plate.with_suffix(".toml").write_text(JOB.partition("[cell]")[0] + plate.with_name("a.toml").read_text())
+    assert main(["place", "plate.obj", "--post", "rapid", "--height", "150", "-o", "b.toml"]) == 0
+    first, *others = (line.split() for line in capsys.readouterr().err.splitlines())
+    rows = [row for row in (first, *others) if row[0] in ("place", "next", "the")]
+    edges = [int(row[row.index("of") - 1]) for row in rows]
+    assert edges[0] == max(edges) == 4
+    assert plate.with_name("b.toml").read_text().count("[cell]") == 1
+
+
 def test_no_place_has_more_edges_than_its_joints_reach(plate: Path) -> None:
     """What the grid says is a bound: with collisions and all looks it is never more."""
     job = camgen.job(str(plate.with_suffix(".toml")))
