@@ -95,8 +95,8 @@ class VPlus(Post):
     _posture_due: bool = field(default=True, init=False, repr=False)
     _scara: tuple[FloatArray, FloatArray] | None = field(default=None, init=False, repr=False)
     _by_hand: tuple[str, ...] = field(default=(), init=False, repr=False)
-    _lines: Lines = field(init=False, repr=False)
-    _spelled: Lines | Records = field(init=False, repr=False)
+    _lines: Lines = field(init=False, repr=False, compare=False)
+    _spelled: Lines | Records = field(init=False, repr=False, compare=False)
     _orientations: dict[bytes, str] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -6,7 +6,18 @@ import re
 from collections.abc import Callable
 from typing import NamedTuple
 
-from bench.reliability.modal.machine import Event, Machine, Number, arguments, as_number, atom, split, turn, turned
+from bench.reliability.modal.machine import (
+    Event,
+    Machine,
+    Number,
+    arguments,
+    as_number,
+    atom,
+    split,
+    turn,
+    turned,
+    work_out,
+)
 
 _WORD = re.compile(r'"[^"]*"|\d+\.?\d*(?:e[+-]?\d+)?|\.\d+|[.$#]?[a-z][a-z0-9_.]*|==|<>|<=|>=|\S')
 #: So much of a name counts.
@@ -242,7 +253,7 @@ class _Task:
         always = words[-1:] == ["always"]
         rest = words[:-1] if always else words
         unit = rest[-1] if rest and rest[-1] in ("mmps", "ips", "monitor") else "%"
-        values = [as_number(part) for part in split(rest[:-1] if unit != "%" else rest)]
+        values = [work_out(part) for part in split(rest[:-1] if unit != "%" else rest)]
         known = [value for value in values if value is not None]
         if len(known) < len(values) or len(known) > 2:
             return False
