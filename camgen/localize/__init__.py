@@ -52,7 +52,7 @@ _SAME_COST = 0.004
 #: A point of the scan lies on the model within this part of the model's size.
 WITHIN = 0.005
 #: Less than this of the scan on the model, or of what the scanner could see in the scan: the part was not found.
-LEAST_OVERLAP, LEAST_SEEN = 0.3, 0.75
+LEAST_OVERLAP, LEAST_SEEN = 0.3, 0.7
 #: More points in the model's box that are not on it than this, per point that is: it was not found either.
 MOST_STRAY = 0.1
 #: A scan smaller or larger than this, as part of the model's size, is in another unit, and in which it may be.

@@ -136,7 +136,6 @@ def test_a_number_of_5000_digits_in_a_job_file(here: Path, capsys: Captured) -> 
     )
 
 
-@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("kind", ["[[1, 2]]", "{a = 1}", "3", "true"])
 def test_a_kind_of_another_type(kind: str, here: Path, capsys: Captured) -> None:
     (here / "a.dxf").write_text("0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n10\n5\n20\n5\n40\n3\n0\nENDSEC\n0\nEOF\n")
@@ -144,6 +143,7 @@ def test_a_kind_of_another_type(kind: str, here: Path, capsys: Captured) -> None
     assert "kind" in refused(["build", "a.dxf", "--post", "gcode"], here, capsys)
 
 
+@pytest.mark.usefixtures("here")
 def test_a_seed_may_be_large() -> None:
     assert main(["build", "plate.dxf", "--post", "gcode", "--set", "tour.seed=4000000000"]) == 0
 
