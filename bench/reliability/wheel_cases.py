@@ -17,8 +17,9 @@ from pathlib import Path
 
 import camgen
 
-POSTS = ("rapid", "pacscript", "vplus", "gcode", "grbl")
-ENDINGS = (".stl", ".dxf", ".svg", ".png")
+#: The posts by the endings of their programs: which a case is for, its folder shows.
+POSTS = {".mod": "rapid", ".pcs": "pacscript", ".v2": "vplus", ".ngc": "gcode", ".nc": "grbl"}
+ENDINGS = (".stl", ".dxf", ".svg", ".png", ".xyz")
 
 
 def compare(case: Path, parts: Path) -> tuple[int, list[str]]:
@@ -26,7 +27,7 @@ def compare(case: Path, parts: Path) -> tuple[int, list[str]]:
     base = case.name.split("-")[0]
     part = next(file for file in (parts / (base + ending) for ending in ENDINGS) if file.exists())
     same, wrong = 0, []
-    for post in ("rapid",) if part.suffix == ".stl" else POSTS:
+    for post in sorted({POSTS[file.suffix] for file in (case / "expected").iterdir() if file.suffix in POSTS}):
         job = tomllib.loads((case / "job.toml").read_text())
         for table, key in (("posts.toml", "post"), ("robots.toml", "robot")):
             if (case / table).exists():

@@ -122,7 +122,8 @@ def _line(row: Row) -> str:
 
 
 def _place(name: str) -> str:
-    return f"[{_title(name)}]({name.removeprefix('docs/')})" if name.startswith("docs/") else f"`{name}`"
+    shown = name.startswith("docs/") and not name.endswith(".py")  # of docs/ all but what makes them is on the site
+    return f"[{_title(name)}]({name.removeprefix('docs/')})" if shown else f"`{name}`"
 
 
 def _title(name: str) -> str:

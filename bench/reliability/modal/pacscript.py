@@ -75,7 +75,7 @@ def trace(text: str) -> list[Event]:
     lines = text.split("\n")
     read = [_words(line) for line in lines]
     for k, (line, said) in enumerate(zip(lines, read, strict=True)):
-        words = _without_by_value(said, read[k + 1 :])
+        words = _plain_parameters(said, read[k + 1 :])
         if len(line.encode()) > _LONGEST:
             machine.say("too long", line)
         if not words:
@@ -99,16 +99,20 @@ def _words(line: str) -> list[str]:
     return [] if words[:1] == ["rem"] else words
 
 
-def _without_by_value(words: list[str], after: Sequence[list[str]]) -> list[str]:
-    """The words of a statement, a ``Sub`` that gives no name a value and calls none without ``ByVal``: whether it has
-    the caller's variable (``ByRef``, the other word of the keyword list) or a copy, the values in it are the same.
+def _plain_parameters(words: list[str], after: Sequence[list[str]]) -> list[str]:
+    """The words of a statement; of a ``Sub`` that gives no name a value and calls none without ``ByVal``: whether it
+    has the caller's variable (``ByRef``, the other word of the keyword list) or a copy, the values in it are the same.
+    And without the names that the ``Sub`` does not use: what nobody reads may be called anything.
     """
     if words[:1] != ["sub"]:
         return words
     inside = after[: after.index(["end", "sub"])] if ["end", "sub"] in after else after
     if any("=" in one[1:2] or one[:1] in (["call"], ["sub"], ["dim"], ["for"]) for one in inside):
         return words
-    return [word for k, word in enumerate(words) if word != "byval" or words[k - 1] not in ("(", ",")]
+    plain = [word for k, word in enumerate(words) if word != "byval" or words[k - 1] not in ("(", ",")]
+    used = {word for one in inside for word in one}
+    named = [k for k, word in enumerate(plain[:-1]) if plain[k + 1] == "as" and plain[k - 1] in ("(", ",")]
+    return ["" if k in named and word not in used else word for k, word in enumerate(plain)]
 
 
 def _tell_once(machine: Machine, words: Sequence[str]) -> None:
