@@ -296,7 +296,7 @@ def _chosen(kinds: dict[str, Reader], names: Sequence[str]) -> dict[str, Reader]
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "--work":
+    if sys.argv[1:2] == ["--work"]:
         here = Path(sys.argv[2])
         ahead, wanted = json.loads(sys.argv[3])
         work(here, iter(ahead), _chosen(readers(here), wanted))
