@@ -23,14 +23,14 @@ from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.report import report as report_of
 from camgen.check.time import cycle
 from camgen.lower import lower
-from camgen.model.cell import Cell
+from camgen.model.cell import Cell, Dynamics
 from camgen.model.drawing import draw_svg
 from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose, fixed_xyz
-from camgen.model.program import Program
+from camgen.model.program import MoveC, MoveL, Program
 from camgen.model.text import counted, short
 from camgen.model.version import __version__
 from camgen.order import order
@@ -191,7 +191,10 @@ def _sum_up(
         post=post,
         cell=cell,
         tour=tour,
-        notes=(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm), *post.warn(checks.program)),
+        notes=(
+            *(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm)),
+            *(*_note_corners(checks.program, dynamics_of(post, job), job), *post.warn(checks.program)),
+        ),
         program=checks.program,
         files=files,
         deviation=deviation,
@@ -203,6 +206,16 @@ def _sum_up(
         where=checks.where,
         planned=plan.paths,
     )
+
+
+def _note_corners(program: Program, pace: Dynamics, job: Job) -> tuple[Note, ...]:
+    """Corners that the controller rounds by its acceleration (mm/s2), where nobody has said what that is."""
+    rounded = any(isinstance(item, (MoveL, MoveC)) and item.blend for item in program.body)
+    # With a tolerance of 0 only lines that go on without a corner are run through.
+    if pace.corner != "overlap" or job.process.acceleration or job.tolerance.corner == 0 or not rounded:
+        return ()
+    what = f"corners without a stop are rounded as at {pace.acceleration:g} mm/s2"
+    return (Note("assumed", what, "a slower arm rounds them more; set process.acceleration, or tolerance.corner = 0"),)
 
 
 def path_or_part(inputs: Input | Sequence[Input]) -> list[Path | Part]:

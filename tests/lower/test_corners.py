@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import camgen
 from camgen.build import build
 from camgen.lower.corners import Corners, blend_corners, corner_tolerance
 from camgen.model.cell import Dynamics
@@ -122,3 +123,14 @@ def test_zones_do_not_hang_on_the_speed() -> None:
 def test_edges_have_no_corners_to_round() -> None:
     with pytest.raises(JobError, match="has no effect on a 3-D part"):
         build(PARTS / "rfa1.stl", post="rapid", job={"tolerance": {"corner": 0.1}})
+
+
+@pytest.mark.parametrize(("key", "value"), [("", 0), ("process.acceleration", 3000), ("tolerance.corner", 0)])
+def test_an_acceleration_that_nobody_stated_is_told(key: str, value: float) -> None:
+    table, _, name = key.partition(".")
+    job: dict[str, dict[str, object]] = {"operation": {"kind": "trace"}}
+    if key:
+        job[table] = {name: value}
+    gear = Path(__file__).parents[2] / "fixtures" / "parts" / "logo.svg"
+    told = [note.what for note in camgen.build(gear, post="vplus", job=job).notes if "mm/s2" in note.what]
+    assert told == ([] if key else ["corners without a stop are rounded as at 5000 mm/s2"])
