@@ -6,13 +6,14 @@ import dataclasses
 import json
 import textwrap
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
 from camgen.model.errors import JobError
 from camgen.model.job import Job
-from camgen.model.job_tables import settings, tables
+from camgen.model.job_tables import Setting, row_settings, row_tables, settings, tables
 from camgen.post import Post
 from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
@@ -45,6 +46,7 @@ def template(source: str, units: str) -> str:
         "# Lengths mm, angles deg, speeds mm/s, forces N, times s. Every line holds its default: delete what you keep.",
     ]
     for table, about in tables().items():
+        lines += _row_lines() if table == "post" else []
         lines += ["", f"[{table}]  # {about}"]
         for setting in settings():
             if setting.table == table:
@@ -53,6 +55,17 @@ def template(source: str, units: str) -> str:
                 lines += textwrap.wrap(meaning + found, 116, initial_indent="# ", subsequent_indent="# ")
                 lines += _assignment(setting.key, setting.default, setting.allowed)
     return "\n".join([*lines, *_post_lines()]) + "\n"
+
+
+def _row_lines() -> list[str]:
+    """What several tools and operations look like, as comments: by themselves they have no default."""
+    lines: list[str] = []
+    for table, about in row_tables().items():
+        shared = [s.key for s in settings() if s.table in _SHARED]
+        own = [s for s in row_settings() if s.table == table and s.key not in shared]
+        lines += ["", *(f"# {line}" for line in textwrap.wrap(about, 116)), f"# [[{table}]]"]
+        lines += [f"# {s.key} =  # {s.about}" for s in own]
+    return lines
 
 
 def _assignment(key: str, default: object, allowed: str) -> list[str]:
@@ -107,12 +120,25 @@ def reference() -> str:
         if table == "post":
             lines.append(_POST)
             continue
-        lines += ["\n| key | default | allowed | meaning |", "|---|---|---|---|"]
-        for s in settings():
-            if s.table == table:
-                default = "not set" if s.default is None else f"`{toml(s.default)}`"
-                lines.append(f"| `{s.key}` | {default} | {_cell(s.allowed)} | {_cell(s.about)} |")
+        lines += _keys([s for s in settings() if s.table == table])
+    for table, about in row_tables().items():
+        lines += [f"\n## `[[{table}]]`\n", about[0].upper() + about[1:]]
+        shared = [s.key for s in settings() if s.table in _SHARED]
+        lines += _keys([s for s in row_settings() if s.table == table and s.key not in shared])
     return "\n".join(lines) + "\n"
+
+
+#: The tables whose keys rows have too.
+_SHARED = ("tool", "operation", "process")
+
+
+def _keys(found: Sequence[Setting]) -> list[str]:
+    """A table of settings."""
+    lines = ["\n| key | default | allowed | meaning |", "|---|---|---|---|"]
+    for s in found:
+        default = "not set" if s.default is None else f"`{toml(s.default)}`"
+        lines.append(f"| `{s.key}` | {default} | {_cell(s.allowed)} | {_cell(s.about)} |")
+    return lines
 
 
 def _cell(text: str) -> str:

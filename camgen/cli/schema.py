@@ -12,7 +12,7 @@ from msgspec import Struct, defstruct
 
 from camgen.cli.say import Voice
 from camgen.model.job import Job
-from camgen.model.job_tables import tables
+from camgen.model.job_tables import ROWS, row_tables, tables
 from camgen.post import Post
 from camgen.post.plugins import find_post
 
@@ -27,8 +27,12 @@ def schema(post: str = "") -> Schema:
     JobError where there is no such post.
     """
     about = tables()
-    kinds = {name: kind for name, kind in get_type_hints(Job).items() if name != "post"}
+    kinds = {name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", *ROWS)}
     found = {name: _table(kind) | {"description": about[name]} for name, kind in kinds.items()}
+    for name, rows in ROWS.items():
+        keys = {key: value for kind in rows for key, value in _table(kind)["properties"].items()}
+        row = {"type": "object", "properties": keys, "additionalProperties": False}
+        found[name] = {"type": "array", "description": row_tables()[name], "items": row}
     found["post"] = _options(find_post(post)) if post else {"type": "object", "description": about["post"]}
     return {
         "$schema": DRAFT,

@@ -15,6 +15,7 @@ from camgen.model.limits import Limits
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Grey = Annotated[float, Meta(ge=0, le=255)]
+Angle = Annotated[float, Meta(gt=0, lt=180)]
 Values = list[float]
 Points = list[list[float]]
 #: Each from corner to corner.
@@ -132,13 +133,33 @@ class OperationTable(Table, frozen=True):
     corner_radius: Annotated[NotNegative, Meta(description="least radius of inner corners of the path, mm")] = 0.0
     inside_first: Annotated[bool, Meta(description="holes before the outline around them")] = True
     stepover: Annotated[
-        float, Meta(gt=0, le=1, description="fill: from pass to pass, as a share of the tool's diameter")
+        float, Meta(gt=0, le=1, description="fill, pocket: from pass to pass, as a share of the tool's diameter")
     ] = 0.7
+    width: Annotated[Positive | None, Meta(description="chamfer: its width, seen from above, mm")] = None
+    finish: Annotated[
+        NotNegative, Meta(description="left at the walls, mm, and taken by a last pass at the whole depth; 0: none")
+    ] = 0.0
     holes: Annotated[
         Values | None, Meta(description="drill: the diameters that are drilled, [from, to] mm; not set: all")
     ] = None
     depth: Annotated[NotNegative, Meta(description="depth of the tool tip below the top face, mm")] = 0.0
     passes: Annotated[int, Meta(ge=1, description="the depth is reached in so many equal passes")] = 1
+    entry: Annotated[
+        Literal["plunge", "ramp", "helix"],
+        Meta(
+            description="how the tool goes into the material; plunge: straight down; ramp: along the path, down by "
+            "entry_angle; helix: pockets and bores on a helix, other paths by a ramp"
+        ),
+    ] = "plunge"
+    entry_angle: Annotated[float, Meta(gt=0, le=45, description="of a ramp or a helix against the level, deg")] = 3.0
+    tabs: Annotated[
+        int, Meta(ge=0, description="bridges that hold what is cut out: so many on each closed outer contour")
+    ] = 0
+    tab_spacing: Annotated[
+        Positive | None, Meta(description="or one bridge for so many mm of its length, two at least")
+    ] = None
+    tab_width: Annotated[Positive, Meta(description="length of a bridge along the contour, mm")] = 5.0
+    tab_height: Annotated[Positive, Meta(description="of a bridge above the depth of the operation, mm")] = 1.0
     lead_in: Annotated[NotNegative, Meta(description="length of the run-in to a followed contour, mm")] = 0.0
     lead_out: Annotated[NotNegative, Meta(description="length of the run-out, mm")] = 0.0
     overlap: Annotated[NotNegative, Meta(description="length run twice at the seam of a closed contour, mm")] = 0.0
@@ -162,6 +183,16 @@ class OperationTable(Table, frozen=True):
 class ToolTable(Table, frozen=True):
     """[tool]: the tool and how it is held."""
 
+    name: Annotated[str, Meta(description="what it is called, by operations too")] = ""
+    number: Annotated[int, Meta(ge=0, le=99_999, description="its place in the machine's tool table; 0: none")] = 0
+    kind: Annotated[
+        Literal["end mill", "ball mill", "bull nose", "drill", "v", "laser", "plasma", "knife", "pen"],
+        Meta(description="its shape: what it leaves of the material follows from that"),
+    ] = "end mill"
+    corner_radius: Annotated[NotNegative, Meta(description="of a bull nose mill, mm")] = 0.0
+    tip_angle: Annotated[Angle | None, Meta(description="whole angle at the tip, deg; not set: v 90, drill 118")] = None
+    tip_diameter: Annotated[NotNegative, Meta(description="flat at the tip of a V tool, mm")] = 0.0
+    flutes: Annotated[int, Meta(ge=1, description="cutting edges, for the feed of a tooth in the summary")] = 2
     diameter: Annotated[Positive, Meta(description="cutting diameter, mm")] = 6.0
     length: Annotated[NotNegative, Meta(description="from the flange to the tool tip, mm")] = 100.0
     orient: Annotated[
@@ -186,6 +217,14 @@ class ToolTable(Table, frozen=True):
         Boxes | None,
         Meta(description="what is between flange and tool, as boxes at the flange: [[x, y, z, x, y, z], ...], mm"),
     ] = None
+
+
+class ToolRow(ToolTable, frozen=True):
+    """[[tools]]: tools that operations name; keys as in [tool], and what they cut with."""
+
+    feed: Annotated[Positive | None, Meta(description="process.feed of operations with this tool, mm/s")] = None
+    plunge: Annotated[Positive | None, Meta(description="process.plunge of operations with this tool, mm/s")] = None
+    speed: Annotated[NotNegative | None, Meta(description="process.spindle of operations with this tool, rpm")] = None
 
 
 class ProcessTable(Table, frozen=True):
@@ -234,6 +273,44 @@ class ProcessTable(Table, frozen=True):
         ),
     ] = "auto"
     dwell: Annotated[NotNegative, Meta(description="wait after the signal or the spindle is switched on, s")] = 0.0
+
+
+class Choice(Table, frozen=True):
+    """[[operations]]: one operation after the other, each with its tool and its contours; beside these keys all of
+    [operation] and [process], whose values hold where a row is silent.
+    """
+
+    tool: Annotated[str | int, Meta(description="name or number of one of [[tools]]; not set: [tool]")] = ""
+    layers: Annotated[list[str], Meta(description='of what layers, as globs; "!x" leaves out')] = field(
+        default_factory=lambda: ["*"]
+    )
+    colors: Annotated[
+        list[str], Meta(description='of what colors: names ("red"), numbers of DXF ("1") or "#ff0000"; none: all')
+    ] = field(default_factory=list)
+    ids: Annotated[list[str], Meta(description="these contours, as inspect prints them; none: all")] = field(
+        default_factory=list
+    )
+    nesting: Annotated[
+        Literal["any", "outer", "inner"],
+        Meta(description="outer: contours that no other one of the drawing encloses; inner: those that one does"),
+    ] = "any"
+
+
+class Step(Table, frozen=True):
+    """One operation of a job with several: its tool, its settings with all that it has from others, its contours."""
+
+    tool: ToolTable
+    operation: OperationTable
+    process: ProcessTable
+    choice: Choice
+
+
+class StockTable(Table, frozen=True):
+    """[stock]: the material that the part is cut from; its top face is z = 0."""
+
+    thickness: Annotated[Positive | None, Meta(description="mm; not set: nothing is known of it")] = None
+    margin: Annotated[NotNegative, Meta(description="material around the drawing's size, mm")] = 10.0
+    layer: Annotated[str, Meta(description="or the layer on which the stock's own outline is drawn")] = ""
 
 
 class TourTable(Table, frozen=True):
@@ -325,4 +402,7 @@ class Job(Table, frozen=True):
     cell: CellTable = CellTable()
     tolerance: ToleranceTable = ToleranceTable()
     limits: Limits = Limits()
+    stock: StockTable = StockTable()
+    tools: list[ToolRow] = []
+    operations: list[Step] = []
     post: dict[str, object] = {}

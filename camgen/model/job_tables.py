@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 import msgspec
 from msgspec import Struct
 
-from camgen.model.job import Job
+from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolRow
 
 #: The settings that name a file; cell.robot only where it ends in .urdf.
 FILES = (("image", "background"), ("camera", "file"), ("cell", "file"), ("cell", "robot"))
@@ -40,26 +40,47 @@ class Setting(Struct, frozen=True):
     about: str
 
 
+#: The tables of which a job has several, ``[[tools]]``: what their rows hold.
+ROWS: dict[str, tuple[type[Struct], ...]] = {
+    "tools": (ToolRow,),
+    "operations": (Choice, OperationTable, ProcessTable),
+}
+
+
 @cache
 def settings() -> tuple[Setting, ...]:
-    """All settings in the order of the job file, without those of ``[post]``."""
+    """All settings in the order of the job file, without those of ``[post]`` and of ``ROWS``."""
+    return tuple(found for table, kind in _kinds().items() for found in _settings_of(table, kind))
+
+
+@cache
+def row_settings() -> tuple[Setting, ...]:
+    """The settings that a row of each table of ``ROWS`` may hold."""
+    return tuple(found for table, kinds in ROWS.items() for kind in kinds for found in _settings_of(table, kind))
+
+
+def _settings_of(table: str, kind: type[Struct]) -> list[Setting]:
+    defaults = msgspec.structs.asdict(kind())
     found = []
-    for table, kind in get_type_hints(Job).items():
-        if table == "post":
-            continue
-        defaults = msgspec.structs.asdict(kind())
-        for key, hint in get_type_hints(kind, include_extras=True).items():
-            metas = get_args(hint)[1:]
-            about = next((m.description for m in metas if m.description), "")
-            found.append(Setting(table, key, defaults[key], _allow(hint), about))
-    return tuple(found)
+    for key, hint in get_type_hints(kind, include_extras=True).items():
+        about = next((m.description for m in get_args(hint)[1:] if m.description), "")
+        found.append(Setting(table, key, defaults[key], _allow(hint), about))
+    return found
+
+
+def _kinds() -> dict[str, type[Struct]]:
+    return {name: hint for name, hint in get_type_hints(Job).items() if name not in ("post", *ROWS)}
 
 
 def tables() -> dict[str, str]:
-    """The tables of a job file with what each is for."""
-    hints = get_type_hints(Job)
-    about = {name: (hint.__doc__ or "").partition(": ")[2] for name, hint in hints.items() if name != "post"}
+    """The tables of a job file with what each is for, without ``ROWS``."""
+    about = {name: (hint.__doc__ or "").partition(": ")[2] for name, hint in _kinds().items()}
     return about | {"post": "options of the chosen post."}
+
+
+def row_tables() -> dict[str, str]:
+    """The tables of ``ROWS`` with what a row of each is for."""
+    return {name: " ".join((kinds[0].__doc__ or "").partition(": ")[2].split()) for name, kinds in ROWS.items()}
 
 
 _WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
@@ -77,6 +98,7 @@ def _allow(hint: Any) -> str:
         base, *metas = get_args(hint)
         bounds = [f" > {_number(m.gt)}" for m in metas if m.gt is not None]
         bounds += [f" >= {_number(m.ge)}" for m in metas if m.ge is not None]
+        bounds += [f" < {_number(m.lt)}" for m in metas if m.lt is not None]
         bounds += [f" <= {_number(m.le)}" for m in metas if m.le is not None]
         return _allow(base) + " and".join(bounds)
     if get_origin(hint) is Literal:

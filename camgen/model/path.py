@@ -26,7 +26,8 @@ class ToolPath(Struct, frozen=True, eq=False):
     lines). force: (N,) N along press, zero where contact is not expected. feed: (N,) of the tool centre. closed: the
     last position is the first again. reversible: may be run backwards. parent: index of the path that encloses this one
     in the same plan, -1 if none. depths: mm below ``position`` of each pass, in order. contours: ids of the contours
-    that it works on, or of one edge. operation: what it does there.
+    that it works on, or of one edge. operation: what it does there. floor: (N,) z, work frame, mm, below which no pass
+    goes at each waypoint, over the tabs; None: nothing holds it up.
     """
 
     id: str
@@ -43,6 +44,7 @@ class ToolPath(Struct, frozen=True, eq=False):
     depths: tuple[float, ...] = (0.0,)
     contours: tuple[str, ...] = ()
     operation: str = ""
+    floor: FloatArray | None = None
 
     def reversed(self) -> ToolPath:
         """The same path run backwards."""
@@ -54,6 +56,7 @@ class ToolPath(Struct, frozen=True, eq=False):
             force_direction=frozen(_backwards(self.force_direction)[:, ::-1]),
             force=_backwards(self.force),
             feed=_backwards(self.feed),
+            floor=None if self.floor is None else frozen(self.floor[::-1]),
         )
 
     def rows(self, low: int, high: int) -> ToolPath:

@@ -22,7 +22,8 @@ _PICTURES = {"image": _ALL, "camera": _ALL}
 _REPLAYS = {"process": ("max_feed",)}
 _CONTOURS = (
     "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius", "inside_first", "stepover",
-    "holes", "depth", "passes", "lead_in", "lead_out", "overlap",
+    "holes", "depth", "passes", "lead_in", "lead_out", "overlap", "width", "finish", "entry", "entry_angle", "tabs",
+    "tab_spacing", "tab_width", "tab_height",
 )  # fmt: skip
 _CURVES: dict[str, tuple[str, ...]] = {
     **_PICTURES,

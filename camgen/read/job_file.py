@@ -9,22 +9,26 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
+from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.errors import JobError
-from camgen.model.job import Job, OperationTable
-from camgen.model.job_tables import FILES, settings, split_name, tables
-from camgen.model.limits import tell
+from camgen.model.job import Choice, Job, OperationTable, ProcessTable, Step, ToolRow, ToolTable
+from camgen.model.job_tables import FILES, ROWS, Setting, row_settings, settings, split_name, tables
+from camgen.model.limits import Limits, tell
 from camgen.model.plugins import OPERATIONS, entries
+from camgen.model.text import counted
 from camgen.read.files import Files
 
 #: So much of a setting is told.
 _LONGEST = 100
 
+#: The tables of a job by name; rows of ``[[operations]]`` are ``operations.0`` and on.
 Tree = dict[str, dict[str, object]]
+Origins = Mapping[tuple[str, str], str]
 
 
 def load(file: Path | None, sets: Sequence[str] = (), files: Files | None = None) -> Job:
@@ -41,6 +45,11 @@ def load(file: Path | None, sets: Sequence[str] = (), files: Files | None = None
         origins = {(table, key): str(file) for table, keys in tree.items() for key in keys}
     for text in sets:
         table, key, value = _assignment(text)
+        if "." in table and table not in tree:
+            name = table.partition(".")[0]
+            count = sum(one.startswith(f"{name}.") for one in tree)
+            what = f"there is no {table}: the job has {counted(count, 'row')} of [[{name}]]"
+            raise JobError(f"--set {text}", what, remedy="they are counted from 0")
         tree.setdefault(table, {})[key] = value
         origins[table, key] = f"--set {text if len(text) <= _LONGEST else text[:_LONGEST] + '...'}"
     _cell_filled(tree, origins, files)
@@ -128,6 +137,9 @@ def _tables_of(tree: Mapping[str, object], origin: str) -> Tree:
     """``tree`` with its tables checked to be known and to be tables."""
     result: Tree = {}
     for name, content in tree.items():
+        if name in ROWS:
+            result |= _rows_of(name, content, origin)
+            continue
         if name not in tables():
             raise _unknown_table(name, origin, content)
         if not isinstance(content, Mapping):
@@ -136,23 +148,33 @@ def _tables_of(tree: Mapping[str, object], origin: str) -> Tree:
     return result
 
 
+def _rows_of(name: str, content: object, origin: str) -> Tree:
+    if not isinstance(content, list) or not all(isinstance(row, Mapping) for row in content):
+        raise JobError(origin, f"{name} must be tables, not {_quote_short(content)}", remedy=f"write [[{name}]]")
+    return {f"{name}.{place}": dict(row) for place, row in enumerate(content)}
+
+
 def _unknown_table(name: str, origin: str, content: object) -> JobError:
     homes = [s.table for s in settings() if s.key == name]
     if homes and not isinstance(content, Mapping):
         return JobError(origin, f"{_quote(name)} stands outside its table", remedy=f"it belongs to [{homes[0]}]")
-    near = difflib.get_close_matches(str(name), tables(), 1, 0)
-    return JobError(origin, f"unknown table [{_clean(name)}]", remedy=f"nearest is [{near[0]}]")
+    near = difflib.get_close_matches(str(name), (*tables(), *ROWS), 1, 0)[0]
+    nearest = f"[[{near}]]" if near in ROWS else f"[{near}]"
+    return JobError(origin, f"unknown table [{_clean(name)}]", remedy=f"nearest is {nearest}")
 
 
 def _assignment(text: str) -> tuple[str, str, object]:
     name, equals, raw = text.partition("=")
     table, dot, key = (part.strip() for part in name.partition("."))
     origin = f"--set {text}"
+    if table in ROWS:
+        place, dot, key = (part.strip() for part in key.partition("."))
+        table = f"{table}.{place}"
     if not (equals and dot and table and key):
         names = [f"{s.table}.{s.key}" for s in settings()]
         near = [n for n in names if n.endswith(f".{table}")] or difflib.get_close_matches(name, names, 1, 0)
         raise JobError(origin, "is not table.key=value", remedy=f"nearest is {near[0]}")
-    if table not in tables():
+    if table not in tables() and table.partition(".")[0] not in ROWS:
         raise _unknown_table(table, origin, {})
     return table, key, _value(raw)
 
@@ -166,31 +188,116 @@ def _value(raw: str) -> object:
     return parsed["value"] if len(parsed) == 1 else raw
 
 
-def _convert(tree: Tree, origins: Mapping[tuple[str, str], str], source: str) -> Job:
-    known = {(s.table, s.key): s for s in settings()}
+def _convert(tree: Tree, origins: Origins, source: str) -> Job:
     for table, keys in tree.items():
+        known = _settings_of(table)
         for key, value in keys.items():
             origin = origins.get((table, key), source)
-            if table != "post" and (table, key) not in known:
+            if table != "post" and key not in known:
                 raise _unknown_key(table, key, origin)
             if not all(math.isfinite(number) for number in _floats(value)):
-                raise JobError(origin, f"{key} must be finite, not {_quote_short(value)}", f"[{table}]")
+                raise JobError(origin, f"{key} must be finite, not {_quote_short(value)}", _place(table))
+    limits = _table(Limits, tree.get("limits", {}), _Where("limits", origins, source))
+    _insist_on_numbers(tree, origins, source, limits.number)
+    kinds = {name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", "operation", *ROWS)}
+    made = {name: _table(kind, tree.get(name, {}), _Where(name, origins, source)) for name, kind in kinds.items()}
+    operation = _operation(tree.get("operation", {}), _Where("operation", origins, source))
+    job = Job(**made, operation=operation, post=tree.get("post", {}))
+    _insist_on_settings(job, _Where("operation", origins, source))
+    return replace(job, **_several(tree, job, origins, source))
+
+
+class _Where(Struct, frozen=True):
+    """Of what table something is said, and who said what."""
+
+    table: str
+    origins: Origins
+    source: str
+
+    def fault(self, key: str, what: str, remedy: str = "") -> JobError:
+        return JobError(self.origins.get((self.table, key), self.source), what, _place(self.table), remedy)
+
+
+def _place(table: str) -> str:
+    """A table as it stands in a file; a row with its number from 0, as ``--set`` names it."""
+    name, dot, row = table.partition(".")
+    return f"[[{name}]] {row}" if dot else f"[{name}]"
+
+
+def _settings_of(table: str) -> dict[str, Setting]:
+    name, dot, _ = table.partition(".")
+    return {s.key: s for s in (row_settings() if dot else settings()) if s.table == name}
+
+
+Kind = TypeVar("Kind", bound=Struct)
+
+
+def _table(kind: type[Kind], keys: Mapping[str, object], where: _Where) -> Kind:
+    """The table of ``keys``, checked."""
     try:
-        limits = msgspec.convert({"limits": tree.get("limits", {})}, Job).limits
-        _insist_on_numbers(tree, origins, source, limits.number)
-        job = _with_kind(tree)
+        return msgspec.convert(keys, kind)
     except msgspec.ValidationError as error:
-        place = re.search(r"`\$\.(\w+)\.(\w+)", str(error))
+        place = re.search(r"`\$\.(\w+)", str(error))
         if place is None:
-            raise JobError(source, str(error)) from error
-        table, key = place.groups()
-        what = f"{key} must be {known[table, key].allowed}, not {_quote_short(tree[table][key])}"
-        raise JobError(origins.get((table, key), source), what, f"[{table}]") from error
-    _insist_on_settings(job, origins, source)
-    return job
+            raise JobError(where.source, str(error)) from error
+        key = place.group(1)
+        allowed = _settings_of(where.table)[key].allowed
+        raise where.fault(key, f"{key} must be {allowed}, not {_quote_short(keys[key])}") from error
 
 
-def _insist_on_numbers(tree: Tree, origins: Mapping[tuple[str, str], str], source: str, most: float) -> None:
+def _operation(keys: Mapping[str, object], where: _Where) -> OperationTable:
+    """``kind`` may also name an operation that another package brings."""
+    kind = keys.get("kind")
+    known = get_args(get_args(get_type_hints(OperationTable, include_extras=True)["kind"])[0])
+    if kind in known or kind not in [entry.name for entry in entries(OPERATIONS)]:  # a kind of any type at all
+        return _table(OperationTable, keys, where)
+    return replace(_table(OperationTable, {**keys, "kind": "auto"}, where), kind=kind)
+
+
+def _several(tree: Tree, job: Job, origins: Origins, source: str) -> dict[str, object]:
+    """The tools and the operations of a job that has several."""
+    tools: list[ToolRow] = []
+    for name, keys in _rows(tree, "tools"):
+        where = _Where(name, origins, source)
+        tool = _table(ToolRow, keys, where)
+        for key, value in (("name", tool.name), ("number", tool.number)):
+            if value and value in [getattr(other, key) for other in tools]:
+                raise where.fault(key, f"{key} {_quote_short(value)} is another tool's too", "give each its own")
+        tools.append(tool)
+    steps = [_step(tree, job, tools, keys, _Where(name, origins, source)) for name, keys in _rows(tree, "operations")]
+    if tools and not steps:
+        raise JobError(source, "has tools and no operation that names one", "[[tools]]", "write [[operations]]")
+    return {"tools": tools, "operations": steps}
+
+
+def _rows(tree: Tree, name: str) -> list[tuple[str, dict[str, object]]]:
+    return [(table, keys) for table, keys in tree.items() if table.startswith(f"{name}.")]
+
+
+def _step(tree: Tree, job: Job, tools: list[ToolRow], keys: dict[str, object], where: _Where) -> Step:
+    """One row of ``[[operations]]``: what it does not say is that of its tool, of [operation] and of [process]."""
+    choice = _table(Choice, _only(keys, Choice), where)
+    tool, own = job.tool, dict[str, object]()
+    if choice.tool or tools:
+        row = next((tool for tool in tools if choice.tool in (tool.name, tool.number) and choice.tool), None)
+        if row is None:
+            named = [tool.name or tool.number for tool in tools]
+            what = f"there is no tool {_quote_short(choice.tool)}" if choice.tool else "names no tool"
+            raise where.fault("tool", what, f"one of {', '.join(map(str, named))}" if named else "write [[tools]]")
+        values = {"feed": row.feed, "plunge": row.plunge, "spindle": row.speed}
+        own = {key: value for key, value in values.items() if value is not None}
+        tool = ToolTable(**{name: getattr(row, name) for name in ToolTable.__struct_fields__})
+    operation = _operation(tree.get("operation", {}) | _only(keys, OperationTable), where)
+    process = _table(ProcessTable, tree.get("process", {}) | own | _only(keys, ProcessTable), where)
+    _insist_on_settings(replace(job, operation=operation), where)
+    return Step(tool, operation, process, choice)
+
+
+def _only(keys: Mapping[str, object], kind: type[Struct]) -> dict[str, object]:
+    return {key: value for key, value in keys.items() if key in kind.__struct_fields__}
+
+
+def _insist_on_numbers(tree: Tree, origins: Origins, source: str, most: float) -> None:
     """JobError for a number that no machine has; a seed is none of a machine, nor is a limit."""
     for table, keys in tree.items():
         for key, value in keys.items():
@@ -198,41 +305,31 @@ def _insist_on_numbers(tree: Tree, origins: Mapping[tuple[str, str], str], sourc
                 continue
             what = f"{key} cannot be beyond {tell(most)}: {_quote_short(value)}"
             remedy = "give a value that can be meant, or raise limits.number"
-            raise JobError(origins.get((table, key), source), what, f"[{table}]", remedy)
+            raise JobError(origins.get((table, key), source), what, _place(table), remedy)
 
 
-def _insist_on_settings(job: Job, origins: Mapping[tuple[str, str], str], source: str) -> None:
+def _insist_on_settings(job: Job, where: _Where) -> None:
     """JobError for a setting that is beyond a limit of the same job."""
     operation, limits = job.operation, job.limits
     found = (
-        ("operation", "passes", operation.passes, operation.passes > limits.passes),
-        ("operation", "stepover", operation.stepover, operation.stepover < limits.stepover),
-        ("tolerance", "chord", job.tolerance.chord, job.tolerance.chord < limits.chord),
+        (where, "passes", operation.passes, operation.passes > limits.passes),
+        (where, "stepover", operation.stepover, operation.stepover < limits.stepover),
+        (replace(where, table="tolerance"), "chord", job.tolerance.chord, job.tolerance.chord < limits.chord),
     )
-    for table, key, value, beyond in found:
+    for place, key, value, beyond in found:
         if beyond:
             most = key == "passes"
             what = f"{key} must be {tell(getattr(limits, key))} at {'most' if most else 'least'}, not {value:g}"
-            remedy = f"give a value that can be meant, or {'raise' if most else 'lower'} limits.{key}"
-            raise JobError(origins.get((table, key), source), what, f"[{table}]", remedy)
-
-
-def _with_kind(tree: Tree) -> Job:
-    """The job of ``tree``. ``operation.kind`` may also name an operation that another package brings."""
-    operation = tree.get("operation", {})
-    kind = operation.get("kind")
-    known = get_args(get_args(get_type_hints(OperationTable, include_extras=True)["kind"])[0])
-    if kind in known or kind not in [entry.name for entry in entries(OPERATIONS)]:  # a kind of any type at all
-        return msgspec.convert(tree, Job)
-    job = msgspec.convert(tree | {"operation": operation | {"kind": "auto"}}, Job)
-    return replace(job, operation=replace(job.operation, kind=kind))
+            raise place.fault(
+                key, what, f"give a value that can be meant, or {'raise' if most else 'lower'} limits.{key}"
+            )
 
 
 def _unknown_key(table: str, key: str, origin: str) -> JobError:
     elsewhere = [s.table for s in settings() if s.key == key]
-    near = difflib.get_close_matches(str(key), [s.key for s in settings() if s.table == table], 1, 0)
+    near = difflib.get_close_matches(str(key), _settings_of(table), 1, 0)
     remedy = f"it belongs to [{elsewhere[0]}]" if elsewhere else f"nearest is {near[0]}"
-    return JobError(origin, f"unknown key {_quote(key)}", f"[{table}]", remedy)
+    return JobError(origin, f"unknown key {_quote(key)}", _place(table), remedy)
 
 
 def _floats(value: object) -> Iterator[float]:
