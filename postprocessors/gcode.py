@@ -29,6 +29,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
+    ToolChange,
     splice,
 )
 from camgen.model.text import short
@@ -104,7 +105,8 @@ def _hole(columns: Columns, k: int, decimals: int) -> CycleHole | None:
     motions: list[Motion] = []
     for stroke in strokes:
         target = Pose(turn, (x, y, stroke.z))
-        motions.append(MoveL(target, stroke.feed) if stroke.feed else MoveJ(target, above.speed))
+        owner = {"path": above.path, "work": bool(stroke.feed)}
+        motions.append(MoveL(target, stroke.feed, **owner) if stroke.feed else MoveJ(target, above.speed, **owner))
     across = k > 0 and _leads(columns.pose(k - 1), above.target, decimals)
     first = int(columns.at[k + (not across)])
     return CycleHole(first, int(columns.at[last]), (*([above] if across else []), *motions), words, across)
@@ -228,6 +230,7 @@ class GCode(Rs274):
     suffix: ClassVar[str] = ".ngc"
     about: ClassVar[str] = "G-code for LinuxCNC (RS-274/NGC), three-axis mill"
     works: ClassVar[tuple[str, ...]] = (*Rs274.works, "G59.1", "G59.2", "G59.3")
+    changes_tools: ClassVar[bool] = True
 
     lift: bool = field(
         default=True, kw_only=True, metadata={"help": "G53 G0 Z0 first: the machine's zero of Z is its top"}
@@ -249,6 +252,8 @@ class GCode(Rs274):
     force_channel: int = field(default=0, kw_only=True, metadata={"help": "analog output of the force, 0 to 63"})
     force_scale: float = field(default=0.0, kw_only=True, metadata={"help": "output value per N; analog needs it"})
 
+    #: Whether a tool change has already said what stands before the first motion.
+    _changed: bool = field(default=False, init=False, repr=False)
     #: The printed analog value, empty while force is off.
     _pressing: str = field(default="", init=False, repr=False)
     #: By identity, with the motion itself: the cycle that it begins, whether it goes on and ends; None inside of one.
@@ -310,7 +315,22 @@ class GCode(Rs274):
 
     def ready(self) -> Sequence[str]:
         """The tool and its length come last."""
+        if self._changed:
+            return ()
         return (*super().ready(), *((f"T{self.tool} M6", "G43") if self.tool else ()))
+
+    def change_tool(self, item: ToolChange) -> Sequence[str]:
+        """M6, up to the top of the machine, since where it stands afterwards is not known, and the new length."""
+        first, up = not self._changed, ("G53 G0 Z0",) if self.lift else ()
+        self._changed, self._words = True, ()
+        name = f"tool {item.name} diameter {short(item.diameter, 3)} mm length {short(item.length, 3)} mm"
+        return (
+            self.note(" ".join(name.split())),
+            *(super().ready() if first else ()),
+            f"T{item.number} M6",
+            *up,
+            f"G43 H{item.number}",
+        )
 
     def movej(self, motion: MoveJ) -> Sequence[str]:
         """G0, or the cycle that begins with it."""
@@ -348,6 +368,16 @@ class GCode(Rs274):
         if word in COOLANT:
             return (word if item.value else "M9",)
         return (f"{'M64' if item.value else 'M65'} {word}",)
+
+    def why_not(self, item: Instruction, start: Pose | None) -> str:
+        """Also of a tool change."""
+        if not isinstance(item, ToolChange):
+            return super().why_not(item, start)
+        if not item.number:
+            return f"tool {item.name or short(item.diameter, 3)} has no number in the tool table; set tools.number"
+        if self.tool:
+            return "post.tool is for programs with one tool; leave it out, the operations name theirs"
+        return ""
 
     def print_force(self, item: Force) -> Sequence[str]:
         """M68 acts at once, after the motion before it has ended."""

@@ -17,8 +17,8 @@ from msgspec import Struct
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
+from camgen.build.programs import Checked, Posted, check_programs, post_programs
 from camgen.build.refusals import tell_by_input
-from camgen.check import Checks, check
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.report import report as report_of
 from camgen.check.time import cycle
@@ -37,7 +37,7 @@ from camgen.order import order
 from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, plan
 from camgen.post import OutputFile, Post
 from camgen.post.plugins import cell_of, dynamics_of, fill_tables, find_post, find_readback, make_post
-from camgen.post.verify import Deviation, compare
+from camgen.post.verify import Deviation
 from camgen.read.files import Files
 from camgen.read.gcode.interpreter import Recorded
 from camgen.read.job_file import from_mapping, load
@@ -59,9 +59,10 @@ class Result(Struct, frozen=True, eq=False, dict=True):
 
     part: what was read, as it was planned. cell: with the robot and the fixtures. tour: the paths in order, with their
     leads; planned: before that. program: as the text says it, arcs already replaced where the controller has none.
-    files: the text with LF line ends. deviation: of the text read back. motions: the sums of the program. cycle: its
-    time. reach, clear: what the check with a robot found, None where there is none. coverage: of a fill. where: what it
-    was tested against.
+    files: the text with LF line ends. counts: how many of them each program has, in the order in which they are run:
+    one program, or one a tool for controllers that change none; ``program`` is then all of them. deviation: of the text
+    read back. motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot found, None
+    where there is none. coverage: of a fill. where: what it was tested against.
     """
 
     part: Part
@@ -80,6 +81,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     coverage: Coverage | None = None
     where: Surroundings | None = None
     planned: tuple[ToolPath, ...] = ()
+    counts: tuple[int, ...] = (1,)
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -131,11 +133,9 @@ def build(
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
     planned, tour, checks = _program(planned, settings, read.cell, poster, title, header, strict, watch)
-    posted = poster.render(checks.program)
     watch("verifying")
-    reading = readback({file.name: file.text for file in posted}, fill_tables(type(poster), settings.post))
-    deviation = compare(checks.program, reading, poster.tolerance(), poster.list_verified(), posted[0].name)
-    return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, deviation)
+    posted = post_programs(checks, readback, fill_tables(type(poster), settings.post))
+    return _sum_up(planned, tour, read.cell, settings, poster, checks, posted)
 
 
 def _program(
@@ -147,7 +147,7 @@ def _program(
     header: tuple[str, ...],
     strict: bool,
     watch: Watch,
-) -> tuple[Plan, Tour, Checks]:
+) -> tuple[Plan, Tour, Checked]:
     """The checked program of ``planned``, without the edges that its check lost: found anew for the others."""
     where = planned.where if isinstance(planned, EdgePlan) else None
     while True:
@@ -157,10 +157,9 @@ def _program(
         lowered = lower(tour, cell, job, title, header)
         try:
             with tell_by_input(planned.part, lowered):
-                program = poster.prepare(lowered, job.tolerance.chord)
                 if cell.arm:
                     watch("checking")
-                return planned, tour, check(program, job, cell, where, planned.part.source)
+                return planned, tour, check_programs(lowered, tour, poster, job, cell, where, planned.part.source)
         except Blocked as error:
             planned = _leave_out(planned, tour, error)
 
@@ -181,10 +180,10 @@ def _sum_up(
     cell: Workcell,
     job: Job,
     post: Post,
-    checks: Checks,
-    files: tuple[OutputFile, ...],
-    deviation: Deviation,
+    checked: Checked,
+    posted: Posted,
 ) -> Result:
+    checks = checked.whole
     return Result(
         part=plan.part,
         job=job,
@@ -196,8 +195,9 @@ def _sum_up(
             *(*_note_corners(checks.program, dynamics_of(post, job), job), *post.warn(checks.program)),
         ),
         program=checks.program,
-        files=files,
-        deviation=deviation,
+        files=posted.files,
+        counts=posted.counts,
+        deviation=posted.deviation,
         motions=sum_up(checks.program.columns),
         cycle=cycle(checks.program, dynamics_of(post, job), checks.reach, cell.arm),
         reach=checks.reach,
@@ -266,9 +266,13 @@ def _header(
         *(f"part: {one.name}" for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
-        f"tool: diameter {short(job.tool.diameter, 3)} mm - frame {_frame(cell.flange_from_tool)}",
+        *(() if job.operations else (_tool_line(job, cell),)),
         f"work frame: {_frame(cell.base_from_work)}",
     )
+
+
+def _tool_line(job: Job, cell: Cell) -> str:
+    return f"tool: diameter {short(job.tool.diameter, 3)} mm - frame {_frame(cell.flange_from_tool)}"
 
 
 def _frame(pose: Pose) -> str:
@@ -280,7 +284,7 @@ def _frame(pose: Pose) -> str:
 def program_files(result: Result, folder: Path, file: Path | None) -> list[tuple[Path, bytes]]:
     """The program files with the controller's line ends."""
     paths = [folder / one.name for one in result.files]
-    if file is not None:
+    if file is not None and len(result.counts) == 1:
         if len(paths) > 1 and file.name != paths[0].name:
             what = f"the program takes {len(paths)} files, which call each other by name"
             raise JobError(str(file), what, remedy="give a folder with -o")

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from camgen.model.cell import Cell
 from camgen.model.errors import InputError
-from camgen.model.job import Job
-from camgen.model.job_tables import split_name
+from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolTable
+from camgen.model.job_tables import ROWS, split_name
 from camgen.model.part import Note, Part, Solid
 from camgen.read import read
 from camgen.read.files import Files, identity
@@ -173,11 +173,22 @@ def _own(job: Job) -> dict[str, object]:
         cell = replace(cell, fixtures=fixtures)
     tables = msgspec.to_builtins(replace(job, image=image, camera=camera, cell=cell))
     defaults = msgspec.to_builtins(Job())
-    return {
-        name: {key: value for key, value in table.items() if value != defaults[name].get(key)}
+    own: dict[str, object] = {
+        name: _changed(table, defaults[name])
         for name, table in tables.items()
-        if table != defaults[name]
+        if table != defaults[name] and name not in ROWS
     }
+    if job.operations:  # each has all that it needs of [[tools]]
+        usual = {"tool": ToolTable(), "operation": OperationTable(), "process": ProcessTable(), "choice": Choice()}
+        own["operations"] = {
+            str(place): {name: _changed(row[name], msgspec.to_builtins(table)) for name, table in usual.items()}
+            for place, row in enumerate(tables["operations"])
+        }
+    return own
+
+
+def _changed(table: dict[str, object], default: dict[str, object]) -> dict[str, object]:
+    return {key: value for key, value in table.items() if value != default.get(key)}
 
 
 def note_urdf(name: str, arm: Robot | None) -> tuple[Note, ...]:

@@ -7,6 +7,7 @@ import math
 import os
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from itertools import accumulate
 from pathlib import Path
 from time import perf_counter
 
@@ -23,7 +24,10 @@ from camgen.model.errors import JobError, rename_errors
 from camgen.model.part import Note, NoteKind
 from camgen.model.path import Tour
 from camgen.model.pose import Pose
+from camgen.model.program import ToolChange
 from camgen.model.text import counted, grouped, short
+from camgen.order import JobTour
+from camgen.plan.steps import name_of
 from camgen.preview.drawings import check_preview, draw
 from camgen.read.gcode.interpreter import Recorded
 from camgen.read.job_file import beside, load
@@ -53,10 +57,11 @@ def rows(
         *_job(job, inputs),
         *_notes(result.notes, verbose),
         *_tell_plan(result),
+        *_operations(result),
         *_coverage(result),
         ("cell", _cell(result), "look"),
         ("time", f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel", "plain"),
-        *(_program(path, data, result.post.newline) for path, data in programs),
+        *_programs(result, programs),
         ("verified", _tell_verified(result), "good"),
     ]
 
@@ -142,6 +147,34 @@ def _tell_plan(result: Result) -> list[Row]:
         ("plan", f"{counted(len(tour.paths), 'path')}, work {length(work)}", "plain"),
         ("tour", f"{tour.method}: work {length(work)}, travel {length(tour.travel)}{_above(tour)}{hint}", "plain"),
     ]
+
+
+def _operations(result: Result) -> list[Row]:
+    """A line for each operation of a job with several: its tool, paths and time."""
+    if not isinstance(result.tour, JobTour):
+        return []
+    told: list[Row] = []
+    before = 0
+    for number, tour in zip(result.tour.numbers, result.tour.tours, strict=True):
+        own = slice(before, before + len(tour.paths))
+        before = own.stop
+        spent = float(result.cycle.paths[own].sum() + result.cycle.links[own].sum())
+        what = f"{name_of(result.job, number)}, {counted(len(tour.paths), 'path')}, about {duration(spent)}"
+        told.append(("operation", what.removeprefix("operation "), "plain"))
+    return told
+
+
+def _programs(result: Result, programs: Sequence[tuple[Path, bytes]]) -> list[Row]:
+    """A line for each file; of several programs with the tool that each is for."""
+    told = [_program(path, data, result.post.newline) for path, data in programs]
+    if len(result.counts) == 1:
+        return told
+    changes = [item for item in result.program.body if isinstance(item, ToolChange)]
+    for place, change in zip(accumulate((0, *result.counts)), changes, strict=False):
+        label, text, tone = told[place]
+        told[place] = (label, f"{text}: {change.name or 'tool'}, diameter {change.diameter:g} mm", tone)
+    why = f"{result.post.name} changes no tool in a program; run them in this order, each with its tool"
+    return [*told, ("programs", f"{len(result.counts)}: {why}", "look")]
 
 
 def _coverage(result: Result) -> list[Row]:

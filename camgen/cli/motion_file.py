@@ -31,6 +31,7 @@ from camgen.model.program import (
     Output,
     Posture,
     Program,
+    ToolChange,
     Wait,
 )
 from camgen.read.files import Files
@@ -103,16 +104,24 @@ class _Force(_Line, frozen=True, tag="force"):
     press: Row | None = None
 
 
+class _Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    origin: Row
+    rotation: _Index
+
+
+class _ToolChange(_Line, frozen=True, tag="toolchange"):
+    number: _Index
+    name: str
+    diameter: _Number
+    length: _Number
+    flange_from_tool: _Frame | None = None
+
+
 class _Comment(_Line, frozen=True, tag="comment"):
     text: str
 
 
-_Any = _MoveJ | _MoveL | _MoveC | _Output | _Wait | _Force | _Comment
-
-
-class _Frame(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    origin: Row
-    rotation: _Index
+_Any = _MoveJ | _MoveL | _MoveC | _Output | _Wait | _Force | _ToolChange | _Comment
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -208,6 +217,10 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
             return _Wait(item.seconds)
         case Force():
             return _Force(float(item.newtons), item.force_direction if any(item.force_direction) else None)
+        case ToolChange():
+            pose = item.flange_from_tool
+            frame = None if pose is None else _Frame(pose.origin, known.place(pose.rotation))
+            return _ToolChange(item.number, clean(item.name), item.diameter, item.length, frame)
         case Comment():
             return _Comment(clean(item.text))
 
@@ -257,16 +270,20 @@ def _rotation(matrix: Matrix) -> FloatArray:
     return rotation
 
 
+def _movej(line: _MoveJ, pose: Callable[[Vec3, int], Pose]) -> MoveJ:
+    posture = Joints(line.posture) if line.posture else None
+    owner = line.path, line.work, line.share or 0.0
+    if line.joints is not None:
+        return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called, *owner)
+    if line.to is None:
+        raise ValueError("a movej has neither joints nor to")
+    return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called, *owner)
+
+
 def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
     match line:
         case _MoveJ():
-            posture = Joints(line.posture) if line.posture else None
-            owner = line.path, line.work, line.share or 0.0
-            if line.joints is not None:
-                return MoveJ(Joints(line.joints), line.speed, line.blend or 0.0, posture, line.called, *owner)
-            if line.to is None:
-                raise ValueError("a movej has neither joints nor to")
-            return MoveJ(pose(line.to, line.rotation), line.speed, line.blend or 0.0, posture, line.called, *owner)
+            return _movej(line, pose)
         case _MoveL():
             return MoveL(pose(line.to, line.rotation), line.speed, *_end(line), line.turn or 0.0)
         case _MoveC():
@@ -278,6 +295,10 @@ def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
             return Wait(line.seconds)
         case _Force():
             return Force(line.newtons, line.press or _NO_PRESS)
+        case _ToolChange():
+            frame = line.flange_from_tool
+            tool = None if frame is None else pose(frame.origin, frame.rotation)
+            return ToolChange(line.number, line.name, line.diameter, line.length, tool)
         case _Comment():
             return Comment(line.text)
 

@@ -7,7 +7,7 @@ from camgen.model.cell import Cell
 from camgen.model.job import Job
 from camgen.model.path import Tour
 from camgen.model.program import Program
-from camgen.order import EdgeTour, ReplayTour, changed_paths
+from camgen.order import EdgeTour, JobTour, ReplayTour, changed_paths
 
 
 def lower(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
@@ -26,4 +26,8 @@ def lower(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[st
         from camgen.lower.replay import lower_replay  # noqa: PLC0415 (the interpreter, only for what needs it)
 
         return lower_replay(tour, cell, job, name, header)
+    if isinstance(tour, JobTour):
+        from camgen.lower.steps import lower_steps  # noqa: PLC0415 (only for jobs with several operations)
+
+        return lower_steps(tour, cell, job, name, header)
     return lower_paths(tour, cell, job, name, header)

@@ -112,26 +112,40 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
     """
     if not tour.paths:
         raise NoSafeProgram(name, "no path to run")
-    _insist_on_size(tour, job.limits.motions)
-    body: list[Instruction] = [MoveJ(cell.home, job.process.travel)]
+    process = job.process
+    body = [MoveJ(cell.home, process.travel), *turn_on(job, cell), *run_paths(tour, cell, job)]
+    if process.spindle > 0:
+        body.append(Output("spindle", 0.0))
+    body.append(MoveJ(cell.home, process.travel))
+    return finish(body, tour.paths, cell, job, name, header)
+
+
+def turn_on(job: Job, cell: Cell) -> list[Instruction]:
+    """The spindle on, if it turns. JobError where a mill would cut with it at rest."""
     if job.process.spindle > 0:
-        body += [Output("spindle", job.process.spindle), *dwell(job.process)]
-    elif isinstance(cell.home, Pose) and job.operation.depth and _nothing_turns(job.process):
+        return [Output("spindle", job.process.spindle), *dwell(job.process)]
+    if isinstance(cell.home, Pose) and job.operation.depth and _nothing_turns(job.process):
         what = f"a cut of {job.operation.depth:g} mm with the spindle at rest"
         remedy = 'set it to the speed in rpm, or process.switch to "contact" for a laser or a plasma torch'
         raise JobError("job", what, "process.spindle", remedy)
+    return []
+
+
+def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> list[Instruction]:
+    """The paths of ``tour``, each from above its start to above its end. before: how many paths of the program come
+    before them.
+    """
+    _insist_on_size(tour, job.limits.motions)
     # A machine without joints has no axis that winds up.
     winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
-    runs = _runs(tour, winds)
+    runs = _runs(tour, winds, before)
     table = _table(runs, job, winds, cell.pace)
+    body: list[Instruction] = []
     for run in range(len(runs)):
         body += _enter(table, run, job, run == 0, isinstance(cell.home, Pose))
         body += _work(table, run, job)
         body += _leave(table, run, job, isinstance(cell.home, Pose))
-    if job.process.spindle > 0:
-        body.append(Output("spindle", 0.0))
-    body.append(MoveJ(cell.home, job.process.travel))
-    return finish(body, tour.paths, cell, job, name, header)
+    return body
 
 
 def _nothing_turns(process: ProcessTable) -> bool:
@@ -160,9 +174,9 @@ def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
 
 
 class _Run(Struct, frozen=True):
-    """One pass. number: of its path in the tour. linked: it starts where the run before it ended, so that nothing lies
-    between them but the plunge. down: it is reached straight from there, without a lift. low: it starts there too, but
-    the tool is turned back before, above the material and no higher.
+    """One pass. number: of its path in the program. linked: it starts where the run before it ended, so that nothing
+    lies between them but the plunge. down: it is reached straight from there, without a lift. low: it starts there too,
+    but the tool is turned back before, above the material and no higher.
     """
 
     path: ToolPath
@@ -173,14 +187,17 @@ class _Run(Struct, frozen=True):
     low: bool = False
 
 
-def _runs(tour: Tour, winds: bool) -> list[_Run]:
-    """winds: the tool turns with the contour, once round for every pass, and has to be turned back in the air."""
+def _runs(tour: Tour, winds: bool, before: int) -> list[_Run]:
+    """The passes of a tour. before: how many paths of the program come before its own. winds: the tool turns with the
+    contour, once round for every pass, and has to be turned back in the air.
+    """
     runs = []
-    for index, path in enumerate(tour.paths):
+    for place, path in enumerate(tour.paths):
+        index = before + place
         first, *deeper = path.depths
         # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
         pressed = bool(path.force.any())
-        runs.append(_Run(path, index, first, False, index in tour.down and not pressed))
+        runs.append(_Run(path, index, first, False, place in tour.down and not pressed))
         if not deeper:
             continue
         meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM

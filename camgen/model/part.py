@@ -186,8 +186,8 @@ class Part(Struct, frozen=True, eq=False):
     """What was read. ``source`` is the file's name without folder, ``units`` says what one drawing unit was.
 
     raster: the picture that it was read from, None where there is none. solid: the 3-D part, None for a flat one.
-    curves: in space; where there are any there are no contours, and a solid is what they lie on or beside. worked: ids of
-    the contours that an operation works on, the others only say where material is; None: all of them.
+    curves: in space; where there are any there are no contours, and a solid is what they lie on or beside. worked:
+    ids of the contours that an operation works on, the others only say where material is; None: all of them.
     """
 
     name: str

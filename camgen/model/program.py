@@ -127,6 +127,18 @@ class Force(Struct, frozen=True, gc=False):
     force_direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+class ToolChange(Struct, frozen=True):
+    """Another tool from here on, with all outputs off and the machine at home. number: in the machine's tool table.
+    diameter, length: mm. flange_from_tool: its frame; None: the program's.
+    """
+
+    number: int
+    name: str = ""
+    diameter: float = 0.0
+    length: float = 0.0
+    flange_from_tool: Pose | None = None
+
+
 class Comment(Struct, frozen=True, gc=False):
     """A remark for whoever reads the program; posts clean it."""
 
@@ -134,7 +146,7 @@ class Comment(Struct, frozen=True, gc=False):
 
 
 Motion = MoveJ | MoveL | MoveC
-Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | Comment
+Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | ToolChange | Comment
 
 
 # Instructions by column: a program may hold half a million of them, and a loop over them in Python takes seconds.
@@ -142,7 +154,7 @@ Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | Comment
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
-_NUMBER: dict[type, int] = {MoveJ: 0, MoveL: 1, MoveC: 2, Output: 3, Wait: 4, Force: 5, Comment: 6}
+_NUMBER: dict[type, int] = {MoveJ: 0, MoveL: 1, MoveC: 2, Output: 3, Wait: 4, Force: 5, Comment: 6, ToolChange: 7}
 
 
 class Columns:
@@ -342,6 +354,7 @@ def check(columns: Columns, paths: int = 0) -> None:
         *_blending(columns),
         *_pressing(columns),
         *_left_on(columns),
+        *_changing(columns),
     ]
     if broken:
         index, what = min(broken, key=lambda one: one[0])
@@ -439,6 +452,32 @@ def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
     for name in used:
         if name not in after:
             yield len(columns.body) - 1, f"{name} must be off at the end"
+
+
+def _changing(columns: Columns) -> Iterator[tuple[int, str]]:
+    """Tool changes with something on, and motions after one that are not joint-interpolated."""
+    on = set[str]()
+    changed = False
+    for index in np.flatnonzero(columns.are(ToolChange)).tolist():
+        changed = True
+        if index + 1 < len(columns.body) and not isinstance(_moved(columns, index), MoveJ):
+            yield index, "the first motion after a tool change must be joint-interpolated"
+    if not changed:
+        return
+    for index in np.flatnonzero(columns.are(Output, Force, ToolChange)).tolist():
+        item = columns.body[index]
+        if isinstance(item, ToolChange):
+            if on:
+                yield index, f"{min(on)} is on at a tool change"
+            continue
+        name, value = _switched(item)
+        (on.add if value else on.discard)(name)
+
+
+def _moved(columns: Columns, index: int) -> Motion | None:
+    """The first motion after the instruction at ``index``."""
+    after = int(np.searchsorted(columns.at, index))
+    return columns.moves[after] if after < len(columns.moves) else None
 
 
 def _switched(item: Instruction) -> tuple[str, float]:

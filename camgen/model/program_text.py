@@ -20,6 +20,7 @@ from camgen.model.program import (
     Output,
     Posture,
     Program,
+    ToolChange,
     Wait,
 )
 from camgen.model.text import harmless, short
@@ -58,6 +59,10 @@ def _line(item: Instruction, rotations: dict[bytes, str]) -> str:
             return f"wait {short(item.seconds, _DIGITS)}"
         case Force():
             return f"force {short(item.newtons, _DIGITS)} press {_numbers(item.force_direction, _ANGLE_DIGITS)}"
+        case ToolChange():
+            frame = "" if item.flange_from_tool is None else f" frame {_pose_text(item.flange_from_tool)}"
+            size = f"{short(item.diameter, _DIGITS)} {short(item.length, _DIGITS)}"
+            return f"toolchange {item.number} {size}{frame} name {harmless(item.name)}"
         case Comment():
             return f"# {harmless(item.text, 200)}"
 
@@ -171,6 +176,11 @@ def _parse_instruction(word: str, rest: str) -> Instruction:
         return Output(signal, float(value))
     if word == "wait":
         return Wait(float(rest))
+    if word == "toolchange":
+        words, _, name = rest.partition(" name ")
+        number, diameter, length, *frame = words.removesuffix(" name").split()
+        pose = _parse_pose(frame[1:]) if frame else None
+        return ToolChange(int(number), name, float(diameter), float(length), pose)
     head, tail = _split(rest.split())
     if word == "force":
         x, y, z = map(float, tail["press"])

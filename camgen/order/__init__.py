@@ -8,13 +8,13 @@ from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note
-from camgen.model.path import Tour
+from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose
 from camgen.order.arrange import arrange, measure_travel
-from camgen.order.tours import EdgeTour, ReplayTour
-from camgen.plan import EdgePlan, Plan, ReplayPlan, Watch, ignore_stages
+from camgen.order.tours import EdgeTour, JobTour, ReplayTour
+from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
 
-__all__ = ["EdgeTour", "ReplayTour", "order"]
+__all__ = ["EdgeTour", "JobTour", "ReplayTour", "order"]
 
 
 def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages) -> Tour:
@@ -30,8 +30,38 @@ def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_
         from camgen.order.edges import order_edges  # noqa: PLC0415 (fcl is loaded only by what needs it)
 
         return order_edges(plan, job, cell, watch)
+    if isinstance(plan, JobPlan):
+        return _order_steps(plan, job, cell, watch)
     watch("ordering")
     return _order_paths(plan, job, cell, watch)
+
+
+def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch) -> JobTour:
+    """The operations in their order, each with the best tour over its own paths."""
+    from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+    watch("ordering")
+    tours = [
+        _order_paths(one, job_of(job, step), cell, watch) for one, step in zip(plan.plans, plan.steps, strict=True)
+    ]
+    paths: list[ToolPath] = []
+    down: list[int] = []
+    for tour in tours:
+        down += [len(paths) + place for place in tour.down]
+        paths += tour.paths
+    bounds = [tour.bound for tour in tours if tour.bound is not None]
+    return JobTour(
+        tuple(paths),
+        sum(tour.travel for tour in tours),
+        tours[0].method,
+        sum(bounds) if len(bounds) == len(tours) else None,
+        frozenset(down),
+        any(tour.stopped for tour in tours),
+        tuple(note for tour in tours for note in tour.notes),
+        steps=plan.steps,
+        numbers=plan.numbers,
+        tours=tuple(tours),
+    )
 
 
 def changed_paths() -> JobError:

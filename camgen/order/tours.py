@@ -1,9 +1,12 @@
-"""Tours that know more than their paths: how an arm gets from edge to edge, what a program did between its cuts."""
+"""Tours that know more than their paths: how an arm gets from edge to edge, what a program did between its cuts, which
+operations they are of.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from camgen.model.job import Step
 from camgen.model.path import ToolPath, Tour
 
 if TYPE_CHECKING:
@@ -26,3 +29,13 @@ class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
 
     run: ProgramRun
     made: tuple[ToolPath, ...]
+
+
+class JobTour(Tour, frozen=True, eq=False, kw_only=True):
+    """Several operations one after the other. numbers: their places in ``Job.operations``. tours: of each, whose paths,
+    one after the other, are the paths.
+    """
+
+    steps: tuple[Step, ...]
+    numbers: tuple[int, ...]
+    tours: tuple[Tour, ...]

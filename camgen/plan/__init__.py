@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from camgen.model.cell import Cell
 from camgen.model.errors import JobError
-from camgen.model.job import Job
+from camgen.model.job import Job, Step
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.plugins import OPERATIONS, entries, find, load
@@ -109,6 +109,16 @@ class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
     made: tuple[ToolPath, ...]
 
 
+class JobPlan(Plan, frozen=True, eq=False, kw_only=True):
+    """Several operations, in the order in which they run. numbers: their places in ``Job.operations``. plans: of each,
+    whose paths, one after the other, are the paths.
+    """
+
+    steps: tuple[Step, ...]
+    numbers: tuple[int, ...]
+    plans: tuple[Plan, ...]
+
+
 class Operation(Struct, frozen=True):
     """One operation. name: that of its entry point, and of ``operation.kind``. about: a line for the user. takes: the
     kinds of parts that it is for. plan: from a part, its job, the cell and who watches to what will be done; raises
@@ -129,6 +139,38 @@ def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_s
     laid = on_page(part, job)
     part = in_margin(part, laid, _simplify(laid, job), job)
     watch("planning")
+    if job.operations:
+        return _plan_steps(part, job, cell, watch)
+    return plan_operation(part, job, cell, watch)
+
+
+def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:
+    """All operations of ``job``, in the order in which they run."""
+    from camgen.plan.steps import arrange, job_of, share_out  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+    shares, left = share_out(part, job)
+    notes = [*part.notes, *left]
+    plans = []
+    for share in shares:
+        number, kind = share.number, share.step.operation.kind
+        made = plan_operation(share.part, job_of(job, share.step), cell, watch)
+        notes += [replace(note, what=f"operation {number} ({kind}): {note.what}") for note in made.notes]
+        own = tuple(replace(path, id=f"{number}:{path.id}") for path in made.paths)
+        plans.append(replace(made, paths=own))
+    numbers = list(range(len(plans)))
+    if job.tour.method != "as-drawn":
+        worked = [frozenset(name for path in one.paths for name in path.contours) for one in plans]
+        numbers = arrange(job.operations, worked)
+    paths: list[ToolPath] = []
+    for number in numbers:
+        before = len(paths)
+        paths += [replace(p, parent=p.parent + before) if p.parent >= 0 else p for p in plans[number].paths]
+    steps, run = tuple(job.operations[k] for k in numbers), tuple(plans[k] for k in numbers)
+    return JobPlan(part, tuple(paths), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run)
+
+
+def plan_operation(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
+    """What the one operation of ``job`` does with ``part``, which lies where it is worked on."""
     made = find_operation(part, job).plan(part, job, cell, watch)
     # What the reader left out is told whatever an operation of another package makes of it.
     untold = tuple(note for note in part.notes if note not in made.notes)

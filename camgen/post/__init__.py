@@ -38,6 +38,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
+    ToolChange,
     Wait,
     splice,
 )
@@ -117,6 +118,8 @@ class Post(ABC):
     newline: ClassVar[str] = "\n"
     #: The endings of further files that a program may have.
     data_suffixes: ClassVar[tuple[str, ...]] = ()
+    #: Whether a program may change the tool; else camgen writes a program a tool.
+    changes_tools: ClassVar[bool] = False
     #: Names of the passes that may replace what ``why_not`` turns down, in the order in which they are tried.
     passes: ClassVar[tuple[str, ...]] = ("chords",)
     #: What the text carries of each motion; the rest is not compared. "speed" of L and C, "joint-speed" of J, which a
@@ -166,6 +169,10 @@ class Post(ABC):
     def movec(self, motion: MoveC) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines of an arc. A post that does not override this must refuse MoveC and name the pass ``chords``."""
         raise Refused(self.name, -1, "the post prints no arcs", "let it refuse MoveC and name the pass chords")
+
+    def change_tool(self, item: ToolChange) -> Sequence[str]:  # noqa: ARG002 (for those who override)
+        """The lines of a tool change. A post that does not override this leaves ``changes_tools`` false."""
+        raise Refused(self.name, -1, "the post changes no tool", "write a program a tool")
 
     def print_force(self, item: Force) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines that turn force control on or off. A post without force must refuse it."""
@@ -233,6 +240,9 @@ class Post(ABC):
         Raises Refused with the index and reason of the first instruction that it lacks.
         """
         body, columns = program.body, program.columns
+        changes = np.flatnonzero(columns.are(ToolChange))
+        if len(changes) and not self.changes_tools:
+            raise Refused(self.name, int(changes[0]), "the post changes no tool", "write a program a tool")
         doubtful = np.flatnonzero(~self.accepts(columns))
         changed: dict[int, list[Instruction]] = {}
         for index, before in zip(doubtful.tolist(), columns.before(doubtful).tolist(), strict=True):
@@ -284,6 +294,7 @@ class Post(ABC):
             Output: self.output,
             Wait: self.wait,
             Force: self.print_force,
+            ToolChange: self.change_tool,
             Comment: lambda item: (self.note(item.text),),
         }
 

@@ -16,7 +16,20 @@ from camgen.model.cell import Cell
 from camgen.model.errors import Refused
 from camgen.model.part import Note
 from camgen.model.pose import IDENTITY, Pose, Vec3, angle_between, fixed_xyz, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    Motion,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Program,
+    ToolChange,
+    Wait,
+)
 from camgen.model.text import counted, fixed, harmless, short
 from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
@@ -80,7 +93,7 @@ class PacScript(PacScriptOptions):
                 )
             case Force():
                 return self._force_reason(item.newtons, item.force_direction)
-            case Comment():
+            case Comment() | ToolChange():
                 return ""
         reason = self._speed_reason(item.speed)
         reason = reason or self._turn_reason(item)

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
-from camgen.model.program import Force, Instruction, Output
+from camgen.model.program import Force, Instruction, Output, ToolChange
 from camgen.model.text import counted
 from camgen.post import Fault, Reading, Remark
 from camgen.read.gcode import arcs
@@ -123,9 +123,10 @@ class Strict(Machine):
     """The machine that takes only what posts write, and notes faults instead of stopping.
 
     text: whether a line has come that is not blank. said: the modal groups that have come. started: a motion was read.
-    applied, path: G43 or G49, and G61 or G64, as the program said. changed: to the tool. pressing: by force;
-    following: N from the next motion on. waiting: the line of an output that waits for the next motion. unread: the
-    first line with a word that no post writes. idle: words whose code has not come, S and T, with their lines.
+    applied, path: G43 or G49, and G61 or G64, as the program said. changed: to the tool. pressing: by force; following:
+    N from the next motion on. waiting: the line of an output that waits for the next motion. unread: the first line
+    with a word that no post writes. due: the number of the tool whose length has to be applied before the next motion.
+    idle: words whose code has not come, S and T, with their lines.
     """
 
     rules: Rules
@@ -144,6 +145,7 @@ class Strict(Machine):
     following: float | None = None
     waiting: int = 0
     unread: int = 0
+    due: int = 0
     idle: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     def fault(self, what: str) -> None:
@@ -279,6 +281,7 @@ class Strict(Machine):
             _check_cycle(self, words)
         else:
             _start(self)
+            _check_change(self)
             _place(self, named)
             _check_spiral(self, words)
         self.waiting = 0
@@ -339,6 +342,13 @@ def _start(m: Strict) -> None:
     if m.lifted and not m.expect.lift:
         m.remark("G53 has sent the tool to the machine's zero of Z, but post.lift is false")
     _check_path(m)
+
+
+def _check_change(m: Strict) -> None:
+    """What a tool change asks for before the next motion."""
+    if m.due:
+        m.fault(f"the length of tool {m.due} is not applied (G43 H{m.due}) before it moves")
+        m.due = 0
 
 
 def _check_modes(m: Strict) -> None:
@@ -419,6 +429,9 @@ def _switch(m: Strict, code: str, words: dict[str, float]) -> None:
 def _change(m: Strict, code: str, words: dict[str, float]) -> None:  # noqa: ARG001 (as all handlers)
     if m.tool is None:
         raise LineError("M6 without a tool (T)")
+    if not m.expect.tool:
+        _change_among(m)
+        return
     if m.begun:
         raise LineError("a tool change after the first motion is not read")
     if m.changed:
@@ -426,6 +439,19 @@ def _change(m: Strict, code: str, words: dict[str, float]) -> None:  # noqa: ARG
     if m.tool != m.expect.tool:
         raise LineError(f"tool T{m.tool}, but post.tool is {m.expect.tool}")
     m.changed = True
+
+
+def _change_among(m: Strict) -> None:
+    """One of several tools: where the machine stands afterwards, and how long the tool is, is not known."""
+    if m.tool == 0 or m.tool is None:
+        raise LineError("T0 M6 takes the tool out")
+    if m.spindle != "M5" or m.coolants or m.pressing:
+        m.fault(f"tool {m.tool} is changed while the spindle, a coolant or a force is on")
+    if m.due:
+        m.remark(f"tool {m.due} is changed to and never used")
+    m.add(ToolChange(m.tool))
+    m.due, m.applied, m.begun, m.lifted = m.tool, "", False, False
+    m.known[:] = [False, False, False]
 
 
 def _spindle(m: Strict, code: str, words: dict[str, float]) -> None:
@@ -443,7 +469,12 @@ def _coolant_off(m: Strict, code: str, words: dict[str, float]) -> None:
 
 
 def _length(m: Strict, code: str, words: dict[str, float]) -> None:
-    if code == "G43":
+    if code == "G43" and m.due:
+        number = words.pop("H", m.due)
+        if number != m.due:
+            raise LineError(f"G43 H{number:g} shifts z by the length of another tool than T{m.due}")
+        m.due = 0
+    elif code == "G43":
         number = words.pop("H", m.expect.tool)
         if not m.expect.tool or number != m.expect.tool:
             raise LineError(f"G43 shifts z by the length of a tool, but post.tool is {m.expect.tool}")
@@ -506,6 +537,9 @@ def run(lines: Sequence[str], rules: Rules, expect: Expect) -> Strict:
         m.fault("the program ends before the position is known in all axes")
     if m.waiting:
         m.faults.append(Fault(m.waiting, "an output that waits for the next motion (M62, M63, M67), and none follows"))
+    if m.due:
+        line = max(line for item, line in zip(m.body, m.lines, strict=True) if isinstance(item, ToolChange))
+        m.faults.append(Fault(line, f"tool {m.due} is changed to, and its length is not applied (G43 H{m.due})"))
     if m.expect.tool and not m.changed:
         m.fault(f"the tool change T{m.expect.tool} M6 of post.tool is missing")
     m.faults.sort(key=lambda fault: fault.line)

@@ -12,6 +12,7 @@ import trimesh
 
 import camgen
 from bench.robots.parts import joints_on, on_way, touches, turned, unfounded
+from camgen.build import programs
 from camgen.check import Checks
 from camgen.collision.motion import measure_apart, motion
 from camgen.collision.scene import Scene, scene
@@ -149,7 +150,7 @@ def test_a_box_with_rounded_corners_comes_to_a_program_that_touches_nothing(side
 def stop(monkeypatch: pytest.MonkeyPatch, rounds: int, lost: Callable[[Any], tuple[Loss, ...]]) -> list[Any]:
     """The check finds collisions in the first rounds."""
     asked: list[Any] = []
-    real = camgen.build.__globals__["check"]
+    real = programs.check
 
     def check(program: Any, *others: Any) -> Checks:
         asked.append(program)
@@ -159,7 +160,7 @@ def stop(monkeypatch: pytest.MonkeyPatch, rounds: int, lost: Callable[[Any], tup
         assert isinstance(found, Checks)
         return found
 
-    monkeypatch.setitem(camgen.build.__globals__, "check", check)
+    monkeypatch.setattr(programs, "check", check)
     return asked
 
 

@@ -597,7 +597,7 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
         ("G64", "G64 without P rounds corners by any amount"),
         ("G64 P0.5", "G64 may leave the path by 0.5, post.path_tolerance is 0.01"),
         ("G55", "G55: another work offset after the first motion is not read"),
-        ("T1 M6", "a tool change after the first motion is not read"),
+        ("T1 M6", "tool 1 is changed to, and its length is not applied (G43 H1)"),
         ("G43", "G43 shifts z by the length of a tool, but post.tool is 0"),
         ("(open", "a comment that is not closed, or closed twice"),
         ("(a (b) )", "a comment that is not closed, or closed twice"),

@@ -1,0 +1,129 @@
+"""The programs of a build, checked, printed and read back: one, or one a tool where the controller changes none."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.check import Checks, check
+from camgen.lower.steps import split_tools
+from camgen.model.job import Job, ToolTable
+from camgen.model.path import Tour
+from camgen.model.program import Instruction, Program, ToolChange, put_off_first
+from camgen.order import JobTour
+from camgen.post import OutputFile, Post, Readback, Reading
+from camgen.post.verify import Deviation, compare
+from camgen.robots.workcell import Workcell
+
+if TYPE_CHECKING:
+    from camgen.check.reach import Reach
+    from camgen.collision.cell import Surroundings
+
+
+class Checked(Struct, frozen=True, eq=False):
+    """What can be posted. programs: as the texts will say them, each with the post that prints it. whole: all of them
+    one after the other, with the tool changes between them, and what the checks found of it.
+    """
+
+    programs: tuple[tuple[Post, Program], ...]
+    whole: Checks
+
+
+class Posted(Struct, frozen=True, eq=False):
+    """What was printed, one program after the other. readings: what the text of each says. files: of each how many.
+    deviation: the largest of all.
+    """
+
+    files: tuple[OutputFile, ...]
+    counts: tuple[int, ...]
+    readings: tuple[Reading, ...]
+    deviation: Deviation
+
+
+def check_programs(
+    lowered: Program, tour: Tour, poster: Post, job: Job, cell: Workcell, where: Surroundings | None, source: str
+) -> Checked:
+    """The programs of ``lowered`` in instructions that the controller has, with what the checks of the arm found.
+
+    Refused for an instruction that it has not, Blocked where the arm cannot run one. source: the input, for messages.
+    """
+    parts = (lowered,) if poster.changes_tools else split_tools(lowered)
+    if len(parts) == 1:
+        program = poster.prepare(parts[0], job.tolerance.chord)
+        whole = check(program, job, cell, where, source)
+        return Checked(((poster, whole.program),), whole)
+    assert isinstance(tour, JobTour)
+    found, programs = [], []
+    for part, tool in zip(parts, _tools(tour), strict=True):
+        # A post prints one program; its name is in what it prints.
+        own = dataclasses.replace(poster, program="")
+        checks = check(own.prepare(part, job.tolerance.chord), replace(job, tool=tool), cell, where, source)
+        found.append(checks)
+        programs.append((own, checks.program))
+    return Checked(tuple(programs), _join(lowered, found))
+
+
+def _tools(tour: JobTour) -> list[ToolTable]:
+    """The tools in the order in which the program changes to them."""
+    tools: list[ToolTable] = []
+    for step, part in zip(tour.steps, tour.tours, strict=True):
+        if part.paths and (not tools or tools[-1] != step.tool):
+            tools.append(step.tool)
+    return tools
+
+
+def _join(lowered: Program, found: Sequence[Checks]) -> Checks:
+    """What was found of several programs, as of one that changes the tool."""
+    body: list[Instruction] = []
+    begins = []
+    for change, one in zip((x for x in lowered.body if isinstance(x, ToolChange)), found, strict=True):
+        body.append(change)
+        begins.append(len(body))
+        body += one.program.body
+    program = replace(lowered, body=put_off_first(body))
+    before = len(program.body) - len(body)
+    reach = [one.reach for one in found if one.reach is not None]
+    clear = [one.clear for one in found if one.clear is not None]
+    return Checks(
+        program,
+        _join_reach(program, reach, [before + begin for begin in begins]) if reach else None,
+        min(clear, key=lambda one: one.clearance) if clear else None,
+        found[0].where,
+    )
+
+
+def _join_reach(program: Program, found: Sequence[Reach], begins: Sequence[int]) -> Reach:
+    """begins: where the instructions of each begin in ``program``."""
+    joints = np.concatenate([one.joints for one in found])
+    owner = np.concatenate([one.owner + begin for one, begin in zip(found, begins, strict=True)])
+    return replace(found[0], joints=joints, owner=owner, program=program)
+
+
+def post_programs(checked: Checked, read: Readback, options: dict[str, object]) -> Posted:
+    """The texts of the programs, read back and compared with what was planned.
+
+    read, options: the read-back of the post, and what it is told. VerifyError with the first line that says something
+    else.
+    """
+    several = len(checked.programs) > 1
+    told = {key: value for key, value in options.items() if not (several and key == "program")}
+    files: list[OutputFile] = []
+    counts, readings, deviations = [], [], []
+    for poster, program in checked.programs:
+        posted = poster.render(program)
+        reading = read({file.name: file.text for file in posted}, told)
+        deviations.append(compare(program, reading, poster.tolerance(), poster.list_verified(), posted[0].name))
+        readings.append(reading)
+        counts.append(len(posted))
+        files += posted
+    worst = Deviation(
+        max(one.max_mm for one in deviations),
+        max(one.max_angle for one in deviations),
+        sum(one.instructions for one in deviations),
+    )
+    return Posted(tuple(files), tuple(counts), tuple(readings), worst)

@@ -1,0 +1,83 @@
+"""From a tour over several operations to one program, with a tool change wherever the tool is another one."""
+
+from __future__ import annotations
+
+from msgspec.structs import replace
+
+from camgen.lower.contours import finish, run_paths, turn_on
+from camgen.model.cell import Cell
+from camgen.model.errors import NoSafeProgram
+from camgen.model.job import Job, ToolTable
+from camgen.model.pose import Pose, translation
+from camgen.model.program import Comment, Instruction, MoveJ, Output, Program, ToolChange, put_off_first
+from camgen.order.tours import JobTour
+from camgen.plan.steps import job_of, name_of
+
+
+def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[str, ...]) -> Program:
+    """The program of all operations. The spindle rests and the tool is at home where it is changed, and goes from
+    operation to operation at the height of travel where it stays.
+
+    cell: whose tool frame holds for every tool where the job says it; else each is as long as its ``length``.
+    """
+    if not tour.paths:
+        raise NoSafeProgram(name, "no path to run")
+    body: list[Instruction] = []
+    tool: ToolTable | None = None
+    spindle = 0.0
+    before = 0
+    # One tool that has no number is in the spindle already.
+    first = tour.steps[0].tool
+    changes = first.number > 0 or any(step.tool != first for step in tour.steps)
+    for step, number, part in zip(tour.steps, tour.numbers, tour.tours, strict=True):
+        if not part.paths:
+            continue
+        own = job_of(job, step)
+        home = MoveJ(cell.home, step.process.travel)
+        other = step.tool != tool
+        if body and (other or step.process.spindle != spindle):
+            body += _rest(spindle)
+        if other:
+            body += [home] if body else []
+            body += [_change(step.tool, frame_of(own, cell))] if changes else []
+        body += [Comment(name_of(job, number)), *([home] if other else [])]
+        if other or step.process.spindle != spindle or not spindle:
+            body += turn_on(own, cell)
+        tool, spindle = step.tool, step.process.spindle
+        body += run_paths(part, cell, own, before)
+        before += len(part.paths)
+    body += [*_rest(spindle), MoveJ(cell.home, job.process.travel)]
+    return finish(body, tour.paths, cell, job, name, header)
+
+
+def _change(tool: ToolTable, frame: Pose) -> ToolChange:
+    return ToolChange(tool.number, tool.name, tool.diameter, tool.length, frame)
+
+
+def _rest(spindle: float) -> list[Instruction]:
+    return [Output("spindle", 0.0)] if spindle else []
+
+
+def frame_of(job: Job, cell: Cell) -> Pose:
+    """The frame of the tool of ``job`` at the flange."""
+    return cell.flange_from_tool if job.cell.flange_from_tool is not None else translation(0.0, 0.0, job.tool.length)
+
+
+def split_tools(program: Program) -> tuple[Program, ...]:
+    """A program a tool, to be run one after the other: for controllers whose programs change none.
+
+    They are called ``NAME_1`` and on, and have the frame of their tool. One without a tool change is what it was.
+    """
+    changes = [k for k, item in enumerate(program.body) if isinstance(item, ToolChange)]
+    if not changes:
+        return (program,)
+    programs = []
+    for k, (start, end) in enumerate(zip(changes, [*changes[1:], len(program.body)], strict=True), start=1):
+        change = program.body[start]
+        assert isinstance(change, ToolChange)
+        body = put_off_first(program.body[start + 1 : end])
+        about = f"tool {k} of {len(changes)}: {change.name or 'diameter'} {change.diameter:g} mm"
+        frame = change.flange_from_tool or program.flange_from_tool
+        own = replace(program, body=body, flange_from_tool=frame, header=(*program.header, about))
+        programs.append(own if len(changes) == 1 else replace(own, name=f"{program.name}_{k}"))
+    return tuple(programs)

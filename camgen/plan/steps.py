@@ -1,0 +1,161 @@
+"""Jobs with several operations: which contours each one works on, and in what order they run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.nesting import nest
+from camgen.geometry.segments import from_contours
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Choice, Job, Step
+from camgen.model.part import Contour, Note, Part
+from camgen.model.tolerance import SAME_POINT_MM
+
+#: What is done first: holes, pockets, what is drawn on the part and at its edges, and last what cuts it out.
+_RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 3, "follow": 4}
+#: The operations whose sides follow from all contours that bound material.
+_BESIDE = ("follow", "chamfer")
+#: A loop is a circle whose points and middles leave one by no more than this share of its radius.
+_ROUND = 0.002
+
+
+def job_of(job: Job, step: Step) -> Job:
+    """The job of one operation by itself."""
+    return replace(job, tool=step.tool, operation=step.operation, process=step.process, tools=[], operations=[])
+
+
+class Share(Struct, frozen=True, eq=False):
+    """What one operation works on. number: its place in ``Job.operations``. part: with the contours that it works on,
+    and those that bound material where it runs beside them.
+    """
+
+    number: int
+    step: Step
+    part: Part
+
+
+def share_out(part: Part, job: Job) -> tuple[list[Share], list[Note]]:
+    """What each operation of ``job`` does on the flat ``part``, as they are listed, and notes.
+
+    InputError where an operation has no contour, JobError for a part that is not flat.
+    """
+    if part.solid is not None or part.curves:
+        raise JobError("job", "several operations are for flat parts", "[[operations]]", "use [operation]")
+    chosen = [_choose(part, step, number) for number, step in enumerate(job.operations)]
+    boundary = _bound_material(part, job.operations, chosen)
+    shares = []
+    for number, step in enumerate(job.operations):
+        ids = boundary | chosen[number] if step.operation.kind in _BESIDE else chosen[number]
+        shown = tuple(c for c in part.contours if c.id in ids)
+        shares.append(Share(number, step, replace(part, contours=shown, notes=(), worked=chosen[number])))
+    return shares, _left(part, chosen)
+
+
+def name_of(job: Job, number: int) -> str:
+    """An operation for messages: its place, counted from 0 as ``--set`` does, what it is, and its tool."""
+    step = job.operations[number]
+    tool = step.tool.name or (f"T{step.tool.number}" if step.tool.number else f"{step.tool.diameter:g} mm")
+    return f"operation {number} {step.operation.kind} - {tool}"
+
+
+def _left(part: Part, chosen: Sequence[frozenset[str]]) -> list[Note]:
+    """A note on the contours that no operation works on."""
+    used = frozenset[str]().union(*chosen)
+    ids = tuple(c.id for c in part.contours if c.id not in used)
+    if not ids:
+        return []
+    named = ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
+    what = f"{len(ids)} of {len(part.contours)} contours in no operation: {named}"
+    return [Note("assumed", what, "no row of [[operations]] chooses them", ids)]
+
+
+def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
+    """The ids of the contours that an operation works on. InputError for none, and for what the part has not."""
+    choice, where = step.choice, f"operations.{number}"
+    known = {c.id for c in part.contours}
+    strange = [name for name in choice.ids if name not in known]
+    if strange:
+        remedy = "camgen inspect shows their ids"
+        raise InputError(part.source, f"there is no contour {strange[0]!r}", f"{where}.ids", remedy)
+    found = [c for c in part.contours if _is_of_layer(c, choice) and (not choice.ids or c.id in choice.ids)]
+    if choice.nesting != "any":
+        inner = _enclosed(part)
+        found = [c for c in found if (c.id in inner) == (choice.nesting == "inner") and c.closed]
+    holes = step.operation.holes
+    if holes is not None and step.operation.kind not in ("drill", "bore"):
+        found = [c for c in found if _measure_circle(c, holes)]
+    if not found and part.raster is None:
+        what = "chooses no contour of the drawing"
+        remedy = "camgen inspect shows layers, ids and circles; see layers, ids, nesting and holes of the row"
+        raise InputError(part.source, what, where, remedy)
+    return frozenset(c.id for c in found)
+
+
+def _is_of_layer(contour: Contour, choice: Choice) -> bool:
+    """By globs, as ``input.layers`` does: capital and small letters are one."""
+    layer, globs = contour.layer.casefold(), [glob.casefold() for glob in choice.layers]
+    wanted = [glob for glob in globs if not glob.startswith("!")] or ["*"]
+    keep = any(fnmatchcase(layer, glob) for glob in wanted)
+    return keep and not any(fnmatchcase(layer, glob[1:]) for glob in globs if glob.startswith("!"))
+
+
+def _enclosed(part: Part) -> frozenset[str]:
+    """The ids of the closed contours that lie inside another one."""
+    closed = [c for c in part.contours if c.closed]
+    if not closed:
+        return frozenset()
+    depth = nest(from_contours(closed), len(closed)).depth
+    return frozenset(c.id for c, level in zip(closed, depth.tolist(), strict=True) if level > 0)
+
+
+def _measure_circle(contour: Contour, diameters: Sequence[float]) -> bool:
+    """Whether a contour is a circle with one of the diameters [from, to], mm."""
+    if not contour.closed:
+        return False
+    segments = from_contours([contour])
+    centre = segments.centre[0] if segments.is_arc[0] else contour.points.mean(axis=0)
+    away = np.linalg.norm(contour.points - centre, axis=1)
+    radius = float(away.mean())
+    rounded = np.abs(away - radius).max() <= _ROUND * radius and (segments.is_arc.all() or len(contour.points) > 15)
+    least, most = diameters if len(diameters) == 2 else (np.inf, 0.0)
+    return bool(rounded) and least - SAME_POINT_MM <= 2 * radius <= most + SAME_POINT_MM
+
+
+def _bound_material(part: Part, steps: Sequence[Step], chosen: Sequence[frozenset[str]]) -> frozenset[str]:
+    """The contours that say where material is: those that operations run beside, and those that none works on. What is
+    drilled, cleared or drawn is on the material, not its border.
+    """
+    beside, others = set[str](), set[str]()
+    for step, ids in zip(steps, chosen, strict=True):
+        (beside if step.operation.kind in _BESIDE else others).update(ids)
+    return frozenset(c.id for c in part.contours if c.id in beside or c.id not in others)
+
+
+def arrange(steps: Sequence[Step], worked: Sequence[frozenset[str]]) -> list[int]:
+    """The numbers of the operations in the order in which they run: holes before pockets before profiles, the same tool
+    on where that allows it. Two that work on one contour stay as they are listed. worked: the contours of each.
+    """
+    left = list(range(len(steps)))
+    ranks = _rank(steps, worked)
+    order: list[int] = []
+    while left:
+        least = min(ranks[k] for k in left)
+        free = [k for k in left if ranks[k] == least and not any(j < k and worked[j] & worked[k] for j in left)]
+        same = [k for k in free if order and steps[k].tool == steps[order[-1]].tool]
+        order.append((same or free)[0])
+        left.remove(order[-1])
+    return order
+
+
+def _rank(steps: Sequence[Step], worked: Sequence[frozenset[str]]) -> list[int]:
+    """When each is done: by its kind, and not before one that is listed before it and works on its contours."""
+    ranks: list[int] = []
+    for k, step in enumerate(steps):
+        before = [rank for rank, ids in zip(ranks, worked, strict=False) if ids & worked[k]]
+        ranks.append(max([_RANKS.get(step.operation.kind, _RANKS["follow"]), *before]))
+    return ranks

@@ -1,0 +1,154 @@
+"""Several operations in one job: which contours each works on, in what order they run, and what comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pytest
+
+import camgen
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Choice as Row
+from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
+from camgen.model.program import MoveJ, Output, ToolChange
+from camgen.model.program_text import dump, parse
+from camgen.plan.steps import arrange
+from camgen.post.plugins import find_readback
+
+BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+TOOLS = [
+    {"name": "drill 5", "number": 1, "kind": "drill", "diameter": 5, "speed": 3000, "feed": 3},
+    {"name": "mill 6", "number": 2, "diameter": 6, "speed": 12000, "feed": 15},
+]
+
+
+def job(*operations: Mapping[str, object], **tables: object) -> dict[str, object]:
+    return {"tools": TOOLS, "operations": list(operations), **tables}
+
+
+DRILL = {"kind": "drill", "tool": 1, "depth": 7, "holes": [7.9, 8.1]}
+OUTER = {"kind": "follow", "tool": "mill 6", "nesting": "outer", "depth": 6, "passes": 2}
+INNER = {"kind": "follow", "tool": "mill 6", "ids": ["c4"], "depth": 6, "passes": 2}
+
+
+def step(kind: str, tool: str) -> Step:
+    return Step(ToolTable(name=tool), OperationTable(kind=kind), ProcessTable(), Row())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("listed", "worked", "run"),
+    [
+        (["follow", "pocket", "drill"], ["a", "b", "c"], ["drill", "pocket", "follow"]),
+        (["follow", "drill"], ["a", "a"], ["follow", "drill"]),  # they work on one contour
+        (["trace", "chamfer", "fill"], ["a", "b", "c"], ["trace", "fill", "chamfer"]),
+        (["follow", "drill", "pocket"], ["a", "a", "b"], ["pocket", "follow", "drill"]),
+    ],
+)
+def test_holes_come_before_pockets_before_profiles(listed: list[str], worked: list[str], run: list[str]) -> None:
+    found = arrange([step(kind, kind) for kind in listed], [frozenset(ids) for ids in worked])
+    assert [listed[k] for k in found] == run
+
+
+def test_the_tool_stays_where_the_order_allows_it() -> None:
+    steps = [step("drill", tool) for tool in ("a", "b", "a")]
+    assert arrange(steps, [frozenset("x"), frozenset("y"), frozenset("z")]) == [0, 2, 1]
+    # A countersink after its hole: the third works on the hole of the second.
+    assert arrange(steps, [frozenset("x"), frozenset("y"), frozenset("y")]) == [0, 1, 2]
+
+
+def test_the_tool_is_changed_at_home_with_everything_off() -> None:
+    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, INNER, DRILL))
+    body = result.program.body
+    changes = [k for k, item in enumerate(body) if isinstance(item, ToolChange)]
+    assert [item.number for item in body if isinstance(item, ToolChange)] == [1, 2]
+    for k in changes:
+        spindle = [item.value for item in body[:k] if isinstance(item, Output) and item.signal == "spindle"]
+        assert spindle[-1] == 0.0
+        following = next(item for item in body[k + 1 :] if isinstance(item, MoveJ))
+        assert following.target.origin == (0.0, 0.0, 50.0)  # type: ignore[union-attr]
+    before = [item for item in body[: changes[1]] if isinstance(item, MoveJ)][-1]
+    assert before.target.origin == (0.0, 0.0, 50.0)  # type: ignore[union-attr]
+    text = dump(result.program)
+    assert dump(parse(text)) == text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("G43 H2\n", "", "the length of tool 2 is not applied (G43 H2) before it moves"),
+        ("G43 H2\n", "G43 H1\n", "G43 H1 shifts z by the length of another tool than T2"),
+        ("T2 M6\n", "T3 M6\n", "G43 H2 shifts z by the length of another tool than T3"),
+        ("T2 M6\n", "M6\n", ""),
+        ("M5\nG0 X0 Y0 Z50\n(tool mill", "G0 X0 Y0 Z50\n(tool mill", "tool 2 is changed while"),
+    ],
+)
+def test_a_read_back_finds_what_is_wrong_with_a_tool_change(old: str, new: str, fault: str) -> None:
+    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL))
+    assert not find_readback("gcode")({"a.ngc": result.text}, {}).faults
+    assert result.text.count(old) == 1
+    found = find_readback("gcode")({"a.ngc": result.text.replace(old, new)}, {})
+    planned = [item.number for item in result.program.body if isinstance(item, ToolChange)]
+    assert (
+        any(fault in one.what for one in found.faults)
+        if fault
+        else planned != [item.number for item in found.body if isinstance(item, ToolChange)]
+    )
+
+
+def test_a_controller_without_tool_changes_gets_a_program_a_tool() -> None:
+    result = camgen.build(BRACKET, post="grbl", job=job(OUTER, INNER, DRILL))
+    assert [one.name for one in result.files] == ["bracket_1.nc", "bracket_2.nc"]
+    assert result.counts == (1, 1)
+    first, second = (find_readback("grbl")({one.name: one.text}, {}) for one in result.files)
+    assert not first.faults
+    assert not second.faults
+    lowest = [min(item.target.origin[2] for item in one.body if hasattr(item, "target")) for one in (first, second)]
+    assert lowest == [-7.0, -6.0]
+    assert "drill 5" in result.files[0].text
+    assert "mill 6" in result.files[1].text
+
+
+def test_every_program_of_a_robot_has_the_frame_of_its_tool() -> None:
+    tools = [TOOLS[0] | {"length": 120.0}, TOOLS[1] | {"length": 90.0}]
+    tables = job(OUTER, DRILL) | {"tools": tools, "post": {"signals": {"spindle": "aoSpindle", "process": "doProcess"}}}
+    result = camgen.build(BRACKET, post="rapid", job=tables | {"cell": {"robot": "IRB 120"}})
+    assert [one.name for one in result.files] == ["bracket_1.mod", "bracket_2.mod"]
+    readings = [find_readback("rapid")({one.name: one.text}, tables["post"]) for one in result.files]  # type: ignore[arg-type]
+    assert [one.tool.origin[2] for one in readings if one.tool] == [120.0, 90.0]
+    assert result.reach is not None
+    assert result.reach.samples > 100
+
+
+def test_one_tool_without_a_number_is_not_changed() -> None:
+    rows = [{"kind": "follow", "nesting": "outer", "depth": 2}, {"kind": "trace", "layers": ["HOLES"], "depth": 0.5}]
+    result = camgen.build(BRACKET, post="grbl", job={"operations": rows, "process": {"spindle": 9000.0}})
+    assert [one.name for one in result.files] == ["bracket.nc"]
+    assert not [item for item in result.program.body if isinstance(item, ToolChange)]
+    assert next(path.operation for path in result.tour.paths) == "trace"
+
+
+@pytest.mark.parametrize(
+    ("rows", "error", "says"),
+    [
+        ([OUTER | {"tool": "mill 7"}], JobError, 'job: there is no tool "mill 7" ([[operations]] 0)'),
+        ([{"kind": "follow"}], JobError, "job: names no tool ([[operations]] 0)"),
+        ([OUTER | {"dept": 3}], JobError, 'job: unknown key "dept" ([[operations]] 0)'),
+        ([OUTER | {"depth": "deep"}], JobError, "job: depth must be a number >= 0"),
+        ([OUTER | {"ids": ["c99"]}], InputError, "there is no contour 'c99'"),
+        ([OUTER | {"layers": ["NOTHING"]}], InputError, "chooses no contour"),
+    ],
+)
+def test_a_wrong_row_is_told_with_its_place(
+    rows: Sequence[Mapping[str, object]], error: type[Exception], says: str
+) -> None:
+    with pytest.raises(error) as caught:
+        camgen.build(BRACKET, post="gcode", job=job(*rows))
+    assert says in str(caught.value)
+
+
+def test_a_tool_without_a_number_is_refused_where_tools_are_changed() -> None:
+    tools = [{"name": "a", "diameter": 5.0}, {"name": "b", "diameter": 6.0}]
+    rows = [OUTER | {"tool": "a", "spindle": 9000.0}, DRILL | {"tool": "b", "spindle": 9000.0}]
+    with pytest.raises(Exception, match="tool b has no number in the tool table"):
+        camgen.build(BRACKET, post="gcode", job={"tools": tools, "operations": rows})
