@@ -82,14 +82,13 @@ def thin_out(contours: Sequence[Contour], tolerance: float, arcs: bool) -> tuple
     """The contours with the points that they need to stay within ``tolerance``; arcs: those of them that are found."""
     chains = Polylines.of(contours)
     kept = thin(chains, tolerance)
-    ends = np.searchsorted(kept, chains.first)
-    result = []
-    for k, contour in enumerate(contours):
-        low, high = int(chains.first[k]), int(chains.first[k + 1])
-        mine = kept[ends[k] : ends[k + 1]] - low
-        points, bulges = chains.points[low:high], chains.bulges[low:high]
-        wanted = arcs and high - low > 2
-        found = with_arcs(points, mine, contour.closed, tolerance) if wanted else (points[mine], bulges[mine])
-        rows = slice(0, -1) if contour.closed else slice(None)
-        result.append(replace(contour, points=frozen(found[0][rows]), bulges=frozen(found[1][rows])))
-    return tuple(result)
+    row, points, bulges = kept, chains.points[kept], chains.bulges[kept]
+    if arcs:
+        row, points, bulges = with_arcs(chains, kept, np.array([c.closed for c in contours]), tolerance)
+    # A closed one ends with its first point again.
+    last = np.searchsorted(row, chains.first[1:])
+    first, end = np.searchsorted(row, chains.first[:-1]), last - [c.closed for c in contours]
+    return tuple(
+        replace(c, points=frozen(points[a:b]), bulges=frozen(bulges[a:b]))
+        for c, a, b in zip(contours, first.tolist(), end.tolist(), strict=True)
+    )

@@ -15,6 +15,7 @@ from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import InputError, JobError
 from camgen.model.part import Contour, Part
 from camgen.model.pose import frozen
+from camgen.plan.border_arcs import Stretches, circles_of, lines_of, turns_of
 from camgen.plan.page import on_page
 from camgen.plan.simplify import simplify, thin_out
 from camgen.read import read
@@ -172,6 +173,60 @@ def test_real_pictures_keep_the_tolerance(name: str) -> None:
     raw, drawn = both(SHARED / name)
     assert apart(raw, drawn, 0.02) <= 0.1 + 1e-3
     assert sum(len(c.points) for c in drawn.contours) < sum(len(c.points) for c in raw.contours) / 5
+
+
+def test_a_border_does_not_hang_on_those_beside_it() -> None:
+    """All are handled at once: noise, circles, open lines, a line there and back, in any order."""
+    noise = cv2.resize(np.random.default_rng(5).integers(0, 2, (30, 30), np.uint8) * 255, None, fx=4, fy=4)
+    ink = ink_of(noise, 128.0, False)
+    assert ink is not None
+    t = np.linspace(0, 2 * np.pi, 90, endpoint=False)
+    lines = [
+        (np.column_stack([30 * np.cos(t), 30 * np.sin(t)]), True),
+        *((b.astype(float), True) for b in borders(ink)),
+        (np.column_stack([t * 9, 8 * np.sin(t)]), False),
+        (np.array([[0.0, 0.0], [5.0, 0.0]]), True),
+        (np.array([[0.0, 0.0], [5.0, 0.0]]), False),
+    ]
+    contours = [Contour(frozen(p), frozen(np.zeros(len(p))), c, "0", f"c{k}") for k, (p, c) in enumerate(lines)]
+    for some in (contours, contours[::-1], contours[:1]):
+        together = thin_out(some, 1.0, arcs=True)
+        for contour, one in zip(some, together, strict=True):
+            (alone,) = thin_out([contour], 1.0, arcs=True)
+            assert one.id == contour.id
+            np.testing.assert_array_equal(one.points, alone.points)
+            np.testing.assert_array_equal(one.bulges, alone.bulges)
+    assert sum(bool(c.bulges.any()) for c in together) == 1
+    several = thin_out(contours, 1.0, arcs=True)
+    assert len(several) > 10
+    assert 3 < sum(bool(c.bulges.any()) for c in several) < len(several)
+
+
+def test_circles_through_stretches_of_points_are_those_they_were_made_of() -> None:
+    t = np.linspace(0.0, 1.0, 40)
+    centre, radius, turn = (
+        np.array([3 + 4j, -200 + 7j, 1 - 1j]),
+        np.array([5.0, 90.0, 12.0]),
+        np.array([2.0, -0.5, 6.0]),
+    )
+    line = (centre[:, None] + radius[:, None] * np.exp(1j * turn[:, None] * t)).ravel()
+    line = np.append(line, np.arange(6) * (2 + 1j))
+    low = np.array([0, 40, 80, 120])
+    given = Stretches.between(line, low, np.array([39, 79, 119, 125]))
+    found, size, off = circles_of(given)
+    np.testing.assert_allclose(found[:3], centre, atol=1e-9)
+    np.testing.assert_allclose(size[:3], radius, atol=1e-9)
+    # Chords of turn / 39 cut off r (1 - cos(turn / 78)), which is chord^2 / 8 r but for a part (turn / 78)^2 / 4.
+    np.testing.assert_allclose(off[:3], radius * (1 - np.cos(turn / 78)), rtol=2e-3)
+    assert np.isnan(off[3])
+    np.testing.assert_allclose(turns_of(given, centre[[0, 1, 2, 0]])[:3], turn, atol=1e-9)
+    point, along, away = lines_of(given)
+    assert (along[3] / (2 + 1j)).imag == pytest.approx(0.0, abs=1e-12)
+    assert point[3] == pytest.approx(5 + 2.5j)
+    assert away[3] == pytest.approx(0.0, abs=1e-12)
+    assert away[0] > 1.0
+    alone = circles_of(Stretches.one(line[40:80]))
+    np.testing.assert_allclose([alone[0][0], alone[1][0], alone[2][0]], [found[1], size[1], off[1]], rtol=1e-9)
 
 
 def test_lines_of_a_drawing_are_thinned_out_on_demand_and_arcs_stay() -> None:
