@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 from msgspec import Struct
 
+from camgen.geometry.ragged import owners
 from camgen.geometry.rings import ComplexArray
 from camgen.geometry.segments import BoolArray, IntArray
 from camgen.model.pose import FloatArray
@@ -60,8 +61,7 @@ def _find_bridges(
     """Pairs of passes and the ends of the shortest way between them, the shortest first, where the tool has room."""
     thin = [_thinned(points) for points in passes]
     lines = np.array([shapely.LineString(points) for points in thin], dtype=object)
-    one, other = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=most) if len(lines) else _NONE
-    one, other = one[one < other], other[one < other]
+    one, other = _near_each_other(thin, most)
     ends = shapely.get_coordinates(shapely.shortest_line(lines[one], lines[other])) @ np.array([1, 1j])
     start, end = ends[::2], ends[1::2]
     good = _has_room(field, start, end, radius)
@@ -70,7 +70,21 @@ def _find_bridges(
     return list(zip(one[rows].tolist(), other[rows].tolist(), start[rows].tolist(), end[rows].tolist(), strict=True))
 
 
-_NONE = (np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+def _near_each_other(passes: Sequence[FloatArray], most: float) -> IntArray:
+    """(2, N) the pairs of ``passes`` no farther apart than ``most``.
+
+    Looked for among their lines, since the box around a whole pass holds many others.
+    """
+    if not passes:
+        return np.zeros((2, 0), dtype=np.int64)
+    owner = owners([len(points) - 1 for points in passes])
+    ends = np.stack([np.concatenate([p[:-1] for p in passes]), np.concatenate([p[1:] for p in passes])], axis=1)
+    lines = shapely.linestrings(ends)
+    low, high = ends.min(axis=1) - most, ends.max(axis=1) + most
+    pairs = shapely.STRtree(lines).query(shapely.box(*low.T, *high.T))
+    one, other = pairs[:, owner[pairs[0]] < owner[pairs[1]]]
+    near = shapely.dwithin(lines[one], lines[other], most)
+    return np.unique(owner[[one[near], other[near]]], axis=1)
 
 
 def _thinned(points: ComplexArray) -> FloatArray:
