@@ -261,7 +261,7 @@ def _runs(borders: _Borders, kept: IntArray, tolerance: float) -> _Knots:
     while at < len(rows):
         limit = int(limits[at])
         end = _farthest(straight, at, at + 1, limit) if longer[at] else at + 1
-        by_arc = _farthest(round_, at, at + _LEAST_LINES, limit) if curved[at] else at
+        by_arc = _farthest(round_, at, at + _LEAST_LINES, limit) if curved[at] and end < limit else at
         on.append(at)
         arcs.append(by_arc > end)
         at = max(end, by_arc)
