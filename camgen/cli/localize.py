@@ -11,7 +11,7 @@ import numpy as np
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.say import Voice
-from camgen.localize import Location, localize
+from camgen.localize import SOME_RUN_ON, Location, localize
 from camgen.localize.doubt import Rival
 from camgen.localize.scans import open_scan
 from camgen.localize.scans import read as read_scan
@@ -154,6 +154,9 @@ def _describe(found: Location, stood: str) -> Sequence[tuple[str, str, str]]:
         other = found.next_best
         away = f"turned by {other.turn:.1f} deg, moved by {short(other.shift, 1)} mm"
         rows.append(("next best", f"a pose {away} fits worse", "plain"))
+    if found.run_on > SOME_RUN_ON:
+        beyond = f"the scan runs on beyond {_percent(found.run_on)} of the rims: it stands where --start says"
+        rows.append(("flush", beyond, "look"))
     if found.weak:
         rows.append(("weak", f"few points hold {found.weak}: scan the part from more sides", "look"))
     return rows

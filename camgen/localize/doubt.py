@@ -45,6 +45,8 @@ _TWIN_COST = 0.004
 _SPOTS = 1000
 #: Two poses are told apart by a start that lies at most this part of the way from the one to the other.
 _DECIDED = 0.4
+#: A start says where the part stands if no corner of its box is farther from there than this part of its size.
+_NEAR = 0.2
 
 
 class Rival(Struct, frozen=True, eq=False):
@@ -149,12 +151,20 @@ def decides(model: Model, start: Pose, found: Pose, other: Pose) -> bool:
     """Whether a start is plainly nearer to the pose that was found than to the other, along the way between them: the
     corners of the model's box say where each is.
     """
-    begin, here, there = (
-        (corners(model) @ np.asarray(pose.rotation).T + np.asarray(pose.origin)).ravel()
-        for pose in (start, found, other)
-    )
+    begin, here, there = (_put_corners(model, pose).ravel() for pose in (start, found, other))
     way = there - here
     return abs(float(way @ (begin - here))) < _DECIDED * float(way @ way)
+
+
+def is_near(model: Model, start: Pose, found: Pose) -> bool:
+    """Whether a start says that the part stands where it was found."""
+    off = _put_corners(model, start) - _put_corners(model, found)
+    return float(np.linalg.norm(off, axis=1).max()) < _NEAR * model.size
+
+
+def _put_corners(model: Model, pose: Pose) -> FloatArray:
+    """The corners of the model's box (8, 3) where the pose puts them."""
+    return np.asarray(corners(model) @ np.asarray(pose.rotation).T + np.asarray(pose.origin))
 
 
 def beside(model: Model, samples: Cloud, few: FloatArray, fits: list[ScanFit]) -> Poses:
