@@ -101,7 +101,10 @@ SMOKES = [
     # It forks, as above.
     Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
-    Smoke("read.one_sided 1 20000 1 - channel", (2,), {"runs": (1, 1), "right": (0, 1), "wrong": (0, 0)}),
+    Smoke(
+        "read.one_sided 2 20000 1 - rfa1 rfa2", (4,),
+        {"runs": (2, 4), "right": (0, 2), "exit 2": (0, 2), "wrong": (0, 0)},
+    ),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
     Smoke("read.replay {programs}", (2,), {}, lacking(program="rs274")),
