@@ -103,7 +103,11 @@ def outcome(
         return f"exit {error.exit_code}", 0.0, error.where
     error = np.inf if truth is None else off(mesh, truth, found)
     told = bool(found.rivals or found.free)
-    return ("right" if error < OFF else "wrong") + (", ambiguous" if told else ""), error, f"near {found.seen.near:.2f}"
+    return (
+        ("right" if error < OFF else "wrong") + (", ambiguous" if told else ""),
+        error,
+        f"near {found.seen.near:.2f}, rims {found.run_on:.2f}",
+    )
 
 
 def run(job: tuple[str, int, int, Path | None, list[str]]) -> list[Row]:

@@ -62,10 +62,9 @@ _SMALLEST, _LARGEST = 0.05, 50.0
 _UNITS = (("m", 1000.0), ("inch", 25.4), ("um", 0.001))
 #: More of the points than this hidden from the scanner by the part that they lie on: it does not stand there.
 MOST_HIDDEN = 0.1
-#: The scan runs on beyond more than this of the part's rims: it is a place on a larger part (0.41 to 0.64 for seven of
-#: nine that nothing else refused). More than the other: it may be, unless it stands where it was said to (0.13 and 0.17
-#: for the other two; 0.00 to 0.01 where a part stood alone or on a bench; 0.08 for a block flush along one side of its
-#: top).
+#: The scan runs on beyond more than this of the part's rims: it is a place on a larger part (0.41 to 0.64 of most that
+#: nothing else refused). More than the other: it may be, unless it stands where it was said to (0.13 at least of what
+#: was not there; 0.00 to 0.01 where a part stood alone or on a bench; 0.08 for a block flush along a side of its top).
 MOST_RUN_ON, SOME_RUN_ON = 0.3, 0.05
 #: Poses turned from the start by so much more than the least one, deg, are told apart by where they are.
 _AS_LITTLE = 5.0

@@ -102,7 +102,7 @@ SMOKES = [
     Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
     Smoke(
-        "read.one_sided 2 20000 1 - rfa1 rfa2", (4,),
+        "read.one_sided 2 6000 1 - rfa1 rfa2", (4,),
         {"runs": (2, 4), "right": (0, 2), "exit 2": (0, 2), "wrong": (0, 0)},
     ),
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
