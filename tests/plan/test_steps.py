@@ -11,6 +11,7 @@ import camgen
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice as Row
 from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
+from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, Output, ToolChange
 from camgen.model.program_text import dump, parse
 from camgen.plan.steps import arrange
@@ -68,7 +69,8 @@ def test_the_tool_is_changed_at_home_with_everything_off() -> None:
         following = next(item for item in body[k + 1 :] if isinstance(item, MoveJ))
         assert following.target.origin == (0.0, 0.0, 50.0)  # type: ignore[union-attr]
     before = [item for item in body[: changes[1]] if isinstance(item, MoveJ)][-1]
-    assert before.target.origin == (0.0, 0.0, 50.0)  # type: ignore[union-attr]
+    assert isinstance(before.target, Pose)
+    assert before.target.origin == (0.0, 0.0, 50.0)
     text = dump(result.program)
     assert dump(parse(text)) == text
 
