@@ -12,7 +12,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice as Row
 from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
 from camgen.model.pose import Pose
-from camgen.model.program import MoveJ, Output, ToolChange
+from camgen.model.program import MoveC, MoveJ, MoveL, Output, ToolChange
 from camgen.model.program_text import dump, parse
 from camgen.plan.steps import arrange
 from camgen.post.plugins import find_readback
@@ -105,7 +105,7 @@ def test_a_controller_without_tool_changes_gets_a_program_a_tool() -> None:
     first, second = (find_readback("grbl")({one.name: one.text}, {}) for one in result.files)
     assert not first.faults
     assert not second.faults
-    lowest = [min(item.target.origin[2] for item in one.body if hasattr(item, "target")) for one in (first, second)]
+    lowest = [min(item.target.origin[2] for item in one.body if isinstance(item, MoveL | MoveC)) for one in (first, second)]
     assert lowest == [-7.0, -6.0]
     assert "drill 5" in result.files[0].text
     assert "mill 6" in result.files[1].text
