@@ -13,7 +13,7 @@ from camgen.geometry.arcs import arc_lengths, span_lengths
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen
-from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, ToolChange, Wait
 from camgen.plan import Coverage
 
 #: The value of each of ``checks`` as long as the cell has no robot model.
@@ -53,6 +53,9 @@ class Cycle(Struct, frozen=True, eq=False):
     links: FloatArray
 
 
+_COUNTED = (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange)
+
+
 def sum_up(columns: Columns) -> Motions:
     """The sums of a body of instructions."""
     end, via, speed = columns.ends, columns.vias, columns.speed
@@ -69,7 +72,7 @@ def sum_up(columns: Columns) -> Motions:
     for item in columns.of(Output):
         outputs.setdefault(item.signal, {})[item.value] = None
     return Motions(
-        counts={kind.__name__: int(columns.are(kind).sum()) for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force)},
+        counts={kind.__name__: int(columns.are(kind).sum()) for kind in _COUNTED},
         straight=math.fsum(length[line].tolist()),
         arc=math.fsum(length[arc].tolist()),
         joint=math.fsum(length[joint].tolist()),

@@ -10,10 +10,11 @@ from pathlib import Path
 from camgen.check.report import Motions, sum_up
 from camgen.cli.motion_file import load as load_plan
 from camgen.cli.say import Voice, duration, length, table
+from camgen.lower.steps import split_tools
 from camgen.model.errors import InputError
-from camgen.model.program import Columns
+from camgen.model.program import Columns, Program
 from camgen.model.text import counted, grouped, short
-from camgen.post import Fault, Remark
+from camgen.post import Fault, Post, Remark
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from camgen.read.files import Files, reason
@@ -26,6 +27,7 @@ _NAMES = {
     "Output": "output",
     "Wait": "wait",
     "Force": "force change",
+    "ToolChange": "tool change",
 }
 
 
@@ -56,13 +58,25 @@ def run(arguments: Namespace, says: Voice) -> int:
         raise InputError(str(paths[0]), f"holds no instruction of {post.name}", remedy="name its own post with --post")
     if plan:
         says.stage("comparing")
-        prepared = post.prepare(plan.program, plan.chord)
+        prepared = post.prepare(_planned(plan.program, post, paths[0]), plan.chord)
         found = compare(prepared, reading, post.tolerance(), post.list_verified(), str(paths[0]))
         says.clear()
         rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
         rows.append(("deviation", f"{found.max_mm:.6f} mm"))
     says.out(table(rows) + told)
     return 0
+
+
+def _planned(program: Program, post: Post, path: Path) -> Program:
+    """What the program in ``path`` was planned to do: of several, a tool each, the one of its name."""
+    parts = (program,) if post.changes_tools else split_tools(program)
+    if len(parts) == 1:
+        return parts[0]
+    found = next((part for part in parts if part.name == path.stem), None)
+    if found is None:
+        names = ", ".join(part.name for part in parts)
+        raise InputError(str(path), "the plan holds a program for each tool", names, "give one by its own name")
+    return found
 
 
 def _texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:

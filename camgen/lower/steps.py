@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import dropwhile
+
 from msgspec.structs import replace
 
 from camgen.lower.contours import finish, run_paths, turn_on
@@ -9,7 +11,7 @@ from camgen.model.cell import Cell
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
 from camgen.model.pose import Pose, translation
-from camgen.model.program import Comment, Instruction, MoveJ, Output, Program, ToolChange, put_off_first
+from camgen.model.program import Comment, Force, Instruction, MoveJ, Output, Program, ToolChange, put_off_first
 from camgen.order.tours import JobTour
 from camgen.plan.steps import job_of, name_of
 
@@ -63,6 +65,10 @@ def frame_of(job: Job, cell: Cell) -> Pose:
     return cell.flange_from_tool if job.cell.flange_from_tool is not None else translation(0.0, 0.0, job.tool.length)
 
 
+def _is_off(item: Instruction) -> bool:
+    return (isinstance(item, Output) and item.value == 0) or (isinstance(item, Force) and item.newtons == 0)
+
+
 def split_tools(program: Program) -> tuple[Program, ...]:
     """A program a tool, to be run one after the other: for controllers whose programs change none.
 
@@ -75,7 +81,7 @@ def split_tools(program: Program) -> tuple[Program, ...]:
     for k, (start, end) in enumerate(zip(changes, [*changes[1:], len(program.body)], strict=True), start=1):
         change = program.body[start]
         assert isinstance(change, ToolChange)
-        body = put_off_first(program.body[start + 1 : end])
+        body = put_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))
         about = f"tool {k} of {len(changes)}: {change.name or 'diameter'} {change.diameter:g} mm"
         frame = change.flange_from_tool or program.flange_from_tool
         own = replace(program, body=body, flange_from_tool=frame, header=(*program.header, about))

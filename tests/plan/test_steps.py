@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import camgen
+from camgen.cli import main
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice as Row
 from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
@@ -105,7 +106,9 @@ def test_a_controller_without_tool_changes_gets_a_program_a_tool() -> None:
     first, second = (find_readback("grbl")({one.name: one.text}, {}) for one in result.files)
     assert not first.faults
     assert not second.faults
-    lowest = [min(item.target.origin[2] for item in one.body if isinstance(item, MoveL | MoveC)) for one in (first, second)]
+    lowest = [
+        min(item.target.origin[2] for item in one.body if isinstance(item, MoveL | MoveC)) for one in (first, second)
+    ]
     assert lowest == [-7.0, -6.0]
     assert "drill 5" in result.files[0].text
     assert "mill 6" in result.files[1].text
@@ -154,3 +157,24 @@ def test_a_tool_without_a_number_is_refused_where_tools_are_changed() -> None:
     rows = [OUTER | {"tool": "a", "spindle": 9000.0}, DRILL | {"tool": "b", "spindle": 9000.0}]
     with pytest.raises(Exception, match="tool b has no number in the tool table"):
         camgen.build(BRACKET, post="gcode", job={"tools": tools, "operations": rows})
+
+
+@pytest.mark.parametrize(("post", "names"), [("gcode", ["bracket.ngc"]), ("grbl", ["bracket_1.nc", "bracket_2.nc"])])
+def test_the_commands_build_and_verify_it(
+    post: str, names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = ["[[tools]]\nname = 'a'\nnumber = 1\ndiameter = 4", "[[tools]]\nname = 'b'\nnumber = 2\ndiameter = 6"]
+    rows += ["[[operations]]\ntool = 'a'\nkind = 'trace'\ndepth = 0.5\nlayers = ['holes']"]
+    rows += ["[[operations]]\ntool = 2\nkind = 'follow'\nnesting = 'outer'\n[process]\nspindle = 9000"]
+    Path("job.toml").write_text("\n".join(rows))
+    command = ["build", str(BRACKET), "--post", post, "--job", "job.toml", "--plan", "plan.json"]
+    assert main([*command, "--set", "operations.1.depth=3"]) == 0
+    told = capsys.readouterr().err
+    assert "operation 0 trace - a, 3 paths" in told
+    assert "operation 1 follow - b, 1 path" in told
+    for name in names:
+        assert main(["verify", name, "--post", post, "--plan", "plan.json"]) == 0
+    assert "z -3 to 50" in capsys.readouterr().out
+    assert main([*command, "--set", "operations.2.depth=3"]) == 2
+    assert "there is no operations.2: the job has 2 rows of [[operations]]" in capsys.readouterr().err
