@@ -218,40 +218,66 @@ class Obstacles:
         return best
 
 
-def gaps(lines: Segments, segments: Segments, reach: float) -> FloatArray:
-    """(L,) distance of each straight line to the nearest of ``segments``, inf when none is nearer than ``reach`` mm.
+def gaps(ways: Segments, segments: Segments, reach: float) -> FloatArray:
+    """(L,) distance of each line or arc to the nearest of ``segments``, inf when none is nearer than ``reach`` mm.
 
-    Two segments that do not cross are nearest at an end of one of them, or where the line passes an arc's centre.
+    Two segments that do not cross are nearest at an end of one of them, or where the line through the centres of two
+    arcs, or that square to a line through the centre of an arc, meets both.
     """
-    best = np.full(len(lines), np.inf)
-    if not len(lines) or not len(segments):
+    best = np.full(len(ways), np.inf)
+    if not len(ways) or not len(segments):
         return best
     tree = shapely.STRtree(box(bounds(segments)))
-    boxes = bounds(lines) + np.array([-reach, -reach, reach, reach])
+    boxes = bounds(ways) + np.array([-reach, -reach, reach, reach])
     step, first = 256, 0
-    while first < len(lines):
-        line, other = tree.query(box(boxes[first : first + step]))
-        line, other = line + first, other.astype(np.int64)
+    while first < len(ways):
+        way, other = tree.query(box(boxes[first : first + step]))
+        way, other = way + first, other.astype(np.int64)
         first += step
-        step = int(np.clip(_CHUNK * step / max(len(line), 1), 1, 4 * step))
-        np.minimum.at(best, line, _apart(lines.take(line), segments.take(other)))
+        step = int(np.clip(_CHUNK * step / max(len(way), 1), 1, 4 * step))
+        np.minimum.at(best, way, _apart(ways.take(way), segments.take(other)))
     best[best > reach] = np.inf
     return best
 
 
-def _apart(line: Segments, other: Segments) -> FloatArray:
-    """(K,) distance of each straight line from the line or arc beside it in the list."""
-    own = np.arange(len(line))
-    gap = np.minimum(distances(line.start, other, own), distances(line.end, other, own))
+def _apart(way: Segments, other: Segments) -> FloatArray:
+    """(K,) distance of each line or arc from that beside it in the list."""
+    own = np.arange(len(way))
+    gap = np.minimum(distances(way.start, other, own), distances(way.end, other, own))
     for end in (other.start, other.end):
-        np.minimum(gap, _from_lines(end, line, own), out=gap)
+        np.minimum(gap, distances(end, way, own), out=gap)
+    for one, two in ((way, other), (other, way)):
+        rows = np.flatnonzero(~one.is_arc & two.is_arc)
+        np.minimum.at(gap, rows, _beside_centre(one.take(rows), two.take(rows)))
+    rows = np.flatnonzero(way.is_arc & other.is_arc)
+    np.minimum.at(gap, rows, _along_centres(way.take(rows), other.take(rows)))
+    rows, _ = cuts(_both(way, other), own, own + len(way))
+    gap[rows[rows < len(way)]] = 0.0
+    return gap
+
+
+def _beside_centre(line: Segments, arc: Segments) -> FloatArray:
+    """(K,) distance from each arc of the foot of its centre on the line."""
     chord = line.end - line.start
     square = np.maximum((chord**2).sum(axis=1), NONZERO)
-    foot = line.start + np.clip(((other.centre - line.start) * chord).sum(axis=1) / square, 0.0, 1.0)[:, None] * chord
-    np.minimum(gap, np.where(other.is_arc, distances(foot, other, own), np.inf), out=gap)
-    rows, _ = cuts(_both(line, other), own, own + len(line))
-    gap[rows[rows < len(line)]] = 0.0
-    return gap
+    foot = line.start + np.clip(((arc.centre - line.start) * chord).sum(axis=1) / square, 0.0, 1.0)[:, None] * chord
+    return distances(foot, arc, np.arange(len(arc)))
+
+
+def _along_centres(one: Segments, two: Segments) -> FloatArray:
+    """(K,) distance of two arcs on the line through their centres; inf where one of them does not meet it."""
+    best = np.full(len(one), np.inf)
+    way = two.centre - one.centre
+    apart = np.hypot(way[:, 0], way[:, 1])
+    rows = np.flatnonzero(apart > TOUCH)
+    unit, own = way[rows] / apart[rows, None], np.arange(len(rows))
+    first, second = one.take(rows), two.take(rows)
+    for sign in (-1.0, 1.0):
+        met = passes(first, np.arctan2(sign * unit[:, 1], sign * unit[:, 0]))
+        place = first.centre + sign * first.radius[:, None] * unit
+        best[rows] = np.minimum(best[rows], np.where(met, distances(place, second, own), np.inf))
+    # About one centre they are apart by their radii, wherever they pass one direction; else an end is nearest.
+    return best
 
 
 def _both(one: Segments, two: Segments) -> Segments:

@@ -1,0 +1,160 @@
+"""The stock proof: what the motions that were read back from a program's text do to the material.
+
+``design`` says from the drawing and the job what may and what shall go; ``prove`` says what the motions take away, and
+where they cut what must stay, run through material in rapid motion or with the holder, or cut a part loose too early.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from msgspec import Struct
+
+from camgen.check.stock.clear import Struck, find_holders, find_rapids, index
+from camgen.check.stock.design import Design, Task, design
+from camgen.check.stock.gouge import Gouge, find_gouges
+from camgen.check.stock.heights import Grid, carve
+from camgen.check.stock.loose import Loose, find_loose
+from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
+from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
+from camgen.model.text import counted, short
+
+__all__ = ["TOLERANCE_MM", "Cut", "Design", "Fault", "Level", "StockProof", "Task", "design", "prove"]
+
+FaultKind = Literal["gouge", "rapid", "holder", "loose"]
+
+
+class Fault(Struct, frozen=True):
+    """What a motion does to the material that it must not. line: 1-based, in ``file``. x, y, z: mm. mm: how far it is
+    in material; 0 for a part that comes loose. cut: the number of its ``Cut``. serious: not only to be told.
+    """
+
+    kind: FaultKind
+    line: int
+    file: str
+    x: float
+    y: float
+    z: float
+    mm: float
+    text: str
+    cut: int = 0
+    serious: bool = True
+
+
+class StockProof(Struct, frozen=True, eq=False):
+    """What the programs do to the stock. faults: all of them in order of line; those that are not ``serious`` are
+    remarks. levels: from the top. volumes: mm3 that each cut takes away and none before it did. grid: of heights, in
+    the place of the levels, for a job of too many of them, else None. notes: what is not judged, and why.
+    """
+
+    gouges: tuple[Fault, ...]
+    rapids: tuple[Fault, ...]
+    holders: tuple[Fault, ...]
+    loose: tuple[Fault, ...]
+    levels: tuple[Level, ...]
+    volumes: tuple[float, ...]
+    notes: tuple[str, ...]
+    grid: Grid | None = None
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """In order of cut and line."""
+        every = (*self.gouges, *self.rapids, *self.holders, *self.loose)
+        return tuple(sorted(every, key=lambda one: (one.cut, one.line)))
+
+    @property
+    def refused(self) -> tuple[Fault, ...]:
+        """Those for which a program is refused: gouges, rapid motions and holders in material."""
+        return tuple(fault for fault in self.faults if fault.kind != "loose")
+
+    @property
+    def volume(self) -> float:
+        """mm3 taken away by all cuts."""
+        return float(sum(self.volumes))
+
+    @property
+    def excess(self) -> float:
+        """mm3 that should be gone and is not; without what inner corners and tabs explain."""
+        return float(sum((one.top - one.bottom) * one.excess.unexplained.area for one in self.levels))
+
+
+def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
+    """What ``cuts``, one after the other, do to the stock of ``design``."""
+    moves = tabulate(cuts)
+    gone = index(moves, cuts)
+    holders, unseen = find_holders(gone, design)
+    depths = find_levels(moves, cuts, design)
+    grid: Grid | None = None
+    levels: tuple[Level, ...] = ()
+    if len(depths) > MOST_LEVELS + 1:
+        grid = carve(moves, cuts, design.outline)
+        volumes = grid.volumes
+    else:
+        levels, volumes = remove(moves, cuts, design, depths)
+    notes = (*design.notes, *_notes(moves, unseen), *([grid.note] if grid else []))
+    return StockProof(
+        gouges=tuple(_gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design)),
+        rapids=tuple(_rapid(moves, cuts, one) for one in find_rapids(gone, design)),
+        holders=tuple(_holder(moves, cuts, one) for one in holders),
+        loose=tuple(_loose(moves, cuts, one) for one in find_loose(gone, design)),
+        levels=levels,
+        volumes=volumes,
+        notes=notes,
+        grid=grid,
+    )
+
+
+def _notes(moves: Moves, unseen: int) -> list[str]:
+    found = []
+    if moves.tilted:
+        found.append(f"{counted(moves.tilted, 'motion')} with the tool not straight down not judged")
+    if moves.lost:
+        found.append(f"{counted(moves.lost, 'motion')} to joint values not judged")
+    if unseen:
+        found.append(f"{counted(unseen, 'more motion')} as deep as those with the holder in material not looked at")
+    return found
+
+
+def _fault(
+    moves: Moves,
+    cuts: Sequence[Cut],
+    kind: FaultKind,
+    row: int,
+    place: tuple[float, float, float],
+    mm: float,
+    text: str,
+    serious: bool = True,
+) -> Fault:
+    number = int(moves.cut[row])
+    x, y, z = place
+    return Fault(kind, int(moves.line[row]), cuts[number].file, x, y, z, mm, text, number, serious)
+
+
+def _at(place: tuple[float, float, float]) -> str:
+    return f"at {' '.join(short(v, 3) for v in place)} mm"
+
+
+def _gouge(moves: Moves, cuts: Sequence[Cut], one: Gouge) -> Fault:
+    way = "too deep in" if one.below else "into"
+    text = f"cuts {short(one.mm, 3)} mm {way} material that must stay, {_at(one.place)}"
+    return _fault(moves, cuts, "gouge", one.row, one.place, one.mm, text)
+
+
+def _rapid(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
+    text = f"rapid motion through material, {short(one.depth, 3)} mm below the top, {_at(one.place)}"
+    return _fault(moves, cuts, "rapid", one.row, one.place, one.mm, text)
+
+
+def _holder(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
+    text = f"the holder is {short(one.depth, 3)} mm deep in material, {_at(one.place)}"
+    return _fault(moves, cuts, "holder", one.row, one.place, one.mm, text)
+
+
+def _loose(moves: Moves, cuts: Sequence[Cut], one: Loose) -> Fault:
+    x, y, z = moves.end[one.row].tolist()
+    text = f"the part within {one.contour} comes loose"
+    if one.again < 0:
+        return _fault(moves, cuts, "loose", one.row, (x, y, z), 0.0, f"{text} at its last cut", serious=False)
+    text += f" before its last cut, which begins at line {int(moves.line[one.again])}"
+    return _fault(moves, cuts, "loose", one.row, (x, y, z), 0.0, text)

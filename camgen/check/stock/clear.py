@@ -1,0 +1,185 @@
+"""Rapid motions through material, and holders in it: what they sweep must be gone before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.stock.design import Design
+from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
+from camgen.check.stock.profile import is_flat, reach
+from camgen.check.stock.sweep import QUARTER, sweep, unite
+from camgen.geometry.intersect import box
+from camgen.geometry.segments import BoolArray, IntArray, bounds, points_at
+
+#: What is swept is taken narrower by this on each side, mm, since polygons leave arcs; what is left and narrower is
+#: none.
+_SLACK_MM = 0.02
+#: A motion that goes down or up on its way is looked at in so many parts.
+_PARTS = 8
+#: So many holders in material are told; a program of such depth has no end of them.
+MOST_TOLD = 20
+
+
+class Struck(Struct, frozen=True):
+    """A motion through material. row: the motion. place: x, y, z, mm. mm: the width of what it meets. depth: how deep
+    below the top face it runs there.
+    """
+
+    row: int
+    place: tuple[float, float, float]
+    mm: float
+    depth: float
+
+
+class Gone(Struct, frozen=True, eq=False):
+    """What has been taken away by whom: motions in material and a tree over their boxes."""
+
+    moves: Moves
+    cuts: tuple[Cut, ...]
+    rows: IntArray
+    tree: Any
+
+    def before(self, area: Any, row: int, depth: float, with_itself: bool = False) -> Any:
+        """What motions before ``row`` took away at ``depth`` near ``area``; polygons."""
+        near = np.sort(self.rows[self.tree.query(area)])
+        near = near[near <= row] if with_itself else near[near < row]
+        return unite(sweep(self.moves, self.cuts, depth, near))
+
+
+def index(moves: Moves, cuts: Sequence[Cut]) -> Gone:
+    """The motions in material, to be looked up by place."""
+    rows = np.flatnonzero(moves.deepest > TOLERANCE_MM)
+    radius = np.array([cut.tool.diameter / 2 for cut in cuts] or [0.0])[moves.cut[rows]]
+    boxes = bounds(moves.plane.take(rows)) + radius[:, None] * np.array([-1, -1, 1, 1])
+    return Gone(moves, tuple(cuts), rows, shapely.STRtree(box(boxes)))
+
+
+def find_rapids(gone: Gone, design: Design) -> list[Struck]:
+    """Rapid motions through what is still there."""
+    moves = gone.moves
+    rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM))
+    rising = moves.upright[rows] & (moves.down[rows, 1] <= moves.down[rows, 0])
+    rows = rows[~rising]
+    rows = rows[~_in_own_hole(moves, rows)]
+    found = []
+    for row in rows.tolist():
+        tool = gone.cuts[int(moves.cut[row])].tool
+        depths = [0.0] if is_flat(tool) else [0.0, 0.5]
+        struck = [
+            one for share in depths for part in _parts(moves, row) if (one := _strike(gone, design, row, part, share))
+        ]
+        found += sorted(struck, key=lambda one: -one.mm)[:1]
+    return found
+
+
+def _in_own_hole(moves: Moves, rows: IntArray) -> BoolArray:
+    """(K,) which motions go straight down where one of the same cut went as deep before: pecks, and passes one after
+    the other.
+    """
+    result = np.zeros(len(rows), dtype=np.bool_)
+    if not len(rows):
+        return result
+    keys = np.round(moves.end[:, :2], 4)
+    _, place = np.unique(np.column_stack([keys, moves.cut]), axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    order = np.argsort(place, kind="stable")
+    reached = np.where(moves.rapid, -np.inf, moves.down[:, 1])[order]
+    first = np.concatenate([[True], np.diff(place[order]) != 0])
+    deepest = np.full(len(moves), -np.inf)
+    so_far = -np.inf
+    for k, (new, value) in enumerate(zip(first.tolist(), reached.tolist(), strict=True)):
+        so_far = -np.inf if new else so_far
+        deepest[order[k]] = so_far
+        so_far = max(so_far, value)
+    return np.asarray(moves.upright[rows] & (moves.down[rows, 1] <= deepest[rows] + TOLERANCE_MM))
+
+
+class _Part(Struct, frozen=True, eq=False):
+    """A part of a motion. line: seen from above. depth: of its deepest place, mm. z: there."""
+
+    line: Any
+    depth: float
+
+
+def _parts(moves: Moves, row: int) -> list[_Part]:
+    """A motion in parts that are in material, each as deep as its deepest place."""
+    first, last = moves.down[row].tolist()
+    count = 1 if abs(last - first) <= TOLERANCE_MM or moves.upright[row] else _PARTS
+    share = np.linspace(0.0, 1.0, 8 * count + 1)
+    points = points_at(moves.plane.take(np.full(len(share), row)), share)
+    depth = first + share * (last - first) if np.isfinite(first) else np.full(len(share), last)
+    pieces = []
+    for k in range(count):
+        own = slice(8 * k, 8 * k + 9)
+        deep = float(depth[own].max())
+        if deep > TOLERANCE_MM:
+            pieces.append(_Part(shapely.LineString(points[own][depth[own] >= -1e9]), deep))
+    return pieces
+
+
+def _strike(gone: Gone, design: Design, row: int, part: _Part, share: float) -> Struck | None:
+    """What one part of a motion meets at ``share`` of its depth above its tip."""
+    tool = gone.cuts[int(gone.moves.cut[row])].tool
+    depth = part.depth * (1 - share) if share else part.depth
+    radius = float(reach(tool, np.array([part.depth * share]))[0])
+    return _meet(gone, design, row, part, radius, depth, False)
+
+
+def _meet(
+    gone: Gone, design: Design, row: int, part: _Part, radius: float, depth: float, with_itself: bool
+) -> Struck | None:
+    """What a disc of ``radius`` meets along a part of a motion at ``depth``; none where all of it is gone."""
+    if radius <= _SLACK_MM:
+        return None
+    swept = shapely.buffer(part.line, radius - _SLACK_MM, quad_segs=QUARTER) & design.outline
+    if design.thickness is not None and depth > design.thickness:
+        depth = design.thickness
+    left = swept - gone.before(swept, row, max(depth - 2 * _SLACK_MM, TOLERANCE_MM), with_itself)
+    left = shapely.buffer(left, -_SLACK_MM / 2, quad_segs=2)
+    if left.is_empty:
+        return None
+    circle = shapely.maximum_inscribed_circle(left, tolerance=0.01)
+    x, y = circle.coords[0]
+    return Struck(row, (float(x), float(y), -depth), 2 * float(circle.length) + _SLACK_MM, depth)
+
+
+def find_holders(gone: Gone, design: Design) -> tuple[list[Struck], int]:
+    """Motions with a holder in material, the first ``MOST_TOLD``, and how many more run as deep and were not looked at.
+
+    A box is taken as the round body that it stands for: as wide as it is from its axis.
+    """
+    moves = gone.moves
+    found: list[Struck] = []
+    unseen = 0
+    for number, cut in enumerate(gone.cuts):
+        for height, radius in _bodies(cut):
+            rows = np.flatnonzero(
+                (moves.cut == number) & (moves.deepest > height + TOLERANCE_MM) & np.isfinite(moves.deepest)
+            )
+            for row in rows.tolist():
+                if len(found) >= MOST_TOLD:
+                    unseen += 1
+                    continue
+                struck = [one for part in _parts(moves, row) if (one := _hold(gone, design, row, part, radius, height))]
+                found += sorted(struck, key=lambda one: -one.mm)[:1]
+    return sorted(found, key=lambda one: one.row), unseen
+
+
+def _hold(gone: Gone, design: Design, row: int, part: _Part, radius: float, height: float) -> Struck | None:
+    if part.depth - height <= TOLERANCE_MM:
+        return None
+    return _meet(gone, design, row, part, radius, part.depth - height, True)
+
+
+def _bodies(cut: Cut) -> list[tuple[float, float]]:
+    """Of each box of the holder: how high its lower end is above the tip, and how far it reaches from the axis, mm."""
+    found = []
+    for box_ in cut.tool.holder or ():
+        x1, y1, z1, x2, y2, z2 = box_
+        found.append((cut.tool.length - max(z1, z2), max(abs(x1), abs(y1), abs(x2), abs(y2))))
+    return found

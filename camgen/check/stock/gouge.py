@@ -1,0 +1,228 @@
+"""Material that must stay and is cut: distances from the way of the tool's axis to the walls, against its radius.
+
+A cell that may be cut down to D mm stays below that. So for every such depth D, what of the motions runs deeper than D
+is measured against the walls around all cells that may be cut no deeper. A tool is widest there at D: the radius at the
+height of the tip's depth less D. How far it is in the material is the least way out: sideways, or up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.stock.design import Bevel, Design, Lines
+from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
+from camgen.check.stock.profile import reach
+from camgen.geometry.intersect import box, distances, gaps
+from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, points_at, tangents_at
+from camgen.model.pose import FloatArray
+
+#: A traced line is drawn within the chord tolerance and the rounding of its corners, mm.
+_TRACED_MM = 0.015
+#: Motions on lines are looked at in these places of their length.
+_PLACES = np.linspace(0.0, 1.0, 9)
+#: Places of a motion in the material that are measured, to tell how deep it is in it.
+_SAMPLES = 33
+
+
+class Gouge(Struct, frozen=True):
+    """row: the motion. place: x, y, z of the tip, mm. mm: how far the tool is in material that must stay. below: it is
+    too deep rather than too far aside.
+    """
+
+    row: int
+    place: tuple[float, float, float]
+    mm: float
+    below: bool
+
+
+def find_gouges(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[Gouge]:
+    """The worst gouge of every motion that has one, in order."""
+    if design.free or not len(moves):
+        return []
+    # Going straight up cuts nothing that is not cut already.
+    rising = moves.upright & (moves.down[:, 1] <= moves.down[:, 0])
+    rows = np.flatnonzero((moves.deepest > TOLERANCE_MM) & ~rising & ~_explained(moves, cuts, design))
+    worst: dict[int, Gouge] = {}
+    for limit in _limits(design):
+        for gouge in _beyond(moves, cuts, design, rows, limit):
+            if gouge.row not in worst or gouge.mm > worst[gouge.row].mm:
+                worst[gouge.row] = gouge
+    return [worst[row] for row in sorted(worst)]
+
+
+def _limits(design: Design) -> list[float]:
+    """The depths below which cells stay."""
+    depths = np.append(design.depth, [0.0, *(bevel.depth for bevel in design.bevels)])
+    return [float(depth) for depth in np.unique(depths[np.isfinite(depths)])]
+
+
+def _beyond(moves: Moves, cuts: Sequence[Cut], design: Design, rows: IntArray, limit: float) -> list[Gouge]:
+    """Gouges of what may be cut down to ``limit`` mm and no deeper."""
+    cells = design.cells
+    deep = moves.below(limit + TOLERANCE_MM, rows)
+    stays = design.depth <= limit + TOLERANCE_MM / 2
+    if not len(deep.row) or not stays.any():
+        return []
+    radius = _radius(moves, cuts, deep, limit)
+    walls = np.flatnonzero(np.isin(cells.segments.owner, cells.walls(stays)))
+    allowed = _allowed(moves, cuts, deep, design, limit)
+    apart, within = _apart(deep.plane, design, walls, stays, float(radius.max()), allowed)
+    within &= ~_off_stock(deep, radius, design)
+    hit = np.flatnonzero(within | (apart < radius - TOLERANCE_MM))
+    for _, chosen, more in allowed:
+        radius = np.where(chosen, radius - more, radius)
+    found = (_measure(moves, design, deep, k, float(radius[k]), walls, stays, limit) for k in hit.tolist())
+    return [gouge for gouge in found if gouge]
+
+
+def _radius(moves: Moves, cuts: Sequence[Cut], deep: Portions, limit: float) -> FloatArray:
+    """(K,) the radius of each tool where it comes into what stays below ``limit``, mm."""
+    height = moves.deepest[deep.row] - limit
+    radius = np.empty(len(deep.row))
+    for number, cut in enumerate(cuts):
+        own = moves.cut[deep.row] == number
+        radius[own] = reach(cut.tool, height[own])
+    return radius
+
+
+def _allowed(
+    moves: Moves, cuts: Sequence[Cut], deep: Portions, design: Design, limit: float
+) -> list[tuple[Bevel, BoolArray, float]]:
+    """For each chamfer, which portions are of its tool, and how far those may go into its contours at ``limit``, mm."""
+    found = []
+    for bevel in design.bevels:
+        own = [cut.tool.kind == "v" and abs(cut.tool.diameter - bevel.diameter) < TOLERANCE_MM for cut in cuts]
+        chosen = np.array(own)[moves.cut[deep.row]]
+        found.append((bevel, chosen, max(bevel.width - limit * bevel.slope, 0.0)))
+    return found
+
+
+def _apart(
+    plane: Segments,
+    design: Design,
+    walls: IntArray,
+    stays: BoolArray,
+    most: float,
+    allowed: list[tuple[Bevel, BoolArray, float]],
+) -> tuple[FloatArray, BoolArray]:
+    """(K,) how far each way keeps from the walls, and whether it begins in what stays."""
+    segments = design.cells.segments
+    apart = np.full(len(plane), np.inf)
+    keys = np.round(np.column_stack([plane.start, plane.end, plane.bulge]), 6)
+    # Passes at several depths are one way.
+    _, first, same = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    same = same.reshape(-1)
+    unique = plane.take(first)
+    bevelled = np.zeros(len(segments), dtype=np.bool_)
+    for bevel, chosen, more in allowed:
+        own = walls[np.isin(segments.owner[walls], bevel.loops)]
+        bevelled[own] = True
+        found = gaps(unique, segments.take(own), most + more)[same]
+        apart = np.minimum(apart, np.where(chosen, found + more, found))
+    apart = np.minimum(apart, gaps(unique, segments.take(walls[~bevelled[walls]]), most)[same])
+    within = stays[design.cells.find(points_at(unique, np.full(len(unique), 0.5)))][same]
+    for _, chosen, more in allowed:
+        within &= ~(chosen & (more > 0))
+    return apart, within
+
+
+def _off_stock(deep: Portions, radius: FloatArray, design: Design) -> BoolArray:
+    """(K,) which ways keep off the stock: boxes first, since most do not."""
+    middle = shapely.points(points_at(deep.plane, np.full(len(deep.plane), 0.5)))
+    far = shapely.distance(middle, design.outline)
+    return np.asarray(far - deep.plane.length / 2 > radius)
+
+
+def _measure(
+    moves: Moves, design: Design, deep: Portions, k: int, radius: float, walls: IntArray, stays: BoolArray, limit: float
+) -> Gouge | None:
+    """How far portion ``k`` is in material that stays, and where most; none where that is only beside the stock."""
+    share = np.linspace(0.0, 1.0, _SAMPLES)
+    way = deep.plane.take(np.full(_SAMPLES, k))
+    points = points_at(way, share)
+    signed = _signed(points, design, walls, stays)
+    signed[shapely.distance(shapely.points(points), design.outline) > radius] = -np.inf
+    best = int(np.argmax(signed))
+    row = int(deep.row[k])
+    at = deep.low[k] + share[best] * (deep.high[k] - deep.low[k])
+    tip = moves.start[row] + at * (moves.end[row] - moves.start[row])
+    aside = radius + float(signed[best])
+    if signed[best] < 0:
+        gap = gaps(way.take(np.array([0])), design.cells.segments.take(walls), radius)[0]
+        aside = max(aside, radius - float(gap)) if np.isfinite(gap) else aside
+    up = float(moves.deepest[row]) - limit
+    mm = min(aside, up)
+    if not mm > TOLERANCE_MM:
+        return None
+    return Gouge(row, (float(points[best, 0]), float(points[best, 1]), float(tip[2])), float(mm), bool(up < aside))
+
+
+def _signed(points: FloatArray, design: Design, walls: IntArray, stays: BoolArray) -> FloatArray:
+    """(N,) how far points lie within what stays, mm; negative outside of it."""
+    segments = design.cells.segments
+    inside = stays[design.cells.find(points)]
+    if not len(walls):
+        return np.where(inside, np.inf, -np.inf)
+    near = np.full(len(points), np.inf)
+    for row in walls.tolist() if len(walls) < 64 else _nearest_walls(points, segments, walls):
+        near = np.minimum(near, distances(points, segments, np.full(len(points), row)))
+    return np.where(inside, near, -near)
+
+
+def _nearest_walls(points: FloatArray, segments: Segments, walls: IntArray) -> list[int]:
+    """Of many walls those that may be the nearest of one of ``points``."""
+    own = segments.take(walls)
+    chosen = np.minimum(np.hypot(*(own.start - points[0]).T), np.hypot(*(own.end - points[0]).T))
+    spread = float(np.hypot(*np.ptp(points, axis=0)))
+    most = float(chosen.min()) + 2 * spread
+    return [int(wall) for wall in walls[chosen - own.length <= most]]
+
+
+# Motions along lines.
+
+
+def _explained(moves: Moves, cuts: Sequence[Cut], design: Design) -> BoolArray:
+    """(N,) which motions run where an operation along lines has its tool run, no deeper than it may."""
+    found = np.zeros(len(moves), dtype=np.bool_)
+    for lines in design.lines:
+        own = np.array([abs(cut.tool.diameter - lines.diameter) < TOLERANCE_MM for cut in cuts])
+        rows = np.flatnonzero(
+            own[moves.cut] & (moves.deepest > TOLERANCE_MM) & (moves.deepest <= lines.depth + TOLERANCE_MM)
+        )
+        rows = rows[~found[rows]]
+        found[rows[_along(moves.plane.take(rows), lines)]] = True
+    return found
+
+
+def _along(plane: Segments, lines: Lines) -> BoolArray:
+    """(K,) which ways keep to the distance of ``lines`` and to their side in all places that are looked at."""
+    count = len(plane)
+    if not count:
+        return np.zeros(0, dtype=np.bool_)
+    which = np.repeat(np.arange(count), len(_PLACES))
+    points = points_at(plane.take(which), np.tile(_PLACES, count))
+    low, high = lines.apart
+    near, side = _nearest(points, lines.segments, high + _TRACED_MM)
+    good = (near >= low - TOLERANCE_MM) & (near <= high + _TRACED_MM)
+    good &= (lines.side == 0) | (side == lines.side)
+    return np.asarray(good.reshape(count, -1).all(axis=1))
+
+
+def _nearest(points: FloatArray, segments: Segments, most: float) -> tuple[FloatArray, FloatArray]:
+    """(N,) the distance of the nearest of ``segments`` within ``most`` mm, else inf; on its left 1, right -1."""
+    near, side = np.full(len(points), np.inf), np.zeros(len(points))
+    tree = shapely.STRtree(box(bounds(segments)))
+    point, row = tree.query(box(np.column_stack([points - most, points + most])))
+    apart = distances(points[point], segments, row)
+    order = np.argsort(-apart, kind="stable")
+    near[point[order]] = apart[order]
+    tangent = tangents_at(segments.take(row), np.full(len(row), 0.5))
+    rel = points[point] - segments.start[row]
+    left = np.sign(tangent[:, 0] * rel[:, 1] - tangent[:, 1] * rel[:, 0])
+    side[point[order]] = left[order]
+    near[near > most] = np.inf
+    return near, side

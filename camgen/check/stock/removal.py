@@ -1,0 +1,213 @@
+"""What is gone and what is left, level by level: volumes, and the excess with what of it inner corners explain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.check.stock.cells import Shapes
+from camgen.check.stock.design import Design, Wanted
+from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
+from camgen.check.stock.profile import is_flat
+from camgen.check.stock.sweep import QUARTER, sweep, unite
+
+#: Depths nearer than this, mm, are one.
+_SAME_MM = 2 * TOLERANCE_MM
+#: A tool that is no cylinder is looked at in so many slices of the depth that it reaches.
+_SLICES = 8
+#: What is left but narrower than this, mm, is the chords of the polygons.
+_NARROW_MM = 0.04
+#: More levels than this are no work in levels: a grid of heights takes over.
+MOST_LEVELS = 48
+
+
+class Excess(Struct, frozen=True, eq=False):
+    """Material that should be gone and is not, at one level. area: mm2, all of it. corners: of it, where no tool of
+    this radius can reach. tabs: of it, bridges that were asked for. size: mm, the widest disc in what is neither.
+    pieces: polygons of all of it; unexplained: of what is neither. place: in the middle of the widest.
+    """
+
+    area: float
+    corners: float
+    tabs: float
+    size: float
+    place: tuple[float, float] | None
+    pieces: Any
+    unexplained: Any
+
+
+class Level(Struct, frozen=True, eq=False):
+    """A slab of the stock. top, bottom: z in mm, 0 and below. gone: polygons of what was taken away, half-way down.
+    removed: mm2 of it within the stock.
+    """
+
+    top: float
+    bottom: float
+    gone: Any
+    removed: float
+    excess: Excess
+
+
+def find_levels(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[float]:
+    """The depths, mm, at which something changes, in order, 0 first: of motions on one level and of operations."""
+    down = moves.deepest
+    cutting = (down > TOLERANCE_MM) & ~moves.rapid
+    depths = [down[cutting & moves.level & ~moves.upright], down[cutting & moves.upright]]
+    depths += [np.array([wanted.depth for wanted in design.wanted]), down[cutting].max(initial=0.0, keepdims=True)]
+    every = np.concatenate([np.round(one, 3) for one in depths])
+    if design.thickness is not None and cutting.any():
+        every = np.append(np.minimum(every, design.thickness), design.thickness)
+    elif len(every) and not np.isfinite(every).any():
+        every = np.array([1.0])
+    every = np.unique(every[np.isfinite(every) & (every > TOLERANCE_MM)])
+    if len(every) and not all(is_flat(cut.tool) for cut in cuts):
+        every = np.unique(np.concatenate([every, np.linspace(0, float(every[-1]), _SLICES + 1)[1:]]))
+    kept = every[np.diff(every, prepend=-np.inf) > _SAME_MM] if len(every) else every
+    return [0.0, *kept.tolist()]
+
+
+def remove(
+    moves: Moves, cuts: Sequence[Cut], design: Design, depths: Sequence[float]
+) -> tuple[tuple[Level, ...], tuple[float, ...]]:
+    """The slabs between ``depths``, from the top, and the mm3 that each cut takes away that none before it did."""
+    volumes = np.zeros(len(cuts))
+    slabs: list[Level] = []
+    seen: list[set[bytes]] = [set() for _ in cuts]
+    gone: list[Any] = [shapely.Polygon() for _ in cuts]
+    rows = [np.flatnonzero((moves.cut == k) & (moves.deepest > TOLERANCE_MM)) for k in range(len(cuts))]
+    excess: _Left | None = None
+    # From below, since what is gone at one depth is gone above it too.
+    for top, bottom in reversed(list(pairwise(depths))):
+        middle = (top + bottom) / 2
+        whole = shapely.Polygon()
+        before = 0.0
+        for k in range(len(cuts)):
+            new = sweep(moves, cuts, middle, rows[k], seen[k] if is_flat(cuts[k].tool) else None)
+            gone[k] = unite([gone[k], *new]) if len(new) else gone[k]
+            whole = gone[k] if len(cuts) == 1 or whole.is_empty else shapely.union(whole, gone[k])
+            area = _area_within(whole, design.outline)
+            volumes[k] += (area - before) * (bottom - top)
+            before = area
+        excess = _left(design, bottom, whole, excess)
+        slabs.append(Level(-top, -bottom, whole, before, excess.excess))
+    return tuple(reversed(slabs)), tuple(volumes.tolist())
+
+
+def _area_within(shape: Any, outline: Any) -> float:
+    if shape.is_empty:
+        return 0.0
+    low_x, low_y, high_x, high_y = shape.bounds
+    inside = outline.covers(shapely.box(low_x, low_y, high_x, high_y))
+    return float(shape.area if inside else shape.intersection(outline).area)
+
+
+# Excess.
+
+
+class _Left(Struct, frozen=True, eq=False):
+    """The excess of the level below: that of this one too where neither what is wanted nor what is gone differs."""
+
+    wanted: tuple[int, ...]
+    gone: Any
+    excess: Excess
+
+
+def _left(design: Design, depth: float, gone: Any, below: _Left | None) -> _Left:
+    chosen = tuple(k for k, one in enumerate(design.wanted) if one.depth >= depth - _SAME_MM)
+    if (
+        below is not None
+        and below.wanted == chosen
+        and below.gone is gone
+        and not any(design.wanted[k].tabs[0] for k in chosen)
+    ):
+        return below
+    return _Left(chosen, gone, _excess([design.wanted[k] for k in chosen], gone, depth))
+
+
+def _excess(wanted: Sequence[Wanted], gone: Any, depth: float) -> Excess:
+    pieces, owner = _pieces(wanted, gone)
+    if not len(pieces):
+        return Excess(0.0, 0.0, 0.0, 0.0, None, shapely.MultiPolygon(), shapely.MultiPolygon())
+    reachable = _reachable(pieces, owner, wanted)
+    corners = shapely.difference(pieces, reachable)
+    plain = _without_slivers(shapely.intersection(pieces, reachable))
+    bridge = np.array([_is_tab(one, wanted[k], depth) for one, k in zip(plain, owner.tolist(), strict=True)])
+    tabs = float(shapely.area(plain[bridge]).sum())
+    rest = plain[~bridge & ~shapely.is_empty(plain)]
+    size, place = _widest(rest)
+    return Excess(
+        float(shapely.area(pieces).sum()),
+        float(shapely.area(corners).sum()),
+        tabs,
+        size,
+        place,
+        unite(pieces),
+        unite(rest),
+    )
+
+
+def _pieces(wanted: Sequence[Wanted], gone: Any) -> tuple[Shapes, Any]:
+    """What is left of each, without slivers, and of which it is."""
+    shapes = np.array([one.shape for one in wanted], dtype=object)
+    if not len(shapes):
+        return shapes, np.zeros(0, np.int64)
+    parts = shapely.get_parts(gone)
+    tree = shapely.STRtree(parts)
+    left = shapes.copy()
+    which, part = tree.query(shapes, predicate="intersects")
+    covered = np.zeros(len(shapes), dtype=np.bool_)
+    for k in np.unique(which).tolist():
+        near = parts[part[which == k]]
+        cover = near[0] if len(near) == 1 else unite(near)
+        left[k] = shapely.difference(shapes[k], cover)
+        covered[k] = True
+    left = _without_slivers(left)
+    pieces, owner = shapely.get_parts(left, return_index=True)
+    filled = ~shapely.is_empty(pieces)
+    return pieces[filled], owner[filled]
+
+
+def _without_slivers(shapes: Shapes) -> Shapes:
+    half = _NARROW_MM / 2
+    thin = shapely.buffer(shapes, -half, quad_segs=2)
+    return np.asarray(shapely.intersection(shapes, shapely.buffer(thin, 2 * half, quad_segs=2)))
+
+
+def _reachable(pieces: Shapes, owner: Any, wanted: Sequence[Wanted]) -> Shapes:
+    """Where around each piece a disc of the tool fits into its room."""
+    found = np.empty(len(pieces), dtype=object)
+    for k, (piece, one) in enumerate(zip(pieces, owner.tolist(), strict=True)):
+        want = wanted[one]
+        room = shapely.clip_by_rect(want.room, *_grown(piece.bounds, 4 * want.radius))
+        radius = want.radius - TOLERANCE_MM
+        centres = shapely.buffer(room, -radius, quad_segs=QUARTER)
+        found[k] = shapely.buffer(centres, radius, quad_segs=QUARTER)
+    return found
+
+
+def _grown(bounds: Any, by: float) -> tuple[float, float, float, float]:
+    low_x, low_y, high_x, high_y = bounds
+    return low_x - by, low_y - by, high_x + by, high_y + by
+
+
+def _is_tab(piece: Any, wanted: Wanted, depth: float) -> bool:
+    """Whether a piece is as large as a bridge across the kerf, where bridges stand."""
+    height, width = wanted.tabs
+    if not height or depth <= wanted.depth - height + TOLERANCE_MM or piece.is_empty:
+        return False
+    return bool(piece.area <= 1.5 * (width + wanted.radius) * 2 * wanted.radius)
+
+
+def _widest(shapes: Shapes) -> tuple[float, tuple[float, float] | None]:
+    """The diameter of the widest disc in any of ``shapes``, mm, and where it is."""
+    if not len(shapes):
+        return 0.0, None
+    largest = shapes[np.argsort(-shapely.area(shapes), kind="stable")[:8]]
+    circles = [shapely.maximum_inscribed_circle(one, tolerance=0.005) for one in largest]
+    best = max(circles, key=lambda one: one.length)
+    return 2 * float(best.length), (float(best.coords[0][0]), float(best.coords[0][1]))

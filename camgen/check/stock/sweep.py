@@ -1,0 +1,99 @@
+"""What tools take away, seen from above at one depth: unions of swept discs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+
+from camgen.check.stock.cells import CHORD_MM, Shapes
+from camgen.check.stock.moves import Cut, Moves, Portions
+from camgen.check.stock.profile import reach
+from camgen.geometry.ragged import run_lengths
+from camgen.geometry.segments import IntArray, flatten, make
+from camgen.model.pose import FloatArray
+
+#: Chords leave the rim of what a tool sweeps by at most this, mm.
+_RIM_MM = 0.006
+#: Chords of a quarter of a circle for shapes that nothing is measured on.
+QUARTER = 12
+
+
+def sweep(
+    moves: Moves, cuts: Sequence[Cut], depth: float, rows: IntArray | None = None, seen: set[bytes] | None = None
+) -> Shapes:
+    """Polygons of what ``rows`` (else all) take away at ``depth``, mm, one for each way of a tool.
+
+    seen: ways that need not be looked at again, to which these are added: passes at several depths are one way.
+    """
+    portions = _without_idle(moves, moves.below(depth, rows))
+    if not len(portions.row):
+        return np.zeros(0, object)
+    radius = radii(moves, cuts, portions, depth)
+    lines, wide = _ways(moves, portions, radius)
+    if seen is not None:
+        keys = [way + size.tobytes() for way, size in zip(shapely.to_wkb(lines).tolist(), wide, strict=True)]
+        new = [k for k, key in enumerate(keys) if key not in seen]
+        seen.update(keys)
+        lines, wide = lines[new], wide[new]
+    if not len(lines):
+        return np.zeros(0, object)
+    quarter = np.pi / 4 / np.arccos(1 - min(_RIM_MM / float(wide.max(initial=_RIM_MM)), 0.3))
+    return np.asarray(shapely.buffer(lines, wide, quad_segs=int(np.ceil(quarter))))
+
+
+def _without_idle(moves: Moves, portions: Portions) -> Portions:
+    """The portions without ways straight up or down that end or begin where the tool goes on level: those see to it."""
+    row = portions.row
+    upright = moves.upright[row]
+    after, before = np.minimum(row + 1, len(moves) - 1), np.maximum(row - 1, 0)
+    moved = ~moves.upright & ~moves.rapid
+    goes_on = moved[after] & (moves.cut[after] == moves.cut[row]) & (_apart(moves.end[row], moves.start[after]) < 1e-6)
+    came = moved[before] & (moves.cut[before] == moves.cut[row]) & (_apart(moves.start[row], moves.end[before]) < 1e-6)
+    deeper = moves.down[row, 1] >= moves.down[row, 0]
+    shown = np.isin(np.where(deeper, after, before), row)
+    keep = np.flatnonzero(~(upright & np.where(deeper, goes_on, came) & shown))
+    return Portions(row[keep], portions.low[keep], portions.high[keep], portions.plane.take(keep))
+
+
+def _apart(one: FloatArray, two: FloatArray) -> FloatArray:
+    return np.asarray(np.abs(one - two).max(axis=1, initial=0.0))
+
+
+def radii(moves: Moves, cuts: Sequence[Cut], portions: Portions, depth: float) -> FloatArray:
+    """(K,) the radius at ``depth`` of each tool in its portion: of a slanted one half-way between its ends there."""
+    deep = moves.down[portions.row]
+    with np.errstate(invalid="ignore"):
+        mean = deep[:, 0] + np.where(
+            np.isfinite(deep[:, 0]), (portions.low + portions.high) / 2 * (deep[:, 1] - deep[:, 0]), 0
+        )
+    height = np.where(moves.upright[portions.row], moves.deepest[portions.row], mean) - depth
+    radius = np.empty(len(height))
+    for number, cut in enumerate(cuts):
+        own = moves.cut[portions.row] == number
+        radius[own] = reach(cut.tool, height[own])
+    return radius
+
+
+def _ways(moves: Moves, portions: Portions, radius: FloatArray) -> tuple[Shapes, FloatArray]:
+    """Lines or points of portions that follow each other without a gap, and the radius of each."""
+    row, plane = portions.row, portions.plane
+    joined = (np.diff(row) == 1) & (portions.high[:-1] == 1.0) & (portions.low[1:] == 0.0)
+    with np.errstate(invalid="ignore"):
+        level = ~(np.abs(moves.down[row[:-1], 0] - moves.down[row[1:], 1]) > 1e-6)
+    joined &= level | ~(moves.level[row[:-1]] | moves.level[row[1:]])
+    joined &= (np.diff(radius) == 0) & (np.diff(moves.cut[row]) == 0)
+    joined &= np.abs(plane.end[:-1] - plane.start[1:]).max(axis=1, initial=0.0) < 1e-6
+    chain = np.concatenate([[0], np.cumsum(~joined)])
+    points, owner = flatten(make(plane.start, plane.end, plane.bulge, chain), 2 * CHORD_MM)
+    last = np.cumsum(run_lengths(chain)) - 1
+    order = np.argsort(np.concatenate([owner, chain[last]]), kind="stable")
+    points, owner = np.concatenate([points, plane.end[last]])[order], np.concatenate([owner, chain[last]])[order]
+    return np.asarray(shapely.linestrings(np.round(points, 6), indices=owner)), radius[last]
+
+
+def unite(shapes: Shapes | Sequence[Any]) -> Any:
+    """All of them as one."""
+    return shapely.disjoint_subset_union_all(np.asarray(shapes, dtype=object))
