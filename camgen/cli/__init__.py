@@ -209,6 +209,7 @@ def _verify(sub: _Parser) -> None:
     _post(sub)
     _job(sub)
     sub.add_argument("--plan", metavar="PLAN.json", help="compare with this plan, as build --plan wrote it")
+    sub.add_argument("--part", metavar="DRAWING", help="prove that nothing of this part is cut that must stay")
 
 
 def _calibrate(sub: _Parser) -> None:

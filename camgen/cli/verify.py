@@ -32,14 +32,17 @@ _NAMES = {
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Prints the sums and the faults of a program; InputError when it has faults, VerifyError when it deviates.
+    """Prints the sums and the faults of a program; InputError when it has faults, VerifyError when it deviates,
+    NoSafeProgram when it cuts what must stay of the part that ``--part`` names.
 
     A remark is a fault only where the program is compared with a plan: our own leave nothing open.
     """
     paths = [Path(name) for name in arguments.programs]
     files = Files()
     plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
-    job = load(beside(arguments.job, None if plan else paths[0]), arguments.sets, files)
+    drawing = Path(arguments.part) if arguments.part else None
+    named = beside(arguments.job, None if plan else paths[0])
+    job = load(named or beside(None, drawing), arguments.sets, files)
     options = (plan.options if plan else {}) | job.post
     post = make_post(find_post(arguments.post), options)
     says.stage("reading")
@@ -63,7 +66,17 @@ def run(arguments: Namespace, says: Voice) -> int:
         says.clear()
         rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
         rows.append(("deviation", f"{found.max_mm:.6f} mm"))
-    says.out(table(rows) + told)
+    if drawing is None:
+        says.out(table(rows) + told)
+        return 0
+    from camgen.cli.stock import judge  # noqa: PLC0415 (shapely, only for what needs it)
+
+    says.stage("proving")
+    stock = judge(str(paths[0]), drawing, job, reading, files, lambda line: _place(line, texts))
+    says.clear()
+    says.out(table([*rows, *stock.rows]) + told + stock.told)
+    if stock.error is not None:
+        raise stock.error
     return 0
 
 

@@ -1,0 +1,119 @@
+"""``camgen verify PROGRAM --part DRAWING``: what a program does to the material that the part is cut from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.check.stock import Cut, Fault, StockProof, Task, design, prove
+from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.job import Job
+from camgen.model.part import Part
+from camgen.model.program import Columns, MoveJ
+from camgen.model.text import counted, short
+from camgen.plan.page import on_page
+from camgen.post import Reading
+from camgen.read import read
+from camgen.read.files import Files
+
+#: So many faults of a kind are listed.
+_LISTED = 20
+
+
+class StockSays(Struct, frozen=True):
+    """rows: of the summary. told: a line for each fault. error: for which the program is refused, None without one."""
+
+    rows: tuple[tuple[str, str], ...]
+    told: str
+    error: NoSafeProgram | None
+
+
+def judge(
+    program: str, drawing: Path, job: Job, reading: Reading, files: Files, place: Callable[[int], str]
+) -> StockSays:
+    """The proof of what was read. place: file and line of a line counted through all files.
+
+    With a depth the job says what is done to the contours of the drawing; without one they are the part, cut around
+    as deep as the program goes.
+    """
+    if job.operations:
+        remedy = "prove the program of each with its own job file"
+        raise JobError("job", "a program is proven against one operation", "[[operations]]", remedy)
+    part = on_page(read(drawing, job, files), job)
+    if part.solid is not None or part.curves or not part.contours:
+        remedy = "give the drawing of the part"
+        raise InputError(str(drawing), "has no flat contours to prove a program against", remedy=remedy)
+    columns = Columns(reading.body)
+    task = _task(part, job, columns)
+    proof = prove([_cut(program, reading, columns, job)], design([task], job.stock))
+    return StockSays(tuple(_rows(proof, task)), _tell(proof.faults, place), _refuse(program, proof, place))
+
+
+def _task(part: Part, job: Job, columns: Columns) -> Task:
+    if job.operation.depth:
+        return Task(job, part)
+    cutting = ~columns.moves_are(MoveJ) & columns.posed
+    depth = max(0.0, float(-columns.ends[cutting, 2].min(initial=0.0)))
+    return Task(replace(job, operation=replace(job.operation, kind="follow", depth=depth)), part)
+
+
+def _cut(program: str, reading: Reading, columns: Columns, job: Job) -> Cut:
+    """Controllers without a rapid motion travel at process.travel on straight lines."""
+    rapid = columns.moves_are(MoveJ) & columns.posed
+    travel = np.inf if rapid[1:].any() or job.process.travel <= job.process.feed else job.process.travel
+    return Cut(reading.body, reading.lines, job.tool, Path(program).name, travel=float(travel))
+
+
+def _rows(proof: StockProof, task: Task) -> list[tuple[str, str]]:
+    tool = task.job.tool
+    depth = short(task.job.operation.depth, 3)
+    rows = [("stock", f"{tool.kind} of {short(tool.diameter, 3)} mm, {depth} mm deep: {_sum(proof)}")]
+    rows.append(("removed", f"{short(proof.volume, 1)} mm3"))
+    rows += [("excess", text) for text in _excess(proof)]
+    return rows + [("not judged" if "not" in note else "note", note) for note in proof.notes]
+
+
+def _sum(proof: StockProof) -> str:
+    kinds = (
+        ("gouge", "gouges", proof.gouges),
+        ("rapid motion in material", "rapid motions in material", proof.rapids),
+        ("motion with the holder in material", "motions with the holder in material", proof.holders),
+    )
+    found = [counted(len(faults), one, many) for one, many, faults in kinds if faults]
+    return ", ".join(found) or "no gouge, no rapid motion in material"
+
+
+def _excess(proof: StockProof) -> list[str]:
+    """A line for each level at which something is left, the same ones together."""
+    found: dict[str, list[float]] = {}
+    for level in proof.levels:
+        left = level.excess
+        if left.area < 0.01:
+            continue
+        parts = [f"{short(left.corners, 2)} mm2 in inner corners"] if left.corners >= 0.01 else []
+        parts += [f"{short(left.tabs, 2)} mm2 in tabs"] if left.tabs >= 0.01 else []
+        if left.unexplained.area >= 0.01 and left.place is not None:
+            at = " ".join(short(v, 2) for v in left.place)
+            parts.append(f"{short(left.unexplained.area, 2)} mm2 else, up to {short(left.size, 2)} mm wide at {at}")
+        found.setdefault(", ".join(parts), []).append(level.bottom)
+    return [f"at z {' '.join(short(z, 3) for z in depths)}: {text}" for text, depths in found.items()]
+
+
+def _tell(faults: Sequence[Fault], place: Callable[[int], str]) -> str:
+    lines = [f"{place(one.line)}: {'' if one.serious else 'remark: '}{one.text}\n" for one in faults[:_LISTED]]
+    more = len(faults) - _LISTED
+    return "".join(lines) + (f"and {counted(more, 'more fault')} of the stock proof\n" if more > 0 else "")
+
+
+def _refuse(program: str, proof: StockProof, place: Callable[[int], str]) -> NoSafeProgram | None:
+    refused = proof.refused
+    if not refused:
+        return None
+    first = refused[0]
+    what = f"{counted(len(refused), 'fault')} in the material, first: {first.text}"
+    remedy = "mend the program, or say with --job what it is meant to do"
+    return NoSafeProgram(program, what, place(first.line), remedy)
