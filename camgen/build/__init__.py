@@ -19,6 +19,7 @@ import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
 from camgen.build.programs import Checked, Posted, check_programs, post_programs
 from camgen.build.refusals import tell_by_input
+from camgen.build.stock import prove_stock
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.report import report as report_of
 from camgen.check.time import cycle
@@ -46,6 +47,7 @@ from camgen.robots.workcell import Workcell
 if TYPE_CHECKING:
     from camgen.check.collide import Clear
     from camgen.check.reach import Reach
+    from camgen.check.stock import StockProof
     from camgen.collision.cell import Surroundings
 
 #: What an input may be: a file, or a part that was made in code.
@@ -62,7 +64,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     files: the text with LF line ends. counts: how many of them each program has, in the order in which they are run:
     one program, or one a tool for controllers that change none; ``program`` is then all of them. deviation: of the text
     read back. motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot found, None
-    where there is none. coverage: of a fill. where: what it was tested against.
+    where there is none. coverage: of a fill. where: what it was tested against. stock: what the text does to the
+    material, where it is cut.
     """
 
     part: Part
@@ -82,6 +85,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     where: Surroundings | None = None
     planned: tuple[ToolPath, ...] = ()
     counts: tuple[int, ...] = (1,)
+    stock: StockProof | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -135,7 +139,8 @@ def build(
     planned, tour, checks = _program(planned, settings, read.cell, poster, title, header, strict, watch)
     watch("verifying")
     posted = post_programs(checks, readback, fill_tables(type(poster), settings.post))
-    return _sum_up(planned, tour, read.cell, settings, poster, checks, posted)
+    stock = prove_stock(planned, tour, settings, read.cell, checks, posted)
+    return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, stock)
 
 
 def _program(
@@ -182,6 +187,7 @@ def _sum_up(
     post: Post,
     checked: Checked,
     posted: Posted,
+    stock: StockProof | None,
 ) -> Result:
     checks = checked.whole
     return Result(
@@ -205,6 +211,7 @@ def _sum_up(
         coverage=plan.coverage,
         where=checks.where,
         planned=plan.paths,
+        stock=stock,
     )
 
 

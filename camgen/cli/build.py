@@ -59,6 +59,7 @@ def rows(
         *_tell_plan(result),
         *_operations(result),
         *_coverage(result),
+        *_stock(result),
         ("cell", _cell(result), "look"),
         ("time", f"about {duration(result.cycle.total)}, {duration(result.cycle.travel)} of it travel", "plain"),
         *_programs(result, programs),
@@ -154,12 +155,14 @@ def _operations(result: Result) -> list[Row]:
     if not isinstance(result.tour, JobTour):
         return []
     told: list[Row] = []
+    removed = iter(result.stock.volumes if result.stock else ())
     before = 0
     for number, tour in zip(result.tour.numbers, result.tour.tours, strict=True):
         own = slice(before, before + len(tour.paths))
         before = own.stop
         spent = float(result.cycle.paths[own].sum() + result.cycle.links[own].sum())
         what = f"{name_of(result.job, number)}, {counted(len(tour.paths), 'path')}, about {duration(spent)}"
+        what += f", {_volume(next(removed))} removed" if tour.paths and result.stock else ""
         told.append(("operation", what.removeprefix("operation "), "plain"))
     return told
 
@@ -175,6 +178,21 @@ def _programs(result: Result, programs: Sequence[tuple[Path, bytes]]) -> list[Ro
         told[place] = (label, f"{text}: {change.name or 'tool'}, diameter {change.diameter:g} mm", tone)
     why = f"{result.post.name} changes no tool in a program; run them in this order, each with its tool"
     return [*told, ("programs", f"{len(result.counts)}: {why}", "look")]
+
+
+def _volume(mm3: float) -> str:
+    from camgen.cli.stock import volume  # noqa: PLC0415 (shapely, only for what cuts)
+
+    return volume(mm3)
+
+
+def _stock(result: Result) -> list[Row]:
+    """What the program does to the material."""
+    if result.stock is None:
+        return []
+    from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for what cuts)
+
+    return rows_of_build(result.stock)
 
 
 def _coverage(result: Result) -> list[Row]:

@@ -68,11 +68,24 @@ def _cut(program: str, reading: Reading, columns: Columns, job: Job) -> Cut:
     return Cut(reading.body, reading.lines, job.tool, Path(program).name, travel=float(travel))
 
 
+def rows_of_build(proof: StockProof) -> list[tuple[str, str, str]]:
+    """The summary of a build says what its program does to the material."""
+    rows = [("stock", f"{_sum(proof)}; {volume(proof.volume)} removed", "good")]
+    rows += [("excess", text, "plain") for text in _excess(proof)]
+    rows += [("loose", one.text, "look") for one in proof.loose if one.serious]
+    return rows + [("stock", note, "look") for note in proof.notes]
+
+
+def volume(mm3: float) -> str:
+    """In mm3 below 1 cm3."""
+    return f"{short(mm3 / 1000, 1)} cm3" if mm3 >= 1000 else f"{short(mm3, 0)} mm3"
+
+
 def _rows(proof: StockProof, task: Task) -> list[tuple[str, str]]:
     tool = task.job.tool
     depth = short(task.job.operation.depth, 3)
     rows = [("stock", f"{tool.kind} of {short(tool.diameter, 3)} mm, {depth} mm deep: {_sum(proof)}")]
-    rows.append(("removed", f"{short(proof.volume, 1)} mm3"))
+    rows.append(("removed", volume(proof.volume)))
     rows += [("excess", text) for text in _excess(proof)]
     return rows + [("not judged" if "not" in note else "note", note) for note in proof.notes]
 

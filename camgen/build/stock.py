@@ -1,0 +1,87 @@
+"""The stock proof of a build: what the printed text, read back, does to the material."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from camgen.model.errors import NoSafeProgram
+from camgen.model.job import Job, ToolTable
+from camgen.model.path import Tour
+from camgen.model.program import Comment, Program
+from camgen.order import JobTour
+from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
+from camgen.plan.steps import job_of
+from camgen.robots.workcell import Workcell
+
+if TYPE_CHECKING:
+    from camgen.build.programs import Checked, Posted
+    from camgen.check.stock import Cut, StockProof
+
+
+def prove_stock(
+    plan: Plan, tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
+) -> StockProof | None:
+    """What the texts of ``posted`` do to the stock; None where nothing is cut, and of solids and replays.
+
+    NoSafeProgram for the first motion that cuts what must stay, or runs through material in rapid motion or with the
+    holder.
+    """
+    if isinstance(plan, (EdgePlan, ReplayPlan)):
+        return None
+    jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
+    if not any(one.operation.depth for one in jobs) or any(one.tool.orient == "follow" for one in jobs):
+        return None
+    from camgen.check.stock import Task, design, prove  # noqa: PLC0415 (shapely, only for what cuts)
+
+    plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
+    tasks = [Task(own, one.part) for own, one in zip(jobs, plans, strict=True)]
+    proof = prove(list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock))
+    if proof.refused:
+        worst = proof.refused[0]
+        more = f", and {len(proof.refused) - 1} more like it" if len(proof.refused) > 1 else ""
+        remedy = "see the operation's depth, side and tool, and [stock]; nothing is written"
+        raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
+    return proof
+
+
+def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted) -> Iterator[Cut]:
+    """What each operation does, in order, as the texts say it.
+
+    The instructions that were read back are those of the program, one by one, but for its comments: that is what the
+    comparison has shown.
+    """
+    from camgen.check.stock import Cut  # noqa: PLC0415 (shapely, only for what cuts)
+
+    steps: list[tuple[ToolTable, str]] = [(job.tool, "")]
+    step_of = np.zeros(len(tour.paths), dtype=np.intp)
+    if isinstance(tour, JobTour):
+        steps = [(step.tool, f"operation {k}") for step, k in zip(tour.steps, tour.numbers, strict=True)]
+        step_of = np.repeat(np.arange(len(steps)), [len(one.paths) for one in tour.tours])
+    # A robot has no rapid motion of its own: what runs as fast as it travels is none that cuts.
+    travel = float("inf") if cell.arm is None else job.process.travel
+    first = 0
+    for count, reading, (_, program) in zip(posted.counts, posted.readings, checked.programs, strict=True):
+        name = posted.files[first].name
+        first += count
+        own = _own_step(program, step_of)
+        edges = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(own)]
+        for start, end in pairwise(edges):
+            tool, about = steps[int(own[start])]
+            yield Cut(reading.body[start:end], reading.lines[start:end], tool, name, about, travel)
+
+
+def _own_step(program: Program, step_of: NDArray[np.intp]) -> NDArray[np.intp]:
+    """(N,): to which step each instruction but comments belongs; what is no motion of a path to that of the next."""
+    columns = program.columns
+    own = np.full(len(program.body), -1, dtype=np.intp)
+    moving = columns.path >= 0
+    own[columns.at[moving]] = step_of[columns.path[moving]]
+    own = own[~columns.are(Comment)]
+    known = np.flatnonzero(own >= 0)
+    following = np.minimum(np.searchsorted(known, np.arange(len(own))), len(known) - 1)
+    return np.asarray(own[known[following]])
