@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.model.errors import NoSafeProgram
@@ -39,8 +40,8 @@ def prove_stock(
     from camgen.check.stock import Task, design, prove  # noqa: PLC0415 (shapely, only for what cuts)
 
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
-    tasks = [Task(own, one.part) for own, one in zip(jobs, plans, strict=True)]
-    proof = prove(list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock))
+    tasks = [Task(own, replace(plan.part, worked=one.part.worked)) for own, one in zip(jobs, plans, strict=True)]
+    proof = prove(list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock), job.tolerance.chord)
     if proof.refused:
         worst = proof.refused[0]
         more = f", and {len(proof.refused) - 1} more like it" if len(proof.refused) > 1 else ""

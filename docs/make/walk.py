@@ -32,7 +32,7 @@ ARROWS = {
     "render": "post (print)",
     "camgen.post.verify.compare": "verify",
 }
-_BUILD = "camgen.build"
+_BUILD = ("camgen.build", "camgen.build.programs")
 
 
 class Walk:
@@ -63,7 +63,7 @@ class Walk:
     @staticmethod
     def _called_by_build(frame: FrameType) -> bool:
         back = frame.f_back
-        return back is not None and back.f_globals.get("__name__") == _BUILD
+        return back is not None and back.f_globals.get("__name__") in _BUILD
 
 
 @contextmanager

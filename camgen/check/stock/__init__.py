@@ -79,8 +79,11 @@ class StockProof(Struct, frozen=True, eq=False):
         return float(sum((one.top - one.bottom) * one.excess.unexplained.area for one in self.levels))
 
 
-def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
-    """What ``cuts``, one after the other, do to the stock of ``design``."""
+def prove(cuts: Sequence[Cut], design: Design, chord: float = 0.0) -> StockProof:
+    """What ``cuts``, one after the other, do to the stock of ``design``.
+
+    chord: mm by which straight lines may leave the arcs that they stand for: no gouge is less than that.
+    """
     moves = tabulate(cuts)
     gone = index(moves, cuts)
     holders, unseen = find_holders(gone, design)
@@ -94,7 +97,9 @@ def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
         levels, volumes = remove(moves, cuts, design, depths)
     notes = (*design.notes, *_notes(moves, unseen), *([grid.note] if grid else []))
     return StockProof(
-        gouges=tuple(_gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design)),
+        gouges=tuple(
+            _gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design) if one.mm > TOLERANCE_MM + chord
+        ),
         rapids=tuple(_rapid(moves, cuts, one) for one in find_rapids(gone, design)),
         holders=tuple(_holder(moves, cuts, one) for one in holders),
         loose=tuple(_loose(moves, cuts, one) for one in find_loose(gone, design)),
