@@ -159,6 +159,8 @@ def _holder(moves: Moves, cuts: Sequence[Cut], one: Struck) -> Fault:
 def _loose(moves: Moves, cuts: Sequence[Cut], one: Loose) -> Fault:
     x, y, z = moves.end[one.row].tolist()
     text = f"the part within {one.contour} comes loose"
+    if one.again < 0 and one.tabs:
+        return _fault(moves, cuts, "loose", one.row, (x, y, z), 0.0, f"{text}: no bridge is left that holds it")
     if one.again < 0:
         return _fault(moves, cuts, "loose", one.row, (x, y, z), 0.0, f"{text} at its last cut", serious=False)
     text += f" before its last cut, which begins at line {int(moves.line[one.again])}"

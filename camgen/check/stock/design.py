@@ -79,7 +79,7 @@ class Design(Struct, frozen=True, eq=False):
     """What may and what shall go. depth: (C + 1,) how deep each cell, the last of them the outside, may be cut, mm.
 
     outline: polygons of the stock. thickness: mm, None where it is not known. free: what nobody knows the limits of may
-    be cut anywhere. notes: what is not judged, and why.
+    be cut anywhere. notes: what is not judged, and why. held: contours whose inside bridges shall hold.
     """
 
     cells: Cells
@@ -91,6 +91,7 @@ class Design(Struct, frozen=True, eq=False):
     thickness: float | None
     free: bool
     notes: tuple[str, ...]
+    held: frozenset[str] = frozenset()
 
 
 class _Draft(Struct):
@@ -105,6 +106,7 @@ class _Draft(Struct):
     wanted: list[Wanted] = []
     notes: list[str] = []
     free: bool = False
+    held: set[str] = set()
 
     def allow(self, cells: Iterable[int], depth: float) -> None:
         for cell in cells:
@@ -142,6 +144,7 @@ def design(tasks: Sequence[Task], stock: StockTable) -> Design:
         draft.thickness,
         draft.free,
         tuple(draft.notes),
+        frozenset(draft.held),
     )
 
 
@@ -207,6 +210,7 @@ def _want_kerf(draft: _Draft, task: Task, number: int, loops: IntArray, removed:
     lines = shapely.boundary(cells.rings)
     asked = operation.tabs or operation.tab_spacing
     tabs = (operation.tab_height, operation.tab_width) if asked else (0.0, 0.0)
+    draft.held.update(cells.ids[k] for k in outer.tolist() if asked)
     deep, radius = _depth(task), tool.diameter / 2
     if len(inner):
         rooms = cells.shapes(inner)

@@ -21,12 +21,14 @@ _BEYOND_MM = 0.5
 
 class Loose(Struct, frozen=True):
     """A part that is cut free. contour: its outline's id. row: the motion that frees it. again: the first motion after
-    which works on it then, -1: none does, it was its last cut.
+    which works on it then, -1: none does, it was its last cut. tabs: bridges
+    should hold it.
     """
 
     contour: str
     row: int
     again: int
+    tabs: bool = False
 
 
 def find_loose(gone: Gone, design: Design) -> list[Loose]:
@@ -60,7 +62,8 @@ def _frees(gone: Gone, design: Design, cell: int, bottom: float) -> Loose | None
         free = _is_free(_cut_away(gone, through[:middle], bottom), part, around, design.outline)
         low, high = (low, middle) if free else (middle, high)
     row = int(through[high - 1])
-    return Loose(design.cells.ids[cell], row, _comes_back(gone, moves, near, row, part))
+    name = design.cells.ids[cell]
+    return Loose(name, row, _comes_back(gone, moves, near, row, part), name in design.held)
 
 
 def _cut_away(gone: Gone, rows: IntArray, bottom: float) -> Any:

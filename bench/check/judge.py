@@ -1,0 +1,251 @@
+"""Whether a program harms the part or the tool, told by points: distances of many of them from every motion.
+
+Nothing of the proof is used: points beside the drawn lines and in between say what may be cut how deep, a grid of depths
+what is gone, and OpenCV what hangs together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.check.scenes import Rule, Scene, outline
+from camgen.check.stock import Cut
+from camgen.model.pose import Pose
+from camgen.model.program import MoveC, MoveJ, MoveL
+
+Array = NDArray[np.float64]
+
+#: Harm that is smaller is none, mm: points stand so far from the lines.
+LEAST_MM = 0.02
+#: Points along the lines, points in between, cells of the grid, and the stock around the drawing, mm.
+_ALONG, _BETWEEN, _CELL, _MARGIN = 0.15, 0.7, 0.25, 10.0
+#: A slanted motion is so many level ones.
+_STEPS = 40
+
+
+@dataclass(frozen=True)
+class Harm:
+    """gouge: mm of the deepest, 0: none. rapid: through material. loose: a part that should be held is not."""
+
+    gouge: float
+    rapid: bool
+    loose: bool
+
+    @property
+    def any(self) -> bool:
+        return self.gouge > 0 or self.rapid or self.loose
+
+
+@dataclass(frozen=True)
+class _Way:
+    """A level motion. a, b: ends. via: of an arc. depth: mm below the top face."""
+
+    a: complex
+    b: complex
+    via: complex | None
+    depth: float
+    rapid: bool
+    radius: float
+    lifts: bool
+
+
+def _even_odd(points: Array, lines: list[Array]) -> NDArray[np.bool_]:
+    """(N,) whether a ray to the right crosses the lines an odd number of times."""
+    inside = np.zeros(len(points), dtype=bool)
+    x, y = points.T
+    for line in lines:
+        a, b = line, np.roll(line, -1, axis=0)
+        for (ax, ay), (bx, by) in zip(a.tolist(), b.tolist(), strict=True):
+            if ay != by:
+                inside ^= ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
+    return inside
+
+
+class Judge:
+    """What a scene allows, at points and cells."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        lines = [outline(contour, _ALONG) for contour in scene.contours]
+        every = np.concatenate(lines)
+        self.low, self.high = every.min(axis=0) - _MARGIN, every.max(axis=0) + _MARGIN
+        beside = [side for line in lines for side in self._beside(line)]
+        grid = np.stack(np.meshgrid(*(np.arange(a, b, _BETWEEN) for a, b in zip(self.low, self.high, strict=True))), -1)
+        between = grid.reshape(-1, 2)
+        # None of them near a line, where rounding would tell on which side it is.
+        near = np.zeros(len(between), dtype=bool)
+        for x, y in every.tolist():
+            near |= np.abs(between - (x, y)).max(axis=1) < _ALONG
+        self.points = np.concatenate([*beside, between[~near]])
+        self.allowed = self._depths(self.points, scene.rules)
+
+    @staticmethod
+    def _beside(line: Array) -> list[Array]:
+        way = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
+        length = np.hypot(*way.T)
+        normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
+        # Not at corners, where the normal is neither side's.
+        step = np.hypot(*(np.roll(line, -1, axis=0) - line).T)
+        straight = np.abs(length - step - np.roll(step, 1)) < 1e-3
+        return [(line + sign * LEAST_MM * normal)[straight] for sign in (-1, 1)]
+
+    @staticmethod
+    def _depths(points: Array, rules: tuple[Rule, ...]) -> Array:
+        depth = np.zeros(len(points))
+        for rule in rules:
+            lines = [outline(contour, 0.02) if contour.bulges.any() else contour.points for contour in rule.contours]
+            chosen = _even_odd(points, lines) == rule.inside
+            depth[chosen] = np.maximum(depth[chosen], rule.depth)
+        return depth
+
+    @cached_property
+    def cells(self) -> tuple[Array, Array]:
+        """x and y of the grid."""
+        x, y = (np.arange(a, b, _CELL) for a, b in zip(self.low, self.high, strict=True))
+        return x, y
+
+    def judge(self, cuts: tuple[Cut, ...]) -> Harm:
+        """The harm that ``cuts`` do."""
+        ways = [way for cut in cuts for way in _ways(cut)]
+        gouge = max((self._gouge(way) for way in ways if way.depth > LEAST_MM), default=0.0)
+        rapid, loose = self._run(ways)
+        return Harm(gouge, rapid, loose)
+
+    def _gouge(self, way: _Way) -> float:
+        deep = np.flatnonzero(self.allowed < way.depth - LEAST_MM)
+        into = way.radius - _apart(self.points[deep], way)
+        hit = into > 0
+        up = way.depth - self.allowed[deep][hit]
+        return float(np.minimum(into[hit] + LEAST_MM, up).max(initial=0.0))
+
+    def _run(self, ways: list[_Way]) -> tuple[bool, bool]:
+        """Whether a rapid motion meets material, and whether the part comes loose too early, in order of time."""
+        x, y = self.cells
+        gone = np.zeros((len(y), len(x)))
+        rapid, free, loose = False, False, False
+        for way in ways:
+            if way.lifts and free:
+                # What is cut free stays; whatever cuts at it from here on moves it.
+                loose |= self.scene.tabs
+            if way.depth <= LEAST_MM:
+                continue
+            rows, columns = self._box(way)
+            part = np.stack(np.meshgrid(x[columns], y[rows]), -1).reshape(-1, 2)
+            apart = _apart(part, way).reshape(gone[rows, columns].shape)
+            view = gone[rows, columns]
+            new = (apart < way.radius - 0.05) & (view < way.depth - LEAST_MM)
+            rapid |= bool(way.rapid and new.any())
+            if free and new.any():
+                loose |= self._at_part(part[new.ravel()], way)
+            np.maximum(view, np.where(apart < way.radius, way.depth, 0.0), out=view)
+            if not free and way.depth > self.scene.thickness - LEAST_MM:
+                free = self._is_free(gone)
+        return rapid, loose or (free and self.scene.tabs)
+
+    def _box(self, way: _Way) -> tuple[slice, slice]:
+        places = _samples(way)
+        low = np.array([places.real.min(), places.imag.min()]) - way.radius - self.low
+        high = np.array([places.real.max(), places.imag.max()]) + way.radius - self.low
+        first = np.maximum(np.floor(low / _CELL).astype(int), 0)
+        last = np.maximum(np.ceil(high / _CELL).astype(int) + 1, 0)
+        return slice(first[1], last[1]), slice(first[0], last[0])
+
+    @cached_property
+    def _held(self) -> NDArray[np.bool_]:
+        """Cells of the part, which hang together with nothing else in the end."""
+        x, y = self.cells
+        points = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+        return (self._depths(points, self.scene.rules) == 0).reshape(len(y), len(x))
+
+    def _is_free(self, gone: Array) -> bool:
+        if self.scene.rules[-1].inside:
+            return False  # the part is not cut out
+        left = (gone < self.scene.thickness - LEAST_MM).astype(np.uint8)
+        _, label = cv2.connectedComponents(left, connectivity=4)
+        of_part = np.unique(label[self._held & (left > 0)])
+        rim = np.unique(np.concatenate([label[0], label[-1], label[:, 0], label[:, -1]]))
+        sizes = np.bincount(label.ravel())
+        return not any(sizes[k] > 50 for k in np.intersect1d(of_part, rim).tolist() if k)
+
+    def _at_part(self, points: Array, way: _Way) -> bool:
+        """Whether new cells are beside the part: the tool cuts at it, not at waste."""
+        held = self.points[self.allowed == 0]
+        return bool((_apart(held, way) < way.radius + 0.1).any()) and len(points) > 2
+
+
+def _ways(cut: Cut) -> list[_Way]:
+    """Level motions of a cut; what goes down slantwise in steps."""
+    found: list[_Way] = []
+    here: complex | None = None
+    height = 0.0
+    radius = cut.tool.diameter / 2
+    for item in cut.body:
+        if not isinstance(item, (MoveJ, MoveL, MoveC)) or not isinstance(item.target, Pose):
+            continue
+        x, y, z = item.target.origin
+        there = complex(x, y)
+        start = there if here is None else here
+        rapid = isinstance(item, MoveJ)
+        via = complex(*item.via.origin[:2]) if isinstance(item, MoveC) else None
+        if abs(z - height) < 1e-9 or here is None:
+            found.append(_Way(start, there, via, -z, rapid, radius, lifts=False))
+        elif abs(there - start) < 1e-9:
+            if not (rapid and z > height):
+                found.append(_Way(there, there, None, -min(z, height), rapid, radius, lifts=False))
+        else:
+            places = _samples(_Way(start, there, via, 0, rapid, radius, lifts=False), _STEPS + 1)
+            for k in range(_STEPS):
+                depth = -(height + (z - height) * (k + 0.5) / _STEPS)
+                found.append(_Way(places[k], places[k + 1], None, depth, rapid, radius, lifts=False))
+        if z > 0 and found:
+            found.append(_Way(there, there, None, -z, rapid, radius, lifts=True))
+        here, height = there, z
+    return found
+
+
+def _circle(way: _Way) -> tuple[complex, float, float] | None:
+    """Centre, angle at the start and sweep of an arc, from three points; none for a line."""
+    if way.via is None:
+        return None
+    a, b, c = way.a, way.via, way.b
+    cross = ((b - a).conjugate() * (c - a)).imag
+    if abs(cross) < 1e-9:
+        return None
+    top = abs(a) ** 2 * (b - c) + abs(b) ** 2 * (c - a) + abs(c) ** 2 * (a - b)
+    centre = -1j * top / (2 * cross)
+    first = math.atan2((a - centre).imag, (a - centre).real)
+    last = math.atan2((c - centre).imag, (c - centre).real)
+    sweep = (last - first) % (2 * math.pi) if cross > 0 else -((first - last) % (2 * math.pi))
+    return centre, first, sweep
+
+
+def _samples(way: _Way, count: int = 33) -> NDArray[np.complex128]:
+    share = np.linspace(0, 1, count)
+    arc = _circle(way)
+    if arc is None:
+        return np.asarray(way.a + share * (way.b - way.a))
+    centre, first, sweep = arc
+    return np.asarray(centre + abs(way.a - centre) * np.exp(1j * (first + share * sweep)))
+
+
+def _apart(points: Array, way: _Way) -> Array:
+    """(N,) mm from each point to the way."""
+    p = points[:, 0] + 1j * points[:, 1]
+    ends = np.minimum(np.abs(p - way.a), np.abs(p - way.b))
+    arc = _circle(way)
+    if arc is not None:
+        centre, first, sweep = arc
+        turn = np.angle((p - centre) * np.exp(-1j * first))
+        along = turn % (2 * math.pi) if sweep > 0 else (-turn) % (2 * math.pi)
+        return np.where(along <= abs(sweep), np.abs(np.abs(p - centre) - abs(way.a - centre)), ends)
+    chord = way.b - way.a
+    if abs(chord) < 1e-12:
+        return ends
+    share = ((p - way.a) * chord.conjugate()).real / abs(chord) ** 2
+    return np.asarray(np.abs(p - way.a - np.clip(share, 0, 1) * chord))

@@ -1,0 +1,301 @@
+"""Faults seeded in programs: which harm the part or the tool, and which of them the stock proof finds.
+
+python -m bench.check.stock_faults [N, 1000] [SEED, 1]
+"""
+
+from __future__ import annotations
+
+import random
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from msgspec.structs import replace
+
+from bench.check.judge import Harm, Judge
+from bench.check.scenes import Scene, scenes
+from bench.machine import machine
+from camgen.check.stock import Cut, StockProof, prove
+from camgen.model.pose import Pose
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL
+
+Body = list[Instruction]
+#: A fault: the cuts with it; none where the scene has nothing of the kind.
+Seed = Callable[[Scene, random.Random], tuple[Cut, ...] | None]
+
+
+def _moved(item: Instruction, dx: float, dy: float, dz: float = 0.0) -> Instruction:
+    changed = {}
+    for name in ("target", "via"):
+        pose = getattr(item, name, None)
+        if isinstance(pose, Pose):
+            x, y, z = pose.origin
+            changed[name] = replace(pose, origin=(x + dx, y + dy, z + dz))
+    return replace(item, **changed)
+
+
+def _height(item: Instruction) -> float:
+    target = getattr(item, "target", None)
+    return target.origin[2] if isinstance(target, Pose) else 1e9
+
+
+def _with(scene: Scene, number: int, body: Sequence[Instruction]) -> tuple[Cut, ...]:
+    cut = replace(scene.cuts[number], body=tuple(body), lines=range(1, len(body) + 1))
+    return (*scene.cuts[:number], cut, *scene.cuts[number + 1 :])
+
+
+def _one(
+    scene: Scene, chance: random.Random, kinds: type | tuple[type, ...], deep: bool = True
+) -> tuple[int, Body, int] | None:
+    """A cut, its body, and the place of one of its motions of these kinds."""
+    number = chance.randrange(len(scene.cuts))
+    body = list(scene.cuts[number].body)
+    places = [k for k, item in enumerate(body) if isinstance(item, kinds) and (not deep or _height(item) < -1e-6)]
+    return (number, body, chance.choice(places)) if places else None
+
+
+def _size(chance: random.Random, least: float = 0.003, most: float = 4.0) -> float:
+    """Small ones as often as large ones."""
+    return float(least * (most / least) ** chance.random())
+
+
+def _shift(scene: Scene, chance: random.Random, kind: type) -> tuple[Cut, ...] | None:
+    found = _one(scene, chance, kind)
+    if found is None:
+        return None
+    number, body, k = found
+    by, axis = _size(chance) * chance.choice((-1, 1)), chance.randrange(2)
+    body[k] = _moved(body[k], by * (axis == 0), by * (axis == 1))
+    return _with(scene, number, body)
+
+
+def shifted_arc(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    return _shift(scene, chance, MoveC)
+
+
+def shifted_line(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    return _shift(scene, chance, MoveL)
+
+
+def turned_arc(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    """On the other side of its chord: G2 for G3."""
+    found = _one(scene, chance, MoveC)
+    if found is None or not isinstance(arc := found[1][found[2]], MoveC):
+        return None
+    number, body, k = found
+    start = getattr(body[k - 1], "target", None)
+    if not isinstance(start, Pose):
+        return None
+    a, b, via = complex(*start.origin[:2]), complex(*arc.target.origin[:2]), complex(*arc.via.origin[:2])
+    mirrored = a + ((via - a) / (b - a)).conjugate() * (b - a)
+    body[k] = replace(arc, via=replace(arc.via, origin=(mirrored.real, mirrored.imag, arc.via.origin[2])))
+    return _with(scene, number, body)
+
+
+def lost_retract(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    number = chance.randrange(len(scene.cuts))
+    body = list(scene.cuts[number].body)
+    places = [
+        k for k in range(1, len(body)) if isinstance(body[k], MoveJ) and _height(body[k - 1]) < 0 < _height(body[k])
+    ]
+    del body[chance.choice(places)]
+    return _with(scene, number, body)
+
+
+def wrong_depth(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    """Of one motion and those after it at the same depth."""
+    found = _one(scene, chance, (MoveL, MoveC))
+    if found is None:
+        return None
+    number, body, k = found
+    by, level = -_size(chance) * chance.choice((1, 1, 1, -1)), _height(body[k])
+    while k < len(body) and abs(_height(body[k]) - level) < 1e-9:
+        body[k] = _moved(body[k], 0, 0, by)
+        k += 1
+    return _with(scene, number, body)
+
+
+def wrong_offset(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    return (chance.choice(scene.others),) if scene.others else None
+
+
+def wrong_tool(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    number = chance.randrange(len(scene.cuts))
+    cut = scene.cuts[number]
+    wide = cut.tool.diameter + 2 * _size(chance) * chance.choice((1, 1, -0.1))
+    made = replace(cut, tool=replace(cut.tool, diameter=max(wide, 0.5)))
+    return (*scene.cuts[:number], made, *scene.cuts[number + 1 :])
+
+
+def swapped_holes(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    """Two paths of a cut, each in the place of the other."""
+    number = chance.randrange(len(scene.cuts))
+    body = list(scene.cuts[number].body)
+    runs = _runs(body)
+    if len(runs) < 2:
+        return None
+    one, two = chance.sample(runs, 2)
+    first, second = (_middle(body, run) for run in (one, two))
+    apart = second[0] - first[0], second[1] - first[1]
+    for run, sign in ((one, 1), (two, -1)):
+        for k in run:
+            body[k] = _moved(body[k], sign * apart[0], sign * apart[1])
+    return _with(scene, number, body)
+
+
+def _runs(body: Body) -> list[list[int]]:
+    """The motions from one way above the part to the next."""
+    runs: list[list[int]] = []
+    going = False
+    for k, item in enumerate(body):
+        deep = _height(item) < 5.0
+        if deep:
+            if not going:
+                runs.append([])
+            runs[-1].append(k)
+        going = deep
+    return runs
+
+
+def _middle(body: Body, run: list[int]) -> tuple[float, float]:
+    places = [pose.origin for k in run if isinstance(pose := getattr(body[k], "target", None), Pose)]
+    x, y = [p[0] for p in places], [p[1] for p in places]
+    return (min(x) + max(x)) / 2, (min(y) + max(y)) / 2
+
+
+def left_out_tab(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    """One of them, or all."""
+    if not scene.tabs:
+        return None
+    body = list(scene.cuts[0].body)
+    deepest = min(map(_height, body))
+    last = [k for k, item in enumerate(body) if isinstance(item, MoveL) and abs(_height(item) - deepest - 1) < 1e-9]
+    pairs = list(zip(last[::2], last[1::2], strict=True))
+    for pair in pairs if chance.random() < 0.5 else [chance.choice(pairs)]:
+        for k in pair:
+            body[k] = _moved(body[k], 0, 0, -1.0)
+    return _with(scene, 0, body)
+
+
+def missing_motion(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    found = _one(scene, chance, (MoveJ, MoveL, MoveC), deep=False)
+    if found is None or found[2] == 0:
+        return None
+    number, body, k = found
+    del body[k]
+    return _with(scene, number, body)
+
+
+def feed_as_rapid(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    found = _one(scene, chance, (MoveL, MoveC))
+    if found is None:
+        return None
+    number, body, k = found
+    target = getattr(body[k], "target", None)
+    assert isinstance(target, Pose)
+    body[k] = MoveJ(target, 100.0)
+    return _with(scene, number, body)
+
+
+def outline_first(scene: Scene, chance: random.Random) -> tuple[Cut, ...] | None:
+    """Two paths in the other order."""
+    if len(scene.cuts) > 1 and chance.random() < 0.5:
+        return tuple(reversed(scene.cuts))
+    number = chance.randrange(len(scene.cuts))
+    body = list(scene.cuts[number].body)
+    runs = _runs(body)
+    if len(runs) < 2:
+        return None
+    one, two = sorted(chance.sample(range(len(runs)), 2))
+    a, b = runs[one], runs[two]
+    swapped = [*body[: a[0]], *body[b[0] : b[-1] + 1], *body[a[-1] + 1 : b[0]], *body[a[0] : a[-1] + 1]]
+    return _with(scene, number, _lifted([*swapped, *body[b[-1] + 1 :]]))
+
+
+def _lifted(body: Body) -> Body:
+    """With a way up and across wherever a rapid motion would begin or end elsewhere in the material."""
+    made: Body = []
+    for item in body:
+        before = getattr(made[-1], "target", None) if made else None
+        target = getattr(item, "target", None)
+        if isinstance(before, Pose) and isinstance(target, Pose) and isinstance(item, (MoveJ, MoveL)):
+            away = abs(complex(*before.origin[:2]) - complex(*target.origin[:2])) > 1e-6
+            if (
+                away
+                and (isinstance(item, MoveJ) or before.origin[2] > 0)
+                and min(before.origin[2], target.origin[2]) < 10
+            ):
+                for x, y, _ in (before.origin, target.origin):
+                    made.append(MoveJ(replace(target, origin=(x, y, 10.0)), 100.0))
+        made.append(item)
+    return made
+
+
+SEEDS: dict[str, Seed] = {
+    "a shifted arc": shifted_arc,
+    "a shifted line": shifted_line,
+    "an arc turned round": turned_arc,
+    "a lost retract": lost_retract,
+    "a wrong depth": wrong_depth,
+    "a wrong offset": wrong_offset,
+    "another tool": wrong_tool,
+    "swapped holes": swapped_holes,
+    "a tab left out": left_out_tab,
+    "a motion left out": missing_motion,
+    "a feed as a rapid": feed_as_rapid,
+    "another order": outline_first,
+}
+
+
+def found_of(proof: StockProof) -> bool:
+    """Whether the proof would refuse the program, or warns of a part that comes loose."""
+    return any(fault.serious for fault in proof.faults)
+
+
+def main(count: int = 1000, seed: int = 1) -> int:
+    chance = random.Random(seed)
+    every = scenes()
+    judges = [Judge(scene) for scene in every]
+    for scene, judge in zip(every, judges, strict=True):
+        assert not judge.judge(scene.cuts).any, f"{scene.name} harms the part as it is: {judge.judge(scene.cuts)}"
+        assert not found_of(prove(scene.cuts, scene.design)), f"{scene.name} is refused as it is"
+    tally: dict[str, Counter[str]] = {name: Counter() for name in SEEDS}
+    begun, spent, missed = time.perf_counter(), 0.0, []
+    names = list(SEEDS)
+    for number in range(count):
+        name, cuts = names[number % len(names)], None
+        while cuts is None:
+            which = chance.randrange(len(every))
+            cuts = SEEDS[name](every[which], chance)
+        harm = judges[which].judge(cuts)
+        start = time.perf_counter()
+        found = found_of(prove(cuts, every[which].design))
+        spent += time.perf_counter() - start
+        tally[name].update(["seeded", _verdict(harm, found)])
+        if harm.any and not found:
+            missed.append((number, name, every[which].name, harm))
+    _print(tally, time.perf_counter() - begun, spent)
+    for one in missed:
+        print(*one)
+    return 1 if missed else 0
+
+
+def _verdict(harm: Harm, found: bool) -> str:
+    return f"{'harmful' if harm.any else 'harmless'} {'found' if found else 'silent'}"
+
+
+def _print(tally: dict[str, Counter[str]], total: float, spent: float) -> None:
+    print(f"{machine()}; {total:.0f} s, {spent:.0f} s of it the proofs\n")
+    print("| fault | seeded | harmful | of these found | missed | harmless | of these reported |")
+    print("|---|---|---|---|---|---|---|")
+    whole: Counter[str] = sum(tally.values(), Counter())
+    for name, counts in [*tally.items(), ("all", whole)]:
+        found, missed = counts["harmful found"], counts["harmful silent"]
+        alarms, silent = counts["harmless found"], counts["harmless silent"]
+        row = [counts["seeded"], found + missed, found, missed, alarms + silent, alarms]
+        print(f"| {name} | {' | '.join(map(str, row))} |")
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:])))
