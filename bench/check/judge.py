@@ -1,7 +1,7 @@
 """Whether a program harms the part or the tool, told by points: distances of many of them from every motion.
 
-Nothing of the proof is used: points beside the drawn lines and in between say what may be cut how deep, a grid of depths
-what is gone, and OpenCV what hangs together.
+Nothing of the proof is used: points beside the drawn lines and in between say what may be cut how deep, a grid of
+depths what is gone, and OpenCV what hangs together.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ class Harm:
 
     @property
     def any(self) -> bool:
+        """Whether there is any."""
         return self.gouge > 0 or self.rapid or self.loose
 
 
@@ -106,7 +107,7 @@ class Judge:
 
     @cached_property
     def cells(self) -> tuple[Array, Array]:
-        """x and y of the grid."""
+        """Of the grid, x and y."""
         x, y = (np.arange(a, b, _CELL) for a, b in zip(self.low, self.high, strict=True))
         return x, y
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -170,7 +171,7 @@ def _ring(z: float, bridges: bool) -> list[Instruction]:
     low, high = -1.5, 41.5
     corners = [(low, low), (high, low), (high, high), (low, high), (low, low)]
     body: list[Instruction] = [MoveJ(_at(low, low, 10.0), 100.0), MoveL(_at(low, low, z), 5.0)]
-    for (ax, ay), (bx, by) in zip(corners[:-1], corners[1:], strict=True):
+    for (ax, ay), (bx, by) in pairwise(corners):
         if bridges:
             ux, uy = (bx - ax) / 43.0, (by - ay) / 43.0
             for way, height in ((17.5, z), (17.5, z + 1), (25.5, z + 1), (25.5, z)):

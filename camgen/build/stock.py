@@ -40,12 +40,15 @@ def prove_stock(
     from camgen.check.stock import Task, design, prove  # noqa: PLC0415 (shapely, only for what cuts)
 
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
-    tasks = [Task(own, replace(plan.part, worked=one.part.worked)) for own, one in zip(jobs, plans, strict=True)]
+    tasks = [
+        Task(own, replace(plan.part, worked=one.part.worked), frozenset(c.id for c in one.part.contours))
+        for own, one in zip(jobs, plans, strict=True)
+    ]
     proof = prove(list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock), job.tolerance.chord)
     if proof.refused:
         worst = proof.refused[0]
         more = f", and {len(proof.refused) - 1} more like it" if len(proof.refused) > 1 else ""
-        remedy = "see the operation's depth, side and tool, and [stock]; nothing is written"
+        remedy = "see tool.diameter, operation.depth and operation.side; nothing is written"
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
 

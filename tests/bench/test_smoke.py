@@ -25,7 +25,8 @@ PROGRAMS = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected"
 NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
 #: Modules of bench/ that others use, and no commands.
 LIBRARIES = {
-    "machine", "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
+    "machine", "check.judge", "check.scenes",
+    "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
     "reliability.programs", "reliability.mutations",
     "reliability.wheel_cases",
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
@@ -98,6 +99,8 @@ SMOKES = [
     Smoke("photo.pist --feed --small", (2,), {"off 5 %": (0, 35), "peak": (0.9, 4)}),
     Smoke("photo.burrs 1 2 1", (1, 1), {"missed": (0, 0), "height off: max mm": (0, 0.3)}),
     Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
+    Smoke("check.stock 1 4 1", (3, 1), {"deepest gouge mm": (0, 0.005), "excess mm3": (0, 1)}),
+    Smoke("check.stock_faults 24", (13,), {"missed": (0, 0), "seeded": (2, 24)}),
     # It forks, as above.
     Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),

@@ -25,8 +25,9 @@ class Cells(Struct, frozen=True, eq=False):
     """C cells of as many closed contours, and a last one, C, of all that is outside of them.
 
     ids: of the contours. segments: their lines and arcs, ``owner`` the cell. parent: (C,) the cell around each. depth:
-    (C,) how many contours lie around. rings: (C,) what each contour encloses, all of it. area: (C,) mm2 of that.
-    left: contours that divide nothing: open ones, and those that cross others or themselves.
+    (C,) how many contours lie around, those that divide nothing too, since sides are chosen by it. rings: (C,) what
+    each contour encloses, all of it. area: (C,) mm2 of that. left: contours that divide nothing: open ones, and those
+    that cross others or themselves.
     """
 
     ids: tuple[str, ...]
@@ -95,22 +96,17 @@ def divide(contours: Sequence[Contour]) -> Cells:
     new = np.full(len(closed) + 1, len(sound))
     new[sound] = np.arange(len(sound))
     segments = from_contours([closed[k] for k in sound])
-    parent, depth = _above(nesting.parent, nesting.crossed >= 0, sound)
+    lost = (nesting.crossed >= 0) | nesting.empty
+    parent, depth = _above(nesting.parent, lost, sound), nesting.depth[sound]
     points, owner = flatten(segments, CHORD_MM)
     rings = shapely.make_valid(shapely.polygons(shapely.linearrings(points, indices=owner)))
     ids = tuple(closed[k].id for k in sound)
     return Cells(ids, segments, new[parent], depth, rings, np.abs(nesting.area[sound]), tuple(left))
 
 
-def _above(parent: IntArray, lost: BoolArray, sound: list[int]) -> tuple[IntArray, IntArray]:
-    """The nearest contour around each of ``sound`` that is no ``lost`` one, -1 if none, and how many there are."""
-    found, depth = parent[sound].copy(), np.zeros(len(sound), dtype=np.int64)
+def _above(parent: IntArray, lost: BoolArray, sound: list[int]) -> IntArray:
+    """The nearest contour around each of ``sound`` that is no ``lost`` one, -1 if none."""
+    found = parent[sound].copy()
     while (skipped := (found >= 0) & lost[found]).any():
         found[skipped] = parent[found[skipped]]
-    up = found.copy()
-    place = np.full(len(parent), -1)
-    place[sound] = np.arange(len(sound))
-    while (around := up >= 0).any():
-        depth[around] += 1
-        up[around] = found[place[up[around]]]
-    return found, depth
+    return found

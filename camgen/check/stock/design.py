@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from camgen.check.stock.cells import CHORD_MM, Cells, divide
 from camgen.check.stock.profile import BEAMS, slope
-from camgen.geometry.segments import IntArray, Segments, bounds, flatten, from_contours
+from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, flatten, from_contours
 from camgen.model.job import Job, StockTable
 from camgen.model.part import Contour, Part
 from camgen.model.pose import FloatArray
@@ -27,11 +27,13 @@ _QUARTER = 16
 
 class Task(Struct, frozen=True, eq=False):
     """One operation. job: its operation, tool and process, and the tolerances. part: as it is planned, with all its
-    contours; ``part.worked`` says which of them the operation works on.
+    contours; ``part.worked`` says which of them the operation works on. bounds: ids of those that bound material,
+    by which the inside is told from the outside; None: all of them.
     """
 
     job: Job
     part: Part
+    bounds: frozenset[str] | None = None
 
 
 class Lines(Struct, frozen=True, eq=False):
@@ -64,7 +66,8 @@ class Bevel(Struct, frozen=True, eq=False):
 
 class Wanted(Struct, frozen=True, eq=False):
     """What shall be gone down to ``depth`` mm. shape: polygons. room: where the tool may be for it, whose corners it
-    cannot reach all. radius: of the tool, mm. task: which one. tabs: height and width of its bridges, mm, 0: none.
+    cannot reach all. radius: of the tool, mm, 0 where no corner excuses what is left. task: which one. tabs: height and
+    width of its bridges, mm, 0: none.
     """
 
     shape: Any
@@ -190,7 +193,7 @@ def _follow(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
         _follow_one_side(draft, task, worked)
         return
     loops = _loops(draft, worked)
-    inside = cells.depth[loops] % 2 == 1 if side == "auto" else np.full(len(loops), side == "inside")
+    inside = _are_holes(cells, loops, task) if side == "auto" else np.full(len(loops), side == "inside")
     inner, outer = loops[inside], loops[~inside]
     if side == "auto":
         removed = np.unique(np.concatenate([inner, cells.parent[outer]]))
@@ -200,6 +203,15 @@ def _follow(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
         removed = np.flatnonzero(~cells.within(outer.tolist()))
     draft.allow(removed.tolist(), deep)
     _want_kerf(draft, task, number, loops, removed)
+
+
+def _are_holes(cells: Cells, loops: IntArray, task: Task) -> BoolArray:
+    """Which of the cells lie within an odd number of contours that bound material."""
+    level = cells.depth[loops].copy()
+    if task.bounds is not None:
+        others = np.array([name not in task.bounds for name in (*cells.ids, "")])
+        level -= [_count_around(cells, int(k), others) for k in loops.tolist()]
+    return np.asarray(level % 2 == 1)
 
 
 def _want_kerf(draft: _Draft, task: Task, number: int, loops: IntArray, removed: IntArray) -> None:
@@ -262,8 +274,7 @@ def _bore(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> 
     cells, deep = draft.cells, _depth(task)
     loops = _circles(draft, task, worked)
     draft.allow(np.flatnonzero(cells.within(loops.tolist())).tolist(), deep)
-    radius = task.job.tool.diameter / 2
-    draft.wanted += [Wanted(cells.rings[k], cells.rings[k], radius, deep, number) for k in loops.tolist()]
+    draft.wanted += [Wanted(cells.rings[k], cells.rings[k], 0.0, deep, number) for k in loops.tolist()]
 
 
 def _drill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
@@ -278,7 +289,7 @@ def _drill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) ->
     middles = shapely.points([_middle(cells.rings[k]) for k in loops.tolist()]) if len(loops) else np.zeros(0, object)
     wide = np.minimum(radius, np.sqrt(cells.area[loops] / np.pi))
     discs = shapely.buffer(middles, wide, quad_segs=2 * _QUARTER)
-    draft.wanted += [Wanted(disc, disc, radius, deep, number) for disc in discs]
+    draft.wanted += [Wanted(disc, disc, 0.0, deep, number) for disc in discs]
 
 
 def _circles(draft: _Draft, task: Task, worked: Sequence[Contour]) -> IntArray:
@@ -333,9 +344,8 @@ def _chamfer(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) 
     width = operation.width or operation.depth * slope(tool)
     loops = _loops(draft, worked)
     draft.bevels.append(Bevel(width, slope(tool), loops, tool.diameter))
-    inside = (
-        cells.depth[loops] % 2 == 1 if operation.side == "auto" else np.full(len(loops), operation.side == "inside")
-    )
+    auto = operation.side == "auto"
+    inside = _are_holes(cells, loops, task) if auto else np.full(len(loops), operation.side == "inside")
     beside = np.concatenate([loops[inside], cells.parent[loops[~inside]]])
     draft.allow(beside.tolist(), operation.depth or 2 * width / slope(tool))
 

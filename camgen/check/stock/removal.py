@@ -183,8 +183,12 @@ def _reachable(pieces: Shapes, owner: Any, wanted: Sequence[Wanted]) -> Shapes:
     found = np.empty(len(pieces), dtype=object)
     for k, (piece, one) in enumerate(zip(pieces, owner.tolist(), strict=True)):
         want = wanted[one]
+        if not want.radius:
+            found[k] = piece
+            continue
         room = shapely.clip_by_rect(want.room, *_grown(piece.bounds, 4 * want.radius))
-        radius = want.radius - TOLERANCE_MM
+        # A slot that is just as wide as the tool is too narrow for it.
+        radius = want.radius + TOLERANCE_MM
         centres = shapely.buffer(room, -radius, quad_segs=QUARTER)
         found[k] = shapely.buffer(centres, radius, quad_segs=QUARTER)
     return found

@@ -1,0 +1,59 @@
+"""Seconds of the stock proof beside those of the build it belongs to.
+
+python -m bench.check.stock [RUNS, 5] [CIRCLES, 200] [SLOTS, 50]
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import camgen
+from bench.machine import machine
+from bench.speed.processes import draw
+from camgen.check.stock import Cut, Task, design, prove
+from camgen.model.job import StockTable
+from camgen.post.plugins import fill_tables, find_readback
+
+DEPTH = 10.0
+JOB = {"operation": {"depth": DEPTH, "passes": 4}, "process": {"spindle": 10_000.0}}
+
+
+def measure(drawing: str) -> tuple[dict[str, float], int, float, float]:
+    """Seconds of the stages, motions, the deepest gouge (mm) and the excess (mm3)."""
+    begun = time.perf_counter()
+    result = camgen.build(drawing, post="gcode", job=JOB)
+    built = time.perf_counter()
+    texts = {file.name: file.text for file in result.files}
+    reading = find_readback("gcode")(texts, fill_tables(type(result.post), result.job.post))
+    read = time.perf_counter()
+    wanted = design([Task(result.job, result.part)], StockTable(thickness=DEPTH))
+    designed = time.perf_counter()
+    proof = prove([Cut(reading.body, reading.lines, result.job.tool)], wanted)
+    proven = time.perf_counter()
+    seconds = {"build": built - begun, "design": designed - read, "proof": proven - designed}
+    gouge = max((fault.mm for fault in proof.gouges), default=0.0)
+    return seconds, len(reading.body), gouge, proof.excess
+
+
+def main(runs: int = 5, circles: int = 200, slots: int = 50) -> None:
+    print(machine())
+    print("\n| stage | median s | range s |\n|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        drawing = str(Path(folder) / "plate.dxf")
+        draw(drawing, circles, slots)
+        found = [measure(drawing) for _ in range(runs)]
+    for stage in found[0][0]:
+        values = [seconds[stage] for seconds, *_ in found]
+        print(f"| {stage} | **{statistics.median(values):.3f}** | {min(values):.3f} to {max(values):.3f} |")
+    ratio = statistics.median((one["design"] + one["proof"]) / one["build"] for one, *_ in found)
+    _, count, gouge, excess = found[0]
+    print("\n| shapes | instructions | proof of the build | deepest gouge mm | excess mm3 |\n|---|---|---|---|---|")
+    print(f"| {circles + slots + 1} | {count} | {ratio:.2f} | {gouge:.4f} | {excess:.2f} |")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

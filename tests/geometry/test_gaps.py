@@ -1,0 +1,43 @@
+"""Distances of lines and arcs from each other, against distances of many points of both."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from camgen.geometry.intersect import gaps
+from camgen.geometry.segments import Segments, make, points_at
+from camgen.model.pose import FloatArray
+
+NUMBERS = st.floats(-10, 10).map(lambda value: round(value, 2))
+BULGES = st.sampled_from([0.0, 0.1, -0.4, 0.7, 1.0, -1.0])
+
+
+def one(start: tuple[float, float], end: tuple[float, float], bulge: float) -> Segments:
+    return make(np.array([start]), np.array([end]), np.array([bulge]), np.zeros(1, dtype=np.int64))
+
+
+def places(segment: Segments, count: int = 1500) -> FloatArray:
+    return points_at(segment.take(np.zeros(count, dtype=np.int64)), np.linspace(0, 1, count))
+
+
+@given(st.tuples(NUMBERS, NUMBERS), st.tuples(NUMBERS, NUMBERS), BULGES, st.tuples(NUMBERS, NUMBERS), BULGES)
+def test_the_gap_is_that_of_the_nearest_points(
+    start: tuple[float, float], end: tuple[float, float], bulge: float, other: tuple[float, float], turn: float
+) -> None:
+    if np.hypot(start[0] - end[0], start[1] - end[1]) < 0.1 or np.hypot(*other) < 0.1:
+        return
+    first, second = one(start, end, bulge), one(other, (0.0, 0.0), turn)
+    a, b = places(first), places(second)
+    nearest = float(np.hypot(*(a[:, None] - b[None]).reshape(-1, 2).T).min())
+    found = float(gaps(first, second, 100.0)[0])
+    # Steps of the points are at most a length of 40 mm in 1500.
+    assert found <= nearest + 1e-9
+    assert found == pytest.approx(nearest, abs=0.03)
+
+
+def test_arcs_about_one_centre_are_apart_by_their_radii() -> None:
+    inner, outer = one((3, 0), (0, 3), np.tan(np.pi / 8)), one((5, 0), (-5, 0), 1.0)
+    assert gaps(inner, outer, 10.0) == pytest.approx([2.0])
+    away = one((-5, 0), (0, -5), np.tan(np.pi / 8))
+    assert gaps(inner, away, 10.0) == pytest.approx([np.hypot(5, 3)])
