@@ -12,11 +12,12 @@ from camgen.cli import main
 from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice as Row
 from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
-from camgen.model.pose import Pose
+from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, ToolChange
 from camgen.model.program_text import dump, parse
 from camgen.plan.steps import arrange
 from camgen.post.plugins import find_readback
+from tests.support.rs274 import needs_rs274, run
 
 BRACKET = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
 TOOLS = [
@@ -178,3 +179,27 @@ def test_the_commands_build_and_verify_it(
     assert "z -3 to 50" in capsys.readouterr().out
     assert main([*command, "--set", "operations.2.depth=3"]) == 2
     assert "there is no operations.2: the job has 2 rows of [[operations]]" in capsys.readouterr().err
+
+
+@needs_rs274
+def test_the_interpreter_of_linuxcnc_changes_the_tools() -> None:
+    """After each change it goes up to the top, across and down, and then as planned."""
+    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL, post={"cycles": False}))
+    canon = run(result.text, "T1 P1 Z0 D5\nT2 P2 Z0 D6\n")
+    assert canon.error == ""
+    assert [name for name in canon.names if name in ("CHANGE_TOOL", "USE_TOOL_LENGTH_OFFSET")] == [
+        "USE_TOOL_LENGTH_OFFSET",  # G49
+        *("CHANGE_TOOL", "USE_TOOL_LENGTH_OFFSET") * 2,
+    ]
+    wanted: list[Vec3 | None] = []
+    for item in result.program.body:
+        if isinstance(item, ToolChange):
+            wanted += [None, None]  # up to the top, and across
+        elif isinstance(item, MoveJ | MoveL | MoveC):
+            assert isinstance(item.target, Pose)
+            wanted.append(item.target.origin)
+    calls = [call for call in canon.calls if call.kind in ("STRAIGHT_TRAVERSE", "STRAIGHT_FEED", "ARC_FEED")]
+    for place, call in zip(wanted, calls[len(calls) - len(wanted) :], strict=True):
+        assert place is None or call.end == pytest.approx(place, abs=5.6e-4)
+    without = run(result.text, "T1 P1 Z0 D5\n")
+    assert "2" in without.error
