@@ -2,7 +2,6 @@
 
 Every path becomes the same sequence, so that a reader of the program knows it after the first one. Columns are
 computed once over the rows of all paths (numpy), the instructions are then written in one loop over plain lists.
-A *run* is one pass along a path at one depth; a path with three depths gives three runs.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from camgen.geometry.rotations import SURE_TURN, turns_about_z
 from camgen.lower import columns as lower_rows
 from camgen.lower.columns import Mask, Orientations, Rows
 from camgen.lower.corners import ZONES, corner_tolerance
+from camgen.lower.runs import Run, make_runs, plunge
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ProcessTable
@@ -138,7 +138,7 @@ def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> list[Instruc
     _insist_on_size(tour, job.limits.motions)
     # A machine without joints has no axis that winds up.
     winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
-    runs = _runs(tour, winds, before)
+    runs = make_runs(tour, job, winds, before)
     table = _table(runs, job, winds, cell.pace)
     body: list[Instruction] = []
     for run in range(len(runs)):
@@ -173,42 +173,6 @@ def origins(paths: Sequence[ToolPath]) -> tuple[Origin, ...]:
     return tuple(Origin(path.id, path.layer, path.contours, path.operation) for path in paths)
 
 
-class _Run(Struct, frozen=True):
-    """One pass. number: of its path in the program. linked: it starts where the run before it ended, so that nothing
-    lies between them but the plunge. down: it is reached straight from there, without a lift. low: it starts there too,
-    but the tool is turned back before, above the material and no higher.
-    """
-
-    path: ToolPath
-    number: int
-    depth: float
-    linked: bool
-    down: bool = False
-    low: bool = False
-
-
-def _runs(tour: Tour, winds: bool, before: int) -> list[_Run]:
-    """The passes of a tour. before: how many paths of the program come before its own. winds: the tool turns with the
-    contour, once round for every pass, and has to be turned back in the air.
-    """
-    runs = []
-    for place, path in enumerate(tour.paths):
-        index = before + place
-        first, *deeper = path.depths
-        # With force on, the motion after each pass has to leave the surface, so it goes up and comes down again.
-        pressed = bool(path.force.any())
-        runs.append(_Run(path, index, first, False, place in tour.down and not pressed))
-        if not deeper:
-            continue
-        meets = math.dist(path.position[0].tolist(), path.position[-1].tolist()) < SAME_POINT_MM
-        zigzag = path.reversible and not meets
-        ways = (path, path.reversed()) if zigzag else (path, path)
-        linked = (zigzag or (meets and not winds)) and not pressed
-        low = meets and not linked and not pressed
-        runs += [_Run(ways[k % 2], index, depth, linked, low=low) for k, depth in enumerate(deeper, start=1)]
-    return runs
-
-
 class _Table(Struct, frozen=True, eq=False):
     """What the instructions are made of, as plain lists: by row (segment i ends in row i), then by run.
 
@@ -217,7 +181,7 @@ class _Table(Struct, frozen=True, eq=False):
     first pressed one that do not press, which are run above the part: ``over`` and ``over_via`` are where.
     """
 
-    runs: list[_Run]
+    runs: list[Run]
     position: list[Vec3]
     via: list[Vec3]
     over: list[Vec3]
@@ -238,7 +202,7 @@ class _Table(Struct, frozen=True, eq=False):
     lifted: list[bool]
 
 
-def _table(runs: list[_Run], job: Job, winds: bool, pace: Dynamics) -> _Table:
+def _table(runs: list[Run], job: Job, winds: bool, pace: Dynamics) -> _Table:
     rows = lower_rows.gather([run.path for run in runs], [run.depth for run in runs])
     if job.tool.orient == "follow":
         for row in lower_rows.find_unfollowed(rows)[:1].tolist():
@@ -282,16 +246,15 @@ def _points(column: FloatArray) -> list[Vec3]:
     return list(zip(*column.T.tolist(), strict=True))
 
 
-def _heights(rows: Rows, runs: list[_Run], process: ProcessTable) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _heights(rows: Rows, runs: list[Run], process: ProcessTable) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Above the start, where the feed begins, above the end: (R, 3) each.
 
     All of them are measured from where the path was planned, not from its depth: the material of the first pass is
     still there. With the tool straight down the travel height is z = clearance, else it is clearance along the axis.
     """
-    depth = np.array([run.depth for run in runs])
-    top = np.zeros((len(runs), 3))
-    top[:, 2] = depth
-    start, end = rows.position[rows.first] + top, rows.position[rows.last] + top
+    below = np.zeros((2, len(runs), 3))
+    below[:, :, 2] = [[run.begin for run in runs], [run.depth for run in runs]]
+    start, end = rows.position[rows.first] + below[0], rows.position[rows.last] + below[1]
     up_start, up_end = -rows.axis[rows.first], -rows.axis[rows.last]
     near = start + up_start * process.approach
     room = _lift(start, up_start, process.clearance)
@@ -314,7 +277,7 @@ def _lifted(rows: Rows) -> Mask:
     return np.asarray((rows.force <= 0) & (pressed > before))
 
 
-def _over(rows: Rows, runs: list[_Run], process: ProcessTable, points: FloatArray) -> FloatArray:
+def _over(rows: Rows, runs: list[Run], process: ProcessTable, points: FloatArray) -> FloatArray:
     """``points`` (N, 3) of the rows, lifted along the axis to where a tool goes that ends pressing."""
     depth = np.repeat([run.depth for run in runs], rows.last - rows.first + 1)
     return points - rows.axis * (depth + min(process.retract, process.clearance))[:, None]
@@ -357,6 +320,9 @@ def _enter(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) 
             yield from switch_on(process)
         if _same(near, contact):
             return
+    elif _same(table.position[table.last[run - 1]], contact):
+        # A ramp goes on from where the pass before ended.
+        return
     yield MoveL(Pose(rotation, contact), feed, path=one.number)
 
 
@@ -407,11 +373,6 @@ def signal(process: ProcessTable) -> str:
     if process.signal == "spindle":
         raise JobError("job", '"spindle" is the spindle', "process.signal", "set process.spindle to its rpm")
     return process.signal
-
-
-def plunge(process: ProcessTable) -> float:
-    """The speed of going down to the contact, mm/s."""
-    return process.plunge or process.feed / 3
 
 
 def in_air(job: Job) -> bool:

@@ -11,8 +11,9 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import span_lengths
 from camgen.geometry.rotations import between
 from camgen.lower.columns import blends, gather
-from camgen.lower.contours import dwell, finish, in_air, plunge, signal, switch_on
+from camgen.lower.contours import dwell, finish, in_air, signal, switch_on
 from camgen.lower.corners import corner_tolerance
+from camgen.lower.runs import plunge
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job, ProcessTable
 from camgen.model.path import ToolPath

@@ -27,7 +27,8 @@ class ToolPath(Struct, frozen=True, eq=False):
     last position is the first again. reversible: may be run backwards. parent: index of the path that encloses this one
     in the same plan, -1 if none. depths: mm below ``position`` of each pass, in order. contours: ids of the contours
     that it works on, or of one edge. operation: what it does there. floor: (N,) z, work frame, mm, below which no pass
-    goes at each waypoint, over the tabs; None: nothing holds it up.
+    goes at each waypoint, over the tabs, straight from one to the next; None: nothing holds it up. entry_radius: mm,
+    so far around the first point the tool's centre may go on its way down, on a helix; 0: there is no room for one.
     """
 
     id: str
@@ -45,6 +46,7 @@ class ToolPath(Struct, frozen=True, eq=False):
     contours: tuple[str, ...] = ()
     operation: str = ""
     floor: FloatArray | None = None
+    entry_radius: float = 0.0
 
     def reversed(self) -> ToolPath:
         """The same path run backwards."""
@@ -75,6 +77,7 @@ class ToolPath(Struct, frozen=True, eq=False):
             force=frozen(self.force[speaking]),
             feed=frozen(self.feed[speaking]),
             closed=False,
+            floor=None if self.floor is None else self.floor[chosen],
         )
 
     def __repr__(self) -> str:
@@ -107,8 +110,14 @@ class Tour(Struct, frozen=True, eq=False):
 
 
 def join_paths(paths: Sequence[ToolPath]) -> ToolPath:
-    """Paths that begin where the one before ends, as one open path with the name of the first."""
+    """Paths that begin where the one before ends, as one open path with the name of the first.
+
+    ValueError where some of them have a floor and some none.
+    """
     first = paths[0]
+    held = {path.floor is not None for path in paths}
+    if len(held) > 1:
+        raise ValueError(f"path {first.id}: pieces with a floor and pieces without one do not make a path")
 
     def column(name: str) -> FloatArray:
         parts = [getattr(path, name)[1 if k else 0 :] for k, path in enumerate(paths)]
@@ -124,6 +133,7 @@ def join_paths(paths: Sequence[ToolPath]) -> ToolPath:
         feed=column("feed"),
         closed=False,
         reversible=False,
+        floor=column("floor") if held == {True} else None,
     )
 
 

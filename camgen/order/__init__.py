@@ -73,6 +73,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     """The paths of a flat part with their leads."""
     from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely is loaded only by what needs it)
     from camgen.order.stay_down import stay_down  # noqa: PLC0415
+    from camgen.order.tabs import add_tabs  # noqa: PLC0415 (only for what needs it)
 
     start = cell.home.origin[:2] if cell is not None and isinstance(cell.home, Pose) else None
     choice, inside, operation = job.tour, job.operation.inside_first, job.operation
@@ -84,6 +85,8 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)
     found = arrange(plan.paths, *wish, told)
     led, notes = add_leads(found.paths, plan.part, job)
+    led, more = add_tabs(found.paths, led, job)
+    notes = [*notes, *more]
     if found.stopped:
         why = "the best tour so far is used; the same job gives another one when its search is not interrupted"
         notes = [*notes, Note("warning", "the search for a short tour was stopped", why)]

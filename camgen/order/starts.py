@@ -114,14 +114,14 @@ def _split(
     first, last = ends[0][inside], ends[1][inside]
     moved["position"][first] = moved["position"][last] = cut.point(part)
     axis = columns["axis"]
-    moved["axis"][first] = moved["axis"][last] = _between(axis[old], axis[old + 1], part)
+    moved["axis"][first] = moved["axis"][last] = between(axis[old], axis[old + 1], part)
 
     c = cut.curved
     moved["via"][first[c] + 1] = cut.point((1 + part) / 2)[c]
     moved["via"][last[c]] = cut.point(part / 2)[c]
 
     press = columns["force_direction"][old + 1]
-    turned = _between(press[:, 0], press[:, 1], part)
+    turned = between(press[:, 0], press[:, 1], part)
     axle = cross(cut.towards[c], cut.along[c])
     turned[c] = turn_vectors(press[c, 0], axle, part[c] * cut.sweep[c])
     moved["force_direction"][first, 0] = moved["force_direction"][first + 1, 0] = moved["force_direction"][last, 1] = (
@@ -129,7 +129,7 @@ def _split(
     )
 
 
-def _between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
+def between(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
     """Unit vectors (K, 3) that turn evenly from ``a`` to ``b``; where both are equal or zero, ``a`` itself."""
     angle = angles(a, b)
     result = a.copy()
@@ -149,14 +149,21 @@ def ends_of(paths: Sequence[ToolPath]) -> tuple[FloatArray, FloatArray]:
 
 
 def _cut(paths: Sequence[ToolPath], columns: dict[str, FloatArray], ends: IntArray) -> list[ToolPath]:
-    """``paths`` with the columns that were made for all of them; views, for copies and ``replace`` would cost most."""
+    """``paths`` with the columns that were made for all of them; views, for copies and ``replace`` would cost most.
+
+    ValueError for a path that has a floor: tabs keep away from where it starts, so that is chosen before.
+    """
+    held = next((path.id for path in paths if path.floor is not None), None)
+    if held is not None:
+        raise ValueError(f"path {held} has tabs: where it starts is chosen before them")
     for column in columns.values():
         column.flags.writeable = False
     position, via, axis, press, force, feed = (columns[name] for name in _COLUMNS)
     return [
         ToolPath(
             path.id, path.layer, position[a:b], via[a:b], axis[a:b], press[a:b], force[a:b], feed[a:b],
-            path.closed, path.reversible, path.parent, path.depths, path.contours, path.operation,
+            path.closed, path.reversible, path.parent, path.depths, path.contours, path.operation, None,
+            path.entry_radius,
         )
         for path, (a, b) in zip(paths, pairwise([0, *ends.tolist()]), strict=True)
     ]  # fmt: skip

@@ -1,0 +1,266 @@
+"""Tabs: bridges that hold what a followed outer contour cuts out of its stock, until somebody cuts them.
+
+Over a tab the tool rises to ``tab_height`` above the depth, by 45 degrees, runs level for ``tab_width`` and its own
+diameter, so that as much as the width is left, and goes down by 45 degrees. The places are spread evenly from the seam
+on; each is moved to the nearest one that is clear of corners, of the seam with its leads and overlap, and of the other
+tabs. A corner is a vertex where the tangent turns, or an arc on which the tool only rolls about a point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.arcs import chain
+from camgen.geometry.vectors import angles, cross, dots
+from camgen.model.errors import JobError
+from camgen.model.job import Job
+from camgen.model.part import Note
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted, short
+from camgen.model.tolerance import SAME_POINT_MM
+from camgen.order.pieces import chorded, lengths_along, nearest, point_at, split_at
+
+#: A turn of the tangent that makes a corner, rad: curves that were drawn as many lines turn by less.
+_CORNER = math.radians(5)
+#: How much of an arc may touch the part that rolls about a point, as a part of its radius.
+_POINT = 1e-3
+#: Points of a loop are found again within this, mm.
+_FOUND = 1e-4
+
+
+class _Tab(Struct, frozen=True):
+    """The size of all tabs, mm along the path of the tool's centre. top: half of what is level. whole: half of all of
+    it, with the slopes. depth: of the operation. height: above that.
+    """
+
+    top: float
+    whole: float
+    depth: float
+    height: float
+
+
+class _Loop(Struct, frozen=True, eq=False):
+    """The closed part of a path. number: of its path. begin: where it starts there, mm. round: it once round.
+
+    seam: (low, high), mm from its start, what is kept free of tabs, low below 0. corners: (C, 2), from where to where.
+    """
+
+    number: int
+    path: ToolPath
+    begin: float
+    round: ToolPath
+    seam: tuple[float, float]
+    corners: FloatArray
+
+    @property
+    def length(self) -> float:
+        """Once round, mm."""
+        return float(lengths_along(self.round)[-1])
+
+
+def add_tabs(planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job) -> tuple[list[ToolPath], list[Note]]:
+    """The paths ``led`` with the floors of their tabs, and notes on how many there are, and on those that are not.
+
+    planned: the same paths before they had leads. Paths beside one contour, of which one finishes what the other left,
+    have their tabs at the same places. JobError for tabs that the depth has no room for.
+    """
+    operation = job.operation
+    if not (operation.tabs or operation.tab_spacing):
+        return list(led), []
+    _insist(job)
+    top = operation.tab_width / 2 + job.tool.diameter / 2
+    tab = _Tab(top, top + operation.tab_height, operation.depth, operation.tab_height)
+    both = enumerate(zip(planned, led, strict=True))
+    loops = [_find_loop(k, before, path, job, tab) for k, (before, path) in both if _cuts_out(before)]
+    result, ids, made, near, without = list(led), list[str](), list[int](), list[str](), list[str]()
+    for group in _beside_each_other(loops, job.tool.diameter):
+        first = group[0]
+        wanted = operation.tabs or max(2, math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9))
+        places, close = _place(group, tab, wanted)
+        points = [point_at(first.round, place) for place in places]
+        for loop in group:
+            here = sorted(nearest(loop.round, point)[0] for point in points)
+            result[loop.number] = _hold(loop, tab, here, job.tolerance.chord)
+            ids.append(loop.path.id)
+            made.append(len(places))
+            near += [loop.path.id] if close else []
+            without += [loop.path.id] if len(places) < wanted else []
+    return result, _tell(ids, made, near, without, job)
+
+
+def _beside_each_other(loops: Sequence[_Loop], within: float) -> list[list[_Loop]]:
+    """The loops in groups that run beside the same contours, no farther than ``within`` mm from the first of them."""
+    groups: list[list[_Loop]] = []
+    for loop in loops:
+        start = loop.round.position[0]
+        for group in groups:
+            first = group[0].round
+            if first.contours == loop.round.contours and nearest(first, start)[1] < within:
+                group.append(loop)
+                break
+        else:
+            groups.append([loop])
+    return groups
+
+
+def _insist(job: Job) -> None:
+    operation, kind = job.operation, job.tool.kind
+    if operation.tabs and operation.tab_spacing:
+        what = "their number is given, and so is their spacing"
+        raise JobError("job", what, "operation.tab_spacing", "leave out one of the two")
+    if operation.tab_height >= operation.depth:
+        what = f"tabs of {short(operation.tab_height, 3)} mm in a depth of {short(operation.depth, 3)} mm"
+        remedy = (
+            "make it less than operation.depth" if operation.depth else "set operation.depth to what is cut through"
+        )
+        raise JobError("job", what, "operation.tab_height", remedy)
+    if kind in ("laser", "plasma"):
+        what = f"a {kind} cuts through tabs, however high its head stands"
+        raise JobError("job", what, "operation.tabs", "leave them out")
+
+
+def _cuts_out(path: ToolPath) -> bool:
+    """Whether ``path`` runs round the outside of what it works on: what it presses on is on its inner side."""
+    if not path.closed or path.operation != "follow" or len(path.position) < 3:
+        return False
+    ahead = chain(path.position, path.via[1:]).tangents()[0][0]
+    left = float(cross(ahead, path.force_direction[1, 0])[2])
+    corners = np.empty((2 * len(path.position) - 1, 2))
+    corners[::2], corners[1::2] = path.position[:, :2], path.via[1:, :2]
+    x, y = corners[~np.isnan(corners[:, 0])].T
+    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    return left * area > 0
+
+
+def _find_loop(number: int, before: ToolPath, path: ToolPath, job: Job, tab: _Tab) -> _Loop:
+    """Where the closed path ``before`` is in ``path``, which has a lead of one segment before it, or none."""
+    length, along = float(lengths_along(before)[-1]), lengths_along(path)
+    row = next((row for row in (0, 1) if _once_round(path, row, length)), 0)
+    last = _once_round(path, row, length)
+    if not last:
+        raise ValueError(f"path {path.id} does not hold the loop that it was made of")
+    begin, overlap = float(along[row]), min(job.operation.overlap, length)
+    # A lead is a quarter of a circle: it reaches its radius along the contour, and the tool is wider by its own.
+    after = max(0.0, float(along[-1]) - begin - length - overlap)
+    low, high = (max(tab.whole, tab.top + lead / (math.pi / 2)) for lead in (begin, after))
+    once = path.rows(row, last + 1)
+    return _Loop(number, path, begin, once, (-low, overlap + high), _corners(once, job.tool.diameter / 2))
+
+
+def _once_round(path: ToolPath, row: int, length: float) -> int:
+    """The row at which ``path`` is where it was at ``row``, ``length`` mm later; 0 if it is not."""
+    along = lengths_along(path)
+    last = int(np.argmin(np.abs(along - along[row] - length)))
+    apart = math.dist(path.position[last].tolist(), path.position[row].tolist())
+    return last if abs(along[last] - along[row] - length) < _FOUND and apart < _FOUND else 0
+
+
+def _corners(once: ToolPath, radius: float) -> FloatArray:
+    """(C, 2) mm from the start of a loop: its corners, each from where to where. radius: of the tool."""
+    along, shape = lengths_along(once), chain(once.position, once.via[1:])
+    leaves, arrives = shape.tangents()
+    sharp = angles(arrives, np.roll(leaves, -1, axis=0)) > _CORNER
+    centre = shape.via - shape.radius[:, None] * shape.towards
+    inwards = dots(once.force_direction[1:, 0], centre - shape.start) > 0
+    rolls = shape.curved & inwards & (np.abs(shape.radius - radius) < _POINT * radius) & (shape.sweep > _CORNER)
+    return np.concatenate(
+        [np.column_stack([along[1:], along[1:]])[sharp], np.column_stack([along[:-1], along[1:]])[rolls]]
+    )
+
+
+def _place(group: Sequence[_Loop], tab: _Tab, wanted: int) -> tuple[list[float], bool]:
+    """The middles of the tabs, mm from the start of the first loop, and whether some had to be too near to corners.
+
+    All seams of the ``group`` are kept free.
+    """
+    loop, places, near = group[0], list[float](), False
+    length = loop.length
+    starts = [nearest(loop.round, one.round.position[0])[0] for one in group]
+    seams = [(start + one.seam[0], start + one.seam[1]) for start, one in zip(starts, group, strict=True)]
+    for k in range(wanted):
+        ideal = (k + 0.5) / wanted * length
+        others = [(place - 2 * tab.whole, place + 2 * tab.whole) for place in places]
+        closed = _round([*seams, *others], length)
+        clear = [*closed, *_round([(a - tab.top, b + tab.top) for a, b in loop.corners.tolist()], length)]
+        place = _nearest(ideal, clear, length)
+        if place is None:
+            place = _farthest(ideal, closed, loop.corners, length)
+            near |= place is not None
+        if place is not None:
+            places.append(place)
+    return places, near
+
+
+def _round(stretches: Sequence[tuple[float, float]], length: float) -> list[tuple[float, float]]:
+    """The stretches of a loop, and the same once round before and after."""
+    return [(a + turn, b + turn) for a, b in stretches for turn in (-length, 0.0, length)]
+
+
+def _nearest(ideal: float, closed: Sequence[tuple[float, float]], length: float) -> float | None:
+    """The place nearest to ``ideal`` that is within none of ``closed``."""
+    places = [ideal, *(end for stretch in closed for end in stretch if 0 <= end <= length)]
+    return min((p for p in places if _open(p, closed)), key=lambda place: abs(place - ideal), default=None)
+
+
+def _open(place: float, closed: Sequence[tuple[float, float]]) -> bool:
+    return all(not low + SAME_POINT_MM < place < high - SAME_POINT_MM for low, high in closed)
+
+
+def _farthest(ideal: float, closed: Sequence[tuple[float, float]], corners: FloatArray, length: float) -> float | None:
+    """The place farthest from all corners within none of ``closed``; of equal ones that nearest to ``ideal``."""
+    around = sorted(_round([(a, b) for a, b in corners.tolist()], length))
+    middles = [(one[1] + two[0]) / 2 for one, two in pairwise(around)]
+    ends = [end for stretch in closed for end in stretch]
+    places = [p for p in (*middles, *ends) if 0 <= p <= length and _open(p, closed)]
+
+    def badness(place: float) -> tuple[float, float]:
+        room = min(max(low - place, place - high, 0.0) for low, high in around)
+        return -round(room, 3), abs(place - ideal)
+
+    return min(places, key=badness, default=None)
+
+
+def _hold(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> ToolPath:
+    """The path with the floor of its tabs; what runs up and down is chords."""
+    if not places:
+        return loop.path
+    middles = loop.begin + np.array(places)
+    ends = np.array([-tab.whole, -tab.top, tab.top, tab.whole])
+    at = (middles[:, None] + ends).ravel()
+    low, high = -tab.depth, tab.height - tab.depth
+    split = split_at(loop.path, at)
+    floor = np.interp(lengths_along(split), at, np.tile([low, high, high, low], len(places)))
+    return chorded(replace(split, floor=frozen(floor)), chord, np.abs(np.diff(floor)) > SAME_POINT_MM)
+
+
+def _tell(ids: Sequence[str], made: Sequence[int], near: Sequence[str], without: Sequence[str], job: Job) -> list[Note]:
+    """How many tabs there are, of what size and on what; and what is not as it was asked."""
+    size = f"{short(job.operation.tab_width, 3)} x {short(job.operation.tab_height, 3)} mm"
+    held = [ident for ident, count in zip(ids, made, strict=True) if count]
+    notes = []
+    if held:
+        notes.append(Note("assumed", f"{counted(sum(made), 'tab')} of {size} on {_list(held)}", _HOLDS))
+    if not ids:
+        why = "only what is followed on its outside, all round, comes loose"
+        notes.append(Note("warning", "no tabs: no path cuts anything out", why))
+    if near:
+        why = "no place is as far from all corners as the tool's radius and half the tab's width"
+        notes.append(Note("warning", f"tabs near corners on {_list(near)}", why))
+    if without:
+        why = "there is no room for them beside the seam, its leads and each other; fewer or shorter ones may fit"
+        notes.append(Note("warning", f"fewer tabs than asked on {_list(without)}", why))
+    return notes
+
+
+_HOLDS = "they hold the part; cut them when it is out"
+
+
+def _list(ids: Sequence[str]) -> str:
+    return ", ".join(ids[:8]) + (" ..." if len(ids) > 8 else "")
