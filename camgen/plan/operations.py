@@ -11,14 +11,17 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.plan import Operation, Plan, Watch, kind_of
-from camgen.plan.unused import no_idle
+from camgen.plan.unused import ENTRIES, TABS, no_idle, no_idle_cut
 
 
-def _plan_flat(make: Callable[[Part, Job], Plan]) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
-    """The plan of an operation that needs nothing but the part and its job."""
+def _plan_flat(
+    make: Callable[[Part, Job], Plan], idle: tuple[str, ...] = ()
+) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
+    """The plan of an operation that needs nothing but the part and its job. idle: what of entries and tabs it lacks."""
 
     def planned(part: Part, job: Job, _cell: Cell | None, _watch: Watch) -> Plan:
         no_idle(job, f"a {kind_of(part)}")
+        no_idle_cut(job, idle)
         if job.operation.planner == "image":
             return _plan_in_image(part, job)
         no_idle(job, "the geometric planner")
@@ -43,6 +46,7 @@ def _plan_in_image(part: Part, job: Job) -> Plan:
 
 def _follow(part: Part, job: Job) -> Plan:
     if job.operation.side == "on":
+        no_idle_cut(job, TABS)
         return _trace(part, job)
     from camgen.plan.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
@@ -62,7 +66,7 @@ def _trace(part: Part, job: Job) -> Plan:
 def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
     """Drawings and pictures in the plane, curves in space."""
     if not part.curves:
-        return _plan_flat(_trace)(part, job, cell, watch)
+        return _plan_flat(_trace, TABS)(part, job, cell, watch)
     from camgen.plan.space import plan_space  # noqa: PLC0415 (only for what needs it)
 
     return plan_space(part, job, cell, watch)
@@ -106,7 +110,11 @@ FOLLOW = Operation(
     "follow", "beside the contours, outer loops outside, holes inside", ("drawing", "picture"), _plan_flat(_follow)
 )
 TRACE = Operation("trace", "on the drawn lines", ("drawing", "picture", "curves"), _trace_any)
-FILL = Operation("fill", "strokes that cover what closed contours enclose", ("drawing", "picture"), _plan_flat(_fill))
-DRILL = Operation("drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat(_drill))
+FILL = Operation(
+    "fill", "strokes that cover what closed contours enclose", ("drawing", "picture"), _plan_flat(_fill, TABS)
+)
+DRILL = Operation(
+    "drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat(_drill, (*ENTRIES, *TABS))
+)
 EDGES = Operation("edges", "along the sharp edges of a 3-D part", ("solid",), _edges)
 REPLAY = Operation("replay", "the motions of a program that was read", ("program",), _replay)

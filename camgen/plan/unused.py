@@ -88,6 +88,30 @@ def no_idle(job: Job, source: str) -> None:
                 raise JobError("job", f"has no effect on {source}", f"{table}.{key}", "leave it out")
 
 
+#: What holds parts that are cut out, for operations that cut none out.
+TABS = ("tabs", "tab_spacing", "tab_width", "tab_height")
+#: How a tool gets into the material, for those that go straight down into it.
+ENTRIES = ("entry", "entry_angle")
+#: Settings of a cut, each with the one that it says more of.
+_MORE = {"entry_angle": ("entry",), "tab_width": ("tabs", "tab_spacing"), "tab_height": ("tabs", "tab_spacing")}
+
+
+def no_idle_cut(job: Job, idle: tuple[str, ...] = ()) -> None:
+    """JobError for what is said of entries and tabs of ``job`` and has no effect: on an operation that has none of
+    ``idle``, without a depth, or without entries and tabs.
+    """
+    given, default = asdict(job.operation), asdict(Job().operation)
+    changed = [key for key in (*ENTRIES, *TABS) if given[key] != default[key]]
+    for key in changed:
+        where = f"operation.{key}"
+        if key in idle:
+            raise JobError("job", "has no effect on this operation", where, "leave it out")
+        if not any(one in changed for one in _MORE.get(key, (key,))):
+            raise JobError("job", f"has no effect without operation.{_MORE[key][0]}", where, "leave it out")
+        if not given["depth"]:
+            raise JobError("job", "has no effect without a depth", where, "set operation.depth, or leave it out")
+
+
 def is_idle(text: str, source: str) -> bool:
     """Whether ``text`` names a setting that nothing reads for ``source``."""
     found = (name.split(".") for name in _SETTING.findall(text))
