@@ -25,7 +25,7 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
-from camgen.order.pieces import chorded, lengths_along, nearest, point_at, split_at
+from camgen.order.pieces import chorded, lengths_along, nearest, point_at, shortest, split_at
 
 #: A turn of the tangent that makes a corner, rad: curves that were drawn as many lines turn by less.
 _CORNER = math.radians(5)
@@ -75,10 +75,9 @@ def add_tabs(planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job) -> 
     if not (operation.tabs or operation.tab_spacing):
         return list(led), []
     _insist(job)
-    top = operation.tab_width / 2 + job.tool.diameter / 2
-    tab = _Tab(top, top + operation.tab_height, operation.depth, operation.tab_height)
-    both = enumerate(zip(planned, led, strict=True))
-    loops = [_find_loop(k, before, path, job, tab) for k, (before, path) in both if _cuts_out(before)]
+    outer = [k for k, path in enumerate(planned) if _cuts_out(path)]
+    tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in outer), default=1.0))
+    loops = [_find_loop(k, planned[k], led[k], job, tab) for k in outer]
     result, ids, made, near, without = list(led), list[str](), list[int](), list[str](), list[str]()
     for group in _beside_each_other(loops, job.tool.diameter):
         first = group[0]
@@ -108,6 +107,13 @@ def _beside_each_other(loops: Sequence[_Loop], within: float) -> list[list[_Loop
         else:
             groups.append([loop])
     return groups
+
+
+def _size(job: Job, flat: float) -> _Tab:
+    """The size of the tabs. flat: the least length of chords for each mm of an arc, where slopes are steepest."""
+    operation = job.operation
+    top = operation.tab_width / 2 + job.tool.diameter / 2
+    return _Tab(top, top + operation.tab_height / flat, operation.depth, operation.tab_height)
 
 
 def _insist(job: Job) -> None:
@@ -237,6 +243,8 @@ def _hold(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> Tool
     low, high = -tab.depth, tab.height - tab.depth
     split = split_at(loop.path, at)
     floor = np.interp(lengths_along(split), at, np.tile([low, high, high, low], len(places)))
+    for level in (low, high):
+        floor[np.abs(floor - level) < SAME_POINT_MM] = level
     return chorded(replace(split, floor=frozen(floor)), chord, np.abs(np.diff(floor)) > SAME_POINT_MM)
 
 

@@ -16,7 +16,7 @@ from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Program
 
 #: Arcs are looked at as chords that leave them by less than this, mm.
-FINE = 1e-4
+FINE = 1e-3
 
 
 class Cut(Struct, frozen=True):
@@ -89,4 +89,4 @@ def swept(found: list[Cut], level: float, radius: float) -> Any:
     lines = []
     for a, b in below(found, level):
         lines.append(shapely.Point(a[:2]) if math.dist(a[:2], b[:2]) < 1e-9 else shapely.LineString([a[:2], b[:2]]))
-    return shapely.union_all([line.buffer(radius, quad_segs=64) for line in lines])
+    return shapely.union_all([line.buffer(radius, quad_segs=32) for line in lines])
