@@ -78,7 +78,8 @@ def add_tabs(planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job) -> 
     outer = [k for k, path in enumerate(planned) if _cuts_out(path)]
     tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in outer), default=1.0))
     loops = [_find_loop(k, planned[k], led[k], job, tab) for k in outer]
-    result, ids, made, near, without = list(led), list[str](), list[int](), list[str](), list[str]()
+    result, ids, near, without = list(led), list[str](), list[str](), list[str]()
+    middles: list[list[tuple[float, float]]] = []
     for group in _beside_each_other(loops, job.tool.diameter):
         first = group[0]
         wanted = operation.tabs or max(2, math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9))
@@ -88,10 +89,10 @@ def add_tabs(planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job) -> 
             here = sorted(nearest(loop.round, point)[0] for point in points)
             result[loop.number] = _hold(loop, tab, here, job.tolerance.chord)
             ids.append(loop.path.id)
-            made.append(len(places))
+            middles.append([(x, y) for x, y, _ in (point_at(loop.round, at).tolist() for at in here)])
             near += [loop.path.id] if close else []
             without += [loop.path.id] if len(places) < wanted else []
-    return result, _tell(ids, made, near, without, job)
+    return result, _tell(ids, middles, near, without, job)
 
 
 def _beside_each_other(loops: Sequence[_Loop], within: float) -> list[list[_Loop]]:
@@ -248,13 +249,21 @@ def _hold(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> Tool
     return chorded(replace(split, floor=frozen(floor)), chord, np.abs(np.diff(floor)) > SAME_POINT_MM)
 
 
-def _tell(ids: Sequence[str], made: Sequence[int], near: Sequence[str], without: Sequence[str], job: Job) -> list[Note]:
-    """How many tabs there are, of what size and on what; and what is not as it was asked."""
+def _tell(
+    ids: Sequence[str],
+    middles: Sequence[list[tuple[float, float]]],
+    near: Sequence[str],
+    without: Sequence[str],
+    job: Job,
+) -> list[Note]:
+    """How many tabs there are, of what size and where; and what is not as it was asked."""
     size = f"{short(job.operation.tab_width, 3)} x {short(job.operation.tab_height, 3)} mm"
-    held = [ident for ident, count in zip(ids, made, strict=True) if count]
+    held = [ident for ident, found in zip(ids, middles, strict=True) if found]
+    places = tuple(place for found in middles for place in found)
     notes = []
     if held:
-        notes.append(Note("assumed", f"{counted(sum(made), 'tab')} of {size} on {_list(held)}", _HOLDS))
+        what = f"{counted(len(places), 'tab')} of {size} on {_list(held)}"
+        notes.append(Note("assumed", what, "they hold the part; cut them when it is out", places=places))
     if not ids:
         why = "only what is followed on its outside, all round, comes loose"
         notes.append(Note("warning", "no tabs: no path cuts anything out", why))
@@ -265,9 +274,6 @@ def _tell(ids: Sequence[str], made: Sequence[int], near: Sequence[str], without:
         why = "there is no room for them beside the seam, its leads and each other; fewer or shorter ones may fit"
         notes.append(Note("warning", f"fewer tabs than asked on {_list(without)}", why))
     return notes
-
-
-_HOLDS = "they hold the part; cut them when it is out"
 
 
 def _list(ids: Sequence[str]) -> str:

@@ -30,6 +30,8 @@ ROOT = Path(__file__).parents[2]
 PARTS = ROOT / "fixtures" / "parts"
 #: The G-code of the bracket, as a program that somebody kept.
 OLD = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected" / "part.ngc"
+#: A plate that is cut out, with what holds it.
+TABS = ROOT / "fixtures" / "cases" / "bracket-tabs" / "job.toml"
 #: Width of a PNG, and the colours of a channel: small files.
 _WIDE, _SHADES = 820, 11
 #: A browser that draws with the processor, and waits until the page has come to rest.
@@ -52,6 +54,7 @@ class Shown(Struct, frozen=True):
 PICTURES = (
     Shown("bracket.svg", PARTS / "bracket.dxf", "rapid"),
     Shown("trace.svg", PARTS / "bracket.dxf", "vplus", {"operation": {"kind": "trace"}}),
+    Shown("tabs.svg", PARTS / "bracket.dxf", "gcode", TABS),
     Shown("space.svg", PARTS / "space.dxf", "rapid", {"operation": {"kind": "trace"}}),
     Shown("fill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "fill"}, "tool": {"diameter": 3.0}}),
     Shown("drill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "drill"}, "tool": {"diameter": 8.0}}),

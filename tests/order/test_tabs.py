@@ -200,6 +200,10 @@ def test_holes_and_what_is_traced_inside_have_none() -> None:
     assert floors == {"c1": True, "c2": False}
     (note,) = [note for note in result.notes if "tab" in note.what]
     assert note.what == "3 tabs of 5 x 1.5 mm on c1"
+    # The previews ring them, on the way of the tool's centre.
+    outline = middle(next(path for path in result.tour.paths if path.id == "c1"))
+    assert len(note.places) == 3
+    assert all(outline.distance(shapely.Point(place)) < 1e-3 for place in note.places)
     inside = built([circle(30, 30, 12)], tabs=3, side="inside")
     assert [note.what for note in inside.notes if "tab" in note.what] == ["no tabs: no path cuts anything out"]
 
