@@ -24,9 +24,9 @@ from camgen.order.pieces import begin_at, chorded, head, lengths_along, shortest
 
 
 class Run(Struct, frozen=True):
-    """One pass. number: of its path in the program. depth: mm, to be taken off the heights of ``path``. linked: it starts
-    where the run before it ended, so that nothing lies between them but the plunge. begin: mm below the plan where it
-    starts. down: it is reached straight from there, without a lift. low: it starts there too, but the tool is turned
+    """One pass. number: of its path in the program. depth: mm, to be taken off the heights of ``path``. begin: mm below
+    the plan where it starts. linked: it starts where the run before it ended, so that nothing lies between them but the
+    plunge. down: it is reached straight from there, without a lift. low: it starts there too, but the tool is turned
     back before, above the material and no higher.
     """
 

@@ -158,7 +158,9 @@ def _find_loop(number: int, before: ToolPath, path: ToolPath, job: Job, tab: _Ta
     after = max(0.0, float(along[-1]) - begin - length - overlap)
     low, high = (max(tab.whole, tab.top + lead / (math.pi / 2)) for lead in (begin, after))
     once = path.rows(row, last + 1)
-    return _Loop(number, path, begin, once, (-low, overlap + high), _corners(once, job.tool.diameter / 2))
+    return _Loop(
+        number, path, begin, once, (-low, overlap + high), _corners(once, job.tool.diameter / 2 + job.operation.finish)
+    )
 
 
 def _once_round(path: ToolPath, row: int, length: float) -> int:
@@ -170,13 +172,13 @@ def _once_round(path: ToolPath, row: int, length: float) -> int:
 
 
 def _corners(once: ToolPath, radius: float) -> FloatArray:
-    """(C, 2) mm from the start of a loop: its corners, each from where to where. radius: of the tool."""
+    """(C, 2) mm from the start of a loop: its corners, each from where to where. radius: of an arc about a corner."""
     along, shape = lengths_along(once), chain(once.position, once.via[1:])
     leaves, arrives = shape.tangents()
     sharp = angles(arrives, np.roll(leaves, -1, axis=0)) > _CORNER
     centre = shape.via - shape.radius[:, None] * shape.towards
     inwards = dots(once.force_direction[1:, 0], centre - shape.start) > 0
-    rolls = shape.curved & inwards & (np.abs(shape.radius - radius) < _POINT * radius) & (shape.sweep > _CORNER)
+    rolls = shape.curved & inwards & (shape.radius < radius * (1 + _POINT)) & (shape.sweep > _CORNER)
     return np.concatenate(
         [np.column_stack([along[1:], along[1:]])[sharp], np.column_stack([along[:-1], along[1:]])[rolls]]
     )

@@ -11,17 +11,15 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.plan import Operation, Plan, Watch, kind_of
-from camgen.plan.unused import ENTRIES, TABS, no_idle, no_idle_cut
+from camgen.plan.unused import insist_on_use, no_idle
 
 
-def _plan_flat(
-    make: Callable[[Part, Job], Plan], idle: tuple[str, ...] = ()
-) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
-    """The plan of an operation that needs nothing but the part and its job. idle: what of entries and tabs it lacks."""
+def _plan_flat(name: str, make: Callable[[Part, Job], Plan]) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
+    """The plan of the operation ``name``, which needs nothing but the part and its job."""
 
     def planned(part: Part, job: Job, _cell: Cell | None, _watch: Watch) -> Plan:
         no_idle(job, f"a {kind_of(part)}")
-        no_idle_cut(job, idle)
+        insist_on_use(job, name)
         if job.operation.planner == "image":
             return _plan_in_image(part, job)
         no_idle(job, "the geometric planner")
@@ -46,7 +44,7 @@ def _plan_in_image(part: Part, job: Job) -> Plan:
 
 def _follow(part: Part, job: Job) -> Plan:
     if job.operation.side == "on":
-        no_idle_cut(job, TABS)
+        insist_on_use(job, "trace")
         return _trace(part, job)
     from camgen.plan.follow import follow  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
@@ -66,7 +64,7 @@ def _trace(part: Part, job: Job) -> Plan:
 def _trace_any(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
     """Drawings and pictures in the plane, curves in space."""
     if not part.curves:
-        return _plan_flat(_trace, TABS)(part, job, cell, watch)
+        return _plan_flat("trace", _trace)(part, job, cell, watch)
     from camgen.plan.space import plan_space  # noqa: PLC0415 (only for what needs it)
 
     return plan_space(part, job, cell, watch)
@@ -107,14 +105,15 @@ def _replay(part: Part, job: Job, _cell: Cell | None, _watch: Watch) -> Plan:
 
 
 FOLLOW = Operation(
-    "follow", "beside the contours, outer loops outside, holes inside", ("drawing", "picture"), _plan_flat(_follow)
+    "follow",
+    "beside the contours, outer loops outside, holes inside",
+    ("drawing", "picture"),
+    _plan_flat("follow", _follow),
 )
 TRACE = Operation("trace", "on the drawn lines", ("drawing", "picture", "curves"), _trace_any)
 FILL = Operation(
-    "fill", "strokes that cover what closed contours enclose", ("drawing", "picture"), _plan_flat(_fill, TABS)
+    "fill", "strokes that cover what closed contours enclose", ("drawing", "picture"), _plan_flat("fill", _fill)
 )
-DRILL = Operation(
-    "drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat(_drill, (*ENTRIES, *TABS))
-)
+DRILL = Operation("drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat("drill", _drill))
 EDGES = Operation("edges", "along the sharp edges of a 3-D part", ("solid",), _edges)
 REPLAY = Operation("replay", "the motions of a program that was read", ("program",), _replay)

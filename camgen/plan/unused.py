@@ -88,27 +88,37 @@ def no_idle(job: Job, source: str) -> None:
                 raise JobError("job", f"has no effect on {source}", f"{table}.{key}", "leave it out")
 
 
-#: What holds parts that are cut out, for operations that cut none out.
-TABS = ("tabs", "tab_spacing", "tab_width", "tab_height")
-#: How a tool gets into the material, for those that go straight down into it.
-ENTRIES = ("entry", "entry_angle")
-#: Settings of a cut, each with the one that it says more of.
-_MORE = {"entry_angle": ("entry",), "tab_width": ("tabs", "tab_spacing"), "tab_height": ("tabs", "tab_spacing")}
+#: Settings that only these operations read.
+_ONLY: dict[str, tuple[str, ...]] = {
+    "entry": ("follow", "trace", "fill", "pocket"),
+    "entry_angle": ("follow", "trace", "fill", "pocket", "bore"),
+    "tabs": ("follow",),
+    "tab_spacing": ("follow",),
+    "tab_width": ("follow",),
+    "tab_height": ("follow",),
+}
+#: Settings that say more of others, and have no effect without one of those.
+_MORE: dict[str, tuple[str, ...]] = {
+    "entry_angle": ("entry",),
+    "tab_width": ("tabs", "tab_spacing"),
+    "tab_height": ("tabs", "tab_spacing"),
+}
+#: Settings that have no effect without a depth.
+_DEEP = ("entry", "tabs", "tab_spacing")
 
 
-def no_idle_cut(job: Job, idle: tuple[str, ...] = ()) -> None:
-    """JobError for what is said of entries and tabs of ``job`` and has no effect: on an operation that has none of
-    ``idle``, without a depth, or without entries and tabs.
-    """
+def insist_on_use(job: Job, operation: str) -> None:
+    """JobError for a setting of [operation] that is not its default and that ``operation`` does not read."""
     given, default = asdict(job.operation), asdict(Job().operation)
-    changed = [key for key in (*ENTRIES, *TABS) if given[key] != default[key]]
+    changed = [key for key in given if given[key] != default[key]]
     for key in changed:
-        where = f"operation.{key}"
-        if key in idle:
-            raise JobError("job", "has no effect on this operation", where, "leave it out")
-        if not any(one in changed for one in _MORE.get(key, (key,))):
-            raise JobError("job", f"has no effect without operation.{_MORE[key][0]}", where, "leave it out")
-        if not given["depth"]:
+        where, readers, others = f"operation.{key}", _ONLY.get(key, (operation,)), _MORE.get(key, (key,))
+        if operation not in readers:
+            remedy = f"leave it out; it is for {' and '.join(readers)}"
+            raise JobError("job", f"has no effect on {operation}", where, remedy)
+        if operation != "bore" and not any(other in changed for other in others):
+            raise JobError("job", f"has no effect without operation.{others[0]}", where, "leave it out")
+        if key in _DEEP and not given["depth"]:
             raise JobError("job", "has no effect without a depth", where, "set operation.depth, or leave it out")
 
 

@@ -293,15 +293,15 @@ def test_linuxcnc_runs_entries_and_tabs_as_planned(operation) -> None:
         ({"operation": {"tab_width": 2.0}}, "job: has no effect without operation.tabs (operation.tab_width)"),
         (
             {"operation": {"kind": "drill", "depth": 2.0, "entry": "ramp"}},
-            "job: has no effect on this operation (operation.entry)",
+            "job: has no effect on drill (operation.entry)",
         ),
         (
             {"operation": {"kind": "trace", "depth": 2.0, "tabs": 2}},
-            "job: has no effect on this operation (operation.tabs)",
+            "job: has no effect on trace (operation.tabs); leave it out; it is for follow",
         ),
         (
             {"operation": {"side": "on", "depth": 2.0, "tab_spacing": 20.0}},
-            "job: has no effect on this operation (operation.tab_spacing)",
+            "job: has no effect on trace (operation.tab_spacing)",
         ),
         (
             {"operation": {"entry": "ramp", "depth": 2.0}, "process": {"force": 3.0}},
