@@ -180,7 +180,8 @@ def test_no_tab_is_where_the_path_begins_or_its_leads_reach() -> None:
     for seam in range(6):
         shape = rounded(60 + seam, 40 + 3 * seam, 8)
         more = {"lead_in": 6.0, "lead_out": 9.0, "overlap": 4.0}
-        result = built([shape], tabs=4, **more)
+        # So many that there is one right beside the seam on both sides.
+        result = built([shape], tabs=11, **more)
         (path,) = result.tour.paths
         assert not path.closed
         along = lengths_along(path)
