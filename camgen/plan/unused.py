@@ -76,18 +76,6 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     },
 }
 
-
-def no_idle(job: Job, source: str) -> None:
-    """JobError for a setting of ``job`` that is not its default and that nothing reads for ``source``, a key of
-    the table: "a drawing", "a 3-D part".
-    """
-    for table, keys in _IDLE[source].items():
-        given, default = asdict(getattr(job, table)), asdict(getattr(Job(), table))
-        for key in given if keys is _ALL else keys:
-            if given[key] != default[key]:
-                raise JobError("job", f"has no effect on {source}", f"{table}.{key}", "leave it out")
-
-
 #: Settings that only these operations read.
 _ONLY: dict[str, tuple[str, ...]] = {
     "entry": ("follow", "trace", "fill", "pocket"),
@@ -120,6 +108,17 @@ def insist_on_use(job: Job, operation: str) -> None:
             raise JobError("job", f"has no effect without operation.{others[0]}", where, "leave it out")
         if key in _DEEP and not given["depth"]:
             raise JobError("job", "has no effect without a depth", where, "set operation.depth, or leave it out")
+
+
+def no_idle(job: Job, source: str) -> None:
+    """JobError for a setting of ``job`` that is not its default and that nothing reads for ``source``, a key of
+    the table: "a drawing", "a 3-D part".
+    """
+    for table, keys in _IDLE[source].items():
+        given, default = asdict(getattr(job, table)), asdict(getattr(Job(), table))
+        for key in given if keys is _ALL else keys:
+            if given[key] != default[key]:
+                raise JobError("job", f"has no effect on {source}", f"{table}.{key}", "leave it out")
 
 
 def is_idle(text: str, source: str) -> bool:
