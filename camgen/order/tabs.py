@@ -78,21 +78,21 @@ def add_tabs(planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job) -> 
     outer = [k for k, path in enumerate(planned) if _cuts_out(path)]
     tab = _size(job, min((shortest(planned[k], job.tolerance.chord) for k in outer), default=1.0))
     loops = [_find_loop(k, planned[k], led[k], job, tab) for k in outer]
-    result, ids, near, without = list(led), list[str](), list[str](), list[str]()
-    middles: list[list[tuple[float, float]]] = []
+    result, held, near, without = list(led), list[str](), list[str](), list[str]()
+    middles: list[tuple[float, float]] = []
     for group in _beside_each_other(loops, job.tool.diameter):
-        first = group[0]
+        first, ids = group[0], [loop.path.id for loop in group]
         wanted = operation.tabs or max(2, math.ceil(first.length / (operation.tab_spacing or math.inf) - 1e-9))
         places, close = _place(group, tab, wanted)
         points = [point_at(first.round, place) for place in places]
         for loop in group:
             here = sorted(nearest(loop.round, point)[0] for point in points)
             result[loop.number] = _hold(loop, tab, here, job.tolerance.chord)
-            ids.append(loop.path.id)
-            middles.append([(x, y) for x, y, _ in (point_at(loop.round, at).tolist() for at in here)])
-            near += [loop.path.id] if close else []
-            without += [loop.path.id] if len(places) < wanted else []
-    return result, _tell(ids, middles, near, without, job)
+        middles += [(x, y) for x, y, _ in map(np.ndarray.tolist, points)]
+        held += ids if places else []
+        near += ids if close else []
+        without += ids if len(places) < wanted else []
+    return result, _tell(held, middles, near, without, job)
 
 
 def _beside_each_other(loops: Sequence[_Loop], within: float) -> list[list[_Loop]]:
@@ -252,21 +252,15 @@ def _hold(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> Tool
 
 
 def _tell(
-    ids: Sequence[str],
-    middles: Sequence[list[tuple[float, float]]],
-    near: Sequence[str],
-    without: Sequence[str],
-    job: Job,
+    held: Sequence[str], middles: Sequence[tuple[float, float]], near: Sequence[str], without: Sequence[str], job: Job
 ) -> list[Note]:
     """How many tabs there are, of what size and where; and what is not as it was asked."""
     size = f"{short(job.operation.tab_width, 3)} x {short(job.operation.tab_height, 3)} mm"
-    held = [ident for ident, found in zip(ids, middles, strict=True) if found]
-    places = tuple(place for found in middles for place in found)
     notes = []
     if held:
-        what = f"{counted(len(places), 'tab')} of {size} on {_list(held)}"
-        notes.append(Note("assumed", what, "they hold the part; cut them when it is out", places=places))
-    if not ids:
+        what = f"{counted(len(middles), 'tab')} of {size} on {_list(held)}"
+        notes.append(Note("assumed", what, "they hold the part; cut them when it is out", places=tuple(middles)))
+    elif not without:
         why = "only what is followed on its outside, all round, comes loose"
         notes.append(Note("warning", "no tabs: no path cuts anything out", why))
     if near:

@@ -78,7 +78,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
 
 #: Settings that only these operations read.
 _ONLY: dict[str, tuple[str, ...]] = {
-    "entry": ("follow", "trace", "fill", "pocket"),
+    "entry": ("follow", "trace", "fill", "pocket", "bore"),
     "entry_angle": ("follow", "trace", "fill", "pocket", "bore"),
     "tabs": ("follow",),
     "tab_spacing": ("follow",),

@@ -221,7 +221,8 @@ def test_a_finishing_path_has_its_tabs_where_the_first_one_has() -> None:
     shape = rounded(90, 60, 12)
     wide, near = (camgen.plan(part(shape), {**job, "tool": {"diameter": d}}).paths[0] for d in (6.6, 6.0))
     near = replace(starting_at(near, 3, 0.4), id="c1.finish")
-    found, _ = add_tabs([wide, near], [wide, near], camgen.job({**job, "tool": {"diameter": 6.0}}))
+    found, (note,) = add_tabs([wide, near], [wide, near], camgen.job({**job, "tool": {"diameter": 6.0}}))
+    assert note.what == "4 tabs of 5 x 1.5 mm on c1, c1.finish"
     places = []
     for path in found:
         along = lengths_along(path)
