@@ -15,6 +15,7 @@ from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, Step
 from camgen.model.part import Contour, Note, Part
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.plan.unused import drop_inherited
 
 #: What is done first: holes, pockets, what is drawn on the part and at its edges, and last what cuts it out.
 _RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 3, "follow": 4}
@@ -26,7 +27,8 @@ _ROUND = 0.002
 
 def job_of(job: Job, step: Step) -> Job:
     """The job of one operation by itself."""
-    return replace(job, tool=step.tool, operation=step.operation, process=step.process, tools=[], operations=[])
+    operation = drop_inherited(step.operation, job.operation)
+    return replace(job, tool=step.tool, operation=operation, process=step.process, tools=[], operations=[])
 
 
 class Share(Struct, frozen=True, eq=False):

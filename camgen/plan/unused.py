@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 
 from camgen.model.errors import JobError
-from camgen.model.job import Job
+from camgen.model.job import Job, OperationTable
 
 _ALL = ("*",)
 _SETTING = re.compile(r"\b[a-z]+\.[a-z_]+\b")
@@ -108,6 +108,19 @@ def insist_on_use(job: Job, operation: str) -> None:
             raise JobError("job", f"has no effect without operation.{others[0]}", where, "leave it out")
         if key in _DEEP and not given["depth"]:
             raise JobError("job", "has no effect without a depth", where, "set operation.depth, or leave it out")
+
+
+def drop_inherited(own: OperationTable, common: OperationTable) -> OperationTable:
+    """``own``, a row of [[operations]], without what it has from ``common``, [operation], and does not read: that is
+    for other rows.
+    """
+    default, idle = OperationTable(), dict[str, object]()
+    for key, readers in _ONLY.items():
+        partners = _MORE.get(key, ())
+        alone = partners and all(getattr(own, one) == getattr(default, one) for one in partners)
+        if (own.kind not in (*readers, "auto") or alone) and getattr(own, key) == getattr(common, key):
+            idle[key] = getattr(default, key)
+    return replace(own, **idle)
 
 
 def no_idle(job: Job, source: str) -> None:

@@ -355,3 +355,22 @@ def test_a_torch_pierces_at_the_start_of_its_lead_outside_the_part(kind) -> None
     assert math.hypot(*hole[:2]) == pytest.approx(math.hypot(9 - 0.2 - quarter, quarter))
     assert math.hypot(*outline[:2]) == pytest.approx(math.hypot(30 + 0.2 + quarter, quarter))
     assert hole[2] == outline[2] == 0.0
+
+
+def test_a_row_that_has_no_entry_may_stand_below_an_operation_that_says_one() -> None:
+    """[operation] speaks for all rows: what a drill does not read is no fault of its row, but said there it is one."""
+    drill: dict[str, object] = {"kind": "drill", "ids": ["c2"]}
+    job = {
+        "operation": {"depth": 4.0, "entry": "ramp", "entry_angle": 8.0, "tab_height": 1.0},
+        "process": {"spindle": 9000},
+        "operations": [drill, {"kind": "follow", "ids": ["c1"], "tabs": 3}],
+    }
+    plate = part(rounded(60, 40, 8), circle(30, 20, 3, "c2"))
+    result = build(plate, post="gcode", job=job)
+    kinds = [path.operation for path in result.tour.paths]
+    drilled = [cut for cut in work(result.program) if kinds[cut.path] == "drill"]
+    assert all(cut.run < 1e-9 for cut in drilled)
+    assert steepest([cut for cut in work(result.program) if kinds[cut.path] == "follow"]) <= 45.0
+    assert [note.what for note in result.notes if "tab" in note.what] == ["3 tabs of 5 x 1 mm on 1:c1"]
+    with pytest.raises(JobError, match=r"has no effect on drill .operation\.tabs."):
+        build(plate, post="gcode", job={**job, "operations": [{**drill, "tabs": 2}]})
