@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 def prove_stock(
     plan: Plan, tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
 ) -> StockProof | None:
-    """What the texts of ``posted`` do to the stock; None where nothing is cut, and of solids and replays.
+    """What the texts of ``posted`` do to the stock; None where nothing is cut, and of what is not flat.
 
     NoSafeProgram for the first motion that cuts what must stay, or runs through material in rapid motion or with the
     holder.
     """
-    if isinstance(plan, (EdgePlan, ReplayPlan)):
+    if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
     jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
     if not any(one.operation.depth for one in jobs) or any(one.tool.orient == "follow" for one in jobs):
