@@ -61,7 +61,7 @@ def crossings(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, F
         if len(rows):
             one, two = a.take(rows), b.take(rows)
             for points in _crossings(one, two, kind_a, kind_b):
-                fa, fb = _fractions(one, points), _fractions(two, points)
+                fa, fb = fractions(one, points), fractions(two, points)
                 hit = _on(one, fa) & _on(two, fb) & np.isfinite(points[:, 0])
                 found.append((rows[hit], fa[hit], fb[hit]))
     which, first, second = zip(*found, strict=True)
@@ -74,7 +74,7 @@ def _cuts(segments: Segments, i: IntArray, j: IntArray) -> tuple[IntArray, Float
     a, b = segments.take(i), segments.take(j)
     for one, two, row in ((a, b, i), (b, a, j)):
         for end in (two.start, two.end):
-            fraction = _fractions(one, end)
+            fraction = fractions(one, end)
             foot = points_at(one, np.clip(fraction, 0.0, 1.0))
             hit = np.hypot(*(foot - end).T) <= TOUCH
             found.append((row[hit], fraction[hit]))
@@ -86,7 +86,7 @@ def _on(segments: Segments, fraction: FloatArray) -> BoolArray:
     return np.asarray((fraction >= -slack) & (fraction <= 1 + slack))
 
 
-def _fractions(segments: Segments, points: FloatArray) -> FloatArray:
+def fractions(segments: Segments, points: FloatArray) -> FloatArray:
     """(N,) where on each segment the foot of each point lies, 0 at the start and 1 at the end, beyond them outside."""
     chord = segments.end - segments.start
     square = np.maximum((chord**2).sum(axis=1), NONZERO)

@@ -100,11 +100,12 @@ class OperationTable(Table, frozen=True):
     """[operation]: what is done along the contours."""
 
     kind: Annotated[
-        Literal["auto", "follow", "trace", "fill", "drill", "edges", "replay"],
+        Literal["auto", "follow", "trace", "fill", "pocket", "bore", "chamfer", "drill", "edges", "replay"],
         Meta(
             description="follow: the tool runs beside the contour; trace: its centre runs on the line; fill: it covers "
-            "what closed contours enclose; drill: marks, rings and circles; edges: of a 3-D part; "
-            "replay: what a G-code program does; auto: by the input"
+            "what closed contours enclose; pocket: it clears that, from the middle outwards; bore: circles larger "
+            "than the tool, on a helix; chamfer: edges, with a V tool; drill: marks, rings and circles; edges: of a "
+            "3-D part; replay: what a G-code program does; auto: by the input"
         ),
     ] = "auto"
     options: Annotated[dict[str, Any], Meta(description="settings of an operation that another package brings")] = {}
@@ -140,7 +141,7 @@ class OperationTable(Table, frozen=True):
         NotNegative, Meta(description="left at the walls, mm, and taken by a last pass at the whole depth; 0: none")
     ] = 0.0
     holes: Annotated[
-        Values | None, Meta(description="drill: the diameters that are drilled, [from, to] mm; not set: all")
+        Values | None, Meta(description="drill, bore: the diameters that are worked on, [from, to] mm; not set: all")
     ] = None
     depth: Annotated[NotNegative, Meta(description="depth of the tool tip below the top face, mm")] = 0.0
     passes: Annotated[int, Meta(ge=1, description="the depth is reached in so many equal passes")] = 1

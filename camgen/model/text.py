@@ -74,3 +74,15 @@ def grouped(number: int) -> str:
     '12 345'
     """
     return f"{number:,}".replace(",", " ")
+
+
+def name_ranges(ids: list[str]) -> list[str]:
+    """``c1, c2, c3, c7`` as ``c1-c3, c7``; ids of another form stay as they are."""
+    runs: list[list[str]] = []
+    for name in ids:
+        follows = runs and name[1:].isdigit() and runs[-1][-1] == f"c{int(name[1:]) - 1}"
+        if follows:
+            runs[-1].append(name)
+        else:
+            runs.append([name])
+    return [run[0] if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs]

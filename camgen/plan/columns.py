@@ -13,6 +13,9 @@ from camgen.model.job import Job
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
 
+#: The tool centre is never slowed below this part of the feed, however tight the inner curve.
+SLOWEST = 0.02
+
 
 class Label(Struct, frozen=True):
     """What a path is called, the ids of the contours that it works on, and how it may be run."""

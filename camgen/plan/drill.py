@@ -50,7 +50,7 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
     ``operation.passes`` are pecks: the tool comes up to the height of approach after each. Raises InputError where
     there is no hole, JobError for settings that make no sense.
     """
-    lowest, highest = _range(job)
+    lowest, highest = diameters(job)
     if job.process.force:
         raise JobError("job", "a drill goes to a depth, not to a force", "process.force", "set process.force to 0")
     if job.process.plunge is not None:
@@ -67,7 +67,8 @@ def drill(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]
     return tuple(_path(hole, job) for hole in wanted), (*notes, *_describe(wanted, job))
 
 
-def _range(job: Job) -> tuple[float, float]:
+def diameters(job: Job) -> tuple[float, float]:
+    """From which diameter to which ``operation.holes`` chooses circles, mm; all without it. JobError for no range."""
     values = job.operation.holes
     if values is None:
         return 0.0, np.inf
@@ -116,23 +117,32 @@ def _not_round(middles: FloatArray, found: Sequence[Hole]) -> list[Note]:
     return [Note("assumed", f"{spaces} not drilled", why)] if count else []
 
 
+def find_circles(part: Part) -> list[Hole]:
+    """All circles of a drawing that are worked on."""
+    closed = [c for c in part.contours if c.closed and part.works_on(c.sources or (c.id,))]
+    if not closed:
+        return []
+    segments = from_contours(closed)
+    parts = (0.0, 0.25, 0.5, 0.75)
+    points = np.concatenate([points_at(segments, np.full(len(segments), f)) for f in parts])
+    centre, radius, off = _fit_circles(points, np.tile(segments.owner, len(parts)), len(closed))
+    turns = _whole(*flatten(segments, _OFF), radius, len(closed))
+    rows = np.flatnonzero((off <= np.maximum(_OFF, _SHARE * radius)) & turns).tolist()
+    return [_hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id, closed[k].id) for k in rows]
+
+
+def innermost(holes: Sequence[Hole]) -> list[Hole]:
+    """Of those about one centre the smallest, in order."""
+    rows = _innermost(np.array([(h.x, h.y) for h in holes]).reshape(-1, 2), np.array([h.diameter for h in holes]))
+    return [holes[k] for k in rows.tolist()]
+
+
 def _in_drawing(part: Part) -> tuple[list[Hole], list[Note]]:
     """Circles; of those about one centre the smallest."""
-    closed = [c for c in part.contours if c.closed]
-    other = len(part.contours)
-    found: list[Hole] = []
-    pads = 0
-    if closed:
-        segments = from_contours(closed)
-        parts = (0.0, 0.25, 0.5, 0.75)
-        points = np.concatenate([points_at(segments, np.full(len(segments), f)) for f in parts])
-        centre, radius, off = _fit_circles(points, np.tile(segments.owner, len(parts)), len(closed))
-        turns = _whole(*flatten(segments, _OFF), radius, len(closed))
-        rows = np.flatnonzero((off <= np.maximum(_OFF, _SHARE * radius)) & turns)
-        inner = _innermost(centre[rows], radius[rows])
-        pads, other = len(rows) - len(inner), other - len(rows)
-        chosen = rows[inner].tolist()
-        found = [_hole(centre[k], 2 * radius[k], closed[k].layer, closed[k].id, closed[k].id) for k in chosen]
+    every = find_circles(part)
+    found = innermost(every)
+    pads = len(every) - len(found)
+    other = sum(part.works_on(c.sources or (c.id,)) for c in part.contours) - len(every)
     notes = []
     if pads:
         what = f"{counted(pads, 'circle around a hole taken for a pad', 'circles around holes taken for pads')}"

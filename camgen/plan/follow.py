@@ -7,120 +7,39 @@ from msgspec import Struct
 
 from camgen.geometry.intersect import Obstacles, distances, near_pairs
 from camgen.geometry.nesting import Nesting, nest
-from camgen.geometry.offset import Offset, offset
-from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, from_contours, neighbours, points_at
+from camgen.geometry.segments import (
+    BoolArray,
+    IntArray,
+    Segments,
+    backwards,
+    from_contours,
+    neighbours,
+    points_at,
+)
 from camgen.geometry.uncross import find_slips, uncross
+from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
-from camgen.model.text import counted
-from camgen.plan.columns import Label, pass_depths, sideways, tool_paths
-
-# The curve that a round tool runs along beside a drawing, and what it touches there.
-
-#: How far (mm) a path may be from the distance that was asked for; the plan is checked against it.
-EXACT = 0.005
-#: Corners may be left by this much (mm) to stay corners: a tenth of the usual chord tolerance.
-_MITRE = 0.001
-
-
-class Beside(Struct, frozen=True, eq=False):
-    """Chains beside a source, the source on their left.
-
-    segments: ``owner`` counts the chains. closed: (chains,). source: (N,) the source segment that is touched. turn:
-    (N,) rad by which the source turns at the outer corner that a segment rounds, 0 elsewhere. lost: (N,) true where
-    nothing is touched (a rounded inner corner). sound: (chains,) false where the check against the source failed.
-    """
-
-    segments: Segments
-    closed: BoolArray
-    source: IntArray
-    turn: FloatArray
-    lost: BoolArray
-    sound: BoolArray
-
-
-def beside(
-    source: Segments, following: IntArray, closed: BoolArray, group: IntArray, distance: float, corner_radius: float
-) -> Beside:
-    """The curve at ``distance`` mm on the right of ``source``, inner corners at least ``corner_radius`` mm round.
-
-    following: the next segment of each. closed: per owner. group: per segment; what is of one group is kept clear of.
-    Inner corners are rounded by going out by distance + radius and back by radius (PIST, section 3.2.4).
-    """
-    out = _offset(source, following, group, distance + corner_radius)
-    if corner_radius == 0.0:
-        lost = np.zeros(len(out.segments), dtype=bool)
-        return _check(out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance)
-    turned, rows = backwards(out.segments)
-    label = group[out.source[rows]]
-    back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
-    segments, order = backwards(back.segments)
-    origin = rows[back.source[order]]
-    lost = back.corner[order]
-    turn = np.where(lost, 0.0, out.turn[origin])
-    return _check(segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance)
-
-
-def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
-    """``offset``, again with a distance that differs by a hair if the numbers were against it."""
-    result = offset(source, following, group, distance, _MITRE)
-    for nudge in (3e-6, -7e-6, 2e-5):
-        if not result.open_ends:
-            break
-        again = offset(source, following, group, distance + nudge, _MITRE)
-        if again.open_ends < result.open_ends:
-            result = again
-    return result
-
-
-def _check(  # noqa: PLR0913, PLR0917 (the columns of Beside, and what they are measured against)
-    segments: Segments,
-    closed: BoolArray,
-    source: IntArray,
-    turn: FloatArray,
-    lost: BoolArray,
-    drawing: Segments,
-    drawn_closed: BoolArray,
-    group: IntArray,
-    distance: float,
-) -> Beside:
-    """The curve with the verdict of measuring it.
-
-    Every sampled point must be at the distance, or farther where nothing is touched, and what runs beside closed loops
-    must be closed.
-    """
-    sound = np.ones(len(closed), dtype=bool)
-    open_piece = ~closed[segments.owner] & drawn_closed[drawing.owner[source]]
-    sound[segments.owner[open_piece]] = False
-    obstacles = Obstacles(drawing, group)
-    for fraction in (0.0, 0.35, 0.8):
-        points = points_at(segments, np.full(len(segments), fraction))
-        gap = obstacles.nearest(points, group[source], distance + 2 * EXACT)
-        good = (gap >= distance - EXACT) & ((gap <= distance + EXACT) | (lost & (fraction > 0)))
-        # The first point of a rounded corner belongs to the segment before it as well; the others judge the corner.
-        good |= (fraction == 0) & (lost | np.roll(lost, 1)) & (gap >= distance - EXACT)
-        sound[segments.owner[~good]] = False
-    return Beside(segments, closed, source, turn, lost, sound)
-
+from camgen.model.text import counted, name_ranges
+from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains
+from camgen.plan.columns import SLOWEST, Label, pass_depths, sideways, tool_paths
+from camgen.plan.finish import rough_then_last
 
 #: From this turn (rad) on an outer corner is sharp: the tool only rolls about it, so no force is put on (PIST 4.2.1).
 _SHARP = np.radians(15.0)
-#: The tool centre is never slowed below this part of the feed, however tight the inner curve.
-_SLOWEST = 0.02
-
-
 _COMMON = "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
 
 
 class _Loops(Struct, frozen=True, eq=False):
-    """The contours that are followed. index: their place in the part. flip: run against the drawn direction so that
-    the part is on the left. group: label per contour; what has one label is kept clear of. parent: -1 if none.
-    depth: how many loops lie around.
+    """The contours that the tool keeps clear of. index: their place in the part. worked: which of them it follows.
+    flip: run against the drawn direction so that the part is on the left. group: label per contour; what has one label
+    is kept clear of. parent: -1 if none. depth: how many loops lie around.
     """
 
     index: list[int]
+    worked: BoolArray
     flip: BoolArray
     group: IntArray
     parent: IntArray
@@ -128,38 +47,97 @@ class _Loops(Struct, frozen=True, eq=False):
 
 
 def follow(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
-    """Paths beside the contours of ``part`` and what could not be followed."""
+    """Paths beside the contours of ``part`` that are worked on, and what could not be followed.
+
+    With ``operation.finish`` all of them twice: with that left in all passes, then at the whole depth without. JobError
+    for a tool that does not cut sideways.
+    """
+    if job.tool.kind == "drill":
+        raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
+    radius, finish = job.tool.diameter / 2, job.operation.finish
+    depths = pass_depths(job.operation.depth, job.operation.passes)
+    if not finish:
+        return run_beside(part, job, radius, depths, "follow")
+    if not job.operation.inside_first:
+        what = "what is left at the walls is taken last"
+        raise JobError("job", what, "operation.inside_first", "leave it out, or operation.finish")
+    rough, _ = run_beside(part, job, radius + finish, depths, "follow")
+    last, notes = run_beside(part, job, radius, depths, "follow")
+    return rough_then_last(rough, last, finish, notes)
+
+
+def run_beside(
+    part: Part, job: Job, distance: float, depths: tuple[float, ...], operation: str, reach: float = 0.0
+) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
+    """Paths of the tool's centre at ``distance`` mm from the contours of ``part`` that are worked on, and notes.
+
+    The other contours are kept clear of by that too, or by ``reach`` mm if that is more.
+    """
     loops, notes = _choose_sides(part, job.operation.side)
-    if not loops.index:
+    if not loops.worked.any():
         return (), tuple(notes)
     contours = [part.contours[k] for k in loops.index]
     drawn = from_contours(contours)
-    source = _turn_round(drawn, loops.flip)
+    source = turn_round(drawn, loops.flip)
     closed = np.array([c.closed for c in contours])
     following = neighbours(source, closed)
     source, following = uncross(source, following, closed & find_slips(source, following, len(contours)))
-    curve = beside(
-        source, following, closed, loops.group[source.owner], job.tool.diameter / 2, job.operation.corner_radius
-    )
+    curve = beside(source, following, closed, loops.group[source.owner], distance, job.operation.corner_radius)
+    looked_at = loops.worked
+    if not loops.worked.all():
+        curve = only_along(curve, loops.worked[source.owner])
+        near = _too_near(curve, source, loops, reach)
+        spoiled = np.isin(np.arange(len(contours)), source.owner[curve.source[near[curve.segments.owner]]])
+        notes += _near_note([contours[k] for k in np.flatnonzero(spoiled).tolist()])
+        curve = only_chains(curve, ~near)
+        looked_at = looked_at & ~spoiled
     labels, order = _labels(curve, source, contours, loops, job)
-    notes += _left_out(curve, source, contours, job, order)
-    return _paths(curve, source, labels, order, job), tuple(notes)
+    tool = f"a {job.tool.diameter:g} mm tool" + (
+        f" with corner radius {job.operation.corner_radius:g}" if job.operation.corner_radius else ""
+    )
+    tool = tool if operation == "follow" else f"a V tool whose middle is {distance:.4g} mm off the wall"
+    notes += _left_out(curve, source, contours, order, looked_at, tool)
+    return _paths(curve, source, labels, order, job, depths, operation), tuple(notes)
+
+
+def _too_near(curve: Beside, source: Segments, loops: _Loops, reach: float) -> BoolArray:
+    """(chains,): which come nearer than ``reach`` mm to a contour that is not worked on."""
+    near = np.zeros(len(curve.closed), dtype=bool)
+    others = source.take(~loops.worked[source.owner])
+    if not reach or not len(others):
+        return near
+    obstacles = Obstacles(others, loops.group[others.owner])
+    for fraction in np.linspace(0.0, 1.0, 9):
+        points = points_at(curve.segments, np.full(len(curve.segments), fraction))
+        gap = obstacles.nearest(points, loops.group[source.owner[curve.source]], reach)
+        near[curve.segments.owner[gap < reach - EXACT]] = True
+    return near
+
+
+def _near_note(contours: list[Contour]) -> list[Note]:
+    if not contours:
+        return []
+    why = "the tool would cut the edge of a contour that is not worked on; take a smaller one, or work on both"
+    return [_not_followed(contours, "too near to others", why)]
 
 
 def _choose_sides(part: Part, side: str) -> tuple[_Loops, list[Note]]:
-    """Which contours are followed, and on which side."""
+    """Which contours are followed, and on which side; with "auto" the others are kept clear of as well."""
+    chosen = np.array([part.works_on(c.sources or (c.id,)) for c in part.contours], dtype=bool)
     if side in ("left", "right"):
-        index = list(range(len(part.contours)))
+        index = np.flatnonzero(chosen).tolist()
         count = np.arange(len(index))
-        return _Loops(index, np.full(len(index), side == "left"), count, np.full(len(index), -1), 0 * count), []
+        none = np.full(len(index), -1)
+        return _Loops(index, count >= 0, np.full(len(index), side == "left"), count, none, 0 * count), []
     index = [k for k, c in enumerate(part.contours) if c.closed]
-    notes = _open_notes([c for c in part.contours if not c.closed])
+    notes = _open_notes([c for c, mine in zip(part.contours, chosen, strict=True) if mine and not c.closed])
     if not index:
         none = np.zeros(0, dtype=np.int64)
-        return _Loops([], none == 0, none, none, none), notes
+        return _Loops([], none == 0, none == 0, none, none, none), notes
     nesting = nest(from_contours([part.contours[k] for k in index]), len(index))
+    worked = chosen[index]
     keep = np.flatnonzero((nesting.crossed < 0) & ~nesting.empty)
-    notes += _crossing_notes([part.contours[k] for k in index], nesting)
+    notes += _crossing_notes([part.contours[k] for k in index], nesting, worked)
     inside = {"auto": nesting.depth % 2 == 1, "outside": np.zeros(len(index), dtype=bool)}.get(
         side, np.ones(len(index), dtype=bool)
     )
@@ -169,7 +147,8 @@ def _choose_sides(part: Part, side: str) -> tuple[_Loops, list[Note]]:
     new = np.full(len(index), -1)
     new[keep] = np.arange(len(keep))
     parent = np.where(nesting.parent[keep] >= 0, new[nesting.parent[keep]], -1)
-    return _Loops([index[k] for k in keep], flip[keep], group[keep], parent, nesting.depth[keep]), notes
+    kept = [index[k] for k in keep]
+    return _Loops(kept, worked[keep], flip[keep], group[keep], parent, nesting.depth[keep]), notes
 
 
 def _open_notes(contours: list[Contour]) -> list[Note]:
@@ -181,18 +160,24 @@ def _open_notes(contours: list[Contour]) -> list[Note]:
     return [_not_followed(contours, "open", why)]
 
 
-def _crossing_notes(contours: list[Contour], nesting: Nesting) -> list[Note]:
+def _crossing_notes(contours: list[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
+    unclear = ((nesting.crossed >= 0) | nesting.empty) & ~worked
+    others = [contours[k].id for k in np.flatnonzero(unclear).tolist()]
+    warned = []
+    if others:
+        what = f"{counted(len(others), 'contour')} not kept clear of: {', '.join(name_ranges(others))}"
+        warned = [Note("warning", what, "no clear inside, and not worked on", tuple(others))]
     own = nesting.crossed == np.arange(len(contours))
     other = (nesting.crossed >= 0) & ~own
     why = "no clear inside; draw one outline, or use operation.kind = trace"
-    return [
-        _not_followed([contours[k] for k in np.flatnonzero(chosen).tolist()], how, why)
+    return warned + [
+        _not_followed([contours[k] for k in np.flatnonzero(chosen & worked).tolist()], how, why)
         for chosen, how in (
             (own & ~nesting.empty, "crossing themselves"),
             (other, "crossing each other"),
             (nesting.empty & ~other, "without an inside"),
         )
-        if chosen.any()
+        if (chosen & worked).any()
     ]
 
 
@@ -200,24 +185,12 @@ def _not_followed(contours: list[Contour], how: str, why: str) -> Note:
     """One note on contours that have no path, all of them named."""
     layers = ", ".join(sorted({c.layer for c in contours}))
     ids = [c.id for c in contours]
-    names = ", ".join(_ranges(ids))
+    names = ", ".join(name_ranges(ids))
     what = f"{counted(len(contours), 'contour')} not followed, {how}: {names} on layer {layers}"
     return Note("skipped", what, why, tuple(ids))
 
 
-def _ranges(ids: list[str]) -> list[str]:
-    """``c1, c2, c3, c7`` as ``c1-c3, c7``; ids of another form stay as they are."""
-    runs: list[list[str]] = []
-    for name in ids:
-        follows = runs and name[1:].isdigit() and runs[-1][-1] == f"c{int(name[1:]) - 1}"
-        if follows:
-            runs[-1].append(name)
-        else:
-            runs.append([name])
-    return [run[0] if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs]
-
-
-def _turn_round(drawn: Segments, flip: BoolArray) -> Segments:
+def turn_round(drawn: Segments, flip: BoolArray) -> Segments:
     """The segments with the loops of ``flip`` run backwards."""
     back, _ = backwards(drawn)
     chosen = flip[drawn.owner]
@@ -272,20 +245,19 @@ def _beside_which(curve: Beside, source: Segments, count: int) -> tuple[IntArray
     return main, chain, contour
 
 
-def _left_out(curve: Beside, source: Segments, contours: list[Contour], job: Job, order: IntArray) -> list[Note]:
-    """Notes on loops that have no path, and on the length that no tool of this size can touch."""
+def _left_out(
+    curve: Beside, source: Segments, contours: list[Contour], order: IntArray, worked: BoolArray, tool: str
+) -> list[Note]:
+    """Notes on loops of ``worked`` (contours,) without a path, and on the length that no ``tool`` touches."""
     touched = np.zeros(len(contours), dtype=bool)
     good = curve.sound[curve.segments.owner]
     touched[source.owner[curve.source[good]]] = True
-    tool = f"a {job.tool.diameter:g} mm tool" + (
-        f" with corner radius {job.operation.corner_radius:g}" if job.operation.corner_radius else ""
-    )
     failed = np.isin(np.arange(len(contours)), source.owner[curve.source[~good]])
     shared = _sharing(source, failed)
     notes = [
         _not_followed([contours[k] for k in np.flatnonzero(chosen).tolist()], how, why)
         for chosen, how, why in (
-            (~touched & ~failed, "too narrow", f"{tool} does not fit"),
+            (worked & ~touched & ~failed, "too narrow", f"{tool} does not fit"),
             (~touched & failed & shared, "on a common edge", _COMMON),
             (~touched & failed & ~shared, "check failed", "the path did not keep its distance; please report it"),
         )
@@ -293,7 +265,7 @@ def _left_out(curve: Beside, source: Segments, contours: list[Contour], job: Job
     ]
     contact = _contact(curve, source)
     reached = np.bincount(source.owner[curve.source], np.where(good, contact, 0.0), len(contours))
-    whole = np.bincount(source.owner, source.length, len(contours))
+    whole = np.where(worked, np.bincount(source.owner, source.length, len(contours)), 0.0)
     missing = np.where(touched, np.maximum(whole - reached, 0.0), 0.0)
     total = float(missing.sum())
     if total > 1e-3 * float(whole.sum()) and total > 0.1:
@@ -337,11 +309,19 @@ def _contact(curve: Beside, source: Segments) -> FloatArray:
     return np.where((curve.turn > 0) | curve.lost, 0.0, length)
 
 
-def _paths(curve: Beside, source: Segments, labels: list[Label], order: IntArray, job: Job) -> tuple[ToolPath, ...]:
+def _paths(
+    curve: Beside,
+    source: Segments,
+    labels: list[Label],
+    order: IntArray,
+    job: Job,
+    depths: tuple[float, ...],
+    operation: str,
+) -> tuple[ToolPath, ...]:
     """The sound chains in order as tool paths, in the direction of the job."""
     process = job.process
     rounding = (curve.turn > 0) & ~curve.lost
-    factor = np.clip(_stretch(curve, source), _SLOWEST, process.max_feed_factor)
+    factor = np.clip(_stretch(curve, source), SLOWEST, process.max_feed_factor)
     feed = process.feed * np.where(rounding, process.max_feed_factor, np.where(curve.lost, 1.0, factor))
     force = np.where(curve.lost | (curve.turn > _SHARP), 0.0, process.force)
     place = np.full(len(curve.closed), -1)
@@ -358,5 +338,4 @@ def _paths(curve: Beside, source: Segments, labels: list[Label], order: IntArray
         segments, back = backwards(segments)
         feed, force, side = feed[back], force[back], -1
     press = sideways(segments, side)
-    depths = pass_depths(job.operation.depth, job.operation.passes)
-    return tool_paths(segments, labels, press, force, feed, depths, "follow")
+    return tool_paths(segments, labels, press, force, feed, depths, operation)

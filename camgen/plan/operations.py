@@ -35,6 +35,9 @@ def _plan_in_image(part: Part, job: Job) -> Plan:
     if job.operation.kind not in ("auto", "follow"):
         what = f"the image-space planner follows contours, it cannot {job.operation.kind}"
         raise JobError("job", what, "operation.planner", 'set operation.planner to "geometric"')
+    if job.operation.finish:
+        what = "the image-space planner makes no last passes"
+        raise JobError("job", what, "operation.finish", 'leave it out, or set operation.planner to "geometric"')
     from camgen.plan.image_space import image_space  # noqa: PLC0415 (OpenCV is loaded only by what needs it)
 
     raster = part.raster
@@ -85,6 +88,29 @@ def _fill(part: Part, job: Job) -> Plan:
     return Plan(part, paths, (*part.notes, *notes), coverage)
 
 
+def _pocket(part: Part, job: Job) -> Plan:
+    from camgen.plan.pocket import pocket  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+    recovered, notes = _recover(part, job)
+    paths, more = pocket(recovered, job)
+    return Plan(part, paths, (*part.notes, *notes, *more))
+
+
+def _bore(part: Part, job: Job) -> Plan:
+    from camgen.plan.bore import bore  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+    paths, notes = bore(part, job)
+    return Plan(part, paths, (*part.notes, *notes))
+
+
+def _chamfer(part: Part, job: Job) -> Plan:
+    from camgen.plan.chamfer import chamfer  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+    recovered, notes = _recover(part, job)
+    paths, more = chamfer(recovered, job)
+    return Plan(part, paths, (*part.notes, *notes, *more))
+
+
 def _drill(part: Part, job: Job) -> Plan:
     from camgen.plan.drill import drill  # noqa: PLC0415 (only for what needs it)
 
@@ -113,6 +139,13 @@ FOLLOW = Operation(
 TRACE = Operation("trace", "on the drawn lines", ("drawing", "picture", "curves"), _trace_any)
 FILL = Operation(
     "fill", "strokes that cover what closed contours enclose", ("drawing", "picture"), _plan_flat("fill", _fill)
+)
+POCKET = Operation(
+    "pocket", "passes that clear what closed contours enclose", ("drawing", "picture"), _plan_flat("pocket", _pocket)
+)
+BORE = Operation("bore", "circles larger than the tool, on a helix", ("drawing",), _plan_flat("bore", _bore))
+CHAMFER = Operation(
+    "chamfer", "a bevel of a given width along edges, with a V tool", ("drawing",), _plan_flat("chamfer", _chamfer)
 )
 DRILL = Operation("drill", "down at marks, rings and circles", ("drawing", "picture"), _plan_flat("drill", _drill))
 EDGES = Operation("edges", "along the sharp edges of a 3-D part", ("solid",), _edges)

@@ -16,10 +16,15 @@ from camgen.plan.merge import merge
 
 def trace(part: Part, job: Job) -> tuple[ToolPath, ...]:
     """The tool centre on every contour, open or closed. A force presses along the tool axis, down on the part."""
-    contours = part.contours
+    # What is inside of what hangs on all of them; a path has only what is worked on.
+    mine = [k for k, c in enumerate(part.contours) if part.works_on(c.sources or (c.id,))]
+    contours = [part.contours[k] for k in mine]
     segments = from_contours(contours)
-    parent = _parents(part)
-    labels = [Label(c.id, c.layer, c.closed, True, parent[k], c.sources or (c.id,)) for k, c in enumerate(contours)]
+    parent = _parents_of(part, mine)
+    labels = [
+        Label(c.id, c.layer, c.closed, True, around, c.sources or (c.id,))
+        for c, around in zip(contours, parent, strict=True)
+    ]
     press = sideways(segments, 0)
     if job.process.force:
         press[:, :, 2] = -1.0
@@ -37,13 +42,26 @@ def with_few_lifts(part: Part, job: Job) -> tuple[Part, tuple[Note, ...]]:
     """
     if job.tool.orient == "follow" or job.tour.method == "as-drawn":
         return part, ()
-    contours, notes = merge(part.contours, [False] * len(part.contours), job.input.join)
+    others = [not part.works_on(c.sources or (c.id,)) for c in part.contours]
+    contours, notes = merge(part.contours, others, job.input.join)
     if notes and job.operation.inside_first:
         parents = _parents(part)
         around = set(parents)
-        fixed = [parent >= 0 or k in around for k, parent in enumerate(parents)]
+        fixed = [others[k] or parent >= 0 or k in around for k, parent in enumerate(parents)]
         contours, notes = merge(part.contours, fixed, job.input.join)
     return (replace(part, contours=contours) if notes else part), notes
+
+
+def _parents_of(part: Part, mine: list[int]) -> list[int]:
+    """For each of the contours ``mine`` the place among them of the nearest one around it, -1 if none."""
+    every, place = _parents(part), {k: n for n, k in enumerate(mine)}
+    found = []
+    for k in mine:
+        around = every[k]
+        while around >= 0 and around not in place:
+            around = every[around]
+        found.append(place.get(around, -1))
+    return found
 
 
 def _parents(part: Part) -> list[int]:

@@ -84,6 +84,10 @@ _ONLY: dict[str, tuple[str, ...]] = {
     "tab_spacing": ("follow",),
     "tab_width": ("follow",),
     "tab_height": ("follow",),
+    "width": ("chamfer",),
+    "finish": ("follow", "pocket", "bore"),
+    "stepover": ("fill", "pocket"),
+    "holes": ("drill", "bore"),
 }
 #: Settings that say more of others, and have no effect without one of those.
 _MORE: dict[str, tuple[str, ...]] = {

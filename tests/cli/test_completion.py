@@ -64,7 +64,7 @@ def test_bash(script: Path, tmp_path: Path) -> None:
     assert offered("robots", "irb120") == {"irb120", "irb1200"}
     assert offered("build", "--set", "") == {f"{s.table}.{s.key}=" for s in settings()}
     assert offered("build", "--set", "operation.k") == {"operation.kind="}
-    kinds = {"auto", "follow", "trace", "fill", "drill", "edges", "replay"}
+    kinds = {"auto", "follow", "trace", "fill", "pocket", "bore", "chamfer", "drill", "edges", "replay"}
     assert offered("build", "--set", "operation.kind", "=") == kinds
     assert offered("build", "--set", "operation.kind", "=", "f") == {"follow", "fill"}
     assert offered("build", "--set", "=", "operation.kind", "=", "f") == {"follow", "fill"}

@@ -1,0 +1,135 @@
+"""The curve that a round tool runs along beside a drawing, and what it touches there."""
+
+from __future__ import annotations
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.intersect import Obstacles
+from camgen.geometry.offset import Offset, offset
+from camgen.geometry.ragged import begins
+from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, neighbours, points_at
+from camgen.model.pose import FloatArray
+
+#: How far (mm) a path may be from the distance that was asked for; the plan is checked against it.
+EXACT = 0.005
+#: Corners may be left by this much (mm) to stay corners: a tenth of the usual chord tolerance.
+_MITRE = 0.001
+
+
+class Beside(Struct, frozen=True, eq=False):
+    """Chains beside a source, the source on their left.
+
+    segments: ``owner`` counts the chains. closed: (chains,). source: (N,) the source segment that is touched. turn:
+    (N,) rad by which the source turns at the outer corner that a segment rounds, 0 elsewhere. lost: (N,) true where
+    nothing is touched (a rounded inner corner). sound: (chains,) false where the check against the source failed.
+    """
+
+    segments: Segments
+    closed: BoolArray
+    source: IntArray
+    turn: FloatArray
+    lost: BoolArray
+    sound: BoolArray
+
+
+def beside(
+    source: Segments, following: IntArray, closed: BoolArray, group: IntArray, distance: float, corner_radius: float
+) -> Beside:
+    """The curve at ``distance`` mm on the right of ``source``, inner corners at least ``corner_radius`` mm round.
+
+    following: the next segment of each. closed: per owner. group: per segment; what is of one group is kept clear of.
+    Inner corners are rounded by going out by distance + radius and back by radius (PIST, section 3.2.4).
+    """
+    out = _offset(source, following, group, distance + corner_radius)
+    if corner_radius == 0.0:
+        lost = np.zeros(len(out.segments), dtype=bool)
+        return _check(out.segments, out.closed, out.source, out.turn, lost, source, closed, group, distance)
+    turned, rows = backwards(out.segments)
+    label = group[out.source[rows]]
+    back = _offset(turned, neighbours(turned, out.closed), label, corner_radius)
+    segments, order = backwards(back.segments)
+    origin = rows[back.source[order]]
+    lost = back.corner[order]
+    turn = np.where(lost, 0.0, out.turn[origin])
+    return _check(segments, back.closed, out.source[origin], turn, lost, source, closed, group, distance)
+
+
+def _offset(source: Segments, following: IntArray, group: IntArray, distance: float) -> Offset:
+    """``offset``, again with a distance that differs by a hair if the numbers were against it."""
+    result = offset(source, following, group, distance, _MITRE)
+    for nudge in (3e-6, -7e-6, 2e-5):
+        if not result.open_ends:
+            break
+        again = offset(source, following, group, distance + nudge, _MITRE)
+        if again.open_ends < result.open_ends:
+            result = again
+    return result
+
+
+def _check(  # noqa: PLR0913, PLR0917 (the columns of Beside, and what they are measured against)
+    segments: Segments,
+    closed: BoolArray,
+    source: IntArray,
+    turn: FloatArray,
+    lost: BoolArray,
+    drawing: Segments,
+    drawn_closed: BoolArray,
+    group: IntArray,
+    distance: float,
+) -> Beside:
+    """The curve with the verdict of measuring it.
+
+    Every sampled point must be at the distance, or farther where nothing is touched, and what runs beside closed loops
+    must be closed.
+    """
+    sound = np.ones(len(closed), dtype=bool)
+    open_piece = ~closed[segments.owner] & drawn_closed[drawing.owner[source]]
+    sound[segments.owner[open_piece]] = False
+    obstacles = Obstacles(drawing, group)
+    for fraction in (0.0, 0.35, 0.8):
+        points = points_at(segments, np.full(len(segments), fraction))
+        gap = obstacles.nearest(points, group[source], distance + 2 * EXACT)
+        good = (gap >= distance - EXACT) & ((gap <= distance + EXACT) | (lost & (fraction > 0)))
+        # The first point of a rounded corner belongs to the segment before it as well; the others judge the corner.
+        good |= (fraction == 0) & (lost | np.roll(lost, 1)) & (gap >= distance - EXACT)
+        sound[segments.owner[~good]] = False
+    return Beside(segments, closed, source, turn, lost, sound)
+
+
+def only_along(curve: Beside, chosen: BoolArray) -> Beside:
+    """The stretches of the chains that touch the source segments ``chosen`` (S,); a chain that does all along stays as
+    it is.
+    """
+    owner, keep = curve.segments.owner, chosen[curve.source]
+    count = len(curve.closed)
+    whole = np.bincount(owner, ~keep, count) == 0
+    sizes = np.bincount(owner, minlength=count)
+    first = begins(sizes)
+    # A closed chain is begun after a segment that is not kept, so that no stretch goes over its end.
+    turn = np.zeros(count, dtype=np.int64)
+    lost = np.flatnonzero(~keep)
+    turn[owner[lost]] = lost - first[owner[lost]] + 1
+    turn[~curve.closed | whole] = 0
+    place = np.arange(len(owner)) - first[owner]
+    rows = first[owner] + (place + turn[owner]) % sizes[owner]
+    rows = rows[keep[rows]]
+    old = owner[rows]
+    step = (np.diff(rows) != 1) & ~((np.diff(rows) == 1 - sizes[old[1:]]) & (old[1:] == old[:-1]))
+    fresh = np.concatenate([np.zeros(1, dtype=bool), step | (old[1:] != old[:-1])]) if len(rows) else np.zeros(0, bool)
+    chain = np.cumsum(fresh)
+    of = old[np.concatenate([[True], fresh[1:]])] if len(rows) else np.zeros(0, dtype=np.int64)
+    segments = replace(curve.segments.take(rows), owner=chain)
+    return Beside(
+        segments, curve.closed[of] & whole[of], curve.source[rows], curve.turn[rows], curve.lost[rows], curve.sound[of]
+    )
+
+
+def only_chains(curve: Beside, chosen: BoolArray) -> Beside:
+    """The ``chosen`` (chains,) of a curve."""
+    rows = np.flatnonzero(chosen[curve.segments.owner])
+    segments = replace(curve.segments.take(rows), owner=(np.cumsum(chosen) - 1)[curve.segments.owner[rows]])
+    return Beside(
+        segments, curve.closed[chosen], curve.source[rows], curve.turn[rows], curve.lost[rows], curve.sound[chosen]
+    )

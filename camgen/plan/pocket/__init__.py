@@ -1,0 +1,355 @@
+"""Pockets: what closed contours enclose is cleared from the middle outwards, each pass at one distance from the walls.
+
+Outermost loops are walls, loops in them islands, loops in islands walls again. The passes are exact offsets: arcs stay
+arcs, and the last one runs along the walls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.geometry.nesting import Nesting, nest
+from camgen.geometry.segments import Segments, flatten, from_contours, neighbours
+from camgen.geometry.uncross import find_slips, uncross
+from camgen.model.errors import InputError, JobError
+from camgen.model.job import Job
+from camgen.model.part import Contour, Note, Part
+from camgen.model.path import ToolPath
+from camgen.model.pose import FloatArray
+from camgen.model.text import counted, name_ranges, short
+from camgen.plan.columns import SLOWEST, Label, pass_depths, sideways, tool_paths
+from camgen.plan.follow import turn_round
+from camgen.plan.pocket.chains import concatenate
+from camgen.plan.pocket.engagement import engagement
+from camgen.plan.pocket.rings import CHORD, QUARTER, Ground, Piece, along_walls, peel
+from camgen.plan.pocket.walk import Walk, lay
+
+#: Passes that overlap by less than a twentieth of the tool leave ridges on a real machine.
+_MOST_STEP = 0.95
+#: A helix into the material is no wider than this share of the tool's diameter: a wider one leaves a core.
+_HELIX_SHARE = 0.45
+#: What stays of a corner is shown as a place from this share of the tool's disc on.
+_PLACE_SHARE = 0.02
+#: The usual engagement is not exceeded on so much of the way.
+_MOST_OF_THE_WAY = 0.9
+#: Places that are named at most.
+_MOST_PLACES = 100
+
+
+class _Pockets(Struct, frozen=True, eq=False):
+    """ground: the walls, the material on their left. names, layers, contours: by pocket, those of its outer wall, and
+    the ids of all its walls.
+    """
+
+    ground: Ground
+    names: list[str]
+    layers: list[str]
+    contours: list[tuple[str, ...]]
+
+
+def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]]:
+    """Paths that clear what the contours worked on enclose, and notes on what is not reached.
+
+    Raises InputError where nothing is closed, JobError for settings that make no sense.
+    """
+    _refuse(job)
+    contours = [c for c in part.contours if part.works_on((c.id,))]
+    if not any(c.closed for c in contours):
+        raise InputError(part.source, "no closed contour to clear", remedy="close its outlines, or raise input.join")
+    pockets, notes = _find(contours)
+    if not pockets.names:
+        return (), tuple(notes)
+    radius, finish = job.tool.diameter / 2, job.operation.finish
+    step = job.operation.stepover * job.tool.diameter
+    climb = job.operation.direction != "conventional"
+    rough = peel(pockets.ground, radius + finish, step, radius, climb)
+    walls = along_walls(pockets.ground, radius, climb) if finish else rough
+    failed = rough.failed | walls.failed
+    pieces = _without(rough.pieces, failed)
+    own = [pockets.ground.walls.take(pockets.ground.group == k) for k in range(len(pockets.names))]
+    walks = sorted_by_pocket(lay(pieces, own, radius + finish, step))
+    borders = [piece for piece in _without(walls.pieces, failed) if piece.parent < 0]
+    paths = _paths(walks, borders if finish else [], pieces, pockets, job)
+    notes += _tell_failed(failed, borders, pockets, job)
+    notes += _tell_passes(walks, pieces, pockets, job)
+    return paths, (*notes, *_tell_unreached(borders, pockets, job))
+
+
+def _refuse(job: Job) -> None:
+    operation, tool = job.operation, job.tool
+    if tool.kind == "drill":
+        raise JobError("job", "a drill does not cut sideways", "tool.kind", "choose a mill")
+    if job.process.force:
+        raise JobError("job", "a pocket goes to a depth, not to a force", "process.force", "set process.force to 0")
+    if operation.stepover > _MOST_STEP:
+        what = f"passes {operation.stepover:g} of the diameter apart leave ridges between them"
+        raise JobError("job", what, "operation.stepover", f"{_MOST_STEP:g} at most")
+    if operation.finish > tool.diameter / 2:
+        what = f"{operation.finish:g} mm is more than the radius of the tool, a last pass would leave some of it"
+        raise JobError("job", what, "operation.finish", "leave less at the walls")
+    if not operation.inside_first:
+        what = "pockets are cut from the middle outwards"
+        raise JobError("job", what, "operation.inside_first", "leave it out")
+
+
+def _without(pieces: Sequence[Piece], failed: frozenset[int]) -> list[Piece]:
+    """The pieces of the other pockets; a parent is of the same pocket as its child."""
+    kept = [k for k, piece in enumerate(pieces) if piece.pocket not in failed]
+    new = {k: n for n, k in enumerate(kept)}
+    return [replace(pieces[k], parent=new.get(pieces[k].parent, -1)) for k in kept]
+
+
+def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
+    """Pocket by pocket, each walk before the one that must come after it."""
+    order = sorted(range(len(walks)), key=lambda k: walks[k].pocket)
+    new = {k: n for n, k in enumerate(order)}
+    return [replace(walks[k], before=new.get(walks[k].before, -1)) for k in order]
+
+
+# What is a wall, what an island, and what is left out.
+
+
+def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
+    closed = [c for c in contours if c.closed]
+    nesting = nest(from_contours(closed), len(closed))
+    unfit = [(contours_of(closed, own), how, why) for own, how, why in _unfit(nesting)]
+    loose = [c for c in contours if not c.closed]
+    if loose:
+        unfit.append((loose, "open", "only what is closed has an inside; raise input.join to close gaps"))
+    notes = [_not_cleared(chosen, how, why) for chosen, how, why in unfit if chosen]
+    sound = (nesting.crossed < 0) & ~nesting.empty
+    outer = np.flatnonzero(sound & (nesting.depth % 2 == 0))
+    spoiled = _with_doubt(closed, outer.tolist(), [c for chosen, _, _ in unfit for c in chosen])
+    if spoiled:
+        why = "what they are there for is not clear: as islands they would be cut away; mend or leave them out"
+        names = [closed[k] for k in spoiled]
+        notes.append(_not_cleared(names, "with contours in them that are open or cross others", why))
+    members = {
+        k: [k, *np.flatnonzero(sound & (nesting.parent == k) & (nesting.depth % 2 == 1)).tolist()]
+        for k in outer.tolist()
+        if k not in spoiled
+    }
+    chosen = [k for own in members.values() for k in own]
+    area = nesting.area[chosen]
+    # The material on the left: walls clockwise, islands the other way round.
+    flip = (area > 0) == (nesting.depth[chosen] % 2 == 0)
+    walls = turn_round(from_contours([closed[k] for k in chosen]), flip)
+    every = np.ones(len(chosen), dtype=bool)
+    following = neighbours(walls, every)
+    walls, following = uncross(walls, following, find_slips(walls, following, len(chosen)))
+    group = np.repeat(np.arange(len(members)), [len(own) for own in members.values()])
+    return _Pockets(
+        Ground(walls, following, group[walls.owner], len(members)),
+        [closed[k].id for k in members],
+        [closed[k].layer for k in members],
+        [tuple(closed[k].id for k in own) for own in members.values()],
+    ), notes
+
+
+def contours_of(closed: Sequence[Contour], chosen: Any) -> list[Contour]:
+    """Those of ``closed`` that are ``chosen``."""
+    return [closed[k] for k in np.flatnonzero(chosen).tolist()]
+
+
+def _unfit(nesting: Nesting) -> list[tuple[Any, str, str]]:
+    own = nesting.crossed == np.arange(len(nesting.crossed))
+    other = (nesting.crossed >= 0) & ~own
+    why = "no clear inside; draw one outline"
+    return [
+        (own & ~nesting.empty, "crossing themselves", why),
+        (other, "crossing each other", why),
+        (nesting.empty & ~other, "without an inside", why),
+    ]
+
+
+def _with_doubt(closed: Sequence[Contour], outer: Sequence[int], doubtful: Sequence[Contour]) -> list[int]:
+    """Those of the ``outer`` loops in which one of the ``doubtful`` contours lies, or that it meets."""
+    if not doubtful or not outer:
+        return []
+    points, owner = flatten(from_contours([closed[k] for k in outer]), CHORD)
+    loops = [shapely.make_valid(shapely.Polygon(points[owner == k])) for k in range(len(outer))]
+    ends, of = flatten(from_contours(doubtful), CHORD)
+    last = np.array([c.points[0 if c.closed else -1] for c in doubtful])
+    lines = [shapely.LineString(np.vstack([ends[of == k], last[k]])) for k in range(len(doubtful))]
+    tree = shapely.STRtree(loops)
+    return [outer[k] for k in np.unique(tree.query(lines, predicate="intersects")[1]).tolist()]
+
+
+def _not_cleared(contours: Sequence[Contour], how: str, why: str) -> Note:
+    ids = tuple(c.id for c in contours)
+    layers = ", ".join(sorted({c.layer for c in contours}))
+    what = f"{counted(len(ids), 'contour')} not cleared, {how}: {', '.join(name_ranges(list(ids)))} on layer {layers}"
+    return Note("skipped", what, why, ids)
+
+
+# Paths.
+
+
+class _Run(Struct, frozen=True, eq=False):
+    """One path to be. room: mm, for the helix of its entry. whole: it runs at the whole depth alone."""
+
+    label: Label
+    chain: Segments
+    room: float = 0.0
+    whole: bool = False
+
+
+def _paths(
+    walks: Sequence[Walk], borders: Sequence[Piece], pieces: Sequence[Piece], pockets: _Pockets, job: Job
+) -> tuple[ToolPath, ...]:
+    """The walks, then the finishing passes of each pocket, by pocket."""
+    reached = _reached_by_roughing(borders, pieces, job)
+    runs: list[_Run] = []
+    for number in range(len(pockets.names)):
+        last = [
+            (chain, full)
+            for piece, full in zip(borders, reached, strict=True)
+            for chain in piece.chains
+            if piece.pocket == number
+        ]
+        runs += _rough_runs(number, walks, len(runs), bool(last), pockets, job)
+        runs += _last_runs(number, last, len(runs), pockets)
+    if not runs:
+        return ()
+    table = concatenate([run.chain for run in runs])
+    table = replace(table, owner=np.repeat(np.arange(len(runs)), [len(run.chain) for run in runs]))
+    depths = pass_depths(job.operation.depth, job.operation.passes)
+    none = np.zeros(len(table))
+    paths = tool_paths(
+        table, [run.label for run in runs], sideways(table, 0), none, _feeds(table, job), depths, "pocket"
+    )
+    return tuple(
+        replace(path, entry_radius=run.room, depths=depths[-1:] if run.whole else depths)
+        for path, run in zip(paths, runs, strict=True)
+    )
+
+
+def _rough_runs(
+    number: int, walks: Sequence[Walk], base: int, followed: bool, pockets: _Pockets, job: Job
+) -> list[_Run]:
+    """The walks of a pocket, the first of them path ``base``; followed: by a last pass."""
+    own = [k for k, walk in enumerate(walks) if walk.pocket == number]
+    runs = []
+    for n, k in enumerate(own, 1):
+        walk = walks[k]
+        after = base + len(own) if followed else -1
+        before = base + own.index(walk.before) if walk.before >= 0 else after
+        name = f"{pockets.names[number]}.{n}" if len(own) > 1 else pockets.names[number]
+        label = Label(name, pockets.layers[number], False, False, before, pockets.contours[number])
+        runs.append(_Run(label, walk.chain, max(0.0, min(walk.room, _HELIX_SHARE * job.tool.diameter))))
+    return runs
+
+
+def _last_runs(number: int, last: Sequence[tuple[Segments, bool]], base: int, pockets: _Pockets) -> list[_Run]:
+    """The last passes of a pocket one after the other, the first of them path ``base``."""
+    runs = []
+    for n, (chain, whole) in enumerate(last, 1):
+        name = f"{pockets.names[number]}.finish" + (f".{n}" if len(last) > 1 else "")
+        before = base + n if n < len(last) else -1
+        label = Label(name, pockets.layers[number], True, False, before, pockets.contours[number])
+        runs.append(_Run(label, chain, whole=whole))
+    return runs
+
+
+def _feeds(table: Segments, job: Job) -> FloatArray:
+    """(N,) mm/s: on inner curves the feed is that of the edge at the wall, as the centre runs on a smaller circle."""
+    wall = 1 if job.operation.direction == "conventional" else -1
+    inner = table.is_arc & (np.sign(table.bulge) == -wall)
+    share = 1 / (1 + job.tool.diameter / 2 / table.radius)
+    return np.asarray(job.process.feed * np.maximum(np.where(inner, share, 1.0), SLOWEST))
+
+
+def _reached_by_roughing(borders: Sequence[Piece], pieces: Sequence[Piece], job: Job) -> list[bool]:
+    """Whether along the walls of each piece no more is left for the last pass than it may take at the whole depth.
+
+    In places too narrow for the passes before, it would cut a slot.
+    """
+    most = max(job.operation.finish, job.operation.stepover * job.tool.diameter)
+    result = []
+    for border in borders:
+        inside = [piece.area for piece in pieces if piece.parent < 0 and piece.pocket == border.pocket]
+        rough = shapely.union_all(inside) if inside else shapely.Polygon()
+        far = border.area if rough.is_empty else border.area.difference(rough.buffer(most + CHORD, quad_segs=QUARTER))
+        result.append(bool(far.is_empty))
+    return result
+
+
+# What is said of them.
+
+
+def _tell_failed(failed: frozenset[int], borders: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
+    """Notes on pockets without a path."""
+    reached = {piece.pocket for piece in borders}
+    narrow = [k for k in range(len(pockets.names)) if k not in reached and k not in failed]
+    tool = f"a {job.tool.diameter:g} mm tool does not fit"
+    report = "the passes did not keep their distance from the walls; please report it"
+    result = []
+    for chosen, how, why in ((narrow, "too narrow", tool), (sorted(failed), "check failed", report)):
+        if chosen:
+            ids = [pockets.names[k] for k in chosen]
+            layers = ", ".join(sorted({pockets.layers[k] for k in chosen}))
+            what = f"{counted(len(ids), 'contour')} not cleared, {how}: {', '.join(name_ranges(ids))} on layer {layers}"
+            every = tuple(name for k in chosen for name in pockets.contours[k])
+            result.append(Note("skipped", what, why, every))
+    return result
+
+
+def _tell_passes(walks: Sequence[Walk], pieces: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
+    """How many passes there are, how far apart, and how much of the tool is in the material."""
+    if not walks:
+        return []
+    step = job.operation.stepover * job.tool.diameter
+    share, way = engagement(pieces, job.tool.diameter / 2, step, job.operation.direction != "conventional")
+    parents = {piece.parent for piece in pieces}
+    first = sum(k not in parents and piece.ring for k, piece in enumerate(pieces))
+    which = pockets.names[0] if len(pockets.names) == 1 else counted(len({w.pocket for w in walks}), "pocket")
+    passes = sum(walk.rings for walk in walks)
+    what = f"{which}: {counted(passes, 'pass', 'passes')} in {counted(len(walks), 'path')}, {short(step, 3)} mm apart"
+    if len(share):
+        order = np.argsort(share)
+        usual = share[order[np.searchsorted(np.cumsum(way[order]), _MOST_OF_THE_WAY * way.sum())]]
+        usual, most = (f"{np.ceil(100 * value - 1e-6):.0f}" for value in (usual, share.max()))
+        what += f", engagement {usual} % of the diameter on nine tenths of the way, {most} % at most"
+    why = f"not counted: the first pass in the middle of {counted(first, 'place')}, which is a slot"
+    return [Note("assumed", what, why)]
+
+
+def _tell_unreached(borders: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
+    """What the tool leaves of the pockets that it clears: corners and narrow places."""
+    radius = job.tool.diameter / 2
+    total, whole = 0.0, 0.0
+    places: list[tuple[float, float, float]] = []
+    ids: list[str] = []
+    for number in sorted({piece.pocket for piece in borders}):
+        region = _region(pockets.ground, number)
+        swept = shapely.union_all([piece.area for piece in borders if piece.pocket == number])
+        left = region.difference(swept.buffer(radius, quad_segs=QUARTER))
+        whole += region.area
+        # What is as thin as the chords of the flattened curves is none.
+        parts = [p for p in shapely.get_parts(left) if not p.buffer(-2 * CHORD).is_empty]
+        total += sum(p.area for p in parts)
+        large = [p for p in parts if p.area >= _PLACE_SHARE * np.pi * radius**2]
+        places += [(p.area, *p.representative_point().coords[0]) for p in large]
+        ids += pockets.contours[number] if large else []
+    if total <= max(1e-4 * whole, 0.05 * radius**2):
+        return []
+    places.sort(reverse=True)
+    what = f"{short(total, 2)} mm2 of {short(whole, 2)} mm2 not cleared"
+    if places:
+        what += f", {counted(len(places), 'place')} of {short(places[0][0], 2)} mm2 or less"
+    why = f"inner corners and narrow places that a {job.tool.diameter:g} mm tool does not reach"
+    return [Note("warning", what, why, tuple(ids), tuple((x, y) for _, x, y in places[:_MOST_PLACES]))]
+
+
+def _region(ground: Ground, number: int) -> Any:
+    """What the walls of a pocket enclose."""
+    points, owner = flatten(ground.walls.take(ground.group == number), CHORD)
+    loops = [shapely.make_valid(shapely.Polygon(points[owner == k])) for k in np.unique(owner)]
+    loops.sort(key=lambda loop: -loop.area)
+    return shapely.difference(loops[0], shapely.union_all(loops[1:])) if len(loops) > 1 else loops[0]

@@ -1,0 +1,202 @@
+"""The passes of pockets one after the other: from the middle outwards, linked at depth where the tool stays inside.
+
+A piece is cut after all that lies in it. What was cut last in it leads on to its rings: over a straight link on
+which the tool keeps the distance of the pass from the walls, or first along the ring that was cut last to where there
+is such a link. Where there is none the tool is lifted, and goes on in a path of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from msgspec import Struct
+
+from camgen.geometry.intersect import gaps
+from camgen.geometry.segments import BoolArray, IntArray, Segments
+from camgen.model.pose import FloatArray
+from camgen.plan.pocket.chains import begun_at, cut_out, join, locate, nearest, places, straight
+from camgen.plan.pocket.rings import Piece
+
+#: A link may come nearer to the walls than its pass by this, mm.
+_SLACK = 1e-4
+#: A link from one ring to the next goes so many steps ahead, the farthest first: a slanting one cuts little more than
+#: the ring itself.
+_AHEAD = (3.0, 2.0, 1.0, 0.5, 0.0)
+#: Places along a ring at which a link is tried.
+_TRIES = 48
+#: A piece with no more room than this, mm, is entered on its ring.
+_NO_ROOM = 0.01
+
+
+class Walk(Struct, frozen=True, eq=False):
+    """Passes that are run without a lift. chain: all of them with their links. rings: how many passes. room: mm, what
+    the tool's centre may leave its first point by without coming nearer to the walls than the outermost pass does.
+    before: index of the walk that is run after this one, -1 if none has to.
+    """
+
+    pocket: int
+    chain: Segments
+    rings: int
+    room: float
+    before: int
+
+
+class _Open:
+    """A walk that is not ended yet. last: the closed ring that was run last, if one was."""
+
+    def __init__(self, pocket: int, room: float) -> None:
+        self.pocket = pocket
+        self.room = room
+        self.parts: list[Segments] = []
+        self.rings = 0
+        self.last: Segments | None = None
+        self.before: _Open | None = None
+
+    @property
+    def end(self) -> FloatArray:
+        """Where the tool is, (2,)."""
+        return np.asarray(self.parts[-1].end[-1])
+
+    def add(self, chain: Segments, ring: bool) -> None:
+        """Run ``chain``, a closed ring or not."""
+        self.parts.append(chain)
+        self.rings += 1
+        self.last = chain if ring else self.last
+
+
+def lay(pieces: Sequence[Piece], walls: Sequence[Segments], first: float, step: float) -> list[Walk]:
+    """The walks over all ``pieces``, what must be run first before the rest.
+
+    walls: of each pocket. first: mm, the distance of the outermost passes. step: mm from pass to pass.
+    """
+    inside: list[list[int]] = [[] for _ in pieces]
+    for k, piece in enumerate(pieces):
+        if piece.parent >= 0:
+            inside[piece.parent].append(k)
+    done: dict[int, _Open] = {}
+    ended: list[_Open] = []
+    for k in range(len(pieces) - 1, -1, -1):
+        piece = pieces[k]
+        # The largest one leads on.
+        within = sorted((j for j in inside[k]), key=lambda j: float(pieces[j].area.area))
+        walk = done.pop(within[-1]) if within else None
+        others = [done.pop(j) for j in within[:-1]]
+        mine: list[_Open] = []
+        done[k] = _cut(piece, walk, walls[piece.pocket], first, step, mine)
+        for other in (*others, *mine):
+            other.before = done[k]
+            ended.append(other)
+    ended += done.values()
+    index = {id(walk): k for k, walk in enumerate(ended)}
+    return [
+        Walk(
+            walk.pocket,
+            join(walk.parts),
+            walk.rings,
+            walk.room,
+            index[id(walk.before)] if walk.before is not None else -1,
+        )
+        for walk in ended
+    ]
+
+
+def _cut(piece: Piece, walk: _Open | None, walls: Segments, first: float, step: float, ended: list[_Open]) -> _Open:
+    """The walk after the chains of ``piece``; those that were left for another one are appended to ``ended``."""
+    left = list(piece.chains)
+    while left:
+        if walk is None:
+            walk = _enter(piece, left, first)
+            continue
+        for k in np.argsort([nearest(chain, walk.end)[1] for chain in left]).tolist():
+            if _reach(walk, left[k], piece, walls, step):
+                left.pop(k)
+                break
+        else:
+            ended.append(walk)
+            walk = None
+    assert walk is not None
+    return walk
+
+
+def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
+    """A walk that begins in ``piece``, in its middle if it is whole; the chain that it runs first is taken off
+    ``left``.
+    """
+    if piece.ring and len(left) == len(piece.chains):
+        middle, edge = shapely.get_coordinates(shapely.maximum_inscribed_circle(piece.area, 0.01))
+        room = float(np.hypot(*(edge - middle)))
+        if room > _NO_ROOM:
+            at = [nearest(chain, middle) for chain in left]
+            k = int(np.argmin([gap for _, gap in at]))
+            walk = _Open(piece.pocket, piece.distance - first + room)
+            ring = begun_at(left.pop(k), at[k][0])
+            walk.parts.append(straight(middle, ring.start[:1]))
+            walk.add(ring, True)
+            return walk
+    walk = _Open(piece.pocket, piece.distance - first)
+    walk.add(left.pop(int(np.argmax([chain.length.sum() for chain in left]))), piece.ring)
+    return walk
+
+
+def _reach(walk: _Open, chain: Segments, piece: Piece, walls: Segments, step: float) -> bool:
+    """Whether ``chain`` could be added to ``walk``, which then is done."""
+    clear = piece.distance - _SLACK
+    ring = _is_closed(chain)
+    total = float(chain.length.sum())
+    if ring:
+        foot = nearest(chain, walk.end)[0]
+        at = np.array([(foot + ahead * min(step, total / 12)) % total for ahead in _AHEAD])
+        at = np.concatenate([at, places(chain, total / _TRIES)[0][:-1]])
+    else:
+        at = np.zeros(1)
+    ends = locate(chain, at)
+    links = straight(walk.end, ends)
+    order = np.argsort(np.where(np.arange(len(at)) < len(_AHEAD), -1.0, links.length), kind="stable")
+    good = order[~_too_near(links.take(order), walls, clear)][:1]
+    if not len(good):
+        good = _go_round(walk, ends, walls, clear)
+    if not len(good):
+        return False
+    walk.add(begun_at(chain, float(at[good[0]])) if ring else chain, ring)
+    return True
+
+
+def _go_round(walk: _Open, ends: FloatArray, walls: Segments, clear: float) -> IntArray:
+    """Takes ``walk`` along its last ring to where a link leads to one of ``ends``: the row of that, or none."""
+    if walk.last is None:
+        return np.zeros(0, dtype=np.int64)
+    ring, total = walk.last, float(walk.last.length.sum())
+    off, points = places(ring, total / _TRIES)
+    start, gap = nearest(ring, walk.end)
+    if gap > _SLACK:
+        # A stretch beside the ring was run since; back to it first.
+        back = np.concatenate([[start], off])
+        lines = straight(walk.end, locate(ring, back))
+        order = np.argsort(lines.length, kind="stable")
+        free = order[~_too_near(lines.take(order), walls, clear)]
+        if not len(free):
+            return np.zeros(0, dtype=np.int64)
+        start = float(back[free[0]])
+    gaps_between = np.hypot(*np.moveaxis(points[:, None] - ends[None], 2, 0))
+    one, two = np.unravel_index(np.argsort(gaps_between, axis=None)[: 2 * _TRIES], gaps_between.shape)
+    free = np.flatnonzero(~_too_near(_lines(points[one], ends[two]), walls, clear))[:1]
+    if len(free):
+        there = float(off[one[free[0]]])
+        walk.parts.append(cut_out(ring, start, there if there > start else there + total))
+    return np.asarray(two[free])
+
+
+def _lines(starts: FloatArray, ends: FloatArray) -> Segments:
+    lines = straight(np.zeros(2), ends)
+    return Segments(starts, lines.end, lines.bulge, lines.centre, lines.radius, lines.owner)
+
+
+def _too_near(links: Segments, walls: Segments, clear: float) -> BoolArray:
+    """(M,) whether each link comes nearer to ``walls`` than ``clear`` mm."""
+    return np.asarray(gaps(links, walls, clear) < clear)
+
+
+def _is_closed(chain: Segments) -> bool:
+    return bool(np.hypot(*(chain.end[-1] - chain.start[0])) < _SLACK)

@@ -1,0 +1,70 @@
+"""What a tool sweeps along its paths, by GEOS, and what a disc can reach: judges with formulas of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from camgen.model.part import Contour
+from camgen.model.path import ToolPath
+
+#: Chords leave arcs by so much, mm; a quarter of a disc has so many chords.
+CHORD, QUARTER = 0.001, 48
+
+
+def enclosed(contours: Sequence[Contour]) -> shapely.Geometry:
+    """What closed contours enclose, even-odd, as polygons."""
+    region = shapely.Polygon()
+    for contour in contours:
+        if contour.closed:
+            region = region.symmetric_difference(outline(contour))
+    return region
+
+
+def outline(contour: Contour) -> shapely.Polygon:
+    """A closed contour as a polygon."""
+    ends = np.vstack([contour.points, contour.points[:1]])
+    spans = zip(ends[:-1], ends[1:], contour.bulges, strict=True)
+    return shapely.Polygon([point for a, b, bulge in spans for point in _bulged(a, b, float(bulge))])
+
+
+def _bulged(a: np.ndarray, b: np.ndarray, bulge: float) -> list[np.ndarray]:
+    if not bulge:
+        return [a]
+    chord = b - a
+    middle = (a + b) / 2 - bulge / 2 * np.array([-chord[1], chord[0]])
+    return _on_arc(a, middle, b)[:-1]
+
+
+def _on_arc(a: np.ndarray, middle: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
+    """Points on the arc from ``a`` over ``middle`` to ``b``, both ends among them."""
+    matrix = 2 * np.array([middle - a, b - a])
+    centre = np.linalg.solve(matrix, [middle @ middle - a @ a, b @ b - a @ a])
+    radius = float(np.hypot(*(a - centre)))
+    begin, half = (np.arctan2(*(p - centre)[::-1]) for p in (a, middle))
+    sweep = 2 * ((half - begin + np.pi) % (2 * np.pi) - np.pi)
+    count = int(np.ceil(abs(sweep) / (2 * np.arccos(1 - min(CHORD / radius, 1.0))))) + 1
+    angles = begin + sweep * np.linspace(0, 1, count + 1)
+    return [a, *(centre + radius * np.array([np.cos(t), np.sin(t)]) for t in angles[1:-1]), b]
+
+
+def centre_line(path: ToolPath) -> shapely.LineString:
+    """The way of the tool's centre in the plane."""
+    position, via = path.position[:, :2], path.via[:, :2]
+    points = [position[0]]
+    for k in range(1, len(position)):
+        straight = np.isnan(via[k, 0])
+        points += [position[k]] if straight else _on_arc(position[k - 1], via[k], position[k])[1:]
+    return shapely.LineString(points)
+
+
+def swept(paths: Sequence[ToolPath], radius: float) -> shapely.Geometry:
+    """What a disc of ``radius`` mm covers along ``paths``."""
+    return shapely.union_all([centre_line(path).buffer(radius, quad_segs=QUARTER) for path in paths])
+
+
+def reachable(region: shapely.Geometry, radius: float) -> shapely.Geometry:
+    """What of ``region`` a disc of ``radius`` mm covers that stays in it by a thousandth of a mm."""
+    return region.buffer(-(radius + 0.001), quad_segs=QUARTER).buffer(radius, quad_segs=QUARTER)
