@@ -13,6 +13,7 @@ place are passes of their own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.geometry.nesting import loop_areas
-from camgen.geometry.ragged import begins
-from camgen.geometry.segments import BoolArray, IntArray, Segments, backwards, flatten
+from camgen.geometry.segments import IntArray, Segments, backwards, flatten, from_contours, neighbours
 from camgen.plan.beside import Beside, beside
-from camgen.plan.pocket.chains import cut_out, places
+from camgen.plan.pocket.chains import concatenate, cut_out, places
 
 #: Rings are flattened to this, mm, where it is looked at what lies in what, and at what stays uncut.
 CHORD = 0.002
@@ -32,7 +32,7 @@ CHORD = 0.002
 _THIN = 0.002
 #: A quarter of a circle has so many chords where discs are swept: they are within a ten-thousandth of a radius.
 QUARTER = 48
-#: Where the numbers are against a pass, it is tried so many steps farther in.
+#: Where the numbers are against a pass, it is tried so many steps farther out.
 _NUDGES = (0.0, -0.003, -0.007, -0.02)
 #: Places beside which a stretch is looked for lie so far apart, as a share of the tool's radius.
 _EVERY = 0.1
@@ -40,13 +40,14 @@ _EVERY = 0.1
 
 class Ground(Struct, frozen=True, eq=False):
     """The walls of pockets, the material on their left. following: (N,) the next segment of each. group: (N,) the
-    pocket that a segment is of. count: of pockets.
+    pocket that a segment is of. count: of pockets. distance: mm, of these walls from those of the pockets.
     """
 
     walls: Segments
     following: IntArray
     group: IntArray
     count: int
+    distance: float = 0.0
 
 
 class Piece(Struct, frozen=True, eq=False):
@@ -71,34 +72,42 @@ class Peeled(Struct, frozen=True, eq=False):
     failed: frozenset[int]
 
 
+class _Level(Struct, frozen=True, eq=False):
+    """The pieces at one distance, their borders as the ground for the next ones, and the pockets that have none for a
+    fault of the numbers.
+    """
+
+    pieces: list[Piece]
+    ground: Ground
+    bad: frozenset[int]
+
+
 def peel(ground: Ground, first: float, step: float, radius: float, climb: bool) -> Peeled:
     """The pieces of all pockets: passes at ``first``, ``first + step``, ... mm from the walls, and what they need more.
 
-    climb: material on the right of the travel, else on the left.
+    climb: material on the right of the travel, else on the left. Each pass is the exact offset of the one before: what
+    is nowhere nearer than one step to it is nowhere nearer to the walls than that.
     """
+    level = _level(ground, first, climb)
+    failed = level.bad
     pieces: list[Piece] = []
-    before: list[int] = []
-    alive, failed = np.ones(ground.count, dtype=bool), set[int]()
-    level = 0
-    while alive.any():
-        found, bad = _level(ground, alive, first + level * step, step if level else 0.0, climb)
-        failed |= bad
-        found = [piece for piece in found if piece.pocket not in failed]
-        alive = np.zeros(ground.count, dtype=bool)
-        alive[[piece.pocket for piece in found]] = True
-        if step > radius and level:
-            between, spoiled = _between(ground, [pieces[k] for k in before], found, step, radius, climb)
+    before = _append(pieces, level.pieces, [])
+    while level.pieces:
+        inner = _level(level.ground, step, climb, ground)
+        failed |= inner.bad
+        if step > radius:
+            between, spoiled = _between(level.ground, inner.pieces, step, radius, climb, ground)
             failed |= spoiled
             before += _append(pieces, between, before)
-        before = _append(pieces, found, before)
-        level += 1
-    return Peeled(tuple(pieces), frozenset(failed))
+        before = _append(pieces, inner.pieces, before)
+        level = inner
+    return Peeled(tuple(pieces), failed)
 
 
 def along_walls(ground: Ground, distance: float, climb: bool) -> Peeled:
     """One pass at ``distance`` mm from the walls of all pockets."""
-    pieces, failed = _level(ground, np.ones(ground.count, dtype=bool), distance, 0.0, climb)
-    return Peeled(tuple(pieces), frozenset(failed))
+    level = _level(ground, distance, climb)
+    return Peeled(tuple(level.pieces), level.bad)
 
 
 def _append(pieces: list[Piece], found: Sequence[Piece], before: list[int]) -> list[int]:
@@ -124,57 +133,86 @@ def _enclosing(piece: Piece, candidates: Sequence[Piece]) -> int:
     return int(near[np.argmax(distance[near])])
 
 
-def _level(ground: Ground, alive: BoolArray, distance: float, step: float, climb: bool) -> tuple[list[Piece], set[int]]:
-    """The pieces at ``distance`` of the pockets ``alive``, and the pockets that have none for a fault of the numbers.
+def _level(ground: Ground, by: float, climb: bool, walls: Ground | None = None) -> _Level:
+    """The pieces at ``by`` mm from ``ground``.
 
-    step: mm, 0: the distance must be met exactly.
+    walls: those of the pockets. Where the numbers are against a pocket it is tried at a little more or less, and from
+    these; without them the distance is met exactly or not at all.
     """
-    rows = np.flatnonzero(alive[ground.group])
+    tries = [(ground, by * (1 + nudge)) for nudge in (_NUDGES if walls is not None else _NUDGES[:1])]
+    if walls is not None:
+        tries += [(walls, ground.distance + by * (1 + nudge)) for nudge in _NUDGES]
+    pockets = frozenset(np.unique(ground.group).tolist())
+    done: list[_Level] = []
+    for source, at in tries:
+        if not pockets:
+            break
+        own = _of_pockets(source, pockets)
+        closed = np.ones(int(own.walls.owner.max(initial=-1)) + 1, dtype=bool)
+        curve = beside(own.walls, own.following, closed, own.group, at, 0.0)
+        done.append(_pieces(curve, own, source.distance + at, climb))
+        pockets = done[-1].bad
+    pieces = [piece for level in done for piece in level.pieces]
+    return _Level(pieces, _join([level.ground for level in done], ground.count), pockets)
+
+
+def _of_pockets(ground: Ground, pockets: frozenset[int]) -> Ground:
+    """The borders of some pockets."""
+    rows = np.flatnonzero(np.isin(ground.group, list(pockets)))
     new = np.full(len(ground.walls), -1)
     new[rows] = np.arange(len(rows))
-    walls, group = ground.walls.take(rows), ground.group[rows]
-    following = new[ground.following[rows]]
-    best: tuple[list[Piece], set[int]] | None = None
-    for nudge in _NUDGES if step else _NUDGES[:1]:
-        closed = np.ones(int(walls.owner.max()) + 1, dtype=bool)
-        at = distance + nudge * step
-        curve = beside(walls, following, closed, group, at, 0.0)
-        pieces, bad = _pieces(curve, group, at, climb)
-        if best is None or len(bad) < len(best[1]):
-            best = pieces, bad
-        if not bad:
-            break
-    assert best is not None
-    return best
+    return Ground(
+        ground.walls.take(rows), new[ground.following[rows]], ground.group[rows], ground.count, ground.distance
+    )
 
 
-def _pieces(curve: Beside, group: IntArray, distance: float, climb: bool) -> tuple[list[Piece], set[int]]:
+def _join(grounds: Sequence[Ground], count: int) -> Ground:
+    """The borders of several, each of other pockets, as one."""
+    if not grounds:
+        return Ground(from_contours([]), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), count)
+    rows, owners = 0, 0
+    following, owner = [], []
+    for ground in grounds:
+        following.append(ground.following + rows)
+        owner.append(ground.walls.owner + owners)
+        rows += len(ground.walls)
+        owners += int(ground.walls.owner.max(initial=-1)) + 1
+    walls = replace(concatenate([ground.walls for ground in grounds]), owner=np.concatenate(owner))
+    group = np.concatenate([ground.group for ground in grounds])
+    return Ground(walls, np.concatenate(following), group, count, grounds[0].distance)
+
+
+def _pieces(curve: Beside, ground: Ground, distance: float, climb: bool) -> _Level:
     count = len(curve.closed)
     if not count:
-        return [], set()
+        return _Level([], replace(_of_pockets(ground, frozenset()), distance=distance), frozenset())
     first = np.searchsorted(curve.segments.owner, np.arange(count))
-    pocket = group[curve.source[first]]
-    bad = set(pocket[~(curve.sound & curve.closed)].tolist())
+    pocket = ground.group[curve.source[first]]
+    bad = np.unique(pocket[~(curve.sound & curve.closed)])
     points, owner = flatten(curve.segments, CHORD)
     sizes = np.bincount(owner, minlength=count)
     area = loop_areas(curve.segments, count)
     length = np.bincount(curve.segments.owner, curve.segments.length, count)
     # What is as thin as this need not be cut, and no polygon has fewer than three corners.
-    worth = (sizes >= 3) & (np.abs(area) > _THIN * length / 2)
-    travel = backwards(curve.segments)[0] if climb else curve.segments
-    long = np.bincount(travel.owner, minlength=count)
-    edge, low = begins(long), begins(sizes)
-    chains = [travel.take(np.arange(a, a + n)) for a, n in zip(edge, long, strict=True)]
-    loops = [points[a : a + n] for a, n in zip(low, sizes, strict=True)]
+    worth = (sizes >= 3) & (np.abs(area) > _THIN * length / 2) & ~np.isin(pocket, bad)
+    chains = _chains(backwards(curve.segments)[0] if climb else curve.segments, count)
+    loops = np.split(points, np.cumsum(sizes)[:-1])
     pieces = []
     # With the material on the left the border around a piece runs clockwise, that around an island in it the other way.
     for number in np.unique(pocket[worth]).tolist():
         own = np.flatnonzero(worth & (pocket == number))
-        if number not in bad:
-            for members in _share_out(own[area[own] < 0], own[area[own] > 0], loops):
-                polygon = shapely.Polygon(loops[members[0]], [loops[k] for k in members[1:]])
-                pieces.append(Piece(number, distance, tuple(chains[k] for k in members), True, polygon))
-    return pieces, bad
+        for members in _share_out(own[area[own] < 0], own[area[own] > 0], loops):
+            polygon = shapely.Polygon(loops[members[0]], [loops[k] for k in members[1:]])
+            pieces.append(Piece(number, distance, tuple(chains[k] for k in members), True, polygon))
+    borders = curve.segments.take(worth[curve.segments.owner])
+    inner = Ground(borders, neighbours(borders, curve.closed), pocket[borders.owner], ground.count, distance)
+    return _Level(pieces, inner, frozenset(bad.tolist()))
+
+
+def _chains(segments: Segments, count: int) -> list[Segments]:
+    """The segments of each owner."""
+    edges = np.searchsorted(segments.owner, np.arange(count + 1))
+    return [segments.take(np.arange(a, b)) for a, b in pairwise(edges.tolist())]
 
 
 def _share_out(outer: IntArray, holes: IntArray, loops: Sequence[Any]) -> list[list[int]]:
@@ -194,18 +232,14 @@ def _share_out(outer: IntArray, holes: IntArray, loops: Sequence[Any]) -> list[l
 
 
 def _between(
-    ground: Ground, outer: Sequence[Piece], inner: Sequence[Piece], step: float, radius: float, climb: bool
-) -> tuple[list[Piece], set[int]]:
-    """Passes for what stays between two: pieces one radius beyond the ``outer`` ones, with what of them is needed."""
-    rings = [piece for piece in outer if piece.ring]
-    if not rings:
-        return [], set()
-    alive = np.zeros(ground.count, dtype=bool)
-    alive[[piece.pocket for piece in rings]] = True
-    distance = min(piece.distance for piece in rings) + radius
-    found, failed = _level(ground, alive, distance, step - radius, climb)
+    ground: Ground, inner: Sequence[Piece], step: float, radius: float, climb: bool, walls: Ground
+) -> tuple[list[Piece], frozenset[int]]:
+    """Passes for what stays between those whose borders are ``ground`` and the ``inner`` ones, one ``step`` on: the
+    pieces one radius on, with what of them is needed.
+    """
+    level = _level(ground, radius, climb, walls)
     result = []
-    for piece in found:
+    for piece in level.pieces:
         within = [other.area for other in inner if other.pocket == piece.pocket]
         reach = shapely.union_all(within).intersection(piece.area) if within else shapely.Polygon()
         if reach.is_empty:
@@ -215,7 +249,7 @@ def _between(
         if not bare.is_empty:
             chains = _stretches(piece.chains, bare, step - radius, radius)
             result.append(replace(piece, chains=chains, ring=False))
-    return result, failed
+    return result, level.bad
 
 
 def _stretches(chains: Sequence[Segments], bare: Any, reach: float, radius: float) -> tuple[Segments, ...]:

@@ -14,18 +14,22 @@ import shapely
 from msgspec import Struct
 
 from camgen.geometry.intersect import gaps
-from camgen.geometry.segments import BoolArray, IntArray, Segments
+from camgen.geometry.segments import IntArray, Segments
 from camgen.model.pose import FloatArray
 from camgen.plan.pocket.chains import begun_at, cut_out, join, locate, nearest, places, straight
 from camgen.plan.pocket.rings import Piece
 
-#: A link may come nearer to the walls than its pass by this, mm.
+#: A link may come nearer to the walls than the outermost pass by this, mm.
 _SLACK = 1e-4
+#: Or than an inner pass by so many steps.
+_INNER_SLACK = 0.05
 #: A link from one ring to the next goes so many steps ahead, the farthest first: a slanting one cuts little more than
 #: the ring itself.
 _AHEAD = (3.0, 2.0, 1.0, 0.5, 0.0)
 #: Places along a ring at which a link is tried.
 _TRIES = 48
+#: Links that are looked at together.
+_AT_ONCE = 8
 #: A piece with no more room than this, mm, is entered on its ring.
 _NO_ROOM = 0.01
 
@@ -110,7 +114,7 @@ def _cut(piece: Piece, walk: _Open | None, walls: Segments, first: float, step: 
             walk = _enter(piece, left, first)
             continue
         for k in np.argsort([nearest(chain, walk.end)[1] for chain in left]).tolist():
-            if _reach(walk, left[k], piece, walls, step):
+            if _reach(walk, left[k], piece, walls, first, step):
                 left.pop(k)
                 break
         else:
@@ -140,27 +144,35 @@ def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
     return walk
 
 
-def _reach(walk: _Open, chain: Segments, piece: Piece, walls: Segments, step: float) -> bool:
+def _reach(walk: _Open, chain: Segments, piece: Piece, walls: Segments, first: float, step: float) -> bool:
     """Whether ``chain`` could be added to ``walk``, which then is done."""
-    clear = piece.distance - _SLACK
-    ring = _is_closed(chain)
+    clear = max(first, piece.distance - _INNER_SLACK * step) - _SLACK
+    if not _is_closed(chain):
+        there = chain.start[:1]
+        if not _is_linked(walk, there, walls, clear) and not len(_go_round(walk, there, walls, clear)):
+            return False
+        walk.add(chain, False)
+        return True
     total = float(chain.length.sum())
-    if ring:
-        foot = nearest(chain, walk.end)[0]
-        at = np.array([(foot + ahead * min(step, total / 12)) % total for ahead in _AHEAD])
-        at = np.concatenate([at, places(chain, total / _TRIES)[0][:-1]])
-    else:
-        at = np.zeros(1)
-    ends = locate(chain, at)
-    links = straight(walk.end, ends)
-    order = np.argsort(np.where(np.arange(len(at)) < len(_AHEAD), -1.0, links.length), kind="stable")
-    good = order[~_too_near(links.take(order), walls, clear)][:1]
+    foot = nearest(chain, walk.end)[0]
+    ahead = np.array([(foot + k * min(step, total / 12)) % total for k in _AHEAD])
+    good = ahead[_first_free(straight(walk.end, locate(chain, ahead)), walls, clear)]
     if not len(good):
-        good = _go_round(walk, ends, walls, clear)
+        around = places(chain, total / _TRIES)[0][:-1]
+        ends = locate(chain, around)
+        links = straight(walk.end, ends)
+        order = np.argsort(links.length, kind="stable")
+        good = around[order[_first_free(links.take(order), walls, clear)]]
+        if not len(good):
+            good = around[_go_round(walk, ends, walls, clear)]
     if not len(good):
         return False
-    walk.add(begun_at(chain, float(at[good[0]])) if ring else chain, ring)
+    walk.add(begun_at(chain, float(good[0])), True)
     return True
+
+
+def _is_linked(walk: _Open, there: FloatArray, walls: Segments, clear: float) -> bool:
+    return len(_first_free(straight(walk.end, there), walls, clear)) > 0
 
 
 def _go_round(walk: _Open, ends: FloatArray, walls: Segments, clear: float) -> IntArray:
@@ -175,13 +187,13 @@ def _go_round(walk: _Open, ends: FloatArray, walls: Segments, clear: float) -> I
         back = np.concatenate([[start], off])
         lines = straight(walk.end, locate(ring, back))
         order = np.argsort(lines.length, kind="stable")
-        free = order[~_too_near(lines.take(order), walls, clear)]
+        free = order[_first_free(lines.take(order), walls, clear)]
         if not len(free):
             return np.zeros(0, dtype=np.int64)
         start = float(back[free[0]])
     gaps_between = np.hypot(*np.moveaxis(points[:, None] - ends[None], 2, 0))
     one, two = np.unravel_index(np.argsort(gaps_between, axis=None)[: 2 * _TRIES], gaps_between.shape)
-    free = np.flatnonzero(~_too_near(_lines(points[one], ends[two]), walls, clear))[:1]
+    free = _first_free(_lines(points[one], ends[two]), walls, clear)
     if len(free):
         there = float(off[one[free[0]]])
         walk.parts.append(cut_out(ring, start, there if there > start else there + total))
@@ -193,9 +205,14 @@ def _lines(starts: FloatArray, ends: FloatArray) -> Segments:
     return Segments(starts, lines.end, lines.bulge, lines.centre, lines.radius, lines.owner)
 
 
-def _too_near(links: Segments, walls: Segments, clear: float) -> BoolArray:
-    """(M,) whether each link comes nearer to ``walls`` than ``clear`` mm."""
-    return np.asarray(gaps(links, walls, clear) < clear)
+def _first_free(links: Segments, walls: Segments, clear: float) -> IntArray:
+    """The row of the first of ``links`` that comes no nearer to ``walls`` than ``clear`` mm; none if there is none."""
+    for low in range(0, len(links), _AT_ONCE):
+        rows = np.arange(low, min(low + _AT_ONCE, len(links)))
+        free = rows[gaps(links.take(rows), walls, clear) >= clear]
+        if len(free):
+            return free[:1]
+    return np.zeros(0, dtype=np.int64)
 
 
 def _is_closed(chain: Segments) -> bool:
