@@ -51,12 +51,22 @@ class Shown(Struct, frozen=True):
     title: str = ""
 
 
+_MILL = {"tool": {"diameter": 5.0}, "process": {"spindle": 9000}}
+
 PICTURES = (
     Shown("bracket.svg", PARTS / "bracket.dxf", "rapid"),
     Shown("trace.svg", PARTS / "bracket.dxf", "vplus", {"operation": {"kind": "trace"}}),
     Shown("tabs.svg", PARTS / "bracket.dxf", "gcode", TABS),
     Shown("space.svg", PARTS / "space.dxf", "rapid", {"operation": {"kind": "trace"}}),
     Shown("fill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "fill"}, "tool": {"diameter": 3.0}}),
+    Shown("pocket.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "pocket"}, **_MILL}),
+    Shown("bore.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "bore", "depth": 4}, **_MILL}),
+    Shown(
+        "chamfer.svg",
+        PARTS / "bracket.dxf",
+        "gcode",
+        {"operation": {"kind": "chamfer", "width": 1}, "tool": {"kind": "v"}, "process": {"spindle": 9000}},
+    ),
     Shown("drill.svg", PARTS / "bracket.dxf", "gcode", {"operation": {"kind": "drill"}, "tool": {"diameter": 8.0}}),
     Shown("replay.svg", OLD, "rapid", {"post": {"signals": {"dout0": "doProcess"}}}, "old.ngc, rapid"),
     Shown("edges.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),

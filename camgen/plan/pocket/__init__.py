@@ -36,8 +36,8 @@ _MOST_STEP = 0.95
 _HELIX_SHARE = 0.45
 #: What stays of a corner is shown as a place from this share of the tool's disc on.
 _PLACE_SHARE = 0.02
-#: The usual engagement is not exceeded on so much of the way.
-_MOST_OF_THE_WAY = 0.9
+#: From this engagement on a pass is as good as a slot.
+_MUCH = 0.9
 #: Places that are named at most.
 _MOST_PLACES = 100
 
@@ -313,11 +313,17 @@ def _tell_passes(walks: Sequence[Walk], pieces: Sequence[Piece], pockets: _Pocke
     what = f"{which}: {counted(passes, 'pass', 'passes')} in {counted(len(walks), 'path')}, {short(step, 3)} mm apart"
     if len(share):
         order = np.argsort(share)
-        usual = share[order[np.searchsorted(np.cumsum(way[order]), _MOST_OF_THE_WAY * way.sum())]]
-        usual, most = (f"{np.ceil(100 * value - 1e-6):.0f}" for value in (usual, share.max()))
-        what += f", engagement {usual} % of the diameter on nine tenths of the way, {most} % at most"
+        half = share[order[np.searchsorted(np.cumsum(way[order]), way.sum() / 2)]]
+        much = 100 * way[share > _MUCH].sum() / way.sum()
+        what += f", engagement {_percent(half)} % of the diameter or less on half of the way, {_percent(share.max())} %"
+        what += f" at most, over {100 * _MUCH:.0f} % on {short(much, 1)} % of it"
     why = f"not counted: the first pass in the middle of {counted(first, 'place')}, which is a slot"
     return [Note("assumed", what, why)]
+
+
+def _percent(share: float) -> str:
+    """A share in whole percent, rounded up."""
+    return f"{np.ceil(100 * share - 1e-6):.0f}"
 
 
 def _tell_unreached(borders: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
