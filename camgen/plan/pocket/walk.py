@@ -8,6 +8,7 @@ is such a link. Where there is none the tool is lifted, and goes on in a path of
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import shapely
@@ -28,6 +29,8 @@ _INNER_SLACK = 0.05
 _AHEAD = (3.0, 2.0, 1.0, 0.5, 0.0)
 #: Places along a ring at which a link is tried.
 _TRIES = 48
+#: A link leads through so many steps of material that is not cut yet at most.
+_UNCUT = 4.0
 #: Links that are looked at together.
 _AT_ONCE = 8
 #: A piece with no more room than this, mm, is entered on its ring.
@@ -45,6 +48,17 @@ class Walk(Struct, frozen=True, eq=False):
     rings: int
     room: float
     before: int
+
+
+class _Room(Struct, frozen=True, eq=False):
+    """Where links may go: no nearer to ``walls`` than ``clear`` mm, and ``most`` mm at most outside of what is ``cut``
+    already, where the tool would cut a slot.
+    """
+
+    walls: Segments
+    clear: float
+    cut: Any
+    most: float
 
 
 class _Open:
@@ -88,7 +102,9 @@ def lay(pieces: Sequence[Piece], walls: Sequence[Segments], first: float, step: 
         walk = done.pop(within[-1]) if within else None
         others = [done.pop(j) for j in within[:-1]]
         mine: list[_Open] = []
-        done[k] = _cut(piece, walk, walls[piece.pocket], first, step, mine)
+        clear = max(first, piece.distance - _INNER_SLACK * step) - _SLACK
+        room = _Room(walls[piece.pocket], clear, shapely.union_all([pieces[j].area for j in within]), _UNCUT * step)
+        done[k] = _cut(piece, walk, room, first, step, mine)
         for other in (*others, *mine):
             other.before = done[k]
             ended.append(other)
@@ -106,7 +122,7 @@ def lay(pieces: Sequence[Piece], walls: Sequence[Segments], first: float, step: 
     ]
 
 
-def _cut(piece: Piece, walk: _Open | None, walls: Segments, first: float, step: float, ended: list[_Open]) -> _Open:
+def _cut(piece: Piece, walk: _Open | None, room: _Room, first: float, step: float, ended: list[_Open]) -> _Open:
     """The walk after the chains of ``piece``; those that were left for another one are appended to ``ended``."""
     left = list(piece.chains)
     while left:
@@ -114,7 +130,7 @@ def _cut(piece: Piece, walk: _Open | None, walls: Segments, first: float, step: 
             walk = _enter(piece, left, first)
             continue
         for k in np.argsort([nearest(chain, walk.end)[1] for chain in left]).tolist():
-            if _reach(walk, left[k], piece, walls, first, step):
+            if _reach(walk, left[k], room, step):
                 left.pop(k)
                 break
         else:
@@ -144,38 +160,37 @@ def _enter(piece: Piece, left: list[Segments], first: float) -> _Open:
     return walk
 
 
-def _reach(walk: _Open, chain: Segments, piece: Piece, walls: Segments, first: float, step: float) -> bool:
+def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
     """Whether ``chain`` could be added to ``walk``, which then is done."""
-    clear = max(first, piece.distance - _INNER_SLACK * step) - _SLACK
     if not _is_closed(chain):
         there = chain.start[:1]
-        if not _is_linked(walk, there, walls, clear) and not len(_go_round(walk, there, walls, clear)):
+        if not _is_linked(walk, there, room) and not len(_go_round(walk, there, room)):
             return False
         walk.add(chain, False)
         return True
     total = float(chain.length.sum())
     foot = nearest(chain, walk.end)[0]
     ahead = np.array([(foot + k * min(step, total / 12)) % total for k in _AHEAD])
-    good = ahead[_first_free(straight(walk.end, locate(chain, ahead)), walls, clear)]
+    good = ahead[_first_free(straight(walk.end, locate(chain, ahead)), room)]
     if not len(good):
         around = places(chain, total / _TRIES)[0][:-1]
         ends = locate(chain, around)
         links = straight(walk.end, ends)
         order = np.argsort(links.length, kind="stable")
-        good = around[order[_first_free(links.take(order), walls, clear)]]
+        good = around[order[_first_free(links.take(order), room)]]
         if not len(good):
-            good = around[_go_round(walk, ends, walls, clear)]
+            good = around[_go_round(walk, ends, room)]
     if not len(good):
         return False
     walk.add(begun_at(chain, float(good[0])), True)
     return True
 
 
-def _is_linked(walk: _Open, there: FloatArray, walls: Segments, clear: float) -> bool:
-    return len(_first_free(straight(walk.end, there), walls, clear)) > 0
+def _is_linked(walk: _Open, there: FloatArray, room: _Room) -> bool:
+    return len(_first_free(straight(walk.end, there), room)) > 0
 
 
-def _go_round(walk: _Open, ends: FloatArray, walls: Segments, clear: float) -> IntArray:
+def _go_round(walk: _Open, ends: FloatArray, room: _Room) -> IntArray:
     """Takes ``walk`` along its last ring to where a link leads to one of ``ends``: the row of that, or none."""
     if walk.last is None:
         return np.zeros(0, dtype=np.int64)
@@ -187,13 +202,13 @@ def _go_round(walk: _Open, ends: FloatArray, walls: Segments, clear: float) -> I
         back = np.concatenate([[start], off])
         lines = straight(walk.end, locate(ring, back))
         order = np.argsort(lines.length, kind="stable")
-        free = order[_first_free(lines.take(order), walls, clear)]
+        free = order[_first_free(lines.take(order), room)]
         if not len(free):
             return np.zeros(0, dtype=np.int64)
         start = float(back[free[0]])
     gaps_between = np.hypot(*np.moveaxis(points[:, None] - ends[None], 2, 0))
     one, two = np.unravel_index(np.argsort(gaps_between, axis=None)[: 2 * _TRIES], gaps_between.shape)
-    free = _first_free(_lines(points[one], ends[two]), walls, clear)
+    free = _first_free(_lines(points[one], ends[two]), room)
     if len(free):
         there = float(off[one[free[0]]])
         walk.parts.append(cut_out(ring, start, there if there > start else there + total))
@@ -205,13 +220,15 @@ def _lines(starts: FloatArray, ends: FloatArray) -> Segments:
     return Segments(starts, lines.end, lines.bulge, lines.centre, lines.radius, lines.owner)
 
 
-def _first_free(links: Segments, walls: Segments, clear: float) -> IntArray:
-    """The row of the first of ``links`` that comes no nearer to ``walls`` than ``clear`` mm; none if there is none."""
+def _first_free(links: Segments, room: _Room) -> IntArray:
+    """The row of the first of ``links`` that has ``room``; none if there is none."""
     for low in range(0, len(links), _AT_ONCE):
         rows = np.arange(low, min(low + _AT_ONCE, len(links)))
-        free = rows[gaps(links.take(rows), walls, clear) >= clear]
-        if len(free):
-            return free[:1]
+        rows = rows[gaps(links.take(rows), room.walls, room.clear) >= room.clear]
+        lines = shapely.linestrings(np.stack([links.start[rows], links.end[rows]], axis=1))
+        rows = rows[shapely.length(shapely.difference(lines, room.cut)) <= room.most]
+        if len(rows):
+            return np.asarray(rows[:1])
     return np.zeros(0, dtype=np.int64)
 
 
