@@ -21,13 +21,17 @@ from camgen.plan.unused import drop_inherited
 _RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 3, "follow": 4}
 #: The operations whose sides follow from all contours that bound material.
 _BESIDE = ("follow", "chamfer")
+#: The operations that look for circles themselves.
+_HOLES = ("drill", "bore")
 #: A loop is a circle whose points and middles leave one by no more than this share of its radius.
 _ROUND = 0.002
 
 
 def job_of(job: Job, step: Step) -> Job:
-    """The job of one operation by itself."""
+    """The job of one operation by itself. ``holes`` has chosen the contours of one that looks for no circles."""
     operation = drop_inherited(step.operation, job.operation)
+    if operation.kind not in _HOLES:
+        operation = replace(operation, holes=None)
     return replace(job, tool=step.tool, operation=operation, process=step.process, tools=[], operations=[])
 
 
@@ -89,7 +93,7 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
         inner = _enclosed(part)
         found = [c for c in found if (c.id in inner) == (choice.nesting == "inner") and c.closed]
     holes = step.operation.holes
-    if holes is not None and step.operation.kind not in ("drill", "bore"):
+    if holes is not None and step.operation.kind not in _HOLES:
         found = [c for c in found if _measure_circle(c, holes)]
     if not found and part.raster is None:
         what = "chooses no contour of the drawing"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import camgen
@@ -15,6 +16,7 @@ from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, ToolChange
 from camgen.model.program_text import dump, parse
+from camgen.order import JobTour
 from camgen.plan.steps import arrange
 from camgen.post.plugins import find_readback
 from tests.support.rs274 import needs_rs274, run
@@ -58,6 +60,33 @@ def test_the_tool_stays_where_the_order_allows_it() -> None:
     assert arrange(steps, [frozenset("x"), frozenset("y"), frozenset("z")]) == [0, 2, 1]
     # A countersink after its hole: the third works on the hole of the second.
     assert arrange(steps, [frozenset("x"), frozenset("y"), frozenset("y")]) == [0, 1, 2]
+
+
+def test_each_operation_works_on_what_it_chooses_and_knows_its_side() -> None:
+    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, INNER, DRILL))
+    assert isinstance(result.tour, JobTour)
+    assert result.tour.numbers == (2, 0, 1)
+    contours = {c.id: c for c in result.part.contours}
+    reached = {path.id: path for path in result.tour.paths}
+    assert {path.operation for path in reached.values()} == {"drill", "follow"}
+    outer = next(path for name, path in reached.items() if name.startswith("0:"))
+    (name,) = outer.contours
+    # Outside of the outline by the radius, inside of the slot by the radius, though the slot is chosen alone.
+    grown = np.ptp(outer.position[:, :2], axis=0) - np.ptp(contours[name].points, axis=0)
+    assert grown == pytest.approx([6.0, 6.0], abs=1e-6)
+    slot = reached["1:c4"]
+    height = (contours["c4"].points[:, 1].min() + 3.0, contours["c4"].points[:, 1].max() - 3.0)
+    assert (slot.position[:, 1].min(), slot.position[:, 1].max()) == pytest.approx(height)
+    assert sorted(reached) == ["0:c1", "1:c4", "2:c2", "2:c3"]
+
+
+def test_circles_of_a_size_may_be_followed() -> None:
+    rows = [INNER | {"ids": [], "holes": [7.0, 9.0]}]
+    result = camgen.build(BRACKET, post="gcode", job=job(*rows))
+    assert {path.id for path in result.tour.paths} == {
+        "0:c2",
+        "0:c3",
+    }
 
 
 def test_the_tool_is_changed_at_home_with_everything_off() -> None:
