@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
+from camgen.preview.stock import Mark
 from camgen.preview.view import View
 from camgen.robots.models import Link
 
@@ -33,12 +34,15 @@ _SCRIPTS = (
     "player.js",
     "viewer.js",
 )
+#: What plays the cut, before the last one, only in pages that need it.
+_CUT = "stock.js"
 
 
 def page(view: View) -> str:
     """The preview as HTML text. Same view, same text."""
     library, style = _asset(_LIBRARY), _asset("viewer.css")
-    script = '(() => {\n"use strict";\n' + "\n".join(map(_asset, _SCRIPTS)) + "})();\n"
+    names = [*_SCRIPTS[:-1], *([_CUT] if _has_cut(view) else []), _SCRIPTS[-1]]
+    script = '(() => {\n"use strict";\n' + "\n".join(map(_asset, names)) + "})();\n"
     filled = {
         "title": escape(one_line(view.title)),
         "policy": "default-src 'none'; img-src data: blob:; "
@@ -89,6 +93,7 @@ def _plain(view: View) -> dict[str, object]:
         "flat": view.flat,
         "solid": view.solid and _mesh(view.solid, origin),
         "paths": view.rows,
+        **_cut(view, origin),
         "numbers": _numbers(view, origin),
         "skipped": [[note.what, note.why] for note in view.skipped],
         "track": {
@@ -111,6 +116,41 @@ def _plain(view: View) -> dict[str, object]:
         "meshes": [[name, _mesh(shape, origin)] for name, shape in view.meshes],
         "arm": _arm(view),
     }
+
+
+def _has_cut(view: View) -> bool:
+    return _has_tools(view) or bool(view.marks)
+
+
+def _has_tools(view: View) -> bool:
+    return view.stock is not None or len(view.tools) > 1
+
+
+def _cut(view: View, origin: FloatArray) -> dict[str, object]:
+    """The stock, the tools with the one of each event, and the marks; nothing for one tool without a stock."""
+    found: dict[str, object] = {}
+    if _has_tools(view):
+        found["tools"] = view.tools
+        found["tool_of"] = _pack(view.tool_of, np.uint8)
+    if view.stock:
+        found["stock"] = {"low": (view.stock.low - origin).tolist(), "high": (view.stock.high - origin).tolist()}
+    if view.marks:
+        found["marks"] = [
+            {"kind": mark.kind, "number": mark.number, "text": one_line(mark.text), **_fill(mark, origin)}
+            for mark in view.marks
+        ]
+    return found
+
+
+def _fill(mark: Mark, origin: FloatArray) -> dict[str, str]:
+    """The outline of a mark and the triangles in it, as points."""
+    from shapely import Polygon, constrained_delaunay_triangles, get_coordinates, get_parts  # noqa: PLC0415 (slow)
+
+    around = np.vstack([mark.polygon, mark.polygon[:1]])
+    corners = get_parts(constrained_delaunay_triangles(Polygon(mark.polygon).buffer(0)))
+    inside = get_coordinates(corners).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+    lifted = (np.column_stack([flat, np.full(len(flat), mark.z)]) - origin for flat in (around, inside))
+    return dict(zip(("outline", "triangles"), map(_pack, lifted), strict=True))
 
 
 def _numbers(view: View, origin: FloatArray) -> list[object]:

@@ -16,7 +16,8 @@ from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import short
 from camgen.preview import Built
 from camgen.preview.curves import SpaceChains, of_contours, of_spans
-from camgen.preview.track import Arm, Track, track
+from camgen.preview.stock import Cutter, Cutters, Mark, Stock, cutters_of, stock_of, tell_stock, tools_of_events
+from camgen.preview.track import Arm, IntArray, Track, track
 from camgen.robots.models import Box, Link
 
 # What stands around a part and what the robot holds, as the test for collisions has it.
@@ -108,7 +109,9 @@ class ViewLine(Struct, frozen=True):
 
 
 class Row(Struct, frozen=True):
-    """A tool path as the list has it: mm, mm/s, N, s. feed: the mean of what is asked for. seconds: of the cycle."""
+    """A tool path as the list has it: mm, mm/s, N, s. feed: the mean of what is asked for. seconds: of the cycle.
+    operation: with its tool, "" where the job has one.
+    """
 
     id: str
     layer: str
@@ -117,6 +120,7 @@ class Row(Struct, frozen=True):
     force: float
     seconds: float
     passes: int
+    operation: str = ""
 
 
 class View(Struct, frozen=True, eq=False):
@@ -125,7 +129,9 @@ class View(Struct, frozen=True, eq=False):
     solid: triangles, None where there are none. flat: all of the part lies in the work plane. arm: the robot, None
     where none is known. base_from_work, flange_from_tool: of the program. diameter: of the tool, mm. bodies: tool and
     holder, boxes at the flange. standing: table and fixtures, boxes in the work frame. meshes: fixtures that are
-    meshes. skipped: what was left out.
+    meshes. skipped: what was left out. tools: of the program, in the order of their use. tool_of: (E,) the one of each
+    of the events. stock: what is cut, None where no material is taken away from above. marks: what a proof on the
+    stock found, drawn over it.
     """
 
     title: str
@@ -144,6 +150,10 @@ class View(Struct, frozen=True, eq=False):
     standing: tuple[Link, ...]
     meshes: tuple[tuple[str, Solid], ...]
     skipped: tuple[Note, ...]
+    tools: tuple[Cutter, ...]
+    tool_of: IntArray
+    stock: Stock | None
+    marks: tuple[Mark, ...] = ()
 
 
 def view(result: Built) -> View:
@@ -154,23 +164,28 @@ def view(result: Built) -> View:
     way, arm = track(result, sag)
     lines, chains = _lines(result, sag)
     beside = around(result)
+    found = cutters_of(result)
+    stock = stock_of(result, found)
     return View(
         title=clean(f"{part.source}, {result.post.name}"),
-        facts=_facts(result, float(way.time[-1])),
+        facts=(*_facts(result, float(way.time[-1])), *_tell_cut(found, stock)),
         lines=lines,
         chains=chains,
         solid=part.solid,
         flat=part.solid is None and not part.curves,
-        rows=_rows(result),
+        rows=_rows(result, found),
         track=way,
         arm=arm,
         base_from_work=program.base_from_work,
         flange_from_tool=program.flange_from_tool,
-        diameter=result.job.tool.diameter,
+        diameter=found.tools[0].diameter,
         bodies=beside.bodies,
         standing=beside.standing,
         meshes=beside.meshes,
         skipped=tuple(Note(note.kind, clean(note.what), clean(note.why)) for note in skipped),
+        tools=found.tools,
+        tool_of=tools_of_events(result, found, way.events.instruction, way.events.path),
+        stock=stock,
     )
 
 
@@ -263,7 +278,7 @@ def _lengths(chains: SpaceChains) -> list[float]:
     return list(map(float, sums.tolist()))
 
 
-def _rows(result: Built) -> tuple[Row, ...]:
+def _rows(result: Built, found: Cutters) -> tuple[Row, ...]:
     paths = result.tour.paths
     lengths, seconds = path_sums(paths)
     return tuple(
@@ -275,9 +290,10 @@ def _rows(result: Built) -> tuple[Row, ...]:
             force=float(path.force.max()),
             seconds=spent,
             passes=len(path.depths),
+            operation=operation,
         )
-        for path, length, time, spent in zip(
-            paths, lengths.tolist(), seconds.tolist(), result.cycle.paths.tolist(), strict=True
+        for path, length, time, spent, operation in zip(
+            paths, lengths.tolist(), seconds.tolist(), result.cycle.paths.tolist(), found.operations, strict=True
         )
     )
 
@@ -317,3 +333,12 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
         size = " x ".join(short(b - a, 1) for a, b in zip(low, high, strict=True))
         found.insert(9, ("Extents", f"{size} mm"))
     return tuple(found)
+
+
+def _tell_cut(found: Cutters, stock: Stock | None) -> list[tuple[str, str]]:
+    """The tools where there are several, and the stock."""
+    tools = [
+        (f"Tool {k}", f"{one.name}: {one.kind}, {short(one.diameter, 2)} mm") for k, one in enumerate(found.tools, 1)
+    ]
+    told = [("Stock", tell_stock(stock))] if stock else []
+    return [*(tools if len(tools) > 1 else []), *told]

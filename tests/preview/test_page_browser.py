@@ -1,13 +1,9 @@
 """The page in a real browser without a window: what is seen, and that what a hostile drawing says does nothing."""
 
-import io
-import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -16,25 +12,13 @@ from camgen.preview.page import page
 from camgen.preview.view import view
 from camgen.robots.kinematics.forward import flange
 from tests.preview.test_page import PARTS, ROBOT, poisoned
-from tests.support.waiting import LONG
-
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-
-#: A browser of the system, else the one that playwright brought.
-SYSTEM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-SIZE, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
-Driven = Any
+from tests.support.browsers import PHONE, SIZE, Driven, Opened, start_browser
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Driven]:
-    with playwright.sync_playwright() as started:
-        if not SYSTEM and not os.path.exists(started.chromium.executable_path):
-            pytest.skip("no Chromium is installed")
-        switches = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
-        opened = started.chromium.launch(executable_path=SYSTEM, args=switches, timeout=1000 * LONG)
+    with start_browser() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
@@ -47,32 +31,6 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for name, shown in views.items():
         (folder / f"{name}.html").write_text(page(shown), encoding="utf-8")
     return {name: folder / f"{name}.html" for name in views}
-
-
-class Opened:
-    """A page with everything that it said or asked for."""
-
-    def __init__(self, browser: Driven, file: Path, size: dict[str, int], scheme: str) -> None:
-        self.said: list[str] = []
-        self.asked: list[str] = []
-        self.context = browser.new_context(viewport=size, color_scheme=scheme, has_touch=size is PHONE)
-        self.context.set_default_timeout(1000 * LONG)
-        self.page = self.context.new_page()
-        self.page.on("console", lambda message: self.said.append(message.text))
-        self.page.on("pageerror", lambda error: self.said.append(str(error)))
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.goto(file.as_uri())
-        self.page.wait_for_function("window.camgen !== undefined")
-
-    def run(self, script: str) -> Any:
-        return self.page.evaluate(script)
-
-    def picture(self) -> np.ndarray[Any, Any]:
-        """What the scene shows, (H, W, 3)."""
-        # Two frames later what was asked for is drawn.
-        self.run("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-        raw = self.page.locator("#canvas").screenshot()
-        return cv2.imdecode(np.frombuffer(io.BytesIO(raw).getvalue(), np.uint8), cv2.IMREAD_COLOR)
 
 
 @pytest.fixture

@@ -20,6 +20,8 @@ const track = {
   feed: unpack(data.track.feed),
   force: unpack(data.track.force),
 };
+// The tool of each event, where there are several of them or a stock that they cut.
+const toolOf = data.tools ? unpack(data.tool_of, Uint8Array) : null;
 const stations = track.time.length;
 const total = track.time[stations - 1];
 const linePoints = unpack(data.lines.points);

@@ -1,23 +1,26 @@
 // The list of paths: only the rows that are seen are in the page, however many paths there are.
 const forced = data.paths.some((path) => path.force > 0);
+const several = data.paths.some((path) => path.operation);
+document.body.classList.toggle("several", several);
 const rowHeight = () => (innerWidth <= 760 ? 36 : 30);
 let listed = data.paths.map((_, k) => k);
 const chosen = { path: -1, now: -1 };
 
 function cells(row, texts) {
   texts.forEach((text, k) => {
-    const cell = make("span", text, k > 2 ? "n" : "");
+    const cell = make("span", text, k > (several ? 3 : 2) ? "n" : "");
     if (k) cell.title = text;
     row.append(cell);
   });
   row.classList.toggle("forced", forced);
+  row.classList.toggle("several", several);
 }
 
 function rowOf(k, top) {
   const path = data.paths[k];
   const row = make("div", "", "row");
   const passes = path.passes > 1 ? ` x${path.passes}` : "";
-  cells(row, ["", path.id + passes, path.layer, number(path.length), number(path.feed), ...(forced ? [number(path.force)] : [])]);
+  cells(row, ["", path.id + passes, ...(several ? [path.operation] : []), path.layer, number(path.length), number(path.feed), ...(forced ? [number(path.force)] : [])]);
   const dot = make("i");
   dot.style.background = rgb(rampColour(SCALES.order.high ? k / SCALES.order.high : 0));
   row.firstChild.className = "k";
@@ -63,14 +66,21 @@ function running(k) {
 }
 
 function setTabs() {
-  const bad = data.skipped.length;
-  const tabs = [["paths", `Paths ${data.paths.length}`], ["skipped", `Left out ${bad}`], ["facts", "Program"]];
+  const marked = data.marks ?? [];
+  const bad = data.skipped.length + marked.length;
+  const tabs = [["paths", `Paths ${data.paths.length}`], ["skipped", `${marked.length ? "Notes" : "Left out"} ${bad}`], ["facts", "Program"]];
   for (const [name, label] of tabs) {
     const tab = make("button", label, name === "skipped" && bad ? "bad" : "");
     tab.setAttribute("role", "tab");
     tab.dataset.tab = name;
     tab.addEventListener("click", () => openTab(name));
     document.querySelector("nav").append(tab);
+  }
+  for (const { kind, number: size, text, outline } of marked) {
+    const note = make("div", "", `note ${kind}`);
+    note.append(make("b", `${kind === "gouge" ? "Gouge" : "Excess"} ${number(size, 3)} mm`), make("span", text));
+    note.addEventListener("click", () => { look.target.set(...unpack(outline).subarray(0, 3)); aim(); });
+    $("tab-skipped").append(note);
   }
   for (const [what, why] of data.skipped) {
     const note = make("div", "", "note");
@@ -91,7 +101,7 @@ function openTab(name) {
 }
 
 function setList() {
-  cells($("head"), ["#", "Path", "Layer", "Length\nmm", "Feed\nmm/s", ...(forced ? ["Force\nN"] : [])]);
+  cells($("head"), ["#", "Path", ...(several ? ["Operation"] : []), "Layer", "Length\nmm", "Feed\nmm/s", ...(forced ? ["Force\nN"] : [])]);
   $("list").addEventListener("scroll", fillList);
   $("rows").addEventListener("click", (event) => {
     const row = event.target.closest(".row");
@@ -103,7 +113,7 @@ function setList() {
   });
   $("filter").addEventListener("input", (event) => {
     const text = event.target.value.toLowerCase();
-    const has = (path) => path.id.toLowerCase().includes(text) || path.layer.toLowerCase().includes(text);
+    const has = (path) => path.id.toLowerCase().includes(text) || path.layer.toLowerCase().includes(text) || path.operation.toLowerCase().includes(text);
     listed = data.paths.flatMap((path, k) => (has(path) ? [k] : []));
     fillList();
   });

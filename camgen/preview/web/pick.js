@@ -56,7 +56,7 @@ function said(hit) {
   if (hit.path >= 0) {
     const path = data.paths[hit.path];
     const force = path.force > 0 ? `, ${number(path.force)} N` : "";
-    return [`Path ${hit.path + 1} of ${data.paths.length}: ${path.id}`, `${path.layer}, ${number(path.length)} mm, ${number(path.feed)} mm/s${force}`, ""];
+    return [`Path ${hit.path + 1} of ${data.paths.length}: ${path.id}`, `${path.operation && `${path.operation}; `}${path.layer}, ${number(path.length)} mm, ${number(path.feed)} mm/s${force}`, ""];
   }
   const line = data.lines.rows[hit.line];
   const state = { done: "", skipped: `Left out: ${line.why}`, wrong: line.why, unused: "No path of its own" }[line.state];

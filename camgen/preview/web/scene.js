@@ -1,5 +1,7 @@
 // What stands in the work frame: part, paths, starts, arrows, tool axes. Coordinates are told from `origin`.
 const scene = new THREE.Scene();
+// What plays the cut and what shows it: stock.js, which only pages of jobs that cut have.
+const cutting = { stock: null, shown: null, tool: null };
 const box = { low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] };
 
 function grow(points) {
@@ -13,6 +15,7 @@ function grow(points) {
 const solidPoints = data.solid ? unpack(data.solid.vertices) : null;
 if (solidPoints) grow(solidPoints);
 grow(linePoints);
+if (data.stock) [data.stock.low, data.stock.high].forEach(grow);
 // The way from home may be far away: only what is worked on counts for the size of the picture.
 const worked = [];
 for (let s = 1; s < stations; s++) {
@@ -25,6 +28,7 @@ const isFlat = data.flat;
 
 // Layers: name, colour in the style sheet, the things that are shown.
 const layers = {
+  stock: { label: "Stock", colour: "stock", things: [] },
   part: { label: "Part", colour: "part", things: [] },
   skipped: { label: "Left out", colour: "bad", things: [] },
   fixtures: { label: data.standing.some(([name]) => name === "table") ? "Table" : "Fixtures", colour: "fixture", things: [] },
@@ -35,6 +39,8 @@ const layers = {
   starts: { label: "Starts", colour: "ink", things: [] },
   approach: { label: "Travel in lines", colour: "near", things: [] },
   travel: { label: "Free travel", colour: "travel", things: [] },
+  gouge: { label: "Gouge", colour: "bad", things: [] },
+  excess: { label: "Excess", colour: "excess", things: [] },
   axes: { label: "Tool axes", colour: "tool", things: [], off: isFlat },
   tool: { label: "Tool", colour: "tool", things: [] },
   robot: { label: "Robot", colour: "arm", things: [], off: false },
@@ -221,8 +227,10 @@ function themed() {
       if (material.uniforms?.colour) set(material.uniforms.colour, css(layer.colour));
       if (material.uniforms?.back) set(material.uniforms.back, css("scene"));
       if (name === "plate" || name === "solid") material.color.set(css(name));
+      if (name === "gouge" || name === "excess") material.color.set(css(layer.colour));
     }
   }
+  cutting.shown?.theme();
 }
 
 function showLayers() {

@@ -186,7 +186,8 @@ function theme() {
 
 function paint() {
   stale = false;
-  scene.traverse((thing) => { if (thing.name === "plate") thing.visible = !layers.part.off && shared.stride.value === 1; });
+  scene.traverse((thing) => { if (thing.name === "plate") thing.visible = !layers.part.off && shared.stride.value === 1 && (!cutting.stock || Boolean(layers.stock.off)); });
+  cutting.shown?.paint();
   renderer?.render(scene, camera);
   showTriad();
   showScale();
@@ -197,18 +198,21 @@ function paint() {
 // Frames that come one after the other tell how fast this machine is: where there is much to draw, slow ones are drawn
 // coarser until all is still.
 const isLarge = stations + lineOf.length > 40000;
+const paced = isLarge || Boolean(cutting.stock);
 const pace = { stride: 1, last: 0, still: 0 };
 function frame(moment) {
   player.tick(moment);
+  if (cutting.stock?.work()) redraw();
   if (stale) {
     const took = pace.still === 0 ? moment - pace.last : 30;
-    if (isLarge && took > 55 && pace.stride < 64) pace.stride *= took > 300 ? 8 : 2;
+    if (paced && took > 55 && pace.stride < 64) pace.stride *= took > 300 ? 8 : 2;
     if (took < 18 && pace.stride > 1) pace.stride /= 2;
-    coarse(pace.stride);
+    coarse(isLarge ? pace.stride : 1);
     paint();
     pace.last = moment;
     pace.still = 0;
-  } else if (++pace.still === 12 && shared.stride.value > 1) {
+  } else if (++pace.still === 12 && pace.stride > 1) {
+    pace.stride = 1;
     coarse(1);
     paint();
   }
@@ -241,8 +245,9 @@ showLayers();
 theme();
 colour("order");
 resize();
-player.to(0);
-[look.turn, look.tilt] = VIEWS[isFlat && !arm ? "top" : "iso"];
+// What is left in the end is seen first; play begins anew.
+player.to(cutting.stock ? total : 0);
+[look.turn, look.tilt] = VIEWS[isFlat && !arm && !cutting.stock ? "top" : "iso"];
 begin();
 dark.addEventListener("change", theme);
 let fitted = [canvas.clientWidth, canvas.clientHeight];
@@ -254,4 +259,4 @@ new ResizeObserver(() => {
 }).observe(canvas);
 requestAnimationFrame(frame);
 // For whoever drives the page from outside, as tests do.
-window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup };
+window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup, cutting };
