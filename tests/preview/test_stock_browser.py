@@ -48,6 +48,9 @@ def views() -> dict[str, View]:
     jobs = {"profile": MILLED, "pocket": POCKET, "groove": GROOVE}
     found = {name: view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job)) for name, job in jobs.items()}
     found["several"] = view(camgen.build(PARTS / "motor.dxf", post="gcode", job=SEVERAL))
+    # A tool of a few cells: the grid is as coarse for it as for no other.
+    thin = MILLED | {"operation": {"kind": "trace", "depth": 2.0}, "tool": {"diameter": 0.5}}
+    found["thin"] = view(camgen.build(PARTS / "motor.dxf", post="gcode", job=thin))
     found["dips"] = dip(found["profile"])
     corners = np.array([(20.0, 20), (60, 20), (60, 40), (20, 40)])
     found["marked"] = replace(found["profile"], marks=(Mark("gouge", corners, 0.0, 0.125, "c1"),))
@@ -204,11 +207,15 @@ def test_going_back_shows_what_was_there(opened: Any, views: dict[str, View]) ->
     assert ended.sum() < back.sum()
 
 
+@pytest.mark.parametrize("name", ["profile", "pocket", "groove", "several", "thin"])
+def test_a_rapid_out_of_what_was_cut_is_in_no_material(opened: Any, views: dict[str, View], name: str) -> None:
+    one = opened(name)
+    assert not Surface(one, float(views[name].track.time[-1])).struck.any()
+    assert one.run("camgen.cutting.stock.met.size") == 0
+
+
 def test_a_rapid_through_material_is_marked_where_it_runs(opened: Any, views: dict[str, View]) -> None:
     end = float(views["profile"].track.time[-1])
-    sound = opened("profile")
-    assert not Surface(sound, end).struck.any()
-    assert sound.run("camgen.cutting.stock.met.size") == 0
     one = opened("dips")
     left = Surface(one, end)
     moved = np.flatnonzero(views["dips"].track.position[:, 2] != views["profile"].track.position[:, 2])

@@ -58,7 +58,8 @@ function carve(field, shape, a, b, rapid) {
   const square = length * length;
   const level = Math.abs(dz) < 1e-9 || length < 1e-9;
   const still = dz < 0 ? 1 : 0;
-  const core = rapid ? 0.9 * shape.radius : 0;
+  // A rapid is looked at within what the tool clears for certain: not in the wall that it cut itself.
+  const core = Math.min(0.9 * shape.radius, shape.radius - cell / 2);
   const sample = (value, k) => (value - low[k]) / cell;
   const first = Math.max(Math.ceil(sample(Math.min(a[1], b[1]) - reach, 1)), 0);
   const last = Math.min(Math.floor(sample(Math.max(a[1], b[1]) + reach, 1)), ny - 1);
