@@ -130,7 +130,10 @@ def _cut(view: View, origin: FloatArray) -> dict[str, object]:
     """The stock, the tools with the one of each event, and the marks; nothing for one tool without a stock."""
     found: dict[str, object] = {}
     if _has_tools(view):
-        found["tools"] = view.tools
+        found["tools"] = [
+            {"diameter": tool.diameter, "profile": tool.profile, "flange_from_tool": _pose(tool.frame)}
+            for tool in view.tools
+        ]
         found["tool_of"] = _pack(view.tool_of, np.uint8)
     if view.stock:
         found["stock"] = {"low": (view.stock.low - origin).tolist(), "high": (view.stock.high - origin).tolist()}

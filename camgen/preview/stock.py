@@ -14,7 +14,7 @@ from camgen.check.report import clean
 from camgen.geometry.segments import bounds, from_contours
 from camgen.model.job import ToolTable
 from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray
+from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import ToolChange
 from camgen.model.text import short
 from camgen.order.tours import JobTour
@@ -42,15 +42,17 @@ class Stock(Struct, frozen=True, eq=False):
     assumed: bool
 
 
-class Cutter(Struct, frozen=True):
+class Cutter(Struct, frozen=True, eq=False):
     """A tool: name, kind, diameter in mm. profile: what turns about its axis, radius and height above the tip, mm, from
-    the tip to the side; nothing for a tool that takes no material away by its shape (a laser, a pen).
+    the tip to the side; nothing for a tool that takes no material away by its shape (a laser, a pen). frame: of its tip
+    at the flange.
     """
 
     name: str
     kind: str
     diameter: float
     profile: tuple[tuple[float, float], ...]
+    frame: Pose
 
 
 class Cutters(Struct, frozen=True, eq=False):
@@ -97,7 +99,9 @@ def cutters_of(result: Built) -> Cutters:
     tour = result.tour
     if not isinstance(tour, JobTour):
         count = len(tour.paths)
-        return Cutters((_cutter(result.job.tool),), np.zeros(count, dtype=np.int64), ("",) * count)
+        return Cutters(
+            (_cutter(result.job.tool, result.program.flange_from_tool),), np.zeros(count, dtype=np.int64), ("",) * count
+        )
     tools: list[ToolTable] = []
     owner: list[int] = []
     operations: list[str] = []
@@ -106,12 +110,23 @@ def cutters_of(result: Built) -> Cutters:
             tools.append(step.tool)
         owner += [tools.index(step.tool)] * len(part.paths)
         operations += [clean(name_of(result.job, number).removeprefix("operation "))] * len(part.paths)
-    return Cutters(tuple(map(_cutter, tools)), np.array(owner, dtype=np.int64), tuple(operations))
+    return Cutters(
+        tuple(_cutter(tool, _frame_of(result, tool)) for tool in tools),
+        np.array(owner, dtype=np.int64),
+        tuple(operations),
+    )
 
 
-def _cutter(tool: ToolTable) -> Cutter:
+def _frame_of(result: Built, tool: ToolTable) -> Pose:
+    """The frame at the flange of a tool that the program changes to, else that of the program."""
+    changes = (item for item in result.program.body if isinstance(item, ToolChange))
+    own = next((item for item in changes if (item.number, item.name) == (tool.number, tool.name)), None)
+    return (own and own.flange_from_tool) or result.program.flange_from_tool
+
+
+def _cutter(tool: ToolTable, frame: Pose) -> Cutter:
     name = tool.name or (f"T{tool.number}" if tool.number else f"{short(tool.diameter, 2)} mm {tool.kind}")
-    return Cutter(clean(name), tool.kind, tool.diameter, profile_of(tool))
+    return Cutter(clean(name), tool.kind, tool.diameter, profile_of(tool), frame)
 
 
 def tools_of_events(result: Built, found: Cutters, instruction: IntArray, path: IntArray) -> IntArray:

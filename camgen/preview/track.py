@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from camgen.check.time import assign_paths, time_motions
 from camgen.geometry.ragged import ramp
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program, Wait, column
+from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program, ToolChange, Wait, column
 from camgen.post.plugins import dynamics_of
 from camgen.preview import Built
 from camgen.preview.curves import draw_spans
@@ -69,12 +69,26 @@ def events(program: Program, arm: Robot | None, path: IntArray, seconds: FloatAr
     return Events(chosen, kind, start, via, end, first_axis, last_axis, feed, force, owner, taken)
 
 
-def tool_of(program: Program, arm: Robot, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where ``arm`` puts the tool with N joint values (N, J): tool centre and tool z, each (N, 3), work frame, mm."""
+def tool_of(program: Program, arm: Robot, joints: FloatArray, at: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Where ``arm`` puts the tool with N joint values (N, J): tool centre and tool z, each (N, 3), work frame, mm.
+
+    at: (N,) instructions that they belong to: each has the tool that was changed to before it.
+    """
     rotations, origins = flange(arm, joints)
-    work, tool = program.base_from_work, program.flange_from_tool
-    place = origins + rotations @ np.asarray(tool.origin)
-    return (place - work.origin) @ work.rotation, rotations @ tool.rotation[:, 2] @ work.rotation
+    work = program.base_from_work
+    changes, frames = tool_frames(program)
+    turn = np.searchsorted(changes, at, side="right") - 1
+    tips, ways = np.array([tool.origin for tool in frames]), np.array([tool.rotation[:, 2] for tool in frames])
+    place = origins + np.einsum("nij,nj->ni", rotations, tips[turn])
+    return (place - work.origin) @ work.rotation, np.einsum("nij,nj->ni", rotations, ways[turn]) @ work.rotation
+
+
+def tool_frames(program: Program) -> tuple[IntArray, list[Pose]]:
+    """From which instruction on the tool has which frame at the flange, beginning with that of the program."""
+    changes = np.flatnonzero(program.columns.are(ToolChange))
+    made = [program.body[k] for k in changes.tolist()]
+    own = [item.flange_from_tool or program.flange_from_tool for item in made if isinstance(item, ToolChange)]
+    return np.append(0, changes), [program.flange_from_tool, *own]
 
 
 def _ends(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
@@ -87,7 +101,7 @@ def _ends(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
     axis[posed] = [target.rotation[:, 2] for target in targets if isinstance(target, Pose)] or np.zeros((0, 3))
     joints = [target.values for target in targets if isinstance(target, Joints)]
     if arm is not None and joints:
-        end[~posed], axis[~posed] = tool_of(program, arm, np.array(joints))
+        end[~posed], axis[~posed] = tool_of(program, arm, np.array(joints), columns.at[~posed])
     return end, axis
 
 
@@ -147,7 +161,7 @@ def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
         owner = np.searchsorted(found.instruction, reach.owner)
         share = (ramp(np.bincount(owner)) + 1) / np.bincount(owner)[owner]
         swing = found.kind[owner] == 0
-        points, axis = tool_of(program, robot, reach.joints[swing])
+        points, axis = tool_of(program, robot, reach.joints[swing], reach.owner[swing])
         stations = _replace(stations, _Stations(owner[swing], share[swing], points, axis))
         arm = Arm(robot, reach.joints, _begins(seconds)[owner] + seconds[owner] * share)
     time = _begins(seconds)[stations.event] + seconds[stations.event] * stations.fraction

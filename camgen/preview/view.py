@@ -179,7 +179,8 @@ def view(result: Built) -> View:
         base_from_work=program.base_from_work,
         flange_from_tool=program.flange_from_tool,
         diameter=found.tools[0].diameter,
-        bodies=beside.bodies,
+        # The boxes are those of one tool: of several each is drawn by its own outline.
+        bodies=tuple(one for one in beside.bodies if one.name != "tool" or len(found.tools) == 1),
         standing=beside.standing,
         meshes=beside.meshes,
         skipped=tuple(Note(note.kind, clean(note.what), clean(note.why)) for note in skipped),

@@ -38,6 +38,25 @@ def robot() -> Result:
 
 
 @pytest.fixture(scope="module")
+def changed() -> Result:
+    """Two tools of 90 and 120 mm, a program for each."""
+    return camgen.build(PARTS / "bracket.dxf", post="rapid", job=changing())
+
+
+def changing() -> dict[str, object]:
+    """A job of a robot with two operations and two tools."""
+    tools = [
+        {"name": "drill", "number": 1, "kind": "drill", "diameter": 5.0, "length": 120.0, "speed": 3000.0},
+        {"name": "mill", "number": 2, "diameter": 6.0, "length": 90.0, "speed": 9000.0},
+    ]
+    rows = [
+        {"kind": "drill", "tool": "drill", "depth": 7.0, "holes": [7.9, 8.1]},
+        {"kind": "follow", "tool": "mill", "nesting": "outer", "depth": 6.0, "passes": 2},
+    ]
+    return ROBOT | {"tools": tools, "operations": rows, "post": {"signals": {"spindle": "aoSpindle"}}}
+
+
+@pytest.fixture(scope="module")
 def solid() -> Result:
     return camgen.build(PARTS / "rfa1.stl", post="rapid")
 
@@ -112,18 +131,26 @@ def test_every_path_of_a_tour_is_worked_on_in_its_order(flat: Result) -> None:
     assert list(dict.fromkeys(order)) == list(range(len(flat.tour.paths)))
 
 
-def test_a_robot_stands_where_the_program_is_at_the_same_time(robot: Result) -> None:
-    found = view(robot)
+@pytest.mark.parametrize("name", ["robot", "changed"])
+def test_a_robot_stands_where_the_program_is_at_the_same_time(name: str, request: pytest.FixtureRequest) -> None:
+    result = request.getfixturevalue(name)
+    found = view(result)
     assert found.arm is not None
     from camgen.preview.track import tool_of  # noqa: PLC0415 (only where there is an arm)
 
-    place, axis = tool_of(robot.program, found.arm.robot, found.arm.joints)
+    assert result.reach is not None
+    place, axis = tool_of(result.program, found.arm.robot, found.arm.joints, result.reach.owner)
+    # While the tool is changed the arm rests, and the tool's tip is where it was and where it is.
+    rests = np.diff(found.arm.time, prepend=-1.0) == 0
+    rests[:-1] |= rests[1:]
+    assert rests.sum() < 10
     for k in range(3):
         shown = (
-            np.interp(found.arm.time, found.track.time, way[:, k]) for way in (found.track.position, found.track.axis)
+            np.interp(found.arm.time[~rests], found.track.time, way[:, k])
+            for way in (found.track.position, found.track.axis)
         )
-        assert next(shown) == pytest.approx(place[:, k], abs=0.05)
-        assert next(shown) == pytest.approx(axis[:, k], abs=1e-3)
+        assert next(shown) == pytest.approx(place[~rests, k], abs=0.05)
+        assert next(shown) == pytest.approx(axis[~rests, k], abs=1e-3)
 
 
 # -- the page

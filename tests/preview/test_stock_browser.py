@@ -18,7 +18,7 @@ from camgen.preview.page import page
 from camgen.preview.stock import Mark
 from camgen.preview.track import Track
 from camgen.preview.view import View, view
-from tests.preview.test_page import PARTS
+from tests.preview.test_page import PARTS, changing
 from tests.preview.test_stock import MILLED, SEVERAL
 from tests.support.browsers import SIZE, Driven, Opened, start_browser
 
@@ -48,6 +48,7 @@ def views() -> dict[str, View]:
     jobs = {"profile": MILLED, "pocket": POCKET, "groove": GROOVE}
     found = {name: view(camgen.build(PARTS / "bracket.dxf", post="gcode", job=job)) for name, job in jobs.items()}
     found["several"] = view(camgen.build(PARTS / "motor.dxf", post="gcode", job=SEVERAL))
+    found["robot"] = view(camgen.build(PARTS / "bracket.dxf", post="rapid", job=changing()))
     # A tool of a few cells: the grid is as coarse for it as for no other.
     thin = MILLED | {"operation": {"kind": "trace", "depth": 2.0}, "tool": {"diameter": 0.5}}
     found["thin"] = view(camgen.build(PARTS / "motor.dxf", post="gcode", job=thin))
@@ -267,6 +268,18 @@ def test_the_tool_that_works_is_shown_and_its_operation_listed(opened: Any, view
     assert "1 drill - drill 5" in row
     one.page.locator("#filter").fill("mill 6")
     assert one.page.locator("#rows .row").count() == 1
+
+
+def test_the_arm_holds_the_tip_of_the_tool_that_works_where_the_program_is(opened: Any, views: dict[str, View]) -> None:
+    one = opened("robot")
+    track = views["robot"].track
+    for path in (0, len(views["robot"].rows) - 1):
+        own = np.flatnonzero(track.events.path[track.event] == path)
+        at = float(track.time[own[len(own) // 2]])
+        one.page.evaluate(GO, at)
+        # The tools differ by 30 mm; joints are sampled, and straight in between.
+        tip = one.run("camgen.toolGroup.matrix.elements.slice(12, 15)")
+        assert tip == pytest.approx(one.page.evaluate("at => camgen.placeAt(at).at.toArray()", at), abs=0.5)
 
 
 def test_what_a_proof_found_is_red_in_the_picture_and_among_the_notes(opened: Any) -> None:

@@ -10,6 +10,9 @@ const arm = data.arm && {
   flangeFrom: matrixOf(data.arm.flange), previous: data.arm.joints.map((joint) => matrixOf(joint[2])),
 };
 const flangeFromTool = matrixOf(data.tool.flange_from_tool);
+// Of each tool where there are several.
+const toolFrames = data.tools?.map((tool) => matrixOf(tool.flange_from_tool)) ?? [flangeFromTool];
+const frameAt = (event) => toolFrames[toolOf ? toolOf[event] : 0];
 
 function cuboid([pose, half], name = "arm") {
   const group = new THREE.Group();
@@ -84,8 +87,8 @@ function jointsAt(time) {
   });
 }
 
-// Frames of all links and of the tool in the scene.
-function framesOf(values) {
+// Frames of all links and of a tool in the scene.
+function framesOf(values, toolFrame = flangeFromTool) {
   const frames = [arm.base.clone()];
   arm.joints.forEach(([, sliding, , axis], k) => {
     const value = arm.coupling[k].reduce((sum, factor, j) => sum + factor * values[j], 0);
@@ -95,7 +98,7 @@ function framesOf(values) {
       : new THREE.Matrix4().makeRotationAxis(along_, value);
     frames.push(frames[k].clone().multiply(arm.previous[k]).multiply(turn));
   });
-  return { frames, tool: frames.at(-1).clone().multiply(arm.flangeFrom).multiply(flangeFromTool) };
+  return { frames, tool: frames.at(-1).clone().multiply(arm.flangeFrom).multiply(toolFrame) };
 }
 
 // Where the tool centre is at a time, and tool z; between two stations.
@@ -110,8 +113,10 @@ function placeAt(time) {
 
 function poseAt(time) {
   const place = placeAt(time);
+  const toolFrame = frameAt(track.event[place.station]);
+  atFlange.matrix.copy(toolFrame).invert();
   if (arm) {
-    const { frames, tool } = framesOf(jointsAt(time));
+    const { frames, tool } = framesOf(jointsAt(time), toolFrame);
     arm.links3.forEach((link, k) => { link.matrix.copy(frames[k]); link.matrixWorldNeedsUpdate = true; });
     toolGroup.matrix.copy(tool);
   } else {
