@@ -2,8 +2,8 @@
 
     python -m docs.make.pictures [FOLDER]      writes them into FOLDER (default: docs/images)
 
-Every picture is what ``camgen build INPUT --preview X.svg`` or ``.png`` draws of a fixture. page.png is the page of
-``--preview X.html`` in Chromium; without one it stays as it is.
+Every picture is what ``camgen build INPUT --preview X.svg`` or ``.png`` draws of a fixture. page.png and page-cut.png are
+pages of ``--preview X.html`` in Chromium; without one they stay as they are.
 """
 
 from __future__ import annotations
@@ -42,17 +42,20 @@ _SWITCHES = (
 
 
 class Shown(Struct, frozen=True):
-    """One picture: what is built for it. source: the file in the title, where it is a copy."""
+    """One picture: what is built for it. source: the file in the title, where it is a copy. shades: of a page."""
 
     name: str
     source: Path
     post: str
     job: Mapping[str, object] | Path = {}
     title: str = ""
+    shades: int = _SHADES
 
 
 _MILL = {"tool": {"diameter": 5.0}, "process": {"spindle": 9000}}
 
+#: A motor plate with three tools, as docs/preview.md shows it.
+PLATE = PARTS.parent / "cases" / "motor-plate" / "job.toml"
 PICTURES = (
     Shown("bracket.svg", PARTS / "bracket.dxf", "rapid"),
     Shown("trace.svg", PARTS / "bracket.dxf", "vplus", {"operation": {"kind": "trace"}}),
@@ -73,20 +76,21 @@ PICTURES = (
     Shown("rfa1-order.svg", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1_nominal.toml"),
     Shown("rfa2-order.svg", PARTS / "rfa2.stl", "rapid", PARTS / "rfa2_nominal.toml"),
     Shown("page.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
+    Shown("page-cut.png", PARTS / "motor.dxf", "gcode", PLATE, shades=24),
 )
 
 
-def small(image: bytes) -> bytes:
+def small(image: bytes, shades: int = _SHADES) -> bytes:
     """A picture of camgen, narrower and with fewer shades."""
     pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
     high = round(pixels.shape[0] * _WIDE / pixels.shape[1])
     pixels = cv2.resize(pixels, (_WIDE, high), interpolation=cv2.INTER_AREA)
-    step = 255 / (_SHADES - 1)
+    step = 255 / (shades - 1)
     coarse = np.round(np.round(pixels / step) * step).astype(np.uint8)
     return bytes(cv2.imencode(".png", coarse, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1])
 
 
-def page(result: Result) -> bytes:
+def page(result: Result, shades: int) -> bytes:
     """The preview page as a headless Chromium shows it."""
     browser = shutil.which("chromium")
     if not browser:
@@ -96,14 +100,14 @@ def page(result: Result) -> bytes:
         source.write_text(html.page(view.view(result)), encoding="utf-8")
         command = [browser, *_SWITCHES, f"--screenshot={target}", source.as_uri()]
         subprocess.run(command, check=True, capture_output=True, timeout=120)
-        return small(target.read_bytes())
+        return small(target.read_bytes(), shades)
 
 
 def drawn(shown: Shown) -> bytes:
     """The bytes of one picture."""
     result: Result = build(shown.source, post=shown.post, job=shown.job)
-    if shown.name == "page.png":
-        return page(result)
+    if shown.name.startswith("page"):
+        return page(result, shown.shades)
     if shown.name.endswith(".png"):
         return small(picture.png(view.view(result)))
     if result.part.solid is not None:

@@ -198,23 +198,26 @@ function paint() {
 // Frames that come one after the other tell how fast this machine is: where there is much to draw, slow ones are drawn
 // coarser until all is still.
 const isLarge = stations + lineOf.length > 40000;
-const paced = isLarge || Boolean(cutting.stock);
-const pace = { stride: 1, last: 0, still: 0 };
+// The first cut is waited for.
+const pace = { stride: 1, last: 0, still: 0, on: isLarge };
 function frame(moment) {
   player.tick(moment);
   if (cutting.stock?.work()) redraw();
   if (stale) {
     const took = pace.still === 0 ? moment - pace.last : 30;
-    if (paced && took > 55 && pace.stride < 64) pace.stride *= took > 300 ? 8 : 2;
+    if (pace.on && took > 55 && pace.stride < 64) pace.stride *= took > 300 ? 8 : 2;
     if (took < 18 && pace.stride > 1) pace.stride /= 2;
     coarse(isLarge ? pace.stride : 1);
     paint();
     pace.last = moment;
     pace.still = 0;
-  } else if (++pace.still === 12 && pace.stride > 1) {
-    pace.stride = 1;
-    coarse(1);
-    paint();
+  } else if (++pace.still === 12) {
+    pace.on ||= Boolean(cutting.stock);
+    if (pace.stride > 1) {
+      pace.stride = 1;
+      coarse(1);
+      paint();
+    }
   }
   requestAnimationFrame(frame);
 }
