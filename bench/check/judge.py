@@ -91,10 +91,17 @@ class Judge:
         way = np.roll(line, -1, axis=0) - np.roll(line, 1, axis=0)
         length = np.hypot(*way.T)
         normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-12)[:, None]
-        # Not at corners, where the normal is neither side's.
-        step = np.hypot(*(np.roll(line, -1, axis=0) - line).T)
+        # At corners the normal is neither side's: one point in the corner, as far from both sides, and one outside.
+        after = np.roll(line, -1, axis=0) - line
+        step = np.hypot(*after.T)
         straight = np.abs(length - step - np.roll(step, 1)) < 1e-3
-        return [(line + sign * LEAST_MM * normal)[straight] for sign in (-1, 1)]
+        unit = (after / step[:, None])[~straight]
+        before = (np.roll(after, 1, axis=0) / np.roll(step, 1)[:, None])[~straight]
+        inwards = (unit - before) / np.maximum(np.hypot(*(unit - before).T), 1e-12)[:, None]
+        half = np.sqrt(np.maximum((1 + (unit * before).sum(axis=1)) / 2, 1e-3))[:, None]
+        corners = line[~straight]
+        corner_points = [corners + LEAST_MM / half * inwards, corners - LEAST_MM * inwards]
+        return [*((line + sign * LEAST_MM * normal)[straight] for sign in (-1, 1)), *corner_points]
 
     @staticmethod
     def _depths(points: Array, rules: tuple[Rule, ...]) -> Array:

@@ -261,6 +261,7 @@ def main(count: int = 1000, seed: int = 1) -> int:
         assert not judge.judge(scene.cuts).any, f"{scene.name} harms the part as it is: {judge.judge(scene.cuts)}"
         assert not found_of(prove(scene.cuts, scene.design)), f"{scene.name} is refused as it is"
     tally: dict[str, Counter[str]] = {name: Counter() for name in SEEDS}
+    largest = dict.fromkeys(SEEDS, 0.0)
     begun, spent, missed = time.perf_counter(), 0.0, []
     names = list(SEEDS)
     for number in range(count):
@@ -270,12 +271,15 @@ def main(count: int = 1000, seed: int = 1) -> int:
             cuts = SEEDS[name](every[which], chance)
         harm = judges[which].judge(cuts)
         start = time.perf_counter()
-        found = found_of(prove(cuts, every[which].design))
+        proof = prove(cuts, every[which].design)
         spent += time.perf_counter() - start
+        found = found_of(proof)
+        if not harm.any:
+            largest[name] = max([largest[name], *(fault.mm for fault in proof.refused)])
         tally[name].update(["seeded", _verdict(harm, found)])
         if harm.any and not found:
             missed.append((number, name, every[which].name, harm))
-    _print(tally, time.perf_counter() - begun, spent)
+    _print(tally, largest, time.perf_counter() - begun, spent)
     for one in missed:
         print(*one)
     return 1 if missed else 0
@@ -285,16 +289,17 @@ def _verdict(harm: Harm, found: bool) -> str:
     return f"{'harmful' if harm.any else 'harmless'} {'found' if found else 'silent'}"
 
 
-def _print(tally: dict[str, Counter[str]], total: float, spent: float) -> None:
+def _print(tally: dict[str, Counter[str]], largest: dict[str, float], total: float, spent: float) -> None:
     print(f"{machine()}; {total:.0f} s, {spent:.0f} s of it the proofs\n")
-    print("| fault | seeded | harmful | of these found | missed | harmless | of these reported |")
-    print("|---|---|---|---|---|---|---|")
+    print("| fault | seeded | harmful | of these found | missed | harmless | of these reported | deepest of these mm |")
+    print("|---|---|---|---|---|---|---|---|")
     whole: Counter[str] = sum(tally.values(), Counter())
     for name, counts in [*tally.items(), ("all", whole)]:
         found, missed = counts["harmful found"], counts["harmful silent"]
         alarms, silent = counts["harmless found"], counts["harmless silent"]
         row = [counts["seeded"], found + missed, found, missed, alarms + silent, alarms]
-        print(f"| {name} | {' | '.join(map(str, row))} |")
+        deepest = largest.get(name, max(largest.values()))
+        print(f"| {name} | {' | '.join(map(str, row))} | {deepest:.3f} |")
 
 
 if __name__ == "__main__":

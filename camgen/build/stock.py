@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
 from camgen.model.path import Tour
+from camgen.model.pose import Pose
 from camgen.model.program import Comment, Program
 from camgen.order import JobTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
@@ -44,7 +45,7 @@ def prove_stock(
         Task(own, replace(plan.part, worked=one.part.worked), frozenset(c.id for c in one.part.contours))
         for own, one in zip(jobs, plans, strict=True)
     ]
-    proof = prove(list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock), job.tolerance.chord)
+    proof = prove(list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock))
     if proof.refused:
         worst = proof.refused[0]
         more = f", and {len(proof.refused) - 1} more like it" if len(proof.refused) > 1 else ""
@@ -66,8 +67,10 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
     if isinstance(tour, JobTour):
         steps = [(step.tool, f"operation {k}") for step, k in zip(tour.steps, tour.numbers, strict=True)]
         step_of = np.repeat(np.arange(len(steps)), [len(one.paths) for one in tour.tours])
-    # A robot has no rapid motion of its own: what runs as fast as it travels is none that cuts.
-    travel = float("inf") if cell.arm is None else job.process.travel
+    # A robot travels on straight lines: what runs as fast as it travels is none that cuts, where no cut is as fast.
+    process = job.process
+    slower = process.feed * process.max_feed_factor < process.travel
+    travel = process.travel if slower and not isinstance(cell.home, Pose) else float("inf")
     first = 0
     for count, reading, (_, program) in zip(posted.counts, posted.readings, checked.programs, strict=True):
         name = posted.files[first].name
@@ -76,7 +79,7 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
         edges = [0, *(np.flatnonzero(np.diff(own)) + 1).tolist(), len(own)]
         for start, end in pairwise(edges):
             tool, about = steps[int(own[start])]
-            yield Cut(reading.body[start:end], reading.lines[start:end], tool, name, about, travel)
+            yield Cut(reading.body[start:end], reading.lines[start:end], tool, name, about, travel, job.tolerance.chord)
 
 
 def _own_step(program: Program, step_of: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -64,8 +64,12 @@ def _task(part: Part, job: Job, columns: Columns) -> Task:
 def _cut(program: str, reading: Reading, columns: Columns, job: Job) -> Cut:
     """Controllers without a rapid motion travel at process.travel on straight lines."""
     rapid = columns.moves_are(MoveJ) & columns.posed
-    travel = np.inf if rapid[1:].any() or job.process.travel <= job.process.feed else job.process.travel
-    return Cut(reading.body, reading.lines, job.tool, Path(program).name, travel=float(travel))
+    process = job.process
+    slower = process.feed * process.max_feed_factor < process.travel
+    travel = process.travel if slower and not rapid[1:].any() else np.inf
+    return Cut(
+        reading.body, reading.lines, job.tool, Path(program).name, travel=float(travel), chord=job.tolerance.chord
+    )
 
 
 def rows_of_build(proof: StockProof) -> list[tuple[str, str, str]]:
@@ -107,7 +111,7 @@ def _excess(proof: StockProof) -> list[str]:
         left = level.excess
         if left.area < 0.01:
             continue
-        parts = [f"{short(left.corners, 2)} mm2 in inner corners"] if left.corners >= 0.01 else []
+        parts = [f"{short(left.corners, 2)} mm2 in inner corners and narrow places"] if left.corners >= 0.01 else []
         parts += [f"{short(left.tabs, 2)} mm2 in tabs"] if left.tabs >= 0.01 else []
         if left.unexplained.area >= 0.01 and left.place is not None:
             at = " ".join(short(v, 2) for v in left.place)

@@ -12,7 +12,7 @@ from typing import Literal
 from msgspec import Struct
 
 from camgen.check.stock.clear import Struck, find_holders, find_rapids, index
-from camgen.check.stock.design import Design, Task, design
+from camgen.check.stock.design import Design, Task, design, show_stay
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
@@ -20,7 +20,7 @@ from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
 from camgen.model.text import counted, short
 
-__all__ = ["TOLERANCE_MM", "Cut", "Design", "Fault", "Level", "StockProof", "Task", "design", "prove"]
+__all__ = ["TOLERANCE_MM", "Cut", "Design", "Fault", "Level", "StockProof", "Task", "design", "prove", "show_stay"]
 
 FaultKind = Literal["gouge", "rapid", "holder", "loose"]
 
@@ -79,11 +79,8 @@ class StockProof(Struct, frozen=True, eq=False):
         return float(sum((one.top - one.bottom) * one.excess.unexplained.area for one in self.levels))
 
 
-def prove(cuts: Sequence[Cut], design: Design, chord: float = 0.0) -> StockProof:
-    """What ``cuts``, one after the other, do to the stock of ``design``.
-
-    chord: mm by which straight lines may leave the arcs that they stand for: no gouge is less than that.
-    """
+def prove(cuts: Sequence[Cut], design: Design) -> StockProof:
+    """What ``cuts``, one after the other, do to the stock of ``design``."""
     moves = tabulate(cuts)
     gone = index(moves, cuts)
     holders, unseen = find_holders(gone, design)
@@ -97,9 +94,7 @@ def prove(cuts: Sequence[Cut], design: Design, chord: float = 0.0) -> StockProof
         levels, volumes = remove(moves, cuts, design, depths)
     notes = (*design.notes, *_notes(moves, unseen), *([grid.note] if grid else []))
     return StockProof(
-        gouges=tuple(
-            _gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design) if one.mm > TOLERANCE_MM + chord
-        ),
+        gouges=tuple(_gouge(moves, cuts, one) for one in find_gouges(moves, cuts, design)),
         rapids=tuple(_rapid(moves, cuts, one) for one in find_rapids(gone, design)),
         holders=tuple(_holder(moves, cuts, one) for one in holders),
         loose=tuple(_loose(moves, cuts, one) for one in find_loose(gone, design)),

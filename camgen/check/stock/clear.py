@@ -63,8 +63,7 @@ def find_rapids(gone: Gone, design: Design) -> list[Struck]:
     """Rapid motions through what is still there."""
     moves = gone.moves
     rows = np.flatnonzero(moves.rapid & (moves.deepest > TOLERANCE_MM))
-    rising = moves.upright[rows] & (moves.down[rows, 1] <= moves.down[rows, 0])
-    rows = rows[~rising]
+    rows = rows[~moves.rising[rows]]
     rows = rows[~_in_own_hole(moves, rows)]
     found = []
     for row in rows.tolist():

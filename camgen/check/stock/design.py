@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.check.stock.cells import CHORD_MM, Cells, divide
 from camgen.check.stock.profile import BEAMS, slope
@@ -21,6 +22,8 @@ from camgen.plan.recover import recover
 _ROUND_MM, _ROUND_SHARE = 0.01, 0.01
 #: Circles about one centre, mm.
 _SAME_CENTRE_MM = 0.05
+#: The tip of a chamfering tool runs beside the wall by at most this, mm, below the bevel.
+_TIP_MM = 0.5
 #: Curves of what shall be gone, as parts of a quarter circle.
 _QUARTER = 16
 
@@ -67,7 +70,8 @@ class Bevel(Struct, frozen=True, eq=False):
 class Wanted(Struct, frozen=True, eq=False):
     """What shall be gone down to ``depth`` mm. shape: polygons. room: where the tool may be for it, whose corners it
     cannot reach all. radius: of the tool, mm, 0 where no corner excuses what is left. task: which one. tabs: height and
-    width of its bridges, mm, 0: none.
+    width of its bridges, mm, 0: none. loop: of a kerf the contour beside which it runs, and ``cell`` in which: its
+    shape and room are made where something is left of it (``lay_out``).
     """
 
     shape: Any
@@ -76,6 +80,8 @@ class Wanted(Struct, frozen=True, eq=False):
     depth: float
     task: int
     tabs: tuple[float, float] = (0.0, 0.0)
+    loop: int = -1
+    cell: int = -1
 
 
 class Design(Struct, frozen=True, eq=False):
@@ -95,6 +101,26 @@ class Design(Struct, frozen=True, eq=False):
     free: bool
     notes: tuple[str, ...]
     held: frozenset[str] = frozenset()
+
+
+def lay_out(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
+    """Those of kerfs with their shapes: as wide as the tool beside the contour."""
+    cells = design.cells
+    made = []
+    rooms: dict[int, Any] = {cells.outside: None}
+    for one in wanted:
+        if one.loop < 0:
+            made.append(one)
+            continue
+        if rooms.get(one.cell) is None:
+            outer = cells.rings[cells.parent == cells.outside]
+            whole = one.cell == cells.outside
+            rooms[one.cell] = design.outline - shapely.union_all(outer) if whole else cells.shape(one.cell)
+        room, ring = rooms[one.cell], cells.rings[one.loop]
+        edge = ring if one.cell != one.loop else shapely.boundary(ring)
+        band = shapely.buffer(edge, 2 * one.radius, quad_segs=_QUARTER)
+        made.append(replace(one, shape=shapely.intersection(band, room), room=room))
+    return made
 
 
 class _Draft(Struct):
@@ -134,7 +160,12 @@ def design(tasks: Sequence[Task], stock: StockTable) -> Design:
             draft.free = True
             draft.notes.append(f"what {kind} may remove is not known: nothing is taken for a gouge")
         else:
-            make(draft, task, number, [contour for contour in own if task.part.works_on((contour.id,))])
+            make(
+                draft,
+                task,
+                number,
+                [contour for contour in own if task.part.works_on(contour.sources or (contour.id,))],
+            )
     if stock.thickness is None:
         draft.notes.append("stock.thickness is not set: what lies below, and parts that come loose, are not judged")
     return Design(
@@ -196,7 +227,7 @@ def _follow(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -
     inside = _are_holes(cells, loops, task) if side == "auto" else np.full(len(loops), side == "inside")
     inner, outer = loops[inside], loops[~inside]
     if side == "auto":
-        removed = np.unique(np.concatenate([inner, cells.parent[outer]]))
+        removed = _joined(cells, task, np.unique(np.concatenate([inner, cells.parent[outer]])))
     elif side == "inside":
         removed = np.flatnonzero(cells.within(inner.tolist()))
     else:
@@ -209,9 +240,29 @@ def _are_holes(cells: Cells, loops: IntArray, task: Task) -> BoolArray:
     """Which of the cells lie within an odd number of contours that bound material."""
     level = cells.depth[loops].copy()
     if task.bounds is not None:
-        others = np.array([name not in task.bounds for name in (*cells.ids, "")])
-        level -= [_count_around(cells, int(k), others) for k in loops.tolist()]
+        others = np.array([name not in task.bounds for name in cells.ids], dtype=np.bool_)
+        around = _add_inwards(cells, others)
+        level -= around[cells.parent[loops]]
     return np.asarray(level % 2 == 1)
+
+
+def _add_inwards(cells: Cells, chosen: BoolArray) -> IntArray:
+    """(C + 1,) how many of the ``chosen`` contours (C,) lie around each cell, its own with them."""
+    count = np.zeros(len(cells) + 1, dtype=np.int64)
+    for k in np.argsort(cells.depth, kind="stable").tolist():
+        count[k] = count[cells.parent[k]] + chosen[k]
+    return count
+
+
+def _joined(cells: Cells, task: Task, chosen: IntArray) -> IntArray:
+    """The ``chosen`` cells and all that no contour which bounds material parts from them."""
+    if task.bounds is None:
+        return chosen
+    group = np.arange(len(cells) + 1)
+    for k in np.argsort(cells.depth, kind="stable").tolist():
+        if cells.ids[k] not in task.bounds:
+            group[k] = group[cells.parent[k]]
+    return np.flatnonzero(np.isin(group, group[chosen]))
 
 
 def _want_kerf(draft: _Draft, task: Task, number: int, loops: IntArray, removed: IntArray) -> None:
@@ -219,21 +270,13 @@ def _want_kerf(draft: _Draft, task: Task, number: int, loops: IntArray, removed:
     cells, tool, operation = draft.cells, task.job.tool, task.job.operation
     inner = np.intersect1d(loops, removed)
     outer = np.setdiff1d(loops, inner)
-    lines = shapely.boundary(cells.rings)
     asked = operation.tabs or operation.tab_spacing
     tabs = (operation.tab_height, operation.tab_width) if asked else (0.0, 0.0)
     draft.held.update(cells.ids[k] for k in outer.tolist() if asked)
     deep, radius = _depth(task), tool.diameter / 2
-    if len(inner):
-        rooms = cells.shapes(inner)
-        band = shapely.intersection(shapely.buffer(lines[inner], tool.diameter, quad_segs=_QUARTER), rooms)
-        draft.wanted += [Wanted(*pair, radius, deep, number, tabs) for pair in zip(band, rooms, strict=True)]
-    around = {int(k): draft.outline - shapely.union_all(cells.rings[cells.parent == k]) for k in {cells.outside}}
-    for k in outer.tolist():
-        parent = int(cells.parent[k])
-        room = around[parent] if parent in around else cells.shape(parent)
-        band = shapely.buffer(cells.rings[k], tool.diameter, quad_segs=_QUARTER) & room
-        draft.wanted.append(Wanted(band, room, radius, deep, number, tabs))
+    for k in (*inner.tolist(), *outer.tolist()):
+        cell = k if k in inner else int(cells.parent[k])
+        draft.wanted.append(Wanted(None, None, radius, deep, number, tabs, k, cell))
 
 
 def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> None:
@@ -247,26 +290,22 @@ def _follow_one_side(draft: _Draft, task: Task, worked: Sequence[Contour]) -> No
 
 
 def _pocket(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
-    """All between the walls but for islands."""
+    """All between walls and islands, whatever else is drawn there: what other operations work on is no island."""
     cells, deep = draft.cells, _depth(task)
     loops = _loops(draft, worked)
-    # Of nested walls every second one is an island, whatever else of the drawing lies around all of them.
-    chosen = np.zeros(len(cells) + 1, dtype=np.bool_)
-    chosen[loops] = True
-    level = np.array([_count_around(cells, int(k), chosen) for k in loops.tolist()], dtype=np.int64)
-    floors = loops[level % 2 == 0]
-    draft.allow(floors.tolist(), deep)
+    # Around each cell, its own contour with it, so many of these: an odd number of them makes it a floor.
+    around = _add_inwards(cells, np.isin(np.arange(len(cells)), loops))
+    draft.allow(np.flatnonzero(around % 2 == 1).tolist(), deep)
     radius = task.job.tool.diameter / 2
-    rooms = cells.shapes(floors)
+    walls, islands = loops[around[loops] % 2 == 1], loops[around[loops] % 2 == 0]
+    rooms = cells.rings[walls]
+    if len(islands):
+        kept = shapely.union_all(cells.rings[islands])
+        # What lies in an island is a pocket again, and a room of its own.
+        rooms = shapely.difference(rooms, kept)
+        nested = around[walls] > 1
+        rooms[nested] = cells.rings[walls[nested]]
     draft.wanted += [Wanted(room, room, radius, deep, number) for room in rooms]
-
-
-def _count_around(cells: Cells, cell: int, chosen: Any) -> int:
-    count, cell = 0, int(cells.parent[cell])
-    while cell != cells.outside:
-        count += bool(chosen[cell])
-        cell = int(cells.parent[cell])
-    return count
 
 
 def _bore(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:
@@ -293,20 +332,26 @@ def _drill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) ->
 
 
 def _circles(draft: _Draft, task: Task, worked: Sequence[Contour]) -> IntArray:
-    """The innermost circles about each centre whose diameters are wanted."""
-    cells, loops = draft.cells, _loops(draft, worked)
+    """The innermost circles about each centre whose diameters are wanted; of those to bore, of the wanted ones."""
+    cells = draft.cells
     low, high = task.job.operation.holes or (0.0, float("inf"))
-    round_ = [
-        (int(k), *_middle(cells.rings[k]), float(np.sqrt(cells.area[k] / np.pi))) for k in loops if _is_round(cells, k)
-    ]
-    round_.sort(key=lambda one: one[3])
-    kept: list[tuple[int, float, float, float]] = []
-    if round_:
-        places = shapely.points([(x, y) for _, x, y, _ in round_])
-        one, two = shapely.STRtree(places).query(places, predicate="dwithin", distance=_SAME_CENTRE_MM)
-        larger = set(one[two < one].tolist())
-        kept = [circle for n, circle in enumerate(round_) if n not in larger]
-    return np.array([k for k, _, _, r in kept if low - 1e-9 <= 2 * r <= high + 1e-9], dtype=np.int64)
+    found = np.array([k for k in _loops(draft, worked).tolist() if _is_round(cells, k)], dtype=np.int64)
+    wide = 2 * np.sqrt(cells.area / np.pi)
+    chosen = (wide[found] >= low - _ROUND_MM) & (wide[found] <= high + _ROUND_MM)
+    if _kind(task) == "bore":
+        return _innermost(cells, found[chosen])
+    inner = _innermost(cells, found)
+    return inner[np.isin(inner, found[chosen])]
+
+
+def _innermost(cells: Cells, loops: IntArray) -> IntArray:
+    """Of circles about one centre the smallest."""
+    if not len(loops):
+        return loops
+    loops = loops[np.argsort(cells.area[loops], kind="stable")]
+    places = shapely.points([_middle(cells.rings[k]) for k in loops.tolist()])
+    one, two = shapely.STRtree(places).query(places, predicate="dwithin", distance=_SAME_CENTRE_MM)
+    return np.delete(loops, one[two < one])
 
 
 def _middle(ring: Any) -> tuple[float, float]:
@@ -337,9 +382,7 @@ def _fill(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> 
 
 
 def _chamfer(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) -> None:  # noqa: ARG001 (as the others)
-    """A cone on the material side of the contours; on their other side the tip may go down to ``operation.depth``, else
-    twice as deep as the chamfer.
-    """
+    """A cone on the material side of the contours; on their other side the tip may run ``_TIP_MM`` beside it."""
     cells, operation, tool = draft.cells, task.job.operation, task.job.tool
     width = operation.width or operation.depth * slope(tool)
     loops = _loops(draft, worked)
@@ -347,10 +390,33 @@ def _chamfer(draft: _Draft, task: Task, number: int, worked: Sequence[Contour]) 
     auto = operation.side == "auto"
     inside = _are_holes(cells, loops, task) if auto else np.full(len(loops), operation.side == "inside")
     beside = np.concatenate([loops[inside], cells.parent[loops[~inside]]])
-    draft.allow(beside.tolist(), operation.depth or 2 * width / slope(tool))
+    draft.allow(beside.tolist(), operation.depth or (width + _TIP_MM) / slope(tool))
 
 
 _BY_KIND: dict[str, Callable[[_Draft, Task, int, Sequence[Contour]], None]] = {
     "follow": _follow, "pocket": _pocket, "bore": _bore, "drill": _drill, "trace": _trace, "engrave": _trace,
     "fill": _fill, "chamfer": _chamfer,
 }  # fmt: skip
+
+
+def show_stay(design: Design, depth: float) -> Any:
+    """Polygons of what must stay at ``depth`` mm, for pictures; where operations along lines cut, it is cut out."""
+    stays = design.depth < depth
+    whole = design.outline if stays[-1] else shapely.Polygon()
+    by_depth = np.argsort(design.cells.depth, kind="stable")
+    for cell in by_depth.tolist():
+        ring = design.cells.rings[cell]
+        whole = shapely.union(whole, ring) if stays[cell] else shapely.difference(whole, ring)
+    for lines in design.lines:
+        if lines.depth >= depth:
+            points, owner = flatten(lines.segments, CHORD_MM)
+            ways = [
+                shapely.LineString(
+                    np.concatenate([points[owner == k], lines.segments.end[lines.segments.owner == k][-1:]])
+                )
+                for k in np.unique(owner)
+            ]
+            whole = shapely.difference(
+                whole, shapely.union_all(shapely.buffer(ways, lines.diameter / 2 + lines.apart[1]))
+            )
+    return whole

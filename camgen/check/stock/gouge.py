@@ -16,6 +16,7 @@ from msgspec import Struct
 from camgen.check.stock.design import Bevel, Design, Lines
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
 from camgen.check.stock.profile import reach
+from camgen.check.stock.sweep import same_ways
 from camgen.geometry.intersect import box, distances, gaps
 from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, points_at, tangents_at
 from camgen.model.pose import FloatArray
@@ -24,6 +25,8 @@ from camgen.model.pose import FloatArray
 _TRACED_MM = 0.015
 #: Motions on lines are looked at in these places of their length.
 _PLACES = np.linspace(0.0, 1.0, 9)
+#: So many gouges at each depth are measured; of the others the least is told.
+_MEASURED = 2000
 #: Places of a motion in the material that are measured, to tell how deep it is in it.
 _SAMPLES = 33
 
@@ -43,9 +46,7 @@ def find_gouges(moves: Moves, cuts: Sequence[Cut], design: Design) -> list[Gouge
     """The worst gouge of every motion that has one, in order."""
     if design.free or not len(moves):
         return []
-    # Going straight up cuts nothing that is not cut already.
-    rising = moves.upright & (moves.down[:, 1] <= moves.down[:, 0])
-    rows = np.flatnonzero((moves.deepest > TOLERANCE_MM) & ~rising & ~_explained(moves, cuts, design))
+    rows = np.flatnonzero((moves.deepest > TOLERANCE_MM) & ~moves.rising & ~_explained(moves, cuts, design))
     worst: dict[int, Gouge] = {}
     for limit in _limits(design):
         for gouge in _beyond(moves, cuts, design, rows, limit):
@@ -75,18 +76,28 @@ def _beyond(moves: Moves, cuts: Sequence[Cut], design: Design, rows: IntArray, l
     hit = np.flatnonzero(within | (apart < radius - TOLERANCE_MM))
     for _, chosen, more in allowed:
         radius = np.where(chosen, radius - more, radius)
-    found = (_measure(moves, design, deep, k, float(radius[k]), walls, stays, limit) for k in hit.tolist())
-    return [gouge for gouge in found if gouge]
+    found = (_measure(moves, design, deep, k, float(radius[k]), walls, stays, limit) for k in hit[:_MEASURED].tolist())
+    aside = np.where(within, radius, radius - apart)
+    rest = (_estimate(moves, deep, k, float(aside[k]), limit) for k in hit[_MEASURED:].tolist())
+    return [gouge for gouge in (*found, *rest) if gouge]
+
+
+def _estimate(moves: Moves, deep: Portions, k: int, aside: float, limit: float) -> Gouge:
+    """A gouge of at least so much ``aside``, where so many are found that their worst places are not looked for."""
+    row = int(deep.row[k])
+    x, y, z = moves.end[row].tolist()
+    up = float(moves.deepest[row]) - limit
+    return Gouge(row, (x, y, z), min(aside, up), up < aside)
 
 
 def _radius(moves: Moves, cuts: Sequence[Cut], deep: Portions, limit: float) -> FloatArray:
-    """(K,) the radius of each tool where it comes into what stays below ``limit``, mm."""
+    """(K,) the radius of each tool where it comes into what stays below ``limit``, less what chords may leave, mm."""
     height = moves.deepest[deep.row] - limit
     radius = np.empty(len(deep.row))
     for number, cut in enumerate(cuts):
         own = moves.cut[deep.row] == number
         radius[own] = reach(cut.tool, height[own])
-    return radius
+    return radius - moves.chord[deep.row]
 
 
 def _allowed(
@@ -112,10 +123,7 @@ def _apart(
     """(K,) how far each way keeps from the walls, and whether it begins in what stays."""
     segments = design.cells.segments
     apart = np.full(len(plane), np.inf)
-    keys = np.round(np.column_stack([plane.start, plane.end, plane.bulge]), 6)
-    # Passes at several depths are one way.
-    _, first, same = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    same = same.reshape(-1)
+    first, same = same_ways(plane)
     unique = plane.take(first)
     bevelled = np.zeros(len(segments), dtype=np.bool_)
     for bevel, chosen, more in allowed:

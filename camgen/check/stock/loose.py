@@ -20,8 +20,8 @@ _BEYOND_MM = 0.5
 
 
 class Loose(Struct, frozen=True):
-    """A part that is cut free. contour: its outline's id. row: the motion that frees it. again: the first motion after
-    which works on it then, -1: none does, it was its last cut. tabs: bridges
+    """A part that is cut free. contour: its outline's id. row: the motion that frees it, or with which the way around
+    it ends. again: the first motion after which works on it then, -1: none does, it was its last cut. tabs: bridges
     should hold it.
     """
 
@@ -56,7 +56,12 @@ def _frees(gone: Gone, design: Design, cell: int, bottom: float) -> Loose | None
     through = through[shapely.distance(_chords(moves, through), shapely.boundary(part)) <= wide + _BEYOND_MM]
     if not len(through) or not _is_free(_cut_away(gone, through, bottom), part, around, design.outline):
         return None
-    low, high = 0, len(through)
+    # Most are cut free by the last way around them, which is told as its end.
+    last = int(np.searchsorted(moves.stroke[through], moves.stroke[through[-1]]))
+    if last == 0 or not _is_free(_cut_away(gone, through[:last], bottom), part, around, design.outline):
+        low = high = len(through)
+    else:
+        low, high = 0, last
     while high - low > 1:
         middle = (low + high) // 2
         free = _is_free(_cut_away(gone, through[:middle], bottom), part, around, design.outline)
@@ -84,6 +89,7 @@ def _is_free(cut: Any, part: Any, around: Any, outline: Any) -> bool:
 def _comes_back(gone: Gone, moves: Moves, near: IntArray, row: int, part: Any) -> int:
     """The first motion at feed after ``row`` that goes down again and cuts at the part; -1: none."""
     later = near[(near > row) & (moves.stroke[near] > moves.stroke[row]) & ~moves.rapid[near]]
+    later = later[~moves.rising[later]]
     if not len(later):
         return -1
     radius = np.array([cut.tool.diameter / 2 for cut in gone.cuts])[moves.cut[later]]

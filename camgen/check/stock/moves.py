@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from msgspec import Struct
@@ -13,7 +14,7 @@ from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, split
 from camgen.model.job import ToolTable
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Columns, Instruction, MoveJ, MoveL, Output
+from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output
 
 #: What is this little above the top face, mm, or this little too deep, is rounding; a gouge up to it is none.
 TOLERANCE_MM = 0.005
@@ -22,6 +23,8 @@ _CHORD_MM = 0.002
 #: A slanted motion of a tool that is no cylinder is looked at in pieces that go down by at most this, mm; at most so
 #: many of them.
 _STEP_MM, _MOST_PIECES = 0.005, 2000
+#: A speed is printed in digits, or as a share of another one.
+_NEARLY = 0.99
 #: The axis of a tool that leans by more, as a cosine, is not straight down.
 _DOWN = -1 + 1e-7
 
@@ -30,7 +33,8 @@ class Cut(Struct, frozen=True, eq=False):
     """What one tool does, as it was read back. body: instructions in order, poses of the tip in the work frame.
 
     lines: (per instruction) 1-based, in ``file``. name: of the operation, for messages. travel: mm/s from which a
-    straight motion is no feed, where the controller has no rapid motion of its own.
+    straight motion is no feed, where the controller has no rapid motion of its own. chord: mm by which straight motions
+    that stand for an arc may leave it: slanted ones, and all of them where the body holds no arc.
     """
 
     body: Sequence[Instruction]
@@ -39,15 +43,16 @@ class Cut(Struct, frozen=True, eq=False):
     file: str = "program"
     name: str = ""
     travel: float = float("inf")
+    chord: float = 0.0
 
 
-class Moves(Struct, frozen=True, eq=False):
+class Moves(Struct, frozen=True, eq=False, dict=True):
     """N motions in order of time, all cuts together; those whose start is not known are where they end.
 
     start, end: (N, 3) mm. plane: their ways seen from above. down: (N, 2) mm how deep the tip is below the top face at
     both ends; inf for a beam that is on, -inf for one that is off. rapid: (N,). cut: (N,) which cut. line: (N,).
-    stroke: (N,) counts how often the tool has gone down. tilted: how many motions were left out since the tool leans.
-    lost: how many since they go to joint values.
+    stroke: (N,) counts how often the tool has gone down. chord: (N,) mm by which each may leave the arc that it stands
+    for. tilted: how many motions were left out since the tool leans. lost: how many since they go to joint values.
     """
 
     start: FloatArray
@@ -58,28 +63,34 @@ class Moves(Struct, frozen=True, eq=False):
     cut: IntArray
     line: IntArray
     stroke: IntArray
+    chord: FloatArray
     tilted: int
     lost: int
 
     def __len__(self) -> int:
         return len(self.rapid)
 
-    @property
+    @cached_property
     def deepest(self) -> FloatArray:
         """(N,) mm below the top face."""
         return np.asarray(self.down.max(axis=1))
 
-    @property
+    @cached_property
     def level(self) -> BoolArray:
         """(N,) whether the tip stays at one depth."""
         with np.errstate(invalid="ignore"):
             apart = np.abs(self.down[:, 1] - self.down[:, 0])
         return np.asarray(~(apart > TOLERANCE_MM / 5))
 
-    @property
+    @cached_property
     def upright(self) -> BoolArray:
         """(N,) whether the motion goes straight up or down, or nowhere."""
         return np.asarray(self.plane.length <= TOLERANCE_MM / 5)
+
+    @cached_property
+    def rising(self) -> BoolArray:
+        """(N,) whether the motion goes straight up, which cuts nothing that is not cut already."""
+        return np.asarray(self.upright & (self.down[:, 1] <= self.down[:, 0]))
 
     def below(self, depth: float, rows: IntArray | None = None) -> Portions:
         """What of ``rows`` (else of all) runs deeper than ``depth``, mm."""
@@ -102,19 +113,23 @@ class Portions(Struct, frozen=True, eq=False):
 
 
 def tabulate(cuts: Sequence[Cut]) -> Moves:
-    """The motions of ``cuts``, one after the other."""
-    return _join([_table(cut, k) for k, cut in enumerate(cuts)])
+    """The motions of ``cuts``, one after the other; within one file the tool goes on from where the last one ended."""
+    tables: list[Moves] = []
+    for number, cut in enumerate(cuts):
+        goes_on = number > 0 and cuts[number - 1].file == cut.file and len(tables[-1]) > 0
+        tables.append(_table(cut, number, tables[-1].end[-1] if goes_on else np.full(3, np.nan)))
+    return _join(tables)
 
 
 def _join(tables: list[Moves]) -> Moves:
-    start, end, down, rapid, cut, line = (
+    start, end, down, rapid, cut, line, chord = (
         np.concatenate([getattr(one, name) for one in tables])
-        for name in ("start", "end", "down", "rapid", "cut", "line")
+        for name in ("start", "end", "down", "rapid", "cut", "line", "chord")
     )
     bulge = np.concatenate([one.plane.bulge for one in tables])
     plane = make(start[:, :2], end[:, :2], bulge, np.arange(len(bulge)))
     lost, tilted = sum(one.lost for one in tables), sum(one.tilted for one in tables)
-    return Moves(start, end, plane, down, rapid, cut, line, _strokes(down, rapid), tilted, lost)
+    return Moves(start, end, plane, down, rapid, cut, line, _strokes(down, rapid), chord, tilted, lost)
 
 
 def _strokes(down: FloatArray, rapid: BoolArray) -> IntArray:
@@ -122,13 +137,14 @@ def _strokes(down: FloatArray, rapid: BoolArray) -> IntArray:
     return np.cumsum(rapid | (down.min(axis=1, initial=np.inf) <= TOLERANCE_MM))
 
 
-def _table(cut: Cut, number: int) -> Moves:
+def _table(cut: Cut, number: int, before: FloatArray) -> Moves:
+    """The motions of one cut. before: (3,) where the tool is then, NaN where that is not known."""
     columns = Columns(cut.body)
     end = columns.ends
     start = np.roll(end, 1, axis=0)
-    start[:1] = np.nan
+    start[:1] = before
     start = np.where(np.isnan(start), end, start)
-    rapid = columns.moves_are(MoveJ) | (columns.moves_are(MoveL) & (columns.speed >= cut.travel))
+    rapid = columns.moves_are(MoveJ) | (columns.moves_are(MoveL) & (columns.speed >= _NEARLY * cut.travel))
     line = np.asarray(cut.lines, dtype=np.int64)[columns.at]
     down = _depths(cut, columns, start, end, rapid)
     straight = _straight_down(columns)
@@ -140,8 +156,11 @@ def _table(cut: Cut, number: int) -> Moves:
     down = np.column_stack([first + part * low, first + part * high])
     plane = make(start[:, :2], end[:, :2], bulge, np.arange(len(row)))
     many = np.full(len(row), number)
+    lines = (plane.bulge == 0) & (plane.length > 0)
+    slanted = np.abs(end[:, 2] - start[:, 2]) > 1e-6
+    chord = np.where(lines & (slanted | ~columns.are(MoveC).any()), cut.chord, 0.0)
     lost, tilted = int((~columns.posed).sum()), int((columns.posed & ~straight).sum())
-    return Moves(start, end, plane, down, rapid[row], many, line[row], many, tilted, lost)
+    return Moves(start, end, plane, down, rapid[row], many, line[row], many, chord, tilted, lost)
 
 
 def _depths(cut: Cut, columns: Columns, start: FloatArray, end: FloatArray, rapid: BoolArray) -> FloatArray:

@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 import shapely
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from camgen.check.stock.cells import Shapes
-from camgen.check.stock.design import Design, Wanted
+from camgen.check.stock.design import Design, Wanted, lay_out
 from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves
 from camgen.check.stock.profile import is_flat
-from camgen.check.stock.sweep import QUARTER, sweep, unite
+from camgen.check.stock.sweep import QUARTER, distinct, sweep, unite
+from camgen.geometry.intersect import Obstacles
+from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.segments import Segments, points_at
+from camgen.model.pose import FloatArray
 
 #: Depths nearer than this, mm, are one.
 _SAME_MM = 2 * TOLERANCE_MM
@@ -22,6 +27,8 @@ _SAME_MM = 2 * TOLERANCE_MM
 _SLICES = 8
 #: What is left but narrower than this, mm, is the chords of the polygons.
 _NARROW_MM = 0.04
+#: A contour is cut along where the tool leaves less than this of it, mm.
+_TOUCH_MM = 0.01
 #: More levels than this are no work in levels: a grid of heights takes over.
 MOST_LEVELS = 48
 
@@ -93,7 +100,7 @@ def remove(
             area = _area_within(whole, design.outline)
             volumes[k] += (area - before) * (bottom - top)
             before = area
-        excess = _left(design, bottom, whole, excess)
+        excess = _left(moves, cuts, design, (top, bottom), whole, excess)
         slabs.append(Level(-top, -bottom, whole, before, excess.excess))
     return tuple(reversed(slabs)), tuple(volumes.tolist())
 
@@ -117,7 +124,11 @@ class _Left(Struct, frozen=True, eq=False):
     excess: Excess
 
 
-def _left(design: Design, depth: float, gone: Any, below: _Left | None) -> _Left:
+def _left(
+    moves: Moves, cuts: Sequence[Cut], design: Design, slab: tuple[float, float], gone: Any, below: _Left | None
+) -> _Left:
+    """slab: the depths of its top and bottom, mm."""
+    depth = slab[1]
     chosen = tuple(k for k, one in enumerate(design.wanted) if one.depth >= depth - _SAME_MM)
     if (
         below is not None
@@ -126,7 +137,47 @@ def _left(design: Design, depth: float, gone: Any, below: _Left | None) -> _Left
         and not any(design.wanted[k].tabs[0] for k in chosen)
     ):
         return below
-    return _Left(chosen, gone, _excess([design.wanted[k] for k in chosen], gone, depth))
+    wanted = [design.wanted[k] for k in chosen]
+    done = _all_along(moves, cuts, design, wanted, sum(slab) / 2)
+    open_ = lay_out(design, [one for one, all_ in zip(wanted, done.tolist(), strict=True) if not all_])
+    return _Left(chosen, gone, _excess(open_, gone, depth))
+
+
+def _all_along(
+    moves: Moves, cuts: Sequence[Cut], design: Design, wanted: Sequence[Wanted], depth: float
+) -> NDArray[np.bool_]:
+    """(W,) the kerfs along whose contours a tool as wide runs everywhere: nothing is left of them.
+
+    Places on the contours so near to each other that less than ``_TOUCH_MM`` can stand between them.
+    """
+    loops = np.array([one.loop for one in wanted], dtype=np.int64)
+    missed = loops < 0
+    kerfs = np.flatnonzero(~missed)
+    if not len(kerfs):
+        return ~missed
+    radius = np.zeros(len(design.cells))
+    radius[loops[kerfs]] = [wanted[k].radius for k in kerfs.tolist()]
+    segments = design.cells.segments
+    segments = segments.take(radius[segments.owner] > 0)
+    step = np.sqrt(8 * _TOUCH_MM * radius[segments.owner])
+    count = np.maximum(np.ceil(segments.length / step), 1).astype(np.int64)
+    which, share = owners(count), ramp(count) / np.maximum(count, 1)[owners(count)]
+    points = points_at(segments.take(which), share)
+    touched = np.zeros(len(points), dtype=np.bool_)
+    for number, cut in enumerate(cuts):
+        if is_flat(cut.tool):
+            most = cut.tool.diameter / 2
+            deep = moves.below(depth, np.flatnonzero(moves.cut == number))
+            fits = radius[segments.owner[which]] <= most + TOLERANCE_MM
+            touched |= fits & (_nearest(points, distinct(deep.plane), most + _TOUCH_MM) < np.inf)
+    bare = np.bincount(segments.owner[which], ~touched, len(design.cells)) > 0
+    missed[kerfs] = bare[loops[kerfs]]
+    return ~missed
+
+
+def _nearest(points: FloatArray, ways: Segments, most: float) -> FloatArray:
+    none = np.zeros(len(points), dtype=np.int64)
+    return Obstacles(ways, np.zeros(len(ways), dtype=np.int64)).nearest(points, none, most)
 
 
 def _excess(wanted: Sequence[Wanted], gone: Any, depth: float) -> Excess:
@@ -160,12 +211,11 @@ def _pieces(wanted: Sequence[Wanted], gone: Any) -> tuple[Shapes, Any]:
     tree = shapely.STRtree(parts)
     left = shapes.copy()
     which, part = tree.query(shapes, predicate="intersects")
-    covered = np.zeros(len(shapes), dtype=np.bool_)
-    for k in np.unique(which).tolist():
-        near = parts[part[which == k]]
-        cover = near[0] if len(near) == 1 else unite(near)
-        left[k] = shapely.difference(shapes[k], cover)
-        covered[k] = True
+    order = np.argsort(which, kind="stable")
+    chosen, first = np.unique(which[order], return_index=True)
+    covers = np.split(parts[part[order]], first[1:]) if len(chosen) else []
+    whole = np.array([near[0] if len(near) == 1 else unite(near) for near in covers], dtype=object)
+    left[chosen] = shapely.difference(shapes[chosen], whole)
     left = _without_slivers(left)
     pieces, owner = shapely.get_parts(left, return_index=True)
     filled = ~shapely.is_empty(pieces)
@@ -200,11 +250,11 @@ def _grown(bounds: Any, by: float) -> tuple[float, float, float, float]:
 
 
 def _is_tab(piece: Any, wanted: Wanted, depth: float) -> bool:
-    """Whether a piece is as large as a bridge across the kerf, where bridges stand."""
+    """Whether a piece is no larger than a bridge across the kerf with what the round tool leaves at its two ends."""
     height, width = wanted.tabs
     if not height or depth <= wanted.depth - height + TOLERANCE_MM or piece.is_empty:
         return False
-    return bool(piece.area <= 1.5 * (width + wanted.radius) * 2 * wanted.radius)
+    return bool(piece.area <= 1.1 * (width + 2 * wanted.radius) * 2 * wanted.radius)
 
 
 def _widest(shapes: Shapes) -> tuple[float, tuple[float, float] | None]:

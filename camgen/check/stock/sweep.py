@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from camgen.check.stock.cells import CHORD_MM, Shapes
 from camgen.check.stock.moves import Cut, Moves, Portions
 from camgen.check.stock.profile import reach
 from camgen.geometry.ragged import run_lengths
-from camgen.geometry.segments import IntArray, flatten, make
+from camgen.geometry.segments import BoolArray, IntArray, Segments, flatten, make
 from camgen.model.pose import FloatArray
 
 #: Chords leave the rim of what a tool sweeps by at most this, mm.
@@ -32,12 +33,12 @@ def sweep(
     if not len(portions.row):
         return np.zeros(0, object)
     radius = radii(moves, cuts, portions, depth)
-    lines, wide = _ways(moves, portions, radius)
+    chain = _chains(moves, portions, radius)
+    plane = portions.plane
     if seen is not None:
-        keys = [way + size.tobytes() for way, size in zip(shapely.to_wkb(lines).tolist(), wide, strict=True)]
-        new = [k for k, key in enumerate(keys) if key not in seen]
-        seen.update(keys)
-        lines, wide = lines[new], wide[new]
+        new = _unseen(plane, chain, radius, seen)
+        plane, chain, radius = plane.take(new), chain[new], radius[new]
+    lines, wide = _ways(plane, chain, radius)
     if not len(lines):
         return np.zeros(0, object)
     quarter = np.pi / 4 / np.arccos(1 - min(_RIM_MM / float(wide.max(initial=_RIM_MM)), 0.3))
@@ -77,8 +78,8 @@ def radii(moves: Moves, cuts: Sequence[Cut], portions: Portions, depth: float) -
     return radius
 
 
-def _ways(moves: Moves, portions: Portions, radius: FloatArray) -> tuple[Shapes, FloatArray]:
-    """Lines or points of portions that follow each other without a gap, and the radius of each."""
+def _chains(moves: Moves, portions: Portions, radius: FloatArray) -> IntArray:
+    """(K,) numbers of portions that follow each other without a gap, on one level, or all of them aslant."""
     row, plane = portions.row, portions.plane
     joined = (np.diff(row) == 1) & (portions.high[:-1] == 1.0) & (portions.low[1:] == 0.0)
     with np.errstate(invalid="ignore"):
@@ -86,7 +87,26 @@ def _ways(moves: Moves, portions: Portions, radius: FloatArray) -> tuple[Shapes,
     joined &= level | ~(moves.level[row[:-1]] | moves.level[row[1:]])
     joined &= (np.diff(radius) == 0) & (np.diff(moves.cut[row]) == 0)
     joined &= np.abs(plane.end[:-1] - plane.start[1:]).max(axis=1, initial=0.0) < 1e-6
-    chain = np.concatenate([[0], np.cumsum(~joined)])
+    return np.concatenate([[0], np.cumsum(~joined)])
+
+
+def _unseen(plane: Segments, chain: IntArray, radius: FloatArray, seen: set[bytes]) -> BoolArray:
+    """(K,) which portions belong to a chain that is not among those ``seen``, where the new ones are added."""
+    keys = np.round(np.column_stack([plane.start, plane.end, plane.bulge, radius]), 6) + 0.0
+    ends = np.cumsum(run_lengths(chain)).tolist()
+    fresh = np.zeros(len(ends), dtype=np.bool_)
+    for number, (first, last) in enumerate(pairwise([0, *ends])):
+        key = keys[first:last].tobytes()
+        fresh[number] = key not in seen
+        seen.add(key)
+    return fresh[chain]
+
+
+def _ways(plane: Segments, chain: IntArray, radius: FloatArray) -> tuple[Shapes, FloatArray]:
+    """A line for each chain, and its radius."""
+    if not len(chain):
+        return np.zeros(0, object), np.zeros(0)
+    chain = np.concatenate([[0], np.cumsum(np.diff(chain) != 0)])
     points, owner = flatten(make(plane.start, plane.end, plane.bulge, chain), 2 * CHORD_MM)
     last = np.cumsum(run_lengths(chain)) - 1
     order = np.argsort(np.concatenate([owner, chain[last]]), kind="stable")
@@ -97,3 +117,19 @@ def _ways(moves: Moves, portions: Portions, radius: FloatArray) -> tuple[Shapes,
 def unite(shapes: Shapes | Sequence[Any]) -> Any:
     """All of them as one."""
     return shapely.disjoint_subset_union_all(np.asarray(shapes, dtype=object))
+
+
+def distinct(ways: Segments) -> Segments:
+    """Each way once: passes at several depths are one."""
+    return ways.take(same_ways(ways)[0])
+
+
+def same_ways(ways: Segments) -> tuple[IntArray, IntArray]:
+    """The rows of ways that differ, seen from above, and (N,) which of these each way is."""
+    keys = np.round(np.column_stack([ways.start, ways.end, ways.bulge]), 6) + 0.0
+    data = np.ascontiguousarray(keys).view(f"V{keys.itemsize * keys.shape[1]}").ravel()
+    places: dict[bytes, int] = {}
+    same = np.fromiter((places.setdefault(key, len(places)) for key in map(bytes, data)), np.int64, len(data))
+    first = np.full(len(places), len(ways), dtype=np.int64)
+    np.minimum.at(first, same, np.arange(len(ways)))
+    return first, same

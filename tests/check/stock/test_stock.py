@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from camgen.check.stock import Cut, StockProof, Task, design, prove
 from camgen.model.job import Job, OperationTable, ProcessTable, StockTable, ToolTable
@@ -251,9 +252,18 @@ def test_a_hole_that_is_cut_after_the_outline_finds_the_part_loose() -> None:
     drawn = task(part(square("c1", 0, 40), disc("c2", 20, 20, 8.0)))
     first = around(0, 40, 3.0, -5.0)
     late = proof([*first, *circle(20, 20, 5.0, -5.0)], drawn).loose
-    # The disc before the last arc touches the corner that the first one touched.
-    assert [(fault.serious, fault.line) for fault in late] == [(True, len(first) - 2)]
+    # Told where the way around it ends.
+    assert [(fault.serious, fault.line) for fault in late] == [(True, len(first) - 1)]
     assert [fault.serious for fault in proof([*circle(20, 20, 5.0, -5.0), *first], drawn).loose] == [False]
+
+
+def test_what_frees_a_part_may_not_be_the_last_that_is_cut_beside_it() -> None:
+    drawn = task(part(square("c1", 0, 40)))
+    # Once more round the lower left corner, down and up: the part is loose by then.
+    again = [rapid(-3, 0, 5), feed(-3, 0, -5), MoveC(at(-2.1213203, -2.1213203, -5), at(0, -3, -5), 10.0)]
+    found = proof([*around(0, 40, 3.0, -5.0), *again, rapid(0, -3, 5)], drawn).loose
+    assert [fault.serious for fault in found] == [True]
+    assert found[0].line < 11
 
 
 def test_a_bridge_or_a_thicker_stock_holds_the_part() -> None:
@@ -346,3 +356,62 @@ def test_a_beam_cuts_through_while_its_signal_is_on() -> None:
     assert [fault.kind for fault in found.loose] == ["loose"]
     through = [*way[:2], Output("process", 1.0), feed(20, 20, 0), *way[2:-1], Output("process", 0.0)]
     assert proof(through, drawn, tool=laser).gouges
+
+
+def test_one_program_goes_on_from_where_the_tool_before_it_stopped() -> None:
+    drawn = task(part(square("c1", 0, 40)))
+    way = around(0, 40, 3.0, -5.0)
+    cuts = [Cut(way[:-1], range(1, len(way)), MILL, "p.ngc"), Cut([rapid(20, 20, 5)], [50], MILL, "p.ngc")]
+    wanted = design([drawn], StockTable(thickness=5.0))
+    assert [(fault.kind, fault.line) for fault in prove(cuts, wanted).refused] == [("gouge", 50), ("rapid", 50)]
+    # Of another file nothing is known of where it begins.
+    assert prove([cuts[0], Cut([rapid(20, 20, 5)], [50], MILL, "q.ngc")], wanted).refused == ()
+
+
+def test_chords_may_leave_the_arcs_that_they_stand_for() -> None:
+    drawn = task(part(square("c1", -50, 50), disc("c2", 0, 0, 10.0)))
+    # Of 48 corners on a circle of 7.009 mm those lie 0.009 mm too far out; the chords lie within.
+    turns = np.arange(49) * 2 * math.pi / 48
+    body = [
+        rapid(7.009, 0, 5),
+        *(feed(7.009 * math.cos(a), 7.009 * math.sin(a), -5) for a in turns),
+        rapid(7.009, 0, 5),
+    ]
+    wanted = design([drawn], StockTable(thickness=5.0))
+    cut = Cut(body, range(1, len(body) + 1), MILL)
+    assert len(prove([cut], wanted).gouges) == 49
+    # The plunge stands for no arc.
+    assert [fault.line for fault in prove([replace(cut, chord=0.01)], wanted).gouges] == [2]
+
+
+def test_a_hole_in_a_pocket_that_another_operation_makes_is_no_island() -> None:
+    drawn = part(square("c1", 0, 60), square("c2", 10, 50), disc("c3", 30, 30, 5.0))
+    alone = task(part(*drawn.contours, worked=frozenset({"c2"})), "pocket", 2.0)
+    body = [rapid(15, 30, 5), feed(15, 30, -2), feed(45, 30, -2), rapid(45, 30, 5)]
+    assert proof(body, alone).gouges == ()
+    islands = task(part(*drawn.contours, worked=frozenset({"c2", "c3"})), "pocket", 2.0)
+    assert proof(body, islands).gouges[0].line == 3
+
+
+def test_a_counterbore_goes_around_its_hole_and_no_deeper() -> None:
+    drawn = part(square("c1", -40, 40), disc("c2", 0, 0, 5.0), disc("c3", 0, 0, 2.5))
+    every = frozenset({"c2", "c3"})
+    wide = task(part(*drawn.contours, worked=every), "bore", 2.0, ToolTable(diameter=6.0), holes=[9.0, 11.0])
+    through = task(part(*drawn.contours, worked=every), "drill", 8.0, ToolTable(diameter=5.0, kind="drill"))
+    bore = Cut(circle(0, 0, 2.0, -2.0), range(1, 6), MILL)
+    hole = Cut([rapid(0, 0, 5), feed(0, 0, -8), rapid(0, 0, 5)], range(1, 4), ToolTable(diameter=5.0, kind="drill"))
+    wanted = design([through, wide], StockTable(thickness=8.0))
+    assert prove([hole, bore], wanted).refused == ()
+    deep = Cut(circle(0, 0, 2.0, -2.1), range(1, 6), MILL)
+    # 0.1 mm too deep on what stays around the hole; in the hole's own disc it may be.
+    assert max(fault.mm for fault in prove([hole, deep], wanted).gouges) == pytest.approx(0.1)
+
+
+def test_a_ring_that_bounds_no_material_does_not_turn_a_hole_into_a_part() -> None:
+    drawn = part(square("c1", -40, 40), disc("c2", 0, 0, 20.0), disc("c3", 0, 0, 10.0))
+    job = task(part(*drawn.contours, worked=frozenset({"c3"})))
+    body = circle(0, 0, 7.0, -5.0)
+    # As it is drawn the ring is a hole, and what lies in it a part again.
+    assert proof(body, job).gouges
+    assert proof(body, replace(job, bounds=frozenset({"c1", "c3"}))).gouges == ()
+    assert proof(circle(0, 0, 13.0, -5.0), replace(job, bounds=frozenset({"c1", "c3"}))).gouges
