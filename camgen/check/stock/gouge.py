@@ -18,7 +18,7 @@ from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, Portions
 from camgen.check.stock.profile import reach
 from camgen.check.stock.sweep import same_ways
 from camgen.geometry.intersect import box, distances, gaps
-from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, points_at, tangents_at
+from camgen.geometry.segments import BoolArray, IntArray, Segments, bounds, make, points_at, tangents_at
 from camgen.model.pose import FloatArray
 
 #: A traced line is drawn within the chord tolerance and the rounding of its corners, mm.
@@ -73,13 +73,38 @@ def _beyond(moves: Moves, cuts: Sequence[Cut], design: Design, rows: IntArray, l
     allowed = _allowed(moves, cuts, deep, design, limit)
     apart, within = _apart(deep.plane, design, walls, stays, float(radius.max()), allowed)
     within &= ~_off_stock(deep, radius, design)
-    hit = np.flatnonzero(within | (apart < radius - TOLERANCE_MM))
+    chord = moves.chord[deep.row]
+    near = apart < radius - TOLERANCE_MM
+    # A straight motion in the place of an arc leaves it between its ends; at its ends it does not.
+    doubtful = np.flatnonzero(near & ~within & (chord > 0) & (apart >= radius - TOLERANCE_MM - chord))
+    near[doubtful] = _at_ends(deep, doubtful, design, walls, stays, radius, allowed)
+    hit = np.flatnonzero(within | near)
     for _, chosen, more in allowed:
         radius = np.where(chosen, radius - more, radius)
     found = (_measure(moves, design, deep, k, float(radius[k]), walls, stays, limit) for k in hit[:_MEASURED].tolist())
     aside = np.where(within, radius, radius - apart)
     rest = (_estimate(moves, deep, k, float(aside[k]), limit) for k in hit[_MEASURED:].tolist())
     return [gouge for gouge in (*found, *rest) if gouge]
+
+
+def _at_ends(
+    deep: Portions,
+    rows: IntArray,
+    design: Design,
+    walls: IntArray,
+    stays: BoolArray,
+    radius: FloatArray,
+    allowed: list[tuple[Bevel, BoolArray, float]],
+) -> BoolArray:
+    """(R,) which of the portions ``rows`` are too near to the walls at an end of their motion."""
+    found = np.zeros(len(rows), dtype=np.bool_)
+    own = [(bevel, chosen[rows], more) for bevel, chosen, more in allowed]
+    for whole, place in ((deep.low[rows] == 0.0, deep.plane.start), (deep.high[rows] == 1.0, deep.plane.end)):
+        points = place[rows]
+        tips = make(points, points, np.zeros(len(rows)), rows)
+        apart, _ = _apart(tips, design, walls, stays, float(radius.max()), own)
+        found |= whole & (apart < radius[rows] - TOLERANCE_MM)
+    return found
 
 
 def _estimate(moves: Moves, deep: Portions, k: int, aside: float, limit: float) -> Gouge:
@@ -91,13 +116,13 @@ def _estimate(moves: Moves, deep: Portions, k: int, aside: float, limit: float) 
 
 
 def _radius(moves: Moves, cuts: Sequence[Cut], deep: Portions, limit: float) -> FloatArray:
-    """(K,) the radius of each tool where it comes into what stays below ``limit``, less what chords may leave, mm."""
+    """(K,) the radius of each tool where it comes into what stays below ``limit``, mm."""
     height = moves.deepest[deep.row] - limit
     radius = np.empty(len(deep.row))
     for number, cut in enumerate(cuts):
         own = moves.cut[deep.row] == number
         radius[own] = reach(cut.tool, height[own])
-    return radius - moves.chord[deep.row]
+    return radius
 
 
 def _allowed(

@@ -14,7 +14,7 @@ from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import BoolArray, IntArray, Segments, make, split
 from camgen.model.job import ToolTable
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output
+from camgen.model.program import Columns, Instruction, MoveJ, MoveL, Output
 
 #: What is this little above the top face, mm, or this little too deep, is rounding; a gouge up to it is none.
 TOLERANCE_MM = 0.005
@@ -34,7 +34,7 @@ class Cut(Struct, frozen=True, eq=False):
 
     lines: (per instruction) 1-based, in ``file``. name: of the operation, for messages. travel: mm/s from which a
     straight motion is no feed, where the controller has no rapid motion of its own. chord: mm by which straight motions
-    that stand for an arc may leave it: slanted ones, and all of them where the body holds no arc.
+    that stand for an arc may leave it between their ends.
     """
 
     body: Sequence[Instruction]
@@ -157,8 +157,7 @@ def _table(cut: Cut, number: int, before: FloatArray) -> Moves:
     plane = make(start[:, :2], end[:, :2], bulge, np.arange(len(row)))
     many = np.full(len(row), number)
     lines = (plane.bulge == 0) & (plane.length > 0)
-    slanted = np.abs(end[:, 2] - start[:, 2]) > 1e-6
-    chord = np.where(lines & (slanted | ~columns.are(MoveC).any()), cut.chord, 0.0)
+    chord = np.where(lines, cut.chord, 0.0)
     lost, tilted = int((~columns.posed).sum()), int((columns.posed & ~straight).sum())
     return Moves(start, end, plane, down, rapid[row], many, line[row], many, chord, tilted, lost)
 

@@ -368,20 +368,22 @@ def test_one_program_goes_on_from_where_the_tool_before_it_stopped() -> None:
     assert prove([cuts[0], Cut([rapid(20, 20, 5)], [50], MILL, "q.ngc")], wanted).refused == ()
 
 
-def test_chords_may_leave_the_arcs_that_they_stand_for() -> None:
-    drawn = task(part(square("c1", -50, 50), disc("c2", 0, 0, 10.0)))
-    # Of 48 corners on a circle of 7.009 mm those lie 0.009 mm too far out; the chords lie within.
-    turns = np.arange(49) * 2 * math.pi / 48
-    body = [
-        rapid(7.009, 0, 5),
-        *(feed(7.009 * math.cos(a), 7.009 * math.sin(a), -5) for a in turns),
-        rapid(7.009, 0, 5),
-    ]
+def test_chords_may_leave_the_arcs_that_they_stand_for_but_not_at_their_ends() -> None:
+    drawn = task(part(disc("c1", 0, 0, 10.0)))
+    turns = np.arange(97) * 2 * math.pi / 96
     wanted = design([drawn], StockTable(thickness=5.0))
-    cut = Cut(body, range(1, len(body) + 1), MILL)
-    assert len(prove([cut], wanted).gouges) == 49
-    # The plunge stands for no arc.
-    assert [fault.line for fault in prove([replace(cut, chord=0.01)], wanted).gouges] == [2]
+
+    def gouges(radius: float, chord: float) -> list[float]:
+        ring = [feed(radius * math.cos(a), radius * math.sin(a), -5) for a in turns]
+        body = [rapid(radius, 0, 5), *ring, rapid(radius, 0, 5)]
+        return [one.mm for one in prove([Cut(body, range(1, 100), MILL, chord=chord)], wanted).gouges]
+
+    # Half-way a chord of 96 is nearer to the centre by r (1 - cos(pi / 96)), 0.007 mm.
+    assert gouges(13.0, 0.0) == pytest.approx([13 * (1 - math.cos(math.pi / 96))] * 96, abs=1e-6)
+    assert gouges(13.0, 0.01) == []
+    # The plunge is an end too.
+    assert len(gouges(12.994, 0.01)) == 97
+    assert gouges(12.996, 0.01) == []
 
 
 def test_a_hole_in_a_pocket_that_another_operation_makes_is_no_island() -> None:
