@@ -41,6 +41,7 @@ COPIES = {
     },
     **dict.fromkeys(("fixtures/parts/bracket.dxf",), PARTS / "bracket.dxf"),
     "board.png": PARTS / "board.png",
+    "plate.dxf": PARTS / "plate.dxf",
     "part.svg": PARTS / "logo.svg",
     "part.stl": PARTS / "rfa1.stl",
     "arm.urdf": FIXTURES / "robots" / "six.urdf",
@@ -130,6 +131,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "frame.toml").write_text("[cell]\nbase_from_work = [400, 0, 100, 0, 0, 0]\n")
     words = [str(folder / "part.dxf"), "--post", "rapid", "--plan", str(folder / "part.json"), "-q"]
     assert main(["build", *words, "-o", str(folder)]) == 0
+    milled = ("operation.depth=5.0", "operation.passes=2", "tool.diameter=3.0", "process.spindle=9000.0")
+    sets = [word for one in milled for word in ("--set", one)]
+    assert main(["build", str(folder / "plate.dxf"), "--post", "gcode", "-q", "-o", str(folder), *sets]) == 0
     return folder
 
 
