@@ -64,7 +64,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     files: the text with LF line ends. counts: how many of them each program has, in the order in which they are run:
     one program, or one a tool for controllers that change none; ``program`` is then all of them. deviation: of the text
     read back. motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot found, None
-    where there is none. coverage: of a fill. where: what it was tested against. stock: what the text does to the
+    where there is none. coverage: of a fill. where: what it was tested against. proof: what the text does to the
     material, where it is cut.
     """
 
@@ -85,7 +85,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     where: Surroundings | None = None
     planned: tuple[ToolPath, ...] = ()
     counts: tuple[int, ...] = (1,)
-    stock: StockProof | None = None
+    proof: StockProof | None = None
 
     @cached_property
     def report(self) -> dict[str, object]:
@@ -139,8 +139,8 @@ def build(
     planned, tour, checks = _program(planned, settings, read.cell, poster, title, header, strict, watch)
     watch("verifying")
     posted = post_programs(checks, readback, fill_tables(type(poster), settings.post))
-    stock = prove_stock(planned, tour, settings, read.cell, checks, posted)
-    return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, stock)
+    proof = prove_stock(planned, tour, settings, read.cell, checks, posted)
+    return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, proof)
 
 
 def _program(
@@ -187,7 +187,7 @@ def _sum_up(
     post: Post,
     checked: Checked,
     posted: Posted,
-    stock: StockProof | None,
+    proof: StockProof | None,
 ) -> Result:
     checks = checked.whole
     return Result(
@@ -211,7 +211,7 @@ def _sum_up(
         coverage=plan.coverage,
         where=checks.where,
         planned=plan.paths,
-        stock=stock,
+        proof=proof,
     )
 
 

@@ -155,14 +155,14 @@ def _operations(result: Result) -> list[Row]:
     if not isinstance(result.tour, JobTour):
         return []
     told: list[Row] = []
-    removed = iter(result.stock.volumes if result.stock else ())
+    removed = iter(result.proof.volumes if result.proof else ())
     before = 0
     for number, tour in zip(result.tour.numbers, result.tour.tours, strict=True):
         own = slice(before, before + len(tour.paths))
         before = own.stop
         spent = float(result.cycle.paths[own].sum() + result.cycle.links[own].sum())
         what = f"{name_of(result.job, number)}, {counted(len(tour.paths), 'path')}, about {duration(spent)}"
-        what += f", {_volume(next(removed))} removed" if tour.paths and result.stock else ""
+        what += f", {_volume(next(removed))} removed" if tour.paths and result.proof else ""
         told.append(("operation", what.removeprefix("operation "), "plain"))
     return told
 
@@ -188,11 +188,11 @@ def _volume(mm3: float) -> str:
 
 def _stock(result: Result) -> list[Row]:
     """What the program does to the material."""
-    if result.stock is None:
+    if result.proof is None:
         return []
     from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for what cuts)
 
-    return rows_of_build(result.stock)
+    return rows_of_build(result.proof)
 
 
 def _coverage(result: Result) -> list[Row]:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from camgen.check.collide import Clear
     from camgen.check.reach import Reach
     from camgen.check.report import Cycle, Motions
+    from camgen.check.stock import StockProof
     from camgen.collision.cell import Surroundings
     from camgen.post.verify import Deviation
 
@@ -48,5 +49,7 @@ class Built(Protocol):
     def reach(self) -> Reach | None: ...  # noqa: D102
     @property
     def clear(self) -> Clear | None: ...  # noqa: D102
+    @property
+    def proof(self) -> StockProof | None: ...  # noqa: D102
     @property
     def where(self) -> Surroundings | None: ...  # noqa: D102

@@ -16,7 +16,17 @@ from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import short
 from camgen.preview import Built
 from camgen.preview.curves import SpaceChains, of_contours, of_spans
-from camgen.preview.stock import Cutter, Cutters, Mark, Stock, cutters_of, stock_of, tell_stock, tools_of_events
+from camgen.preview.stock import (
+    Cutter,
+    Cutters,
+    Mark,
+    Stock,
+    cutters_of,
+    marks_of,
+    stock_of,
+    tell_stock,
+    tools_of_events,
+)
 from camgen.preview.track import Arm, IntArray, Track, track
 from camgen.robots.models import Box, Link
 
@@ -187,6 +197,7 @@ def view(result: Built) -> View:
         tools=found.tools,
         tool_of=tools_of_events(result, found, way.events.instruction, way.events.path),
         stock=stock,
+        marks=marks_of(result),
     )
 
 
