@@ -76,7 +76,7 @@ def loose(rng: np.random.Generator, chains: int) -> Soup:
     none = np.zeros(len(ends), dtype=np.intp)
     first = np.arange(0, 2 * len(ends) + 1, 2)
     bulges = np.zeros(2 * len(ends))
-    return Soup(ends.reshape(-1, 2), bulges, first, none.astype(bool), none, none, ("0",), ("LINE",))
+    return Soup(ends.reshape(-1, 2), bulges, first, none.astype(bool), none, none, none, ("0",), ("LINE",), ("",))
 
 
 def draw(paths: tuple[ToolPath, ...], file: Path) -> None:

@@ -407,3 +407,8 @@ class Job(Table, frozen=True):
     tools: list[ToolRow] = []
     operations: list[Step] = []
     post: dict[str, object] = {}
+
+    @property
+    def chooses_colors(self) -> bool:
+        """Whether an operation works on what has certain colors."""
+        return any(step.choice.colors for step in self.operations)

@@ -111,7 +111,7 @@ class Contour(Struct, frozen=True, eq=False):
     points: (N, 2), no point repeated at the end of a closed chain. bulges: (N,); ``bulges[i]`` shapes the segment
     that leaves point i, the last one counts only where ``closed``. |bulge| <= 1. id: the place in ``Part.contours``
     as users see it, e.g. ``c12``. sources: ids of the contours that it was
-    made of, where it is none of the input.
+    made of, where it is none of the input. color: "#ff0000", of its first piece; "" where the input has none.
     """
 
     points: FloatArray
@@ -120,6 +120,7 @@ class Contour(Struct, frozen=True, eq=False):
     layer: str
     id: str = ""
     sources: tuple[str, ...] = ()
+    color: str = ""
 
     def __repr__(self) -> str:
         return f"Contour({self.id!r}, {counted(len(self.points), 'point')}, {'closed' if self.closed else 'open'})"

@@ -16,6 +16,7 @@ from camgen.model.job import Choice, Job, Step
 from camgen.model.part import Contour, Note, Part
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan.unused import drop_inherited
+from camgen.read.colors import describe, resolve_named
 
 #: What is done first: holes, pockets, what is drawn on the part and at its edges, and last what cuts it out.
 _RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 3, "follow": 4}
@@ -23,6 +24,8 @@ _RANKS = {"drill": 0, "bore": 0, "pocket": 1, "fill": 2, "trace": 2, "chamfer": 
 _BESIDE = ("follow", "chamfer")
 #: The operations that look for circles themselves.
 _HOLES = ("drill", "bore")
+#: So many colors are named where there is not the one that is asked for.
+_SHOWN = 20
 #: A loop is a circle whose points and middles leave one by no more than this share of its radius.
 _ROUND = 0.002
 
@@ -88,7 +91,9 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
     if strange:
         remedy = "camgen inspect shows their ids"
         raise InputError(part.source, f"there is no contour {strange[0]!r}", f"{where}.ids", remedy)
+    colors = _chosen_colors(part, choice, where)
     found = [c for c in part.contours if _is_of_layer(c, choice) and (not choice.ids or c.id in choice.ids)]
+    found = [c for c in found if not choice.colors or c.color in colors]
     if choice.nesting != "any":
         inner = _enclosed(part)
         found = [c for c in found if (c.id in inner) == (choice.nesting == "inner") and c.closed]
@@ -97,7 +102,7 @@ def _choose(part: Part, step: Step, number: int) -> frozenset[str]:
         found = [c for c in found if _measure_circle(c, holes)]
     if not found and part.raster is None:
         what = "chooses no contour of the drawing"
-        remedy = "camgen inspect shows layers, ids and circles; see layers, ids, nesting and holes of the row"
+        remedy = "camgen inspect shows layers and colors; see layers, colors, ids, nesting and holes of the row"
         raise InputError(part.source, what, where, remedy)
     return frozenset(c.id for c in found)
 
@@ -108,6 +113,18 @@ def _is_of_layer(contour: Contour, choice: Choice) -> bool:
     wanted = [glob for glob in globs if not glob.startswith("!")] or ["*"]
     keep = any(fnmatchcase(layer, glob) for glob in wanted)
     return keep and not any(fnmatchcase(layer, glob[1:]) for glob in globs if glob.startswith("!"))
+
+
+def _chosen_colors(part: Part, choice: Choice, where: str) -> frozenset[str]:
+    """The colors that are asked for. InputError for one that no contour has."""
+    there = {c.color for c in part.contours}
+    asked = [resolve_named(name) for name in choice.colors]
+    for name, colors in zip(choice.colors, asked, strict=True):
+        if there.isdisjoint(colors):
+            known = ", ".join(describe(color) for color in sorted(there - {""})[:_SHOWN])
+            remedy = f"there are {known}" if known else "the input has no colors: choose by layers or ids"
+            raise InputError(part.source, f"no contour has the color {name!r}", f"{where}.colors", remedy)
+    return frozenset[str]().union(*asked)
 
 
 def _enclosed(part: Part) -> frozenset[str]:

@@ -21,6 +21,7 @@ from camgen.model.job_tables import FILES, ROWS, Setting, row_settings, settings
 from camgen.model.limits import Limits, tell
 from camgen.model.plugins import OPERATIONS, entries
 from camgen.model.text import counted
+from camgen.read.colors import BASIC, resolve_named
 from camgen.read.files import Files
 
 #: So much of a setting is told.
@@ -277,6 +278,7 @@ def _rows(tree: Tree, name: str) -> list[tuple[str, dict[str, object]]]:
 def _step(tree: Tree, job: Job, tools: list[ToolRow], keys: dict[str, object], where: _Where) -> Step:
     """One row of ``[[operations]]``: what it does not say is that of its tool, of [operation] and of [process]."""
     choice = _table(Choice, _only(keys, Choice), where)
+    _insist_on_colors(choice, where)
     tool, own = job.tool, dict[str, object]()
     if choice.tool or tools:
         row = next((tool for tool in tools if choice.tool in (tool.name, tool.number) and choice.tool), None)
@@ -291,6 +293,14 @@ def _step(tree: Tree, job: Job, tools: list[ToolRow], keys: dict[str, object], w
     process = _table(ProcessTable, tree.get("process", {}) | own | _only(keys, ProcessTable), where)
     _insist_on_settings(replace(job, operation=operation), where)
     return Step(tool, operation, process, choice)
+
+
+def _insist_on_colors(choice: Choice, where: _Where) -> None:
+    """JobError for a color that nobody knows."""
+    for name in choice.colors:
+        if not resolve_named(name):
+            remedy = f'one of {", ".join(BASIC)}, a number of DXF from 1 to 255, or "#rrggbb"'
+            raise where.fault("colors", f"there is no color {_quote_short(name)}", remedy)
 
 
 def _only(keys: Mapping[str, object], kind: type[Struct]) -> dict[str, object]:

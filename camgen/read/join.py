@@ -2,8 +2,8 @@
 
 Two ends meet first where they coincide, then, nearest first, where they are closer than the tolerance; each end meets
 at most one other, so that a row of close points cannot collapse into one. Ends on one layer meet before ends on
-different layers. Where three or more ends coincide the chain goes straight on. The order of the pieces decides only
-where a contour starts, which way it runs, and ties.
+different layers, and on one layer those of one color first. Where three or more ends coincide the chain goes straight
+on. The order of the pieces decides only where a contour starts, which way it runs, and ties.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ from camgen.read.pieces import (
 
 
 class EndJoints(Struct, frozen=True):
-    """Gaps that were closed, the largest in mm, and contours made of several layers."""
+    """Gaps that were closed, the largest in mm, and contours made of several layers, and of several colors."""
 
     count: int
     largest: float
     mixed: int
+    colored: int
 
 
 def chain(partner: list[int], closed: list[bool]) -> tuple[list[list[int]], list[bool]]:
@@ -93,8 +94,8 @@ def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: floa
     keep, gaps = _meet(points, bulges, last[meets], start[follower[meets]], same)
     chain_of_row = np.repeat(np.repeat(np.arange(len(chains)), sizes), counts)
     heads = piece[ends - sizes]
-    layers = soup.layer[piece]
-    strange = np.repeat(np.arange(len(chains)), sizes)[layers != np.repeat(soup.layer[heads], sizes)]
+    owner, head = np.repeat(np.arange(len(chains)), sizes), np.repeat(heads, sizes)
+    mixed = [len(np.unique(owner[names[piece] != names[head]])) for names in (soup.layer, soup.color)]
     length = np.bincount(chain_of_row[keep], minlength=len(chains))
     made = replace(
         soup,
@@ -104,9 +105,10 @@ def assemble(soup: Soup, chains: list[list[int]], closed: list[bool], same: floa
         closed=loop,
         layer=soup.layer[heads],
         kind=soup.kind[heads],
+        color=soup.color[heads],
     )
     wide = gaps[gaps > same]
-    return made, EndJoints(len(wide), float(wide.max(initial=0.0)), len(np.unique(strange)))
+    return made, EndJoints(len(wide), float(wide.max(initial=0.0)), *mixed)
 
 
 def _meet(
@@ -139,10 +141,11 @@ _NO_LENGTH = Note("repaired", "dropped", "without length")
 _TWICE = Note("repaired", "dropped", "drawn twice; each is used once")
 
 
-def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
+def contours(soup: Soup, tolerance: float, by_color: bool = False) -> tuple[tuple[Contour, ...], tuple[Note, ...]]:
     """The contours of the drawn pieces in drawing order, and notes on what was dropped, mended and joined.
 
-    tolerance: mm, ends closer than this meet. A contour has the layer of its first piece.
+    tolerance: mm, ends closer than this meet. A contour has the layer and the color of its first piece. by_color:
+    contours are chosen by that.
     """
     notes: list[Note] = []
     soup = _drop(soup, credible(soup), _DAMAGED, notes)
@@ -150,7 +153,7 @@ def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[N
     soup = _drop(soup, np.diff(soup.first) > 1, _NO_LENGTH, notes)
     soup = _drop(soup, first_of_its_kind(soup), _TWICE, notes)
     soup, joints = _join(soup, tolerance)
-    notes += _joint_notes(joints, tolerance)
+    notes += _joint_notes(joints, tolerance, by_color)
     soup = tidy(soup)
     soup = soup.take(np.diff(soup.first) > 1)
     # What was drawn as pieces and as a whole is the same only now.
@@ -161,10 +164,10 @@ def contours(soup: Soup, tolerance: float) -> tuple[tuple[Contour, ...], tuple[N
         notes.append(Note("warning", f"open contours: {count}", f"their ends meet no free end within {limit}"))
     points, bulges = frozen(soup.points), frozen(soup.bulges)
     spans = pairwise(soup.first.tolist())
-    rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), strict=True)
+    rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), soup.color.tolist(), strict=True)
     made = tuple(
-        Contour(points[a:b], bulges[a:b], closed, soup.layers[layer], f"c{i}")
-        for i, ((a, b), closed, layer) in enumerate(rows, start=1)
+        Contour(points[a:b], bulges[a:b], closed, soup.layers[layer], f"c{i}", (), soup.colors[color])
+        for i, ((a, b), closed, layer, color) in enumerate(rows, start=1)
     )
     return made, tuple(notes)
 
@@ -179,7 +182,7 @@ def _drop(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:
     return soup.take(keep)
 
 
-def _joint_notes(joints: EndJoints, tolerance: float) -> list[Note]:
+def _joint_notes(joints: EndJoints, tolerance: float, by_color: bool) -> list[Note]:
     notes = []
     limit = f"input.join = {short(tolerance, 6)} mm"
     if joints.count:
@@ -188,6 +191,9 @@ def _joint_notes(joints: EndJoints, tolerance: float) -> list[Note]:
     if joints.mixed:
         what = f"contours over more than one layer: {joints.mixed}"
         notes.append(Note("joined", what, "each counts to the layer of its first piece"))
+    if joints.colored and by_color:
+        what = f"contours of more than one color: {joints.colored}"
+        notes.append(Note("joined", what, "each has the color of its first piece"))
     return notes
 
 
@@ -197,6 +203,7 @@ class _Ends(Struct, frozen=True, eq=False):
     points: FloatArray
     directions: FloatArray
     layer: IntArray
+    color: IntArray
     length: FloatArray
 
 
@@ -207,12 +214,18 @@ def _join(soup: Soup, tolerance: float) -> tuple[Soup, EndJoints]:
     partner = np.full(2 * len(soup), -1, dtype=np.intp)
     ends = _ends(soup)
     free = np.repeat(~soup.closed, 2)
-    groups = [ends.layer] + ([np.zeros_like(ends.layer)] if len(np.unique(soup.layer)) > 1 else [])
-    for group in groups:
+    for group in _groups(ends, len(soup.colors)):
         _pair_coincident(partner, free, ends, group, same)
         _pair_near(partner, free, ends, group, (same, tolerance))
     chains, closed = chain(partner.tolist(), soup.closed.tolist())
     return assemble(soup, chains, closed, same)
+
+
+def _groups(ends: _Ends, colors: int) -> list[IntArray]:
+    """Labels of the ends that may meet, one array after the other: of one layer and color, of one layer, any two."""
+    groups = [ends.layer * colors + ends.color, ends.layer, np.zeros_like(ends.layer)]
+    counts = [len(np.unique(group)) for group in groups]
+    return [group for k, group in enumerate(groups) if k == 0 or counts[k] < counts[k - 1]]
 
 
 def _ends(soup: Soup) -> _Ends:
@@ -234,6 +247,7 @@ def _ends(soup: Soup) -> _Ends:
         points=np.stack([soup.points[start], soup.points[end]], axis=1).reshape(-1, 2),
         directions=directions.reshape(-1, 2),
         layer=np.repeat(soup.layer, 2),
+        color=np.repeat(soup.color, 2),
         length=np.add.reduceat(lengths, start) if len(soup) else np.zeros(0),
     )
 

@@ -21,21 +21,21 @@ def make_part(shape: Any, name: str = "part", layer: str = "0") -> Part:
     if hasattr(shape, "vertices") and hasattr(shape, "faces"):
         return _make_solid(shape, name)
     contours = [
-        Contour(frozen(points), frozen(bulges), closed, own or layer, f"c{k}")
-        for k, (points, bulges, closed, own) in enumerate(_chains(shape, name), 1)
+        Contour(frozen(points), frozen(bulges), closed, own or layer, f"c{k}", color=color)
+        for k, (points, bulges, closed, own, color) in enumerate(_chains(shape, name), 1)
     ]
     if not contours:
         raise InputError(name, "holds no shape", remedy="give points, a shapely geometry or a trimesh")
     return Part(name, name, "mm", tuple(contours), ())
 
 
-_Chain = tuple[FloatArray, FloatArray, bool, str]
+_Chain = tuple[FloatArray, FloatArray, bool, str, str]
 
 
 def _chains(shape: Any, name: str) -> Iterator[_Chain]:
-    """Points, bulges, whether closed and the layer of every contour of ``shape``."""
+    """Points, bulges, whether closed, the layer and the color of every contour of ``shape``."""
     if isinstance(shape, Contour):
-        yield shape.points, shape.bulges, shape.closed, shape.layer
+        yield shape.points, shape.bulges, shape.closed, shape.layer, shape.color
     elif hasattr(shape, "geom_type"):
         yield from _shapely(shape, name)
     elif _is_points(shape):
@@ -84,7 +84,7 @@ def _chain(points: Any, name: str) -> _Chain:
     rows = rows[:-1] if closed else rows
     if len(rows) < 2:
         raise InputError(name, "a contour is a single point", remedy="give at least two points")
-    return rows, np.zeros(len(rows)), closed, ""
+    return rows, np.zeros(len(rows)), closed, "", ""
 
 
 def _make_solid(mesh: Any, name: str) -> Part:

@@ -30,7 +30,7 @@ _WIDEST = 1e9
 class Soup(Struct, frozen=True, eq=False):
     """Drawn pieces, flat: piece i owns rows first[i] to first[i + 1] of points (V, 2, mm) and bulges (V,).
 
-    The bulge of the last row of an open piece means nothing. layer and kind (P,) index the names in layers and kinds.
+    The bulge of the last row of an open piece means nothing. layer, kind and color (P,) index layers, kinds and colors.
     """
 
     points: FloatArray
@@ -39,8 +39,10 @@ class Soup(Struct, frozen=True, eq=False):
     closed: BoolArray
     layer: IntArray
     kind: IntArray
+    color: IntArray
     layers: tuple[str, ...]
     kinds: tuple[str, ...]
+    colors: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.closed)
@@ -58,6 +60,7 @@ class Soup(Struct, frozen=True, eq=False):
             closed=self.closed[index],
             layer=self.layer[index],
             kind=self.kind[index],
+            color=self.color[index],
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import ezdxf
 import numpy as np
 import pytest
 
@@ -172,6 +173,12 @@ def test_one_tool_without_a_number_is_not_changed() -> None:
         ([OUTER | {"depth": "deep"}], JobError, "job: depth must be a number >= 0"),
         ([OUTER | {"ids": ["c99"]}], InputError, "there is no contour 'c99'"),
         ([OUTER | {"layers": ["NOTHING"]}], InputError, "chooses no contour"),
+        ([OUTER | {"colors": ["redd"]}], JobError, 'job: there is no color "redd" ([[operations]] 0); one of red, '),
+        (
+            [OUTER | {"colors": ["blue"]}],
+            InputError,
+            "no contour has the color 'blue' (operations.0.colors); there are",
+        ),
     ],
 )
 def test_a_wrong_row_is_told_with_its_place(
@@ -180,6 +187,19 @@ def test_a_wrong_row_is_told_with_its_place(
     with pytest.raises(error) as caught:
         camgen.build(BRACKET, post="gcode", job=job(*rows))
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("asked", [["red"], ["1"], ["#FF0000"], ["RED", "blue"]])
+def test_an_operation_works_on_what_has_its_colors(asked: list[str], tmp_path: Path) -> None:
+    document = ezdxf.new("R2010", units=4)
+    for k, color in enumerate((1, 5, 3, 1)):
+        document.modelspace().add_circle((30 * k, 0), 8, dxfattribs={"color": color})
+    file = tmp_path / "part.dxf"
+    document.saveas(file)
+    rows = [{"kind": "trace", "colors": asked}]
+    result = camgen.build(file, post="gcode", job={"operations": rows, "process": {"spindle": 9000.0}})
+    wanted = {"c1", "c4"} | ({"c2"} if "blue" in asked else set())
+    assert {name for path in result.tour.paths for name in path.contours} == wanted
 
 
 def test_a_tool_without_a_number_is_refused_where_tools_are_changed() -> None:

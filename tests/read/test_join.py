@@ -30,8 +30,10 @@ def soup(pieces: list[Piece], kind: str = "LINE") -> Soup:
         closed=np.array([p[2] for p in pieces], dtype=bool),
         layer=np.array([layers.index(p[3]) for p in pieces], dtype=np.intp),
         kind=np.zeros(len(pieces), dtype=np.intp),
+        color=np.zeros(len(pieces), dtype=np.intp),
         layers=layers,
         kinds=(kind,),
+        colors=("",),
     )
 
 

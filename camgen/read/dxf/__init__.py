@@ -22,6 +22,7 @@ from camgen.model.part import Contour, Curve, Note, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, harmless, short
 from camgen.read import join, space, units
+from camgen.read.colors import count_colors
 from camgen.read.dxf.entities import REPAIRED, DrawnEntities, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
 from camgen.read.dxf.in_space import place_in_space
@@ -144,7 +145,8 @@ class LayerFacts(Struct, frozen=True):
 class DxfFacts(Struct, frozen=True):
     """What is in a DXF file; its ``str`` is a page to print.
 
-    closed and open: contours after joining; space: curves that leave the plane; size: mm; notes as of ``read``.
+    closed and open: contours after joining; space: curves that leave the plane; colors: of contours, where they have
+    several; size: mm; notes as of ``read``.
     """
 
     version: str
@@ -156,6 +158,7 @@ class DxfFacts(Struct, frozen=True):
     space: int
     size: tuple[float, ...]
     notes: tuple[Note, ...]
+    colors: str = ""
 
     def __str__(self) -> str:
         width, height = (short(v, 3) for v in self.size[:2])
@@ -165,6 +168,7 @@ class DxfFacts(Struct, frozen=True):
             f"contours: {self.closed} closed, {self.open} open"
             + (f"; {counted(self.space, 'curve')} in space" if self.space else ""),
             *(f"layer {layer.name}: {layer.state}; {_list_counts(layer.counts)}" for layer in self.layers),
+            *filter(None, [self.colors]),
             *map(str, self.notes),
         ]
         return "\n".join(lines)
@@ -226,6 +230,7 @@ def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
         space=found.space,
         size=found.size,
         notes=found.notes,
+        colors=count_colors([c.color for c in found.contours]),
     )
 
 
@@ -248,7 +253,7 @@ def _read(source: Source, job: Job) -> _Read:
             curves, joints = space.curves(place_in_space(name, drawn, chord, source.limits), settings.join)
             left = (*_left(drawn), *_take(drawn), *joints, *([space.tell_which(curves)] if curves else []))
         else:
-            contours, joints = join.contours(flat.soup, settings.join)
+            contours, joints = join.contours(flat.soup, settings.join, job.chooses_colors)
             left = (*_left(drawn), *_not_flat(drawn, flat), *_level(flat), *_take(drawn), *joints)
     rows = [c.points for c in contours] + [c.points for c in curves]
     size = _size(rows)

@@ -20,6 +20,7 @@ from camgen.model.errors import InputError
 from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
+from camgen.read.dxf.colors import Colors, colors_of
 from camgen.read.dxf.layers import FROZEN, Layers
 
 if TYPE_CHECKING:
@@ -122,8 +123,10 @@ class DrawnEntities(Struct, eq=False):
 
     matrices: list[FloatArray]
     layers: Layers
+    colors: Colors
     matrix: list[int] = field(default_factory=list)
     layer: list[str] = field(default_factory=list)
+    color: list[int] = field(default_factory=list)
     kind: list[str] = field(default_factory=list)
     closed: list[bool] = field(default_factory=list)
     handle: list[str] = field(default_factory=list)
@@ -148,6 +151,7 @@ class DrawnEntities(Struct, eq=False):
         """A new piece; returns its owner number."""
         self.matrix.append(place.in_ocs(self, attributes.get("extrusion")) if ocs else place.index)
         self.layer.append(layer)
+        self.color.append(self.colors.find(attributes, layer, place.color))
         self.kind.append(kind)
         self.closed.append(closed)
         self.handle.append(attributes.get("handle") or "?")
@@ -157,10 +161,11 @@ class DrawnEntities(Struct, eq=False):
 
 
 class _Place(Struct, eq=False):
-    """Where a block is put: its matrix, the layer that its layer 0 stands for, and the blocks around it."""
+    """Where a block is put: its matrix, what its layer 0 and its color BYBLOCK stand for, and the blocks around it."""
 
     index: int
     layer: str
+    color: int
     blocks: tuple[str, ...] = ()
     by_extrusion: dict[tuple[float, float, float], int] = field(default_factory=dict)
 
@@ -179,9 +184,9 @@ class _Place(Struct, eq=False):
 
 def walk(name: str, document: Drawing, scale: float, layers: Layers, limits: Limits) -> DrawnEntities:
     """All entities of model space with blocks expanded. scale: mm per drawing unit. ``InputError`` if too many."""
-    drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers)
+    drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers, colors_of(document))
     _Sizes(name, document, limits).insist(document.modelspace())
-    _entities(name, drawn, document.modelspace(), _Place(0, ""))
+    _entities(name, drawn, document.modelspace(), _Place(0, "", 0))
     for layout in document.layouts:
         if layout.is_any_paperspace:
             for entity in layout:
@@ -386,6 +391,7 @@ def _insert(name: str, drawn: DrawnEntities, entity: Any, a: Attributes, layer: 
         return
     base = block.block.dxf.base_point.xyz
     blocks = (*place.blocks, str(a.get("name")).casefold())
+    color = drawn.colors.find(a, layer, place.color)
     for matrix in cells(a, base):
         drawn.matrices.append(drawn.matrices[place.index] @ matrix)
-        _entities(name, drawn, block, _Place(len(drawn.matrices) - 1, layer, blocks))
+        _entities(name, drawn, block, _Place(len(drawn.matrices) - 1, layer, color, blocks))

@@ -274,8 +274,10 @@ def _soup(drawn: DrawnEntities, pieces: tuple[IntArray, IntArray, FloatArray, Fl
         closed=np.array(drawn.closed, dtype=np.bool_)[owner],
         layer=np.array([layer_index[n] for n in drawn.layer], dtype=np.intp)[owner],
         kind=np.array([kind_index[n] for n in drawn.kind], dtype=np.intp)[owner],
+        color=np.array(drawn.color, dtype=np.intp)[owner],
         layers=tuple(layers),
         kinds=tuple(kinds),
+        colors=tuple(drawn.colors.names),
     )
 
 
@@ -288,6 +290,8 @@ def _together(a: Soup, b: Soup) -> Soup:
         closed=np.concatenate([a.closed, b.closed]),
         layer=np.concatenate([a.layer, b.layer]),
         kind=np.concatenate([a.kind, b.kind]),
+        color=np.concatenate([a.color, b.color]),
         layers=a.layers,
         kinds=a.kinds,
+        colors=a.colors,
     )

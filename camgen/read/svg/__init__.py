@@ -11,15 +11,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.job import InputTable, Job
+from camgen.model.job import Job
 from camgen.model.limits import Limits, tell
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless, short
 from camgen.read import join, units
+from camgen.read.colors import count_colors
 from camgen.read.dxf.layers import NOT_ASKED, Layers
 from camgen.read.files import Files
 from camgen.read.pieces import tally
@@ -146,7 +148,9 @@ def _make(matrix: FloatArray, height: float, view: tuple[float, float], name: st
 
 
 class SvgFacts(Struct, frozen=True):
-    """What is in an SVG file; its ``str`` is a page to print. size: of the drawing, mm. notes as of ``read``."""
+    """What is in an SVG file; its ``str`` is a page to print. size: of the drawing, mm. notes as of ``read``. colors:
+    of contours, where they have several.
+    """
 
     units: str
     page: str
@@ -156,6 +160,7 @@ class SvgFacts(Struct, frozen=True):
     open: int
     size: tuple[float, float]
     notes: tuple[Note, ...]
+    colors: str
 
     def __str__(self) -> str:
         width, height = (short(v, 3) for v in self.size)
@@ -164,6 +169,7 @@ class SvgFacts(Struct, frozen=True):
             f"elements: {self.counts}",
             f"contours: {self.closed} closed, {self.open} open",
             *(f"layer {name}: {state}; {counts}" for name, state, counts in self.layers),
+            *filter(None, [self.colors]),
             *map(str, self.notes),
         ]
         return "\n".join(lines)
@@ -182,7 +188,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
 
     ``InputError`` if it cannot be read or holds nothing to draw, ``JobError`` for unknown units or layers.
     """
-    found = _read(source, job.input, job.tolerance.chord)
+    found = _read(source, job)
     if not found.contours:
         left = "; ".join(f"{n.what}: {n.why}" for n in found.notes if n.kind in ("skipped", "repaired"))
         raise InputError(source.name, "nothing to machine", left or "the drawing is empty", "draw paths or shapes")
@@ -191,7 +197,7 @@ def read(source: Source, job: Job, _files: Files) -> Part:
 
 def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
     """What is in the drawing. Errors as of ``read``, but a drawing may be empty."""
-    found = _read(source, job.input, job.tolerance.chord)
+    found = _read(source, job)
     kinds: Counter[str] = Counter()
     by_layer: dict[str, Counter[str]] = {}
     for (kind, layer), count in found.drawn.met.items():
@@ -203,10 +209,13 @@ def inspect(source: Source, job: Job, _files: Files) -> SvgFacts:
     points = np.concatenate([c.points for c in found.contours]) if found.contours else np.zeros((1, 2))
     width, height = np.ptp(points, axis=0).tolist()
     opened = len(found.contours) - closed
-    return SvgFacts(found.units, found.page, layers, _list_counts(kinds), closed, opened, (width, height), found.notes)
+    colors = count_colors([c.color for c in found.contours])
+    counts = _list_counts(kinds)
+    return SvgFacts(found.units, found.page, layers, counts, closed, opened, (width, height), found.notes, colors)
 
 
-def _read(source: Source, settings: InputTable, chord: float) -> _Read:
+def _read(source: Source, job: Job) -> _Read:
+    settings = job.input
     root = _parse(source)
     page = page_of(source.name, root.attrib, settings.units, source.limits)
     layers = Layers({}, {}, tuple(g.strip().casefold() for g in settings.layers))
@@ -214,7 +223,7 @@ def _read(source: Source, settings: InputTable, chord: float) -> _Read:
     with np.errstate(all="ignore"):
         drawn = walk(source.name, root, page.matrix, page.view, layers, source.limits)
         layers.check(source.name)
-        contours, joints = join.contours(flatten(drawn, chord), settings.join)
+        contours, joints = join.contours(flatten(drawn, job.tolerance.chord), settings.join, job.chooses_colors)
     contours, notes = _from_corner(contours) if page.open else (contours, ())
     return _Read(page.units, page.told, drawn, contours, (*page.notes, *notes, *_left(drawn), *joints))
 
@@ -247,7 +256,7 @@ def _from_corner(contours: tuple[Contour, ...]) -> tuple[tuple[Contour, ...], tu
     if not contours:
         return contours, ()
     low = np.min([c.points.min(axis=0) for c in contours], axis=0)
-    moved = tuple(Contour(_freeze(c.points - low), c.bulges, c.closed, c.layer, c.id) for c in contours)
+    moved = tuple(replace(c, points=_freeze(c.points - low)) for c in contours)
     return moved, (Note("assumed", "the origin is the drawing's own lower left corner", "it states no page"),)
 
 

@@ -89,8 +89,8 @@ def _oval(
 def _soup(
     drawn: DrawnShape, rows: tuple[FloatArray, FloatArray], first: list[int], closed: list[bool], shape: list[int]
 ) -> Soup:
-    layers, kinds = sorted(set(drawn.names)), sorted(set(drawn.kinds))
-    layer_of, kind_of = ({name: k for k, name in enumerate(names)} for names in (layers, kinds))
+    layers, kinds, colors = (sorted(set(names)) for names in (drawn.names, drawn.kinds, drawn.colors))
+    layer_of, kind_of, color_of = ({name: k for k, name in enumerate(names)} for names in (layers, kinds, colors))
     return Soup(
         points=rows[0],
         bulges=rows[1],
@@ -98,6 +98,8 @@ def _soup(
         closed=np.array(closed, dtype=np.bool_),
         layer=np.array([layer_of[drawn.names[k]] for k in shape], dtype=np.intp),
         kind=np.array([kind_of[drawn.kinds[k]] for k in shape], dtype=np.intp),
+        color=np.array([color_of[drawn.colors[k]] for k in shape], dtype=np.intp),
         layers=tuple(layers),
         kinds=tuple(kinds),
+        colors=tuple(colors),
     )

@@ -14,6 +14,7 @@ from camgen.model.errors import InputError
 from camgen.model.limits import Limits, tell
 from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
+from camgen.read.colors import resolve_css
 from camgen.read.dxf.layers import Layers
 from camgen.read.svg.path import KINDS, Subpath, shape
 from camgen.read.svg.values import Malformed, combine, fit_viewport, length, transform, view_box
@@ -23,7 +24,7 @@ from camgen.read.svg.values import Malformed, combine, fit_viewport, length, tra
 #: The properties looked at; those of the second group a child has from its parent.
 _OWN = ("display", "opacity", "clip-path", "mask")
 _INHERITED = (
-    "visibility", "stroke", "fill", "stroke-opacity", "fill-opacity", "stroke-dasharray",
+    "visibility", "color", "stroke", "fill", "stroke-opacity", "fill-opacity", "stroke-dasharray",
     "marker", "marker-start", "marker-mid", "marker-end",
 )  # fmt: skip
 PROPERTIES = frozenset((*_OWN, *_INHERITED))
@@ -107,9 +108,21 @@ def unseen(style: Style) -> str:
     """Why a shape is not shown, "" where it is."""
     if style.get("visibility") in ("hidden", "collapse"):
         return "visibility is hidden"
-    stroke = style.get("stroke", "none") in ("none", "transparent") or _zero(style.get("stroke-opacity", "1"))
-    fill = style.get("fill", "black") in ("none", "transparent") or _zero(style.get("fill-opacity", "1"))
-    return "neither stroke nor fill" if stroke and fill else ""
+    return "" if _paint(style, "stroke", "none") or _paint(style, "fill", "black") else "neither stroke nor fill"
+
+
+def _paint(style: Style, name: str, initial: str) -> str:
+    """What stroke or fill is painted with, "" where it is not. initial: where nobody says it."""
+    paint = style.get(name, initial)
+    return "" if paint in ("none", "transparent") or _zero(style.get(f"{name}-opacity", "1")) else paint
+
+
+def _color(style: Style) -> str:
+    """The color of what is seen of a shape: its stroke, else its fill; "" for gradients, patterns and unknown names."""
+    paint = _paint(style, "stroke", "none") or _paint(style, "fill", "black")
+    if paint.startswith("url("):  # a gradient or a pattern, and what is painted where there is none
+        paint = paint.partition(")")[2].strip()
+    return resolve_css(style.get("color", "black") if paint == "currentcolor" else paint)
 
 
 def _zero(text: str) -> bool:
@@ -134,13 +147,16 @@ _MARKERS = ("marker", "marker-start", "marker-mid", "marker-end")
 
 
 class DrawnShape(Struct):
-    """What the walk collects. One shape is tracks under a matrix on a layer; ``left`` counts by reason, kind, layer."""
+    """What the walk collects. One shape is tracks under a matrix, its tag, layer and color; ``left`` counts by reason,
+    kind, layer.
+    """
 
     layers: Layers
     tracks: list[tuple[Subpath, ...]] = field(default_factory=list)
     matrices: list[FloatArray] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
+    colors: list[str] = field(default_factory=list)
     left: dict[str, Counter[tuple[str, str]]] = field(default_factory=dict)
     effects: Counter[str] = field(default_factory=Counter)
     dashed: int = 0
@@ -274,6 +290,7 @@ class _Walk(Struct):
             drawn.matrices.append(place.matrix)
             drawn.kinds.append(tag)
             drawn.names.append(layer)
+            drawn.colors.append(_color(place.style))
 
     def _use(self, element: Element, place: _Place, layer: str) -> Iterator[tuple[Element, _Place]]:
         name = next((element.attrib[key] for key in _HREF if key in element.attrib), "")
