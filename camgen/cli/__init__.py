@@ -202,6 +202,9 @@ def _completion(sub: _Parser) -> None:
 
 def _init(sub: _Parser) -> None:
     sub.add_argument("input", metavar="INPUT", help="the job file gets its name with .toml")
+    sub.add_argument(
+        "--operations", action="store_true", help="with the tools and operations that the closed contours ask for"
+    )
 
 
 def _verify(sub: _Parser) -> None:

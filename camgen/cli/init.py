@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import textwrap
+import tomllib
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
 from camgen.batch.writing import check_targets, write_all
+from camgen.cli.proposal import describe, list_proposed
 from camgen.cli.say import Voice
-from camgen.model.errors import JobError
+from camgen.cli.toml import toml
+from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.job_tables import Setting, row_settings, row_tables, settings, tables
+from camgen.model.part import Part
+from camgen.plan.propose import THICKNESS_MM, Proposal
 from camgen.post import Post
 from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
@@ -21,7 +25,9 @@ from camgen.read.files import Files, identity
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Writes the job file into the current folder, never over one that exists."""
+    """Writes the job file into the current folder, never over one that exists. With ``--operations`` it is built once:
+    what is written makes a checked program.
+    """
     files = Files()
     source = files.read(arguments.input)
     target = Path(source.name).with_suffix(".toml")
@@ -30,30 +36,74 @@ def run(arguments: Namespace, says: Voice) -> int:
     check_targets([target], [source.path])
     says.stage("reading")
     reader = find_reader(source)
-    units = reader.read(source, Job(), files).units if reader.makes == "drawing" else ""
-    write_all([(target, template(source.name, units).encode())], files.opened)
+    part = reader.read(source, Job(), files) if reader.makes == "drawing" else None
+    units = "" if part is None else part.units
+    proposal = _propose(part, source.name, arguments.operations, says)
+    text = template(source.name, units, proposal, arguments.operations)
+    if arguments.operations and part is not None:
+        _insist_on_program(part, text, says)
+    write_all([(target, text.encode())], files.opened)
     found = f"; {source.name}: {units}" if units else ""
     says.rows([("job", f"{target}: every setting with its default{found}", "plain")])
+    if proposal is not None:
+        told = "depths and speeds are placeholders" if arguments.operations else "as comments; --operations uses it"
+        says.rows([("proposed", f"{describe(proposal)}: {told}", "look" if arguments.operations else "plain")])
     if identity(source.path.parent) != identity(target.parent):
         says.rows([("use", f"camgen build {source.path} --job {target}: it does not lie beside the input", "look")])
     return 0
 
 
-def template(source: str, units: str) -> str:
-    """A job file that says what camgen does without it."""
+def _propose(part: Part | None, source: str, asked: bool, says: Voice) -> Proposal | None:
+    """Operations for the drawing ``part``. InputError where they are asked for and there are none."""
+    flat = part is not None and part.raster is None and part.solid is None and not part.curves
+    if part is None or not flat:
+        if asked:
+            raise InputError(source, "is no flat drawing", "--operations", "leave it out")
+        return None
+    says.stage("proposing")
+    from camgen.plan.propose import propose  # noqa: PLC0415 (shapely, only for drawings)
+
+    proposal = propose(part)
+    if proposal is None and asked:
+        what = "has no closed contour that a drill or a mill of 1 mm or more could make"
+        raise InputError(source, what, "--operations", "camgen inspect shows its contours; or leave it out")
+    return proposal
+
+
+def _insist_on_program(part: Part, text: str, says: Voice) -> None:
+    """InputError where the job of ``text`` makes no checked program of ``part``, with what its build says."""
+    from camgen.build import build  # noqa: PLC0415 (all of camgen, only for what is built)
+
+    says.stage("building")
+    try:
+        build(part, post="gcode", job=tomllib.loads(text))
+    except CamgenError as error:
+        what = f"no program comes of the operations that were proposed: {error}"
+        raise InputError(part.source, what, "--operations", "without it they are written as comments") from error
+
+
+def template(source: str, units: str, proposal: Proposal | None = None, active: bool = False) -> str:
+    """A job file that says what camgen does without it, and what may be done. active: that is done, and no comment."""
     lines = [
         f"# camgen job for {_comment(source)}",
         "# Lengths mm, angles deg, speeds mm/s, forces N, times s. Every line holds its default: delete what you keep.",
     ]
+    used = {("stock", "thickness"): THICKNESS_MM} if proposal and active else {}
     for table, about in tables().items():
-        lines += _row_lines() if table == "post" else []
+        if table == "post":
+            lines += _row_lines() + (list_proposed(proposal, active) if proposal else [])
         lines += ["", f"[{table}]  # {about}"]
         for setting in settings():
             if setting.table == table:
                 found = f" This file: {_comment(units)}." if units and setting.key == "units" else ""
                 meaning = setting.about if setting.about.endswith(".") else f"{setting.about}."
                 lines += textwrap.wrap(meaning + found, 116, initial_indent="# ", subsequent_indent="# ")
-                lines += _assignment(setting.key, setting.default, setting.allowed)
+                own = used.get((table, setting.key))
+                lines += (
+                    _assignment(setting.key, setting.default, setting.allowed)
+                    if own is None
+                    else [f"{setting.key} = {toml(own)}  # measure it"]
+                )
     return "\n".join([*lines, *_post_lines()]) + "\n"
 
 
@@ -95,16 +145,6 @@ def _option(option: dataclasses.Field[object]) -> str:
         default = option.default_factory()
     about = option.metadata.get("help", "")
     return f"# {option.name} = {toml(default)}" + (f"  # {about}" if about else "")
-
-
-def toml(value: object) -> str:
-    """``value`` as TOML: texts, numbers, lists and inline tables."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{toml(str(k))} = {toml(v)}" for k, v in value.items()) + " }" if value else "{}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(toml(item) for item in value) + "]"
-    # Of the control characters JSON leaves DEL as it is, TOML does not.
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _comment(text: str) -> str:

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 import camgen
 from camgen.build.inputs import join_parts
-from camgen.cli.init import reference, template, toml
+from camgen.cli.init import reference, template
+from camgen.cli.toml import toml
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.job_tables import settings
