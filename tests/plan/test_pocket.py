@@ -255,6 +255,17 @@ def test_what_might_be_an_island_is_not_cut_away(inside: Contour) -> None:
     assert sorted(left_out) == [("c1",), ("c2",)]
 
 
+def test_an_island_that_crosses_the_wall_by_a_sliver_is_not_cut_away() -> None:
+    # A twentieth of a mm beyond the wall, over 20 mm: no more than the flattened contours of the nesting are apart.
+    made = planned(rectangle(0, 0, 60, 40), rectangle(-0.05, 10, 20, 20, "c2"), rectangle(100, 0, 50, 50, "c3"))
+    assert {path.contours for path in made.paths} == {("c3",)}
+    assert "2 contours not cleared, crossing each other: c1-c2" in told(made, "crossing")
+    # With an edge on that of the wall it leaves the pocket no side there.
+    touching = planned(rectangle(0, 0, 60, 40), rectangle(0, 10, 20, 20, "c2"))
+    assert not touching.paths
+    assert "check failed: c1 on layer 0" in told(touching, "edges lie on one line")
+
+
 def test_only_the_contours_worked_on_are_walls() -> None:
     shapes = (rectangle(0, 0, 200, 200, "c1"), rectangle(20, 20, 80, 60, "c2"), circle(50, 50, 10, "c3"))
     chosen = camgen.Part("part", "part.dxf", "mm", shapes, (), worked=frozenset({"c2", "c3"}))

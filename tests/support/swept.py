@@ -12,6 +12,8 @@ from camgen.model.path import ToolPath
 
 #: Chords leave arcs by so much, mm; a quarter of a disc has so many chords.
 CHORD, QUARTER = 0.001, 48
+#: Points of a line that are swept together.
+_PIECE = 200
 
 
 def enclosed(contours: Sequence[Contour]) -> shapely.Geometry:
@@ -62,7 +64,13 @@ def centre_line(path: ToolPath) -> shapely.LineString:
 
 def swept(paths: Sequence[ToolPath], radius: float) -> shapely.Geometry:
     """What a disc of ``radius`` mm covers along ``paths``."""
-    return shapely.union_all([centre_line(path).buffer(radius, quad_segs=QUARTER) for path in paths])
+    # Piece by piece: GEOS fills holes of a long line that lies over itself many times.
+    return shapely.union_all([piece.buffer(radius, quad_segs=QUARTER) for path in paths for piece in _pieces(path)])
+
+
+def _pieces(path: ToolPath) -> list[shapely.LineString]:
+    points = shapely.get_coordinates(centre_line(path))
+    return [shapely.LineString(points[k : k + _PIECE + 1]) for k in range(0, len(points) - 1, _PIECE)]
 
 
 def reachable(region: shapely.Geometry, radius: float) -> shapely.Geometry:

@@ -117,7 +117,7 @@ def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
 
 def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
     closed = [c for c in contours if c.closed]
-    nesting = nest(from_contours(closed), len(closed))
+    nesting = _find_overlaps(closed, nest(from_contours(closed), len(closed)))
     unfit = [(contours_of(closed, own), how, why) for own, how, why in _unfit(nesting)]
     loose = [c for c in contours if not c.closed]
     if loose:
@@ -150,6 +150,25 @@ def _find(contours: Sequence[Contour]) -> tuple[_Pockets, list[Note]]:
         [closed[k].layer for k in members],
         [tuple(closed[k].id for k in own) for own in members.values()],
     ), notes
+
+
+def _find_overlaps(closed: Sequence[Contour], nesting: Nesting) -> Nesting:
+    """``nesting`` with the loops that cross others by a sliver too: what is between them would be cut away."""
+    points, owner = flatten(from_contours(closed), CHORD)
+    many = np.flatnonzero((np.bincount(owner, minlength=len(closed)) >= 3) & (nesting.crossed < 0))
+    rows = np.isin(owner, many)
+    loops = shapely.polygons(shapely.linearrings(points[rows], indices=np.searchsorted(many, owner[rows])))
+    edges = shapely.boundary(loops)
+    one, two = shapely.STRtree(edges).query(edges, predicate="intersects")
+    one, two = one[one < two], two[one < two]
+    loops[np.unique([one, two])] = shapely.make_valid(loops[np.unique([one, two])])
+    common = shapely.area(shapely.intersection(loops[one], loops[two]))
+    apart = np.minimum(shapely.area(loops[one]), shapely.area(loops[two])) - common
+    slack = 2 * CHORD * np.minimum(shapely.length(edges[one]), shapely.length(edges[two]))
+    partly = (common > slack) & (apart > slack)
+    crossed = nesting.crossed.copy()
+    crossed[many[one[partly]]], crossed[many[two[partly]]] = many[two[partly]], many[one[partly]]
+    return replace(nesting, crossed=crossed)
 
 
 def contours_of(closed: Sequence[Contour], chosen: Any) -> list[Contour]:
@@ -288,7 +307,9 @@ def _tell_failed(failed: frozenset[int], borders: Sequence[Piece], pockets: _Poc
     reached = {piece.pocket for piece in borders}
     narrow = [k for k in range(len(pockets.names)) if k not in reached and k not in failed]
     tool = f"a {job.tool.diameter:g} mm tool does not fit"
-    report = "the passes did not keep their distance from the walls; please report it"
+    report = (
+        "the passes did not keep their distance: draw one outline where edges lie on one line, else please report it"
+    )
     result = []
     for chosen, how, why in ((narrow, "too narrow", tool), (sorted(failed), "check failed", report)):
         if chosen:
