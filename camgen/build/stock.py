@@ -68,8 +68,9 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
         steps = [(step.tool, f"operation {k}") for step, k in zip(tour.steps, tour.numbers, strict=True)]
         step_of = np.repeat(np.arange(len(steps)), [len(one.paths) for one in tour.tours])
     # A robot travels on straight lines: what runs as fast as it travels is none that cuts, where no cut is as fast.
+    # With process.stay_down there is no stock beside the part that it could run through.
     process = job.process
-    slower = process.feed * process.max_feed_factor < process.travel
+    slower = process.feed * process.max_feed_factor < process.travel and not process.stay_down
     travel = process.travel if slower and not isinstance(cell.home, Pose) else float("inf")
     first = 0
     for count, reading, (_, program) in zip(posted.counts, posted.readings, checked.programs, strict=True):
