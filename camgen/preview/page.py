@@ -150,7 +150,7 @@ def _fill(mark: Mark, origin: FloatArray) -> dict[str, str]:
     from shapely import Polygon, constrained_delaunay_triangles, get_coordinates, get_parts  # noqa: PLC0415 (slow)
 
     around = np.vstack([mark.polygon, mark.polygon[:1]])
-    corners = get_parts(constrained_delaunay_triangles(Polygon(mark.polygon).buffer(0)))
+    corners = get_parts(constrained_delaunay_triangles(Polygon(mark.polygon, mark.holes).buffer(0)))
     inside = get_coordinates(corners).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     lifted = (np.column_stack([flat, np.full(len(flat), mark.z)]) - origin for flat in (around, inside))
     return dict(zip(("outline", "triangles"), map(_pack, lifted), strict=True))

@@ -14,7 +14,7 @@ from camgen.check.report import clean
 from camgen.geometry.segments import bounds, from_contours
 from camgen.model.job import ToolTable
 from camgen.model.path import ToolPath
-from camgen.model.pose import FloatArray, Pose
+from camgen.model.pose import FloatArray, Pose, frozen
 from camgen.model.program import ToolChange
 from camgen.model.text import short
 from camgen.order.tours import JobTour
@@ -30,6 +30,8 @@ _FINISHED = ("edges", "replay")
 _LEAST_MM2 = 0.01
 #: Points of the outline of a round tool between its tip and its side.
 _ROUND_POINTS = 24
+#: So many places of excess are shown.
+_MOST_MARKS = 200
 #: Tool z leans by less than about a hundredth of a degree, as 1 - cos of it.
 _STRAIGHT = 1e-8
 
@@ -69,8 +71,8 @@ class Cutters(Struct, frozen=True, eq=False):
 
 class Mark(Struct, frozen=True, eq=False):
     """What a proof on the stock found at a level. kind: "gouge" (material of the part is gone) or "excess" (material is
-    left that should be gone). polygon: (N, 2), work frame, mm, without holes, its last point not the first again. z:
-    its height, mm. number: how much, mm. text: what is said of it.
+    left that should be gone). polygon: (N, 2), work frame, mm, its last point not the first again; holes: such ones
+    within it. z: its height, mm. number: how much, mm. text: what is said of it.
     """
 
     kind: str
@@ -78,6 +80,7 @@ class Mark(Struct, frozen=True, eq=False):
     z: float
     number: float
     text: str
+    holes: tuple[FloatArray, ...] = ()
 
 
 def marks_of(result: Built) -> tuple[Mark, ...]:
@@ -173,7 +176,7 @@ def stock_of(result: Built, found: Cutters) -> Stock | None:
     mills = any(found.tools[tool].profile for tool in found.paths.tolist())
     if not mills or not all(_is_cut_from_above(path) for path in paths):
         return None
-    drawn = [c for c in part.contours if c.layer.casefold() == job.stock.layer.casefold()] if job.stock.layer else []
+    drawn = [c for c in part.contours if job.stock.layer and c.layer == job.stock.layer and c.closed]
     box = bounds(from_contours(drawn or part.contours))
     if not len(box):
         box = np.concatenate([np.hstack([path.position[:, :2]] * 2) for path in paths])
@@ -191,6 +194,30 @@ def _find_depth(paths: tuple[ToolPath, ...]) -> float:
 def _is_cut_from_above(path: ToolPath) -> bool:
     """Straight down, and without a force, which presses on an edge that is there."""
     return bool((path.axis[:, 2] < -1 + _STRAIGHT).all() and not path.force.any())
+
+
+def marks_of(result: Built) -> tuple[Mark, ...]:
+    """What the proof on the stock found to be left without a reason, level by level, the widest first.
+
+    Gouges are no part of it: a build that makes one is refused.
+    """
+    levels = result.stock.levels if result.stock else ()
+    if not any(level.excess.unexplained.area > 0 for level in levels):
+        return ()
+    import shapely  # noqa: PLC0415 (slow; here the proof has loaded it already)
+
+    found = []
+    for level in levels:
+        for piece in shapely.get_parts(level.excess.unexplained):
+            if piece.geom_type != "Polygon" or piece.is_empty:
+                continue
+            wide = 2 * shapely.maximum_inscribed_circle(piece).length
+            text = f"left from z {short(level.top, 2)} to {short(level.bottom, 2)} mm: {short(piece.area, 2)} mm2"
+            outline, *holes = (frozen(ring.coords[:-1]) for ring in (piece.exterior, *piece.interiors))
+            found.append(
+                Mark("excess", outline, level.top, wide, f"{text}, up to {short(wide, 2)} mm wide", tuple(holes))
+            )
+    return tuple(sorted(found, key=lambda mark: -mark.number)[:_MOST_MARKS])
 
 
 def tell_stock(stock: Stock) -> str:

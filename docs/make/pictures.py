@@ -2,8 +2,8 @@
 
     python -m docs.make.pictures [FOLDER]      writes them into FOLDER (default: docs/images)
 
-Every picture is what ``camgen build INPUT --preview X.svg`` or ``.png`` draws of a fixture. page.png and page-cut.png
-are pages of ``--preview X.html`` in Chromium; without one they stay as they are.
+Every picture is what ``camgen build INPUT --preview X.svg`` or ``.png`` draws of a fixture. page.png and
+page-cut.png are pages of ``--preview X.html`` in Chromium; without one they stay as they are.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ import base64
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from shapely import Polygon
 
 import camgen
 from camgen.model.job import ToolTable
@@ -25,6 +26,7 @@ PRESSED: dict[str, object] = {
     "tool": {"orient": "follow"},
     "post": {"force_calibrated": True},
 }
+DRILLED: dict[str, object] = {"kind": "drill", "tool": 1, "depth": 7.0, "holes": [5.4, 5.6]}
 SEVERAL: dict[str, object] = {
     "tools": [
         {"name": "mill 6", "number": 2, "diameter": 6.0, "speed": 12000.0, "feed": 15.0},
@@ -32,7 +34,7 @@ SEVERAL: dict[str, object] = {
     ],
     "operations": [
         {"kind": "follow", "tool": "mill 6", "nesting": "outer", "depth": 6.0, "passes": 3},
-        {"kind": "drill", "tool": 1, "depth": 7.0, "holes": [5.4, 5.6]},
+        DRILLED,
     ],
 }
 
@@ -91,7 +93,8 @@ def test_without_a_thickness_the_stock_is_as_thick_as_the_program_is_deep_and_th
 
 
 def test_the_outline_of_the_stock_may_be_drawn() -> None:
-    found = shown(SEVERAL | {"stock": {"layer": "outline"}}, "motor.dxf")
+    drilled = {"tools": SEVERAL["tools"], "operations": [DRILLED]}
+    found = shown(drilled | {"stock": {"layer": "OUTLINE", "thickness": 7.0}}, "motor.dxf")
     assert found.stock is not None
     assert found.stock.low[:2].tolist() == pytest.approx([0, 0])
     assert found.stock.high[:2].tolist() == pytest.approx([120, 90])
@@ -165,6 +168,26 @@ def test_a_mark_is_in_the_page_with_its_outline_and_its_fill() -> None:
     a, b, c = (fill[k::3, :2] for k in range(3))
     (ux, uy), (vx, vy) = (b - a).T, (c - a).T
     assert np.abs(ux * vy - uy * vx).sum() / 2 == pytest.approx(51)
+
+
+def test_what_the_proof_finds_to_be_left_is_marked_the_widest_first() -> None:
+    # No path bends by less than 8 mm: two holes of 8 mm and a slot of 30 x 10 mm stay where they are.
+    found = shown({"operation": {"depth": 1.0, "corner_radius": 8.0}, "process": {"spindle": 9000.0}})
+    assert [mark.kind for mark in found.marks] == ["excess"] * 3
+    assert [mark.number for mark in found.marks] == pytest.approx([10, 8, 8], abs=0.05)
+    areas = [Polygon(mark.polygon).area for mark in found.marks]
+    assert areas == pytest.approx([20 * 10 + np.pi * 25, np.pi * 16, np.pi * 16], rel=2e-3)
+    assert "up to 10 mm wide" in found.marks[0].text
+    assert [mark["kind"] for mark in data(page(found))["marks"]] == ["excess"] * 3  # type: ignore[attr-defined]
+    assert not shown(MILLED).marks
+
+
+def test_the_fill_of_a_mark_has_its_holes() -> None:
+    square, hole = ([(x, y), (x + w, y), (x + w, y + w), (x, y + w)] for x, y, w in ((0, 0, 10), (4, 4, 2)))
+    mark = Mark("excess", frozen(square), 0.0, 1.0, "", (frozen(hole),))
+    (plain,) = data(page(replace(shown(MILLED), marks=(mark,))))["marks"]  # type: ignore[misc]
+    fill = np.frombuffer(base64.b64decode(plain["triangles"]), "<f4").reshape(-1, 3, 3)
+    assert sum(Polygon(corners).area for corners in fill[..., :2]) == pytest.approx(96)
 
 
 def test_the_tool_of_the_page_of_a_job_with_several_is_the_first_that_is_used() -> None:

@@ -23,10 +23,11 @@ from tests.preview.test_stock import MILLED, SEVERAL
 from tests.support.browsers import SIZE, Driven, Opened, start_browser
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
+#: A slot of 30 x 10 mm along whose border a tool of 9 mm runs: it sweeps over most of what it leaves more than once.
 POCKET = {
-    "operation": {"kind": "fill", "depth": 3.0, "passes": 2},
+    "operation": {"kind": "trace", "depth": 3.0, "passes": 2},
     "process": {"spindle": 9000.0},
-    "tool": {"diameter": 4.0},
+    "tool": {"diameter": 9.0},
     "stock": {"thickness": 8.0, "margin": 5.0},
 }
 GROOVE = {
@@ -121,7 +122,7 @@ def ways(track: Track, until: float, z: float) -> shapely.Geometry:
     return shapely.union_all([shapely.LineString(at[s - 1 : s + 1, :2]) for s in np.flatnonzero(keep)])
 
 
-@pytest.mark.parametrize(("name", "radius"), [("profile", 3.0), ("pocket", 2.0)])
+@pytest.mark.parametrize(("name", "radius"), [("profile", 3.0), ("pocket", 4.5)])
 @pytest.mark.parametrize("share", [0.5, 1.0])
 def test_what_is_left_is_the_stock_less_the_swept_tool_level_by_level(
     opened: Any, views: dict[str, View], name: str, radius: float, share: float
