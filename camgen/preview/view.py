@@ -107,7 +107,7 @@ _FINE = 2e-5
 
 class ViewLine(Struct, frozen=True):
     """A contour or an edge, or a part of it: state is "done", "skipped" or "unused" (nothing was asked of it); why it
-    was skipped. A ring around a place is "wrong"; why says what is.
+    was skipped. A ring around a place is "wrong" or "noted"; why says what is.
     """
 
     id: str
@@ -248,13 +248,20 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
 
 
 def _spots(result: Built) -> list[tuple[ViewLine, FloatArray]]:
-    """A ring of the tool's size at every place that a note is about."""
+    """A ring of the tool's size at every place that a note is about; what was decided there is not wrong."""
     radius = result.job.tool.diameter / 2
     turn = np.linspace(0.0, 2 * np.pi, _RING_POINTS)
     ring = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(_RING_POINTS)])
     return [
         (
-            ViewLine(f"{x:.2f}, {y:.2f} mm", note.kind, False, 2 * np.pi * radius, "wrong", clean(note.what)),
+            ViewLine(
+                f"{x:.2f}, {y:.2f} mm",
+                note.kind,
+                False,
+                2 * np.pi * radius,
+                "noted" if note.kind == "assumed" else "wrong",
+                clean(note.what),
+            ),
             ring + np.array([x, y, 0.0]),
         )
         for note in result.notes

@@ -194,3 +194,10 @@ def test_the_tool_of_the_page_of_a_job_with_several_is_the_first_that_is_used() 
     found = shown(SEVERAL, "motor.dxf")
     assert found.diameter == 5.0
     assert page(found) == page(shown(SEVERAL, "motor.dxf"))
+
+
+def test_where_tabs_stand_is_noted_and_not_wrong() -> None:
+    found = shown(MILLED | {"operation": {"depth": 6.0, "passes": 3, "tabs": 4}})
+    rings = [line for line in found.lines if line.state in ("noted", "wrong")]
+    assert [line.state for line in rings] == ["noted"] * 4
+    assert all("tabs" in line.why for line in rings)

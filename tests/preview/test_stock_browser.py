@@ -231,8 +231,7 @@ def test_a_rapid_through_material_is_marked_where_it_runs(opened: Any, views: di
     assert one.page.locator("#hint").inner_text() == "Red: a rapid through material"
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("name", ["profile", "several", "marked"])
+@pytest.mark.parametrize(("name", "scheme"), [("profile", "dark"), ("several", "light"), ("marked", "light")])
 def test_the_page_begins_with_what_is_left_in_the_end_and_says_nothing_on_the_console(
     opened: Any, name: str, scheme: str
 ) -> None:

@@ -54,7 +54,7 @@ function put(layer, thing, order) {
 }
 
 // Contours and edges, one mesh for each state.
-const STATES = { done: ["part", 1.4], skipped: ["skipped", 2.2], wrong: ["skipped", 4], unused: ["unused", 1.2] };
+const STATES = { done: ["part", 1.4], skipped: ["skipped", 2.2], wrong: ["skipped", 4], noted: ["part", 2.5], unused: ["unused", 1.2] };
 for (const [state, [layer, width]] of Object.entries(STATES)) {
   const rows = data.lines.rows.flatMap((line, k) => (line.state === state ? [k] : []));
   const count = rows.reduce((sum, k) => sum + data.lines.counts[k], 0);
