@@ -26,8 +26,6 @@ from camgen.preview.track import IntArray
 _MILLS = {"end mill": 180.0, "ball mill": 180.0, "bull nose": 180.0, "drill": 118.0, "v": 90.0}
 #: Operations that run on a part that is there already.
 _FINISHED = ("edges", "replay")
-#: What is left over in smaller pieces is not drawn, mm2.
-_LEAST_MM2 = 0.01
 #: Points of the outline of a round tool between its tip and its side.
 _ROUND_POINTS = 24
 #: So many places of excess are shown.
@@ -81,19 +79,6 @@ class Mark(Struct, frozen=True, eq=False):
     number: float
     text: str
     holes: tuple[FloatArray, ...] = ()
-
-
-def marks_of(result: Built) -> tuple[Mark, ...]:
-    """What the proof of ``result`` found left over, by level; what harms the part is refused before it is drawn."""
-    found: list[Mark] = []
-    for level in result.proof.levels if result.proof else ():
-        pieces = level.excess.unexplained
-        for piece in getattr(pieces, "geoms", [pieces]):
-            if piece.geom_type == "Polygon" and piece.area >= _LEAST_MM2:
-                ring = np.asarray(piece.exterior.coords)[:-1, :2]
-                text = f"{short(piece.area, 2)} mm2 left over from z {short(level.top, 3)} to {short(level.bottom, 3)}"
-                found.append(Mark("excess", ring, level.bottom, float(piece.area), text))
-    return tuple(found)
 
 
 def profile_of(tool: ToolTable) -> tuple[tuple[float, float], ...]:
@@ -201,7 +186,7 @@ def marks_of(result: Built) -> tuple[Mark, ...]:
 
     Gouges are no part of it: a build that makes one is refused.
     """
-    levels = result.stock.levels if result.stock else ()
+    levels = result.proof.levels if result.proof else ()
     if not any(level.excess.unexplained.area > 0 for level in levels):
         return ()
     import shapely  # noqa: PLC0415 (slow; here the proof has loaded it already)
