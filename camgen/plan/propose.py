@@ -158,7 +158,7 @@ def _drill(loops: _Loops, sizes: list[list[int]], tools: list[Row]) -> Iterator[
     for rows in sizes:
         sizes_here = [_diameter(loops, k) for k in rows]
         low, high = min(sizes_here) - _ROOM, max(sizes_here) + _ROOM
-        diameter = max(round((low + high) / 2, 2), _ROOM)
+        diameter = max(round(min(sizes_here), 2), _ROOM)  # no hole becomes wider than it is drawn
         depth = math.ceil((THICKNESS_MM + _THROUGH_MM + diameter / 2 / math.tan(_TIP)) * 10) / 10
         name, speed = f"drill {short(diameter, 3)}", _turns(_DRILL_SPEED, diameter)
         feed = speed * _DRILL_FEED * diameter / 60

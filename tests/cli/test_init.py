@@ -20,7 +20,6 @@ REFUSED = {
     "2_polylines.dxf": "a coordinate is beyond 99999 mm",
     "dimension_in_nested_blocks.dxf": "a coordinate is beyond 99999 mm",
     "wipeout_door.dxf": "a coordinate is beyond 99999 mm",  # a house
-    "5_us_states.dxf": "into material that must stay",  # states lie in each other's way
     "ellipse.dxf": "no closed contour",  # they cross
     "6_closed_loop_with_arcs.dxf": "no closed contour",  # it crosses itself
 }

@@ -111,6 +111,8 @@ def test_holes_of_one_size_that_are_not_all_meant_are_named() -> None:
 def test_no_range_of_diameters_holds_two_sizes(diameters: Sequence[float], ranges: list[list[float]]) -> None:
     found = proposed(PLATE, *(circle(20 + 20 * k, 20, d) for k, d in enumerate(diameters)))
     assert [one.row["holes"] for one in found.operations[:-1]] == ranges
+    # No hole becomes wider than it is drawn.
+    assert sizes(found)[:-1] == [low + 0.01 for low, _ in ranges]
 
 
 @pytest.mark.parametrize(
