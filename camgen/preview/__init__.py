@@ -53,5 +53,3 @@ class Built(Protocol):
     def proof(self) -> StockProof | None: ...  # noqa: D102
     @property
     def where(self) -> Surroundings | None: ...  # noqa: D102
-    @property
-    def stock(self) -> StockProof | None: ...  # noqa: D102
