@@ -7,7 +7,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.model.errors import NoSafeProgram
@@ -36,15 +35,14 @@ def prove_stock(
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
     jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
-    if not any(one.operation.depth for one in jobs) or any(one.tool.orient == "follow" for one in jobs):
+    if not any(one.operation.depth or one.operation.width for one in jobs) or any(
+        one.tool.orient == "follow" for one in jobs
+    ):
         return None
-    from camgen.check.stock import Task, design, prove  # noqa: PLC0415 (shapely, only for what cuts)
+    from camgen.check.stock import design, prove, task_on  # noqa: PLC0415 (shapely, only for what cuts)
 
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
-    tasks = [
-        Task(own, replace(plan.part, worked=one.part.worked), frozenset(c.id for c in one.part.contours))
-        for own, one in zip(jobs, plans, strict=True)
-    ]
+    tasks = [task_on(plan.part, own, one.part) for own, one in zip(jobs, plans, strict=True)]
     proof = prove(list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock))
     if proof.refused:
         worst = proof.refused[0]

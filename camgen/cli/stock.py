@@ -9,13 +9,14 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check.stock import Cut, Fault, StockProof, Task, design, prove
+from camgen.check.stock import Cut, Fault, StockProof, Task, design, prove, task_on
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import Part
-from camgen.model.program import Columns, MoveJ
+from camgen.model.program import Columns, MoveJ, ToolChange
 from camgen.model.text import counted, short
 from camgen.plan.page import on_page
+from camgen.plan.steps import job_of, share_out
 from camgen.post import Reading
 from camgen.read import read
 from camgen.read.files import Files
@@ -40,17 +41,19 @@ def judge(
     With a depth the job says what is done to the contours of the drawing; without one they are the part, cut around
     as deep as the program goes.
     """
-    if job.operations:
-        remedy = "prove the program of each with its own job file"
-        raise JobError("job", "a program is proven against one operation", "[[operations]]", remedy)
     part = on_page(read(drawing, job, files), job)
     if part.solid is not None or part.curves or not part.contours:
         remedy = "give the drawing of the part"
         raise InputError(str(drawing), "has no flat contours to prove a program against", remedy=remedy)
     columns = Columns(reading.body)
-    task = _task(part, job, columns)
-    proof = prove([_cut(program, reading, columns, job)], design([task], job.stock))
-    return StockSays(tuple(_rows(proof, task)), _tell(proof.faults, place), _refuse(program, proof, place))
+    if job.operations:
+        tasks = [task_on(part, job_of(job, one.step), one.part) for one in share_out(part, job)[0]]
+        cuts = _cuts_by_tool(program, reading, columns, job)
+    else:
+        tasks = [_task(part, job, columns)]
+        cuts = [_cut(program, reading, columns, job)]
+    proof = prove(cuts, design(tasks, job.stock))
+    return StockSays(tuple(_rows(proof, tasks, cuts)), _tell(proof.faults, place), _refuse(program, proof, place))
 
 
 def _task(part: Part, job: Job, columns: Columns) -> Task:
@@ -59,6 +62,29 @@ def _task(part: Part, job: Job, columns: Columns) -> Task:
     cutting = ~columns.moves_are(MoveJ) & columns.posed
     depth = max(0.0, float(-columns.ends[cutting, 2].min(initial=0.0)))
     return Task(replace(job, operation=replace(job.operation, kind="follow", depth=depth)), part)
+
+
+def _cuts_by_tool(program: str, reading: Reading, columns: Columns, job: Job) -> list[Cut]:
+    """What each tool of a program does. JobError where it does not say which tools of the job it has."""
+    used = [step.tool for step in job.operations]
+    changes = np.flatnonzero(columns.are(ToolChange)).tolist()
+    whole = _cut(program, reading, columns, replace(job, tool=used[0]))
+    if not changes:
+        if any(tool != used[0] for tool in used):
+            what = "the job has several tools, and the program changes none"
+            raise JobError("job", what, "[[tools]]", "give a job with the operations of this program alone")
+        return [whole]
+    cuts = []
+    for start, end in zip(changes, [*changes[1:], len(reading.body)], strict=True):
+        change = reading.body[start]
+        assert isinstance(change, ToolChange)
+        tool = next((tool for tool in used if tool.number == change.number), None)
+        if tool is None:
+            what = f"line {reading.lines[start]} changes to tool {change.number}, which no operation names"
+            raise JobError("job", what, "[[tools]]", "give its number to one of them")
+        body, lines = reading.body[start:end], reading.lines[start:end]
+        cuts.append(replace(whole, body=body, lines=lines, tool=tool, name=f"tool {change.number}"))
+    return cuts
 
 
 def _cut(program: str, reading: Reading, columns: Columns, job: Job) -> Cut:
@@ -85,10 +111,10 @@ def volume(mm3: float) -> str:
     return f"{short(mm3 / 1000, 1)} cm3" if mm3 >= 1000 else f"{short(mm3, 0)} mm3"
 
 
-def _rows(proof: StockProof, task: Task) -> list[tuple[str, str]]:
-    tool = task.job.tool
-    depth = short(task.job.operation.depth, 3)
-    rows = [("stock", f"{tool.kind} of {short(tool.diameter, 3)} mm, {depth} mm deep: {_sum(proof)}")]
+def _rows(proof: StockProof, tasks: Sequence[Task], cuts: Sequence[Cut]) -> list[tuple[str, str]]:
+    tools = dict.fromkeys(f"{cut.tool.kind} of {short(cut.tool.diameter, 3)} mm" for cut in cuts)
+    depth = short(max(task.job.operation.depth for task in tasks), 3)
+    rows = [("stock", f"{', '.join(tools)}, {depth} mm deep: {_sum(proof)}")]
     rows.append(("removed", volume(proof.volume)))
     rows += [("excess", text) for text in _excess(proof)]
     return rows + [("not judged" if "not" in note else "note", note) for note in proof.notes]

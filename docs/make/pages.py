@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 POSTS = ("gcode", "grbl", "pacscript", "rapid", "vplus")
 #: Pages whose ```console blocks are run: lines behind "$ " are commands, which go on behind "> ".
-CONSOLES = ("first-program.md",)
+CONSOLES = ("first-program.md", "several-operations.md")
 _LIMITS = re.compile(r"\| limit \|.*\n(?:\|.*\n)+")
 _CONSOLE = re.compile(r"```console\n(.*?)```", re.S)
 

@@ -41,6 +41,8 @@ COPIES = {
     },
     **dict.fromkeys(("fixtures/parts/bracket.dxf",), PARTS / "bracket.dxf"),
     "board.png": PARTS / "board.png",
+    "motor.dxf": PARTS / "motor.dxf",
+    "motor.toml": FIXTURES / "cases" / "motor-plate" / "job.toml",
     "plate.dxf": PARTS / "plate.dxf",
     "part.svg": PARTS / "logo.svg",
     "part.stl": PARTS / "rfa1.stl",

@@ -252,3 +252,28 @@ def test_the_interpreter_of_linuxcnc_changes_the_tools() -> None:
         assert place is None or call.end == pytest.approx(place, abs=5.6e-4)
     without = run(result.text, "T1 P1 Z0 D5\n")
     assert "2" in without.error
+
+
+def test_a_program_of_several_tools_is_proven_against_its_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The motor plate as it was built, and with its fourth way up lost: the tool is dragged through the plate."""
+    fixtures = BRACKET.parents[1]
+    monkeypatch.chdir(tmp_path)
+    text = (fixtures / "cases" / "motor-plate" / "expected" / "part.ngc").read_text()
+    lines = text.splitlines()
+    lost = [k for k, line in enumerate(lines) if line == "G0 Z10"][3]
+    Path("good.ngc").write_text(text)
+    Path("bad.ngc").write_text("\n".join([*lines[:lost], *lines[lost + 1 :]]) + "\n")
+    part, job = str(fixtures / "parts" / "motor.dxf"), str(fixtures / "cases" / "motor-plate" / "job.toml")
+    command = ["--post", "gcode", "--part", part, "--job", job]
+    assert main(["verify", "good.ngc", *command]) == 0
+    assert "no gouge, no rapid motion in material" in capsys.readouterr().out
+    assert main(["verify", "bad.ngc", *command]) == 3
+    told = capsys.readouterr()
+    dragged = next(k for k, line in enumerate(lines) if k > lost and line.startswith("G"))  # one line less before it
+    assert f"bad.ngc line {dragged:,}".replace(",", " ") in told.err
+    assert "rapid motion through material" in told.out
+    Path("none.ngc").write_text(text.replace("T3 M6", "T9 M6").replace("G43 H3", "G43 H9"))
+    assert main(["verify", "none.ngc", *command]) == 2
+    assert "changes to tool 9, which no operation names" in capsys.readouterr().err

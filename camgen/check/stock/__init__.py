@@ -12,7 +12,7 @@ from typing import Literal
 from msgspec import Struct
 
 from camgen.check.stock.clear import Struck, find_holders, find_rapids, index
-from camgen.check.stock.design import Design, Task, design, show_stay
+from camgen.check.stock.design import Design, Task, design, show_stay, task_on
 from camgen.check.stock.gouge import Gouge, find_gouges
 from camgen.check.stock.heights import Grid, carve
 from camgen.check.stock.loose import Loose, find_loose
@@ -20,7 +20,19 @@ from camgen.check.stock.moves import TOLERANCE_MM, Cut, Moves, tabulate
 from camgen.check.stock.removal import MOST_LEVELS, Level, find_levels, remove
 from camgen.model.text import counted, short
 
-__all__ = ["TOLERANCE_MM", "Cut", "Design", "Fault", "Level", "StockProof", "Task", "design", "prove", "show_stay"]
+__all__ = [
+    "TOLERANCE_MM",
+    "Cut",
+    "Design",
+    "Fault",
+    "Level",
+    "StockProof",
+    "Task",
+    "design",
+    "prove",
+    "show_stay",
+    "task_on",
+]
 
 FaultKind = Literal["gouge", "rapid", "holder", "loose"]
 

@@ -39,6 +39,11 @@ class Task(Struct, frozen=True, eq=False):
     bounds: frozenset[str] | None = None
 
 
+def task_on(part: Part, job: Job, own: Part) -> Task:
+    """One of several operations on ``part``. own: the part as it works on it, with what bounds material for it."""
+    return Task(job, replace(part, worked=own.worked), frozenset(contour.id for contour in own.contours))
+
+
 class Lines(Struct, frozen=True, eq=False):
     """Contours on which, or beside which at ``apart`` mm, the tool runs down to ``depth`` mm. apart: 0, or from what to
     what distance, on the left (1) or the right (-1) as ``side`` says. diameter: of the tool, mm.
