@@ -18,6 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from camgen.build import Result, build
 from camgen.preview import page as html
@@ -34,6 +35,8 @@ OLD = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected" / "part.ngc"
 TABS = ROOT / "fixtures" / "cases" / "bracket-tabs" / "job.toml"
 #: Width of a PNG, and the colours of a channel: small files.
 _WIDE, _SHADES = 820, 11
+#: Of a picture of the page: beside the list, below the title and above the slider.
+_SCENE = (slice(46, -48), slice(430, None))
 #: A browser that draws with the processor, and waits until the page has come to rest.
 _SWITCHES = (
     *("--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"),
@@ -42,14 +45,16 @@ _SWITCHES = (
 
 
 class Shown(Struct, frozen=True):
-    """One picture: what is built for it. source: the file in the title, where it is a copy. shades: of a page."""
+    """One picture: what is built for it. source: the file in the title, where it is a copy. scene: of a page only what
+    lies in space.
+    """
 
     name: str
     source: Path
     post: str
     job: Mapping[str, object] | Path = {}
     title: str = ""
-    shades: int = _SHADES
+    scene: bool = False
 
 
 _MILL = {"tool": {"diameter": 5.0}, "process": {"spindle": 9000}}
@@ -76,21 +81,26 @@ PICTURES = (
     Shown("rfa1-order.svg", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1_nominal.toml"),
     Shown("rfa2-order.svg", PARTS / "rfa2.stl", "rapid", PARTS / "rfa2_nominal.toml"),
     Shown("page.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
-    Shown("page-cut.png", PARTS / "motor.dxf", "gcode", PLATE, shades=24),
+    Shown("page-cut.png", PARTS / "motor.dxf", "gcode", PLATE, scene=True),
 )
 
 
-def small(image: bytes, shades: int = _SHADES) -> bytes:
+def small(image: bytes) -> bytes:
     """A picture of camgen, narrower and with fewer shades."""
     pixels = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
     high = round(pixels.shape[0] * _WIDE / pixels.shape[1])
     pixels = cv2.resize(pixels, (_WIDE, high), interpolation=cv2.INTER_AREA)
+    return coarse(pixels, _SHADES)
+
+
+def coarse(pixels: NDArray[np.uint8], shades: int) -> bytes:
+    """A PNG with so many shades of each colour."""
     step = 255 / (shades - 1)
-    coarse = np.round(np.round(pixels / step) * step).astype(np.uint8)
-    return bytes(cv2.imencode(".png", coarse, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1])
+    rounded = np.round(np.round(pixels / step) * step).astype(np.uint8)
+    return bytes(cv2.imencode(".png", rounded, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1])
 
 
-def page(result: Result, shades: int) -> bytes:
+def page(result: Result, scene: bool) -> bytes:
     """The preview page as a headless Chromium shows it."""
     browser = shutil.which("chromium")
     if not browser:
@@ -100,14 +110,17 @@ def page(result: Result, shades: int) -> bytes:
         source.write_text(html.page(view.view(result)), encoding="utf-8")
         command = [browser, *_SWITCHES, f"--screenshot={target}", source.as_uri()]
         subprocess.run(command, check=True, capture_output=True, timeout=120)
-        return small(target.read_bytes(), shades)
+        if not scene:
+            return small(target.read_bytes())
+        shown = cv2.imdecode(np.frombuffer(target.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+        return coarse(shown[_SCENE], 2 * _SHADES)
 
 
 def drawn(shown: Shown) -> bytes:
     """The bytes of one picture."""
     result: Result = build(shown.source, post=shown.post, job=shown.job)
     if shown.name.startswith("page"):
-        return page(result, shown.shades)
+        return page(result, shown.scene)
     if shown.name.endswith(".png"):
         return small(picture.png(view.view(result)))
     if result.part.solid is not None:
