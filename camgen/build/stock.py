@@ -47,7 +47,10 @@ def prove_stock(
     if proof.refused:
         worst = proof.refused[0]
         more = f", and {len(proof.refused) - 1} more like it" if len(proof.refused) > 1 else ""
-        remedy = "see tool.diameter, operation.depth and operation.side; nothing is written"
+        filled = any(one.operation.kind == "fill" for one in jobs)
+        remedy = "see tool.diameter, operation.depth and operation.side" + (
+            '; "pocket" clears exactly' if filled else ""
+        )
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
 

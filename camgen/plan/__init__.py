@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.cell import Cell
-from camgen.model.errors import JobError
+from camgen.model.errors import InputError, JobError
 from camgen.model.job import Job, Step
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
@@ -25,7 +25,7 @@ from camgen.read.gcode.interpreter import Recorded
 
 if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
-    from camgen.model.part import Line
+    from camgen.model.part import Contour, Line
     from camgen.plan.edges.motion import Reached, Unreached
     from camgen.read.gcode.interpreter import ProgramRun
 
@@ -139,9 +139,28 @@ def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_s
     laid = on_page(part, job)
     part = in_margin(part, laid, _simplify(laid, job), job)
     watch("planning")
-    if job.operations:
-        return _plan_steps(part, job, cell, watch)
-    return plan_operation(part, job, cell, watch)
+    part, stock = _without_stock(part, job)
+    made = _plan_steps(part, job, cell, watch) if job.operations else plan_operation(part, job, cell, watch)
+    if not stock:
+        return made
+    return replace(made, part=replace(made.part, contours=(*made.part.contours, *stock)))
+
+
+def _without_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:
+    """The part without the outline of its stock, and that. InputError where the layer of the job holds none."""
+    layer = job.stock.layer
+    if not layer or part.solid is not None or part.curves:
+        return part, ()
+    stock = tuple(c for c in part.contours if c.layer == layer and c.closed)
+    if not stock:
+        what = f"no closed contour on layer {layer!r}"
+        raise InputError(part.source, what, "stock.layer", "camgen inspect shows the layers; or give stock.margin")
+    ids = tuple(c.id for c in stock)
+    note = Note(
+        "assumed", f"{counted(len(stock), 'contour')} on layer {layer}: the stock, not machined", "stock.layer", ids
+    )
+    kept = tuple(c for c in part.contours if c.id not in ids)
+    return replace(part, contours=kept, notes=(*part.notes, note)), stock
 
 
 def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPlan:

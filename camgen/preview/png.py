@@ -31,6 +31,9 @@ _COLOURS: dict[str, Colour] = {
     "noted": (86, 70, 58),
     "unused": (191, 178, 169),
 }
+_MARKS: dict[str, Colour] = {"gouge": (46, 16, 200), "excess": (0, 160, 245)}
+#: So many of the marks of a proof have their number beside them.
+_NAMED = 12
 _SHEET, _INK, _TRAVEL = (236, 229, 223), (48, 36, 27), (170, 150, 138)
 #: From the first path to the last, as on the page; blue, green, red.
 _RAMP = np.array([[220.0, 98.0, 31.0], [190.0, 50.0, 150.0], [30.0, 88.0, 226.0]])
@@ -57,6 +60,7 @@ def png(view: View) -> bytes:
     if view.solid is None:
         _part(image, view, sheet)
         _way(image, view, sheet)
+        _marks(image, view, sheet)
     else:
         _solid(image, view, view.solid, sheet)
     _words(image, view, sheet)
@@ -128,6 +132,21 @@ def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
     for state, colour in _COLOURS.items():
         own = [points for line, points in chains if line.state == state]
         cv2.polylines(image, own, False, colour, 2, cv2.LINE_AA, _SHIFT)
+
+
+def _marks(image: Pixels, view: View, sheet: _Sheet) -> None:
+    """What a proof on the stock found, with the millimetres of the worst."""
+    if not view.flat:
+        return
+    for mark in view.marks:
+        loops = (mark.polygon, *mark.holes)
+        rings = [sheet.place(np.column_stack([loop, np.full(len(loop), mark.z)])) for loop in loops]
+        cv2.fillPoly(image, rings, _MARKS[mark.kind], cv2.LINE_AA, _SHIFT)
+        cv2.polylines(image, rings, True, _INK, 1, cv2.LINE_AA, _SHIFT)
+    for mark in view.marks[:_NAMED]:
+        (x, y) = (sheet.place(np.array([[*mark.polygon.mean(axis=0), mark.z]]))[0, 0] >> _SHIFT).tolist()
+        text = f"{mark.number:.3g} mm"
+        cv2.putText(image, text, (x + 6, y - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _INK, 1, cv2.LINE_AA)
 
 
 def _way(image: Pixels, view: View, sheet: _Sheet) -> None:

@@ -277,3 +277,13 @@ def test_a_program_of_several_tools_is_proven_against_its_job(
     Path("none.ngc").write_text(text.replace("T3 M6", "T9 M6").replace("G43 H3", "G43 H9"))
     assert main(["verify", "none.ngc", *command]) == 2
     assert "changes to tool 9, which no operation names" in capsys.readouterr().err
+
+
+def test_the_outline_of_the_stock_is_not_machined() -> None:
+    """The outline of the bracket as the stock: its holes are outer contours then, and cut outside."""
+    tables = {"stock": {"layer": "OUTLINE", "thickness": 4.0}, "operation": {"depth": 2.0, "side": "inside"}}
+    result = camgen.build(BRACKET, post="gcode", job=tables | {"process": {"spindle": 9000.0}})
+    assert {name for path in result.tour.paths for name in path.contours} == {"c2", "c3", "c4"}
+    assert any("the stock, not machined" in note.what for note in result.notes)
+    with pytest.raises(InputError, match="no closed contour on layer 'RAW'"):
+        camgen.build(BRACKET, post="gcode", job=tables | {"stock": {"layer": "RAW"}, "process": {"spindle": 9000.0}})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 
+import cv2
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -13,6 +14,7 @@ import camgen
 from camgen.model.job import ToolTable
 from camgen.model.pose import frozen
 from camgen.preview.page import page
+from camgen.preview.png import png
 from camgen.preview.stock import Mark, profile_of
 from camgen.preview.view import View, view
 from tests.preview.test_page import PARTS, data
@@ -201,3 +203,15 @@ def test_where_tabs_stand_is_noted_and_not_wrong() -> None:
     rings = [line for line in found.lines if line.state in ("noted", "wrong")]
     assert [line.state for line in rings] == ["noted"] * 4
     assert all("tabs" in line.why for line in rings)
+
+
+def test_the_picture_shows_what_is_left_in_amber() -> None:
+    found = shown({"operation": {"depth": 1.0, "corner_radius": 8.0}, "process": {"spindle": 9000.0}})
+    marked, plain = (cv2.imdecode(np.frombuffer(png(one), np.uint8), 1) for one in (found, replace(found, marks=())))
+    amber = (np.abs(marked.astype(int) - (0, 160, 245)).max(axis=2) < 8).sum()
+    assert not (np.abs(plain.astype(int) - (0, 160, 245)).max(axis=2) < 8).any()
+    # The picture is as wide as the part and its paths: the share of it that three marks have.
+    (x,) = {round(float(np.ptp(found.track.position[found.track.events.path[found.track.event] >= 0][:, 0])), 3)}
+    per_mm = 1480 / x
+    area = sum(Polygon(mark.polygon).area for mark in found.marks)
+    assert amber == pytest.approx(area * per_mm**2, rel=0.25)
