@@ -19,7 +19,7 @@ import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
 from camgen.build.programs import Checked, Posted, check_programs, post_programs
 from camgen.build.refusals import tell_by_input
-from camgen.build.stock import prove_stock
+from camgen.build.stock import prove_stock, report_operations
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.report import report as report_of
 from camgen.check.time import cycle
@@ -93,7 +93,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         files = [file.name for file in self.files]
         checked = {} if self.reach is None else {"reach": "ok", "limits": "ok", "collision": "ok"}
         found = (self.part, self.tour, self.notes, self.cycle, self.deviation.max_mm, files, checked)
-        return report_of(*found, self.coverage)
+        return report_of(*found, self.coverage) | report_operations(self.tour, self.cycle, self.proof)
 
     @property
     def text(self) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from camgen.check.report import Cycle, clean
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
 from camgen.model.path import Tour
@@ -94,3 +95,35 @@ def _own_step(program: Program, step_of: NDArray[np.intp]) -> NDArray[np.intp]:
     known = np.flatnonzero(own >= 0)
     following = np.minimum(np.searchsorted(known, np.arange(len(own))), len(known) - 1)
     return np.asarray(own[known[following]])
+
+
+def report_operations(tour: Tour, time: Cycle, proof: StockProof | None) -> dict[str, object]:
+    """What the report says of several operations, and of the stock: mm3, s."""
+    found: dict[str, object] = {}
+    if isinstance(tour, JobTour):
+        removed = iter(proof.volumes if proof else ())
+        rows, before = [], 0
+        for step, number, one in zip(tour.steps, tour.numbers, tour.tours, strict=True):
+            own = slice(before, before + len(one.paths))
+            before = own.stop
+            rows.append(
+                {
+                    "number": number,
+                    "kind": step.operation.kind,
+                    "tool": clean(step.tool.name),
+                    "tool_number": step.tool.number,
+                    "paths": len(one.paths),
+                    "time_s": round(float(time.paths[own].sum() + time.links[own].sum()), 1),
+                    "removed_mm3": round(next(removed), 1) if proof and one.paths else None,
+                }
+            )
+        found["operations"] = rows
+    if proof:
+        loose = [one.text for one in proof.loose if one.serious]
+        found["stock"] = {
+            "removed_mm3": round(proof.volume, 1),
+            "excess_mm3": round(proof.excess, 1),
+            "loose": loose,
+            "not_judged": list(proof.notes),
+        }
+    return found

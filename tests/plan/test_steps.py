@@ -81,6 +81,19 @@ def test_each_operation_works_on_what_it_chooses_and_knows_its_side() -> None:
     assert sorted(reached) == ["0:c1", "1:c4", "2:c2", "2:c3"]
 
 
+def test_the_report_has_a_row_for_each_operation() -> None:
+    result = camgen.build(BRACKET, post="grbl", job=job(OUTER, DRILL | {"holes": [7.9, 8.1]}))
+    drilled, cut = result.report["operations"]  # type: ignore[misc]
+    assert (drilled["number"], drilled["kind"], drilled["tool"], drilled["paths"]) == (1, "drill", "drill 5", 2)
+    assert drilled["removed_mm3"] == pytest.approx(2 * 7.0 * np.pi * 2.5**2, rel=5e-3)
+    # A ring of 6 mm around 80 x 50 with corners of 10, 6 mm deep.
+    around = 2 * (60 + 30) + 2 * np.pi * 10
+    assert cut["removed_mm3"] == pytest.approx(6.0 * (around * 6 + np.pi * 36), rel=5e-3)
+    stock = result.report["stock"]
+    assert stock["removed_mm3"] == pytest.approx(drilled["removed_mm3"] + cut["removed_mm3"], abs=0.2)  # type: ignore[index]
+    assert drilled["time_s"] + cut["time_s"] <= result.report["time_s"]  # type: ignore[operator]
+
+
 def test_circles_of_a_size_may_be_followed() -> None:
     rows = [INNER | {"ids": [], "holes": [7.0, 9.0]}]
     result = camgen.build(BRACKET, post="gcode", job=job(*rows))
