@@ -148,7 +148,7 @@ def test_repeats_of_old_programs(data: bytes, here: Path, capsys: Captured) -> N
 RAISED = {
     "number": ("a.dxf", DXF, "2e7", ("tool.length=1.5e7",)),
     "passes": ("a.dxf", DXF, "1001", ("operation.passes=1001", "operation.depth=1", "process.spindle=100")),
-    "stepover": ("a.dxf", DXF, "0.001", ("operation.stepover=0.005",)),
+    "stepover": ("a.dxf", DXF, "0.001", ("operation.stepover=0.005", "operation.kind=fill")),
     "chord": ("a.dxf", DXF, "1e-9", ("tolerance.chord=1e-7",)),
     "dxf_depth": ("a.dxf", nested(70, 1).encode(), "100", ("operation.kind=trace",)),
     "dxf_depth ": ("a.dxf", nested(150, 1).encode(), "200", ("operation.kind=trace",)),
