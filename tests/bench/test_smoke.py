@@ -25,7 +25,7 @@ PROGRAMS = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected"
 NUMBER = re.compile(r"-?\d[\d,]*(?:\.\d+)?(?:e-?\d+)?")
 #: Modules of bench/ that others use, and no commands.
 LIBRARIES = {
-    "machine", "check.judge", "check.scenes",
+    "machine", "check.judge", "check.peer", "check.peer_freecad", "check.scenes",
     "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
     "reliability.programs", "reliability.mutations",
     "reliability.wheel_cases",
@@ -102,6 +102,10 @@ SMOKES = [
     Smoke("photo.calibrate {here}/boards 9x6 1", (7, 4), {"fx": (599, 601), "**camgen**": (0, 0.1)}),
     Smoke("check.stock 1 4 1", (3, 1), {"deepest gouge mm": (0, 0.005), "excess mm3": (0, 1)}),
     Smoke("check.stock_faults 24", (13,), {"missed": (0, 0), "seeded": (2, 24)}),
+    Smoke(
+        "check.template {here}/dxf alone", (1, 1),
+        {"gouge mm": (0, 0.005), "left unexplained mm2": (0, 0.01), "built": (1, 1), "miss a goal": (0, 0)},
+    ),
     # It forks, as above.
     Smoke("reliability.mutants --most 40", (6,), {"made": (30, 200), "caught": (15, 200)}, alone=True),
     Smoke("read.localize 1 1 2000 rfa1", (4,), {"found": (0, 1)}),
