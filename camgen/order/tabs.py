@@ -92,7 +92,8 @@ def add_tabs(planned: Sequence[ToolPath], led: Sequence[ToolPath], job: Job) -> 
         held += ids if places else []
         near += ids if close else []
         without += ids if len(places) < wanted else []
-    return result, _tell(held, middles, near, without, job)
+    pieces = [path.id for path in planned if path.operation == "follow" and not path.closed]
+    return result, _tell(held, middles, near, without, pieces, job)
 
 
 def _beside_each_other(loops: Sequence[_Loop], within: float) -> list[list[_Loop]]:
@@ -252,7 +253,12 @@ def _hold(loop: _Loop, tab: _Tab, places: Sequence[float], chord: float) -> Tool
 
 
 def _tell(
-    held: Sequence[str], middles: Sequence[tuple[float, float]], near: Sequence[str], without: Sequence[str], job: Job
+    held: Sequence[str],
+    middles: Sequence[tuple[float, float]],
+    near: Sequence[str],
+    without: Sequence[str],
+    pieces: Sequence[str],
+    job: Job,
 ) -> list[Note]:
     """How many tabs there are, of what size and where; and what is not as it was asked."""
     size = f"{short(job.operation.tab_width, 3)} x {short(job.operation.tab_height, 3)} mm"
@@ -269,6 +275,9 @@ def _tell(
     if without:
         why = "there is no room for them beside the seam, its leads and each other; fewer or shorter ones may fit"
         notes.append(Note("warning", f"fewer tabs than asked on {_list(without)}", why))
+    if pieces and (held or without):
+        why = "only a path that runs all round has tabs; what others cut free comes loose"
+        notes.append(Note("warning", f"no tabs on {_list(pieces)}", why))
     return notes
 
 

@@ -25,8 +25,8 @@ from camgen.read.job_file import from_mapping
 
 #: Of the material, mm, until it is measured; and how far below it a cut through it ends.
 THICKNESS_MM, _THROUGH_MM = 3.0, 0.5
-#: Larger circles are cut, mm.
-_LARGEST_DRILL = 13.0
+#: Larger circles are cut, mm, and of smaller ones there is no drill.
+_LARGEST_DRILL, _SMALLEST_DRILL = 13.0, 0.2
 #: Diameters that differ by no more are one size, mm; so much more and less is in the range that chooses it.
 _SAME_SIZE, _ROOM = 0.02, 0.01
 #: A circle around a hole, up to so many times as wide, is a counterbore; so far off, in diameters of the hole.
@@ -121,7 +121,7 @@ def _sort(loops: _Loops) -> _Sorted:
     depth, parent = nesting.depth.tolist(), nesting.parent.tolist()
     for k in np.flatnonzero(sound).tolist():
         circle = loops.circles.get(loops.contours[k].id)
-        if circle and circle.diameter <= _LARGEST_DRILL + _ROOM and not inside[k]:
+        if circle and _SMALLEST_DRILL - _ROOM <= circle.diameter <= _LARGEST_DRILL + _ROOM and not inside[k]:
             around = loops.circles.get(loops.contours[parent[k]].id) if depth[k] else None
             bored = around is not None and _is_counterbore(around, circle) and depth[k] > 1
             if depth[k] % 2 or depth[k] == 0 or bored:

@@ -176,6 +176,18 @@ def test_a_loop_that_is_too_short_for_its_tabs_says_so() -> None:
     assert len(bridges(result, -3.0)) == 3
 
 
+def test_a_path_that_does_not_run_all_round_has_no_tabs_and_says_so() -> None:
+    # The tool does not fit between the two squares, of which one is cut out; round the disc it does.
+    beside = part(rectangle(0, 0, 40, 40, "c1"), rectangle(45, 0, 40, 40, "c2"), circle(150, 20, 20, "c3"))
+    row = {"kind": "follow", "tool": "mill", "ids": ["c1", "c3"], "depth": 4.0, "tabs": 3, "tab_height": 1.5}
+    result = build(
+        beside, post="gcode", job={"tools": [{"name": "mill", "diameter": 6.0, "speed": 9000}], "operations": [row]}
+    )
+    assert {path.contours: path.floor is not None for path in result.tour.paths} == {("c1",): False, ("c3",): True}
+    (note,) = [note for note in result.notes if note.kind == "warning" and "tab" in note.what]
+    assert note.what == "no tabs on 0:c1"
+
+
 def test_no_tab_is_where_the_path_begins_or_its_leads_reach() -> None:
     for seam in range(6):
         shape = rounded(60 + seam, 40 + 3 * seam, 8)

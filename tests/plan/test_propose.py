@@ -80,6 +80,15 @@ def test_what_is_wide_is_not_drilled() -> None:
     ]
 
 
+@pytest.mark.parametrize(("diameter", "tools"), [(0.2, [0.2, 6.0]), (0.13, [6.0])])
+def test_what_is_narrower_than_any_drill_is_left(diameter: float, tools: list[float]) -> None:
+    turn = np.arange(24) * np.pi / 12
+    ring = np.column_stack([10 + diameter / 2 * np.cos(turn), 10 + diameter / 2 * np.sin(turn)])
+    found = proposed(box(0, 0, 40, 40), Contour(frozen(ring), frozen(np.zeros(24)), True, "0"))
+    assert sizes(found) == pytest.approx(tools, abs=0.01)
+    assert len(found.left) == 2 - len(tools)
+
+
 def test_a_disc_with_a_hole_is_cut_out_and_not_drilled() -> None:
     found = proposed(circle(0, 0, 12), circle(0, 0, 5))
     assert rows(found, "kind", "holes") == [("drill", [4.99, 5.01]), ("follow", None)]

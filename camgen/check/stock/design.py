@@ -76,7 +76,7 @@ class Wanted(Struct, frozen=True, eq=False):
     """What shall be gone down to ``depth`` mm. shape: polygons. room: where the tool may be for it, whose corners it
     cannot reach all. radius: of the tool, mm, 0 where no corner excuses what is left. task: which one. tabs: height and
     width of its bridges, mm, 0: none. loop: of a kerf the contour beside which it runs, and ``cell`` in which: its
-    shape and room are made where something is left of it (``lay_out``).
+    shape, its room and the contour as a polygon, ``ring``, are made where something is left of it (``lay_out``).
     """
 
     shape: Any
@@ -87,6 +87,7 @@ class Wanted(Struct, frozen=True, eq=False):
     tabs: tuple[float, float] = (0.0, 0.0)
     loop: int = -1
     cell: int = -1
+    ring: Any = None
 
 
 class Design(Struct, frozen=True, eq=False):
@@ -124,7 +125,7 @@ def lay_out(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
         room, ring = rooms[one.cell], cells.rings[one.loop]
         edge = ring if one.cell != one.loop else shapely.boundary(ring)
         band = shapely.buffer(edge, 2 * one.radius, quad_segs=_QUARTER)
-        made.append(replace(one, shape=shapely.intersection(band, room), room=room))
+        made.append(replace(one, shape=shapely.intersection(band, room), room=room, ring=ring))
     return made
 
 

@@ -27,6 +27,8 @@ _SAME_MM = 2 * TOLERANCE_MM
 _SLICES = 8
 #: What is left but narrower than this, mm, is the chords of the polygons.
 _NARROW_MM = 0.04
+#: Polygons on both sides of a line are one when each is wider by this, mm.
+_SEAM_MM = 1e-4
 #: A contour is cut along where the tool leaves less than this of it, mm.
 _TOUCH_MM = 0.01
 #: More levels than this are no work in levels: a grid of heights takes over.
@@ -229,19 +231,33 @@ def _without_slivers(shapes: Shapes) -> Shapes:
 
 
 def _reachable(pieces: Shapes, owner: Any, wanted: Sequence[Wanted]) -> Shapes:
-    """Where around each piece a disc of the tool fits into its room."""
+    """Where around each piece a disc of the tool fits into its room, touching the contour if it runs beside one."""
     found = np.empty(len(pieces), dtype=object)
     for k, (piece, one) in enumerate(zip(pieces, owner.tolist(), strict=True)):
         want = wanted[one]
         if not want.radius:
             found[k] = piece
             continue
-        room = shapely.clip_by_rect(want.room, *_grown(piece.bounds, 4 * want.radius))
+        around = _grown(piece.bounds, 4 * want.radius)
+        room = shapely.clip_by_rect(want.room, *around)
         # A slot that is just as wide as the tool is too narrow for it.
         radius = want.radius + TOLERANCE_MM
-        centres = shapely.buffer(room, -radius, quad_segs=QUARTER)
+        free = want.ring is None
+        centres = shapely.buffer(room, -radius, quad_segs=QUARTER) if free else _beside(room, want, around)
         found[k] = shapely.buffer(centres, radius, quad_segs=QUARTER)
     return found
+
+
+def _beside(room: Any, want: Wanted, around: tuple[float, float, float, float]) -> Any:
+    """Where in ``room`` the centre of a tool runs that touches the contour and keeps off all others."""
+    radius = want.radius + TOLERANCE_MM
+    own = shapely.clip_by_rect(want.ring, *around)
+    inside = want.cell == want.loop
+    way = shapely.boundary(shapely.buffer(own, -radius if inside else radius, quad_segs=QUARTER))
+    behind = shapely.box(*around) - own if inside else own
+    others = shapely.union(shapely.buffer(room, _SEAM_MM, quad_segs=1), shapely.buffer(behind, _SEAM_MM, quad_segs=1))
+    # A little more than from the contour itself: a wall that goes on in its line ends the way.
+    return shapely.intersection(way, shapely.buffer(others, -radius - TOLERANCE_MM, quad_segs=QUARTER))
 
 
 def _grown(bounds: Any, by: float) -> tuple[float, float, float, float]:

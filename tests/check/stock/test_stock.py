@@ -312,6 +312,25 @@ def test_what_inner_corners_keep_is_explained_by_the_tool() -> None:
     assert excess.unexplained.is_empty
 
 
+def test_what_the_tool_cannot_reach_beside_the_contour_is_explained_where_it_fits_only_farther_away() -> None:
+    # Another square keeps the tool off the upper side, so that it cannot roll round the two upper corners.
+    other = loop("c2", (0, 40.01), (40, 40.01), (40, 80), (0, 80))
+    drawn = part(square("c1", 0, 40), other, worked=frozenset({"c1"}))
+    whole = around(0, 40, 3.0, -5.0)
+    body = [rapid(-3, 40, 5), feed(-3, 40, -5), feed(-3, 0, -5)]
+    lower_left, lower_right = whole[-2], whole[3]
+    assert isinstance(lower_left, MoveC)
+    assert isinstance(lower_right, MoveC)
+    body += [lower_left, feed(40, -3, -5), lower_right, feed(43, 40, -5), rapid(43, 40, 5)]
+    found = proof(body, task(drawn))
+    assert found.gouges == ()
+    excess = found.levels[-1].excess
+    # At each end a quarter of a disc as wide as the kerf, less half of the tool's.
+    assert excess.area == pytest.approx(2 * math.pi * (36 / 4 - 9 / 2), rel=0.01)
+    assert excess.corners == pytest.approx(excess.area, rel=0.01)
+    assert excess.unexplained.is_empty
+
+
 def test_a_side_that_is_not_cut_is_excess_as_wide_as_the_kerf() -> None:
     drawn = part(square("c1", -50, 50), square("c2", 0, 40), worked=frozenset({"c2"}))
     body = [rapid(3, 3, 5), feed(3, 3, -5), feed(37, 3, -5), feed(37, 37, -5), feed(3, 37, -5), rapid(3, 37, 5)]
