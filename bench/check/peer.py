@@ -58,7 +58,7 @@ def run(result: Result) -> Peer:
         except subprocess.TimeoutExpired:
             return Peer(why=f"took more than {_LONGEST:g} s")
         if done.returncode:
-            return Peer(why=f"failed: {(done.stderr or done.stdout).strip().splitlines()[-1]}")
+            return Peer(why=f"fails: {(done.stderr or done.stdout).strip().splitlines()[-1]}")
         told = json.loads(done.stdout.strip().splitlines()[-1])
         texts = [Path(folder, f"{k}.ngc").read_text(encoding="utf-8") for k in range(len(tour.steps))]
     runs = [interpret(text.splitlines()) for text in texts]

@@ -173,7 +173,8 @@ def _sum_up(rows: Sequence[Row], files: int) -> None:
     both = [row.minutes for row in built if row.minutes[1]]
     figures = {
         "drawings": files,
-        "with closed loops": len(rows),
+        "not read": sum(len(row.cells) == 2 for row in rows),
+        "with closed loops": sum(len(row.cells) > 2 for row in rows),
         "built": len(built),
         "miss a goal": sum(row.bad for row in rows),
         "with more left than corners and tabs explain": sum(row.unexplained >= 0.01 for row in built),
