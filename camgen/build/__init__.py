@@ -19,11 +19,12 @@ import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
 from camgen.build.programs import Checked, Posted, check_programs, post_programs
 from camgen.build.refusals import tell_by_input
-from camgen.build.stock import prove_stock, report_operations
+from camgen.build.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.check.report import Cycle, Motions, sum_up
 from camgen.check.report import report as report_of
 from camgen.check.time import cycle
 from camgen.lower import lower
+from camgen.lower.steps import frame_of
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.drawing import draw_svg
 from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
@@ -36,6 +37,7 @@ from camgen.model.text import counted, short
 from camgen.model.version import __version__
 from camgen.order import order
 from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, plan
+from camgen.plan.steps import job_of
 from camgen.post import OutputFile, Post
 from camgen.post.plugins import cell_of, dynamics_of, fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import Deviation
@@ -93,7 +95,12 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         files = [file.name for file in self.files]
         checked = {} if self.reach is None else {"reach": "ok", "limits": "ok", "collision": "ok"}
         found = (self.part, self.tour, self.notes, self.cycle, self.deviation.max_mm, files, checked)
-        return report_of(*found, self.coverage) | report_operations(self.tour, self.cycle, self.proof)
+        return report_of(*found, self.coverage) | report_operations(self.job, self.operations, self.proof)
+
+    @property
+    def operations(self) -> list[OperationSum]:
+        """What each of several operations amounts to, in the order in which they run."""
+        return sum_operations(self.tour, self.cycle, self.proof)
 
     @property
     def text(self) -> str:
@@ -273,13 +280,20 @@ def _header(
         *(f"part: {one.name}" for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
-        *(() if job.operations else (_tool_line(job, cell),)),
+        *_tool_lines(job, cell),
         f"work frame: {_frame(cell.base_from_work)}",
     )
 
 
-def _tool_line(job: Job, cell: Cell) -> str:
-    return f"tool: diameter {short(job.tool.diameter, 3)} mm - frame {_frame(cell.flange_from_tool)}"
+def _tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:
+    """The tool with its frame; of operations each one's, since the program may be one of several."""
+    jobs = [job_of(job, step) for step in job.operations] or [job]
+    lines = [
+        f"tool: {one.tool.name + ' - ' if one.tool.name else ''}diameter {short(one.tool.diameter, 3)} mm - frame "
+        + _frame(frame_of(one, cell) if job.operations else cell.flange_from_tool)
+        for one in jobs
+    ]
+    return tuple(dict.fromkeys(lines))
 
 
 def _frame(pose: Pose) -> str:

@@ -53,6 +53,8 @@ def check_programs(
     Refused for an instruction that it has not, Blocked where the arm cannot run one. source: the input, for messages.
     """
     parts = (lowered,) if poster.changes_tools else split_tools(lowered)
+    if isinstance(tour, JobTour):
+        job = replace(job, tool=tour.steps[0].tool)  # whose holder is there; with several each is told below
     if len(parts) == 1:
         program = poster.prepare(parts[0], job.tolerance.chord)
         whole = check(program, job, cell, where, source)

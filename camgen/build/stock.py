@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.report import Cycle, clean
@@ -36,9 +37,7 @@ def prove_stock(
     if isinstance(plan, (EdgePlan, ReplayPlan)) or plan.part.curves:
         return None
     jobs = [job_of(job, step) for step in plan.steps] if isinstance(plan, JobPlan) else [job]
-    if not any(one.operation.depth or one.operation.width for one in jobs) or any(
-        one.tool.orient == "follow" for one in jobs
-    ):
+    if not any(one.operation.depth or one.operation.width for one in jobs) or why_unproven(job):
         return None
     from camgen.check.stock import design, prove, task_on  # noqa: PLC0415 (shapely, only for what cuts)
 
@@ -54,6 +53,16 @@ def prove_stock(
         )
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
+
+
+def why_unproven(job: Job) -> str:
+    """Why what a job cuts is not judged, empty where it is."""
+    jobs = [job_of(job, step) for step in job.operations] or [job]
+    if any(one.tool.orient == "follow" for one in jobs):
+        return "the tool turns with the contour"
+    if any(one.operation.planner == "image" for one in jobs):
+        return "the image planner follows the picture to a part of a pixel, not its contours"
+    return ""
 
 
 def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted) -> Iterator[Cut]:
@@ -97,33 +106,52 @@ def _own_step(program: Program, step_of: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.asarray(own[known[following]])
 
 
-def report_operations(tour: Tour, time: Cycle, proof: StockProof | None) -> dict[str, object]:
+class OperationSum(Struct, frozen=True):
+    """One of several operations: its place in the job, how many paths it has, s, and mm3 that it takes away; None where
+    that is not judged.
+    """
+
+    number: int
+    paths: int
+    seconds: float
+    removed: float | None
+
+
+def sum_operations(tour: Tour, time: Cycle, proof: StockProof | None) -> list[OperationSum]:
+    """What each operation amounts to, in the order in which they run; nothing for a job with one."""
+    if not isinstance(tour, JobTour):
+        return []
+    removed = iter(proof.volumes if proof else ())
+    sums, before = [], 0
+    for number, one in zip(tour.numbers, tour.tours, strict=True):
+        own = slice(before, before + len(one.paths))
+        before = own.stop
+        seconds = float(time.paths[own].sum() + time.links[own].sum())
+        sums.append(OperationSum(number, len(one.paths), seconds, next(removed) if proof and one.paths else None))
+    return sums
+
+
+def report_operations(job: Job, sums: Sequence[OperationSum], proof: StockProof | None) -> dict[str, object]:
     """What the report says of several operations, and of the stock: mm3, s."""
     found: dict[str, object] = {}
-    if isinstance(tour, JobTour):
-        removed = iter(proof.volumes if proof else ())
-        rows, before = [], 0
-        for step, number, one in zip(tour.steps, tour.numbers, tour.tours, strict=True):
-            own = slice(before, before + len(one.paths))
-            before = own.stop
-            rows.append(
-                {
-                    "number": number,
-                    "kind": step.operation.kind,
-                    "tool": clean(step.tool.name),
-                    "tool_number": step.tool.number,
-                    "paths": len(one.paths),
-                    "time_s": round(float(time.paths[own].sum() + time.links[own].sum()), 1),
-                    "removed_mm3": round(next(removed), 1) if proof and one.paths else None,
-                }
-            )
-        found["operations"] = rows
+    if sums:
+        found["operations"] = [
+            {
+                "number": one.number,
+                "kind": job.operations[one.number].operation.kind,
+                "tool": clean(job.operations[one.number].tool.name),
+                "tool_number": job.operations[one.number].tool.number,
+                "paths": one.paths,
+                "time_s": round(one.seconds, 1),
+                "removed_mm3": None if one.removed is None else round(one.removed, 1),
+            }
+            for one in sums
+        ]
     if proof:
-        loose = [one.text for one in proof.loose if one.serious]
         found["stock"] = {
             "removed_mm3": round(proof.volume, 1),
             "excess_mm3": round(proof.excess, 1),
-            "loose": loose,
+            "loose": [one.text for one in proof.loose if one.serious],
             "not_judged": list(proof.notes),
         }
     return found

@@ -16,6 +16,7 @@ from msgspec import Struct, field
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.build import Result, build, no_collector, program_files
+from camgen.build.stock import why_unproven
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
@@ -26,7 +27,6 @@ from camgen.model.path import Tour
 from camgen.model.pose import Pose
 from camgen.model.program import ToolChange
 from camgen.model.text import counted, grouped, short
-from camgen.order import JobTour
 from camgen.plan.steps import name_of
 from camgen.preview.drawings import check_preview, draw
 from camgen.read.gcode.interpreter import Recorded
@@ -151,18 +151,11 @@ def _tell_plan(result: Result) -> list[Row]:
 
 
 def _operations(result: Result) -> list[Row]:
-    """A line for each operation of a job with several: its tool, paths and time."""
-    if not isinstance(result.tour, JobTour):
-        return []
+    """A line for each operation of a job with several: its tool, paths and time, and what it takes away."""
     told: list[Row] = []
-    removed = iter(result.proof.volumes if result.proof else ())
-    before = 0
-    for number, tour in zip(result.tour.numbers, result.tour.tours, strict=True):
-        own = slice(before, before + len(tour.paths))
-        before = own.stop
-        spent = float(result.cycle.paths[own].sum() + result.cycle.links[own].sum())
-        what = f"{name_of(result.job, number)}, {counted(len(tour.paths), 'path')}, about {duration(spent)}"
-        what += f", {_volume(next(removed))} removed" if tour.paths and result.proof else ""
+    for one in result.operations:
+        what = f"{name_of(result.job, one.number)}, {counted(one.paths, 'path')}, about {duration(one.seconds)}"
+        what += "" if one.removed is None else f", {_volume(one.removed)} removed"
         told.append(("operation", what.removeprefix("operation "), "plain"))
     return told
 
@@ -189,7 +182,9 @@ def _volume(mm3: float) -> str:
 def _stock(result: Result) -> list[Row]:
     """What the program does to the material."""
     if result.proof is None:
-        return []
+        deep = any(step.operation.depth for step in result.job.operations) or result.job.operation.depth
+        why = why_unproven(result.job)
+        return [("stock", f"not judged: {why}", "look")] if why and deep else []
     from camgen.cli.stock import rows_of_build  # noqa: PLC0415 (shapely, only for what cuts)
 
     return rows_of_build(result.proof)

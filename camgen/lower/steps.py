@@ -49,7 +49,8 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
         body += run_paths(part, cell, own, before)
         before += len(part.paths)
     body += [*_rest(spindle), MoveJ(cell.home, job.process.travel)]
-    return finish(body, tour.paths, cell, job, name, header)
+    framed = replace(cell, flange_from_tool=frame_of(job_of(job, tour.steps[0]), cell))
+    return finish(body, tour.paths, framed, job, name, header)
 
 
 def _change(tool: ToolTable, frame: Pose) -> ToolChange:

@@ -39,6 +39,8 @@ def ignore_stages(_: str) -> None:
     """Nobody watches: then nobody can stop a search but with all the rest."""
 
 
+#: What looks at a picture itself, not at its contours.
+_WHOLE_PICTURE = ("fill", "drill")
 #: Below this share of covered copper the summary warns.
 _ENOUGH = 0.98
 
@@ -172,7 +174,8 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
     plans = []
     for share in shares:
         number, kind = share.number, share.step.operation.kind
-        made = plan_operation(share.part, job_of(job, share.step), cell, watch)
+        whole = share.part.worked is not None and len(share.part.worked) == len(part.contours)
+        made = _plan_share(share.part, job_of(job, share.step), number, whole, cell, watch)
         notes += [replace(note, what=f"operation {number} ({kind}): {note.what}") for note in made.notes]
         own = tuple(replace(path, id=f"{number}:{path.id}") for path in made.paths)
         plans.append(replace(made, paths=own))
@@ -186,6 +189,23 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
         paths += [replace(p, parent=p.parent + before) if p.parent >= 0 else p for p in plans[number].paths]
     steps, run = tuple(job.operations[k] for k in numbers), tuple(plans[k] for k in numbers)
     return JobPlan(part, tuple(paths), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run)
+
+
+def _plan_share(part: Part, job: Job, number: int, whole: bool, cell: Cell | None, watch: Watch) -> Plan:
+    """One of several operations; without paths where its contours hold nothing for it, which costs no other one.
+
+    whole: it works on all contours there are.
+    """
+    kind = job.operation.kind
+    by_pixels = "the image planner" if job.operation.planner == "image" else kind if kind in _WHOLE_PICTURE else ""
+    if part.raster is not None and by_pixels and not whole:
+        what = f"of a picture {by_pixels} takes all, no single contours"
+        remedy = "leave out layers, ids, colors, nesting and holes of the row"
+        raise JobError("job", what, f"operations.{number}", remedy)
+    try:
+        return plan_operation(part, job, cell, watch)
+    except InputError as error:
+        return Plan(part, (), (Note("skipped", error.what, error.remedy),))
 
 
 def plan_operation(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:

@@ -27,6 +27,9 @@ from camgen.read.files import Files
 #: So much of a setting is told.
 _LONGEST = 100
 
+#: Settings of [process] that no single operation has.
+_WHOLE_PROGRAM = ("acceleration", "turn", "max_feed")
+
 #: The tables of a job by name; rows of ``[[operations]]`` are ``operations.0`` and on.
 Tree = dict[str, dict[str, object]]
 Origins = Mapping[tuple[str, str], str]
@@ -289,6 +292,9 @@ def _step(tree: Tree, job: Job, tools: list[ToolRow], keys: dict[str, object], w
         values = {"feed": row.feed, "plunge": row.plunge, "spindle": row.speed}
         own = {key: value for key, value in values.items() if value is not None}
         tool = ToolTable(**{name: getattr(row, name) for name in ToolTable.__struct_fields__})
+    for key in _WHOLE_PROGRAM:
+        if key in keys:
+            raise where.fault(key, f"{key} holds for the whole program", "set it in [process]")
     operation = _operation(tree.get("operation", {}) | _only(keys, OperationTable), where)
     process = _table(ProcessTable, tree.get("process", {}) | own | _only(keys, ProcessTable), where)
     _insist_on_settings(replace(job, operation=operation), where)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import camgen
+from camgen.build.stock import why_unproven
 from camgen.cli import main
-from camgen.model.errors import InputError, JobError
+from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.job import Choice as Row
 from camgen.model.job import OperationTable, ProcessTable, Step, ToolTable
 from camgen.model.pose import Pose, Vec3
@@ -300,3 +301,50 @@ def test_the_outline_of_the_stock_is_not_machined() -> None:
     assert any("the stock, not machined" in note.what for note in result.notes)
     with pytest.raises(InputError, match="no closed contour on layer 'RAW'"):
         camgen.build(BRACKET, post="gcode", job=tables | {"stock": {"layer": "RAW"}, "process": {"spindle": 9000.0}})
+
+
+@pytest.mark.parametrize("number", [0, 7])
+def test_a_robot_with_one_tool_has_its_frame_whether_it_has_a_number_or_not(number: int) -> None:
+    """[tool] says 100 mm; what is used is the one tool of [[tools]], 180 mm long."""
+    tools = [{"name": "long", "number": number, "diameter": 6.0, "length": 180.0, "speed": 9000.0}]
+    signals = {"signals": {"spindle": "aoSpindle", "process": "doProcess"}}
+    tables = {"tools": tools, "operations": [OUTER | {"tool": "long"}], "post": signals}
+    result = camgen.build(BRACKET, post="rapid", job=tables)
+    (file,) = result.files
+    found = find_readback("rapid")({file.name: file.text}, signals)
+    assert found.tool is not None
+    assert found.tool.origin == (0.0, 0.0, 180.0)
+    assert result.program.flange_from_tool.origin == (0.0, 0.0, 180.0)
+    assert "tool: long - diameter 6 mm - frame 0 0 180 0 0 0" in file.text
+
+
+def test_an_operation_that_finds_nothing_costs_no_other_one() -> None:
+    result = camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL | {"holes": [1.0, 2.0]}))
+    assert {path.operation for path in result.tour.paths} == {"follow"}
+    assert any(note.kind == "skipped" and "operation 1 (drill): no hole to drill" in note.what for note in result.notes)
+    with pytest.raises(NoSafeProgram, match="--strict"):
+        camgen.build(BRACKET, post="gcode", job=job(OUTER, DRILL | {"holes": [1.0, 2.0]}), strict=True)
+
+
+@pytest.mark.parametrize(("row", "who"), [({"kind": "fill"}, "fill"), ({"planner": "image"}, "the image planner")])
+def test_of_a_picture_some_operations_take_all(row: dict[str, object], who: str) -> None:
+    gear = BRACKET.parent / "gear.png"
+    tables = {"image": {"width_mm": 60.0}, "tool": {"diameter": 2.0}}
+    with pytest.raises(JobError, match=f"of a picture {who} takes all, no single contours"):
+        camgen.build(gear, post="gcode", job=tables | {"operations": [row | {"ids": ["c1"]}]})
+
+
+def test_the_image_planner_is_not_judged_by_contours() -> None:
+    """It runs to a part of a pixel beside them: that is no gouge, and the summary says that nothing was judged."""
+    tables = {"image": {"width_mm": 60.0}, "tool": {"diameter": 2.0}, "process": {"spindle": 9000.0}}
+    result = camgen.build(
+        BRACKET.parent / "gear.png", post="gcode", job=tables | {"operation": {"planner": "image", "depth": 1.0}}
+    )
+    assert result.proof is None
+    assert why_unproven(result.job).startswith("the image planner")
+
+
+@pytest.mark.parametrize("key", ["acceleration", "turn", "max_feed"])
+def test_a_row_has_no_setting_of_the_whole_program(key: str) -> None:
+    with pytest.raises(JobError, match=f"{key} holds for the whole program"):
+        camgen.job(job(OUTER | {key: 100.0}))
