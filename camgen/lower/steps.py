@@ -8,10 +8,10 @@ from msgspec.structs import replace
 
 from camgen.lower.contours import finish, run_paths, turn_on
 from camgen.model.cell import Cell
-from camgen.model.errors import NoSafeProgram
+from camgen.model.errors import JobError, NoSafeProgram
 from camgen.model.job import Job, ToolTable
 from camgen.model.pose import Pose, translation
-from camgen.model.program import Comment, Force, Instruction, MoveJ, Output, Program, ToolChange, put_off_first
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveJ, Output, Program, ToolChange, put_off_first
 from camgen.order.tours import JobTour
 from camgen.plan.steps import job_of, name_of
 
@@ -24,6 +24,8 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
     """
     if not tour.paths:
         raise NoSafeProgram(name, "no path to run")
+    if job.cell.flange_from_tool is not None and isinstance(cell.home, Joints):
+        _insist_on_one_length(tour)
     body: list[Instruction] = []
     tool: ToolTable | None = None
     spindle = 0.0
@@ -51,6 +53,13 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
     body += [*_rest(spindle), MoveJ(cell.home, job.process.travel)]
     framed = replace(cell, flange_from_tool=frame_of(job_of(job, tour.steps[0]), cell))
     return finish(body, tour.paths, framed, job, name, header)
+
+
+def _insist_on_one_length(tour: JobTour) -> None:
+    """JobError for tools of several lengths that would all have the one frame that the job gives."""
+    if len({step.tool.length for step in tour.steps}) > 1:
+        what = "is one frame, and the tools have several lengths"
+        raise JobError("job", what, "cell.flange_from_tool", "leave it out: each tool is as long as its length")
 
 
 def _change(tool: ToolTable, frame: Pose) -> ToolChange:

@@ -348,3 +348,10 @@ def test_the_image_planner_is_not_judged_by_contours() -> None:
 def test_a_row_has_no_setting_of_the_whole_program(key: str) -> None:
     with pytest.raises(JobError, match=f"{key} holds for the whole program"):
         camgen.job(job(OUTER | {key: 100.0}))
+
+
+def test_one_frame_is_not_that_of_tools_of_several_lengths() -> None:
+    tools = [TOOLS[0] | {"length": 120.0}, TOOLS[1] | {"length": 90.0}]
+    tables = job(OUTER, DRILL) | {"tools": tools, "post": {"signals": {"spindle": "aoSpindle", "process": "doProcess"}}}
+    with pytest.raises(JobError, match="is one frame, and the tools have several lengths"):
+        camgen.build(BRACKET, post="rapid", job=tables | {"cell": {"flange_from_tool": [0, 0, 150, 0, 0, 0]}})
