@@ -13,6 +13,7 @@ from msgspec import Meta, Struct, field
 from camgen.model.limits import Limits
 
 Positive = Annotated[float, Meta(gt=0)]
+Share = Annotated[float, Meta(gt=0, le=1)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Grey = Annotated[float, Meta(ge=0, le=255)]
 Angle = Annotated[float, Meta(gt=0, lt=180)]
@@ -136,6 +137,13 @@ class OperationTable(Table, frozen=True):
     stepover: Annotated[
         float, Meta(gt=0, le=1, description="fill, pocket: from pass to pass, as a share of the tool's diameter")
     ] = 0.7
+    engagement: Annotated[
+        Share | None,
+        Meta(
+            description="pocket: so much of the tool is in the material at most, as a share of its diameter: corners, "
+            "necks and the middle are cleared in loops first; 1: no bound; not set: 0.15 more than stepover",
+        ),
+    ] = None
     width: Annotated[Positive | None, Meta(description="chamfer: its width, seen from above, mm")] = None
     finish: Annotated[
         NotNegative, Meta(description="left at the walls, mm, and taken by a last pass at the whole depth; 0: none")

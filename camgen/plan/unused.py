@@ -87,6 +87,7 @@ _ONLY: dict[str, tuple[str, ...]] = {
     "width": ("chamfer",),
     "finish": ("follow", "pocket", "bore"),
     "stepover": ("fill", "pocket"),
+    "engagement": ("pocket",),
     "holes": ("drill", "bore"),
 }
 #: Settings that say more of others, and have no effect without one of those.

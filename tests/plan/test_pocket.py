@@ -147,7 +147,7 @@ def test_climb_has_the_walls_on_the_right(direction: str, right: bool) -> None:
 
 
 def test_passes_are_arcs_where_the_walls_are() -> None:
-    (path,) = planned(circle(0, 0, 30), stepover=0.5).paths
+    (path,) = planned(circle(0, 0, 30), stepover=0.5, engagement=1.0).paths
     radii = np.hypot(*path.via[~np.isnan(path.via[:, 0]), :2].T)
     # One radius beyond each other from the wall inwards: 27, 24, ... 3, and nothing else is an arc.
     assert np.unique(np.round(radii, 6)).tolist() == [3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0, 27.0]
@@ -157,7 +157,7 @@ def test_passes_are_arcs_where_the_walls_are() -> None:
 
 def test_one_entry_for_a_basin_and_the_rest_after_it() -> None:
     shapes = SHAPES["two basins and a neck"]
-    left, right = planned(*shapes, depth=4.0, passes=2).paths
+    left, right = planned(*shapes, depth=4.0, passes=2, engagement=1.0).paths
     assert (left.id, right.id) == ("c1.1", "c1.2")
     # The larger basin leads on to the passes around both.
     assert (left.parent, right.parent) == (1, -1)
@@ -198,7 +198,7 @@ def told(made: Plan, word: str) -> str:
 
 def test_engagement_on_the_rings_of_a_circle() -> None:
     # Worst on the largest steps inwards: tool of 3 on a ring of 6 about one of 3 that cleared 6 mm.
-    made = planned(circle(0, 0, 30), stepover=0.5)
+    made = planned(circle(0, 0, 30), stepover=0.5, engagement=1.0)
     shares = []
     for ring in np.arange(6.0, 28.0, 3.0):
         cosine = (ring**2 + RADIUS**2 - ring**2) / (2 * ring * RADIUS)
@@ -211,7 +211,7 @@ def test_engagement_on_the_rings_of_a_circle() -> None:
 
 
 def test_engagement_along_a_straight_wall_is_the_step() -> None:
-    text = told(planned(rectangle(0, 0, 400, 300), stepover=0.4), "engagement")
+    text = told(planned(rectangle(0, 0, 400, 300), stepover=0.4, engagement=1.0), "engagement")
     assert "c1: " in text
     assert "2.4 mm apart, engagement 40 % of the diameter or less on half" in text or "engagement 41 % of" in text
     # In a square corner the tool is in contact all round its front.

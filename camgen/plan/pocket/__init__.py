@@ -26,9 +26,11 @@ from camgen.model.text import counted, name_ranges, short
 from camgen.plan.columns import SLOWEST, Label, pass_depths, sideways, tool_paths
 from camgen.plan.follow import turn_round
 from camgen.plan.pocket.chains import concatenate
+from camgen.plan.pocket.channel import Bound, Channel, channels
 from camgen.plan.pocket.engagement import engagement
-from camgen.plan.pocket.rings import CHORD, QUARTER, Ground, Piece, along_walls, peel
-from camgen.plan.pocket.walk import Walk, lay
+from camgen.plan.pocket.ridge import ridge
+from camgen.plan.pocket.rings import CHORD, QUARTER, Ground, Piece, along_walls, of_pockets, peel
+from camgen.plan.pocket.walk import Walk, lay, outermost_of
 
 #: Passes that overlap by less than a twentieth of the tool leave ridges on a real machine.
 _MOST_STEP = 0.95
@@ -36,8 +38,18 @@ _MOST_STEP = 0.95
 _HELIX_SHARE = 0.45
 #: What stays of a corner is shown as a place from this share of the tool's disc on.
 _PLACE_SHARE = 0.02
+#: Where no engagement is asked for it may be more than that of a straight pass by so much of the diameter.
+_MORE = 0.15
+#: Less more than that leaves no room for a link from pass to pass.
+_LEAST_MORE = 0.05
 #: From this engagement on a pass is as good as a slot.
 _MUCH = 0.9
+#: A pass takes what is nowhere wider than twice this share of the tool's radius along with its own.
+_THIN_SHARE = 0.05
+#: A bound of this and more is none.
+_MOST_BOUND = 0.995
+#: Samples of the walls lie so far apart where the ridge between them is looked for, as a share of the tool's radius.
+_SPACING = 0.2
 #: Places that are named at most.
 _MOST_PLACES = 100
 
@@ -71,13 +83,14 @@ def pocket(part: Part, job: Job) -> tuple[tuple[ToolPath, ...], tuple[Note, ...]
     rough = peel(pockets.ground, radius + finish, step, radius, climb)
     walls = along_walls(pockets.ground, radius, climb) if finish else rough
     failed = rough.failed | walls.failed
-    pieces = _without(rough.pieces, failed)
     own = [pockets.ground.walls.take(pockets.ground.group == k) for k in range(len(pockets.names))]
-    walks = sorted_by_pocket(lay(pieces, own, radius + finish, step))
+    bound = _bound(job)
+    pieces, opened = _open(_without(rough.pieces, failed), pockets, bound, job)
+    walks = sorted_by_pocket(lay(pieces, own, radius + finish, step, opened, bound))
     borders = [piece for piece in _without(walls.pieces, failed) if piece.parent < 0]
     paths = _paths(walks, borders if finish else [], pieces, pockets, job)
     notes += _tell_failed(failed, borders, pockets, job)
-    notes += _tell_passes(walks, pieces, pockets, job)
+    notes += _tell_passes(walks, pieces, opened, pockets, job)
     return paths, (*notes, *_tell_unreached(borders, pockets, job))
 
 
@@ -90,6 +103,10 @@ def _refuse(job: Job) -> None:
     if operation.stepover > _MOST_STEP:
         what = f"passes {operation.stepover:g} of the diameter apart leave ridges between them"
         raise JobError("job", what, "operation.stepover", f"{_MOST_STEP:g} at most")
+    if operation.engagement is not None and operation.engagement < operation.stepover + _LEAST_MORE:
+        what = f"passes {operation.stepover:g} of the diameter apart engage more of it than {operation.engagement:g}"
+        remedy = f"{operation.stepover + _LEAST_MORE:g} at least, or a smaller operation.stepover"
+        raise JobError("job", what, "operation.engagement", remedy)
     if operation.finish > tool.diameter / 2:
         what = f"{operation.finish:g} mm is more than the radius of the tool, a last pass would leave some of it"
         raise JobError("job", what, "operation.finish", "leave less at the walls")
@@ -100,9 +117,69 @@ def _refuse(job: Job) -> None:
 
 def _without(pieces: Sequence[Piece], failed: frozenset[int]) -> list[Piece]:
     """The pieces of the other pockets; a parent is of the same pocket as its child."""
-    kept = [k for k, piece in enumerate(pieces) if piece.pocket not in failed]
+    return _chosen(pieces, [k for k, piece in enumerate(pieces) if piece.pocket not in failed])
+
+
+def _chosen(pieces: Sequence[Piece], kept: Sequence[int]) -> list[Piece]:
+    """The pieces ``kept``; the parents of all of them are."""
     new = {k: n for n, k in enumerate(kept)}
     return [replace(pieces[k], parent=new.get(pieces[k].parent, -1)) for k in kept]
+
+
+def _bound(job: Job) -> Bound | None:
+    """How much of the tool may be engaged; None: as much as there is."""
+    operation, radius = job.operation, job.tool.diameter / 2
+    most = min(1.0, operation.stepover + _MORE) if operation.engagement is None else operation.engagement
+    if most >= _MOST_BOUND:
+        return None
+    return Bound(radius, operation.stepover * job.tool.diameter, most, operation.direction != "conventional")
+
+
+def _open(
+    pieces: list[Piece], pockets: _Pockets, bound: Bound | None, job: Job
+) -> tuple[list[Piece], list[tuple[Channel, ...]]]:
+    """The pieces that are worth a pass after the channels, and the channels in each of the outermost ones."""
+    if bound is None:
+        return pieces, [()] * len(pieces)
+    first = bound.radius + job.operation.finish
+    begun = _HELIX_SHARE * job.tool.diameter if job.operation.entry == "helix" else 0.0
+    found: list[Channel] = []
+    for number in sorted({piece.pocket for piece in pieces}):
+        ground = of_pockets(pockets.ground, frozenset([number]))
+        region, spacing = _region(pockets.ground, number), _SPACING * bound.radius
+        axis = ridge(ground.walls, ground.following, region, first, spacing, bound.turn)
+        found += channels(axis, first, bound, begun)
+    if not found:
+        return pieces, [()] * len(pieces)
+    roots = [k for k, piece in enumerate(pieces) if piece.parent < 0]
+    begin = shapely.points([(made.discs[0].x, made.discs[0].y) for made in found])
+    here, there = shapely.STRtree([pieces[k].area for k in roots]).query_nearest(begin, all_matches=False)
+    opened: list[list[Channel]] = [[] for _ in pieces]
+    for k, root in zip(here.tolist(), there.tolist(), strict=True):
+        opened[roots[root]].append(found[k])
+    kept = _worth(pieces, opened, bound.radius)
+    return _chosen(pieces, kept), [tuple(opened[k]) for k in kept]
+
+
+def _worth(pieces: Sequence[Piece], opened: Sequence[Sequence[Channel]], radius: float) -> list[int]:
+    """The pieces in which the channels leave something, or around which others do; radius: of the tool, mm.
+
+    What they leave may be so thin that the pass around takes it along.
+    """
+    roots = outermost_of(pieces)
+    clear = {k: shapely.union_all([made.area(radius) for made in own]) for k, own in enumerate(opened) if own}
+    kept: set[int] = set()
+    for k in range(len(pieces) - 1, -1, -1):
+        piece = pieces[k]
+        if k not in kept and piece.parent >= 0 and piece.ring and roots[k] in clear:
+            left = piece.area.buffer(radius, quad_segs=QUARTER).difference(clear[roots[k]])
+            around = pieces[piece.parent].area.boundary.buffer(radius - CHORD, quad_segs=QUARTER)
+            if left.buffer(-_THIN_SHARE * radius).is_empty and left.buffer(-CHORD).difference(around).is_empty:
+                continue
+        kept.add(k)
+        if piece.parent >= 0:
+            kept.add(piece.parent)
+    return sorted(kept)
 
 
 def sorted_by_pocket(walks: Sequence[Walk]) -> list[Walk]:
@@ -211,11 +288,14 @@ def _not_cleared(contours: Sequence[Contour], how: str, why: str) -> Note:
 
 
 class _Run(Struct, frozen=True, eq=False):
-    """One path to be. room: mm, for the helix of its entry. whole: it runs at the whole depth alone."""
+    """One path to be. room: mm, for the helix of its entry. loops: how many segments at its start are a channel. whole:
+    it runs at the whole depth alone.
+    """
 
     label: Label
     chain: Segments
     room: float = 0.0
+    loops: int = 0
     whole: bool = False
 
 
@@ -241,7 +321,7 @@ def _paths(
     depths = pass_depths(job.operation.depth, job.operation.passes)
     none = np.zeros(len(table))
     paths = tool_paths(
-        table, [run.label for run in runs], sideways(table, 0), none, _feeds(table, job), depths, "pocket"
+        table, [run.label for run in runs], sideways(table, 0), none, _feeds(table, runs, job), depths, "pocket"
     )
     return tuple(
         replace(path, entry_radius=run.room, depths=depths[-1:] if run.whole else depths)
@@ -261,7 +341,8 @@ def _rough_runs(
         before = base + own.index(walk.before) if walk.before >= 0 else after
         name = f"{pockets.names[number]}.{n}" if len(own) > 1 else pockets.names[number]
         label = Label(name, pockets.layers[number], False, False, before, pockets.contours[number])
-        runs.append(_Run(label, walk.chain, max(0.0, min(walk.room, _HELIX_SHARE * job.tool.diameter))))
+        room = max(0.0, min(walk.room, _HELIX_SHARE * job.tool.diameter))
+        runs.append(_Run(label, walk.chain, room, walk.loops))
     return runs
 
 
@@ -276,10 +357,14 @@ def _last_runs(number: int, last: Sequence[tuple[Segments, bool]], base: int, po
     return runs
 
 
-def _feeds(table: Segments, job: Job) -> FloatArray:
-    """(N,) mm/s: on inner curves the feed is that of the edge at the wall, as the centre runs on a smaller circle."""
+def _feeds(table: Segments, runs: Sequence[_Run], job: Job) -> FloatArray:
+    """(N,) mm/s: on inner curves the feed is that of the edge at the wall, as the centre runs on a smaller circle.
+
+    Loops of a channel are no longer than what they engage allows; they leave no wall, and run at the full feed.
+    """
     wall = 1 if job.operation.direction == "conventional" else -1
-    inner = table.is_arc & (np.sign(table.bulge) == -wall)
+    loops = np.concatenate([np.arange(len(run.chain)) < run.loops for run in runs])
+    inner = table.is_arc & (np.sign(table.bulge) == -wall) & ~loops
     share = 1 / (1 + job.tool.diameter / 2 / table.radius)
     return np.asarray(job.process.feed * np.maximum(np.where(inner, share, 1.0), SLOWEST))
 
@@ -321,24 +406,39 @@ def _tell_failed(failed: frozenset[int], borders: Sequence[Piece], pockets: _Poc
     return result
 
 
-def _tell_passes(walks: Sequence[Walk], pieces: Sequence[Piece], pockets: _Pockets, job: Job) -> list[Note]:
+def _tell_passes(
+    walks: Sequence[Walk],
+    pieces: Sequence[Piece],
+    opened: Sequence[Sequence[Channel]],
+    pockets: _Pockets,
+    job: Job,
+) -> list[Note]:
     """How many passes there are, how far apart, and how much of the tool is in the material."""
     if not walks:
         return []
-    step = job.operation.stepover * job.tool.diameter
-    share, way = engagement(pieces, job.tool.diameter / 2, step, job.operation.direction != "conventional")
-    parents = {piece.parent for piece in pieces}
-    first = sum(k not in parents and piece.ring for k, piece in enumerate(pieces))
+    step, radius = job.operation.stepover * job.tool.diameter, job.tool.diameter / 2
+    share, way = engagement(pieces, opened, radius, step, job.operation.direction != "conventional")
+    made = [channel for own in opened for channel in own]
     which = pockets.names[0] if len(pockets.names) == 1 else counted(len({w.pocket for w in walks}), "pocket")
     passes = sum(walk.rings for walk in walks)
     what = f"{which}: {counted(passes, 'pass', 'passes')} in {counted(len(walks), 'path')}, {short(step, 3)} mm apart"
+    if made:
+        loops = sum(len(channel.discs) for channel in made)
+        metres = sum(float(channel.chain.length.sum()) for channel in made) / 1000
+        what += f", {counted(loops, 'loop')} of {short(metres, 2)} m before them (none with operation.engagement = 1)"
     if len(share):
         order = np.argsort(share)
         half = share[order[np.searchsorted(np.cumsum(way[order]), way.sum() / 2)]]
         much = 100 * way[share > _MUCH].sum() / way.sum()
         what += f", engagement {_percent(half)} % of the diameter or less on half of the way, {_percent(share.max())} %"
         what += f" at most, over {100 * _MUCH:.0f} % on {short(much, 1)} % of it"
-    why = f"not counted: the first pass in the middle of {counted(first, 'place')}, which is a slot"
+    parents, roots = {piece.parent for piece in pieces}, outermost_of(pieces)
+    first = sum(k not in parents and piece.ring and not opened[roots[k]] for k, piece in enumerate(pieces))
+    slots = f"the first pass in the middle of {counted(first, 'place')}, which is a slot"
+    why = f"not counted: {slots}" if first else "not counted: the first turns where the tool goes in"
+    steep = sum(walk.steep for walk in walks)
+    if made and steep:
+        why += f", and {counted(steep, 'link')} for which there was no room to lean"
     return [Note("assumed", what, why)]
 
 

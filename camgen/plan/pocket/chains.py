@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from camgen.geometry.intersect import fractions
-from camgen.geometry.segments import IntArray, Segments, make, points_at, split
+from camgen.geometry.segments import IntArray, Segments, make, points_at, split, tangents_at
 from camgen.model.pose import FloatArray
 
 #: A cut nearer than this, mm, to the end of a segment is made there: no controller prints a shorter piece.
@@ -25,6 +25,12 @@ def locate(chain: Segments, at: FloatArray) -> FloatArray:
     """(M, 2) the points at the lengths ``at`` (M,) mm from the start."""
     row, fraction = _find(chain, at)
     return points_at(chain.take(row), fraction)
+
+
+def tangents_along(chain: Segments, at: FloatArray) -> FloatArray:
+    """(M, 2) unit directions of travel at the lengths ``at`` (M,) mm from the start of a closed chain."""
+    row, fraction = _find(chain, at % float(chain.length.sum()))
+    return tangents_at(chain.take(row), fraction)
 
 
 def _find(chain: Segments, at: FloatArray) -> tuple[IntArray, FloatArray]:

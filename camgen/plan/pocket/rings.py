@@ -147,7 +147,7 @@ def _level(ground: Ground, by: float, climb: bool, walls: Ground | None = None) 
     for source, at in tries:
         if not pockets:
             break
-        own = _of_pockets(source, pockets)
+        own = of_pockets(source, pockets)
         closed = np.ones(int(own.walls.owner.max(initial=-1)) + 1, dtype=bool)
         curve = beside(own.walls, own.following, closed, own.group, at, 0.0)
         done.append(_pieces(curve, own, source.distance + at, climb))
@@ -156,8 +156,8 @@ def _level(ground: Ground, by: float, climb: bool, walls: Ground | None = None) 
     return _Level(pieces, _join([level.ground for level in done], ground.count), pockets)
 
 
-def _of_pockets(ground: Ground, pockets: frozenset[int]) -> Ground:
-    """The borders of some pockets."""
+def of_pockets(ground: Ground, pockets: frozenset[int]) -> Ground:
+    """The borders of some pockets alone."""
     rows = np.flatnonzero(np.isin(ground.group, list(pockets)))
     new = np.full(len(ground.walls), -1)
     new[rows] = np.arange(len(rows))
@@ -185,7 +185,7 @@ def _join(grounds: Sequence[Ground], count: int) -> Ground:
 def _pieces(curve: Beside, ground: Ground, distance: float, climb: bool) -> _Level:
     count = len(curve.closed)
     if not count:
-        return _Level([], replace(_of_pockets(ground, frozenset()), distance=distance), frozenset())
+        return _Level([], replace(of_pockets(ground, frozenset()), distance=distance), frozenset())
     first = np.searchsorted(curve.segments.owner, np.arange(count))
     pocket = ground.group[curve.source[first]]
     bad = np.unique(pocket[~(curve.sound & curve.closed)])

@@ -1,23 +1,30 @@
 """The passes of pockets one after the other: from the middle outwards, linked at depth where the tool stays inside.
 
-A piece is cut after all that lies in it. What was cut last in it leads on to its rings: over a straight link on
-which the tool keeps the distance of the pass from the walls, or first along the ring that was cut last to where there
-is such a link. Where there is none the tool is lifted, and goes on in a path of its own.
+A channel comes first. A piece is cut after all that lies in it. What was cut last in it leads on to its rings: over a
+straight link on which the tool keeps the distance of the pass from the walls, or first along the ring that was cut last
+to where there is such a link. Where there is none the tool is lifted, and goes on in a path of its own. Where
+engagement is bounded, links lead over what is clear already, or lean on the next ring so little that they engage no
+more than is allowed.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import shapely
 from msgspec import Struct
+from msgspec.structs import replace
 
+from camgen.geometry.arcs import bulges
 from camgen.geometry.intersect import gaps
-from camgen.geometry.segments import IntArray, Segments
+from camgen.geometry.segments import IntArray, Segments, make, tangents_at
 from camgen.model.pose import FloatArray
-from camgen.plan.pocket.chains import begun_at, cut_out, join, locate, nearest, places, straight
+from camgen.plan.pocket.chains import begun_at, cut_out, join, locate, nearest, places, straight, tangents_along
+from camgen.plan.pocket.channel import Bound, Channel
 from camgen.plan.pocket.rings import Piece
 
 #: A link may come nearer to the walls than the outermost pass by this, mm.
@@ -31,6 +38,10 @@ _AHEAD = (3.0, 2.0, 1.0, 0.5, 0.0)
 _TRIES = 48
 #: A link leads through so many steps of material that is not cut yet at most.
 _UNCUT = 4.0
+#: A link through so little, mm, leads over what is clear: that is polygons.
+_CLEAR = 0.01
+#: A link that leans so little that it engages no more than is allowed may be longer by these factors.
+_LEANS = (2.0, 1.4, 1.0)
 #: Links that are looked at together.
 _AT_ONCE = 8
 #: A piece with no more room than this, mm, is entered on its ring.
@@ -40,7 +51,8 @@ _NO_ROOM = 0.01
 class Walk(Struct, frozen=True, eq=False):
     """Passes that are run without a lift. chain: all of them with their links. rings: how many passes. room: mm, what
     the tool's centre may leave its first point by without coming nearer to the walls than the outermost pass does.
-    before: index of the walk that is run after this one, -1 if none has to.
+    before: index of the walk that is run after this one, -1 if none has to. loops: how many segments at its start are a
+    channel. steep: how many links may engage more than a pass does.
     """
 
     pocket: int
@@ -48,27 +60,36 @@ class Walk(Struct, frozen=True, eq=False):
     rings: int
     room: float
     before: int
+    loops: int = 0
+    steep: int = 0
 
 
 class _Room(Struct, frozen=True, eq=False):
     """Where links may go: no nearer to ``walls`` than ``clear`` mm, and ``most`` mm at most outside of what is ``cut``
-    already, where the tool would cut a slot.
+    already, where the tool would cut a slot. lean: mm along a ring for a link that engages no more than is allowed, and
+    turn: rad, by which it leans; 0: not bounded.
     """
 
     walls: Segments
     clear: float
     cut: Any
     most: float
+    lean: float
+    turn: float
 
 
 class _Open:
-    """A walk that is not ended yet. last: the closed ring that was run last, if one was."""
+    """A walk that is not ended yet. last: the closed ring that was run last, if one was. loops: segments of a channel.
+    steep: links that may engage more than a pass.
+    """
 
     def __init__(self, pocket: int, room: float) -> None:
         self.pocket = pocket
         self.room = room
         self.parts: list[Segments] = []
         self.rings = 0
+        self.loops = 0
+        self.steep = 0
         self.last: Segments | None = None
         self.before: _Open | None = None
 
@@ -84,31 +105,52 @@ class _Open:
         self.last = chain if ring else self.last
 
 
-def lay(pieces: Sequence[Piece], walls: Sequence[Segments], first: float, step: float) -> list[Walk]:
+def lay(
+    pieces: Sequence[Piece],
+    walls: Sequence[Segments],
+    first: float,
+    step: float,
+    channels: Sequence[Sequence[Channel]],
+    bound: Bound | None,
+) -> list[Walk]:
     """The walks over all ``pieces``, what must be run first before the rest.
 
-    walls: of each pocket. first: mm, the distance of the outermost passes. step: mm from pass to pass.
+    walls: of each pocket. first: mm, the distance of the outermost passes. step: mm from pass to pass. channels: of
+    each piece, those in the outermost ones that are run before all else in them. bound: of engagement, if there is one.
     """
     inside: list[list[int]] = [[] for _ in pieces]
     for k, piece in enumerate(pieces):
         if piece.parent >= 0:
             inside[piece.parent].append(k)
+    clear = [shapely.union_all([channel.area(0.0) for channel in own]) for own in channels]
+    outermost = outermost_of(pieces)
     done: dict[int, _Open] = {}
     ended: list[_Open] = []
+    begun: dict[int, _Open] = {}
+    for root in sorted(set(outermost)):
+        leaves = sum(outermost[k] == root and not inside[k] for k in range(len(pieces)))
+        opened = [_open(pieces[root], channel) for channel in channels[root]]
+        if len(opened) == 1 and leaves == 1:
+            begun[root] = opened[0]
+        ended += [] if root in begun else opened
+    turn = 0.0 if bound is None else bound.turn
+    lean = step / math.tan(turn) if turn else 0.0
     for k in range(len(pieces) - 1, -1, -1):
-        piece = pieces[k]
+        piece, root = pieces[k], outermost[k]
         # The largest one leads on.
         within = sorted((j for j in inside[k]), key=lambda j: float(pieces[j].area.area))
-        walk = done.pop(within[-1]) if within else None
+        walk = done.pop(within[-1]) if within else begun.pop(root, None)
         others = [done.pop(j) for j in within[:-1]]
         mine: list[_Open] = []
-        clear = max(first, piece.distance - _INNER_SLACK * step) - _SLACK
-        room = _Room(walls[piece.pocket], clear, shapely.union_all([pieces[j].area for j in within]), _UNCUT * step)
+        least = max(first, piece.distance - _INNER_SLACK * step) - _SLACK
+        cut = shapely.union_all([clear[root], *(pieces[j].area for j in within)])
+        room = _Room(walls[piece.pocket], least, cut, _UNCUT * step, lean, turn)
         done[k] = _cut(piece, walk, room, first, step, mine)
         for other in (*others, *mine):
             other.before = done[k]
             ended.append(other)
     ended += done.values()
+    _put_channels_first(ended)
     index = {id(walk): k for k, walk in enumerate(ended)}
     return [
         Walk(
@@ -117,9 +159,38 @@ def lay(pieces: Sequence[Piece], walls: Sequence[Segments], first: float, step: 
             walk.rings,
             walk.room,
             index[id(walk.before)] if walk.before is not None else -1,
+            walk.loops,
+            walk.steep,
         )
         for walk in ended
     ]
+
+
+def outermost_of(pieces: Sequence[Piece]) -> list[int]:
+    """Of each piece the one around all that are around it, or itself."""
+    roots: list[int] = []
+    for k, piece in enumerate(pieces):
+        roots.append(roots[piece.parent] if piece.parent >= 0 else k)
+    return roots
+
+
+def _open(piece: Piece, channel: Channel) -> _Open:
+    """A walk that begins with a channel."""
+    walk = _Open(piece.pocket, channel.room)
+    walk.parts.append(channel.chain)
+    walk.loops = len(channel.chain)
+    walk.last = channel.rim
+    return walk
+
+
+def _put_channels_first(walks: list[_Open]) -> None:
+    """Where channels are walks of their own, all in their pocket are run one after the other, they at first."""
+    for pocket in {walk.pocket for walk in walks if not walk.rings}:
+        own = [walk for walk in walks if walk.pocket == pocket]
+        own.sort(key=lambda walk: walk.rings > 0)
+        for walk, after in pairwise(own):
+            walk.before = after
+        own[-1].before = None
 
 
 def _cut(piece: Piece, walk: _Open | None, room: _Room, first: float, step: float, ended: list[_Open]) -> _Open:
@@ -164,12 +235,21 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
     """Whether ``chain`` could be added to ``walk``, which then is done."""
     if not _is_closed(chain):
         there = chain.start[:1]
-        if not _is_linked(walk, there, room) and not len(_go_round(walk, there, room)):
+        clear = room.lean and _is_linked(walk, there, replace(room, most=_CLEAR))
+        if not clear and not _is_linked(walk, there, room) and not len(_go_round(walk, there, room)):
             return False
+        walk.steep += not clear
         walk.add(chain, False)
         return True
     total = float(chain.length.sum())
     foot = nearest(chain, walk.end)[0]
+    if room.lean:
+        found = _reach_gently(walk, chain, foot, room)
+        if found is not None:
+            link, at = found
+            walk.parts.append(link)
+            walk.add(begun_at(chain, at), True)
+            return True
     ahead = np.array([(foot + k * min(step, total / 12)) % total for k in _AHEAD])
     good = ahead[_first_free(straight(walk.end, locate(chain, ahead)), room)]
     if not len(good):
@@ -182,8 +262,45 @@ def _reach(walk: _Open, chain: Segments, room: _Room, step: float) -> bool:
             good = around[_go_round(walk, ends, room)]
     if not len(good):
         return False
+    walk.steep += 1
     walk.add(begun_at(chain, float(good[0])), True)
     return True
+
+
+def _reach_gently(walk: _Open, chain: Segments, foot: float, room: _Room) -> tuple[Segments, float] | None:
+    """A link to a closed ``chain`` that engages no more than is allowed, and where it ends, mm from its start."""
+    total = float(chain.length.sum())
+    near = foot + room.lean * np.linspace(-1, 1, _TRIES)
+    around = np.concatenate([near % total, places(chain, total / _TRIES)[0][:-1]])
+    links = straight(walk.end, locate(chain, around))
+    order = np.argsort(links.length, kind="stable")
+    good = order[_first_free(links.take(order), replace(room, most=_CLEAR))]
+    if len(good):
+        return links.take(good), float(around[good[0]])
+    return _lean_on(walk, chain, room)
+
+
+def _lean_on(walk: _Open, chain: Segments, room: _Room) -> tuple[Segments, float] | None:
+    """A link from the ring that was run last to a closed ``chain`` that nears it slowly, and where it ends."""
+    total = float(chain.length.sum())
+    ways = room.lean * np.array([factor for factor in _LEANS if factor * room.lean < total / 3])
+    if walk.last is None or not len(ways):
+        return None
+    start = nearest(walk.last, walk.end)[0]
+    here = locate(walk.last, np.array([start]))
+    back = straight(walk.end, here)
+    if back.length[0] > _SLACK and not len(_first_free(back, replace(room, most=_CLEAR))):
+        return None
+    foot = nearest(chain, here[0])[0]
+    # Half-way it is in the middle between both rings; on straight ones that is a line.
+    inner = locate(walk.last, (start + ways / 2) % float(walk.last.length.sum()))
+    half = (inner + locate(chain, (foot + ways / 2) % total)) / 2
+    ends = (foot + ways) % total
+    links = straight(here[0], locate(chain, ends))
+    links = make(links.start, links.end, bulges(links.start, half, links.end), links.owner)
+    lean = (tangents_at(links, np.ones(len(links))) * tangents_along(chain, ends)).sum(axis=1)
+    rows = np.flatnonzero((lean >= math.cos(room.turn)) & (gaps(links, room.walls, room.clear) >= room.clear))
+    return (links.take(rows[:1]), float(ends[rows[0]])) if len(rows) else None
 
 
 def _is_linked(walk: _Open, there: FloatArray, room: _Room) -> bool:
