@@ -40,14 +40,15 @@ Row = tuple[str, float, float, float, float | None]
 def child(count: int, method: str, seconds: float, plain: bool) -> None:
     """One order of one scene; prints travel, seconds of the call, seconds before it, bound."""
     from bench.tours.order import scattered  # noqa: PLC0415 (numpy is not to be held by the parent)
+    from camgen.order import search  # noqa: PLC0415
     from camgen.order.arrange import arrange  # noqa: PLC0415
-    from camgen.order.solver import plane, speed  # noqa: PLC0415
+    from camgen.order.solver import speed  # noqa: PLC0415
 
     if plain:
-        plane._WORTH = 10**18
-    elif seconds and speed.available():
+        speed.available = search.available = lambda: False
+    elif speed.available():
         arrange(
-            scattered(50, random.Random(1)), "best", None, inside_first=False, seconds=0.1
+            scattered(50, random.Random(1)), "best", None, inside_first=False, seconds=0.3
         )  # loads what is compiled
     paths = scattered(count, random.Random(count))
     begun = time.perf_counter()

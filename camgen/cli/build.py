@@ -23,7 +23,7 @@ from camgen.cli.motion_file import encode
 from camgen.cli.say import Voice, duration, join_names, length, size
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.part import Note, NoteKind
-from camgen.model.path import Tour
+from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import ToolChange
 from camgen.model.text import counted, grouped, short
@@ -135,15 +135,10 @@ def _notes(notes: Sequence[Note], verbose: int) -> list[Row]:
     return told
 
 
-#: ``tour.method`` and what was done instead.
-_UNSEARCHED = ("best", "nearest neighbour")
-
-
 def _tell_plan(result: Result) -> list[Row]:
     work = math.fsum(path_sums(result.tour.paths)[0].tolist())
-    tour, chosen = result.tour, result.job.tour.method
-    # So many paths are searched only when they are told to be: plain Python is too slow for them.
-    hint = "; tour.seconds = 1 searches for a shorter one" if (chosen, tour.method) == _UNSEARCHED else ""
+    tour = result.tour
+    hint = "; the extra fast (pip install camgen[fast]) searches farther in this time" if PLAIN in tour.method else ""
     return [
         ("plan", f"{counted(len(tour.paths), 'path')}, work {length(work)}", "plain"),
         ("tour", f"{tour.method}: work {length(work)}, travel {length(tour.travel)}{_above(tour)}{hint}", "plain"),

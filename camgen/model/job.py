@@ -330,7 +330,7 @@ class TourTable(Table, frozen=True):
     ] = "best"
     seconds: Annotated[
         NotNegative,
-        Meta(description="budget of the search, s of its compiled form; 0: a short look, none above 1,250 contours"),
+        Meta(description="s of a clock until the search ends; 0: a fixed number of looks, the same on every machine"),
     ] = 0.0
     seed: Annotated[int, Meta(ge=0, description="another number, another search")] = 0
     layers: Annotated[

@@ -84,13 +84,17 @@ class ToolPath(Struct, frozen=True, eq=False):
         return f"ToolPath({self.id!r}, {self.operation or 'path'}, {counted(len(self.position), 'point')})"
 
 
+#: What ``Tour.method`` ends with where the search for many paths was not compiled.
+PLAIN = "plain Python"
+
+
 class Tour(Struct, frozen=True, eq=False):
     """The paths in the order and direction in which they are run, each rotated to its start.
 
     travel: mm between the end of each path and the start of the next, from and back to the home position if given.
     bound: mm, no order, directions and starts of these paths travel less; None where it is not known.
     down: indices of the paths that are reached from the one before without a lift. stopped: the search for it was ended
-    before it was done. notes: on what was left out or done otherwise on the way.
+    before it was done; timed: it was ended by the clock. notes: on what was left out or done otherwise on the way.
     """
 
     paths: tuple[ToolPath, ...]
@@ -99,6 +103,7 @@ class Tour(Struct, frozen=True, eq=False):
     bound: float | None = None
     down: frozenset[int] = frozenset()
     stopped: bool = False
+    timed: bool = False
     notes: tuple[Note, ...] = ()
 
     def __repr__(self) -> str:

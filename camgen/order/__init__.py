@@ -57,6 +57,7 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch) -> Jo
         sum(bounds) if len(bounds) == len(tours) else None,
         frozenset(down),
         any(tour.stopped for tour in tours),
+        any(tour.timed for tour in tours),
         tuple(note for tour in tours for note in tour.notes),
         steps=plan.steps,
         numbers=plan.numbers,
@@ -90,6 +91,10 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     if found.stopped:
         why = "the best tour so far is used; the same job gives another one when its search is not interrupted"
         notes = [*notes, Note("warning", "the search for a short tour was stopped", why)]
+    if found.timed:
+        what = f"the search for a short tour was ended by the clock, tour.seconds = {choice.seconds:g}"
+        why = "the order may differ from run to run; without tour.seconds it does not"
+        notes = [*notes, Note("assumed", what, why)]
     # Leads move the ends of a path by no more than their lengths.
     moved = len(plan.paths) * (operation.lead_in + operation.lead_out + operation.overlap)
     bound = None if found.bound is None else max(0.0, found.bound - moved)

@@ -9,14 +9,24 @@ of any of its segments: the paper takes vertices only, but with long lines and a
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.path import ToolPath, Tour
-from camgen.order.search import Choices, is_bound_worth, looks, lower_bound, sample_paths, search
-from camgen.order.solver.plane import Tell
+from camgen.model.path import PLAIN, ToolPath, Tour
+from camgen.order.search import (
+    Choices,
+    is_bound_worth,
+    is_compiled,
+    is_crowd,
+    is_large,
+    lower_bound,
+    sample_paths,
+    search,
+)
+from camgen.order.solver.plane import DONE, STOPPED, TIMED, Clock, Tell
 from camgen.order.starts import Starts, ends_of, reverse_each, starting_each, starts
 from camgen.order.tree import StartTree
 
@@ -40,37 +50,51 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     method: "as-drawn" keeps the order and the paths as they are, whatever ``inside_first`` says; "nearest" takes the
     nearest next start; "best" shortens that by a search. start: x, y (work frame, mm) where the tool comes from and
     goes back to; without it the leftmost start is the first of "nearest". inside_first: a path is run after all the
-    paths that it encloses. seconds: budget of the search in seconds of its compiled form, counted in looks at a path
-    and not by a clock; 0: a short one, none for thousands of paths. seed: of its shuffles. Distances are measured in
-    the plane, and arcs are taken to lie in it. ``parent`` keeps the index in ``paths`` as given. ValueError for another
-    method, or parents that enclose each other.
+    paths that it encloses. seconds: of a clock, from now to the end of the search, which looks at every path once at
+    least; 0: a short search, counted in looks at a path, so that it is the same one on every machine. seed: of its
+    shuffles. Distances are measured in the plane, and arcs are taken to lie in it. ``parent`` keeps the index in
+    ``paths`` as given. ValueError for another method, or parents that enclose each other.
     """
     if method not in _METHODS:
         raise ValueError(f"unknown method {method!r}")
     if not paths:
         return Tour((), 0.0, _METHODS[method], 0.0)
+    begun, count = time.monotonic(), len(paths)
     where = starts(paths, seam)
     ranks = _ranks(paths, layers)
-    waits_for = _waits_for(paths, ranks) if inside_first else [-1] * len(paths)
-    budget = looks(seconds, len(paths))
-    known = sample_paths(paths, where, waits_for, ranks) if budget or is_bound_worth(seconds, len(paths)) else None
-    arranged = [paths[i] for i in sorted(range(len(paths)), key=ranks.__getitem__)]
-    stopped = False
-    if method != "as-drawn":
+    waits_for = _waits_for(paths, ranks) if inside_first else [-1] * count
+    searched = method == "best" and count > 1
+    told = is_bound_worth(seconds, count)
+    known = sample_paths(paths, where, waits_for, ranks) if searched or told else None
+    arranged = [paths[i] for i in sorted(range(count), key=ranks.__getitem__)]
+    first, end = None, DONE
+    if method != "as-drawn" and not (searched and is_crowd(count) and is_free(paths, waits_for, ranks)):
         first = _nearest_neighbour(paths, where, start, waits_for, ranks)
         arranged = _arrange(paths, first)
-        if method == "best" and not budget:
-            method = "nearest"
-        if method == "best" and known and len(paths) > 1:
-            found = search(known, first, start, budget, seed, tell)
-            stopped = not found.whole
-            better = _arrange(paths, found)
-            # A short search from samples may end above the first tour, whose starts lie anywhere.
-            arranged = min(arranged, better, key=lambda tour: measure_travel(tour, start))
+    if searched and known:
+        found = search(known, first, start, seed, tell, Clock(begun + seconds, seconds) if seconds else None)
+        end = found.end
+        better = _arrange(paths, found)
+        # A short search from samples may end above the first tour, whose starts lie anywhere.
+        arranged = min([arranged, better], key=lambda tour: measure_travel(tour, start)) if first else better
     length = measure_travel(arranged, start)
-    seconds = 0.0 if stopped else seconds
-    bound = lower_bound(known, start, length, seconds) if known and is_bound_worth(seconds, len(paths)) else None
-    return Tour(tuple(arranged), length, _METHODS[method], bound, stopped=stopped)
+    bound = lower_bound(known, start, length, 0.0 if end == STOPPED else seconds) if known and told else None
+    kind = _METHODS[method] + (_kind(seconds, count) if searched else "")
+    return Tour(tuple(arranged), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED)
+
+
+def _kind(seconds: float, count: int) -> str:
+    """Which search it was, where it is not the same one everywhere."""
+    if seconds:
+        return f" of {seconds:g} s"
+    if not is_large(count):
+        return ""
+    return ", compiled" if is_compiled(count) else f", {PLAIN}"
+
+
+def is_free(paths: Sequence[ToolPath], waits_for: Sequence[int], ranks: Sequence[int]) -> bool:
+    """No path has to come before another one, and each may be run either way: a greedy tour is a good start."""
+    return max(waits_for) < 0 and len(set(ranks)) == 1 and all(path.closed or path.reversible for path in paths)
 
 
 def measure_travel(paths: Sequence[ToolPath], start: tuple[float, float] | None) -> float:

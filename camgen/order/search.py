@@ -14,39 +14,57 @@ from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 from camgen.order.solver.bound import Dense, at_least
+from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
-from camgen.order.solver.plane import Items, Start, Tell, discs_of, shorten
+from camgen.order.solver.plane import DONE, Clock, Items, Start, Tell, both_ends, discs_of, shorten
+from camgen.order.solver.speed import available
 from camgen.order.starts import SEAM, IntArray, Starts, ends_of
 
-__all__ = ["Choices", "Sampled", "lower_bound", "sample_paths", "search"]
+__all__ = [
+    "Choices",
+    "Sampled",
+    "is_bound_worth",
+    "is_compiled",
+    "is_crowd",
+    "is_large",
+    "lower_bound",
+    "sample_paths",
+    "search",
+]
 
 #: Samples of a closed path: at least, at most, and so many on a stretch as long as an item's usual room.
 _LEAST_SAMPLES, _MOST_SAMPLES, _SAMPLES_PER_ROOM = 8, 256, 3
 #: Near discs that are listed; of these come the near items that are tried.
 _NEAR_DISCS = 10
-#: Looks at an item in a second of the compiled search: fixed, so that a budget in seconds is one in looks.
-RATE = 400_000
-#: Without ``tour.seconds``: looks at each item, and the least in all, 0.05 s to 0.3 s in plain Python. For more than
-#: ``_MANY`` items so few looks gain little and there is no search, for more than ``_CROWD`` no bound either.
-_LOOKS, _FEW, _MANY, _CROWD = 1.5, 400, 1_250, 20_000
+#: Looks without ``tour.seconds``, so that a job gives one result on every machine: so many at each item, at most so
+#: many and some more at each. Measured: 0.3 s of plain Python at 1,000 items, 4 s at 100,000.
+_LOOKS, _MOST_LOOKS, _MORE_LOOKS = 40, 6_000, 1.5
+#: The same of the compiled search, used above ``_MANY`` items: below, its start takes longer than what it saves.
+_FAST_LOOKS, _MORE_FAST_LOOKS, _MANY = 80_000, 40, 500
+#: More looks than any clock lets the search take.
+_ENDLESS = 10**15
+#: For more than so many items a nearest order is not made where a greedy one can be, which is shorter.
+_CROWD = 5_000
+#: For more than so many items there is no bound, unless so many seconds for each were asked for.
+_MANY_FOR_BOUND, _BOUND_SECONDS = 20_000, 3e-4
 #: Trees of the bound: at least and at most; with ``tour.seconds`` as many as take about a fourth of that time, at
 #: so many seconds for each tree and item.
-_TREES, _TREE = (12, 80), 4e-6
-#: Distances that the bound may measure, without and with ``tour.seconds``; then as many for each item at least.
-_CLOSE, _CLOSE_EACH = (100_000, 6_000_000), 2_000
+_TREES, _TREE = (4, 80), 4e-6
+#: Distances that the bound may measure, without and with ``tour.seconds``, and more for each of these.
+_CLOSE, _CLOSE_SECOND = (100_000, 6_000_000), 10_000_000
 #: Each round moves every start to its best place between its neighbours; so finely, narrowed down so often.
 _ROUNDS, _FINER, _NARROWER = 2, 4, 4
 
 
 class Choices(Struct, frozen=True):
-    """order: indices of the paths as they are run. row, fraction: by path, where it begins. whole: the search for it
-    came to its end.
+    """order: indices of the paths as they are run. row, fraction: by path, where it begins. end: of the search for it,
+    see ``plane``.
     """
 
     order: list[int]
     row: list[int]
     fraction: list[float]
-    whole: bool = True
+    end: int = DONE
 
 
 class Sampled(Struct, frozen=True, eq=False):
@@ -61,11 +79,26 @@ class Sampled(Struct, frozen=True, eq=False):
     step: FloatArray
 
 
-def looks(seconds: float, count: int) -> int:
-    """The budget of the search, looks at an item. seconds: of the compiled search; 0: few looks, none at a crowd."""
-    if seconds:
-        return round(seconds * RATE)
-    return max(round(_LOOKS * count), _FEW) if count <= _MANY else 0
+def looks(count: int) -> int:
+    """How many looks at an item the search takes where no seconds are asked for."""
+    if is_compiled(count):
+        return _FAST_LOOKS + _MORE_FAST_LOOKS * count
+    return round(min(_LOOKS * count, _MOST_LOOKS + _MORE_LOOKS * count))
+
+
+def is_crowd(count: int) -> bool:
+    """Whether there are so many that a nearest order beside another one costs more than it is worth."""
+    return count > _CROWD
+
+
+def is_large(count: int) -> bool:
+    """Whether the compiled search looks farther, where it is installed, without ``tour.seconds``."""
+    return count > _MANY
+
+
+def is_compiled(count: int) -> bool:
+    """Whether the search without ``tour.seconds`` is the compiled one."""
+    return is_large(count) and available()
 
 
 def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int], rank: Sequence[int]) -> Sampled:
@@ -104,7 +137,7 @@ def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int]
 
 def is_bound_worth(seconds: float, count: int) -> bool:
     """Whether ``lower_bound`` is worth its time: for a crowd only where seconds were asked for."""
-    return seconds > 0 or count <= _CROWD
+    return count <= _MANY_FOR_BOUND or seconds >= _BOUND_SECONDS * count
 
 
 def lower_bound(known: Sampled, home: tuple[float, float] | None, travel: float, seconds: float) -> float:
@@ -116,7 +149,7 @@ def lower_bound(known: Sampled, home: tuple[float, float] | None, travel: float,
     if seconds:
         rounds = min(max(round(seconds / 4 / (_TREE * count)), _TREES[0]), _TREES[1])
     place = None if home is None else np.array(home)
-    most = max(_CLOSE[1], _CLOSE_EACH * count) if seconds else _CLOSE[0]
+    most = round(_CLOSE[1] + _CLOSE_SECOND * seconds) if seconds else _CLOSE[0]
     return at_least(known.items, place, travel, rounds, _dense(known, most))
 
 
@@ -143,18 +176,27 @@ def _dense(known: Sampled, most: int) -> Dense | None:
 
 
 def search(
-    known: Sampled, first: Choices, home: tuple[float, float] | None, budget: int, seed: int, tell: Tell | None
+    known: Sampled,
+    first: Choices | None,
+    home: tuple[float, float] | None,
+    seed: int,
+    tell: Tell | None,
+    clock: Clock | None = None,
 ) -> Choices:
-    """A tour that is shorter than ``first``, if one is found: the search, then every start moved to its best point.
+    """A short tour: ``first`` or a greedy one, the shorter one searched; then every start moved to its best point.
 
-    tell: who watches, and may stop the search.
+    first: None only where ``join_greedily`` gives a tour. tell: who watches, and may stop the search. clock: when to
+    end it; None: after ``looks``.
     """
     items = known.items
     count = len(items.kind)
     near = nearest_items(discs_of(items), count, _NEAR_DISCS)
     place = None if home is None else np.array(home)
-    begun = Start(np.array(first.order), _enter(known, first))
-    found = shorten(items, begun, place, near, budget, seed, tell)
+    begun = [Start(np.array(first.order), _enter(known, first))] if first else []
+    begun += [tour for tour in [join_greedily(items, place)] if tour]
+    start = min(begun, key=lambda tour: _travel(items, tour, place))
+    budget = looks(count) if clock is None else _ENDLESS
+    found = shorten(items, start, place, near, budget, seed, tell, clock)
     closed = items.kind == CLOSED
     length = np.zeros(count)
     number = found.enter - items.first[:-1]
@@ -163,7 +205,18 @@ def search(
     row, fraction = _place(known, length)
     turned = ~closed & (number > 0)
     row = np.where(closed, row, np.where(turned, known.where.row[known.where.first[1:] - 1], 0))
-    return Choices(found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist(), found.whole)
+    return Choices(found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist(), found.end)
+
+
+def _travel(items: Items, tour: Start, home: FloatArray | None) -> float:
+    """Between the items, from and to home, mm."""
+    leave = np.where(items.kind == CLOSED, tour.enter, both_ends(items) - tour.enter)
+    begins, ends = items.points[tour.enter[tour.order]], items.points[leave[tour.order]]
+    if home is not None:
+        begins, ends = np.concatenate([begins, home[None]]), np.concatenate([home[None], ends])
+    else:
+        begins, ends = begins[1:], ends[:-1]
+    return math.fsum(np.sqrt(((begins - ends) ** 2).sum(axis=1)).tolist())
 
 
 def _enter(known: Sampled, first: Choices) -> IntArray:

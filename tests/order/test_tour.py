@@ -1,4 +1,6 @@
 import cmath
+import importlib.util
+import itertools
 import math
 import random
 import subprocess
@@ -13,9 +15,11 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import path_length
 from camgen.model.path import ToolPath
 from camgen.model.pose import frozen
-from camgen.order import tree
+from camgen.order import search, tree
 from camgen.order.arrange import arrange, measure_travel
-from camgen.order.starts import SEAM, reverse_each, starting_at
+from camgen.order.solver import speed
+from camgen.order.solver.greedy import join_greedily
+from camgen.order.starts import SEAM, reverse_each, starting_at, starts
 
 XY = tuple[float, float]
 
@@ -225,18 +229,63 @@ def test_the_search_finds_the_shortest_way_over_a_circle() -> None:
     assert tour.travel == pytest.approx(2 * math.hypot(5, 5) + 1, abs=1e-4)
 
 
-def test_a_thousand_are_searched_without_being_asked_and_thousands_only_with_a_budget() -> None:
+@pytest.mark.parametrize("fast", [False, True])
+def test_every_size_is_searched_without_being_asked(fast: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if fast and importlib.util.find_spec("numba") is None:
+        pytest.skip("numba (extra fast) is not installed")
+    monkeypatch.setattr(search, "available", lambda: fast)
+    monkeypatch.setattr(speed, "available", lambda: fast)
     rng = random.Random(3)
     many = ids([line((x, y), (x + 1, y)) for x, y in ((rng.uniform(0, 900), rng.uniform(0, 900)) for _ in range(1300))])
     few = many[:300]
-    assert arrange(few, "best", None, False).travel < 0.9 * arrange(few, "nearest", None, False).travel
-    nearest = arrange(many, "best", None, False)
-    assert nearest.method == "nearest neighbour"
-    found = arrange(many, "best", None, False, seconds=0.01)
-    assert found.method == "local search"
-    assert found.travel < 0.95 * nearest.travel
+    searched = arrange(few, "best", None, False)
+    assert searched.method == "local search"
+    assert searched.travel < 0.86 * arrange(few, "nearest", None, False).travel
+    found, nearest = arrange(many, "best", None, False), arrange(many, "nearest", None, False)
+    assert found.method == ("local search, compiled" if fast else "local search, plain Python")
+    assert found.travel < (0.82 if fast else 0.86) * nearest.travel
     assert found.bound is not None
-    assert 0.7 * found.travel < found.bound
+    assert 0.7 * found.travel < found.bound <= found.travel
+    again = arrange(many, "best", None, False)
+    assert [path.id for path in again.paths] == [path.id for path in found.paths]
+    assert not found.timed
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.4])
+def test_seconds_are_those_of_a_clock(seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A clock of the test's own: every look at it is a hundredth of a second later.
+    ticks = itertools.count()
+    monkeypatch.setattr("time.monotonic", lambda: next(ticks) / 100)
+    monkeypatch.setattr(speed, "available", lambda: False)
+    rng = random.Random(5)
+    many = ids([circle(rng.uniform(0, 900), rng.uniform(0, 900), 5) for _ in range(200)])
+    tour = arrange(many, "best", (0, 0), False, seconds=seconds)
+    assert tour.timed
+    assert tour.method == f"local search of {seconds:g} s"
+    assert next(ticks) <= 100 * seconds + 3
+    assert tour.travel < 0.9 * arrange(many, "nearest", (0, 0), False).travel
+    assert sorted(path.id for path in tour.paths) == sorted(path.id for path in many)
+
+
+@given(st.integers(0, 10**6), st.integers(2, 80), st.booleans(), st.booleans())
+@settings(max_examples=40)
+def test_a_greedy_tour_runs_every_item_after_those_inside(seed: int, count: int, home: bool, rules: bool) -> None:
+    rng = random.Random(seed)
+    place = lambda: rng.choice([rng.uniform(0, 90), float(rng.randrange(4))])  # noqa: E731 (grids and crowds as well)
+    paths = ids([rng.choice([circle(place(), place(), 2), line((place(), place()), (place(), 95.0))])
+                 for _ in range(count)])  # fmt: skip
+    parent = [rng.randrange(k + 1, count) if rules and k + 1 < count and rng.random() < 0.4 else -1
+              for k in range(count)]  # fmt: skip
+    rank = [int(rules and k > count / 2) for k in range(count)]
+    parent = [p if p < 0 or rank[p] == rank[k] else -1 for k, p in enumerate(parent)]
+    items = search.sample_paths(paths, starts(paths, "any"), parent, rank).items
+    tour = join_greedily(items, np.zeros(2) if home else None)
+    assert tour is not None
+    order = tour.order.tolist()
+    assert sorted(order) == list(range(count))
+    assert all(p < 0 or order.index(k) < order.index(p) for k, p in enumerate(parent))
+    assert sorted(rank) == [rank[k] for k in order]
+    assert all(items.first[k] <= tour.enter[k] < items.first[k + 1] for k in range(count))
 
 
 def turned_circle(x: float, y: float, r: float, turn: float) -> ToolPath:

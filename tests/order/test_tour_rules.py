@@ -118,7 +118,7 @@ def test_who_watches_a_build_sees_how_far_the_search_is_and_may_stop_it(tmp_path
         document.modelspace().add_circle((rng.uniform(0, 300), rng.uniform(0, 300)), 2)
     file = tmp_path / "holes.dxf"
     document.saveas(file)
-    job = {"operation": {"kind": "trace"}, "tour": {"seconds": 0.02}}
+    job = {"operation": {"kind": "trace"}}
     seen: list[str] = []
     whole = build(file, post="gcode", job=job, watch=seen.append)
     assert [name for name in seen if name.startswith("ordering ")]

@@ -11,11 +11,11 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from camgen.geometry.nearest import Discs, IntArray, nearest_items
+from camgen.geometry.nearest import IntArray, nearest_items
 from camgen.geometry.ragged import begins, owners, ramp
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED
-from camgen.order.solver.plane import Items, discs_of
+from camgen.order.solver.plane import Items, ends_apart
 
 __all__ = ["Dense", "at_least"]
 
@@ -81,11 +81,10 @@ def at_least(items: Items, home: FloatArray | None, known: float, rounds: int, d
 
 
 def _graph(items: Items, home: FloatArray | None, dense: Dense | None) -> _Graph:
-    nodes = _nodes(items)
+    nodes, first = ends_apart(items)
     count = int(nodes.owner.max()) + 1
     near = nearest_items(nodes, count, _NEAR_ENDS)
     closed = items.kind == CLOSED
-    first = begins(np.where(closed, 1, 2))
     forced = np.stack([first[~closed], first[~closed] + 1], axis=1)
     partner = np.arange(count)
     partner[forced[:, 0]], partner[forced[:, 1]] = forced[:, 1], forced[:, 0]
@@ -126,19 +125,6 @@ def _measure(dense: Dense, closed: NDArray[np.bool_], one: IntArray, two: IntArr
         found[part] = np.sqrt(np.minimum.reduceat((gap**2).sum(axis=1), begins(size))) if len(part) else 0.0
     radius = dense.radius[item]
     return np.maximum(found - radius[one] - radius[two], 0.0)
-
-
-def _nodes(items: Items) -> Discs:
-    """The discs of the items, the two ends of open ones as owners of their own."""
-    discs = discs_of(items)
-    closed = items.kind == CLOSED
-    first = begins(np.where(closed, 1, 2))
-    ends = ~closed[discs.owner]
-    owner = first[discs.owner]
-    # The two ends of an open item follow each other.
-    own = discs.owner[ends]
-    owner[ends] += np.concatenate([[False], own[1:] == own[:-1]]) if len(own) else 0
-    return Discs(owner, discs.centre, discs.radius)
 
 
 def _tree(graph: _Graph, price: FloatArray) -> tuple[float, IntArray]:

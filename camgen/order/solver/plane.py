@@ -1,7 +1,8 @@
-"""Items in the plane made ready for the search, and the search run within a budget that knows no clock."""
+"""Items in the plane made ready for the search, and the search run within a budget of looks or by a clock."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -15,14 +16,32 @@ from camgen.order.solver import kernel, speed
 from camgen.order.solver import moves as rounds
 from camgen.order.solver.kernel import CLOSED, Run, Scene
 
-__all__ = ["Items", "Start", "Tell", "discs_of", "shorten"]
+__all__ = [
+    "DONE",
+    "STOPPED",
+    "TIMED",
+    "Clock",
+    "Items",
+    "Start",
+    "Tell",
+    "both_ends",
+    "discs_of",
+    "ends_apart",
+    "shorten",
+]
 
 #: Near items that are tried.
 WIDTH = 8
 #: Looks at an item above which the compiled search is worth its start, where it is installed.
 _WORTH = 30_000
+#: The same for a search that ends by the clock.
+_WORTH_SECONDS = 0.2
 #: So many looks of the plain and of the compiled search, some tenths of a second, between two words on the progress.
 _PAUSE = (2_000, 100_000)
+#: The same between two looks at the clock, about 0.02 s.
+_TICK = (300, 10_000)
+#: How a search came to its end: by itself or its looks, by the clock, by an interrupt.
+DONE, TIMED, STOPPED = 0, 1, 2
 #: What is told the part of the budget that is used up, 0 to 1.
 Tell = Callable[[float], None]
 
@@ -45,11 +64,26 @@ class Items(Struct, frozen=True, eq=False):
 
 
 class Start(Struct, frozen=True, eq=False):
-    """A tour. order: (N,) items. enter: by item, the point where it is entered. whole: the search came to its end."""
+    """A tour. order: (N,) items. enter: by item, the point where it is entered. end: of the search, see above."""
 
     order: IntArray
     enter: IntArray
-    whole: bool = True
+    end: int = DONE
+
+
+class Clock(Struct, frozen=True):
+    """A search that ends by the clock. until: on ``time.monotonic``, s. seconds: in all."""
+
+    until: float
+    seconds: float
+
+    def left(self) -> float:
+        """Seconds."""
+        return self.until - time.monotonic()
+
+    def part(self) -> float:
+        """How much of the time is over, 0 to 1."""
+        return min(max(1 - self.left() / self.seconds, 0.0), 1.0)
 
 
 def discs_of(items: Items) -> Discs:
@@ -80,6 +114,19 @@ def discs_of(items: Items) -> Discs:
     return Discs(np.concatenate(owners), np.concatenate(centre), np.concatenate(radius))
 
 
+def ends_apart(items: Items) -> tuple[Discs, IntArray]:
+    """The discs of the items, the two ends of open ones as owners of their own; and the first owner of each item."""
+    discs = discs_of(items)
+    closed = items.kind == CLOSED
+    first = begins(np.where(closed, 1, 2))
+    ends = ~closed[discs.owner]
+    owner = first[discs.owner]
+    # The two ends of an open item follow each other.
+    own = discs.owner[ends]
+    owner[ends] += np.concatenate([[False], own[1:] == own[:-1]]) if len(own) else 0
+    return Discs(owner, discs.centre, discs.radius), first
+
+
 def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
     """The samples of the closed items ``loops``, and for each the number of the stretch it belongs to, rising."""
     low, high = items.points.min(axis=0), items.points.max(axis=0)
@@ -96,43 +143,64 @@ def _stretches(items: Items, loops: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def shorten(
-    items: Items, start: Start, home: FloatArray | None, near: Near, budget: int, seed: int, tell: Tell | None = None
+    items: Items,
+    start: Start,
+    home: FloatArray | None,
+    near: Near,
+    budget: int,
+    seed: int,
+    tell: Tell | None = None,
+    clock: Clock | None = None,
 ) -> Start:
-    """The tour ``start`` shortened by ``budget`` looks at an item. home: x, y where it begins and ends, None: nowhere.
+    """The tour ``start`` shortened by ``budget`` looks at an item.
 
-    start must keep the rules of ``items`` (parents and ranks). Equal arguments, equal tours, compiled or not. tell: is
-    told now and then which part of the budget is used up; who watches may stop the search (KeyboardInterrupt), and gets
-    the best tour so far.
+    start must keep the rules of ``items`` (parents and ranks). Equal arguments, equal tours, compiled or not, unless a
+    clock ends it. tell: is told now and then which part of the budget is used up; who watches may stop the search
+    (KeyboardInterrupt), and gets the best tour so far.
     """
     scene, run = _make(items, start, home, near, seed)
     search: speed.Search = rounds.search
-    pause = _PAUSE[0]
-    if budget >= _WORTH and speed.available():
-        columns = (np.array(value) if isinstance(value, list) else value for value in scene)
-        scene = Scene(*columns)  # type: ignore[arg-type]
-        run = Run(*(np.array(column) for column in run))  # type: ignore[arg-type]
-        search, pause = speed.compile_search(), _PAUSE[1]
-    if tell is None:
-        search(scene, run, budget, budget)
-        return _as_start(items, run.ring, run.enter)
+    compiled = (budget >= _WORTH if clock is None else clock.seconds >= _WORTH_SECONDS) and speed.available()
+    pause = _PAUSE[compiled] if clock is None else _TICK[compiled] + len(run.ring) // 10
     # An interrupt may come in the middle of a move: what is given back is the tour before it.
-    ring, enter, whole = run.ring[:], run.enter[:], True
+    ring, enter = run.ring[:], run.enter[:]
     try:
+        if compiled:
+            if tell is not None:
+                tell(0.0)
+            search, scene, run, loaded = _compile(scene, run, budget)
+            clock = clock and Clock(clock.until + loaded, clock.seconds)
         while not rounds.is_done(run, budget):
-            search(scene, run, budget, pause)
-            ring, enter = np.array(run.ring), np.array(run.enter)  # type: ignore[assignment]
-            if not rounds.is_done(run, budget):
-                tell(run.marks[kernel.WORK] / budget)
+            search(scene, run, budget, budget if tell is None and clock is None else pause)
+            if rounds.is_done(run, budget):
+                break
+            if clock is not None and clock.left() <= 0 and run.marks[kernel.WORK] >= len(run.ring):
+                return _as_start(items, run.ring, run.enter, TIMED)
+            if tell is not None:
+                ring, enter = np.array(run.ring), np.array(run.enter)  # type: ignore[assignment]
+                tell(run.marks[kernel.WORK] / budget if clock is None else clock.part())
     except KeyboardInterrupt:
-        whole = False
-    return _as_start(items, ring, enter, whole)
+        if tell is None:
+            raise
+        return _as_start(items, ring, enter, STOPPED)
+    return _as_start(items, run.ring, run.enter)
 
 
-def _as_start(items: Items, ring: list[int], enter: list[int], whole: bool = True) -> Start:
+def _compile(scene: Scene, run: Run, budget: int) -> tuple[speed.Search, Scene, Run, float]:
+    """The compiled search, what it works on as arrays, and the seconds that it took to load or to compile it."""
+    begun = time.monotonic()
+    columns = (np.array(value) if isinstance(value, list) else value for value in scene)
+    scene, run = Scene(*columns), Run(*(np.array(column) for column in run))  # type: ignore[arg-type]
+    search = speed.compile_search()
+    search(scene, run, budget, 0)
+    return search, scene, run, time.monotonic() - begun
+
+
+def _as_start(items: Items, ring: list[int], enter: list[int], end: int = DONE) -> Start:
     count = len(items.kind)
     begin = int(np.flatnonzero(np.asarray(ring) == count)[0])
     order = np.concatenate([ring[begin + 1 :], ring[:begin]]).astype(np.int64)
-    return Start(order, np.asarray(enter)[:count], whole)
+    return Start(order, np.asarray(enter)[:count], end)
 
 
 def _make(items: Items, start: Start, home: FloatArray | None, near: Near, seed: int) -> tuple[Scene, Run]:
