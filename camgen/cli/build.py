@@ -192,8 +192,16 @@ def _coverage(result: Result) -> list[Row]:
     return [("coverage", f"{found}" + ("" if enough else "; use a finer tool"), "plain" if enough else "look")]
 
 
+#: A travel as near to its bound as this is the best possible, mm and a part of it: what the summary's digits show.
+_SAME_MM, _SAME_PART = 0.002, 5e-4
+
+
 def _above(tour: Tour) -> str:
-    """How far the travel is above what no tour can be below, where that says something: below twice that."""
+    """How near the travel is to what no tour can be below, where that says something: below twice that."""
+    if tour.bound is not None and tour.travel - tour.bound <= max(_SAME_MM, _SAME_PART * tour.travel):
+        return ", the best possible"
+    if tour.sampled:
+        return f", the best possible over {tour.sampled} starts of each closed path"
     if not tour.bound or tour.travel >= 2 * tour.bound:
         return ""
     return f", at most {100 * (tour.travel / tour.bound - 1):.1f} % above the best possible"

@@ -16,8 +16,10 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.path import PLAIN, ToolPath, Tour
+from camgen.order.proven import FEW, improve_few, is_proven, solve_samples
 from camgen.order.search import (
     Choices,
+    Sampled,
     is_bound_worth,
     is_compiled,
     is_crowd,
@@ -78,9 +80,35 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
         # A short search from samples may end above the first tour, whose starts lie anywhere.
         arranged = min([arranged, better], key=lambda tour: measure_travel(tour, start)) if first else better
     length = measure_travel(arranged, start)
-    bound = lower_bound(known, start, length, 0.0 if end == STOPPED else seconds) if known and told else None
+    bound, sampled = None, 0
+    if method == "best" and count <= FEW and known:
+        arranged, bound, sampled = _prove(known, paths, arranged, start)
+        length, end = measure_travel(arranged, start), DONE
+    elif known and told:
+        bound = lower_bound(known, start, length, 0.0 if end == STOPPED else seconds)
     kind = _METHODS[method] + (_kind(seconds, count) if searched else "")
-    return Tour(tuple(arranged), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED)
+    return Tour(tuple(arranged), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED, sampled=sampled)
+
+
+def _prove(
+    known: Sampled, paths: Sequence[ToolPath], arranged: list[ToolPath], start: tuple[float, float] | None
+) -> tuple[list[ToolPath], float, int]:
+    """The best tour of a few paths, or ``arranged``; what none is below, mm; and where that does not show that it is
+    the best, the number of starts of each closed path over which it is.
+    """
+    length = measure_travel(arranged, start)
+
+    def shorter(chosen: Choices | None) -> list[ToolPath]:
+        other = _arrange(paths, chosen) if chosen else arranged
+        return other if measure_travel(other, start) < length else arranged
+
+    chosen, bound = improve_few(known, start, length)
+    arranged = shorter(chosen)
+    length = measure_travel(arranged, start)
+    if is_proven(length, bound):
+        return arranged, bound, 0
+    chosen, sampled = solve_samples(known, start)
+    return shorter(chosen), max(bound, lower_bound(known, start, length, 0.0)), sampled
 
 
 def _kind(seconds: float, count: int) -> str:

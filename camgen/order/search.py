@@ -131,7 +131,7 @@ def sample_paths(paths: Sequence[ToolPath], where: Starts, parent: Sequence[int]
     items = Items(first, points, kind, apart, np.array(parent, dtype=np.int64), np.array(rank, dtype=np.int64))
     found = Sampled(items, where, along, whole, step_mm)
     inside = loop[owner]
-    points[inside] = _at(found, owner[inside], (step * step_mm[owner])[inside])
+    points[inside] = point_at(found, owner[inside], (step * step_mm[owner])[inside])
     return found
 
 
@@ -169,7 +169,7 @@ def _dense(known: Sampled, most: int) -> Dense | None:
     points = np.empty((len(owner), 2))
     points[~inside] = items.points[~np.repeat(loop, count)]
     length = known.whole / samples
-    points[inside] = _at(known, owner[inside], (place * length[owner])[inside])
+    points[inside] = point_at(known, owner[inside], (place * length[owner])[inside])
     # ``items.step`` counts corners that are no starts as well.
     wide = items.step - known.step + length
     return Dense(first, points, np.where(loop, wide / 2, 0.0))
@@ -202,7 +202,7 @@ def search(
     number = found.enter - items.first[:-1]
     length[closed] = (number * known.step)[closed]
     length = _polish(known, found, place, length)
-    row, fraction = _place(known, length)
+    row, fraction = place_starts(known, length)
     turned = ~closed & (number > 0)
     row = np.where(closed, row, np.where(turned, known.where.row[known.where.first[1:] - 1], 0))
     return Choices(found.order.tolist(), row.tolist(), np.where(closed, fraction, 0.0).tolist(), found.end)
@@ -241,14 +241,14 @@ def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArr
     return number, np.clip(total - known.along[number], 0.0, where.shape.length[number])
 
 
-def _at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
+def point_at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
     """Points x, y (K, 2) of closed paths, ``length`` mm along each."""
     number, rest = _segment(known, path, length)
     shape = known.where.shape
     return shape.point(rest / np.maximum(shape.length[number], NONZERO), number)[:, :2]
 
 
-def _place(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
+def place_starts(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:
     """Row and fraction of the point ``length`` mm along each path; no piece shorter than SEAM is cut off a segment."""
     path = np.arange(len(known.items.kind))
     number, rest = _segment(known, path, length)
@@ -279,7 +279,7 @@ def _polish(known: Sampled, found: Start, home: FloatArray | None, length: Float
                 side[at == edge] = other[at == edge] if home is None else home
             own = order[at]
             length[own] = _best(known, own, length[own], before, after)
-            enter[own] = leave[own] = _at(known, own, length[own])
+            enter[own] = leave[own] = point_at(known, own, length[own])
     return length
 
 
@@ -291,7 +291,7 @@ def _best(known: Sampled, path: IntArray, length: FloatArray, before: FloatArray
     shift = shift[np.argsort(np.abs(shift), kind="stable")]
     for _ in range(_NARROWER):
         places = length[:, None] + shift * reach[:, None]
-        points = _at(known, np.repeat(path, len(shift)), places.reshape(-1)).reshape(len(path), len(shift), 2)
+        points = point_at(known, np.repeat(path, len(shift)), places.reshape(-1)).reshape(len(path), len(shift), 2)
         cost = np.linalg.norm(points - before[:, None], axis=2) + np.linalg.norm(points - after[:, None], axis=2)
         length = places[np.arange(len(path)), cost.argmin(axis=1)]
         reach = reach / _FINER

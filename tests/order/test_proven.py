@@ -1,0 +1,123 @@
+"""Tours of a few paths against all orders, directions and many starts, tried one after the other."""
+
+import cmath
+import itertools
+import math
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from camgen.model.path import ToolPath
+from camgen.order.arrange import arrange
+from camgen.order.proven import FEW, is_proven
+from tests.order.test_tour import circle, ids, line
+
+Way = tuple[complex, complex]
+
+
+def ways_of(path: ToolPath, middle: complex, radius: float, starts: int) -> list[Way]:
+    """Where the path is entered and left."""
+    if path.closed:
+        return [(place, place) for k in range(starts) for place in [middle + cmath.rect(radius, k * math.tau / starts)]]
+    a, b = (complex(*path.position[row, :2]) for row in (0, -1))
+    return [(a, b), (b, a)] if path.reversible else [(a, b)]
+
+
+def shortest(ways: list[list[Way]], before: list[set[int]], home: complex | None) -> float:
+    """By trying all orders; of each the best ways are found one path after the other."""
+    best = math.inf
+    for order in itertools.permutations(range(len(ways))):
+        if any(before[item] - set(order[:k]) for k, item in enumerate(order)):
+            continue
+        here = [(0.0, home)]
+        for item in order:
+            here = [
+                (min(cost + (0.0 if at is None else abs(enter - at)) for cost, at in here), leave)
+                for enter, leave in ways[item]
+            ]
+        best = min(best, *(cost + (0.0 if home is None else abs(at - home)) for cost, at in here if at is not None))
+    return best
+
+
+def some_paths(rng: random.Random, count: int, closed: float) -> tuple[list[ToolPath], list[tuple[complex, float]]]:
+    side = 20 * math.sqrt(count)
+    paths, rings = [], []
+    for _ in range(count):
+        x, y, radius = rng.uniform(0, side), rng.uniform(0, side), rng.uniform(1, 6)
+        if rng.random() < closed:
+            paths.append(circle(x, y, radius))
+        else:
+            end = (x + rng.uniform(1, 20), y + rng.uniform(-20, 20))
+            paths.append(line((x, y), end, reversible=rng.random() < 0.7))
+        rings.append((complex(x, y), radius))
+    return ids(paths), rings
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 5), st.booleans(), st.booleans())
+def test_open_paths_are_run_in_the_best_order_there_is(seed: int, count: int, at_home: bool, layered: bool) -> None:
+    rng = random.Random(seed)
+    paths, rings = some_paths(rng, count, 0.0)
+    ranks = [int(layered and rng.random() < 0.5) for _ in paths]
+    paths = [type(path)(**{name: getattr(path, name) for name in path.__struct_fields__} | {"layer": "ba"[1 - rank]})
+             for path, rank in zip(paths, ranks, strict=True)]  # fmt: skip
+    before = [{k for k, rank in enumerate(ranks) if rank < own} for own in ranks]
+    best = shortest([ways_of(p, *r, 1) for p, r in zip(paths, rings, strict=True)], before, 0j if at_home else None)
+    tour = arrange(paths, "best", (0, 0) if at_home else None, False, layers=["a", "b"])
+    assert tour.travel == pytest.approx(best, abs=1e-6)
+    assert tour.bound is not None
+    assert tour.bound == pytest.approx(best, abs=1e-2)
+    assert tour.bound <= best
+    assert tour.sampled == 0
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 4), st.booleans())
+def test_no_start_of_closed_paths_is_better(seed: int, count: int, at_home: bool) -> None:
+    paths, rings = some_paths(random.Random(seed), count, 0.7)
+    home = 0j if at_home else None
+    best = shortest([ways_of(p, *r, 60) for p, r in zip(paths, rings, strict=True)], [set() for _ in paths], home)
+    tour = arrange(paths, "best", (0, 0) if at_home else None, False)
+    assert tour.bound is not None
+    assert tour.bound <= best + 1e-9
+    assert tour.bound <= tour.travel + 1e-9
+    # Sixty starts leave a little: a start between two of them may be better.
+    assert tour.travel <= best + 2e-3
+    if is_proven(tour.travel, tour.bound):
+        assert tour.travel <= tour.bound + max(2e-3, 5e-4 * tour.travel)
+        assert tour.sampled == 0
+
+
+def test_what_is_inside_comes_first_in_a_proven_tour() -> None:
+    # The hole lies beyond its outline: without the rule the outline would be run on the way there.
+    holes = [circle(100, 0, 2, parent=1), circle(50, 0, 5)]
+    tour = arrange(ids(holes), "best", (0, 0), True)
+    assert [path.id for path in tour.paths] == ["c0", "c1"]
+    assert tour.travel == pytest.approx(2 * 98, abs=1e-2)
+    assert tour.bound is not None
+    assert is_proven(tour.travel, tour.bound)
+
+
+def test_a_grid_is_the_best_over_the_starts_that_were_tried() -> None:
+    # Many orders of a grid are as long as the best: the bound does not close in, the starts that are tried do.
+    ring = [cmath.rect(5, k * math.tau / 16) for k in range(16)]
+    grid = [circle(20.0 * (k % 3), 20.0 * (k // 3), 5) for k in range(6)]
+    tour = arrange(ids(grid), "best", None, False)
+    places = [[(complex(20.0 * (k % 3), 20.0 * (k // 3)) + one,) * 2 for one in ring] for k in range(6)]
+    best = shortest(places, [set() for _ in grid], None)
+    assert tour.travel <= best + 1e-6
+    assert tour.bound is not None
+    assert tour.sampled == 16 or is_proven(tour.travel, tour.bound)
+
+
+def test_twelve_are_proven_and_thirteen_are_searched() -> None:
+    rng = random.Random(4)
+    paths = [line((x, y), (x + 3, y)) for x, y in ((rng.uniform(0, 90), rng.uniform(0, 90)) for _ in range(FEW + 1))]
+    some = arrange(ids(paths[:FEW]), "best", (0, 0), False)
+    assert some.bound is not None
+    assert is_proven(some.travel, some.bound)
+    more = arrange(ids(paths), "best", (0, 0), False)
+    assert more.bound is not None
+    assert more.bound < more.travel
