@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camgen.model.pose import FloatArray
-from camgen.order.search import Choices, Sampled, place_starts, point_at
+from camgen.order.search import Choices, Sampled, place_starts, point_at, polish_starts
 from camgen.order.solver.exact import Ways, best_through, first_sets
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED
+from camgen.order.solver.plane import Start
 from camgen.order.starts import IntArray
 
 BoolArray = NDArray[np.bool_]
@@ -27,6 +28,8 @@ FEW = 12
 _STRETCHES, _CUT, _ROUNDS, _MOST = 10, 3, 12, 150_000_000
 #: Starts of a closed path where that proves too much.
 _STARTS = 16
+#: So often the starts of what was found are moved to their best places.
+_POLISH = 3
 #: The bound is near enough: so many mm, and such a part of the travel.
 _NEAR, _NEAR_PART, _PROVEN = 1e-3, 4e-4, 5e-4
 
@@ -53,7 +56,7 @@ def improve_few(known: Sampled, home: tuple[float, float] | None, travel: float)
         through, tour, sets = best_through(ways, needs, sets, place, least + _NEAR)
         length = _length(ways, tour, place)
         if length < least - _NEAR:
-            least, best = length, _choose(known, item[tour], middle[tour], loop)
+            least, best = length, _choose(known, place, item[tour], middle[tour])
         bound = max(bound, min(float(through.min()), least))
         kept = through <= least + _NEAR
         more = np.where(loop[item[kept]], _CUT, 1)
@@ -88,7 +91,7 @@ def solve_samples(known: Sampled, home: tuple[float, float] | None) -> tuple[Cho
     middle = np.where(loop[item], number * known.whole[item] / _STARTS, number)
     ways = _ways(known, item, middle, loop, np.zeros(len(loop)))
     _, tour, _ = best_through(ways, needs, first_sets(needs), place, -np.inf)
-    return _choose(known, item[tour], middle[tour], loop), _STARTS
+    return _choose(known, place, item[tour], middle[tour]), _STARTS
 
 
 def _needs(parent: IntArray, rank: IntArray) -> list[int]:
@@ -119,10 +122,18 @@ def _length(ways: Ways, tour: list[int], home: FloatArray | None) -> float:
     return float(np.sqrt((gaps**2).sum(axis=1)).sum())
 
 
-def _choose(known: Sampled, order: IntArray, middle: FloatArray, loop: BoolArray) -> Choices:
+def _choose(known: Sampled, home: FloatArray | None, order: IntArray, middle: FloatArray) -> Choices:
+    """The tour of these ways, the starts of closed paths moved to their best places."""
+    items = known.items
+    loop = (items.kind == CLOSED) & (np.diff(items.first) > 1)
     along = np.zeros(len(order))
     along[order] = middle
-    row, fraction = place_starts(known, np.where(loop, along, 0.0))
+    length = np.where(loop, along, 0.0)
+    back = ~loop & (along > 0)
+    enter = np.where(back, items.first[1:] - 1, items.first[:-1])
+    for _ in range(_POLISH):
+        length = polish_starts(known, Start(order, enter), home, length)
+    row, fraction = place_starts(known, length)
     last = known.where.row[known.where.first[1:] - 1]
-    row = np.where(loop, row, np.where(along > 0, last, 0))
+    row = np.where(loop, row, np.where(back, last, 0))
     return Choices(order.tolist(), row.tolist(), np.where(loop, fraction, 0.0).tolist())

@@ -201,7 +201,7 @@ def search(
     length = np.zeros(count)
     number = found.enter - items.first[:-1]
     length[closed] = (number * known.step)[closed]
-    length = _polish(known, found, place, length)
+    length = polish_starts(known, found, place, length)
     row, fraction = place_starts(known, length)
     turned = ~closed & (number > 0)
     row = np.where(closed, row, np.where(turned, known.where.row[known.where.first[1:] - 1], 0))
@@ -258,7 +258,7 @@ def place_starts(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArr
     return known.where.row[number], known.where.low[number] + part * known.where.span[number]
 
 
-def _polish(known: Sampled, found: Start, home: FloatArray | None, length: FloatArray) -> FloatArray:
+def polish_starts(known: Sampled, found: Start, home: FloatArray | None, length: FloatArray) -> FloatArray:
     """Where along it each closed path begins, mm: every other one in turn moved to its best place."""
     items, order = known.items, found.order
     count = len(order)
@@ -267,6 +267,8 @@ def _polish(known: Sampled, found: Start, home: FloatArray | None, length: Float
     enter = items.points[found.enter]
     leave = items.points[items.first[:-1] + items.first[1:] - 1 - found.enter]
     closed = (items.kind == CLOSED) & (np.diff(items.first) > 1)
+    loops = np.flatnonzero(closed)
+    enter[loops] = point_at(known, loops, length[loops])
     leave = np.where((items.kind == CLOSED)[:, None], enter, leave)
     for _ in range(_ROUNDS):
         for odd in (0, 1):

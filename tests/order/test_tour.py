@@ -271,7 +271,10 @@ def test_seconds_are_those_of_a_clock(seconds: float, monkeypatch: pytest.Monkey
 @settings(max_examples=40)
 def test_a_greedy_tour_runs_every_item_after_those_inside(seed: int, count: int, home: bool, rules: bool) -> None:
     rng = random.Random(seed)
-    place = lambda: rng.choice([rng.uniform(0, 90), float(rng.randrange(4))])  # noqa: E731 (grids and crowds as well)
+
+    def place() -> float:
+        return rng.choice([rng.uniform(0, 90), float(rng.randrange(4))])  # grids and crowds as well
+
     paths = ids([rng.choice([circle(place(), place(), 2), line((place(), place()), (place(), 95.0))])
                  for _ in range(count)])  # fmt: skip
     parent = [rng.randrange(k + 1, count) if rules and k + 1 < count and rng.random() < 0.4 else -1
