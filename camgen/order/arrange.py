@@ -16,10 +16,9 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.path import PLAIN, ToolPath, Tour
-from camgen.order.proven import FEW, improve_few, is_proven, solve_samples
+from camgen.order.proven import FEW, improve_few, is_proven
 from camgen.order.search import (
     Choices,
-    Sampled,
     is_bound_worth,
     is_compiled,
     is_crowd,
@@ -69,46 +68,26 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     told = is_bound_worth(seconds, count)
     known = sample_paths(paths, where, waits_for, ranks) if searched or told else None
     arranged = [paths[i] for i in sorted(range(count), key=ranks.__getitem__)]
-    first, end = None, DONE
+    chosen, end = None, DONE
     if method != "as-drawn" and not (searched and is_crowd(count) and is_free(paths, waits_for, ranks)):
-        first = _nearest_neighbour(paths, where, start, waits_for, ranks)
-        arranged = _arrange(paths, first)
+        chosen = _nearest_neighbour(paths, where, start, waits_for, ranks)
+        arranged = _arrange(paths, chosen)
     if searched and known:
-        found = search(known, first, start, seed, tell, Clock(begun + seconds, seconds) if seconds else None)
+        found = search(known, chosen, start, seed, tell, Clock(begun + seconds, seconds) if seconds else None)
         end = found.end
         better = _arrange(paths, found)
         # A short search from samples may end above the first tour, whose starts lie anywhere.
-        arranged = min([arranged, better], key=lambda tour: measure_travel(tour, start)) if first else better
-    length = measure_travel(arranged, start)
-    bound, sampled = None, 0
-    if method == "best" and count <= FEW and known:
-        arranged, bound, sampled = _prove(known, paths, arranged, start)
+        if not chosen or measure_travel(better, start) < measure_travel(arranged, start):
+            arranged, chosen = better, found
+    length, bound = measure_travel(arranged, start), None
+    if known and chosen and method == "best" and count <= FEW:
+        solved, bound = improve_few(known, chosen, start)
+        arranged = min([arranged, _arrange(paths, solved)], key=lambda tour: measure_travel(tour, start))
         length, end = measure_travel(arranged, start), DONE
-    elif known and told:
-        bound = lower_bound(known, start, length, 0.0 if end == STOPPED else seconds)
+    if known and told and (bound is None or not is_proven(length, bound)):
+        bound = max(bound or 0.0, lower_bound(known, start, length, 0.0 if end == STOPPED else seconds))
     kind = _METHODS[method] + (_kind(seconds, count) if searched else "")
-    return Tour(tuple(arranged), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED, sampled=sampled)
-
-
-def _prove(
-    known: Sampled, paths: Sequence[ToolPath], arranged: list[ToolPath], start: tuple[float, float] | None
-) -> tuple[list[ToolPath], float, int]:
-    """The best tour of a few paths, or ``arranged``; what none is below, mm; and where that does not show that it is
-    the best, the number of starts of each closed path over which it is.
-    """
-    length = measure_travel(arranged, start)
-
-    def shorter(chosen: Choices | None) -> list[ToolPath]:
-        other = _arrange(paths, chosen) if chosen else arranged
-        return other if measure_travel(other, start) < length else arranged
-
-    chosen, bound = improve_few(known, start, length)
-    arranged = shorter(chosen)
-    length = measure_travel(arranged, start)
-    if is_proven(length, bound):
-        return arranged, bound, 0
-    chosen, sampled = solve_samples(known, start)
-    return shorter(chosen), max(bound, lower_bound(known, start, length, 0.0)), sampled
+    return Tour(tuple(arranged), length, kind, bound, stopped=end == STOPPED, timed=end == TIMED)
 
 
 def _kind(seconds: float, count: int) -> str:

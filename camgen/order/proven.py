@@ -1,79 +1,128 @@
 """Tours of a few paths that are proven to be the best: what no order, direction and start can undercut, closed in on.
 
-Closed paths are cut into stretches that may be entered anywhere. The best tour over stretches, each way as short as two
-stretches allow, is below every tour; stretches through which no tour can be better than the known one are dropped,
+Closed paths are cut into stretches that may be entered anywhere. The best tour over stretches, each step as short as
+two stretches allow, is below every tour; stretches through which no tour can be better than the known one are dropped,
 the others cut finer, until what is left between the two is nothing that can be told.
+
+A step charges each stretch for being left far along a direction and pays that back where the stretch is entered as far
+(Lagrange): the direction is the mean of those in which the known tour comes and goes. So near the best tour, where it
+cannot gain by moving along a path, a step loses only what is of second order in the length of a stretch.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Struct
 
+from camgen.geometry.ragged import owners, ramp
 from camgen.model.pose import FloatArray
-from camgen.order.search import Choices, Sampled, place_starts, point_at, polish_starts
-from camgen.order.solver.exact import Ways, best_through, first_sets
-from camgen.order.solver.kernel import BOTH_WAYS, CLOSED
+from camgen.model.tolerance import NONZERO
+from camgen.order.search import (
+    Choices,
+    Sampled,
+    ends_at,
+    lengths,
+    place_starts,
+    point_at,
+    polish_starts,
+    real_length,
+)
+from camgen.order.solver.exact import BoolArray, Ways, best_through, find_steps, first_sets
+from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
 from camgen.order.solver.plane import Start
 from camgen.order.starts import IntArray
 
-BoolArray = NDArray[np.bool_]
-
-__all__ = ["FEW", "improve_few", "is_proven", "solve_samples"]
+__all__ = ["FEW", "improve_few", "is_proven"]
 
 #: So many paths are solved: 2^n sets.
 FEW = 12
-#: Stretches of a closed path at first, into how many each is cut, how often, and the most pairs of them
-#: in all sets of paths, about 0.5 s.
-_STRETCHES, _CUT, _ROUNDS, _MOST = 10, 3, 12, 150_000_000
-#: Starts of a closed path where that proves too much.
-_STARTS = 16
+#: Stretches of a closed path at first, into how many each is cut, how often, and the most sums of costs in all
+#: sets of paths, about 0.1 s.
+_STRETCHES, _CUT, _ROUNDS, _MOST = 8, 2, 16, 200_000_000
 #: So often the starts of what was found are moved to their best places.
 _POLISH = 3
 #: The bound is near enough: so many mm, and such a part of the travel.
 _NEAR, _NEAR_PART, _PROVEN = 1e-3, 4e-4, 5e-4
+#: What roundings may add to the size of a stretch, of its length.
+_ROUNDED = 1e-7
 
 
-def improve_few(known: Sampled, home: tuple[float, float] | None, travel: float) -> tuple[Choices | None, float]:
-    """A tour shorter than ``travel``, mm, None if none is found; and what no tour is below, mm.
+class _Stretches(Struct, frozen=True, eq=False):
+    """Ways to run items, P in all: (P,) the item of each; low: mm along a closed path where its stretch begins, of
+    others 1 for backwards; (P,) how long it is, mm along the starts.
+    """
+
+    item: IntArray
+    low: FloatArray
+    long: FloatArray
+
+    def middle(self) -> FloatArray:
+        return self.low + self.long / 2
+
+
+class _Ovals(Struct, frozen=True, eq=False):
+    """What holds each stretch, P in all: an ellipse about its middle. enter, leave: (P, 2) mm, of closed paths both
+    are the middle. along: (P, 2) unit. half, wide: (P,) mm, half the axes along that and across.
+    """
+
+    enter: FloatArray
+    leave: FloatArray
+    along: FloatArray
+    half: FloatArray
+    wide: FloatArray
+
+    def charge(self, rows: IntArray, towards: FloatArray) -> tuple[FloatArray, ...]:
+        """Of the ovals ``rows`` the axes (x, y each) and what these reach towards ``towards``, last how far it is in all."""
+        t, half, wide = self.along[rows], self.half[rows], self.wide[rows]
+        x, y = towards[rows, 0], towards[rows, 1]
+        along, across = (half * t[..., 0], half * t[..., 1]), (-wide * t[..., 1], wide * t[..., 0])
+        one, two = along[0] * x + along[1] * y, across[0] * x + across[1] * y
+        return (*along, one, *across, two, np.sqrt(one * one + two * two))
+
+
+def improve_few(known: Sampled, start: Choices, home: tuple[float, float] | None) -> tuple[Choices, float]:
+    """The tour ``start`` or a shorter one; and what no tour is below, mm.
 
     home: x, y where it begins and ends, None: nowhere. 1 to FEW paths.
     """
-    items, place = known.items, None if home is None else np.array(home)
-    needs = _needs(items.parent, items.rank)
-    loop = (items.kind == CLOSED) & (np.diff(items.first) > 1)
-    # Between two starts may lie a corner that is none.
-    skipped = np.where(loop, (items.step - known.step) / 2, 0.0)
-    item = np.repeat(np.arange(len(loop)), np.where(loop, _STRETCHES, np.where(items.kind == BOTH_WAYS, 2, 1)))
-    number = np.arange(len(item)) - np.searchsorted(item, item)
-    wide = np.where(loop, known.whole / _STRETCHES, 0.0)
-    middle = np.where(loop[item], (number + 0.5) * wide[item], number)
-    sets = first_sets(needs)
-    best: Choices | None = None
-    bound, least = 0.0, travel
-    for _ in range(_ROUNDS):
-        ways = _ways(known, item, middle, loop, np.where(loop, wide / 2 + skipped, 0.0))
-        through, tour, sets = best_through(ways, needs, sets, place, least + _NEAR)
-        length = _length(ways, tour, place)
-        if length < least - _NEAR:
-            least, best = length, _choose(known, place, item[tour], middle[tour])
+    place = None if home is None else np.array(home)
+    loop = _loops(known)
+    order = np.array(start.order)
+    along = lengths(known, start)
+    least = _travel(known, order, along, place)
+    sets = first_sets(_needs(known, order))
+    pieces, bound = _whole(known, loop), 0.0
+    for turn in range(_ROUNDS):
+        ovals = _ovals(known, loop, pieces)
+        towards = _towards(known, ovals, pieces.item, order, along, place)
+        ways = _ways(ovals, pieces.item, find_steps(sets, len(loop)), towards, place)
+        if not turn:
+            sets = best_through(_by_item(ways), sets, least + _NEAR)[2]
+        through, tour, sets = best_through(ways, sets, least + _NEAR)
         bound = max(bound, min(float(through.min()), least))
+        order, along, least = _shorter(known, pieces, tour, (order, along, least), place)
         kept = through <= least + _NEAR
-        more = np.where(loop[item[kept]], _CUT, 1)
-        if (
-            least - bound <= max(_NEAR, _NEAR_PART * least)
-            or len(sets) * int(more.sum()) ** 2 > _MOST
-            or not loop.any()
-        ):
+        cut = _cut(pieces, kept, loop)
+        if least - bound <= max(_NEAR, _NEAR_PART * least) or len(sets) * len(cut.item) ** 2 > _MOST or not loop.any():
             break
-        step = np.tile(np.arange(_CUT), int(kept.sum()))
-        inside = step < np.repeat(more, _CUT)
-        owner, step = np.repeat(item[kept], _CUT)[inside], step[inside]
-        centre = np.repeat(middle[kept], _CUT)[inside]
-        wide = wide / _CUT
-        middle = np.where(loop[owner], centre + (step - (_CUT - 1) / 2) * wide[owner], centre)
-        item = owner
-    return best, max(0.0, bound * (1 - 1e-12) - 1e-9)
+        pieces = cut
+    return _choose(known, order, along), max(0.0, bound * (1 - 1e-12) - 1e-9)
+
+
+def _shorter(
+    known: Sampled, pieces: _Stretches, tour: list[int], best: tuple[IntArray, FloatArray, float], home: FloatArray | None
+) -> tuple[IntArray, FloatArray, float]:
+    """``best``, its order, places and length, or the ``tour`` through stretches, where that can be made a shorter one."""
+    item, loop = pieces.item[tour], _loops(known)
+    along = best[1].copy()
+    along[item] = np.where(loop[item], pieces.middle()[tour], pieces.low[tour])
+    away = np.abs(along - best[1])
+    away = np.where(loop, np.minimum(away, known.whole - away), away)[item]
+    if (item == best[0]).all() and (away <= pieces.long[tour]).all():
+        return best
+    along = _settle(known, item, along, home)
+    length = _travel(known, item, along, home)
+    return (item, along, length) if length < best[2] - _NEAR else best
 
 
 def is_proven(travel: float, bound: float) -> bool:
@@ -81,59 +130,154 @@ def is_proven(travel: float, bound: float) -> bool:
     return travel - bound <= max(2 * _NEAR, _PROVEN * travel)
 
 
-def solve_samples(known: Sampled, home: tuple[float, float] | None) -> tuple[Choices, int]:
-    """The best of all tours that enter closed paths at one of so many starts, evenly along each; how many these are."""
-    items, place = known.items, None if home is None else np.array(home)
-    needs = _needs(items.parent, items.rank)
-    loop = (items.kind == CLOSED) & (np.diff(items.first) > 1)
-    item = np.repeat(np.arange(len(loop)), np.where(loop, _STARTS, np.where(items.kind == BOTH_WAYS, 2, 1)))
-    number = np.arange(len(item)) - np.searchsorted(item, item)
-    middle = np.where(loop[item], number * known.whole[item] / _STARTS, number)
-    ways = _ways(known, item, middle, loop, np.zeros(len(loop)))
-    _, tour, _ = best_through(ways, needs, first_sets(needs), place, -np.inf)
-    return _choose(known, place, item[tour], middle[tour]), _STARTS
+def _loops(known: Sampled) -> BoolArray:
+    """Which paths may be entered anywhere."""
+    loop: BoolArray = (known.items.kind == CLOSED) & (np.diff(known.items.first) > 1)
+    return loop
 
 
-def _needs(parent: IntArray, rank: IntArray) -> list[int]:
-    """By item, the set of items that come before it: those inside, and all of a lower rank."""
-    return [
-        sum(1 << int(k) for k in np.flatnonzero((parent == one) | (rank < rank[one]))) for one in range(len(parent))
-    ]
+def _needs(known: Sampled, order: IntArray) -> list[int]:
+    """By item, the set of items that come before it: those inside, and all of a lower rank.
 
-
-def _ways(known: Sampled, item: IntArray, middle: FloatArray, loop: BoolArray, slack: FloatArray) -> Ways:
-    """middle: of a closed path mm along it, of others 1 for backwards."""
+    Where every tour may be run backwards as well, the first one of ``order`` comes before its last one.
+    """
     items = known.items
-    first, last = items.first[:-1][item], items.first[1:][item] - 1
-    back = middle > 0.5
-    enter = items.points[np.where(back & ~loop[item], last, first)]
-    leave = items.points[np.where(back & ~loop[item], first, last)]
-    inside = loop[item]
-    enter[inside] = leave[inside] = point_at(known, item[inside], middle[inside])
-    return Ways(item, enter, leave, slack[item])
+    needs = [
+        sum(1 << int(k) for k in np.flatnonzero((items.parent == one) | (items.rank < items.rank[one])))
+        for one in range(len(order))
+    ]
+    if not any(needs) and (items.kind != ONE_WAY).all() and len(order) > 1:
+        needs[int(order[-1])] |= 1 << int(order[0])
+    return needs
 
 
-def _length(ways: Ways, tour: list[int], home: FloatArray | None) -> float:
-    """Of the tour through the points of the ways, mm."""
-    enter, leave = ways.enter[tour], ways.leave[tour]
-    gaps = enter[1:] - leave[:-1]
+def _whole(known: Sampled, loop: BoolArray) -> _Stretches:
+    """The first few stretches of closed paths, the directions of others."""
+    count = np.where(loop, _STRETCHES, np.where(known.items.kind == BOTH_WAYS, 2, 1))
+    item, number = owners(count), ramp(count)
+    long = np.where(loop, known.whole / _STRETCHES, 0.0)[item]
+    return _Stretches(item, np.where(loop[item], number * long, number), long)
+
+
+def _cut(pieces: _Stretches, kept: BoolArray, loop: BoolArray) -> _Stretches:
+    """Those that are kept, of closed paths each in ``_CUT``."""
+    count = np.where(loop[pieces.item[kept]], _CUT, 1)
+    owner, number = np.flatnonzero(kept)[owners(count)], ramp(count)
+    long = np.where(loop[pieces.item[owner]], pieces.long[owner] / _CUT, 0.0)
+    return _Stretches(pieces.item[owner], pieces.low[owner] + number * long, long)
+
+
+def _ovals(known: Sampled, loop: BoolArray, pieces: _Stretches) -> _Ovals:
+    """Of what runs from one end to the other no point is outside the ellipse about both that is as long as the way."""
+    items, item = known.items, pieces.item
+    back = ~loop[item] & (pieces.low > 0)
+    first, last = items.points[items.first[:-1][item]], items.points[items.first[1:][item] - 1]
+    enter, leave = (np.where(back[:, None], b, a) for a, b in ((first, last), (last, first)))
+    half, wide, along = np.zeros(len(item)), np.zeros(len(item)), np.tile([1.0, 0.0], (len(item), 1))
+    own = np.flatnonzero(loop[item])
+    low, high = pieces.low[own], pieces.low[own] + pieces.long[own]
+    one, two = point_at(known, item[own], low), point_at(known, item[own], high)
+    chord = two - one
+    apart = np.sqrt((chord**2).sum(axis=1))
+    way = real_length(known, item[own], low, high)
+    half[own] = way * (0.5 + _ROUNDED)
+    wide[own] = np.sqrt(np.maximum(half[own] ** 2 - (apart / 2) ** 2, 0.0))
+    straight = apart > 0
+    along[own[straight]] = chord[straight] / apart[straight, None]
+    enter[own] = leave[own] = (one + two) / 2
+    return _Ovals(enter, leave, along, half, wide)
+
+
+def _towards(
+    known: Sampled, ovals: _Ovals, item: IntArray, order: IntArray, along: FloatArray, home: FloatArray | None
+) -> FloatArray:
+    """(P, 2) the mean of the directions in which the tour comes to each stretch and goes on from it; 0 of open paths."""
+    enter, leave = ends_at(known, along)
+    place = np.argsort(order)[item]
+    nowhere = np.full((1, 2), np.nan) if home is None else home[None]
+    before = np.concatenate([nowhere, leave[order]])[place]
+    after = np.concatenate([enter[order], nowhere])[place + 1]
+    towards: FloatArray = (_units(ovals.enter - before) + _units(after - ovals.leave)) / 2
+    towards[ovals.half == 0] = 0.0
+    return towards
+
+
+def _units(vectors: FloatArray) -> FloatArray:
+    """Of length 1; 0 for 0 and for nan."""
+    far = np.sqrt((vectors**2).sum(axis=-1, keepdims=True))
+    return np.divide(vectors, far, out=np.zeros_like(vectors), where=far > 0)
+
+
+def _ways(ovals: _Ovals, item: IntArray, steps: BoolArray, towards: FloatArray, home: FloatArray | None) -> Ways:
+    """What each step costs at least, when every stretch is charged for how far along ``towards`` it is left."""
+    every = np.arange(len(item))
+    cost = np.full((len(item), len(item)), np.inf)
+    for one in range(len(steps)):
+        own, other = np.flatnonzero(item == one), np.flatnonzero(steps[one][item])
+        if len(other):
+            cost[own[0] : own[-1] + 1, other] = _least(
+                ovals.enter[other][None] - ovals.leave[own][:, None],
+                [ovals.charge(own[:, None], towards), ovals.charge(other[None], towards)],
+            )
+    if home is None:
+        free = ovals.charge(every, towards)[-1]
+        return Ways(item, cost, -free, -free)
+    charge = ovals.charge(every, towards)
+    return Ways(item, cost, _least(ovals.enter - home, [charge]), _least(home - ovals.leave, [charge]))
+
+
+def _least(step: FloatArray, charges: list[tuple[FloatArray, ...]]) -> FloatArray:
+    """Costs of steps (..., 2) mm between the middles of ovals, with what both may take off."""
+    x, y = step[..., 0], step[..., 1]
+    found = np.sqrt(x * x + y * y)
+    far = np.maximum(found, NONZERO)
+    x, y = x / far, y / far
+    floor: FloatArray = np.zeros(())
+    for along_x, along_y, along_charged, across_x, across_y, across_charged, free in charges:
+        along = x * along_x
+        along += y * along_y
+        along -= along_charged
+        across = x * across_x
+        across += y * across_y
+        across -= across_charged
+        along *= along
+        across *= across
+        along += across
+        found -= np.sqrt(along, out=along)
+        floor = floor - free
+    return np.maximum(found, floor, out=found)
+
+
+def _by_item(ways: Ways) -> Ways:
+    """One way for each item, each step as cheap as the cheapest of its ways."""
+    first = np.searchsorted(ways.item, np.arange(int(ways.item[-1]) + 1))
+    cost = np.minimum.reduceat(np.minimum.reduceat(ways.cost, first, axis=0), first, axis=1)
+    return Ways(np.arange(len(first)), cost, np.minimum.reduceat(ways.out, first), np.minimum.reduceat(ways.back, first))
+
+
+def _travel(known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None) -> float:
+    """Between the items, from and to home, mm."""
+    enter, leave = ends_at(known, along)
+    gaps = enter[order[1:]] - leave[order[:-1]]
     if home is not None:
-        gaps = np.concatenate([gaps, enter[:1] - home, leave[-1:] - home])
+        gaps = np.concatenate([gaps, [enter[order[0]] - home, leave[order[-1]] - home]])
     return float(np.sqrt((gaps**2).sum(axis=1)).sum())
 
 
-def _choose(known: Sampled, home: FloatArray | None, order: IntArray, middle: FloatArray) -> Choices:
-    """The tour of these ways, the starts of closed paths moved to their best places."""
-    items = known.items
-    loop = (items.kind == CLOSED) & (np.diff(items.first) > 1)
-    along = np.zeros(len(order))
-    along[order] = middle
-    length = np.where(loop, along, 0.0)
+def _settle(known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None) -> FloatArray:
+    """Where each item is entered, the starts of closed ones moved to their best places."""
+    loop, items = _loops(known), known.items
     back = ~loop & (along > 0)
     enter = np.where(back, items.first[1:] - 1, items.first[:-1])
+    length = np.where(loop, along, 0.0)
     for _ in range(_POLISH):
         length = polish_starts(known, Start(order, enter), home, length)
-    row, fraction = place_starts(known, length)
+    return np.where(loop, length, along)
+
+
+def _choose(known: Sampled, order: IntArray, along: FloatArray) -> Choices:
+    loop = _loops(known)
+    row, fraction = place_starts(known, np.where(loop, along, 0.0))
     last = known.where.row[known.where.first[1:] - 1]
-    row = np.where(loop, row, np.where(back, last, 0))
+    row = np.where(loop, row, np.where(along > 0, last, 0))
     return Choices(order.tolist(), row.tolist(), np.where(loop, fraction, 0.0).tolist())

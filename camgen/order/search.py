@@ -219,17 +219,21 @@ def _travel(items: Items, tour: Start, home: FloatArray | None) -> float:
     return math.fsum(np.sqrt(((begins - ends) ** 2).sum(axis=1)).tolist())
 
 
-def _enter(known: Sampled, first: Choices) -> IntArray:
-    """The points where the items are entered in a tour whose closed paths may begin between samples."""
-    items, where = known.items, known.where
-    row, fraction = np.array(first.row), np.array(first.fraction)
-    samples = np.diff(items.first)
-    segment = where.first[:-1] + np.maximum(row - 1, 0)
-    segment = np.minimum(segment, where.first[1:] - 1)
+def lengths(known: Sampled, chosen: Choices) -> FloatArray:
+    """By path, where it is entered: of closed ones mm along it, of others 1 for backwards, else 0."""
+    where = known.where
+    row, fraction = np.array(chosen.row), np.array(chosen.fraction)
+    segment = np.minimum(where.first[:-1] + np.maximum(row - 1, 0), where.first[1:] - 1)
     fraction = np.clip((fraction - where.low[segment]) / where.span[segment], 0.0, 1.0)
     length = known.along[segment] - known.along[where.first[:-1]] + fraction * where.shape.length[segment]
-    number = np.round(length / np.maximum(known.step, NONZERO)).astype(np.int64) % samples
-    return items.first[:-1] + np.where(items.kind == CLOSED, number, row > 0)
+    return np.where(known.items.kind == CLOSED, length, row > 0)
+
+
+def _enter(known: Sampled, first: Choices) -> IntArray:
+    """The points where the items are entered in a tour whose closed paths may begin between samples."""
+    items, length = known.items, lengths(known, first)
+    number = np.round(length / np.maximum(known.step, NONZERO)).astype(np.int64) % np.diff(items.first)
+    return items.first[:-1] + np.where(items.kind == CLOSED, number, length > 0)
 
 
 def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -246,6 +250,33 @@ def point_at(known: Sampled, path: IntArray, length: FloatArray) -> FloatArray:
     number, rest = _segment(known, path, length)
     shape = known.where.shape
     return shape.point(rest / np.maximum(shape.length[number], NONZERO), number)[:, :2]
+
+
+def real_length(known: Sampled, path: IntArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """How long closed paths are from ``low`` to ``high`` mm along their starts, with the corners that are none, mm."""
+    where = known.where
+    whole = where.shape.length / where.span
+    before = np.concatenate([[0.0], np.cumsum(whole)])
+
+    def real(length: FloatArray) -> FloatArray:
+        number, rest = _segment(known, path, length)
+        return before[number] + where.low[number] * whole[number] + rest
+
+    one, two = real(low), real(high)
+    around = before[where.first[path + 1]] - before[where.first[path]]
+    return np.where(two < one, two - one + around, two - one)
+
+
+def ends_at(known: Sampled, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where each path is entered and left, x y (N, 2) mm. along: by path, see ``lengths``."""
+    items = known.items
+    closed = (items.kind == CLOSED) & (np.diff(items.first) > 1)
+    first, last = items.points[items.first[:-1]], items.points[items.first[1:] - 1]
+    back = (~closed & (along > 0))[:, None]
+    enter, leave = np.where(back, last, first), np.where(back, first, last)
+    loops = np.flatnonzero(closed)
+    enter[loops] = leave[loops] = point_at(known, loops, along[loops])
+    return enter, leave
 
 
 def place_starts(known: Sampled, length: FloatArray) -> tuple[IntArray, FloatArray]:

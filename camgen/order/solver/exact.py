@@ -6,108 +6,140 @@ from the beginning, so that for each way of each item the best tour through it i
 
 from __future__ import annotations
 
-import math
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from camgen.geometry.nearest import IntArray
 from camgen.model.pose import FloatArray
 
-__all__ = ["Ways", "best_through", "first_sets"]
+__all__ = ["BoolArray", "Ways", "best_through", "find_steps", "first_sets"]
+
+BoolArray = NDArray[np.bool_]
 
 
 class Ways(Struct, frozen=True, eq=False):
-    """The ways to run N items. item: (P,) rising. enter, leave: (P, 2) mm. slack: (P,) mm, a way stands for all that
-    begin and end no farther than that from its points.
+    """The ways to run N items, P in all, and what each step between them costs.
+
+    item: (P,) rising, each of 0 to N - 1. cost: (P, P) from the end of each way to the beginning of each other one;
+    only that of steps that the sets allow, see ``find_steps``, is looked at.
+    out, back: (P,) from home to the beginning of each, and from its end home.
     """
 
     item: IntArray
-    enter: FloatArray
-    leave: FloatArray
-    slack: FloatArray
+    cost: FloatArray
+    out: FloatArray
+    back: FloatArray
 
 
-def best_through(
-    ways: Ways, needs: list[int], sets: list[int], home: FloatArray | None, most: float
-) -> tuple[FloatArray, list[int], list[int]]:
-    """(P,) what no tour that runs an item this way is below, mm, inf for above ``most``; the ways of a tour that is as
-    long as the least of these, but for the slack, in order; and the ``sets`` that tours not above ``most`` begin with.
+class _Table(Struct, frozen=True, eq=False):
+    """sets: (S,) smaller ones first. place: by set, its row among these, -1 for none. sizes: where each size begins.
 
-    needs: by item, the set of items (bits) that must be run before it. sets: those that tours begin with, see
-    ``first_sets``. home: x, y where it begins and ends, None: nowhere. most: -inf where the tour alone is asked
-    for; else some tour must not be above it.
+    has: (S, P) whether the item of the way is in the set.
     """
-    count = int(ways.item[-1]) + 1
-    out, back = np.zeros(len(ways.item)), np.zeros(len(ways.item))
-    if home is not None:
-        out = np.maximum(np.sqrt(((ways.enter - home) ** 2).sum(axis=1)) - ways.slack, 0.0)
-        back = np.maximum(np.sqrt(((ways.leave - home) ** 2).sum(axis=1)) - ways.slack, 0.0)
-    own = [np.flatnonzero(ways.item == one) for one in range(count)]
-    rest = _rest(ways, own, sets, back)
-    through = np.full(len(ways.item), np.inf)
-    begun: dict[int, FloatArray] = {}
-    for done in sets:
-        for one in range(count) if done in rest else ():
-            before = done & ~(1 << one)
-            if not done >> one & 1 or needs[one] & ~before or (before and before not in begun):
+
+    sets: IntArray
+    place: IntArray
+    sizes: list[int]
+    columns: list[slice]
+    last: BoolArray
+
+
+def best_through(ways: Ways, sets: IntArray, most: float) -> tuple[FloatArray, list[int], IntArray]:
+    """(P,) what no tour that runs an item this way costs less than, inf for above ``most``; the ways of a tour that
+    costs the least, in order; and the ``sets`` that tours not above ``most`` begin with.
+
+    sets: those that tours may begin with, see ``first_sets``. Some tour must not be above ``most``.
+    """
+    table = _table(ways, sets)
+    rest = _rest(ways, table)
+    begun = np.full(rest.shape, np.inf)
+    for one, own in enumerate(table.columns):
+        alone = table.place[1 << one]
+        if alone >= 0:
+            begun[alone, own] = np.where(ways.out[own] + rest[alone, own] <= most, ways.out[own], np.inf)
+    for size in range(2, len(table.sizes)):
+        low, high = table.sizes[size - 1], table.sizes[size]
+        for one, own in enumerate(table.columns):
+            before = np.where(table.sets[low:high] >> one & 1, table.place[table.sets[low:high] & ~(1 << one)], -1)
+            rows, before = low + np.flatnonzero(before >= 0), before[before >= 0]
+            last = np.flatnonzero(np.isfinite(begun[before]).any(axis=0))
+            if not len(last):
                 continue
-            here = own[one]
-            cost = out[here]
-            if before:
-                left = np.flatnonzero(np.isfinite(begun[before]))
-                cost = (begun[before][left, None] + _apart(ways, left, here)).min(axis=0)
-            total = cost + rest[done][here]
-            if total.min() <= most:
-                begun.setdefault(done, np.full(len(ways.item), np.inf))[here] = np.where(total > most, np.inf, cost)
-                through[here] = np.minimum(through[here], np.where(total > most, np.inf, total))
-    return through, _follow(ways, own, rest, out), [one for one in sets if one in begun]
+            earlier = begun[np.ix_(before, last)]
+            for way, step in zip(range(own.start, own.stop), ways.cost[last, own].T.copy(), strict=True):
+                begun[rows, way] = (earlier + step).min(axis=1)
+        begun[low:high][begun[low:high] + rest[low:high] > most] = np.inf
+    through = (begun + rest).min(axis=0)
+    return through, _follow(ways, table, rest), table.sets[np.isfinite(begun).any(axis=1)]
 
 
-def _apart(ways: Ways, one: IntArray, two: IntArray) -> FloatArray:
-    """(len(one), len(two)): from the end of each way to the beginning of each other, mm, no more than it may be."""
-    dx = ways.leave[one, 0][:, None] - ways.enter[two, 0]
-    dy = ways.leave[one, 1][:, None] - ways.enter[two, 1]
-    least: FloatArray = np.sqrt(dx * dx + dy * dy) - ways.slack[one][:, None] - ways.slack[two]
-    return np.maximum(least, 0.0, out=least)
+def first_sets(needs: list[int]) -> IntArray:
+    """All sets of items (bits) that may be run before the others. needs: by item, the set that must come before it."""
+    sets = np.arange(1, 1 << len(needs))
+    for one, need in enumerate(needs):
+        sets = sets[(sets >> one & 1 == 0) | (need & ~sets == 0)]
+    return sets
 
 
-def first_sets(needs: list[int]) -> list[int]:
-    """All sets of items that may be run before the others, smaller numbers first: a set comes after its parts."""
-    whole = 1 << len(needs)
-    return [one for one in range(1, whole) if not any(one >> k & 1 and need & ~one for k, need in enumerate(needs))]
+def find_steps(sets: IntArray, count: int) -> BoolArray:
+    """(count, count) from which item a tour that begins with these sets may go on to which other one."""
+    steps = np.zeros((count, count), dtype=np.bool_)
+    held = np.zeros(1 << count, dtype=np.bool_)
+    held[[0, *sets.tolist()]] = True
+    for one in range(count):
+        last = sets[(sets >> one & 1 == 1) & held[sets & ~(1 << one)]]
+        for other in range(count):
+            free = last[last >> other & 1 == 0]
+            steps[one, other] = held[free | 1 << other].any()
+    return steps
 
 
-def _rest(ways: Ways, own: list[IntArray], sets: list[int], back: FloatArray) -> dict[int, FloatArray]:
-    """By set of items that are run, (P,) the shortest way from each way of these over all others and home, else inf."""
-    count, whole = len(own), (1 << len(own)) - 1
-    rest: dict[int, FloatArray] = {whole: back}
-    for done in reversed(sets[:-1]):
-        following = [one for one in range(count) if not done >> one & 1 and done | 1 << one in rest]
-        if not following:
-            continue
-        goals = np.concatenate([own[one] for one in following])
-        ahead = np.concatenate([rest[done | 1 << one][own[one]] for one in following])
-        here = np.flatnonzero(done >> ways.item & 1)
-        found = np.full(len(ways.item), np.inf)
-        found[here] = (_apart(ways, here, goals) + ahead).min(axis=1)
-        rest[done] = found
+def _table(ways: Ways, sets: IntArray) -> _Table:
+    count = int(ways.item[-1]) + 1
+    size = sum((sets >> one & 1 for one in range(count)), np.zeros(len(sets), dtype=np.int64))
+    sets = sets[np.lexsort((sets, size))]
+    place = np.full(1 << count, -1)
+    place[sets] = np.arange(len(sets))
+    sizes = np.searchsorted(np.sort(size), np.arange(1, count + 2)).tolist()
+    first = np.searchsorted(ways.item, np.arange(count + 1)).tolist()
+    columns = [slice(a, b) for a, b in pairwise(first)]
+    held = np.append(place, 0) >= 0
+    before = sets[:, None] & ~(1 << np.arange(count))
+    last = (sets[:, None] >> np.arange(count) & 1 == 1) & ((before == 0) | held[before])
+    return _Table(sets, place, sizes, columns, last[:, ways.item])
+
+
+def _rest(ways: Ways, table: _Table) -> FloatArray:
+    """(S, P) the least cost from each way that may be the last one in the set over all others and home, else inf."""
+    rest = np.full(table.last.shape, np.inf)
+    rest[-1] = np.where(table.last[-1], ways.back, np.inf)
+    for size in range(len(table.sizes) - 2, 0, -1):
+        low, high = table.sizes[size - 1], table.sizes[size]
+        for one, own in enumerate(table.columns):
+            after = np.where(table.sets[low:high] >> one & 1, -1, table.place[table.sets[low:high] | 1 << one])
+            rows, after = low + np.flatnonzero(after >= 0), after[after >= 0]
+            if not len(rows):
+                continue
+            here = np.flatnonzero(table.last[rows].any(axis=0))
+            ahead, found = rest[after, own], rest[np.ix_(rows, here)]
+            for way, step in enumerate(ways.cost[here, own].T.copy()):
+                np.minimum(found, ahead[:, way, None] + step, out=found)
+            rest[np.ix_(rows, here)] = found
+        rest[low:high][~table.last[low:high]] = np.inf
     return rest
 
 
-def _follow(ways: Ways, own: list[IntArray], rest: dict[int, FloatArray], out: FloatArray) -> list[int]:
+def _follow(ways: Ways, table: _Table, rest: FloatArray) -> list[int]:
     """The ways of the best tour, in order."""
     tour: list[int] = []
-    done, steps = 0, out
-    for _ in own:
-        best, choice, chosen = math.inf, -1, -1
-        for one, these in enumerate(own):
-            if not done >> one & 1 and done | 1 << one in rest:
-                cost = steps[these] + rest[done | 1 << one][these]
-                least = int(cost.argmin())
-                if float(cost[least]) < best:
-                    best, choice, chosen = float(cost[least]), int(these[least]), one
-        tour.append(choice)
-        done |= 1 << chosen
-        steps = _apart(ways, np.array([choice]), np.arange(len(ways.item)))[0]
+    done, steps = 0, ways.out
+    for _ in range(len(table.sizes) - 1):
+        after = table.place[done | 1 << ways.item]
+        cost = np.where((after >= 0) & (done >> ways.item & 1 == 0), steps + rest[after, np.arange(len(after))], np.inf)
+        tour.append(int(cost.argmin()))
+        done |= 1 << int(ways.item[tour[-1]])
+        steps = ways.cost[tour[-1]]
     return tour
