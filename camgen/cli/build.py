@@ -200,8 +200,6 @@ def _above(tour: Tour) -> str:
     """How near the travel is to what no tour can be below, where that says something: below twice that."""
     if tour.bound is not None and tour.travel - tour.bound <= max(_SAME_MM, _SAME_PART * tour.travel):
         return ", the best possible"
-    if tour.sampled:
-        return f", the best possible over {tour.sampled} starts of each closed path"
     if not tour.bound or tour.travel >= 2 * tour.bound:
         return ""
     return f", at most {100 * (tour.travel / tour.bound - 1):.1f} % above the best possible"

@@ -94,9 +94,7 @@ class Tour(Struct, frozen=True, eq=False):
     travel: mm between the end of each path and the start of the next, from and back to the home position if given.
     bound: mm, no order, directions and starts of these paths travel less; None where it is not known.
     down: indices of the paths that are reached from the one before without a lift. stopped: the search for it was ended
-    before it was done; timed: it was ended by the clock.
-    sampled: where the bound does not tell, no tour is shorter that enters closed paths at one of so many even starts, 0
-    where that is not known. notes: on what was left out or done otherwise on the way.
+    before it was done; timed: it was ended by the clock. notes: on what was left out or done otherwise on the way.
     """
 
     paths: tuple[ToolPath, ...]
@@ -106,7 +104,6 @@ class Tour(Struct, frozen=True, eq=False):
     down: frozenset[int] = frozenset()
     stopped: bool = False
     timed: bool = False
-    sampled: int = 0
     notes: tuple[Note, ...] = ()
 
     def __repr__(self) -> str:

@@ -58,7 +58,6 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch) -> Jo
         frozenset(down),
         any(tour.stopped for tour in tours),
         any(tour.timed for tour in tours),
-        0,
         tuple(note for tour in tours for note in tour.notes),
         steps=plan.steps,
         numbers=plan.numbers,
@@ -99,7 +98,6 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     # Leads move the ends of a path by no more than their lengths.
     moved = len(plan.paths) * (operation.lead_in + operation.lead_out + operation.overlap)
     bound = None if found.bound is None else max(0.0, found.bound - moved)
-    sampled = 0 if moved else found.sampled
-    tour = replace(found, paths=tuple(led), travel=measure_travel(led, start), bound=bound, sampled=sampled)
+    tour = replace(found, paths=tuple(led), travel=measure_travel(led, start), bound=bound)
     tour, saved = stay_down(tour, plan.part, job)
     return replace(tour, notes=(*notes, *saved))

@@ -37,8 +37,8 @@ __all__ = ["FEW", "improve_few", "is_proven"]
 #: So many paths are solved: 2^n sets.
 FEW = 12
 #: Stretches of a closed path at first, into how many each is cut, how often, and the most sums of costs in all
-#: sets of paths, about 0.1 s.
-_STRETCHES, _CUT, _ROUNDS, _MOST = 8, 2, 16, 200_000_000
+#: sets of paths (as many sets at least), about 0.1 s.
+_STRETCHES, _CUT, _ROUNDS, _MOST, _LEAST_WORK = 8, 2, 16, 200_000_000, 40
 #: So often the starts of what was found are moved to their best places.
 _POLISH = 3
 #: The bound is near enough: so many mm, and such a part of the travel.
@@ -72,7 +72,7 @@ class _Ovals(Struct, frozen=True, eq=False):
     wide: FloatArray
 
     def charge(self, rows: IntArray, towards: FloatArray) -> tuple[FloatArray, ...]:
-        """Of the ovals ``rows`` the axes (x, y each) and what these reach towards ``towards``, last how far it is in all."""
+        """Of the ovals ``rows`` both axes (x, y, and ``towards`` along it), and last how far they reach ``towards``."""
         t, half, wide = self.along[rows], self.half[rows], self.wide[rows]
         x, y = towards[rows, 0], towards[rows, 1]
         along, across = (half * t[..., 0], half * t[..., 1]), (-wide * t[..., 1], wide * t[..., 0])
@@ -103,16 +103,21 @@ def improve_few(known: Sampled, start: Choices, home: tuple[float, float] | None
         order, along, least = _shorter(known, pieces, tour, (order, along, least), place)
         kept = through <= least + _NEAR
         cut = _cut(pieces, kept, loop)
-        if least - bound <= max(_NEAR, _NEAR_PART * least) or len(sets) * len(cut.item) ** 2 > _MOST or not loop.any():
+        work = max(len(sets), _LEAST_WORK) * len(cut.item) ** 2
+        if least - bound <= max(_NEAR, _NEAR_PART * least) or work > _MOST or not loop.any():
             break
         pieces = cut
     return _choose(known, order, along), max(0.0, bound * (1 - 1e-12) - 1e-9)
 
 
 def _shorter(
-    known: Sampled, pieces: _Stretches, tour: list[int], best: tuple[IntArray, FloatArray, float], home: FloatArray | None
+    known: Sampled,
+    pieces: _Stretches,
+    tour: list[int],
+    best: tuple[IntArray, FloatArray, float],
+    home: FloatArray | None,
 ) -> tuple[IntArray, FloatArray, float]:
-    """``best``, its order, places and length, or the ``tour`` through stretches, where that can be made a shorter one."""
+    """``best``: its order, places, length; or the ``tour`` through stretches, where that can be made shorter."""
     item, loop = pieces.item[tour], _loops(known)
     along = best[1].copy()
     along[item] = np.where(loop[item], pieces.middle()[tour], pieces.low[tour])
@@ -191,7 +196,7 @@ def _ovals(known: Sampled, loop: BoolArray, pieces: _Stretches) -> _Ovals:
 def _towards(
     known: Sampled, ovals: _Ovals, item: IntArray, order: IntArray, along: FloatArray, home: FloatArray | None
 ) -> FloatArray:
-    """(P, 2) the mean of the directions in which the tour comes to each stretch and goes on from it; 0 of open paths."""
+    """(P, 2) the mean of the directions in which the tour comes to and leaves each stretch; 0 for open paths."""
     enter, leave = ends_at(known, along)
     place = np.argsort(order)[item]
     nowhere = np.full((1, 2), np.nan) if home is None else home[None]
@@ -205,13 +210,14 @@ def _towards(
 def _units(vectors: FloatArray) -> FloatArray:
     """Of length 1; 0 for 0 and for nan."""
     far = np.sqrt((vectors**2).sum(axis=-1, keepdims=True))
-    return np.divide(vectors, far, out=np.zeros_like(vectors), where=far > 0)
+    units: FloatArray = np.divide(vectors, far, out=np.zeros_like(vectors), where=far > 0)
+    return units
 
 
 def _ways(ovals: _Ovals, item: IntArray, steps: BoolArray, towards: FloatArray, home: FloatArray | None) -> Ways:
     """What each step costs at least, when every stretch is charged for how far along ``towards`` it is left."""
     every = np.arange(len(item))
-    cost = np.full((len(item), len(item)), np.inf)
+    cost = np.zeros((len(item), len(item)))
     for one in range(len(steps)):
         own, other = np.flatnonzero(item == one), np.flatnonzero(steps[one][item])
         if len(other):
@@ -229,10 +235,10 @@ def _ways(ovals: _Ovals, item: IntArray, steps: BoolArray, towards: FloatArray, 
 def _least(step: FloatArray, charges: list[tuple[FloatArray, ...]]) -> FloatArray:
     """Costs of steps (..., 2) mm between the middles of ovals, with what both may take off."""
     x, y = step[..., 0], step[..., 1]
-    found = np.sqrt(x * x + y * y)
+    found: FloatArray = np.sqrt(x * x + y * y)
     far = np.maximum(found, NONZERO)
     x, y = x / far, y / far
-    floor: FloatArray = np.zeros(())
+    floor = np.zeros(())
     for along_x, along_y, along_charged, across_x, across_y, across_charged, free in charges:
         along = x * along_x
         along += y * along_y
@@ -245,14 +251,17 @@ def _least(step: FloatArray, charges: list[tuple[FloatArray, ...]]) -> FloatArra
         along += across
         found -= np.sqrt(along, out=along)
         floor = floor - free
-    return np.maximum(found, floor, out=found)
+    np.maximum(found, floor, out=found)
+    return found
 
 
 def _by_item(ways: Ways) -> Ways:
     """One way for each item, each step as cheap as the cheapest of its ways."""
     first = np.searchsorted(ways.item, np.arange(int(ways.item[-1]) + 1))
     cost = np.minimum.reduceat(np.minimum.reduceat(ways.cost, first, axis=0), first, axis=1)
-    return Ways(np.arange(len(first)), cost, np.minimum.reduceat(ways.out, first), np.minimum.reduceat(ways.back, first))
+    return Ways(
+        np.arange(len(first)), cost, np.minimum.reduceat(ways.out, first), np.minimum.reduceat(ways.back, first)
+    )
 
 
 def _travel(known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None) -> float:

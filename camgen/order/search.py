@@ -231,9 +231,10 @@ def lengths(known: Sampled, chosen: Choices) -> FloatArray:
 
 def _enter(known: Sampled, first: Choices) -> IntArray:
     """The points where the items are entered in a tour whose closed paths may begin between samples."""
-    items, length = known.items, lengths(known, first)
-    number = np.round(length / np.maximum(known.step, NONZERO)).astype(np.int64) % np.diff(items.first)
-    return items.first[:-1] + np.where(items.kind == CLOSED, number, length > 0)
+    items, along = known.items, lengths(known, first)
+    closed = items.kind == CLOSED
+    number = np.round(np.where(closed, along, 0.0) / np.maximum(known.step, NONZERO)).astype(np.int64)
+    return items.first[:-1] + np.where(closed, number % np.diff(items.first), along > 0)
 
 
 def _segment(known: Sampled, path: IntArray, length: FloatArray) -> tuple[IntArray, FloatArray]:

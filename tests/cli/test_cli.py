@@ -1,4 +1,5 @@
 import gc
+import importlib.util
 import json
 import math
 import os
@@ -19,6 +20,8 @@ from camgen.model.errors import CamgenError, JobError
 from camgen.model.pose import TOOL_DOWN, Pose, rotation_from_fixed_xyz, translation
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
 from camgen.model.program_text import dump
+from camgen.order import search
+from camgen.order.solver import speed
 
 PLATE = (
     "0\nSECTION\n2\nENTITIES\n"
@@ -625,12 +628,22 @@ def test_numbers_for_people() -> None:
     assert say.join_names(list("abcdefgh")) == "a, b, c, d, e, f and 2 more"
 
 
-def test_so_many_paths_that_no_order_is_searched_say_what_searches_one(here: Path, capsys: Captured) -> None:
-    """1,300 lines, more than are searched unasked."""
+@pytest.mark.parametrize("fast", [False, True])
+def test_what_the_compiled_search_would_bring_is_said_where_it_would(
+    fast: bool, here: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """1,300 lines, of which the compiled search finds a shorter order in the same time."""
+    if fast and importlib.util.find_spec("numba") is None:
+        pytest.skip("numba (extra fast) is not installed")
+    monkeypatch.setattr(search, "available", lambda: fast)
+    monkeypatch.setattr(speed, "available", lambda: fast)
     lines = "".join(f'<path d="M{5 * (k % 40)} {5 * (k // 40)}h2"/>' for k in range(1300))
     sheet = '<svg xmlns="http://www.w3.org/2000/svg" width="300mm" height="300mm" viewBox="0 0 300 300">'
     (here / "many.svg").write_text(f"{sheet}{lines}</svg>")
     build = ["build", "many.svg", "--post", "grbl", "-o", "many.nc", "--set", "operation.kind=trace"]
-    for words, said in (([], True), (["tour.method=nearest"], False), (["tour.seconds=0.001"], False)):
+    for words, said in (([], not fast), (["tour.method=nearest"], False), (["tour.seconds=0.001"], False)):
         assert main([*build, *(one for word in words for one in ("--set", word))]) == 0
-        assert ("; tour.seconds = 1 searches for a shorter one" in capsys.readouterr().err) == said
+        told = capsys.readouterr().err
+        assert ("; the extra fast (pip install camgen[fast]) searches farther in this time" in told) == said
+        assert told.count("camgen[fast]") == said
+        assert ("local search, compiled: " in told) == (fast and not words)

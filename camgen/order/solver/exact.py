@@ -68,9 +68,7 @@ def best_through(ways: Ways, sets: IntArray, most: float) -> tuple[FloatArray, l
             last = np.flatnonzero(np.isfinite(begun[before]).any(axis=0))
             if not len(last):
                 continue
-            earlier = begun[np.ix_(before, last)]
-            for way, step in zip(range(own.start, own.stop), ways.cost[last, own].T.copy(), strict=True):
-                begun[rows, way] = (earlier + step).min(axis=1)
+            begun[rows, own] = _least_sums(begun[np.ix_(before, last)], ways.cost[last, own].T.copy())
         begun[low:high][begun[low:high] + rest[low:high] > most] = np.inf
     through = (begun + rest).min(axis=0)
     return through, _follow(ways, table, rest), table.sets[np.isfinite(begun).any(axis=1)]
@@ -124,12 +122,23 @@ def _rest(ways: Ways, table: _Table) -> FloatArray:
             if not len(rows):
                 continue
             here = np.flatnonzero(table.last[rows].any(axis=0))
-            ahead, found = rest[after, own], rest[np.ix_(rows, here)]
-            for way, step in enumerate(ways.cost[here, own].T.copy()):
-                np.minimum(found, ahead[:, way, None] + step, out=found)
-            rest[np.ix_(rows, here)] = found
+            found = np.ix_(rows, here)
+            rest[found] = np.minimum(rest[found], _least_sums(rest[after, own], ways.cost[here, own]))
         rest[low:high][~table.last[low:high]] = np.inf
     return rest
+
+
+def _least_sums(one: FloatArray, two: FloatArray) -> FloatArray:
+    """(R, W) the least of the sums of each row of ``one`` (R, V) and each of ``two`` (W, V)."""
+    shortest = min(one.shape[1], len(one), len(two))
+    if shortest == len(one):
+        return np.stack([(row + two).min(axis=1) for row in one])
+    if shortest == len(two):
+        return np.stack([(one + row).min(axis=1) for row in two], axis=1)
+    found = np.full((len(one), len(two)), np.inf)
+    for left, right in zip(one.T, two.T.copy(), strict=True):
+        np.minimum(found, left[:, None] + right, out=found)
+    return found
 
 
 def _follow(ways: Ways, table: _Table, rest: FloatArray) -> list[int]:
