@@ -38,9 +38,9 @@ _LEAST_SAMPLES, _MOST_SAMPLES, _SAMPLES_PER_ROOM = 8, 256, 3
 _NEAR_DISCS = 10
 #: Looks without ``tour.seconds``, so that a job gives one result on every machine: so many at each item, at most so
 #: many and some more at each. Measured: 0.3 s of plain Python at 1,000 items, 4 s at 100,000.
-_LOOKS, _MOST_LOOKS, _MORE_LOOKS = 40, 6_000, 1.5
+_LOOKS, _MOST_LOOKS, _MORE_LOOKS = 40, 6_000, 1.3
 #: The same of the compiled search, used above ``_MANY`` items: below, its start takes longer than what it saves.
-_FAST_LOOKS, _MORE_FAST_LOOKS, _MANY = 80_000, 40, 500
+_FAST_LOOKS, _MORE_FAST_LOOKS, _MANY = 60_000, 20, 500
 #: More looks than any clock lets the search take.
 _ENDLESS = 10**15
 #: For more than so many items a nearest order is not made where a greedy one can be, which is shorter.
