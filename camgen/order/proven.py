@@ -38,7 +38,9 @@ __all__ = ["FEW", "improve_few", "is_proven"]
 FEW = 12
 #: Stretches of a closed path at first, into how many each is cut, how often, and the most sums of costs in all
 #: sets of paths (as many sets at least), about 0.1 s.
-_STRETCHES, _CUT, _ROUNDS, _MOST, _LEAST_WORK = 8, 2, 16, 200_000_000, 40
+_STRETCHES, _CUT, _ROUNDS, _MOST, _LEAST_WORK = 8, 2, 16, 400_000_000, 40
+#: Orders that are closed in on one by one.
+_ORDERS = 6
 #: So often the starts of what was found are moved to their best places.
 _POLISH = 3
 #: The bound is near enough: so many mm, and such a part of the travel.
@@ -58,6 +60,25 @@ class _Stretches(Struct, frozen=True, eq=False):
 
     def middle(self) -> FloatArray:
         return self.low + self.long / 2
+
+
+class _Tour(Struct, frozen=True, eq=False):
+    """order: of the items. along: by item, where it is entered, see ``lengths``. length: mm."""
+
+    order: IntArray
+    along: FloatArray
+    length: float
+
+
+class _Family(Struct, frozen=True, eq=False):
+    """Tours that begin with these sets and run through these pieces. guide: a short one of them. bound: mm, no tour is
+    below; of a single order: none of this order.
+    """
+
+    sets: IntArray
+    pieces: _Stretches
+    guide: _Tour
+    bound: float
 
 
 class _Ovals(Struct, frozen=True, eq=False):
@@ -86,48 +107,92 @@ def improve_few(known: Sampled, start: Choices, home: tuple[float, float] | None
     home: x, y where it begins and ends, None: nowhere. 1 to FEW paths.
     """
     place = None if home is None else np.array(home)
-    loop = _loops(known)
-    order = np.array(start.order)
-    along = lengths(known, start)
-    least = _travel(known, order, along, place)
-    sets = first_sets(_needs(known, order))
-    pieces, bound = _whole(known, loop), 0.0
-    for turn in range(_ROUNDS):
-        ovals = _ovals(known, loop, pieces)
-        towards = _towards(known, ovals, pieces.item, order, along, place)
-        ways = _ways(ovals, pieces.item, find_steps(sets, len(loop)), towards, place)
-        if not turn:
-            sets = best_through(_by_item(ways), sets, least + _NEAR)[2]
-        through, tour, sets = best_through(ways, sets, least + _NEAR)
-        bound = max(bound, min(float(through.min()), least))
-        order, along, least = _shorter(known, pieces, tour, (order, along, least), place)
-        kept = through <= least + _NEAR
-        cut = _cut(pieces, kept, loop)
-        work = max(len(sets), _LEAST_WORK) * len(cut.item) ** 2
-        if least - bound <= max(_NEAR, _NEAR_PART * least) or work > _MOST or not loop.any():
+    order, along = np.array(start.order), lengths(known, start)
+    first = _Tour(order, along, _travel(known, order, along, place))
+    family = _Family(first_sets(_needs(known, order)), _whole(known), first, 0.0)
+    best, family, left = _close_in(known, family, first, place, _MOST)
+    bound, orders = family.bound, _orders(family.sets, len(order))
+    if not _is_closed(best, bound) and len(orders) > 1:
+        bounds = []
+        for rank, one in enumerate(orders):
+            # Prices suit one order: others that are as good are closed in on by themselves.
+            own, share = _settle(known, np.array(one), best.along, place), left // (len(orders) - rank)
+            best = _better(best, own)
+            alone = _Family(np.cumsum(1 << own.order), family.pieces, own, family.bound)
+            best, alone, rest = _close_in(known, alone, best, place, share)
+            left -= share - rest
+            bounds.append(alone.bound)
+        bound = min(bounds)
+    return start if best is first else _choose(known, best), max(0.0, min(bound, best.length) * (1 - 1e-12) - 1e-9)
+
+
+def _close_in(
+    known: Sampled, family: _Family, best: _Tour, home: FloatArray | None, work: int
+) -> tuple[_Tour, _Family, int]:
+    """The best tour; what is left of the family, once it is closed in on or of a few orders; what is left of the work.
+
+    A family whose tours all are above the best one has that one's length as its bound.
+    """
+    sets, pieces, guide, bound = family.sets, family.pieces, family.guide, family.bound
+    loop, fresh = _loops(known), len(sets) > len(guide.order)
+    for _ in range(_ROUNDS):
+        ovals = _ovals(known, pieces)
+        towards = _towards(known, ovals, pieces.item, guide, home)
+        ways = _ways(ovals, pieces.item, find_steps(sets, len(loop)), towards, home)
+        if fresh:
+            sets, fresh = best_through(_by_item(ways), sets, best.length + _NEAR)[2], False
+        through, tour, sets = best_through(ways, sets, best.length + _NEAR)
+        bound = max(bound, min(float(through.min()), best.length))
+        if not len(sets):
+            break
+        guide = _shorter(known, pieces, tour, guide, home)
+        best = _better(best, guide)
+        cut = _cut(pieces, through <= best.length + _NEAR, loop)
+        work -= max(len(sets), _LEAST_WORK) * len(cut.item) ** 2
+        if _is_closed(best, bound) or not loop.any() or work < 0:
             break
         pieces = cut
-    return _choose(known, order, along), max(0.0, bound * (1 - 1e-12) - 1e-9)
+        if len(_orders(sets, len(loop))) > 1:
+            break
+    return best, _Family(sets, pieces, guide, bound), max(work, 0)
 
 
-def _shorter(
-    known: Sampled,
-    pieces: _Stretches,
-    tour: list[int],
-    best: tuple[IntArray, FloatArray, float],
-    home: FloatArray | None,
-) -> tuple[IntArray, FloatArray, float]:
-    """``best``: its order, places, length; or the ``tour`` through stretches, where that can be made shorter."""
+def _shorter(known: Sampled, pieces: _Stretches, tour: list[int], guide: _Tour, home: FloatArray | None) -> _Tour:
+    """``guide``, or the ``tour`` through stretches, where that can be made shorter."""
     item, loop = pieces.item[tour], _loops(known)
-    along = best[1].copy()
+    along = guide.along.copy()
     along[item] = np.where(loop[item], pieces.middle()[tour], pieces.low[tour])
-    away = np.abs(along - best[1])
+    away = np.abs(along - guide.along)
     away = np.where(loop, np.minimum(away, known.whole - away), away)[item]
-    if (item == best[0]).all() and (away <= pieces.long[tour]).all():
-        return best
-    along = _settle(known, item, along, home)
-    length = _travel(known, item, along, home)
-    return (item, along, length) if length < best[2] - _NEAR else best
+    if (item == guide.order).all() and (away <= pieces.long[tour]).all():
+        return guide
+    settled = _settle(known, item, along, home)
+    return _better(guide, settled)
+
+
+def _better(one: _Tour, other: _Tour) -> _Tour:
+    """The shorter one, the first of those that are as good."""
+    return other if other.length < one.length - _NEAR else one
+
+
+def _orders(sets: IntArray, count: int) -> list[list[int]]:
+    """The orders whose beginnings are all among the sets; none for more than ``_ORDERS``."""
+    held = set(sets.tolist())
+    orders: list[list[int]] = [[]]
+    for _ in range(count):
+        orders = [
+            [*order, one]
+            for order in orders
+            for one in range(count)
+            if one not in order and sum(1 << k for k in order) | 1 << one in held
+        ]
+        if len(orders) > _ORDERS:
+            return []
+    return orders
+
+
+def _is_closed(best: _Tour, bound: float) -> bool:
+    return best.length - bound <= max(_NEAR, _NEAR_PART * best.length)
 
 
 def is_proven(travel: float, bound: float) -> bool:
@@ -156,8 +221,9 @@ def _needs(known: Sampled, order: IntArray) -> list[int]:
     return needs
 
 
-def _whole(known: Sampled, loop: BoolArray) -> _Stretches:
+def _whole(known: Sampled) -> _Stretches:
     """The first few stretches of closed paths, the directions of others."""
+    loop = _loops(known)
     count = np.where(loop, _STRETCHES, np.where(known.items.kind == BOTH_WAYS, 2, 1))
     item, number = owners(count), ramp(count)
     long = np.where(loop, known.whole / _STRETCHES, 0.0)[item]
@@ -172,9 +238,9 @@ def _cut(pieces: _Stretches, kept: BoolArray, loop: BoolArray) -> _Stretches:
     return _Stretches(pieces.item[owner], pieces.low[owner] + number * long, long)
 
 
-def _ovals(known: Sampled, loop: BoolArray, pieces: _Stretches) -> _Ovals:
+def _ovals(known: Sampled, pieces: _Stretches) -> _Ovals:
     """Of what runs from one end to the other no point is outside the ellipse about both that is as long as the way."""
-    items, item = known.items, pieces.item
+    items, item, loop = known.items, pieces.item, _loops(known)
     back = ~loop[item] & (pieces.low > 0)
     first, last = items.points[items.first[:-1][item]], items.points[items.first[1:][item] - 1]
     enter, leave = (np.where(back[:, None], b, a) for a, b in ((first, last), (last, first)))
@@ -193,12 +259,10 @@ def _ovals(known: Sampled, loop: BoolArray, pieces: _Stretches) -> _Ovals:
     return _Ovals(enter, leave, along, half, wide)
 
 
-def _towards(
-    known: Sampled, ovals: _Ovals, item: IntArray, order: IntArray, along: FloatArray, home: FloatArray | None
-) -> FloatArray:
+def _towards(known: Sampled, ovals: _Ovals, item: IntArray, tour: _Tour, home: FloatArray | None) -> FloatArray:
     """(P, 2) the mean of the directions in which the tour comes to and leaves each stretch; 0 for open paths."""
-    enter, leave = ends_at(known, along)
-    place = np.argsort(order)[item]
+    enter, leave = ends_at(known, tour.along)
+    order, place = tour.order, np.argsort(tour.order)[item]
     nowhere = np.full((1, 2), np.nan) if home is None else home[None]
     before = np.concatenate([nowhere, leave[order]])[place]
     after = np.concatenate([enter[order], nowhere])[place + 1]
@@ -273,20 +337,21 @@ def _travel(known: Sampled, order: IntArray, along: FloatArray, home: FloatArray
     return float(np.sqrt((gaps**2).sum(axis=1)).sum())
 
 
-def _settle(known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None) -> FloatArray:
-    """Where each item is entered, the starts of closed ones moved to their best places."""
+def _settle(known: Sampled, order: IntArray, along: FloatArray, home: FloatArray | None) -> _Tour:
+    """The tour in this order, the starts of closed items moved to their best places near ``along``."""
     loop, items = _loops(known), known.items
     back = ~loop & (along > 0)
     enter = np.where(back, items.first[1:] - 1, items.first[:-1])
     length = np.where(loop, along, 0.0)
     for _ in range(_POLISH):
         length = polish_starts(known, Start(order, enter), home, length)
-    return np.where(loop, length, along)
+    along = np.where(loop, length, along)
+    return _Tour(order, along, _travel(known, order, along, home))
 
 
-def _choose(known: Sampled, order: IntArray, along: FloatArray) -> Choices:
-    loop = _loops(known)
+def _choose(known: Sampled, tour: _Tour) -> Choices:
+    loop, along = _loops(known), tour.along
     row, fraction = place_starts(known, np.where(loop, along, 0.0))
     last = known.where.row[known.where.first[1:] - 1]
     row = np.where(loop, row, np.where(along > 0, last, 0))
-    return Choices(order.tolist(), row.tolist(), np.where(loop, fraction, 0.0).tolist())
+    return Choices(tour.order.tolist(), row.tolist(), np.where(loop, fraction, 0.0).tolist())
