@@ -1,8 +1,9 @@
 """How much of the tool `pocket` engages: python -m bench.plan.engagement [COUNT | shapes COUNT]
 
-Pockets of COUNT (20) random shapes, and of real drawings without the word `shapes`, stepover 0.5, with the bound of the default, 0.65, and without one.
-Judged by counting the cells of a plate that a disc takes along the paths, links and entries and all: the way on which
-more than the bound and the judge's own noise is engaged. Prints a table for docs/benchmarks.md.
+Pockets of COUNT (20) random shapes, and of real drawings without the word `shapes`: stepover 0.5, with the bound of the
+default, 0.65, and without one. Judged by counting the cells of a plate that a disc takes along the paths, links and
+entries and all: the way on which more than the bound and the judge's own noise is engaged. Prints a table for
+docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ def main() -> int:
     folder = Path(__file__).parents[2].parent / "shared" / "data" / "dxf"
     print(f"{machine()}\n")
     print(
-        "| drawing | tool mm | m | s | above, mm | above | m, no bound | s, no bound | above, no bound, mm | above, no bound |"
+        "| drawing | tool mm | m | s | above, mm | above "
+        "| m, no bound | s, no bound | above, no bound, mm | above, no bound |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     print(judged(f"{count} shapes", shapes(count), 6.0), flush=True)
