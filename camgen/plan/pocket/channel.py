@@ -33,6 +33,8 @@ _APART = 1.4
 _FRONTS = 13
 #: Places of the ridge that are looked at together.
 _AHEAD = 48
+#: So many places of a way are looked at, from its end on, for whether it was cleared from another side.
+_LOOKS = 16
 #: Places on a way back lie so far apart, as a share of the tool's radius.
 _EVERY = 0.1
 #: A half turn of a spiral goes so much farther out at least, as a share of the tool's radius.
@@ -201,7 +203,8 @@ def _cut(
         way.reverse()
         last = at[way[0]]
         way = way[1:]
-        if way and not _covered(points[way], room[way], made.discs, _BEYOND * bound.radius).all():
+        some = way[:: -max(len(way) // _LOOKS, 1)]
+        if way and not _covered(points[some], room[some], made.discs, _BEYOND * bound.radius).all():
             here = _back(made, here, last)
             here = _follow(made, way, points, room, here, at)
         at |= {place: at.get(place, last) for place in way}
