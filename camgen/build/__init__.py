@@ -20,7 +20,7 @@ from camgen.build.inputs import note_urdf, read_inputs
 from camgen.build.programs import Checked, Posted, check_programs, post_programs
 from camgen.build.refusals import tell_by_input
 from camgen.build.stock import OperationSum, prove_stock, report_operations, sum_operations
-from camgen.check.report import Cycle, Motions, sum_up
+from camgen.check.report import Cycle, Motions, clearance_of, sum_up
 from camgen.check.report import report as report_of
 from camgen.check.time import cycle
 from camgen.lower import lower
@@ -95,7 +95,8 @@ class Result(Struct, frozen=True, eq=False, dict=True):
         files = [file.name for file in self.files]
         checked = {} if self.reach is None else {"reach": "ok", "limits": "ok", "collision": "ok"}
         found = (self.part, self.tour, self.notes, self.cycle, self.deviation.max_mm, files, checked)
-        return report_of(*found, self.coverage) | report_operations(self.job, self.operations, self.proof)
+        told = report_of(*found, self.coverage) | report_operations(self.job, self.operations, self.proof)
+        return told if self.clear is None else told | {"clearance": clearance_of(self.clear)}
 
     @property
     def operations(self) -> list[OperationSum]:
@@ -205,6 +206,7 @@ def _sum_up(
         tour=tour,
         notes=(
             *(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm)),
+            *(checks.clear.notes if checks.clear else ()),
             *(*_note_corners(checks.program, dynamics_of(post, job), job), *post.warn(checks.program)),
         ),
         program=checks.program,

@@ -250,7 +250,8 @@ def _nominal(case: _Case, spot: Spot) -> int:
         home_of(case.robot, cell, where.scene)
     except NoSafeProgram:
         return 0
-    setup = setup_of(case.robot, cell, where.scene)
+    # As many edges are reached with the margin as without it.
+    setup = setup_of(case.robot, cell, replace(where, margin=0.0))
     edges = choose(case.solid, case.job).values()
     return sum(isinstance(one, Reached) for one in reach(edges, setup, case.job.operation.offset, case.direction))
 

@@ -21,6 +21,7 @@ from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
+    from camgen.check.collide import Clear
     from camgen.check.reach import Reach
     from camgen.collision.cell import Surroundings
 
@@ -94,9 +95,15 @@ def _join(lowered: Program, found: Sequence[Checks]) -> Checks:
     return Checks(
         program,
         _join_reach(program, reach, [before + begin for begin in begins]) if reach else None,
-        min(clear, key=lambda one: one.clearance) if clear else None,
+        _join_clear(clear) if clear else None,
         found[0].where,
     )
+
+
+def _join_clear(found: Sequence[Clear]) -> Clear:
+    """The least of all, with what is told of each."""
+    least = min(found, key=lambda one: one.clearance)
+    return replace(least, notes=tuple(note for one in found for note in one.notes))
 
 
 def _join_reach(program: Program, found: Sequence[Reach], begins: Sequence[int]) -> Reach:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from itertools import pairwise
 
@@ -15,10 +16,10 @@ from camgen.collision.motion import measure_apart, motion, motions
 from camgen.collision.scene import PART
 from camgen.geometry.ragged import offsets, run_lengths
 from camgen.model.errors import Blocked, Loss
-from camgen.model.part import IntArray
+from camgen.model.part import IntArray, Note
 from camgen.model.program import Program
 from camgen.model.text import short
-from camgen.plan.edges import STEP
+from camgen.plan.edges import FINE, STEP
 from camgen.plan.edges.courses import APART, Course
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
@@ -27,16 +28,37 @@ from camgen.robots.models import Robot
 _ROWS = 2000
 #: mm: clearances above are not told apart.
 NEAR = 2.0
+#: mm: distances that are told as the same.
+_SAME = 0.005
 _MOVE = "move or turn the part: cell.base_from_work"
 #: Of a collision of what is at the flange with what stands, which stays where it is if the part is moved with it.
 _CHANGE_TOOL = "let the tool lean, or take a slimmer or longer one: tool.axis_tilt, tool.diameter, tool.length"
 _CHANGE_CELL = "move the fixture, or take a slimmer or longer tool: cell.fixtures, tool.diameter, tool.length"
 
 
+class Near(Struct, frozen=True):
+    """Where two bodies are nearest. distance: mm. pair: their names. on: the path or way, in words. at: the TCP there,
+    x, y and z in the work frame, mm.
+    """
+
+    distance: float
+    pair: tuple[str, str]
+    on: str
+    at: str
+
+    def __str__(self) -> str:
+        return f"{' against '.join(self.pair)} on {self.on} at {self.at} mm"
+
+
 class Clear(Struct, frozen=True):
-    """What was found. clearance: mm, the least distance of anything but the tool from the part, at most ``NEAR``."""
+    """What was found. clearance: mm, the least distance of anything but the tool from the part, at most ``NEAR`` or the
+    margin, whichever is more. nearest: where that is, None where nothing is so near. notes: on every path, and every
+    way to and from it, that comes nearer than the margin.
+    """
 
     clearance: float
+    nearest: Near | None = None
+    notes: tuple[Note, ...] = ()
 
 
 class _Collision(Struct, frozen=True):
@@ -51,17 +73,53 @@ def check_clear(where: Surroundings, reach: Reach, robot: Robot, file: str) -> C
     the obstacle of the first collision, and every path on which there is one.
     """
     course = trace(reach, robot, partial(measure_apart, where.scene), file)
-    least = NEAR
+    near = max(where.margin, NEAR)
     found = []
+    close: list[Near] = []
     for begin in range(0, max(len(course.joints) - 1, 1), _ROWS):
         rows = course.joints[begin : begin + _ROWS + 1]
-        meetings = [(where.apart, motion(where.apart, rows, STEP, NEAR, APART))]
-        meetings += [(where.work, motion(where.work, rows, STEP, apart=APART))]
-        least = min(least, meetings[0][1].clearance)
-        found += [_Collision(begin + met.at, scene.pairs[met.pair]) for scene, met in meetings if met.pair >= 0]
+        beside = motion(where.apart, rows, FINE, near, APART)
+        meetings = [(where.apart, beside), (where.work, motion(where.work, rows, STEP, apart=APART))]
+        found += [_Collision(begin + met.at, scene.pairs[met.pair]) for scene, met in meetings if met.hit]
+        if not found and beside.nearest >= 0:
+            close += _find_near(where, reach, robot, course, (begin, begin + len(rows)), near)
     if found:
         raise _block(reach, robot, file, course, [*found, *_find_by_path(where, reach, course)])
-    return Clear(least)
+    least = min(close, key=lambda one: one.distance, default=None)
+    return Clear(near if least is None else least.distance, least, _tell_near(close, where.margin))
+
+
+def _find_near(
+    where: Surroundings, reach: Reach, robot: Robot, course: Course, rows: tuple[int, int], near: float
+) -> list[Near]:
+    """The nearest place on each path and on each way between two, of those rows of the course, that is within ``near``
+    mm.
+    """
+    program = reach.program
+    motion_of = _motions(reach, course)[rows[0] : rows[1]]
+    own = program.columns.path[motion_of[1:]] * 2 + program.columns.works[motion_of[1:]]
+    runs = np.append(0, np.cumsum(run_lengths(own)))
+    joints = [course.joints[rows[0] + a : rows[0] + b + 1] for a, b in pairwise(runs.tolist())]
+    found = []
+    for a, met in zip(runs.tolist(), motions(where.apart, joints, FINE, near, APART), strict=False):
+        if met.nearest >= 0:
+            at = rows[0] + a + met.nearest_at
+            index = int(program.columns.at[motion_of[max(math.ceil(a + met.nearest_at), a + 1)]])
+            place = program.place_of(index)
+            works = program.columns.works[int(np.searchsorted(program.columns.at, index))]
+            on = place if works or place.startswith("the way") else f"the way to {place}"
+            found.append(Near(met.clearance, where.apart.pairs[met.nearest], on, _place(program, robot, course, at)))
+    return found
+
+
+def _tell_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
+    """A note on each path or way that is nearer than ``margin`` anywhere, with its nearest place."""
+    told: dict[str, Near] = {}
+    for one in close:
+        if one.distance < margin - _SAME and one.distance <= told.get(one.on, one).distance:
+            told[one.on] = one
+    why = f"cell.margin asks for {short(margin, 2)} mm"
+    return tuple(Note("warning", f"{short(one.distance, 2)} mm apart: {one}", why) for one in told.values())
 
 
 def _find_by_path(where: Surroundings, reach: Reach, course: Course) -> list[_Collision]:

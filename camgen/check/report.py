@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -15,6 +16,9 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen
 from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, ToolChange, Wait
 from camgen.plan import Coverage
+
+if TYPE_CHECKING:
+    from camgen.check.collide import Clear
 
 #: The value of each of ``checks`` as long as the cell has no robot model.
 NOT_CHECKED = "not checked"
@@ -149,6 +153,15 @@ def report(
         "files": [clean(name) for name in files],
         "notes": [{"kind": n.kind, "what": clean(n.what), "why": clean(n.why)} for n in notes],
     }
+
+
+def clearance_of(found: Clear) -> dict[str, object]:
+    """mm: the least distance, to 1e-3 mm. between, on, at: the bodies, the path or way and the place, where they are so
+    near that it was looked for.
+    """
+    least = found.nearest
+    told: dict[str, object] = {"mm": round(found.clearance, 3)}
+    return told if least is None else told | {"between": list(least.pair), "on": clean(least.on), "at": least.at}
 
 
 def _coverage(found: Coverage) -> dict[str, float]:

@@ -79,9 +79,12 @@ def _clearance(result: Result) -> str:
     """What is left between robot, holder, fixtures and part."""
     if result.clear is None:
         return "clearance not known"
-    beside = "all but the tool at the part" if result.part.solid is not None else "all"
-    least = result.clear.clearance
-    return f"{beside} {short(least, 2)} mm apart or more"
+    # What is meant to meet, and bodies that are near whatever the arm does.
+    spared = result.where.work.pairs if result.where else ()
+    names = ["the tool at the part" if pair == ("tool", "part") else " at ".join(pair) for pair in spared]
+    beside = f"all but {', '.join(names)}" if names else "all"
+    told = f"{beside} {short(result.clear.clearance, 2)} mm apart or more"
+    return f"{told}, least {result.clear.nearest}" if result.clear.nearest else told
 
 
 def _posture(result: Result) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.hits import hits
+from camgen.collision.hits import clearance, hits
 from camgen.collision.mesh import make_mesh
 from camgen.collision.scene import Scene, narrow, scene
 from camgen.model.cell import Cell
@@ -16,7 +16,7 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose, translation
-from camgen.model.text import counted
+from camgen.model.text import counted, short
 from camgen.robots.models import Box, Link, Robot
 
 #: mm between the lowest point of a part and a table that is assumed, its size beyond the part, and how thick it is.
@@ -30,7 +30,8 @@ Corners = tuple[FloatArray, FloatArray]
 
 
 class Surroundings(Struct, frozen=True, eq=False):
-    """scene: all of it. work: of it the tool against the part, which are meant to meet. apart: all else.
+    """scene: all of it. apart: of it the pairs that are to keep ``margin`` mm, and ``work`` all else: the tool against
+    the part, which are meant to meet, and what is nearer already where the robot is at its own home.
 
     level: mm, base frame, above which an end of tool and holder is free of part and fixtures: half the holder's width
     and ``cell.safety`` above their top (RFA paper, section II.A). low, high: corners of the part's box, base frame.
@@ -42,6 +43,7 @@ class Surroundings(Struct, frozen=True, eq=False):
     scene: Scene
     apart: Scene
     work: Scene
+    margin: float
     level: float
     room: float
     low: FloatArray
@@ -85,8 +87,13 @@ def around(
     contact = min(contact, job.tool.diameter / 2 * 0.99)
     overlaps = _overlaps(robot, tool)
     made = scene(robot, tool, standing, part, cell.base_from_work, (contact, tip), overlaps, walls)
-    work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part")]
+    close = _close(robot, made, tool, job.cell.margin)
+    work = [k for k, pair in enumerate(made.pairs) if pair == ("tool", "part") or pair in close]
     rest = [k for k in range(len(made.pairs)) if k not in work]
+    notes += tuple(
+        Note("assumed", f"{a} and {b} keep no margin", f"they are {short(far, 2)} mm apart at home")
+        for (a, b), far in close.items()
+    )
     notes += tuple(Note("assumed", f"{a} and {b} do not meet", "their boxes overlap at home") for a, b in overlaps)
     points = [one for one in (None if solid is None else solid.vertices, beside) if one is not None]
     low, high = _extent(cell.base_from_work, np.concatenate(points or [np.zeros((1, 3))]))
@@ -94,7 +101,22 @@ def around(
     tops += [_extent(cell.base_from_work, shape.vertices)[1][2] for _, shape in meshes]
     room = _width(job, holder) / 2 + job.cell.safety
     scenes = made, narrow(made, rest), narrow(made, work)
-    return Surroundings(*scenes, max(tops) + room, room, low, high, notes, tool, standing, tuple(meshes))
+    return Surroundings(
+        *scenes, job.cell.margin, max(tops) + room, room, low, high, notes, tool, standing, tuple(meshes)
+    )
+
+
+def _close(robot: Robot, scene: Scene, tool: tuple[Link, ...], margin: float) -> dict[tuple[str, str], float]:
+    """Pairs of a link and a body of the tool that are nearer than ``margin`` at the robot's own home, mm apart: no
+    choice of a way gives them more.
+    """
+    links, bodies = {link.name for link in robot.links}, {body.name for body in tool}
+    found: dict[tuple[str, str], float] = {}
+    for k, (a, b) in enumerate(scene.pairs):
+        if a in links and b in bodies:
+            far = float(clearance(narrow(scene, [k]), robot.home[None], margin)[0]) if margin > 0 else margin
+            found |= {(a, b): far} if far < margin else {}
+    return found
 
 
 def _overlaps(robot: Robot, tool: tuple[Link, ...]) -> tuple[tuple[str, str], ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, meet
 from camgen.collision.mesh import body, distance, find_struck
@@ -123,6 +124,32 @@ def _against(target: Target, placed: Boxes, found: IntArray) -> None:
 _SAME_DISTANCE_MM = 1e-6
 
 
+class Nearest(Struct, frozen=True):
+    """The nearest that two bodies come. row: the configuration. pair: of ``scene.pairs``, -1 where all are as far apart
+    as was looked.
+    """
+
+    distance: float
+    row: int
+    pair: int
+
+
+class _Found(Struct, frozen=True, eq=False):
+    """What has been found so far at each of n places, lowered as more is measured. distance: (n,) mm. row: (n,) the
+    configuration, pair: (n,) the pair that is so near, -1 where nothing is.
+    """
+
+    distance: FloatArray
+    row: IntArray
+    pair: IntArray
+
+    @classmethod
+    def beyond(cls, distance: FloatArray) -> _Found:
+        """Nothing is nearer than ``distance`` (n,)."""
+        none = np.full(len(distance), -1)
+        return cls(distance, none, none.copy())
+
+
 def clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
     """The least distance (N,), mm, of all pairs at each configuration (N, J); 0 where it collides, ``near`` where all
     are as far apart or farther. True to 1e-6 mm; the cost grows with what lies within ``near``.
@@ -130,65 +157,77 @@ def clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
     joints = np.asarray(joints, dtype=np.float64)
     least = np.where(hits(scene, joints) < 0, near, 0.0)
     free = np.flatnonzero(least)
-    _lower(scene, joints[free], free, least)
+    _lower(scene, joints[free], free, _Found.beyond(least))
     return least
 
 
-def least(scene: Scene, joints: FloatArray, near: float) -> float:
-    """The least of ``clearance`` for configurations (N, J) that do not collide: cheaper than that of each."""
-    found = np.array([near])
+def least(scene: Scene, joints: FloatArray, near: float) -> Nearest:
+    """The least of ``clearance`` for configurations (N, J) that do not collide, and its place; cheaper than each."""
+    found = _Found.beyond(np.array([near]))
     _lower(scene, joints, np.zeros(len(joints), dtype=np.int64), found)
-    return float(found[0])
+    return Nearest(float(found.distance[0]), int(found.row[0]), int(found.pair[0]))
 
 
-def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: FloatArray) -> None:
+def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: _Found) -> None:
     """Lower ``found`` at ``place_of`` (N,) to the distances at the configurations (N, J)."""
     for begin in range(0, len(joints), ROWS):
-        rows = slice(begin, begin + ROWS)
+        rows = np.arange(begin, min(begin + ROWS, len(joints)))
         placed = place(scene, joints[rows])
-        _between(scene, placed, place_of[rows], found)
+        _between(scene, placed, rows, place_of, found)
         for target in scene.targets:
-            _to_mesh(target, placed, place_of[rows], found)
+            _to_mesh(target, placed, rows, place_of, found)
 
 
-def _between(scene: Scene, placed: Boxes, place_of: IntArray, found: FloatArray) -> None:
-    wide = placed.grown(found[place_of][:, None, None] * scene.moving[:, None])
+def _between(scene: Scene, placed: Boxes, rows: IntArray, place_of: IntArray, found: _Found) -> None:
+    wide = placed.grown(found.distance[place_of[rows]][:, None, None] * scene.moving[:, None])
     row, which = near_pairs(scene, wide)
     first, second = placed[row, scene.first[which]], placed[row, scene.second[which]]
     _measure(
-        place_of[row],
+        _Asked(place_of[rows[row]], rows[row], scene.of_pair[which]),
         found,
         lambda some, by: meet(first[some].grown(by), second[some]),
         lambda k: distance(body(first, k), body(second, k)),
     )
 
 
-def _to_mesh(target: Target, placed: Boxes, place_of: IntArray, found: FloatArray) -> None:
-    row, which, wide = near_mesh(target, placed.grown(found[place_of][:, None, None]))
+def _to_mesh(target: Target, placed: Boxes, rows: IntArray, place_of: IntArray, found: _Found) -> None:
+    row, which, wide = near_mesh(target, placed.grown(found.distance[place_of[rows]][:, None, None]))
     boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
     _measure(
-        place_of[row],
+        _Asked(place_of[rows[row]], rows[row], target.of_strike[which]),
         found,
         lambda some, by: find_struck(target.mesh, boxes[some].grown(by)),
         lambda k: distance(target.mesh.surface, body(boxes, k)),
     )
 
 
+class _Asked(Struct, frozen=True, eq=False):
+    """Candidates (n,) for the nearest: the place that each is asked for, its configuration and its pair."""
+
+    place: IntArray
+    row: IntArray
+    pair: IntArray
+
+
 def _measure(
-    place_of: IntArray,
-    found: FloatArray,
+    asked: _Asked,
+    found: _Found,
     touches: Callable[[IntArray, FloatArray], BoolArray],
     measured: Callable[[int], float],
 ) -> None:
-    """Lower ``found`` at ``place_of`` (n,) to the distances of n candidates.
+    """Lower ``found`` to the distances of n candidates.
 
     fcl's distance takes a hundred times as long as a yes or no. So one candidate of each place is measured, and only
     those stay that ``touches`` others when grown by less than that: what lies within a distance of a box is in the
     box grown by it. In any order but that along a motion, few rounds are needed.
     """
-    left = np.random.default_rng(0).permutation(len(place_of))
-    while len(left := left[touches(left, np.maximum(found[place_of[left]] - _SAME_DISTANCE_MM, 0.0)[:, None])]):
-        _, first = np.unique(place_of[left], return_index=True)
+    left = np.random.default_rng(0).permutation(len(asked.place))
+    while len(left):
+        room = np.maximum(found.distance[asked.place[left]] - _SAME_DISTANCE_MM, 0.0)
+        left = left[touches(left, room[:, None])]
+        _, first = np.unique(asked.place[left], return_index=True)
         for k in left[first].tolist():
-            found[place_of[k]] = min(found[place_of[k]], measured(k))
+            at, far = asked.place[k], measured(k)
+            if far < found.distance[at]:
+                found.distance[at], found.row[at], found.pair[at] = far, asked.row[k], asked.pair[k]
         left = np.delete(left, first)

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.hits import ROWS, finite, hits, least, place
+from camgen.collision.hits import ROWS, Nearest, finite, hits, least, place
 from camgen.collision.scene import Scene
 from camgen.geometry.ragged import owners, ramp
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 
 #: The longest stretches are 2 ** _HALVINGS steps.
@@ -24,12 +25,20 @@ _SPARSE = 8
 class Course(Struct, frozen=True):
     """What a motion meets. pair: of ``scene.pairs``, -1 if none. at: where the first hit is, in rows of the waypoints:
     2.25 is a quarter of the way from row 2 to row 3; nan if there is none. clearance: mm; 0 at a hit, ``near`` if
-    nothing comes closer.
+    nothing comes closer. nearest, nearest_at: the pair that comes as close as ``clearance`` and where, in rows; -1 and
+    nan at a hit and if nothing comes closer.
     """
 
     pair: int
     at: float
     clearance: float
+    nearest: int = -1
+    nearest_at: float = math.nan
+
+    @property
+    def hit(self) -> bool:
+        """Whether it meets anything."""
+        return self.pair >= 0
 
 
 def motion(scene: Scene, waypoints: FloatArray, step: float, near: float = 0.0, apart: float = 0.0) -> Course:
@@ -54,18 +63,26 @@ def motions(
     lines = [_Line.of(scene, finite(waypoints)) for waypoints in several]
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
     nears = [_near(scene, line.waypoints[::_SPARSE], near) for line in lines]
-    at = _find_undecided(scene, lines, step, nears, apart)
+    at = _find_undecided(scene, lines, step, [bound.distance for bound in nears], apart)
     rows = [_rows(line.waypoints, here) for line, here in zip(lines, at, strict=True)]
     pairs = hits(scene, np.concatenate(rows))
     ends = np.cumsum([len(own) for own in rows])
-    courses = []
-    for own, here, found, bound in zip(rows, at, np.split(pairs, ends[:-1]), nears, strict=True):
-        met = np.flatnonzero(found >= 0)
-        if len(met):
-            courses.append(Course(int(found[met[0]]), float(here[met[0]]), 0.0))
-        else:
-            courses.append(Course(-1, math.nan, least(scene, own, bound) if bound > 0 else 0.0))
-    return courses
+    found = zip(rows, at, np.split(pairs, ends[:-1]), nears, strict=True)
+    return [_course(scene, *own) for own in found]
+
+
+def _course(scene: Scene, rows: FloatArray, at: FloatArray, pairs: IntArray, bound: Nearest) -> Course:
+    """What a motion meets at its undecided places ``at``, or how near it comes there and at those of ``bound``."""
+    met = np.flatnonzero(pairs >= 0)
+    if len(met):
+        return Course(int(pairs[met[0]]), float(at[met[0]]), 0.0)
+    if bound.distance <= 0:
+        return Course(-1, math.nan, 0.0)
+    closer = least(scene, rows, bound.distance)
+    if closer.pair >= 0:
+        return Course(-1, math.nan, closer.distance, closer.pair, float(at[closer.row]))
+    where = float(bound.row * _SPARSE) if bound.pair >= 0 else math.nan
+    return Course(-1, math.nan, bound.distance, bound.pair, where)
 
 
 class _Line(Struct, frozen=True, eq=False):
@@ -104,11 +121,11 @@ def _finer(angles: FloatArray) -> FloatArray:
     return np.append(row + ramp(parts) / parts[row], float(len(parts)))
 
 
-def _near(scene: Scene, waypoints: FloatArray, near: float) -> float:
+def _near(scene: Scene, waypoints: FloatArray, near: float) -> Nearest:
     """The least clearance at ``waypoints``, at most ``near``; 0 where one of them collides."""
-    if near == 0:
-        return 0.0
-    return least(scene, waypoints, near) if (hits(scene, waypoints) < 0).all() else 0.0
+    if near == 0 or not (hits(scene, waypoints) < 0).all():
+        return Nearest(0.0, -1, -1)
+    return least(scene, waypoints, near)
 
 
 def _find_undecided(

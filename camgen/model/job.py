@@ -375,6 +375,9 @@ class CellTable(Table, frozen=True):
         Meta(description="what stands around the part: boxes [x, y, z, x, y, z], mm, or mesh files, in the work frame"),
     ] = None
     safety: Annotated[NotNegative, Meta(description="room above part and fixtures on the way between edges, mm")] = 10.0
+    margin: Annotated[
+        NotNegative, Meta(description="room that arm, holder and tool keep from all but the place that is worked, mm")
+    ] = 2.0
 
 
 class ToleranceTable(Table, frozen=True):

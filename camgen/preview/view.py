@@ -343,9 +343,10 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
         solid = ["the part"] if part.solid else []
         names = ["robot", *(body.name for body in (*result.where.bodies, *result.where.standing)), *solid]
         names += [name for name, _ in result.where.meshes]
-        found.append(
-            ("Collision", f"none, {short(result.clear.clearance, 2)} mm or more apart; tested: {', '.join(names)}")
-        )
+        apart = f"{short(result.clear.clearance, 2)} mm or more apart"
+        if result.clear.nearest:
+            apart += f", least {clean(str(result.clear.nearest))}"
+        found.append(("Collision", f"none, {apart}; tested: {', '.join(names)}"))
     extents = result.motions.extents
     if extents:
         low, high = extents

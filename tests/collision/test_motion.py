@@ -220,7 +220,7 @@ def test_the_clearance_is_the_least_gap() -> None:
         edge_on = 17 - 5 * math.sqrt(2)
         assert clearance(tested, joints, 50.0) == pytest.approx([12, edge_on, 0], abs=1e-5)
         assert clearance(tested, joints, 11.0) == pytest.approx([11, edge_on, 0], abs=1e-5)
-        assert least(tested, joints[:2], 50.0) == pytest.approx(edge_on, abs=1e-5)
+        assert least(tested, joints[:2], 50.0).distance == pytest.approx(edge_on, abs=1e-5)
         assert clearance(tested, at(90, 0, 0, 0), 50.0).tolist() == [50.0]
         # Farther than all else, the tool is 53 mm below the second arm.
         assert clearance(tested, at(90, 0, 0, 0), 60.0) == pytest.approx([53], abs=1e-5)
@@ -257,7 +257,11 @@ def test_a_motion_that_passes_says_how_close_it_came() -> None:
         course = motion(tested, rows, step, near=20.0)
         assert (course.pair, math.isnan(course.at)) == (-1, True)
         assert 5 - 0.1 - 1e-6 <= course.clearance <= 5 + step
-    assert motion(tested, rows, 1.0, near=3.0).clearance == 3.0
+        # An edge is nearest where it is square to the wall: at 45 deg but for what it lies off the middle.
+        assert tested.pairs[course.nearest] == ("tool", "wall")
+        assert course.nearest_at == pytest.approx(0.5, abs=(5 + step) / 600)
+    far = motion(tested, rows, 1.0, near=3.0)
+    assert (far.clearance, far.nearest, math.isnan(far.nearest_at)) == (3.0, -1, True)
     assert motion(tested, rows, 1.0).clearance == 0.0
 
 

@@ -38,7 +38,7 @@ WALL = Hit("collision", "link 5 against wall", 0.0)
 def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
     solid, job = mesh.read(source(PARTS / f"{part}.stl")), load(PARTS / f"{part}.toml")
     where = around(job, ARM, equip(Rapid.cell(), job), solid, ())
-    setup = setup_of(ARM, equip(Rapid.cell(), job), where.scene)
+    setup = setup_of(ARM, equip(Rapid.cell(), job), where)
     chosen = select(solid, [job.input.select])
     edges = [edge for edge in solid.edges if edge.id in chosen]
     found = reach(edges, setup, 2.0, "mean", Freedom(math.radians(15), roll=True))
@@ -129,11 +129,11 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
     setup, room, motions = cell("rfa1")
     calls: list[int] = []
 
-    def only_third(several: Sequence[Track]) -> list[Hit | None]:
+    def only_third(several: Sequence[Track]) -> list[Hit | float]:
         calls.append(len(several))
-        return [WALL if len(calls) == 1 else None] * len(several)
+        return [WALL if len(calls) == 1 else room.margin] * len(several)
 
-    deep = replace(room, level=room.level + 600.0, hits=only_third)
+    deep = replace(room, level=room.level + 600.0, look=only_third)
     chosen = ends(motions)
     found = [one for one in retractions(setup, deep, chosen) if isinstance(one, Retraction) and "wrist" in one.name]
     assert found
@@ -148,7 +148,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
 
 def test_an_end_without_a_way_says_what_stands_in_it() -> None:
     setup, room, motions = cell("rfa1")
-    walled = replace(room, hits=lambda several: [WALL] * len(several))
+    walled = replace(room, look=lambda several: [WALL] * len(several))
     (found,) = retractions(setup, walled, ends(motions)[:1])
     assert isinstance(found, str)
     assert "link 5 against wall" in found
@@ -251,15 +251,15 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
     setup, room, motions = cell("rfa2")
     free = {tuple(np.round(m.joints[k], 9)) for m in motions for k in (0, -1)}
 
-    def walled(several: Sequence[Track]) -> list[Hit | None]:
-        said = room.hits(several)
+    def walled(several: Sequence[Track]) -> list[Hit | float]:
+        said = room.look(several)
         every = [track.joints for track in several]
         pairs = [len(rows) == 2 and not any(np.allclose(row, ARM.home) for row in rows) for rows in every]
         pairs = [two and tuple(np.round(rows[0], 9)) not in free for two, rows in zip(pairs, every, strict=True)]
-        return [hit or (WALL if two else None) for hit, two in zip(said, pairs, strict=True)]
+        return [WALL if two and not isinstance(hit, Hit) else hit for hit, two in zip(said, pairs, strict=True)]
 
     edges = mesh.read(source(PARTS / "rfa2.stl")).edges
-    made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, Wish(100.0, best=True))
+    made = route(setup, replace(room, look=walled), motions, edges, ARM.home, Wish(100.0, best=True))
     assert len(made.legs) == len(motions)
     assert made.seconds > routed("rfa2").seconds
     for leg in made.legs[1:]:
@@ -280,16 +280,16 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice() -> None:
     places = {*safe, ARM.home.tobytes()}
     asked: list[bytes] = []
 
-    def walled(several: Sequence[Track]) -> list[Hit | None]:
+    def walled(several: Sequence[Track]) -> list[Hit | float]:
         rows = [[row.tobytes() for row in track.joints] for track in several]
         free = [len(two) == 2 and places.issuperset(two) for two in rows]
         asked.extend(b"".join(two) for two in rows if len(two) == 2 and once.issuperset(two))
-        return [WALL if is_free and not {*safe[2:4]}.isdisjoint(two) else None
+        return [WALL if is_free and not {*safe[2:4]}.isdisjoint(two) else room.margin
                 for two, is_free in zip(rows, free, strict=True)]  # fmt: skip
 
     told: list[str] = []
     wish = Wish(100.0, best=True, lifted=True)
-    made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, wish, told.append)
+    made = route(setup, replace(room, look=walled), motions, edges, ARM.home, wish, told.append)
     assert [one.id for one in made.dropped] == [lost.id]
     assert {leg.motion.id for leg in made.legs} == {one.id for one in motions} - {lost.id}
     assert len(asked) == len(set(asked))
@@ -307,13 +307,15 @@ def test_a_search_that_finds_no_end_is_ended() -> None:
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
 
-    def walled(several: Sequence[Track]) -> list[Hit | None]:
+    def walled(several: Sequence[Track]) -> list[Hit | float]:
         home = (any(np.allclose(row, ARM.home) for row in track.joints) for track in several)
-        return [None if len(track.joints) != 2 or free else WALL for track, free in zip(several, home, strict=True)]
+        return [
+            room.margin if len(track.joints) != 2 or free else WALL for track, free in zip(several, home, strict=True)
+        ]
 
     told: list[str] = []
     wish = Wish(100.0, best=True, lifted=True)
-    made = route(setup, replace(room, hits=walled), motions, edges, ARM.home, wish, told.append)
+    made = route(setup, replace(room, look=walled), motions, edges, ARM.home, wish, told.append)
     assert not made.dropped
     assert len(made.legs) == len(motions)
     assert len(told) <= 32

@@ -28,13 +28,22 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     if not isinstance(cell, Workcell) or cell.arm is None:
         raise JobError("job", "edges of 3-D parts need an arm", "--post", "give rapid, pacscript or vplus")
     edges = {edge.id: edge for edge in plan.edges}
-    setup = setup_of(cell.arm, cell, plan.where.scene)
+    setup = setup_of(cell.arm, cell, plan.where)
     home = home_of(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
     room, travel = room_of(plan.where, setup), job.process.travel
     wish = Wish(travel, best, lifted)
-    made = route(setup, room, plan.motions, plan.edges, home, wish, lambda far: watch(f"linking {far}"))
+
+    def tell(far: str) -> None:
+        watch(f"linking {far}")
+
+    made = route(setup, room, plan.motions, plan.edges, home, wish, tell)
+    # What the margin asks for costs no edge: the motion that was preferred but for it may have a way to it.
+    lost_ids = {one.id for one in made.dropped}
+    others = [one.nearer if one.nearer and one.id in lost_ids else one for one in plan.motions]
+    if any(one is not other for one, other in zip(others, plan.motions, strict=True)):
+        made = route(setup, room, others, plan.edges, home, wish, tell)
     lost = [*plan.unreached, *made.dropped]
     if not made.legs:
         raise none_left(plan.part, len(edges), lost[0], plan.noun)

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
-from camgen.plan.edges.motion import JUMP, MARGIN, Room, Setup, Track, dense_parts, flange_poses
+from camgen.plan.edges.motion import JUMP, MARGIN, Hit, Room, Setup, Track, dense_parts, flange_poses
 from camgen.plan.edges.ways import Way, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow
 from camgen.robots.kinematics.forward import flange, frames
@@ -24,6 +24,8 @@ _BENT = math.radians(10.0)
 _STEEP = 0.15
 #: mm: the least way out.
 _LEAST_WAY_OUT_MM = 1.0
+#: mm: a way out that comes so little nearer than its end is not given up for that.
+_AS_NEAR_MM = 0.05
 #: Directions round the vertical that are tried, all 45 deg up.
 _DIRECTIONS = 8
 
@@ -41,25 +43,28 @@ class Retraction(Struct, frozen=True, eq=False):
 
 
 def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]) -> list[Retraction | str]:
-    """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free; or why there
-    is none.
+    """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free and keeps the
+    margin, or as much of it as the end has; else the free one that keeps most; or why there is none.
     """
     ways = [_follow(setup, room, end, joints) for end, joints in ends]
+    # What stands nearer than the margin at the end is as near on all ways out of it.
+    wanted = room.gaps(np.stack([joints for _, joints in ends]))
     found: list[Retraction | str] = ["" for _ in ends]
+    most = [-1.0 for _ in ends]
     left = list(range(len(ends)))
     while left:
         tried = [(k, way) for k in left if (way := next(ways[k], None)) is not None]
-        hit = room.hits([Track(way.dense, way.looks) for _, way in tried if not isinstance(way, str)])
-        said = iter(hit)
-        left = []
+        said = iter(room.look([Track(way.dense, way.looks) for _, way in tried if not isinstance(way, str)]))
         for k, way in tried:
-            stop = None if isinstance(way, str) else next(said)
-            if isinstance(way, Retraction) and stop is None:
-                found[k] = way
+            if isinstance(way, str):
+                found[k] = found[k] or way
                 continue
-            reason = way if isinstance(way, str) else f"{way.name} {stop.what if stop else ''}"
-            found[k] = found[k] or reason
-            left.append(k)
+            kept = next(said)
+            if isinstance(kept, Hit):
+                found[k] = found[k] or f"{way.name} {kept.what}"
+            elif kept > most[k]:
+                found[k], most[k] = way, kept
+        left = [k for k, _ in tried if most[k] < wanted[k] - _AS_NEAR_MM]
     return [one or "the tool points up" for one in found]
 
 

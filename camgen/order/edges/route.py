@@ -8,9 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from itertools import count, pairwise
+from typing import Literal
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
@@ -18,7 +20,7 @@ from camgen.model.text import counted
 from camgen.order.edges import links
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.solver import matrix
-from camgen.plan.edges.motion import Reached, Room, Setup, Track, Unreached
+from camgen.plan.edges.motion import Hit, Reached, Room, Setup, Track, Unreached
 from camgen.plan.edges.ways import Way
 
 #: Ends of edges nearer than this are one vertex, mm.
@@ -30,6 +32,11 @@ _ROUNDS, _AGAIN = 30, 5
 _PASSES = 10
 #: Share of the usual search while links still turn out to collide, and then.
 _QUICK, _FULL = 0.05, 0.3
+#: s added to a link that comes nearer than the margin: more than any tour takes, so that it is taken only where
+#: no other leads.
+_NEAR = 1e5
+#: mm: a motion that comes so little nearer than its ends keeps what they have.
+_AS_NEAR_MM = 0.05
 _REMEDY = "cell.safety or another place (camgen place) may help"
 
 
@@ -64,11 +71,12 @@ class Route(Struct, frozen=True, eq=False):
 
 class _Known(Struct, eq=False):
     """What has been found out about free motions, filled in as tours need them: (2 n + 1, 2 n + 1) from end to end, the
-    last one home, those that collide and those that do not.
+    last one home, those that collide and those that do not, and of these the ones that come nearer than the margin.
     """
 
     blocked: BoolArray
     clear: BoolArray
+    near: BoolArray
 
 
 class _Work(Struct, frozen=True, eq=False):
@@ -177,14 +185,28 @@ def _work(
     direct[wish.lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
     direct[direct >= free + out[:, None] + out[None]] = math.inf
     near = np.argwhere(np.triu(np.isfinite(direct)))
-    for (a, b), hit in zip(near.tolist(), room.hits([Track(joints[pair]) for pair in near]), strict=True):
-        if hit:
-            direct[a, b] = direct[b, a] = math.inf
+    for (a, b), seen in zip(near.tolist(), _look(room, [joints[pair] for pair in near]), strict=True):
+        if seen != "clear":
+            direct[a, b] = direct[b, a] = math.inf if seen == "blocked" else direct[a, b] + _NEAR
     ends = links.Ends(joints, safe, out, free, direct, through)
     to_home = links.seconds(setup.robot, safe, home[None], speed)
     size = (len(joints) + 1,) * 2
-    known = _Known(np.zeros(size, dtype=bool), np.zeros(size, dtype=bool))
+    known = _Known(*(np.zeros(size, dtype=bool) for _ in range(3)))
     return _Work(room, tuple(motions), tuple(outs), ends, links.along(ends), home, to_home, known)
+
+
+def _look(room: Room, several: Sequence[FloatArray]) -> list[Literal["blocked", "near", "clear"]]:
+    """What comes of motions of the joints from row to row (2, J): near are those that come nearer than the margin, and
+    nearer than their ends are.
+    """
+    found: list[Literal["blocked", "near", "clear"]] = []
+    for rows, kept in zip(several, room.look([Track(rows) for rows in several]), strict=True):
+        if isinstance(kept, Hit):
+            found.append("blocked")
+        else:
+            near = kept < room.margin and kept < room.gaps(rows).min() - _AS_NEAR_MM
+            found.append("near" if near else "clear")
+    return found
 
 
 def _without(work: _Work, lost: set[int]) -> _Work:
@@ -203,7 +225,7 @@ def _without(work: _Work, lost: set[int]) -> _Work:
         at_part=links.along(ends),
         home=work.home,
         to_home=work.to_home[at],
-        known=_Known(work.known.blocked[all_of], work.known.clear[all_of]),
+        known=_Known(work.known.blocked[all_of], work.known.clear[all_of], work.known.near[all_of]),
     )
 
 
@@ -225,8 +247,7 @@ def _order(work: _Work, best: bool, rounds: int, tell: Callable[[str], None]) ->
         if attempt == rounds:
             surely = True
             _test_home(work)
-        blocked, home = _blocked(work, surely)
-        between, first = links.steps(work.ends, work.at_part, blocked, home)
+        between, first, home = _steps(work, surely)
         table = between.reshape(len(work.motions), 2, -1, 2)
         ends = (home + work.ends.out).reshape(-1, 2)
         near = matrix.nearest(table, ends)
@@ -237,18 +258,25 @@ def _order(work: _Work, best: bool, rounds: int, tell: Callable[[str], None]) ->
         if not surely and _collides(work, order, first):
             continue
         if effort == _FULL:
-            return _Found(order, first, *costs)
+            return _Found(order, first, *(_bare(cost) for cost in costs))
         effort = _FULL
     raise AssertionError("every round tests at least one motion more")
 
 
-def _blocked(work: _Work, surely: bool) -> tuple[BoolArray, FloatArray]:
-    """The free motions (2 n, 2 n) that are not taken, and s home (2 n,), infinite where that is none. surely: whatever
-    has not been tested is taken to collide.
+def _bare(seconds: float) -> float:
+    """The time of a tour without what is added to links that come near."""
+    return math.fmod(seconds, _NEAR) if math.isfinite(seconds) else seconds
+
+
+def _steps(work: _Work, surely: bool) -> tuple[FloatArray, IntArray, FloatArray]:
+    """What ``links.steps`` says of the links, and s home (2 n,), infinite where that collides; with more for those that
+    come near. surely: whatever has not been tested is taken to collide.
     """
     known = work.known
-    blocked = ~known.clear if surely else known.blocked
-    return blocked[:-1, :-1], np.where(blocked[:-1, -1], math.inf, work.to_home)
+    blocked, more = ~known.clear if surely else known.blocked, _NEAR * known.near
+    home = np.where(blocked[:-1, -1], math.inf, work.to_home + more[:-1, -1])
+    ends = replace(work.ends, free=work.ends.free + more[:-1, :-1])
+    return *links.steps(ends, work.at_part, blocked[:-1, :-1], home), home
 
 
 def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
@@ -264,14 +292,15 @@ def _collides(work: _Work, order: matrix.Order, first: IntArray) -> bool:
 
 
 def _test(work: _Work, pairs: set[tuple[int, int]]) -> bool:
-    """Test the free motions ``pairs`` of ends, -1 for home, that are not known yet. Does one collide?"""
+    """Test the free motions ``pairs`` of ends, -1 for home, that are not known yet. Does one collide or come near?"""
     known, safe = work.known, work.ends.safe
     new = [pair for pair in sorted(pairs) if not (known.clear[pair] or known.blocked[pair])]
-    hits = work.room.hits([Track(np.stack([safe[a], work.home if b < 0 else safe[b]])) for a, b in new])
-    for (a, b), hit in zip(new, hits, strict=True):
-        table = known.blocked if hit else known.clear
+    seen = _look(work.room, [np.stack([safe[a], work.home if b < 0 else safe[b]]) for a, b in new])
+    for (a, b), what in zip(new, seen, strict=True):
+        table = known.blocked if what == "blocked" else known.clear
         table[a, b] = table[b, a] = True
-    return any(hits)
+        known.near[a, b] = known.near[b, a] = what == "near"
+    return any(what != "clear" for what in seen)
 
 
 def _test_home(work: _Work) -> None:
@@ -288,11 +317,10 @@ def _find_lost(work: _Work, found: _Found, strictly: bool) -> set[int]:
     if strictly:
         _test_home(work)
     states = _states(found.order)
-    blocked, home = _blocked(work, surely=True)
+    between, _, home = _steps(work, surely=True)
     away = np.isinf(home)
     lost = {states[0][0] // 2} if away[states[0][0]] else set()
     lost |= {states[-1][1] // 2} if away[states[-1][1]] else set()
-    between, _ = links.steps(work.ends, work.at_part, blocked, home)
     for (_, a), (b, _) in pairwise(states):
         if math.isinf(between[a, b]) and a // 2 not in lost:
             lost.add(b // 2)

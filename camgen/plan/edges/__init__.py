@@ -11,7 +11,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.collision.cell import Surroundings, around
-from camgen.collision.hits import hits
+from camgen.collision.hits import clearance, hits
 from camgen.collision.motion import Course as Meeting
 from camgen.collision.motion import measure_apart, motions
 from camgen.collision.scene import Scene, name_pair
@@ -28,7 +28,7 @@ from camgen.plan import EdgePlan, Watch
 from camgen.plan.edges.contact import own_contact
 from camgen.plan.edges.courses import APART, Course, follow_all
 from camgen.plan.edges.last_face import offset_along
-from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, feed_of
+from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, Unreached, all_clear, feed_of
 from camgen.plan.edges.reach import poses, reach_part, reach_ways
 from camgen.plan.edges.remedy import Attempts, remedies
 from camgen.plan.edges.select import select
@@ -41,6 +41,8 @@ from camgen.robots.workcell import Workcell
 Surround = Callable[[Job], Surroundings]
 #: mm: what two bodies may enter each other before a motion in between is found to collide.
 STEP = 2.0
+#: The same where it is found how near they come, mm.
+FINE = 0.25
 
 
 def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:
@@ -84,7 +86,7 @@ def plan_ways(
     where = surround(job)
     home_of(cell.arm, cell, where.scene)
     watch("reaching")
-    setup = setup_of(cell.arm, cell, where.scene)
+    setup = setup_of(cell.arm, cell, where)
     listed = list(ways)
     lines = {line.id: line for line, _ in listed}
 
@@ -121,8 +123,10 @@ def _attempts(
 
     @cache
     def place(tilt: float) -> tuple[Setup, Room]:
-        where = surround(replace(job, tool=replace(job.tool, axis_tilt=tilt)))
-        here = setup_of(arm, cell, where.scene)
+        # Whether there is a way at all is asked, not whether it keeps the margin.
+        bare = replace(job.cell, margin=0.0)
+        where = surround(replace(job, tool=replace(job.tool, axis_tilt=tilt), cell=bare))
+        here = setup_of(arm, cell, where)
         return here, room_of(where, here)
 
     def whole(other: Job, names: Sequence[str]) -> tuple[Reached | Unreached, ...]:
@@ -158,14 +162,20 @@ def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> N
 
 
 def _clear_between(found: Sequence[Reached | Unreached], room: Room) -> tuple[Reached | Unreached, ...]:
-    """``found``, without the motions that collide between two of the places where they were looked at."""
-    said = iter(room.hits([Track(one.dense, one.looks) for one in found if isinstance(one, Reached)]))
-    return tuple(_stop(one, next(said)) if isinstance(one, Reached) else one for one in found)
+    """``found``, without the motions that collide between two of the places where they were looked at; of one that was
+    taken for its margin the one that it was preferred to, where that does not.
+    """
+    said = iter(room.look([Track(one.dense, one.looks) for one in found if isinstance(one, Reached)]))
+    proved = [_stop(one, next(said)) if isinstance(one, Reached) else one for one in found]
+    for k, (one, now) in enumerate(zip(found, proved, strict=True)):
+        if isinstance(one, Reached) and one.nearer and isinstance(now, Unreached):
+            proved[k] = _clear_between([one.nearer], room)[0]
+    return tuple(proved)
 
 
-def _stop(motion: Reached, hit: Hit | None) -> Reached | Unreached:
+def _stop(motion: Reached, hit: Hit | float) -> Reached | Unreached:
     """The motion, or what stops it and where."""
-    if hit is None:
+    if not isinstance(hit, Hit):
         return motion
     row = int(hit.at)
     length = np.append(motion.looks.length, 0.0)
@@ -211,8 +221,9 @@ def home_of(robot: Robot, cell: Cell, scene: Scene) -> FloatArray:
     return home
 
 
-def setup_of(robot: Robot, cell: Cell, scene: Scene) -> Setup:
+def setup_of(robot: Robot, cell: Cell, where: Surroundings) -> Setup:
     """What motions along edges are tried in."""
+    scene = where.scene
     return Setup(
         robot,
         cell.base_from_work,
@@ -220,30 +231,40 @@ def setup_of(robot: Robot, cell: Cell, scene: Scene) -> Setup:
         lambda joints: hits(scene, joints) < 0,
         lambda joints: name_pair(scene, int(hits(scene, joints[None])[0])),
         partial(measure_apart, scene),
+        (lambda joints: hits(where.apart, joints, near=where.margin) < 0) if where.margin > 0 else all_clear,
     )
 
 
 def room_of(where: Surroundings, setup: Setup) -> Room:
     """What motions along edges and links are tried in."""
 
-    def found(several: Sequence[Track]) -> list[Hit | None]:
+    def look(several: Sequence[Track]) -> list[Hit | float]:
         if not several:
             return []
         courses = follow_all(setup, several)
-        met = motions(where.scene, [course.joints for course in courses], STEP, apart=APART)
-        return [_hit(where.scene, *pair) for pair in zip(courses, met, strict=True)]
+        rows = [course.joints for course in courses]
+        beside = motions(where.apart, rows, FINE, where.margin, APART)
+        working = motions(where.work, rows, STEP, apart=APART)
+        return [_say(where, *one) for one in zip(courses, beside, working, strict=True)]
 
-    return Room(where.level, where.low, where.high, where.room, found)
+    def gaps(joints: FloatArray) -> FloatArray:
+        return clearance(where.apart, joints, where.margin) if where.margin > 0 else np.zeros(len(joints))
+
+    return Room(where.level, where.low, where.high, where.room, where.margin, look, gaps)
 
 
-def _hit(scene: Scene, course: Course, met: Meeting) -> Hit | None:
-    """What stops a motion: joints that do not lead along it, or what it collides with."""
+def _say(where: Surroundings, course: Course, beside: Meeting, working: Meeting) -> Hit | float:
+    """What stops a motion: joints that do not lead along it, or what it collides with first; else how near it comes."""
     if len(course.lost):
         return Hit("jump", "the joints cannot follow", float(course.lost[0]))
-    if met.pair < 0:
-        return None
-    at = np.interp(met.at, np.arange(len(course.at)), course.at)
-    return Hit("collision", f"collision, {name_pair(scene, met.pair)}", float(at))
+    found = [
+        (met.at, scene.pairs[met.pair]) for scene, met in ((where.apart, beside), (where.work, working)) if met.hit
+    ]
+    if not found:
+        return beside.clearance
+    first, pair = min(found, key=lambda one: (one[0], where.scene.pairs.index(one[1])))
+    at = np.interp(first, np.arange(len(course.at)), course.at)
+    return Hit("collision", f"collision, {' against '.join(pair)}", float(at))
 
 
 def edge_path(motion: Reached, edge: Line, job: Job) -> ToolPath:

@@ -17,7 +17,8 @@ from camgen.plan.edges.ways import Index, Way, counts
 from camgen.robots.models import Robot
 
 
-def _all_clear(joints: FloatArray) -> NDArray[np.bool_]:
+def all_clear(joints: FloatArray) -> NDArray[np.bool_]:
+    """For where there is nothing to come near (N,)."""
     return np.ones(len(joints), dtype=bool)
 
 
@@ -27,16 +28,18 @@ def _never_apart(one: FloatArray, _: FloatArray) -> FloatArray:
 
 class Setup(Struct, frozen=True, eq=False):
     """A robot, its work and its tool. clear: which joint values (N, J) collide with nothing (N,). hit: what joint
-    values (J,) that are not clear collide with, as a phrase: "link 5 with the part". apart: mm that a point of arm and
-    tool is at most from where other joint values have it (N,), for two tables of them (N, J).
+    values (J,) that are not clear collide with, as a phrase: "link 5 with the part". apart: mm
+    that a point of arm and tool is at most from where other joint values have it (N,), for two tables of them (N, J).
+    roomy: which joint values (N, J) that are clear keep the margin too (N,).
     """
 
     robot: Robot
     base_from_work: Pose
     flange_from_tool: Pose
-    clear: Callable[[FloatArray], NDArray[np.bool_]] = _all_clear
+    clear: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
     hit: Callable[[FloatArray], str] = lambda _: "something"
     apart: Callable[[FloatArray, FloatArray], FloatArray] = _never_apart
+    roomy: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
 
 
 class Track(Struct, frozen=True, eq=False):
@@ -58,14 +61,18 @@ class Hit(Struct, frozen=True):
 
 class Room(Struct, frozen=True, eq=False):
     """Where it is free, base frame. level: z, mm, above which tool and holder are free. low, high: (3,) corners of the
-    part's box. beside: mm from that box within which the holder may meet it. hits: what stops each of some motions.
+    part's box. beside: mm from that box within which the holder may meet it. look: what stops each of some motions,
+    or the mm that it keeps from what it must not come near, at most ``margin``. gaps: the same mm of joint values (N,
+    J) that collide with nothing (N,).
     """
 
     level: float
     low: FloatArray
     high: FloatArray
     beside: float
-    hits: Callable[[Sequence[Track]], list[Hit | None]]
+    margin: float
+    look: Callable[[Sequence[Track]], list[Hit | float]]
+    gaps: Callable[[FloatArray], FloatArray]
 
 
 class Freedom(Struct, frozen=True):
@@ -96,7 +103,8 @@ class Reached(Struct, frozen=True, eq=False):
     """A processing motion. way: the rows of the program, few. joints: (N, J) at these, their posture. looks: (D,) poses
     on the way, dense: (D, J) the joints there; at: (N,) the rows' places among them. tilt: (D,) rad between tool z and
     the nominal one, roll: (D,) rad about it. backwards: the edge is run from its end to its start. trimmed: mm that are
-    left out before its first row and after its last.
+    left out before its first row and after its last. nearer: one that is preferred but for its margin, None where this
+    is it.
     """
 
     id: str
@@ -109,6 +117,7 @@ class Reached(Struct, frozen=True, eq=False):
     tilt: FloatArray
     roll: FloatArray
     trimmed: tuple[float, float] = (0.0, 0.0)
+    nearer: Reached | None = None
 
     def reversed(self) -> Reached:
         """The same motion the other way."""

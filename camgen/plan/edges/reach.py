@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 
 import numpy as np
@@ -154,7 +154,8 @@ def _reach(edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float) ->
     for low, high in _trims(trim, length):
         part = _along(setup, edge.id, cut(way, low, length - high), freedom)
         if isinstance(part, Reached):
-            return replace(part, trimmed=(low, high))
+            nearer = part.nearer and replace(part.nearer, trimmed=(low, high))
+            return replace(part, trimmed=(low, high), nearer=nearer)
     return whole
 
 
@@ -171,21 +172,37 @@ def _trims(trim: float, length: float) -> list[tuple[float, float]]:
 
 
 def _along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unreached:
+    """The motion along ``way`` that keeps the margin, or else one without it, or why there is none."""
     plain = _nominal(setup, name, way)
     if isinstance(plain, Reached):
-        return plain
+        return _prefer(plain, setup, way, _grids("collision", freedom, way), freedom)
     collision = ""
-    for choice in _grids(plain, freedom, way):
+    grids = _grids(plain.kind, freedom, way)
+    for k, choice in enumerate(grids):
         found = search(setup, name, way, choice, freedom.tilt)
         if isinstance(found, Reached):
-            return found
+            return _prefer(found, setup, way, grids[k:], freedom)
         collision = found
     return Unreached(name, plain.kind, plain.text + _in_vain(freedom, collision)) if freedom else plain
 
 
-def _grids(plain: Unreached, freedom: Freedom, way: Way) -> list[Grid]:
-    """What is tried, in this order: another branch where the first collides, a roll, which costs nothing, all."""
-    steps = [Freedom()] if plain.kind == "collision" else []
+def _prefer(found: Reached, setup: Setup, way: Way, grids: Sequence[Grid], freedom: Freedom) -> Reached:
+    """``found`` where it keeps the margin, else what of ``grids`` keeps it, else ``found`` again."""
+    if setup.roomy(found.dense).all():
+        return found
+    roomy = replace(setup, clear=lambda joints: setup.clear(joints) & setup.roomy(joints))
+    for choice in grids:
+        other = search(roomy, found.id, way, choice, freedom.tilt)
+        if isinstance(other, Reached):
+            return replace(other, nearer=found)
+    return found
+
+
+def _grids(kind: str, freedom: Freedom, way: Way) -> list[Grid]:
+    """What is tried where the nominal way fails for a reason of this kind, in this order: another branch where the
+    first collides, a roll, which costs nothing, all.
+    """
+    steps = [Freedom()] if kind == "collision" else []
     steps += [Freedom(roll=True)] if freedom.roll else []
     # Along an arc the axis leans more between two rows than at them: the grid leaves room for it.
     share = _ON_ARCS if np.isfinite(way.via).any() else 1.0
