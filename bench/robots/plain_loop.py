@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import fcl
@@ -78,8 +79,8 @@ class Loop:
             self.mesh in others and any(self._in_part(a) for a in ones)
         )
 
-    def first(self, joints: FloatArray) -> tuple[str, str] | None:
-        """The first pair of names that meets at one configuration (J,)."""
+    def _pairs(self, joints: FloatArray) -> Iterator[tuple[str, str, list[Any], list[Any]]]:
+        """All pairs that are tested at one configuration (J,): their names and their bodies."""
         of, last = self.of, len(self.of.joints)
         rotations, origins = frames(of, joints[None])
         tip = flange(of, joints[None])
@@ -90,21 +91,31 @@ class Loop:
         )
         names = [link.name for link in of.links]
         for i, j in itertools.combinations(range(last + 1), 2):
-            if frozenset((i, j)) not in spared and self._met(padded[i], padded[j]):
-                return names[i], names[j]
+            if frozenset((i, j)) not in spared:
+                yield names[i], names[j], padded[i], padded[j]
         tools = [(body.name, self._objects(body.boxes, tip[0][0], tip[1][0], 0.0)) for body in self.tool]
         working = [
             (body.name, self._objects(body.boxes, tip[0][0], tip[1][0], -self.contact)) for body in self.tool[:1]
         ]
         for (name, boxes), i in itertools.product(tools, range(last)):
-            links = plain if frozenset((i, last)) in spared else padded
-            if frozenset((names[i], name)) not in self.allowed and self._met(links[i], boxes):
-                return names[i], name
+            if frozenset((names[i], name)) not in self.allowed:
+                yield names[i], name, (plain if frozenset((i, last)) in spared else padded)[i], boxes
         moving = list(zip(names, padded, strict=True))[1:]
         standing = [(body.name, self._objects(body.boxes, np.eye(3), np.zeros(3), 0.0)) for body in self.standing]
         for (name, boxes), (other, obstacle) in itertools.product(moving + tools, standing):
-            if self._met(boxes, obstacle):
-                return name, other
-        return next(
-            ((name, "part") for name, boxes in moving + working + tools[1:] if self._met(boxes, [self.mesh])), None
+            yield name, other, boxes, obstacle
+        for name, boxes in moving + working + tools[1:]:
+            yield name, "part", boxes, [self.mesh]
+
+    def first(self, joints: FloatArray) -> tuple[str, str] | None:
+        """The first pair of names that meets at one configuration (J,)."""
+        return next(((a, b) for a, b, ones, others in self._pairs(joints) if self._met(ones, others)), None)
+
+    def gap(self, joints: FloatArray) -> float:
+        """The least distance, mm, of all pairs but the tool and the part at one configuration (J,) without a hit."""
+        return min(
+            float(fcl.distance(a, b, fcl.DistanceRequest(), fcl.DistanceResult()))
+            for name, other, ones, others in self._pairs(joints)
+            if (name, other) != ("tool", "part")
+            for a, b in itertools.product(ones, others)
         )

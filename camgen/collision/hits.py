@@ -163,9 +163,15 @@ def clearance(scene: Scene, joints: FloatArray, near: float) -> FloatArray:
 
 def least(scene: Scene, joints: FloatArray, near: float) -> Nearest:
     """The least of ``clearance`` for configurations (N, J) that do not collide, and its place; cheaper than each."""
-    found = _Found.beyond(np.array([near]))
-    _lower(scene, joints, np.zeros(len(joints), dtype=np.int64), found)
-    return Nearest(float(found.distance[0]), int(found.row[0]), int(found.pair[0]))
+    return least_of_each(scene, joints, np.zeros(len(joints), dtype=np.int64), np.array([near]))[0]
+
+
+def least_of_each(scene: Scene, joints: FloatArray, owner: IntArray, near: FloatArray) -> list[Nearest]:
+    """``least`` for each of n groups of configurations. owner: (N,) the group of each. near: (n,) mm."""
+    found = _Found.beyond(near.copy())
+    _lower(scene, joints, owner, found)
+    columns = (column.tolist() for column in (found.distance, found.row, found.pair))
+    return [Nearest(*one) for one in zip(*columns, strict=True)]
 
 
 def _lower(scene: Scene, joints: FloatArray, place_of: IntArray, found: _Found) -> None:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.hits import ROWS, Nearest, finite, hits, least, place
+from camgen.collision.hits import ROWS, Nearest, finite, hits, least_of_each, place
 from camgen.collision.scene import Scene
-from camgen.geometry.ragged import owners, ramp
+from camgen.geometry.ragged import offsets, owners, ramp
 from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray
 
@@ -62,27 +62,45 @@ def motions(
     """``motion`` of each of ``several``, together: in a fraction of the time where they are short."""
     lines = [_Line.of(scene, finite(waypoints)) for waypoints in several]
     # What is as near at some of the waypoints bounds how near the rest need be looked at.
-    nears = [_near(scene, line.waypoints[::_SPARSE], near) for line in lines]
+    sparse = [line.waypoints[::_SPARSE] for line in lines]
+    nears = _bound(scene, sparse, near)
     at = _find_undecided(scene, lines, step, [bound.distance for bound in nears], apart)
     rows = [_rows(line.waypoints, here) for line, here in zip(lines, at, strict=True)]
-    pairs = hits(scene, np.concatenate(rows))
-    ends = np.cumsum([len(own) for own in rows])
-    found = zip(rows, at, np.split(pairs, ends[:-1]), nears, strict=True)
-    return [_course(scene, *own) for own in found]
+    pairs = np.split(hits(scene, np.concatenate(rows)), np.cumsum([len(own) for own in rows])[:-1])
+    free = [bound.distance if (own < 0).all() else 0.0 for own, bound in zip(pairs, nears, strict=True)]
+    closer = _least(scene, rows, free)
+    return [_course(*one) for one in zip(at, pairs, nears, closer, strict=True)]
 
 
-def _course(scene: Scene, rows: FloatArray, at: FloatArray, pairs: IntArray, bound: Nearest) -> Course:
-    """What a motion meets at its undecided places ``at``, or how near it comes there and at those of ``bound``."""
+def _course(at: FloatArray, pairs: IntArray, bound: Nearest, closer: Nearest) -> Course:
+    """What a motion meets at its undecided places ``at``, or how near it comes there or before, at some waypoints."""
     met = np.flatnonzero(pairs >= 0)
     if len(met):
         return Course(int(pairs[met[0]]), float(at[met[0]]), 0.0)
-    if bound.distance <= 0:
-        return Course(-1, math.nan, 0.0)
-    closer = least(scene, rows, bound.distance)
     if closer.pair >= 0:
         return Course(-1, math.nan, closer.distance, closer.pair, float(at[closer.row]))
-    where = float(bound.row * _SPARSE) if bound.pair >= 0 else math.nan
-    return Course(-1, math.nan, bound.distance, bound.pair, where)
+    return Course(-1, math.nan, bound.distance, bound.pair, float(bound.row * _SPARSE) if bound.pair >= 0 else math.nan)
+
+
+def _bound(scene: Scene, several: Sequence[FloatArray], near: float) -> list[Nearest]:
+    """The least clearance of each of several tables of configurations, at most ``near``; 0 where one collides."""
+    if near == 0:
+        return [Nearest(0.0, -1, -1) for _ in several]
+    struck = np.split(hits(scene, np.concatenate(several)) >= 0, np.cumsum([len(rows) for rows in several])[:-1])
+    return _least(scene, several, [0.0 if one.any() else near for one in struck])
+
+
+def _least(scene: Scene, several: Sequence[FloatArray], nears: Sequence[float]) -> list[Nearest]:
+    """``least`` of each of several tables, rows counted in each; for those that are to be nearer than 0 nothing."""
+    asked = [k for k, near in enumerate(nears) if near > 0]
+    found = [Nearest(0.0, -1, -1) for _ in several]
+    if asked:
+        lengths = np.array([len(several[k]) for k in asked])
+        joints = np.concatenate([several[k] for k in asked])
+        measured = least_of_each(scene, joints, owners(lengths), np.array([nears[k] for k in asked]))
+        for k, one, begin in zip(asked, measured, offsets(lengths).tolist(), strict=False):
+            found[k] = Nearest(one.distance, one.row - begin, one.pair)
+    return found
 
 
 class _Line(Struct, frozen=True, eq=False):
@@ -119,13 +137,6 @@ def _finer(angles: FloatArray) -> FloatArray:
     parts = np.maximum(np.ceil(angles / _CLOSE_TURN), 1).astype(np.int64)
     row = owners(parts)
     return np.append(row + ramp(parts) / parts[row], float(len(parts)))
-
-
-def _near(scene: Scene, waypoints: FloatArray, near: float) -> Nearest:
-    """The least clearance at ``waypoints``, at most ``near``; 0 where one of them collides."""
-    if near == 0 or not (hits(scene, waypoints) < 0).all():
-        return Nearest(0.0, -1, -1)
-    return least(scene, waypoints, near)
 
 
 def _find_undecided(

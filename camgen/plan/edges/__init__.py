@@ -42,7 +42,7 @@ Surround = Callable[[Job], Surroundings]
 #: mm: what two bodies may enter each other before a motion in between is found to collide.
 STEP = 2.0
 #: The same where it is found how near they come, mm.
-FINE = 0.25
+FINE = 0.5
 
 
 def plan_edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> EdgePlan:

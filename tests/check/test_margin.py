@@ -1,0 +1,135 @@
+"""``cell.margin``: what comes nearer is told as it is, and avoided where there is a choice; judged by fcl alone."""
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+import camgen
+from bench.robots.rfa import FREE, PARTS, cell, loop
+from camgen.build import Result
+from camgen.order.edges.retract import Retraction, retractions
+from camgen.order.edges.route import Wish, route
+from camgen.plan.edges import room_of, setup_of
+from camgen.plan.edges.motion import Hit, Reached, Track
+from camgen.plan.edges.reach import reach
+from camgen.plan.edges.ways import Way
+from camgen.read.solid import mesh
+from tests.support.files import source
+
+SOLID = mesh.read(source(PARTS / "rfa1.stl"))
+TIGHT = "IRB 2000, nominal rfa1"
+
+
+@cache
+def built(name: str, margin: float, free: bool = False) -> Result:
+    tables = cell(SOLID, name)
+    tool, own = {**tables["tool"], **(FREE if free else {})}, {**tables["cell"], "margin": margin}
+    return camgen.build(PARTS / "rfa1.stl", post="rapid", job={**tables, "tool": tool, "cell": own})
+
+
+def measured(result: Result) -> float:
+    """The least distance at every row that was looked at, by a plain loop over fcl."""
+    assert result.reach is not None
+    judge = loop(result, SOLID)
+    return min(judge.gap(row) for row in result.reach.joints)
+
+
+def near_notes(result: Result) -> list[str]:
+    return [note.what for note in result.notes if "cell.margin" in note.why]
+
+
+def test_what_is_told_is_what_fcl_measures() -> None:
+    """Two links of the arm pass each other on an edge that only this posture reaches."""
+    result = built(TIGHT, 2.0)
+    assert result.clear is not None
+    least = result.clear.nearest
+    assert least is not None
+    assert measured(result) == pytest.approx(least.distance, abs=0.25)
+    assert set(least.pair) == {"link 2", "link 4"}
+    assert any(f"link 2 against link 4 on {least.on} at {least.at} mm" in note for note in near_notes(result))
+    told = json.loads(json.dumps(result.report))["clearance"]
+    assert (told["between"], told["on"]) == (["link 2", "link 4"], least.on)
+
+
+@pytest.mark.parametrize(("name", "least"), [("IRB 2000", 0.6), (TIGHT, 0.3)])
+def test_where_there_is_a_choice_the_margin_is_kept_and_no_edge_is_lost(name: str, least: float) -> None:
+    before, after = built(name, 0.0, free=True), built(name, 2.0, free=True)
+    assert measured(before) < least
+    assert measured(after) >= 2.0 - 0.25
+    assert len(after.tour.paths) == len(before.tour.paths)
+    assert not near_notes(before)
+    assert not near_notes(after)
+
+
+def test_what_cannot_be_kept_costs_no_edge_and_is_told() -> None:
+    """More than the cell has: as many edges as without a margin, and each place that is nearer is named."""
+    before, after = built("IRB 2000", 0.0, free=True), built("IRB 2000", 6.0, free=True)
+    assert len(after.tour.paths) == len(before.tour.paths)
+    assert after.clear is not None
+    assert after.clear.nearest is not None
+    assert after.clear.clearance < 6.0
+    assert near_notes(after)
+    assert after.clear.clearance == pytest.approx(measured(after), abs=0.25)
+
+
+def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most() -> None:
+    result = built("IRB 2400", 2.0)
+    setup, room, motions = _planned(result)
+    bare = np.full((1, 3), np.nan)
+    ends = [(Way(m.way.position[[0]], bare, m.way.rotation[[0]]), m.joints[0]) for m in motions[:4]]
+    first = [one.name for one in retractions(setup, room, ends) if isinstance(one, Retraction)]
+    gaps = iter([0.5, 1.0, 0.25])
+
+    def crowded(tracks: list[Track]) -> list[Hit | float]:
+        return [next(gaps, 0.1)] * len(tracks)
+
+    seen = [one for one in retractions(setup, replace(room, look=crowded), ends[:1]) if isinstance(one, Retraction)]
+    assert len(first) == 4
+    assert len(seen) == 1
+    # The second that was tried has most room.
+    assert seen[0].name != first[0]
+
+
+def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> None:
+    """All free motions come near but those by way of home: they go by it; and where these do too, none is lost."""
+    setup, room, motions = _planned(built("IRB 2400", 2.0))
+    home = setup.robot.home
+
+    def crowded(tracks: list[Track]) -> list[Hit | float]:
+        free = [track.way is None and not any(np.allclose(row, home) for row in track.joints) for track in tracks]
+        return [
+            0.1 if one and not isinstance(hit, Hit) else hit for one, hit in zip(free, room.look(tracks), strict=True)
+        ]
+
+    def all_crowded(tracks: list[Track]) -> list[Hit | float]:
+        return [hit if isinstance(hit, Hit) else 0.1 for hit in room.look(tracks)]
+
+    plain, by_home, near = (
+        route(setup, replace(room, look=look), motions, SOLID.edges, home, Wish(100.0, best=True))
+        for look in (room.look, crowded, all_crowded)
+    )
+    assert len(plain.legs) == len(by_home.legs) == len(near.legs) == len(motions)
+    assert plain.seconds < by_home.seconds < 1e4
+    assert near.seconds < 1e4
+
+
+def _planned(result: Result):  # type: ignore[no-untyped-def]
+    """Setup, room and motions of a build."""
+    assert result.where is not None
+    assert result.cell.arm is not None
+    setup = setup_of(result.cell.arm, result.cell, result.where)
+    edges = [edge for edge in SOLID.edges if edge.id in {path.contours[0] for path in result.planned}]
+    motions = tuple(one for one in reach(edges, setup, 2.0) if isinstance(one, Reached))
+    return setup, room_of(result.where, setup), motions
+
+
+def test_bodies_that_are_near_at_home_keep_no_margin_and_are_named() -> None:
+    """The holder is 5 mm off a link of the wrist, whatever the arm does."""
+    result = built("IRB 1200", 8.0)
+    notes = [note.what for note in result.notes if note.what.endswith("keep no margin")]
+    assert notes == ["link 5 and holder keep no margin"]
+    assert result.where is not None
+    assert ("link 5", "holder") in result.where.work.pairs
