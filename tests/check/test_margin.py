@@ -66,7 +66,7 @@ def test_where_there_is_a_choice_the_margin_is_kept_and_no_edge_is_lost(name: st
 
 def test_what_cannot_be_kept_costs_no_edge_and_is_told() -> None:
     """More than the cell has: as many edges as without a margin, and each place that is nearer is named."""
-    before, after = built("IRB 2000", 0.0, free=True), built("IRB 2000", 6.0, free=True)
+    before, after = built(TIGHT, 0.0), built(TIGHT, 6.0)
     assert len(after.tour.paths) == len(before.tour.paths)
     assert after.clear is not None
     assert after.clear.nearest is not None
