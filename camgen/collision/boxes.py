@@ -10,6 +10,8 @@ from camgen.model.pose import FloatArray
 from camgen.model.tolerance import PARALLEL_EDGES
 
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+#: Sine of the angle below which two edges are taken for parallel where it is asked how far boxes are apart.
+_SLIGHT = 1e-3
 
 
 class Boxes(Struct, frozen=True, eq=False):
@@ -53,21 +55,47 @@ def meet(a: Boxes, b: Boxes) -> BoolArray:
     Two boxes are apart where one of 15 axes parts them: the normals of their faces and the products of their edges
     (Gottschalk, Lin, Manocha, OBBTree, 1996).
     """
-    back = a.axes.transpose(0, 2, 1)
-    turn = back @ b.axes
-    away = (back @ (b.centres - a.centres)[..., None])[..., 0]
-    steep = np.abs(turn) + PARALLEL_EDGES
+    turn, steep, away = _relate(a, b)
     good = every(np.abs(away) <= a.half + (steep @ b.half[..., None])[..., 0])
     across = np.abs((away[:, None] @ turn)[:, 0])
     good &= every(across <= b.half + (a.half[:, None] @ steep)[:, 0])
     left = np.flatnonzero(good)
-    good[left] = _edges(turn[left], steep[left], away[left], a.half[left], b.half[left])
+    apart, room = _edges(turn[left], steep[left], away[left], a.half[left], b.half[left])
+    good[left] = (apart <= room).all(axis=(1, 2))
     return good
 
 
-def _edges(turn: FloatArray, steep: FloatArray, away: FloatArray, a: FloatArray, b: FloatArray) -> BoolArray:
-    """Which boxes none of the nine products of edges parts. Row of (3, 3): edge of a, column: edge of b."""
+def least_apart(a: Boxes, b: Boxes) -> FloatArray:
+    """No more than the distance of the boxes a (n,) and b (n,), mm (n,), negative where they meet: how far apart the
+    best of the 15 axes of ``meet`` parts them. It is the distance itself but where two corners, or a corner and an
+    edge, are the nearest points.
+    """
+    turn, steep, away = _relate(a, b)
+    best = (np.abs(away) - a.half - (steep @ b.half[..., None])[..., 0]).max(axis=1)
+    across = np.abs((away[:, None] @ turn)[:, 0])
+    best = np.maximum(best, (across - b.half - (a.half[:, None] @ steep)[:, 0]).max(axis=1))
+    apart, room = _edges(turn, steep, away, a.half, b.half)
+    sine = np.sqrt(np.maximum(1.0 - turn**2, 0.0))
+    # Nearly parallel edges have no product worth the name; the normals part such boxes as well.
+    parted = np.where(sine > _SLIGHT, (apart - room) / np.maximum(sine, _SLIGHT), -np.inf)
+    return np.asarray(np.maximum(best, parted.max(axis=(1, 2))))
+
+
+def _relate(a: Boxes, b: Boxes) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The axes of b in those of a (n, 3, 3), how much of each lies along each at most, and the middle of b there."""
+    back = a.axes.transpose(0, 2, 1)
+    turn = back @ b.axes
+    away = (back @ (b.centres - a.centres)[..., None])[..., 0]
+    return turn, np.abs(turn) + PARALLEL_EDGES, away
+
+
+def _edges(
+    turn: FloatArray, steep: FloatArray, away: FloatArray, a: FloatArray, b: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """How far the middles are apart along each of the nine products of edges, and what both boxes fill of that, both
+    by the length of the product (n, 3, 3). Row: edge of a, column: edge of b.
+    """
     apart = np.abs(away[:, _LAST, None] * turn[:, _NEXT] - away[:, _NEXT, None] * turn[:, _LAST])
     room = a[:, _NEXT, None] * steep[:, _LAST] + a[:, _LAST, None] * steep[:, _NEXT]
     room += b[:, None, _NEXT] * steep[:, :, _LAST] + b[:, None, _LAST] * steep[:, :, _NEXT]
-    return np.asarray((apart <= room).all(axis=(1, 2)))
+    return apart, room

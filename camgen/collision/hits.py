@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from msgspec import Struct
 
-from camgen.collision.boxes import Boxes, meet
+from camgen.collision.boxes import Boxes, least_apart, meet
 from camgen.collision.mesh import body, distance, find_struck
 from camgen.collision.scene import Scene, Target
+from camgen.geometry.ragged import ramp, run_lengths
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.forward import frames
@@ -188,10 +189,11 @@ def _between(scene: Scene, placed: Boxes, rows: IntArray, place_of: IntArray, fo
     wide = placed.grown(found.distance[place_of[rows]][:, None, None] * scene.moving[:, None])
     row, which = near_pairs(scene, wide)
     first, second = placed[row, scene.first[which]], placed[row, scene.second[which]]
+    bound = least_apart(first, second)
     _measure(
-        _Asked(place_of[rows[row]], rows[row], scene.of_pair[which]),
+        _Asked(place_of[rows[row]], rows[row], scene.of_pair[which], bound),
         found,
-        lambda some, by: meet(first[some].grown(by), second[some]),
+        lambda some, by: bound[some] < by,
         lambda k: distance(body(first, k), body(second, k)),
     )
 
@@ -200,40 +202,46 @@ def _to_mesh(target: Target, placed: Boxes, rows: IntArray, place_of: IntArray, 
     row, which, wide = near_mesh(target, placed.grown(found.distance[place_of[rows]][:, None, None]))
     boxes = Boxes(wide.centres, wide.axes, placed.half[row, target.striking[which]])
     _measure(
-        _Asked(place_of[rows[row]], rows[row], target.of_strike[which]),
+        _Asked(place_of[rows[row]], rows[row], target.of_strike[which], np.zeros(len(row))),
         found,
-        lambda some, by: find_struck(target.mesh, boxes[some].grown(by)),
+        lambda some, by: find_struck(target.mesh, boxes[some].grown(by[:, None])),
         lambda k: distance(target.mesh.surface, body(boxes, k)),
     )
 
 
 class _Asked(Struct, frozen=True, eq=False):
-    """Candidates (n,) for the nearest: the place that each is asked for, its configuration and its pair."""
+    """Candidates (n,) for the nearest: the place that each is asked for, its configuration, its pair, and mm that it is
+    apart at least.
+    """
 
     place: IntArray
     row: IntArray
     pair: IntArray
+    bound: FloatArray
 
 
 def _measure(
     asked: _Asked,
     found: _Found,
-    touches: Callable[[IntArray, FloatArray], BoolArray],
+    within: Callable[[IntArray, FloatArray], BoolArray],
     measured: Callable[[int], float],
 ) -> None:
-    """Lower ``found`` to the distances of n candidates.
+    """Lower ``found`` to the distances of n candidates. within: which of some may be nearer than so many mm.
 
-    fcl's distance takes a hundred times as long as a yes or no. So one candidate of each place is measured, and only
-    those stay that ``touches`` others when grown by less than that: what lies within a distance of a box is in the
-    box grown by it. In any order but that along a motion, few rounds are needed.
+    fcl's distance takes a hundred times as long as a yes or no. So of each place the candidate that may be nearest is
+    measured, and only those stay that may be nearer than that. Where many are about as near, twice as many are measured
+    in each round as in the one before. Of candidates that may all touch any one may be the nearest; in any order but
+    that along a motion, few rounds are needed.
     """
-    left = np.random.default_rng(0).permutation(len(asked.place))
+    mixed = np.random.default_rng(0).permutation(len(asked.place))
+    left = mixed[np.lexsort((asked.bound[mixed], asked.place[mixed]))]
+    many = 1
     while len(left):
-        room = np.maximum(found.distance[asked.place[left]] - _SAME_DISTANCE_MM, 0.0)
-        left = left[touches(left, room[:, None])]
-        _, first = np.unique(asked.place[left], return_index=True)
-        for k in left[first].tolist():
-            at, far = asked.place[k], measured(k)
-            if far < found.distance[at]:
+        left = left[within(left, np.maximum(found.distance[asked.place[left]] - _SAME_DISTANCE_MM, 0.0))]
+        now = ramp(run_lengths(asked.place[left])) < many
+        for k in left[now].tolist():
+            at = asked.place[k]
+            if asked.bound[k] < found.distance[at] and (far := measured(k)) < found.distance[at]:
                 found.distance[at], found.row[at], found.pair[at] = far, asked.row[k], asked.pair[k]
-        left = np.delete(left, first)
+        left = left[~now]
+        many *= 2

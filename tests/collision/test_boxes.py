@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from camgen.collision.boxes import Boxes, meet
+from camgen.collision.boxes import Boxes, least_apart, meet
 from camgen.collision.mesh import Mesh, _through, body, distance, find_struck, inside, make_mesh
 from camgen.collision.tree import ask, grow
 from camgen.model.part import Solid
@@ -208,3 +208,19 @@ def test_the_tree_finds_every_triangle_once(count: int) -> None:
     expected = ((corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)).all(axis=1)
     assert len(found) == len(set(found.tolist())) == expected.sum()
     assert sorted(tree.corners[found].tolist()) == sorted(corners[expected].tolist())
+
+
+def test_boxes_are_no_nearer_than_the_best_axis_parts_them_and_as_near_where_no_corner_is_nearest() -> None:
+    a, b = some(2000, 5, 60.0, 15.0), some(2000, 6, 60.0, 15.0)
+    bound, met = least_apart(a, b), meet(a, b)
+    assert ((bound <= 1e-6) == met).all()
+    free = np.flatnonzero(~met)
+    exact = np.array([distance(body(a, k), body(b, k)) for k in free.tolist()])
+    assert (bound[free] <= exact + 1e-6).all()
+    # Corners against corners are parted by less: of boxes at random that is so of a part.
+    assert np.median(bound[free] / exact) > 0.9
+    rows = [((9, 1, 2), STRAIGHT, (2, 3, 4)), ((7, 7, 0), rotation_about(2, math.radians(45)), (1, 1, 50))]
+    stand = boxes(*[((0, 0, 0), STRAIGHT, (4, 4, 4))] * 2)
+    # Face to face, and the upright edges of two pillars across their diagonals.
+    assert least_apart(stand, boxes(*rows))[0] == pytest.approx(3.0, abs=1e-6)
+    assert least_apart(stand, boxes(*rows))[1] == pytest.approx(3 * math.sqrt(2) - 1, abs=1e-6)
