@@ -81,8 +81,8 @@ def _cuts(tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
     # A robot travels on straight lines: what runs as fast as it travels is none that cuts, where no cut is as fast.
     # With process.stay_down there is no stock beside the part that it could run through.
     process = job.process
-    slower = process.feed * process.max_feed_factor < process.travel and not process.stay_down
-    travel = process.travel if slower and not isinstance(cell.home, Pose) else float("inf")
+    slower = process.feed * process.max_feed_factor < process.travel_speed and not process.stay_down
+    travel = process.travel_speed if slower and not isinstance(cell.home, Pose) else float("inf")
     first = 0
     for count, reading, (_, program) in zip(posted.counts, posted.readings, checked.programs, strict=True):
         name = posted.files[first].name

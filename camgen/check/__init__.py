@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
+from camgen.lower.runs import plunge
 from camgen.model.cell import Cell
 from camgen.model.job import Job
 from camgen.model.program import Program
@@ -31,17 +33,23 @@ class Checks(Struct, frozen=True, eq=False):
 def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = None, name: str = "") -> Checks:
     """Whether the arm of ``cell`` can run ``program``, links included, and meets nothing.
 
-    where: what there is to run into, where it is known already. name: of the input, for messages. Blocked with the
+    where: what there is to run into, as the plan of a 3-D part knows it: the ways between its paths get blends where
+    there is room. name: of the input, for messages. Blocked with the
     motion, the place, the reason and the paths it concerns, JobError for an arm that the program is not for.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
         return Checks(program)
     from camgen.check.collide import check_clear  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+    from camgen.check.flow import let_flow  # noqa: PLC0415
     from camgen.check.reach import check_reach  # noqa: PLC0415
     from camgen.check.shares import share_joints  # noqa: PLC0415
     from camgen.collision.cell import around  # noqa: PLC0415
 
     reach = check_reach(program, cell.arm, name or program.name)
-    where = where or around(job, cell.arm, cell, None, cell.meshes)
-    clear = check_clear(where, reach, cell.arm, name or program.name)
-    return Checks(share_joints(reach, cell.arm), reach, clear, where)
+    there = where or around(job, cell.arm, cell, None, cell.meshes)
+    clear = check_clear(there, reach, cell.arm, name or program.name)
+    program = share_joints(reach, cell.arm)
+    if where is not None:
+        program, notes = let_flow(program, reach, where, cell.arm, cell.pace, plunge(job.process))
+        clear = replace(clear, notes=(*clear.notes, *notes))
+    return Checks(program, reach, clear, there)

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from camgen.check.reach import Reach
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
-from camgen.robots.kinematics.forward import jacobian
+from camgen.robots.kinematics.rates import fastest
 from camgen.robots.models import Robot
 
 #: No joint that turns is faster on the way (rad/s), also where the TCP hardly moves. Digits of a share.
@@ -23,7 +23,7 @@ def share_joints(found: Reach, robot: Robot) -> Program:
 
     All joints start and end together, each in proportion to its way, so that the one with the longest way for its speed
     runs at the share. It is as large as it may be for the TCP to keep to the motion's speed wherever it is fastest, and
-    for no joint to turn by more than 60 deg/s.
+    for no joint to turn by more than 60 deg/s. A share that a motion has already stays: in free space it may be more.
     """
     program = found.program
     columns = program.columns
@@ -34,6 +34,8 @@ def share_joints(found: Reach, robot: Robot) -> Program:
     for swing in swings.tolist():
         rows = slice(int(ends[swing - 1]), int(ends[swing]) + 1)
         move = columns.moves[swing]
+        if move.share > 0:
+            continue
         share = _share(robot, found.joints[rows], program.flange_from_tool.origin, move.speed)
         body[int(columns.at[swing])] = replace(move, share=share)
     return program.with_body(tuple(body))
@@ -41,14 +43,6 @@ def share_joints(found: Reach, robot: Robot) -> Program:
 
 def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float) -> float:
     """The share for a motion with joint values (R, J) on its way, 0 where the arm stands. tip: from the flange, mm."""
-    way = joints[-1] - joints[0]
-    seconds = float((np.abs(way) / robot.speeds).max())
-    if seconds == 0.0:
-        return 0.0
-    rate = way / seconds
-    moves, rotation, _ = jacobian(robot, joints)
-    flange = moves @ rate
-    fastest = np.linalg.norm(flange[:, :3] + np.cross(flange[:, 3:], rotation @ np.asarray(tip)), axis=1).max()
-    turning = np.abs(rate[[not joint.sliding for joint in robot.joints]]).max(initial=0.0)
-    limits = [1.0, *(most / rate for most, rate in ((speed, fastest), (_FASTEST_TURN, turning)) if rate > 0)]
-    return float(math.floor(float(min(limits)) * 10**_DIGITS) / 10**_DIGITS)
+    moved, turning = fastest(robot, joints, tip)
+    limits = [1.0, *(most / rate for most, rate in ((speed, moved), (_FASTEST_TURN, turning)) if rate > 0)]
+    return float(math.floor(float(min(limits)) * 10**_DIGITS) / 10**_DIGITS) if turning or moved else 0.0

@@ -242,6 +242,10 @@ def time_motions(
     if going.any():
         pieces = _pieces(program, shape, pace, going, rows)
         seconds += _run(pieces, *_corners(program, shape, pace, going), pace.last, len(swing))
+    if found is not None and arm is not None and (columns.blend > 0).any():
+        from camgen.check.passing import save_seconds  # noqa: PLC0415 (kinematics, only for what needs them)
+
+        seconds = np.maximum(seconds - save_seconds(program, found, arm, pace), 0.0)
     return seconds, shape.end
 
 

@@ -91,8 +91,8 @@ def _cut(program: str, reading: Reading, columns: Columns, job: Job) -> Cut:
     """Controllers without a rapid motion travel at process.travel on straight lines."""
     rapid = columns.moves_are(MoveJ) & columns.posed
     process = job.process
-    slower = process.feed * process.max_feed_factor < process.travel
-    travel = process.travel if slower and not rapid[1:].any() else np.inf
+    slower = process.feed * process.max_feed_factor < process.travel_speed
+    travel = process.travel_speed if slower and not rapid[1:].any() else np.inf
     return Cut(
         reading.body, reading.lines, job.tool, Path(program).name, travel=float(travel), chord=job.tolerance.chord
     )

@@ -200,7 +200,7 @@ def measure_moves(scene: Scene, waypoints: FloatArray) -> FloatArray:
     straight += (np.linalg.norm(np.diff(placed.axes, axis=0), axis=-2) * scene.half).sum(axis=-1)
     serial = waypoints @ scene.robot.coupling.T
     angles = _angles(scene, waypoints)
-    bent = angles[:, None] * (np.abs(np.diff(serial, axis=0)) @ _levers(scene, np.abs(serial).max(axis=0)))
+    bent = angles[:, None] * (np.abs(np.diff(serial, axis=0)) @ levers(scene, np.abs(serial).max(axis=0)))
     return np.asarray(straight + bent)
 
 
@@ -222,26 +222,26 @@ def _angles(scene: Scene, waypoints: FloatArray) -> FloatArray:
     return np.asarray(np.abs(np.diff(waypoints @ scene.robot.coupling.T, axis=0))[:, turning].sum(axis=1))
 
 
-def _levers(scene: Scene, travel: FloatArray) -> FloatArray:
+def levers(scene: Scene, travel: FloatArray) -> FloatArray:
     """How far any point of a box moves at most per rad or mm of a joint (J, B): its distance from the joint's origin,
     for which the lengths of the chain are added up. travel: (J,) the farthest that each joint is from 0.
     """
     joints = scene.robot.joints
-    levers = np.zeros((len(joints), len(scene.frame)))
+    found = np.zeros((len(joints), len(scene.frame)))
     far = np.linalg.norm(scene.origin, axis=1) + np.linalg.norm(scene.half, axis=1)
     for k in reversed(range(len(joints))):
         beyond = scene.frame > k
-        levers[k, beyond] = 1.0 if joints[k].sliding else far[beyond]
+        found[k, beyond] = 1.0 if joints[k].sliding else far[beyond]
         far[beyond] += math.hypot(*joints[k].previous_from_joint.origin) + joints[k].sliding * travel[k]
-    return levers
+    return found
 
 
 def closing(scene: Scene, travel: FloatArray) -> FloatArray:
     """By how much two boxes of a pair come nearer at most per rad or mm of a joint (J, P): by what the joints between
-    their links do to the farther one. travel: as for ``_levers``.
+    their links do to the farther one. travel: as for ``levers``.
     """
     one, other = scene.frame[scene.first], scene.frame[scene.second]
     low, high = np.minimum(one, other), np.maximum(one, other)
-    levers = _levers(scene, travel)[:, np.where(one > other, scene.first, scene.second)]
-    joint = np.arange(len(levers))[:, None]
-    return np.where((joint >= low) & (joint < high), levers, 0.0)
+    lever = levers(scene, travel)[:, np.where(one > other, scene.first, scene.second)]
+    joint = np.arange(len(lever))[:, None]
+    return np.where((joint >= low) & (joint < high), lever, 0.0)

@@ -113,10 +113,10 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
     if not tour.paths:
         raise NoSafeProgram(name, "no path to run")
     process = job.process
-    body = [MoveJ(cell.home, process.travel), *turn_on(job, cell), *run_paths(tour, cell, job)]
+    body = [MoveJ(cell.home, process.travel_speed), *turn_on(job, cell), *run_paths(tour, cell, job)]
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
-    body.append(MoveJ(cell.home, process.travel))
+    body.append(MoveJ(cell.home, process.travel_speed))
     return finish(body, tour.paths, cell, job, name, header)
 
 
@@ -299,23 +299,25 @@ def _enter(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) 
     yield Comment(f"path {one.path.id} layer {one.path.layer}")
     if one.down:
         if not _same(table.position[table.last[run - 1]], contact):
-            yield MoveL(Pose(rotation, contact), process.travel, path=one.number)
+            yield MoveL(Pose(rotation, contact), process.travel_speed, path=one.number)
         return
     if not one.linked:
         above, near = table.above_start[run], table.near[run]
         turned = table.unwound[run]
         if from_home:
-            yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel, path=one.number)
-            yield from (_rapid(cartesian, Pose(back, above), process.travel, 0.0, one.number) for back in turned[1:])
+            yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel_speed, path=one.number)
+            yield from (
+                _rapid(cartesian, Pose(back, above), process.travel_speed, 0.0, one.number) for back in turned[1:]
+            )
         else:
             left = table.above_end[run - 1]
-            yield from (_rapid(cartesian, Pose(back, left), process.travel, 0.0, one.number) for back in turned)
+            yield from (_rapid(cartesian, Pose(back, left), process.travel_speed, 0.0, one.number) for back in turned)
             if not _same(left, above):
                 way = math.dist(left, above), math.dist(above, contact if _same(above, near) else near)
                 zone = 0.0 if in_air(job) and _same(above, near) else _zone(process, *way)
-                yield _rapid(cartesian, Pose(rotation, above), process.travel, zone, one.number)
+                yield _rapid(cartesian, Pose(rotation, above), process.travel_speed, zone, one.number)
         if not _same(above, near):
-            yield _rapid(cartesian, Pose(rotation, near), process.travel, 0.0, one.number)
+            yield _rapid(cartesian, Pose(rotation, near), process.travel_speed, 0.0, one.number)
         if in_air(job):
             yield from switch_on(process)
         if _same(near, contact):
@@ -340,7 +342,7 @@ def _leave(table: _Table, run: int, job: Job, cartesian: bool) -> Iterator[Instr
     if not last and not table.unwound[following] and not off:
         zone = _zone(process, math.dist(here, up), math.dist(up, table.above_start[following]))
     if not _same(here, up):
-        yield _rapid(cartesian, target, process.travel, zone, table.runs[run].number)
+        yield _rapid(cartesian, target, process.travel_speed, zone, table.runs[run].number)
     if off:
         yield Output(signal(process), 0.0)
 

@@ -34,7 +34,7 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
     route, lengths = tour.route, tour.lengths
     process = job.process
     assert isinstance(cell.home, Joints)
-    body: list[Instruction] = [MoveJ(cell.home, process.travel)]
+    body: list[Instruction] = [MoveJ(cell.home, process.travel_speed)]
     if process.spindle > 0:
         body += [Output("spindle", process.spindle), *dwell(process)]
     for number, (leg, length) in enumerate(zip(route.legs, lengths, strict=True)):
@@ -56,7 +56,9 @@ def lower_edges(tour: EdgeTour, cell: Cell, job: Job, name: str = "part", header
     body += _link(way, job)
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
-    body.append(MoveJ(cell.home, process.travel))
+    last = route.back[-1]
+    assert isinstance(last, Turn)
+    body.append(_turn(last))
     return finish(body, tour.paths, cell, job, name, header)
 
 
@@ -78,22 +80,26 @@ def _link(link: Sequence[Piece], job: Job) -> Iterator[Instruction]:
     turned = False
     for piece in link:
         if isinstance(piece, Turn):
-            yield MoveJ(joints_of(piece.joints), process.travel)
+            yield _turn(piece)
         elif piece.kind == "approach":
             yield from switch_on(process) if air else ()
             yield from _approach(piece, process)
         else:
             yield from _state(piece.way, process) if turned else ()
-            yield from _along(piece.way, process.travel)
+            yield from _along(piece.way, piece.speed)
             if air and signal(process) and piece.kind == "retraction":
                 yield Output(signal(process), 0.0)
         turned = isinstance(piece, Turn)
 
 
+def _turn(piece: Turn) -> MoveJ:
+    return MoveJ(joints_of(piece.joints), piece.speed, share=piece.share)
+
+
 def _state(way: Way, process: ProcessTable) -> Iterator[Instruction]:
     """After a motion to joints an arc has no start that the text knows: a motion to where the tool is states it."""
     if not math.isnan(way.via[1, 0]):
-        yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel)
+        yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel_speed)
 
 
 def joints_of(values: FloatArray) -> Joints:
@@ -102,15 +108,15 @@ def joints_of(values: FloatArray) -> Joints:
 
 
 def _approach(piece: Along, process: ProcessTable) -> Iterator[Instruction]:
-    """At the speed of travel but for the last ``process.approach`` mm, which are run at the speed of plunging."""
+    """At its speed but for the last ``process.approach`` mm, which are run at the speed of plunging."""
     way = piece.way
     last = float(way.length[-1])
     slow = min(process.approach, last)
     if slow <= 0 or not np.isnan(way.via[-1, 0]):
-        yield from _along(way, process.travel)
+        yield from _along(way, piece.speed)
         return
-    if slow < last:
-        yield from _along(_cut(way, 1 - slow / last), process.travel)
+    ahead = _cut(way, 1 - slow / last) if slow < last else way.head
+    yield from _along(ahead, piece.speed)
     yield MoveL(_pose(way.rotation[-1], way.position[-1]), plunge(process))
 
 
@@ -122,9 +128,9 @@ def _cut(way: Way, share: float) -> Way:
     return Way(frozen(position), way.via, frozen(rotation))
 
 
-def _along(way: Way, speed: float) -> Iterator[Instruction]:
+def _along(way: Way, speed: FloatArray) -> Iterator[Instruction]:
     for row in range(1, len(way)):
-        yield _segment(way, row, speed, 0.0)
+        yield _segment(way, row, float(speed[row - 1]), 0.0)
 
 
 def _blends(path: ToolPath, feed: float, job: Job, pace: Dynamics) -> list[float]:

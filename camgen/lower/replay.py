@@ -28,7 +28,7 @@ def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", hea
 
     It comes to the first position from above, at the height of travel, and leaves the last one upwards.
     """
-    cartesian, travel = isinstance(cell.home, Pose), job.process.travel
+    cartesian, travel = isinstance(cell.home, Pose), job.process.travel_speed
     body = moving(tour.run.body)
     first = next(k for k, item in enumerate(body) if isinstance(item, MoveJ))
     columns = Columns(body)
@@ -72,7 +72,7 @@ def _rapid(target: Pose, cartesian: bool, speed: float) -> MoveJ | MoveL:
 def _arrive(first: MoveJ, cartesian: bool, job: Job, entry: float) -> list[MoveJ | MoveL]:
     """From home to where the program begins. entry: the feed of the last way down, where the start was assumed."""
     x, y, z = first.target.origin  # type: ignore[union-attr]  # recorded in poses
-    speed, high = job.process.travel, job.process.clearance
+    speed, high = job.process.travel_speed, job.process.clearance
     arrival: list[MoveJ | MoveL] = [MoveJ(Pose(TOOL_DOWN, (x, y, max(z, high))), speed)]
     if z < high - SAME_POINT_MM:
         down = Pose(TOOL_DOWN, (x, y, z))
@@ -83,7 +83,9 @@ def _arrive(first: MoveJ, cartesian: bool, job: Job, entry: float) -> list[MoveJ
 def _leave(last: Pose, cartesian: bool, job: Job) -> list[Instruction]:
     x, y, z = last.origin
     high = job.process.clearance
-    return [_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel)] if z < high - SAME_POINT_MM else []
+    return (
+        [_rapid(Pose(TOOL_DOWN, (x, y, high)), cartesian, job.process.travel_speed)] if z < high - SAME_POINT_MM else []
+    )
 
 
 def _blends(columns: Columns, tolerance: float, pace: Dynamics) -> FloatArray:

@@ -37,7 +37,7 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
         if not part.paths:
             continue
         own = job_of(job, step)
-        home = MoveJ(cell.home, step.process.travel)
+        home = MoveJ(cell.home, step.process.travel_speed)
         other = step.tool != tool
         if body and (other or step.process.spindle != spindle):
             body += _rest(spindle)
@@ -50,7 +50,7 @@ def lower_steps(tour: JobTour, cell: Cell, job: Job, name: str, header: tuple[st
         tool, spindle = step.tool, step.process.spindle
         body += run_paths(part, cell, own, before)
         before += len(part.paths)
-    body += [*_rest(spindle), MoveJ(cell.home, job.process.travel)]
+    body += [*_rest(spindle), MoveJ(cell.home, job.process.travel_speed)]
     framed = replace(cell, flange_from_tool=frame_of(job_of(job, tour.steps[0]), cell))
     return finish(body, tour.paths, framed, job, name, header)
 

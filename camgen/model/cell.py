@@ -19,7 +19,8 @@ class Dynamics(Struct, frozen=True):
     motion begins while the one before ends; "arc": rounded within ``deviation`` mm, whatever the blend; "junction": as
     fast as that, without leaving the lines. across, along: the shares of the acceleration that an arc may use; last:
     the share that a motion may use that ends at rest. shares: joint motions run at their share of the joints' speeds
-    where it is known, not at a speed of the TCP.
+    where it is known, not at a speed of the TCP. fastest: mm/s of the TCP, most: share of the joints' speeds, that a
+    program may ask for.
     """
 
     acceleration: float = 5000.0
@@ -31,6 +32,8 @@ class Dynamics(Struct, frozen=True):
     along: float = 1.0
     last: float = 1.0
     shares: bool = False
+    fastest: float = 5000.0
+    most: float = 1.0
 
 
 class Cell(Struct, frozen=True):

@@ -12,6 +12,9 @@ from msgspec import Meta, Struct, field
 
 from camgen.model.limits import Limits
 
+#: mm/s of travel where none is given.
+_TRAVEL_MM_S = 100.0
+
 Positive = Annotated[float, Meta(gt=0)]
 Share = Annotated[float, Meta(gt=0, le=1)]
 NotNegative = Annotated[float, Meta(ge=0)]
@@ -252,7 +255,13 @@ class ProcessTable(Table, frozen=True):
         Positive | None,
         Meta(description="replay: feeds above it become this, mm/s; not set: no feed is changed"),
     ] = None
-    travel: Annotated[Positive, Meta(description="speed between contours, mm/s")] = 100.0
+    travel: Annotated[
+        Positive | None,
+        Meta(
+            description="speed between contours, mm/s; not set: 100, and what the joints allow in free space between "
+            "the edges of a 3-D part"
+        ),
+    ] = None
     acceleration: Annotated[
         Positive | None,
         Meta(
@@ -282,6 +291,11 @@ class ProcessTable(Table, frozen=True):
         ),
     ] = "auto"
     dwell: Annotated[NotNegative, Meta(description="wait after the signal or the spindle is switched on, s")] = 0.0
+
+    @property
+    def travel_speed(self) -> float:
+        """The speed of all travel but that in free space between edges, mm/s."""
+        return self.travel or _TRAVEL_MM_S
 
 
 class Choice(Table, frozen=True):

@@ -202,11 +202,11 @@ def _path(hole: Hole, job: Job) -> ToolPath:
     way = [(0.0, job.process.feed)]
     for k, level in enumerate(levels):
         if k:
-            way.append((clear, job.process.travel))
+            way.append((clear, job.process.travel_speed))
             again = levels[k - 1] + PECK_CLEARANCE_MM
-            way += [(again, job.process.travel)] if again < clear else []
+            way += [(again, job.process.travel_speed)] if again < clear else []
         way.append((level, job.process.feed))
-    way += [(0.0, job.process.travel)] if levels else []
+    way += [(0.0, job.process.travel_speed)] if levels else []
     z, feed = np.array(way).T
     count = len(way)
     return ToolPath(

@@ -7,6 +7,8 @@ import string
 from dataclasses import dataclass, field
 from typing import Literal
 
+from msgspec.structs import replace
+
 from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError
 from camgen.post import Post
@@ -107,7 +109,9 @@ class PacScriptOptions(Post):
     def dynamics(self) -> Dynamics:
         """``Accel`` as a share of 10 m/s2. @P leaves the corner to speed and acceleration."""
         corner: Literal["overlap", "zone"] = "overlap" if self.pass_mark == "P" else "zone"
-        return Dynamics(acceleration=100.0 * self.accel, corner=corner, shares=True)
+        pace = Dynamics(acceleration=100.0 * self.accel, corner=corner, shares=True)
+        most = (self.ext_speed or 100.0) / 100.0
+        return replace(pace, most=most, fastest=most * min(pace.fastest, self.rated or pace.fastest))
 
 
 def _legal(name: str) -> bool:

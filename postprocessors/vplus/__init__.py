@@ -142,7 +142,8 @@ class VPlus(Post):
 
     def dynamics(self) -> Dynamics:
         """Corners by speed and acceleration, whatever the blend. Rated: 5000 mm/s2, assumed."""
-        return Dynamics(acceleration=_RATED_ACCELERATION * self.accel / 100, corner="overlap")
+        pace = Dynamics(acceleration=_RATED_ACCELERATION * self.accel / 100, corner="overlap")
+        return replace(pace, fastest=min(pace.fastest, self.rated))
 
     # -- legality ------------------------------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 import camgen
 from bench.robots.rfa import FREE, PARTS, cell, loop
 from camgen.build import Result
+from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.edges.route import Wish, route
 from camgen.plan.edges import room_of, setup_of
@@ -20,6 +21,7 @@ from camgen.read.solid import mesh
 from tests.support.files import source
 
 SOLID = mesh.read(source(PARTS / "rfa1.stl"))
+PACE = Pace(100.0, 100.0, 0.0)
 TIGHT = "IRB 2000, nominal rfa1"
 
 
@@ -80,13 +82,15 @@ def test_of_two_ways_out_the_one_with_room_is_taken_and_else_the_one_with_most()
     setup, room, motions = _planned(result)
     bare = np.full((1, 3), np.nan)
     ends = [(Way(m.way.position[[0]], bare, m.way.rotation[[0]]), m.joints[0]) for m in motions[:4]]
-    first = [one.name for one in retractions(setup, room, ends) if isinstance(one, Retraction)]
+    first = [one.name for one in retractions(setup, room, ends, PACE) if isinstance(one, Retraction)]
     gaps = iter([0.5, 1.0, 0.25])
 
     def crowded(tracks: list[Track]) -> list[Hit | float]:
         return [next(gaps, 0.1)] * len(tracks)
 
-    seen = [one for one in retractions(setup, replace(room, look=crowded), ends[:1]) if isinstance(one, Retraction)]
+    seen = [
+        one for one in retractions(setup, replace(room, look=crowded), ends[:1], PACE) if isinstance(one, Retraction)
+    ]
     assert len(first) == 4
     assert len(seen) == 1
     # The second that was tried has most room.
@@ -108,7 +112,7 @@ def test_a_free_motion_that_comes_near_is_taken_only_where_no_other_leads() -> N
         return [hit if isinstance(hit, Hit) else 0.1 for hit in room.look(tracks)]
 
     plain, by_home, near = (
-        route(setup, replace(room, look=look), motions, SOLID.edges, home, Wish(100.0, best=True))
+        route(setup, replace(room, look=look), motions, SOLID.edges, home, Wish(PACE, best=True))
         for look in (room.look, crowded, all_crowded)
     )
     assert len(plain.legs) == len(by_home.legs) == len(near.legs) == len(motions)

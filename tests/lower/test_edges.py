@@ -12,9 +12,13 @@ import trimesh
 import camgen
 from camgen.build import Result
 from camgen.cli import main
+from camgen.lower.edges import _approach
 from camgen.model.errors import InputError, JobError, NoSafeProgram
+from camgen.model.job import Job
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.order.edges.links import Along
+from camgen.plan.edges.ways import Way
 from camgen.read.solid import mesh
 from tests.support.arm_models import by_hand
 from tests.support.files import source
@@ -126,6 +130,14 @@ def test_the_approach_slows_down_before_the_part(built: Result) -> None:
     # The last millimetres are run at a third of the feed; an approach along an arc at the speed of travel.
     assert {item.speed for item in slow} <= {20.0 / 3, 100.0}
     assert any(item.speed == 20.0 / 3 for item in slow)
+
+
+def test_an_approach_with_a_short_last_piece_keeps_the_others() -> None:
+    position = np.array([[30.0, 0, 50], [0, 0, 50], [0, 0, 1], [0, 0, 0]])
+    way = Way(position, np.full((4, 3), np.nan), np.broadcast_to(np.diag([1.0, -1, -1]), (4, 3, 3)))
+    piece = Along(way, np.zeros((4, 6)), np.array([700.0, 400, 90]), "approach")
+    found = [(item.target.origin, item.speed) for item in _approach(piece, Job().process) if isinstance(item, MoveL)]
+    assert found == [((0, 0, 50), 700), ((0, 0, 1), 400), ((0, 0, 0), pytest.approx(20 / 3))]
 
 
 @pytest.mark.parametrize("process", [{"switch": "air"}, {"switch": "air", "plunge": 4.0, "dwell": 0.5}])

@@ -582,7 +582,7 @@ def test_any_program(paths, cell, orient, spindle, switch):
         elif isinstance(item, Force):
             pressing = item.newtons > 0
         elif isinstance(item, (MoveJ, MoveL, MoveC)):
-            travel = item.speed == job.process.travel
+            travel = item.speed == job.process.travel_speed
             assert not (travel and pressing)
             # A tool that turns is on while it goes straight up; else nothing is on between paths.
             assert not (travel and on) or (switch == "air" and here[:2] == item.target.origin[:2])

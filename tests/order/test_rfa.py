@@ -15,6 +15,7 @@ from camgen.collision.hits import hits
 from camgen.collision.scene import Scene
 from camgen.model.pose import FloatArray, Pose
 from camgen.order.edges.links import BY_HOME, FREE, Along, Ends, Turn, along, steps
+from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, Room, retractions
 from camgen.order.edges.route import Route, Wish, route
 from camgen.plan.edges import room_of, setup_of
@@ -31,6 +32,7 @@ from tests.support.files import source
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ARM = robot("IRB 2400")
+PACE = Pace(100.0, 100.0, 0.0)
 WALL = Hit("collision", "link 5 against wall", 0.0)
 
 
@@ -48,7 +50,7 @@ def cell(part: str) -> tuple[Setup, Room, tuple[Reached, ...]]:
 @cache
 def routed(part: str, best: bool = True) -> Route:
     setup, room, motions = cell(part)
-    return route(setup, room, motions, mesh.read(source(PARTS / f"{part}.stl")).edges, ARM.home, Wish(100.0, best))
+    return route(setup, room, motions, mesh.read(source(PARTS / f"{part}.stl")).edges, ARM.home, Wish(PACE, best))
 
 
 def matrix(pose: Pose) -> FloatArray:
@@ -80,7 +82,7 @@ def ends(motions: tuple[Reached, ...]) -> list[tuple[Way, FloatArray]]:
 @pytest.mark.parametrize("part", ["rfa1", "rfa2"])
 def test_a_way_out_ends_above_the_level_and_the_joints_follow_it(part: str) -> None:
     setup, room, motions = cell(part)
-    found = retractions(setup, room, ends(motions))
+    found = retractions(setup, room, ends(motions), PACE)
     ways = [one for one in found if isinstance(one, Retraction)]
     assert len(ways) >= len(found) - 2
     for end, one in zip(ends(motions), found, strict=True):
@@ -114,7 +116,7 @@ def test_a_tool_that_leans_goes_back_along_itself() -> None:
     setup, room, motions = cell("rfa1")
     one = next(
         way
-        for way in retractions(setup, room, ends(motions))
+        for way in retractions(setup, room, ends(motions), PACE)
         if isinstance(way, Retraction) and way.name == "along the tool" and len(way.way) == 2
     )
     start, stop = in_base(setup, one.way)
@@ -135,7 +137,9 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
 
     deep = replace(room, level=room.level + 600.0, look=only_third)
     chosen = ends(motions)
-    found = [one for one in retractions(setup, deep, chosen) if isinstance(one, Retraction) and "wrist" in one.name]
+    found = [
+        one for one in retractions(setup, deep, chosen, PACE) if isinstance(one, Retraction) and "wrist" in one.name
+    ]
     assert found
     for one in found:
         joints = one.joints[0]
@@ -149,7 +153,7 @@ def test_with_the_last_two_links_below_the_level_the_tool_goes_over_the_wrist() 
 def test_an_end_without_a_way_says_what_stands_in_it() -> None:
     setup, room, motions = cell("rfa1")
     walled = replace(room, look=lambda several: [WALL] * len(several))
-    (found,) = retractions(setup, walled, ends(motions)[:1])
+    (found,) = retractions(setup, walled, ends(motions)[:1], PACE)
     assert isinstance(found, str)
     assert "link 5 against wall" in found
 
@@ -166,7 +170,13 @@ def table(n: int, seed: int) -> Ends:
     own = np.arange(2 * n) // 2
     direct[own[:, None] == own[None]] = math.inf
     return Ends(
-        np.zeros((2 * n, 6)), np.zeros((2 * n, 6)), rng.uniform(0.5, 2, 2 * n), free, direct, rng.uniform(1, 3, n)
+        np.zeros((2 * n, 6)),
+        np.zeros((2 * n, 6)),
+        rng.uniform(0.5, 2, 2 * n),
+        free,
+        direct,
+        rng.uniform(1, 3, n),
+        100.0,
     )
 
 
@@ -239,7 +249,7 @@ def test_edges_that_share_a_corner_are_linked_at_it() -> None:
 def test_where_a_force_presses_every_link_leaves_the_part() -> None:
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
-    made = route(setup, room, motions, edges, ARM.home, Wish(100.0, best=True, lifted=True))
+    made = route(setup, room, motions, edges, ARM.home, Wish(PACE, best=True, lifted=True))
     assert len(made.legs) > 2
     for leg in made.legs[1:]:
         assert isinstance(leg.link[0], Along)
@@ -259,7 +269,7 @@ def test_a_free_motion_that_collides_is_not_taken() -> None:
         return [WALL if two and not isinstance(hit, Hit) else hit for hit, two in zip(said, pairs, strict=True)]
 
     edges = mesh.read(source(PARTS / "rfa2.stl")).edges
-    made = route(setup, replace(room, look=walled), motions, edges, ARM.home, Wish(100.0, best=True))
+    made = route(setup, replace(room, look=walled), motions, edges, ARM.home, Wish(PACE, best=True))
     assert len(made.legs) == len(motions)
     assert made.seconds > routed("rfa2").seconds
     for leg in made.legs[1:]:
@@ -273,7 +283,7 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice() -> None:
     setup, room, motions = cell("rfa1")
     edges = mesh.read(source(PARTS / "rfa1.stl")).edges
     lost = motions[1]
-    outs = retractions(setup, room, [(_end(one, k), one.joints[k]) for one in motions for k in (0, -1)])
+    outs = retractions(setup, room, [(_end(one, k), one.joints[k]) for one in motions for k in (0, -1)], PACE)
     safe = [out.joints[-1].tobytes() for out in outs if isinstance(out, Retraction)]
     assert len(safe) == 2 * len(motions)
     once = {row for row in safe if safe.count(row) == 1} | {ARM.home.tobytes()}  # two edges may begin in one pose
@@ -288,7 +298,7 @@ def test_what_no_way_leads_to_is_left_out_and_nothing_is_tested_twice() -> None:
                 for two, is_free in zip(rows, free, strict=True)]  # fmt: skip
 
     told: list[str] = []
-    wish = Wish(100.0, best=True, lifted=True)
+    wish = Wish(PACE, best=True, lifted=True)
     made = route(setup, replace(room, look=walled), motions, edges, ARM.home, wish, told.append)
     assert [one.id for one in made.dropped] == [lost.id]
     assert {leg.motion.id for leg in made.legs} == {one.id for one in motions} - {lost.id}
@@ -314,7 +324,7 @@ def test_a_search_that_finds_no_end_is_ended() -> None:
         ]
 
     told: list[str] = []
-    wish = Wish(100.0, best=True, lifted=True)
+    wish = Wish(PACE, best=True, lifted=True)
     made = route(setup, replace(room, look=walled), motions, edges, ARM.home, wish, told.append)
     assert not made.dropped
     assert len(made.legs) == len(motions)

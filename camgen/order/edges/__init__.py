@@ -11,6 +11,7 @@ from camgen.model.part import Note
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted, short
 from camgen.order.edges.links import Along, Turn
+from camgen.order.edges.pace import Pace
 from camgen.order.edges.route import Route, Wish, route
 from camgen.order.tours import EdgeTour
 from camgen.plan import EdgePlan, Watch
@@ -32,8 +33,9 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     home = home_of(cell.arm, cell, plan.where.scene)
     watch("linking")
     best, lifted = job.tour.method == "best", job.process.force > 0
-    room, travel = room_of(plan.where, setup), job.process.travel
-    wish = Wish(travel, best, lifted)
+    room, process = room_of(plan.where, setup), job.process
+    free, share = (process.travel, 0.0) if process.travel else (cell.pace.fastest, cell.pace.most)
+    wish = Wish(Pace(process.travel_speed, free, share, cell.pace.acceleration, lifted), best, lifted)
 
     def tell(far: str) -> None:
         watch(f"linking {far}")
@@ -43,7 +45,8 @@ def order_edges(plan: EdgePlan, job: Job, cell: Cell | None, watch: Watch) -> Ed
     lost_ids = {one.id for one in made.dropped}
     others = [one.nearer if one.nearer and one.id in lost_ids else one for one in plan.motions]
     if any(one is not other for one, other in zip(others, plan.motions, strict=True)):
-        made = route(setup, room, others, plan.edges, home, wish, tell)
+        again = route(setup, room, others, plan.edges, home, wish, tell)
+        made = again if len(again.legs) > len(made.legs) else made
     lost = [*plan.unreached, *made.dropped]
     if not made.legs:
         raise none_left(plan.part, len(edges), lost[0], plan.noun)

@@ -12,11 +12,13 @@ from typing import Literal
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
+from camgen.order.edges.pace import Pace, pace_turn
 from camgen.order.edges.retract import Retraction
-from camgen.plan.edges.motion import Reached
+from camgen.plan.edges.motion import Reached, Setup
 from camgen.plan.edges.ways import Way
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
@@ -28,16 +30,22 @@ FREE, BY_HOME = -1, -2
 
 
 class Turn(Struct, frozen=True, eq=False):
-    """A motion of the joints to ``joints`` (J,), all of them evenly."""
+    """A motion of the joints to ``joints`` (J,), all of them evenly. free: it is in free space, not at the part. speed:
+    mm/s of the TCP, and share: of the joints' greatest speeds, 0 where the speed alone holds; both by ``paced``.
+    """
 
     joints: FloatArray
+    free: bool = True
+    speed: float = 0.0
+    share: float = 0.0
 
 
 class Along(Struct, frozen=True, eq=False):
-    """A motion of the TCP along ``way``, from its first row. joints: (N, J)."""
+    """A motion of the TCP along ``way``, from its first row. joints: (N, J). speed: (N - 1,) mm/s of each segment."""
 
     way: Way
     joints: FloatArray
+    speed: FloatArray
     kind: Literal["retraction", "approach", "shared edge"]
 
 
@@ -47,7 +55,8 @@ Piece = Turn | Along
 class Ends(Struct, frozen=True, eq=False):
     """The ends of n motions, 2 i the start of motion i, 2 i + 1 its end. joints: (2 n, J). safe: (2 n, J) where the
     retraction of each leads. out: (2 n,) s it takes. free: (2 n, 2 n) s from safe to safe. direct: (2 n, 2 n) s of the
-    direct motions that are clear, else infinite. through: (n,) s along each motion with the process off.
+    direct motions that are clear, else infinite. through: (n,) s along each motion with the process off. speed: mm/s
+    at the part.
     """
 
     joints: FloatArray
@@ -56,6 +65,7 @@ class Ends(Struct, frozen=True, eq=False):
     free: FloatArray
     direct: FloatArray
     through: FloatArray
+    speed: float
 
 
 def seconds(robot: Robot, a: FloatArray, b: FloatArray, speed: float) -> FloatArray:
@@ -121,30 +131,51 @@ def pieces(
         over = int(first[a, b])
         if over == a ^ 1:
             motion = motions[a // 2] if a % 2 == 0 else motions[a // 2].reversed()
-            yield Along(motion.way, motion.joints, "shared edge")
+            yield Along(motion.way, motion.joints, np.full(len(motion.way) - 1, ends.speed), "shared edge")
         else:
-            yield Turn(ends.joints[over])
+            yield Turn(ends.joints[over], free=False)
         a = over
+
+
+def paced(setup: Setup, pieces: Sequence[Piece], here: FloatArray, pace: Pace) -> tuple[Piece, ...]:
+    """``pieces`` of a link that begins at the joints ``here`` (J,), its motions of the joints in free space as fast as
+    the joints and ``pace`` allow.
+    """
+    found: list[Piece] = []
+    for piece in pieces:
+        if isinstance(piece, Turn):
+            found.append(_pace_turn(setup, piece, here, pace))
+            here = piece.joints
+        else:
+            found.append(piece)
+            here = piece.joints[-1]
+    return tuple(found)
+
+
+def _pace_turn(setup: Setup, turn: Turn, here: FloatArray, pace: Pace) -> Turn:
+    speed, share = pace_turn(setup, here, turn.joints, pace) if turn.free else (pace.speed, 0.0)
+    return replace(turn, speed=speed, share=share)
 
 
 def leaving(out: Retraction) -> Along:
     """A retraction."""
-    return Along(out.way, out.joints, "retraction")
+    return Along(out.way, out.joints, out.speed, "retraction")
 
 
 def entering(out: Retraction) -> Along:
     """The same as an approach."""
-    return Along(out.way.reversed(), out.joints[::-1], "approach")
+    return Along(out.way.reversed(), out.joints[::-1], out.speed[::-1], "approach")
 
 
-def by_way_of(motion: Reached, end: int, other: Retraction) -> Retraction:
-    """Out of one end (0 start, 1 end) back along the motion and then as from its other end."""
+def by_way_of(motion: Reached, end: int, other: Retraction, speed: float) -> Retraction:
+    """Out of one end (0 start, 1 end) back along the motion at ``speed`` mm/s and then as from its other end."""
     there = motion if end == 0 else motion.reversed()
     return Retraction(
         _chain(there.way, other.way),
         np.concatenate([there.joints, other.joints[1:]]),
         _chain(there.looks, other.looks),
         np.concatenate([there.dense, other.dense[1:]]),
+        np.concatenate([np.full(len(there.way) - 1, speed), other.speed]),
         "back along the edge",
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, frozen
+from camgen.order.edges.pace import Pace, pace_lines
 from camgen.plan.edges.motion import JUMP, MARGIN, Hit, Room, Setup, Track, dense_parts, flange_poses
 from camgen.plan.edges.ways import Way, divide, rows
 from camgen.robots.kinematics.continuity import Choice, follow
@@ -32,21 +33,27 @@ _DIRECTIONS = 8
 
 class Retraction(Struct, frozen=True, eq=False):
     """way: rows from the end of a motion to free space. joints: (N, J) there. looks: (D,) poses as it goes, dense:
-    (D, J) the joints there. name: of the direction.
+    (D, J) the joints there. speed: (N - 1,) mm/s of each segment. name: of the direction.
     """
 
     way: Way
     joints: FloatArray
     looks: Way
     dense: FloatArray
+    speed: FloatArray
     name: str
 
+    @property
+    def seconds(self) -> float:
+        """What it takes at its speed."""
+        return float((self.way.length / self.speed).sum())
 
-def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]) -> list[Retraction | str]:
+
+def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]], pace: Pace) -> list[Retraction | str]:
     """For each end, a pose (one row) and the joints (J,) it is taken in, the first way out that is free and keeps the
     margin, or as much of it as the end has; else the free one that keeps most; or why there is none.
     """
-    ways = [_follow(setup, room, end, joints) for end, joints in ends]
+    ways = [_follow(setup, room, end, joints, pace) for end, joints in ends]
     # What stands nearer than the margin at the end is as near on all ways out of it.
     wanted = room.gaps(np.stack([joints for _, joints in ends]))
     found: list[Retraction | str] = ["" for _ in ends]
@@ -68,14 +75,15 @@ def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]
     return [one or "the tool points up" for one in found]
 
 
-def _follow(setup: Setup, room: Room, end: Way, joints: FloatArray) -> Iterator[Retraction | str]:
+def _follow(setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace) -> Iterator[Retraction | str]:
     """What is tried, in this order, with the joints; or why the arm cannot do it."""
     for name, way in _ways(setup, room, end, joints):
         parts = dense_parts(way)
         dense = divide(way, parts)
         found = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), joints, MARGIN, JUMP)
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
-            yield Retraction(way, frozen(found.joints[rows(parts)]), dense, frozen(found.joints), name)
+            at, speed = rows(parts), pace_lines(setup, pace, dense, found.joints, rows(parts))
+            yield Retraction(way, frozen(found.joints[at]), dense, frozen(found.joints), speed, name)
         else:
             yield f"{name} the arm cannot follow"
 

@@ -18,6 +18,7 @@ from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.order.edges import links
+from camgen.order.edges.pace import Pace
 from camgen.order.edges.retract import Retraction, retractions
 from camgen.order.solver import matrix
 from camgen.plan.edges.motion import Hit, Reached, Room, Setup, Track, Unreached
@@ -41,11 +42,11 @@ _REMEDY = "cell.safety or another place (camgen place) may help"
 
 
 class Wish(Struct, frozen=True):
-    """speed: mm/s between the motions. best: the shortest tour that is found, else the nearest neighbour's. lifted:
-    every link leaves the part, as it must do where a force presses.
+    """pace: of the links. best: the shortest tour that is found, else the nearest neighbour's. lifted: every link
+    leaves the part, as it must do where a force presses.
     """
 
-    speed: float
+    pace: Pace
     best: bool
     lifted: bool = False
 
@@ -119,7 +120,7 @@ def route(
     It ends after ``_ROUNDS`` and ``_PASSES`` times ``_AGAIN`` tours, and a few.
     """
     by_id = {edge.id: edge for edge in edges}
-    left, outs, dropped = _left(setup, room, motions)
+    left, outs, dropped = _left(setup, room, motions, wish)
     if not left:
         return Route((), (), tuple(dropped), 0.0, 0.0)
     work = _work(setup, room, left, outs, [by_id[motion.id] for motion in left], home, wish)
@@ -127,8 +128,11 @@ def route(
         found = _order(work, wish.best, _AGAIN if attempt else _ROUNDS, tell)
         lost = _find_lost(work, found, attempt >= _PASSES)
         if not lost:
-            legs, back = _legs(work, found)
+            legs, back = _pace(setup, *_legs(work, found), home, wish.pace)
             return Route(legs, back, tuple(dropped), found.seconds, found.nearest)
+        if turned := _find_one_sided(work):
+            work = _turn_back(work, turned, wish.pace.speed)
+            continue
         names = [work.motions[k].id for k in sorted(lost)]
         dropped += [Unreached(name, "collision", "no free motion leads to it", _REMEDY) for name in names]
         if len(lost) == len(work.motions):
@@ -138,14 +142,14 @@ def route(
 
 
 def _left(
-    setup: Setup, room: Room, motions: Sequence[Reached]
+    setup: Setup, room: Room, motions: Sequence[Reached], wish: Wish
 ) -> tuple[list[Reached], list[Retraction], list[Unreached]]:
     """The motions with a way out of both ends, the two ways of each, and those without any."""
     kept: list[Reached] = []
     outs: list[Retraction] = []
     dropped: list[Unreached] = []
     ends = [(_row(motion.way, k), motion.joints[k]) for motion in motions for k in (0, -1)]
-    found = retractions(setup, room, ends)
+    found = retractions(setup, room, ends, wish.pace)
     for motion, *pair in zip(motions, found[::2], found[1::2], strict=True):
         texts = [one for one in pair if isinstance(one, str)]
         if len(texts) == 2:
@@ -153,9 +157,9 @@ def _left(
             continue
         ways = [one for one in pair if isinstance(one, Retraction)]
         if isinstance(pair[0], str):
-            ways.insert(0, links.by_way_of(motion, 0, ways[0]))
+            ways.insert(0, links.by_way_of(motion, 0, ways[0], wish.pace.speed))
         if isinstance(pair[1], str):
-            ways.append(links.by_way_of(motion, 1, ways[0]))
+            ways.append(links.by_way_of(motion, 1, ways[0], wish.pace.speed))
         kept.append(motion)
         outs += ways
     return kept, outs, dropped
@@ -174,12 +178,12 @@ def _work(
     home: FloatArray,
     wish: Wish,
 ) -> _Work:
-    speed = wish.speed
+    speed = wish.pace.speed
     joints = np.concatenate([motion.joints[[0, -1]] for motion in motions])
     safe = np.stack([out.joints[-1] for out in outs])
-    out = np.array([out.way.length.sum() for out in outs]) / speed
+    out = np.array([out.seconds for out in outs])
     through = np.array([motion.way.length.sum() for motion in motions]) / speed
-    free = links.seconds(setup.robot, safe[:, None], safe[None], speed)
+    free = links.seconds(setup.robot, safe[:, None], safe[None], wish.pace.free)
     vertices = np.concatenate([_vertices(motion, edge) for motion, edge in zip(motions, edges, strict=True)])
     direct = links.seconds(setup.robot, joints[:, None], joints[None], speed)
     direct[wish.lifted | ~links.distinct(vertices, _VERTEX)] = math.inf
@@ -188,8 +192,8 @@ def _work(
     for (a, b), seen in zip(near.tolist(), _look(room, [joints[pair] for pair in near]), strict=True):
         if seen != "clear":
             direct[a, b] = direct[b, a] = math.inf if seen == "blocked" else direct[a, b] + _NEAR
-    ends = links.Ends(joints, safe, out, free, direct, through)
-    to_home = links.seconds(setup.robot, safe, home[None], speed)
+    ends = links.Ends(joints, safe, out, free, direct, through, speed)
+    to_home = links.seconds(setup.robot, safe, home[None], wish.pace.free)
     size = (len(joints) + 1,) * 2
     known = _Known(*(np.zeros(size, dtype=bool) for _ in range(3)))
     return _Work(room, tuple(motions), tuple(outs), ends, links.along(ends), home, to_home, known)
@@ -214,9 +218,8 @@ def _without(work: _Work, lost: set[int]) -> _Work:
     kept = [k for k in range(len(work.motions)) if k not in lost]
     at = np.array([2 * k + end for k in kept for end in (0, 1)])
     ends, square, all_of = work.ends, np.ix_(at, at), np.ix_([*at, -1], [*at, -1])
-    ends = links.Ends(
-        ends.joints[at], ends.safe[at], ends.out[at], ends.free[square], ends.direct[square], ends.through[kept]
-    )
+    places = ends.joints[at], ends.safe[at], ends.out[at]
+    ends = links.Ends(*places, ends.free[square], ends.direct[square], ends.through[kept], ends.speed)
     return _Work(
         room=work.room,
         motions=tuple(work.motions[k] for k in kept),
@@ -323,13 +326,49 @@ def _find_lost(work: _Work, found: _Found, strictly: bool) -> set[int]:
     lost |= {states[-1][1] // 2} if away[states[-1][1]] else set()
     for (_, a), (b, _) in pairwise(states):
         if math.isinf(between[a, b]) and a // 2 not in lost:
-            lost.add(b // 2)
+            # One of both cannot go home, or the link would lead there.
+            lost.add(b // 2 if away[b] else a // 2)
     return lost | {end // 2 for end in np.flatnonzero(away).tolist()} if strictly else lost
+
+
+def _find_one_sided(work: _Work) -> list[int]:
+    """The ends from which the way home collides while that from the other end of their motion does not."""
+    _test_home(work)
+    away = ~work.known.clear[:-1, -1]
+    return [end for end in np.flatnonzero(away).tolist() if not away[end ^ 1]]
+
+
+def _turn_back(work: _Work, turned: Sequence[int], speed: float) -> _Work:
+    """Out of each of the ends ``turned`` the way leads back along its motion and then as from the other end."""
+    ends, known, out = work.ends, work.known, list(work.out)
+    here, there = np.array(turned), np.array(turned) ^ 1
+    for end in turned:
+        out[end] = links.by_way_of(work.motions[end // 2], end % 2, out[end ^ 1], speed)
+    safe, seconds, free, to_home = ends.safe.copy(), ends.out.copy(), ends.free.copy(), work.to_home.copy()
+    safe[here], to_home[here] = safe[there], to_home[there]
+    seconds[here] = [out[end].seconds for end in turned]
+    for table in (free, known.blocked, known.clear, known.near):
+        table[here], table[:, here] = table[there], table[:, there]
+        table[here[:, None], here] = table[there[:, None], there]
+    return replace(
+        work, out=tuple(out), ends=replace(ends, safe=safe, out=seconds, free=free), to_home=to_home, known=known
+    )
 
 
 def _states(order: matrix.Order) -> list[tuple[int, int]]:
     """The end at which each motion is entered and the one at which it is left."""
     return [(2 * i + back, 2 * i + 1 - back) for i, back in zip(*order, strict=True)]
+
+
+def _pace(
+    setup: Setup, legs: Sequence[Leg], back: tuple[links.Piece, ...], home: FloatArray, pace: Pace
+) -> tuple[tuple[Leg, ...], tuple[links.Piece, ...]]:
+    """The legs and the way back with the speeds of their links."""
+    here, found = home, []
+    for leg in legs:
+        found.append(replace(leg, link=links.paced(setup, leg.link, here, pace)))
+        here = leg.motion.joints[-1]
+    return tuple(found), links.paced(setup, back, here, pace)
 
 
 def _legs(work: _Work, found: _Found) -> tuple[tuple[Leg, ...], tuple[links.Piece, ...]]:

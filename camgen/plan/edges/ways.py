@@ -35,6 +35,11 @@ class Way(Struct, frozen=True, eq=False):
         return Way(frozen(self.position[::-1]), backwards(self.via), frozen(self.rotation[::-1]))
 
     @property
+    def head(self) -> Way:
+        """The poses without the last one."""
+        return Way(self.position[:-1], self.via[:-1], self.rotation[:-1])
+
+    @property
     def spans(self) -> Spans:
         """The N - 1 segments as lines and arcs."""
         return chain(self.position, self.via[1:])

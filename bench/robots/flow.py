@@ -1,0 +1,83 @@
+"""Links as fast as the joints allow, with blends and a margin, in the twelve builds of the RFA cells.
+
+    python -m bench.robots.flow [PART] [ROBOT]
+
+Two parts, three arms, the nominal tool and one that may lean and roll. Before: no margin, links at 100 mm/s and a stop
+at every corner. After: what a job has that says nothing of it, 2 mm of margin. Time is that of the program by the model
+of docs/cycle-time.md; least distance that of all but the tool and the part, told up to 2 mm. Exits with 1 where an edge
+is lost.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+
+from msgspec.structs import replace
+
+import camgen
+from bench.machine import machine
+from bench.robots.rfa import FREE, PARTS, RAISED, cell
+from camgen.build import Result
+from camgen.check.time import cycle
+from camgen.model.program import MoveC, MoveJ, MoveL
+from camgen.model.text import short
+from camgen.read.files import Files
+from camgen.read.solid import mesh
+
+ARMS = ("IRB 2000", "IRB 2400", "IRB 1200")
+BEFORE = {"process": {"travel": 100.0}, "cell": {"margin": 0.0}}
+
+
+def build(part: str, name: str, free: bool, more: Mapping[str, Mapping[str, float]]) -> tuple[Result, float]:
+    """The build with some settings more, and its seconds."""
+    path = PARTS / f"{part}.stl"
+    job = cell(mesh.read(Files().read(path)), name)
+    tables = {**more, "tool": FREE if free else {}}
+    own = {key: {**job.get(key, {}), **tables.get(key, {})} for key in {*job, *tables}}
+    begun = time.perf_counter()
+    result = camgen.build(path, post="rapid", job=own)
+    return result, time.perf_counter() - begun
+
+
+def stopped(result: Result) -> float:
+    """Seconds of the program with a stop at the end of every motion."""
+    moves = (MoveJ, MoveL, MoveC)
+    body = tuple(replace(one, blend=0.0) if isinstance(one, moves) else one for one in result.program.body)
+    return cycle(result.program.with_body(body), result.cell.pace, result.reach, result.cell.arm).total
+
+
+def least(result: Result) -> str:
+    assert result.clear is not None
+    return "2 or more" if result.clear.nearest is None else short(result.clear.clearance, 2)
+
+
+def main(arguments: list[str]) -> int:
+    parts, names = arguments[:1] or RAISED, arguments[1:2] or ARMS
+    print(f"{machine()}\n")
+    more = "| less | without blends, s | stops left | least distance | build, s |"
+    print(f"| part | robot | tool | edges | program, s {more}")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    lost, sums = False, [0.0, 0.0]
+    for part, name, free in ((part, name, free) for part in parts for name in names for free in (False, True)):
+        (old, slow), (new, fast) = build(part, name, free, BEFORE), build(part, name, free, {})
+        seconds = [stopped(old), new.cycle.total]
+        sums = [a + b for a, b in zip(sums, seconds, strict=True)]
+        counts = [len(result.tour.paths) for result in (old, new)]
+        (passed,) = [note.what.split() for note in new.notes if "without a stop" in note.what]
+        row = [
+            *(part, name, "freed" if free else "nominal", f"{counts[0]}, {counts[1]}"),
+            f"{seconds[0]:.1f}, {seconds[1]:.1f}",
+            *(f"{100 * (1 - seconds[1] / seconds[0]):.0f} %", f"{stopped(new):.1f}"),
+            f"{int(passed[2]) - int(passed[0])} of {passed[2]}",
+            *(f"{least(old)}, {least(new)}", f"{slow:.1f}, {fast:.1f}"),
+        ]
+        print("| " + " | ".join(row) + " |", flush=True)
+        lost |= counts[1] < counts[0]
+    print(f"\nAll: {sums[0]:.0f} s before, {sums[1]:.0f} s after, {100 * (1 - sums[1] / sums[0]):.0f} % less.")
+    return int(lost)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

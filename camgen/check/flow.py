@@ -1,0 +1,133 @@
+"""Ways between paths without stops: the corners of a link are rounded where all that lies within a corner is free.
+
+Controllers round a corner by a parabola within a zone, or begin the next motion while the one before slows down. How
+far exactly is theirs. So all is tested that lies between the corner and the widest of these ways, triangle by triangle
+of configurations, with the margin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.check.passing import Cruise, Legs, cruise, find_corners, legs_of
+from camgen.check.reach import Reach
+from camgen.collision.cell import Surroundings
+from camgen.collision.motion import measure_apart
+from camgen.collision.triangle import are_free
+from camgen.model.cell import Dynamics
+from camgen.model.part import Note
+from camgen.model.pose import FloatArray
+from camgen.model.program import Force, MoveJ, Program
+from camgen.model.text import counted
+from camgen.robots.models import Robot
+
+#: mm: zones that are tried, the largest first.
+_ZONES = (200.0, 150.0, 100.0, 80.0, 60.0, 50.0, 40.0, 30.0, 20.0, 15.0, 10.0, 5.0, 1.0)
+#: A tool begins to turn so many times a zone before its corner, as RAPID has it (``zonedata``).
+_TURNING = 1.5
+#: Chords in place of what rounds a corner; it bends towards the corner, so that they are farther off. And mm that are
+#: added to what the motions are off straight lines.
+_CHORDS, _ROUGH = 8, 0.1
+#: mm: the least blend.
+_LEAST_MM = 0.1
+
+
+class _Rounding(Struct, frozen=True, eq=False):
+    """How far a corner may be rounded. blend: mm. left: (N,) what is left of the motion before it, made: (N,) what of
+    the next one is made, both as shares of the motions, from where the rounding begins to where it ends.
+    """
+
+    blend: float
+    left: FloatArray
+    made: FloatArray
+
+
+def let_flow(
+    program: Program, found: Reach, where: Surroundings, robot: Robot, pace: Dynamics, slow: float
+) -> tuple[Program, tuple[Note, ...]]:
+    """``program`` with blends in those corners of its ways between paths that have room for one; a note says how many.
+
+    One that presses has none: the sensor of the force is set to zero at a stop. found: what was found of it. slow:
+    mm/s; a motion that is no faster leads to a contact, and is stopped before.
+    """
+    legs, columns = legs_of(program, found, robot), program.columns
+    link = ~columns.works & (columns.turn == 0) & (columns.speed > slow)
+    runs = {k: one for k in np.flatnonzero(link).tolist() if k > 0 and (one := cruise(legs, program, k, pace))}
+    blends = {k: 0.0 for k in find_corners(program).tolist() if k in runs and k + 1 in runs and not columns.blend[k]}
+    if not blends or columns.are(Force).any():
+        return program, ()
+    for zone in _ZONES if pace.corner == "zone" else (0.0,):
+        tried = {k: (runs[k], runs[k + 1]) for k in blends if blends[k] == 0}
+        ways = {k: _round(*both, zone) if zone else _overlap(*both) for k, both in tried.items() if _fits(*both, zone)}
+        inside = [_inside(where, found, legs, k, way, timed=not zone) for k, way in ways.items()]
+        for (k, way), free in zip(ways.items(), _are_free(where, inside), strict=True):
+            blends[k] = way.blend if free else 0.0
+    body = list(program.body)
+    for k, blend in blends.items():
+        body[int(columns.at[k])] = replace(columns.moves[k], blend=blend)
+    passed = sum(blend > 0 for blend in blends.values())
+    what = f"{passed} of {counted(len(blends), 'corner')} on the ways between are passed without a stop"
+    return program.with_body(tuple(body)), (Note("assumed", what),)
+
+
+def _fits(one: Cruise, two: Cruise, zone: float) -> bool:
+    """Whether half of each motion is outside of the zone: there controllers cut it off."""
+    return zone <= min(one.mm, two.mm) / 2
+
+
+def _round(one: Cruise, two: Cruise, zone: float) -> _Rounding:
+    """A parabola, as far off the corner as the tool turns there."""
+    t = np.linspace(0.0, 1.0, _CHORDS + 1)
+    wide = [min(_TURNING * zone / each.mm, 0.5) for each in (one, two)]
+    return _Rounding(zone, (1 - t) ** 2 * wide[0], t**2 * wide[1])
+
+
+def _overlap(one: Cruise, two: Cruise) -> _Rounding:
+    """Both motions at once, from where the first begins to slow down until that is over and the second at its speed."""
+    brake, ramp = one.peak / one.gain, two.peak / two.gain
+    t = np.linspace(0.0, max(brake, ramp), _CHORDS + 1)
+    left = np.maximum(brake - t, 0.0) ** 2 * one.gain / 2
+    made = np.where(t < ramp, t**2 * two.gain / 2, two.peak * (t - ramp / 2))
+    blend = round(float(left[0]) * one.mm / one.length, 3)
+    return _Rounding(max(blend, _LEAST_MM), left / one.length, np.minimum(made / two.length, 0.5))
+
+
+def _inside(
+    where: Surroundings, found: Reach, legs: Legs, motion: int, way: _Rounding, *, timed: bool
+) -> tuple[FloatArray, float]:
+    """What is between the corner after ``motion`` and a way that rounds it, as triangles (N, 3, J) of configurations;
+    and mm that both motions are off straight lines of joint values there. timed: shares of motions of the joints are of
+    their time, not of the way of the TCP.
+    """
+    corner = found.joints[legs.rows(motion).stop - 1]
+    points, bows = np.tile(corner, (_CHORDS + 1, 1)), []
+    for k, shares in ((motion, 1.0 - way.left), (motion + 1, way.made)):
+        rows = legs.rows(k)
+        table = legs.seconds if timed and found.program.columns.moves_are(MoveJ)[k] else legs.way
+        at, joints = (table[rows] - table[rows.start]) / (table[rows.stop - 1] - table[rows.start]), found.joints[rows]
+        points += _rows(at, joints, shares) - corner
+        exact = _rows(at, joints, np.linspace(shares[0], shares[-1], _CHORDS + 1))
+        even = exact[0] + np.linspace(0.0, 1.0, _CHORDS + 1)[:, None] * (exact[-1] - exact[0])
+        bows.append(float(measure_apart(where.scene, exact, even).max()))
+    fan = np.stack([np.broadcast_to(corner, points[1:].shape), points[:-1], points[1:]], axis=1)
+    return fan, max(bows) + _ROUGH
+
+
+def _rows(at: FloatArray, joints: FloatArray, shares: FloatArray) -> FloatArray:
+    """The joints at ``shares`` (N,) of a motion that has ``joints`` (R, J) at the shares ``at`` (R,)."""
+    return np.stack([np.interp(shares, at, column) for column in joints.T], axis=1)
+
+
+def _are_free(where: Surroundings, corners: Sequence[tuple[FloatArray, float]]) -> list[bool]:
+    """In which corners nothing is met, and the margin kept."""
+    if not corners:
+        return []
+    triangles = np.concatenate([fan for fan, _ in corners])
+    bow = np.repeat([off for _, off in corners], _CHORDS)
+    free = are_free(where.apart, triangles, where.margin, bow)
+    free[free] = are_free(where.work, triangles[free], 0.0, bow[free])
+    return [bool(each.all()) for each in np.split(free, len(corners))]
