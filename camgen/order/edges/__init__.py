@@ -84,7 +84,11 @@ def _note_links(made: Route, noun: str) -> list[Note]:
         f"{counted(kinds.count('shared edge'), noun)} run idle; "
         f"{short(made.seconds, 1)} s, nearest neighbour {short(made.nearest, 1)} s"
     )
-    return [Note("assumed", what)]
+    notes = [Note("assumed", what)]
+    if made.searched:
+        ways = f"the way home from {counted(made.searched, noun)} was found by search"
+        notes.append(Note("assumed", ways, "what leads up from there collides"))
+    return notes
 
 
 def _travel(made: Route, setup: Setup, home: FloatArray) -> float:

@@ -123,7 +123,7 @@ def pieces(
     if first[a, b] < 0:
         yield leaving(out[a])
         if first[a, b] == BY_HOME:
-            yield Turn(home)
+            yield from (Turn(joints) for joints in (*out[a].via, home, *out[b].via[::-1]))
         yield Turn(ends.safe[b])
         yield entering(out[b])
         return
@@ -177,6 +177,7 @@ def by_way_of(motion: Reached, end: int, other: Retraction, speed: float) -> Ret
         np.concatenate([there.dense, other.dense[1:]]),
         np.concatenate([np.full(len(there.way) - 1, speed), other.speed]),
         "back along the edge",
+        other.via,
     )
 
 

@@ -7,7 +7,7 @@ the link before it is too. Where such a way collides or breaks a limit, others a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -27,13 +27,16 @@ _STEEP = 0.15
 _LEAST_WAY_OUT_MM = 1.0
 #: mm: a way out that comes so little nearer than its end is not given up for that.
 _AS_NEAR_MM = 0.05
+#: mm back along the tool where no way leads up to the level.
+_BACK = (50.0, 20.0, 10.0, 5.0, 2.0)
 #: Directions round the vertical that are tried, all 45 deg up.
 _DIRECTIONS = 8
 
 
 class Retraction(Struct, frozen=True, eq=False):
     """way: rows from the end of a motion to free space. joints: (N, J) there. looks: (D,) poses as it goes, dense:
-    (D, J) the joints there. speed: (N - 1,) mm/s of each segment. name: of the direction.
+    (D, J) the joints there. speed: (N - 1,) mm/s of each segment. name: of the direction. via: (K, J) joint values by
+    way of which the joints go home from its end, where the straight motion collides.
     """
 
     way: Way
@@ -42,6 +45,7 @@ class Retraction(Struct, frozen=True, eq=False):
     dense: FloatArray
     speed: FloatArray
     name: str
+    via: FloatArray
 
     @property
     def seconds(self) -> float:
@@ -75,15 +79,34 @@ def retractions(setup: Setup, room: Room, ends: Sequence[tuple[Way, FloatArray]]
     return [one or "the tool points up" for one in found]
 
 
+def shorter(setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace) -> Retraction | None:
+    """A way out of one end that does not lead up to the level: the longest back along the tool that is free."""
+    base_from_work = setup.base_from_work
+    start = base_from_work.rotation @ end.position[0] + np.asarray(base_from_work.origin)
+    back = -(base_from_work.rotation @ end.rotation[0])[:, 2]
+    ways = (("back", _chain(setup, end, [start, start + far * back])) for far in _BACK)
+    for way in _try(setup, ways, joints, pace):
+        if isinstance(way, Retraction) and not isinstance(room.look([Track(way.dense, way.looks)])[0], Hit):
+            return way
+    return None
+
+
 def _follow(setup: Setup, room: Room, end: Way, joints: FloatArray, pace: Pace) -> Iterator[Retraction | str]:
     """What is tried, in this order, with the joints; or why the arm cannot do it."""
-    for name, way in _ways(setup, room, end, joints):
+    return _try(setup, _ways(setup, room, end, joints), joints, pace)
+
+
+def _try(setup: Setup, ways: Iterable[tuple[str, Way]], joints: FloatArray, pace: Pace) -> Iterator[Retraction | str]:
+    """``ways`` out of where the joints are (J,), each with its name, as the arm runs them; or why it cannot."""
+    for name, way in ways:
         parts = dense_parts(way)
         dense = divide(way, parts)
         found = follow(setup.robot, *flange_poses(setup, dense.position, dense.rotation), joints, MARGIN, JUMP)
         if isinstance(found, Choice) and np.abs(found.joints[0] - joints).max() < 1e-6:
             at, speed = rows(parts), pace_lines(setup, pace, dense, found.joints, rows(parts))
-            yield Retraction(way, frozen(found.joints[at]), dense, frozen(found.joints), speed, name)
+            yield Retraction(
+                way, frozen(found.joints[at]), dense, frozen(found.joints), speed, name, frozen(joints[None][:0])
+            )
         else:
             yield f"{name} the arm cannot follow"
 

@@ -6,23 +6,25 @@ Only motions in free space that the tour takes are tested: one that collides is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import count, pairwise
 from typing import Literal
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, field
 from msgspec.structs import replace
 
 from camgen.model.part import BoolArray, IntArray, Line
 from camgen.model.pose import FloatArray
 from camgen.model.text import counted
 from camgen.order.edges import links
+from camgen.order.edges.detour import find_detour
 from camgen.order.edges.pace import Pace
-from camgen.order.edges.retract import Retraction, retractions
+from camgen.order.edges.retract import Retraction, retractions, shorter
 from camgen.order.solver import matrix
 from camgen.plan.edges.motion import Hit, Reached, Room, Setup, Track, Unreached
 from camgen.plan.edges.ways import Way
+from camgen.robots.models import Robot
 
 #: Ends of edges nearer than this are one vertex, mm.
 _VERTEX = 0.01
@@ -38,6 +40,8 @@ _QUICK, _FULL = 0.05, 0.3
 _NEAR = 1e5
 #: mm: a motion that comes so little nearer than its ends keeps what they have.
 _AS_NEAR_MM = 0.05
+#: Searches for a way home that find none, after which no more is searched.
+_FRUITLESS = 12
 _REMEDY = "cell.safety or another place (camgen place) may help"
 
 
@@ -60,7 +64,8 @@ class Leg(Struct, frozen=True, eq=False):
 
 class Route(Struct, frozen=True, eq=False):
     """legs in order; back: from the last to home. dropped: motions to which no free way leads. seconds: of all links at
-    the joints' and the travel's speed. nearest: the same of the paper's nearest neighbour.
+    the joints' and the travel's speed. nearest: the same of the paper's nearest neighbour. searched: of how many
+    motions the way home was searched for.
     """
 
     legs: tuple[Leg, ...]
@@ -68,6 +73,7 @@ class Route(Struct, frozen=True, eq=False):
     dropped: tuple[Unreached, ...]
     seconds: float
     nearest: float
+    searched: int = 0
 
 
 class _Known(Struct, eq=False):
@@ -120,7 +126,8 @@ def route(
     It ends after ``_ROUNDS`` and ``_PASSES`` times ``_AGAIN`` tours, and a few.
     """
     by_id = {edge.id: edge for edge in edges}
-    left, outs, dropped = _left(setup, room, motions, wish)
+    detours = _Detours(setup, room, home)
+    left, outs, dropped = _left(detours, motions, wish.pace)
     if not left:
         return Route((), (), tuple(dropped), 0.0, 0.0)
     work = _work(setup, room, left, outs, [by_id[motion.id] for motion in left], home, wish)
@@ -129,9 +136,13 @@ def route(
         lost = _find_lost(work, found, attempt >= _PASSES)
         if not lost:
             legs, back = _pace(setup, *_legs(work, found), home, wish.pace)
-            return Route(legs, back, tuple(dropped), found.seconds, found.nearest)
+            return Route(legs, back, tuple(dropped), found.seconds, found.nearest, _count_searched(work))
         if turned := _find_one_sided(work):
             work = _turn_back(work, turned, wish.pace.speed)
+            continue
+        tell(f"{counted(len(work.motions), 'edge')}, ways round what stands between")
+        if opened := {k: way for k in sorted(lost) if (way := _search_home(detours, work, k)) is not None}:
+            work = _open(work, opened, setup.robot, wish.pace)
             continue
         names = [work.motions[k].id for k in sorted(lost)]
         dropped += [Unreached(name, "collision", "no free motion leads to it", _REMEDY) for name in names]
@@ -141,28 +152,63 @@ def route(
     raise AssertionError("every attempt leaves at least one motion out")
 
 
+class _Detours(Struct, eq=False):
+    """Ways home that are searched for. fruitless: how many searches in all have found none. done: the ids of motions
+    whose ends were asked for.
+    """
+
+    setup: Setup
+    room: Room
+    home: FloatArray
+    fruitless: int = 0
+    done: set[str] = field(default_factory=set)
+
+    def lead_home(self, joints: FloatArray) -> FloatArray | None:
+        """By way of which joint values (K, J) the joints go home from ``joints`` (J,); None where no way is found."""
+        if self.fruitless >= _FRUITLESS:
+            return None
+        way = find_detour(self.setup, self.room, joints, self.home)
+        self.fruitless += way is None
+        return None if way is None else way[1:-1]
+
+
 def _left(
-    setup: Setup, room: Room, motions: Sequence[Reached], wish: Wish
+    detours: _Detours, motions: Sequence[Reached], pace: Pace
 ) -> tuple[list[Reached], list[Retraction], list[Unreached]]:
     """The motions with a way out of both ends, the two ways of each, and those without any."""
     kept: list[Reached] = []
     outs: list[Retraction] = []
     dropped: list[Unreached] = []
-    ends = [(_row(motion.way, k), motion.joints[k]) for motion in motions for k in (0, -1)]
-    found = retractions(setup, room, ends, wish.pace)
-    for motion, *pair in zip(motions, found[::2], found[1::2], strict=True):
-        texts = [one for one in pair if isinstance(one, str)]
+    ends = [end for motion in motions for end in _ends(motion)]
+    found = retractions(detours.setup, detours.room, ends, pace)
+    for motion, *both in zip(motions, found[::2], found[1::2], strict=True):
+        texts = [one for one in both if isinstance(one, str)]
+        pair = both
         if len(texts) == 2:
+            pair = [_search_out(detours, end, pace) or texts[0] for end in _ends(motion)]
+        if isinstance(pair[0], str) and isinstance(pair[1], str):
             dropped.append(Unreached(motion.id, "collision", f"no way back from it: {texts[0]}", _REMEDY))
             continue
         ways = [one for one in pair if isinstance(one, Retraction)]
         if isinstance(pair[0], str):
-            ways.insert(0, links.by_way_of(motion, 0, ways[0], wish.pace.speed))
+            ways.insert(0, links.by_way_of(motion, 0, ways[0], pace.speed))
         if isinstance(pair[1], str):
-            ways.append(links.by_way_of(motion, 1, ways[0], wish.pace.speed))
+            ways.append(links.by_way_of(motion, 1, ways[0], pace.speed))
         kept.append(motion)
         outs += ways
     return kept, outs, dropped
+
+
+def _ends(motion: Reached) -> tuple[tuple[Way, FloatArray], tuple[Way, FloatArray]]:
+    """Where the motion begins and where it ends, each with its joints."""
+    return (_row(motion.way, 0), motion.joints[0]), (_row(motion.way, -1), motion.joints[-1])
+
+
+def _search_out(detours: _Detours, end: tuple[Way, FloatArray], pace: Pace) -> Retraction | None:
+    """A way out of one end and home that is no way of RFA's: back a little, and from there as a search finds it."""
+    out = shorter(detours.setup, detours.room, *end, pace)
+    via = None if out is None else detours.lead_home(out.joints[-1])
+    return None if out is None or via is None else replace(out, via=via)
 
 
 def _row(way: Way, k: int) -> Way:
@@ -196,6 +242,9 @@ def _work(
     to_home = links.seconds(setup.robot, safe, home[None], wish.pace.free)
     size = (len(joints) + 1,) * 2
     known = _Known(*(np.zeros(size, dtype=bool) for _ in range(3)))
+    for end in (k for k, one in enumerate(outs) if len(one.via)):
+        to_home[end] = _time_home(setup.robot, outs[end], home, wish.pace)
+        known.clear[end, -1] = known.clear[-1, end] = True
     return _Work(room, tuple(motions), tuple(outs), ends, links.along(ends), home, to_home, known)
 
 
@@ -331,6 +380,41 @@ def _find_lost(work: _Work, found: _Found, strictly: bool) -> set[int]:
     return lost | {end // 2 for end in np.flatnonzero(away).tolist()} if strictly else lost
 
 
+def _time_home(robot: Robot, out: Retraction, home: FloatArray, pace: Pace) -> float:
+    """Seconds from the end of a way out to home."""
+    way = np.concatenate([out.joints[-1:], out.via, home[None]])
+    return float(links.seconds(robot, way[:-1], way[1:], pace.free).sum())
+
+
+def _search_home(detours: _Detours, work: _Work, motion: int) -> tuple[int, FloatArray] | None:
+    """One of the ends of a motion and the way home that a search finds from there, by joint values (K, J). It is done
+    once.
+    """
+    name = work.motions[motion].id
+    if name in detours.done:
+        return None
+    detours.done.add(name)
+    found = ((end, detours.lead_home(work.ends.safe[end])) for end in (2 * motion, 2 * motion + 1))
+    return next(((end, via) for end, via in found if via is not None and len(via)), None)
+
+
+def _open(work: _Work, opened: Mapping[int, tuple[int, FloatArray]], robot: Robot, pace: Pace) -> _Work:
+    """With the ways home that were found from ends of motions."""
+    out, to_home, known = list(work.out), work.to_home.copy(), work.known
+    for end, via in opened.values():
+        out[end] = replace(out[end], via=via)
+        to_home[end] = _time_home(robot, out[end], work.home, pace)
+        known.clear[end, -1] = known.clear[-1, end] = True
+        known.blocked[end, -1] = known.blocked[-1, end] = False
+        known.near[end, -1] = known.near[-1, end] = False
+    return replace(work, out=tuple(out), to_home=to_home)
+
+
+def _count_searched(work: _Work) -> int:
+    """The motions with a way home that was searched for."""
+    return sum(any(len(one.via) for one in work.out[2 * k : 2 * k + 2]) for k in range(len(work.motions)))
+
+
 def _find_one_sided(work: _Work) -> list[int]:
     """The ends from which the way home collides while that from the other end of their motion does not."""
     _test_home(work)
@@ -376,10 +460,13 @@ def _legs(work: _Work, found: _Found) -> tuple[tuple[Leg, ...], tuple[links.Piec
     before = -1
     for (enter, leave), item, back in zip(_states(found.order), *found.order, strict=True):
         if before < 0:
-            link: tuple[links.Piece, ...] = (links.Turn(work.ends.safe[enter]), links.entering(work.out[enter]))
+            out = work.out[enter]
+            turns = [links.Turn(joints) for joints in (*out.via[::-1], work.ends.safe[enter])]
+            link: tuple[links.Piece, ...] = (*turns, links.entering(out))
         else:
             link = tuple(links.pieces(before, enter, work.ends, found.first, work.motions, work.out, work.home))
         motion = work.motions[item]
         legs.append(Leg(link, motion.reversed() if back else motion))
         before = leave
-    return tuple(legs), (links.leaving(work.out[before]), links.Turn(work.home))
+    out = work.out[before]
+    return tuple(legs), (links.leaving(out), *(links.Turn(joints) for joints in (*out.via, work.home)))
