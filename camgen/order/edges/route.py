@@ -6,7 +6,7 @@ Only motions in free space that the tour takes are tested: one that collides is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import count, pairwise
 from typing import Literal
 
@@ -137,7 +137,7 @@ def route(
         if not lost:
             legs, back = _pace(setup, *_legs(work, found), home, wish.pace)
             return Route(legs, back, tuple(dropped), found.seconds, found.nearest, _count_searched(work))
-        if turned := _find_one_sided(work):
+        if turned := _find_one_sided(work, lost):
             work = _turn_back(work, turned, wish.pace.speed)
             continue
         tell(f"{counted(len(work.motions), 'edge')}, ways round what stands between")
@@ -415,11 +415,12 @@ def _count_searched(work: _Work) -> int:
     return sum(any(len(one.via) for one in work.out[2 * k : 2 * k + 2]) for k in range(len(work.motions)))
 
 
-def _find_one_sided(work: _Work) -> list[int]:
-    """The ends from which the way home collides while that from the other end of their motion does not."""
+def _find_one_sided(work: _Work, motions: Iterable[int]) -> list[int]:
+    """The ends of some motions from which the way home collides while that from the other end does not."""
     _test_home(work)
     away = ~work.known.clear[:-1, -1]
-    return [end for end in np.flatnonzero(away).tolist() if not away[end ^ 1]]
+    ends = (end for k in sorted(motions) for end in (2 * k, 2 * k + 1))
+    return [end for end in ends if away[end] and not away[end ^ 1]]
 
 
 def _turn_back(work: _Work, turned: Sequence[int], speed: float) -> _Work:
