@@ -35,8 +35,8 @@ from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.program import MoveC, MoveL, Program
 from camgen.model.text import counted, short
 from camgen.model.version import __version__
-from camgen.order import order
-from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, plan
+from camgen.order import ArmTour, order
+from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, leave_out_paths, plan
 from camgen.plan.steps import job_of
 from camgen.post import OutputFile, Post
 from camgen.post.plugins import cell_of, dynamics_of, fill_tables, find_post, find_readback, make_post
@@ -178,8 +178,12 @@ def _program(
 
 
 def _leave_out(plan: Plan, tour: Tour, error: Blocked) -> Plan:
-    """The plan without the edges that the check of its program lost; the error itself where they are no edges."""
+    """The plan without the edges, or the paths of an arm that chooses, that the check of its program lost; the error
+    itself where they are others.
+    """
     lost = [(tour.paths[one.path].id, one.kind, one.why) for one in error.lost if one.path >= 0]
+    if isinstance(tour, ArmTour) and lost:
+        return leave_out_paths(plan, {name: why for name, _, why in lost})
     if not isinstance(plan, EdgePlan) or not lost:
         raise error
     from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl and kinematics, only for what needs them)

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.model.cell import Cell
-from camgen.model.errors import InputError
+from camgen.model.errors import InputError, JobError
 from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolTable
 from camgen.model.job_tables import ROWS, split_name
 from camgen.model.part import Note, Part, Solid
+from camgen.model.pose import FloatArray, frozen
+from camgen.model.text import counted
 from camgen.read import read
 from camgen.read.files import Files, identity
 from camgen.read.gcode.interpreter import Recorded
@@ -43,7 +47,7 @@ def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell
     """The cell of ``job`` on the base of ``cell``, that of a post, with the arm that ``part`` is checked with."""
     files = files.within(job.limits)
     in_space = part is not None and (part.solid is not None or bool(part.curves))
-    arm = _arm(job.cell.robot or (cell.robot if in_space else ""), files)
+    arm = _hold(_arm(job.cell.robot or (cell.robot if in_space else ""), files), job)
     return equip(cell, job, arm, _meshes(job, files))
 
 
@@ -105,6 +109,32 @@ def _arm(name: str, files: Files) -> Robot | None:
     from camgen.robots.catalogue import robot  # noqa: PLC0415 (only jobs with a robot load it)
 
     return robot(name, files)
+
+
+def _hold(arm: Robot | None, job: Job) -> Robot | None:
+    """``arm`` with the speeds and accelerations to which the job holds its joints. JobError for what they cannot be."""
+    speeds, gains = job.cell.joint_speeds, job.cell.joint_accelerations
+    if speeds is None and gains is None:
+        return arm
+    if arm is None:
+        key = "cell.joint_speeds" if speeds is not None else "cell.joint_accelerations"
+        raise JobError("job", "has no effect without an arm", key, "set cell.robot, or leave it out")
+    held = None if speeds is None else _by_joint(arm, speeds, "cell.joint_speeds")
+    if held is not None:
+        held = np.minimum(held, arm.speeds)
+    return replace(
+        arm,
+        held=None if held is None else frozen(held),
+        accelerations=None if gains is None else frozen(_by_joint(arm, gains, "cell.joint_accelerations")),
+    )
+
+
+def _by_joint(arm: Robot, values: Sequence[float], key: str) -> FloatArray:
+    """One value above 0 for each joint of ``arm``, rad or mm."""
+    if len(values) != len(arm.joints) or not all(math.isfinite(v) and v > 0 for v in values):
+        what = f"{arm.name} has {len(arm.joints)} joints; {counted(len(values), 'value')} given"
+        raise JobError("job", what, key, "give one above 0 for each, deg or mm")
+    return np.array([v if joint.sliding else math.radians(v) for v, joint in zip(values, arm.joints, strict=True)])
 
 
 def _meshes(job: Job, files: Files) -> tuple[tuple[str, Solid], ...]:

@@ -19,6 +19,7 @@ from camgen.model.cell import Dynamics
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.program import Comment, Mask, MoveC, MoveJ, Program, Wait, column, take
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.robots.pace import from_rest
 
 if TYPE_CHECKING:
     from camgen.check.reach import Reach
@@ -120,13 +121,6 @@ def durations(length: FloatArray, most: FloatArray, square: FloatArray, accelera
     return np.asarray(ramps + along / np.where(peak > 0, peak, 1.0))
 
 
-def from_rest(way: FloatArray, speed: FloatArray | float, acceleration: FloatArray | float) -> FloatArray:
-    """Seconds from rest to rest over ``way`` >= 0, in units that go together: a trapezoid, or a triangle if short."""
-    speed, acceleration = np.asarray(speed), np.asarray(acceleration)
-    short = way * acceleration < speed * speed
-    return np.where(short, 2 * np.sqrt(way / acceleration), way / speed + speed / acceleration)
-
-
 # The motions of a program as curves: lengths, directions at both ends, radii, and how far the tool turns.
 
 
@@ -193,12 +187,15 @@ def _place(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]
 
 class _Arm(Struct, frozen=True, eq=False):
     """R rows on the way of the robot, but for the first. motion: (R,) that each belongs to. step: (R, J) what the
-    joints turn to get there, as a share of what they turn in a second at full speed. way: (R,) mm of the TCP.
+    joints turn to get there, as a share of what they turn in a second at full speed. way: (R,) mm of the TCP. held:
+    (J,) the share of its full speed that each joint may run at. gain: (J,) that share in a second, None: the ramp.
     """
 
     motion: NDArray[np.int64]
     step: FloatArray
     way: FloatArray
+    held: FloatArray
+    gain: FloatArray | None
 
 
 class _Pieces(Struct, frozen=True, eq=False):
@@ -256,13 +253,15 @@ def _rows(program: Program, found: Reach, arm: Robot) -> _Arm:
     turned, origin = flange(arm, found.joints)
     place = origin + turned @ np.asarray(program.flange_from_tool.origin)
     step = np.abs(np.diff(found.joints, axis=0)) / arm.speeds
-    return _Arm(owner, step, np.linalg.norm(np.diff(place, axis=0), axis=1))
+    gain = None if arm.accelerations is None else arm.accelerations / arm.speeds
+    return _Arm(owner, step, np.linalg.norm(np.diff(place, axis=0), axis=1), arm.fastest / arm.speeds, gain)
 
 
 def _joints(rows: _Arm, count: int, pace: Dynamics, share: FloatArray | float = 1.0) -> FloatArray:
     """Seconds (M,) of the slowest joint from rest to rest. share: of its full speed, (M,) or one for all."""
     ways = np.stack([_sums(rows.motion, step, count) for step in rows.step.T])
-    return np.asarray(from_rest(ways, share, 1.0 / pace.ramp).max(axis=0))
+    gain = 1.0 / pace.ramp if rows.gain is None else rows.gain[:, None]
+    return np.asarray(from_rest(ways, np.minimum(share, rows.held[:, None]), gain).max(axis=0))
 
 
 def _pieces(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, rows: _Arm | None) -> _Pieces:
@@ -281,7 +280,7 @@ def _pieces(program: Program, shape: MotionShapes, pace: Dynamics, going: Mask, 
         return _Pieces(motion, length, most, gain)
     counts = np.bincount(rows.motion, minlength=len(going))
     row = going[rows.motion]
-    owner, slowest = rows.motion[row], rows.step[row].max(axis=1)
+    owner, slowest = rows.motion[row], (rows.step[row] / rows.held).max(axis=1)
     place = np.searchsorted(motion, owner)
     piece = length[place] / counts[owner]
     with np.errstate(divide="ignore"):

@@ -7,6 +7,7 @@ surface, and a box wholly within is free. Its continuous collision is not used: 
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import fcl  # type: ignore[import-untyped]
@@ -14,6 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, every
+from camgen.collision.cells import Cells, divide_space
 from camgen.collision.tree import BoxTree, ask, grow
 from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, frozen
@@ -22,13 +24,18 @@ from camgen.model.pose import FloatArray, frozen
 _BOXES = 512
 
 
-class Mesh(Struct, frozen=True, eq=False):
+class Mesh(Struct, frozen=True, eq=False, dict=True):
     """A part's surface in its own frame. box: around all. surface: fcl's collision object. closed: it bounds a body."""
 
     tree: BoxTree
     box: Boxes
     surface: Any
     closed: bool
+
+    @cached_property
+    def cells(self) -> Cells:
+        """Where in its box the surface is."""
+        return divide_space(self.tree.corners)
 
 
 def make_mesh(solid: Solid) -> Mesh:
@@ -55,10 +62,28 @@ def _is_closed(solid: Solid) -> bool:
 
 def find_struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
     """Which boxes (N,) in the part's frame meet the surface or are within the part (N,)."""
-    found = inside(mesh, boxes.centres)
-    for begin in range(0, len(found), _BOXES):
-        some = np.flatnonzero(~found[begin : begin + _BOXES]) + begin
+    found = _inside_cells(mesh, boxes.centres)
+    left = np.flatnonzero(~found & mesh.cells.near(boxes.centres, boxes.reach))
+    for begin in range(0, len(left), _BOXES):
+        some = left[begin : begin + _BOXES]
         found[some] = _surface(mesh.tree, boxes[some])
+    return found
+
+
+def _inside_cells(mesh: Mesh, points: FloatArray) -> BoolArray:
+    """``inside``, where it is known by cells: what holds in the middle of one that the surface does not pass holds in
+    all of it. Of an open surface, for which rays decide, that is how they are cast.
+    """
+    cells = mesh.cells
+    cell, plain = cells.of(points)
+    within = cells.within[tuple(cell[plain].T)]
+    new = np.unique(cell[plain][within < 0], axis=0)
+    if len(new):
+        cells.within[tuple(new.T)] = inside(mesh, cells.low + (new + 0.5) * cells.size)
+        within = cells.within[tuple(cell[plain].T)]
+    found = np.zeros(len(points), dtype=np.bool_)
+    found[plain] = within > 0
+    found[~plain] = inside(mesh, points[~plain])
     return found
 
 

@@ -51,6 +51,19 @@ def from_axes(z: FloatArray, towards: FloatArray) -> FloatArray:
     return np.stack([x, cross(z, x), z], axis=2)
 
 
+def sideways(axis: FloatArray) -> FloatArray:
+    """The x (N, 3) of a tool with z along ``axis`` that does not turn: the work x, or its y where that is the axis."""
+    parallel = np.abs(axis[:, :1]) > 1 - 1e-9
+    return np.asarray(np.where(parallel, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
+
+
+def turned_about_z(angles: FloatArray) -> FloatArray:
+    """(..., 3, 3) the turns by ``angles`` (...) about z."""
+    c, s, zero, one = np.cos(angles), np.sin(angles), np.zeros_like(angles), np.ones_like(angles)
+    rows = [np.stack(row, axis=-1) for row in ((c, -s, zero), (s, c, zero), (zero, zero, one))]
+    return np.stack(rows, axis=-2)
+
+
 def between(a: FloatArray, b: FloatArray, row: IntArray, fraction: FloatArray) -> FloatArray:
     """(M, 3, 3) the rotations at ``fraction`` (M,) of the shortest turns from ``a[row]`` to ``b[row]``, row (M,)."""
     turn = vectors_of(np.swapaxes(a, -1, -2) @ b)

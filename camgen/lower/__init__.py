@@ -7,7 +7,7 @@ from camgen.model.cell import Cell
 from camgen.model.job import Job
 from camgen.model.path import Tour
 from camgen.model.program import Program
-from camgen.order import EdgeTour, JobTour, ReplayTour, changed_paths
+from camgen.order import ArmTour, EdgeTour, JobTour, ReplayTour, changed_paths
 
 
 def lower(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
@@ -16,7 +16,7 @@ def lower(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[st
     name, header: of the program. Raises JobError for settings that do not go together, NoSafeProgram when there is no
     path.
     """
-    if isinstance(tour, (EdgeTour, ReplayTour)) and tour.paths is not tour.made:
+    if isinstance(tour, (ArmTour, EdgeTour, ReplayTour)) and tour.paths is not tour.made:
         raise changed_paths()
     if isinstance(tour, EdgeTour):
         from camgen.lower.edges import lower_edges  # noqa: PLC0415 (robots, only for what needs them)

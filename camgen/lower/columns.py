@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from camgen.geometry.arcs import Spans, spans
-from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes
+from camgen.geometry.rotations import SURE_TURN, angles_between, from_axes, sideways, turned_about_z
 from camgen.geometry.vectors import angles, dots, unit
 from camgen.lower.corners import Corners, blend_corners
 from camgen.model.cell import Dynamics
@@ -111,11 +111,23 @@ def orient_fixed(rows: Rows) -> Orientations:
     """Tool z along the axis, tool x along the work x (along its y where the axis is parallel to x)."""
     axis = rows.axis
     if (axis == axis[0]).all():
-        one = TOOL_DOWN if axis[0].tolist() == [0.0, 0.0, -1.0] else frozen(from_axes(axis[:1], _sideways(axis[:1]))[0])
+        one = TOOL_DOWN if axis[0].tolist() == [0.0, 0.0, -1.0] else frozen(from_axes(axis[:1], sideways(axis[:1]))[0])
         same = [one] * len(axis)
         return Orientations(same, same, same, np.zeros(len(axis), dtype=bool))
-    x = _sideways(axis)
-    return _orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: _sideways(axis[arc]))
+    x = sideways(axis)
+    return _orientations(rows, np.roll(x, 1, axis=0), x, lambda arc: sideways(axis[arc]))
+
+
+def orient_turned(rows: Rows, turns: FloatArray) -> Orientations:
+    """Tool z along the axis, tool x turned about it by ``turns`` (N,) from ``orient_fixed``, evenly along segments."""
+    before, turned = np.roll(rows.axis, 1, axis=0), np.roll(turns, 1)
+    before[rows.first], turned[rows.first] = rows.axis[rows.first], turns[rows.first]
+    middle = unit(before + rows.axis)
+    begins, ends, vias = (
+        from_axes(axis, sideways(axis)) @ turned_about_z(turn)
+        for axis, turn in ((before, turned), (rows.axis, turns), (middle, (turned + turns) / 2))
+    )
+    return Orientations(_share(begins), _share(ends), _share(vias), np.zeros(len(turns), dtype=bool))
 
 
 def orient_along(rows: Rows) -> Orientations:
@@ -177,13 +189,6 @@ def _orientations(rows: Rows, begin: FloatArray, end: FloatArray, middle: Middle
         for row, rotation in zip(arc.tolist(), half_way, strict=True):
             vias[row] = rotation
     return Orientations(_share(starts), ends, vias, turns)
-
-
-def _sideways(axis: FloatArray) -> FloatArray:
-    """The work x (N, 3), the work y where the axis is parallel to x."""
-    parallel = np.abs(axis[:, :1]) > 1 - 1e-9
-    sideways: FloatArray = np.where(parallel, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))
-    return sideways
 
 
 def _share(matrices: FloatArray) -> list[FloatArray]:

@@ -41,6 +41,7 @@ from camgen.model.program import (
     splice,
 )
 from camgen.model.tolerance import SAME_POINT_MM
+from camgen.order.tours import ArmTour
 
 # How far a tool that turns with the contour winds up, and where it is turned back: in the air, between two paths.
 
@@ -139,13 +140,38 @@ def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> list[Instruc
     # A machine without joints has no axis that winds up.
     winds = job.tool.orient == "follow" and isinstance(cell.home, Joints)
     runs = make_runs(tour, job, winds, before)
-    table = _table(runs, job, winds, cell.pace)
+    table = _table(runs, job, winds, cell.pace, turns_of(runs, tour, before) if isinstance(tour, ArmTour) else None)
+    if isinstance(tour, ArmTour):
+        table = replace(table, ways=[None if run.linked or run.low else tour.ways[run.number - before] for run in runs])
     body: list[Instruction] = []
     for run in range(len(runs)):
         body += _enter(table, run, job, run == 0, isinstance(cell.home, Pose))
         body += _work(table, run, job)
         body += _leave(table, run, job, isinstance(cell.home, Pose))
+    if isinstance(tour, ArmTour):
+        last = before + len(tour.paths) - 1
+        body += [MoveJ(joints_of(values), job.process.travel_speed, path=last) for values in tour.back]
     return body
+
+
+def turns_of(runs: Sequence[Run], tour: ArmTour, before: int) -> FloatArray:
+    """The turns of the tool at the rows of all runs, one after the other. before: as for ``run_paths``."""
+    turns = []
+    for run in runs:
+        own, path = tour.turns[run.number - before], tour.paths[run.number - before]
+        count = len(run.path.position)
+        if (own == own[0]).all():
+            turns.append(np.full(count, own[0]))
+            continue
+        # One that is turned on its way is entered straight down: its passes have its waypoints.
+        back = not np.array_equal(run.path.position[:, :2], path.position[:, :2])
+        turns.append(own[::-1] if back else own)
+    return np.concatenate(turns)
+
+
+def joints_of(values: FloatArray) -> Joints:
+    """Joint values (J,) as a target."""
+    return Joints(tuple(values.tolist()))
 
 
 def _nothing_turns(process: ProcessTable) -> bool:
@@ -178,7 +204,8 @@ class _Table(Struct, frozen=True, eq=False):
 
     above_start, above_end: where it travels to the run and from it. near: where the feed begins. unwound: the
     orientations to go through before a run, where the one before it ended, before it travels. lifted: rows after the
-    first pressed one that do not press, which are run above the part: ``over`` and ``over_via`` are where.
+    first pressed one that do not press, which are run above the part: ``over`` and ``over_via`` are where. ways: the
+    joint values that lead to above the start of a run; none: a straight line does, None: no arm has chosen.
     """
 
     runs: list[Run]
@@ -200,9 +227,10 @@ class _Table(Struct, frozen=True, eq=False):
     above_end: list[Vec3]
     unwound: list[list[FloatArray]]
     lifted: list[bool]
+    ways: list[tuple[FloatArray, ...] | None]
 
 
-def _table(runs: list[Run], job: Job, winds: bool, pace: Dynamics) -> _Table:
+def _table(runs: list[Run], job: Job, winds: bool, pace: Dynamics, turns: FloatArray | None) -> _Table:
     rows = lower_rows.gather([run.path for run in runs], [run.depth for run in runs])
     if job.tool.orient == "follow":
         for row in lower_rows.find_unfollowed(rows)[:1].tolist():
@@ -211,6 +239,8 @@ def _table(runs: list[Run], job: Job, winds: bool, pace: Dynamics) -> _Table:
             raise JobError("job", what, "tool.orient", 'set tool.orient to "fixed"')
         rows = lower_rows.halve(rows)
         orientations = lower_rows.orient_along(rows)
+    elif turns is not None:
+        orientations = lower_rows.orient_turned(rows, turns)
     else:
         orientations = lower_rows.orient_fixed(rows)
     tolerance = np.array([corner_tolerance(job, run.path.operation) for run in runs])
@@ -239,6 +269,7 @@ def _table(runs: list[Run], job: Job, winds: bool, pace: Dynamics) -> _Table:
         above_end=_points(above_end),
         unwound=unwind(rows, orientations) if winds else [[] for _ in runs],
         lifted=lifted.tolist(),
+        ways=[None for _ in runs],
     )
 
 
@@ -303,19 +334,7 @@ def _enter(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) 
         return
     if not one.linked:
         above, near = table.above_start[run], table.near[run]
-        turned = table.unwound[run]
-        if from_home:
-            yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel_speed, path=one.number)
-            yield from (
-                _rapid(cartesian, Pose(back, above), process.travel_speed, 0.0, one.number) for back in turned[1:]
-            )
-        else:
-            left = table.above_end[run - 1]
-            yield from (_rapid(cartesian, Pose(back, left), process.travel_speed, 0.0, one.number) for back in turned)
-            if not _same(left, above):
-                way = math.dist(left, above), math.dist(above, contact if _same(above, near) else near)
-                zone = 0.0 if in_air(job) and _same(above, near) else _zone(process, *way)
-                yield _rapid(cartesian, Pose(rotation, above), process.travel_speed, zone, one.number)
+        yield from _come(table, run, job, from_home, cartesian)
         if not _same(above, near):
             yield _rapid(cartesian, Pose(rotation, near), process.travel_speed, 0.0, one.number)
         if in_air(job):
@@ -326,6 +345,26 @@ def _enter(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) 
         # A ramp goes on from where the pass before ended.
         return
     yield MoveL(Pose(rotation, contact), feed, path=one.number)
+
+
+def _come(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) -> Iterator[Instruction]:
+    """From above the end of the run before, or from home, to above the start of this one."""
+    one, row, process = table.runs[run], table.first[run], job.process
+    rotation, contact = table.orientations.ends[row], table.position[row]
+    above, near, turned = table.above_start[run], table.near[run], table.unwound[run]
+    joints = table.ways[run]
+    if joints:
+        yield from (MoveJ(joints_of(values), process.travel_speed, path=one.number) for values in joints)
+    elif from_home:
+        yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel_speed, path=one.number)
+        yield from (_rapid(cartesian, Pose(back, above), process.travel_speed, 0.0, one.number) for back in turned[1:])
+    else:
+        left = table.above_end[run - 1]
+        yield from (_rapid(cartesian, Pose(back, left), process.travel_speed, 0.0, one.number) for back in turned)
+        if not _same(left, above):
+            way = math.dist(left, above), math.dist(above, contact if _same(above, near) else near)
+            zone = 0.0 if in_air(job) and _same(above, near) else _zone(process, *way)
+            yield _rapid(cartesian, Pose(rotation, above), process.travel_speed, zone, one.number)
 
 
 def _leave(table: _Table, run: int, job: Job, cartesian: bool) -> Iterator[Instruction]:
@@ -339,7 +378,7 @@ def _leave(table: _Table, run: int, job: Job, cartesian: bool) -> Iterator[Instr
     here = table.over[row] if table.lifted[row] else table.position[row]
     off = in_air(job) and bool(signal(process))
     zone = 0.0
-    if not last and not table.unwound[following] and not off:
+    if not last and not table.unwound[following] and not table.ways[following] and not off:
         zone = _zone(process, math.dist(here, up), math.dist(up, table.above_start[following]))
     if not _same(here, up):
         yield _rapid(cartesian, target, process.travel_speed, zone, table.runs[run].number)

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import span_lengths
 from camgen.geometry.rotations import between
 from camgen.lower.columns import blends, gather
-from camgen.lower.contours import dwell, finish, in_air, signal, switch_on
+from camgen.lower.contours import dwell, finish, in_air, joints_of, signal, switch_on
 from camgen.lower.corners import corner_tolerance
 from camgen.lower.runs import plunge
 from camgen.model.cell import Cell, Dynamics
@@ -100,11 +100,6 @@ def _state(way: Way, process: ProcessTable) -> Iterator[Instruction]:
     """After a motion to joints an arc has no start that the text knows: a motion to where the tool is states it."""
     if not math.isnan(way.via[1, 0]):
         yield MoveL(_pose(way.rotation[0], way.position[0]), process.travel_speed)
-
-
-def joints_of(values: FloatArray) -> Joints:
-    """Joint values (J,) as a target."""
-    return Joints(tuple(values.tolist()))
 
 
 def _approach(piece: Along, process: ProcessTable) -> Iterator[Instruction]:

@@ -213,7 +213,16 @@ class ToolTable(Table, frozen=True):
     axis_tilt: Annotated[float, Meta(ge=0, le=60, description="the axis may lean by so much to reach an edge, deg")] = (
         0.0
     )
-    symmetric: Annotated[bool, Meta(description="any turn of the tool about its axis is as good")] = False
+    symmetric: Annotated[
+        bool, Meta(description="any turn of the tool about its axis is as good; for an arm, which chooses it")
+    ] = False
+    turn: Annotated[
+        Values | None,
+        Meta(
+            description="or only some turns about its axis are: [from, to, step], deg; 0 is the nominal one, and the "
+            "multiples of the step between from and to are chosen from"
+        ),
+    ] = None
     axis: Annotated[
         Literal["auto", "fixed", "given", "normal"],
         Meta(
@@ -274,7 +283,10 @@ class ProcessTable(Table, frozen=True):
     retract: Annotated[
         Positive, Meta(description="height above the top face to which a tool goes when it ends pressing, mm")
     ] = 5.0
-    clearance: Annotated[Positive, Meta(description="height of travel above the top face, mm")] = 20.0
+    clearance: Annotated[
+        NotNegative,
+        Meta(description="height of travel above the top face, mm; 0: none, for marks that the tool does not touch"),
+    ] = 20.0
     stay_down: Annotated[
         bool, Meta(description="no lift where the straight way keeps clear of part and fixtures; there is no stock")
     ] = False
@@ -384,6 +396,13 @@ class CellTable(Table, frozen=True):
         Values | None, Meta(description="tool frame at the flange: [x, y, z, rx, ry, rz], mm and deg")
     ] = None
     home: Annotated[Values | None, Meta(description="joint values of the first and last position, deg")] = None
+    joint_speeds: Annotated[
+        Values | None, Meta(description="greatest speeds of the joints, deg/s or mm/s; not set: the robot's own")
+    ] = None
+    joint_accelerations: Annotated[
+        Values | None,
+        Meta(description="of the joints, deg/s2 or mm/s2; not set: full speed in the time that the post assumes"),
+    ] = None
     fixtures: Annotated[
         list[list[float] | str] | None,
         Meta(description="what stands around the part: boxes [x, y, z, x, y, z], mm, or mesh files, in the work frame"),

@@ -10,11 +10,12 @@ from camgen.model.job import Job
 from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose
-from camgen.order.arrange import arrange, measure_travel
-from camgen.order.tours import EdgeTour, JobTour, ReplayTour
+from camgen.order.arrange import arrange, measure_travel, rules_of
+from camgen.order.tours import ArmTour, EdgeTour, JobTour, ReplayTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
+from camgen.robots.workcell import Workcell
 
-__all__ = ["EdgeTour", "JobTour", "ReplayTour", "order"]
+__all__ = ["ArmTour", "EdgeTour", "JobTour", "ReplayTour", "order"]
 
 
 def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages) -> Tour:
@@ -85,9 +86,17 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     told = None if watch is ignore_stages else tell
     wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)
     found = arrange(plan.paths, *wish, told)
+    arm = cell if isinstance(cell, Workcell) and cell.arm is not None and plan.paths else None
+    free = arm is not None and (job.tool.symmetric or job.tool.turn is not None)
+    # Leads and tabs change the paths that turns are chosen for: order and starts first, turns at the end.
+    later = free and any(
+        (operation.lead_in, operation.lead_out, operation.overlap, operation.tabs, operation.tab_spacing)
+    )
+    if arm is not None and choice.method == "best" and (later or not free):
+        found = _order_on_arm(plan, found, job, arm, watch, keep=False, prove=False)
     led, notes = add_leads(found.paths, plan.part, job)
     led, more = add_tabs(found.paths, led, job)
-    notes = [*notes, *more]
+    notes = [*found.notes, *notes, *more]
     if found.stopped:
         why = "the best tour so far is used; the same job gives another one when its search is not interrupted"
         notes = [*notes, Note("warning", "the search for a short tour was stopped", why)]
@@ -100,4 +109,20 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     bound = None if found.bound is None else max(0.0, found.bound - moved)
     tour = replace(found, paths=tuple(led), travel=measure_travel(led, start), bound=bound)
     tour, saved = stay_down(tour, plan.part, job)
-    return replace(tour, notes=(*notes, *saved))
+    tour = replace(tour, notes=(*notes, *saved))
+    if arm is None or not free:
+        return tour
+    tour = _order_on_arm(plan, tour, job, arm, watch, keep=later or choice.method != "best", prove=True)
+    return replace(tour, travel=measure_travel(tour.paths, start))
+
+
+def _order_on_arm(plan: Plan, tour: Tour, job: Job, cell: Workcell, watch: Watch, keep: bool, prove: bool) -> Tour:
+    """``tour`` by the time of the joints; with the turns of the tool where it is free to turn. keep: the order and the
+    starts stay. prove: what is chosen is tested for collisions.
+    """
+    from camgen.order.arm import order_by_time, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
+
+    rules = rules_of(plan.paths, tour.paths, job.operation.inside_first, job.tour.layers)
+    if job.tool.symmetric or job.tool.turn is not None:
+        return order_with_turns(tour, rules, job, cell, watch, keep, prove)
+    return order_by_time(tour, rules, job, cell, watch)

@@ -27,6 +27,7 @@ from camgen.order.search import (
     sample_paths,
     search,
 )
+from camgen.order.solver.matrix import Rules
 from camgen.order.solver.plane import DONE, STOPPED, TIMED, Clock, Tell
 from camgen.order.starts import Starts, ends_of, reverse_each, starting_each, starts
 from camgen.order.tree import StartTree
@@ -133,6 +134,24 @@ def _waits_for(paths: Sequence[ToolPath], ranks: Sequence[int]) -> list[int]:
             parent, steps = paths[parent].parent, steps + 1
         found.append(parent)
     return found
+
+
+def rules_of(
+    paths: Sequence[ToolPath], arranged: Sequence[ToolPath], inside_first: bool, layers: Sequence[str]
+) -> Rules:
+    """What comes before what, by the places of ``paths`` in ``arranged``, which may be some of them."""
+    ranks = _ranks(paths, layers)
+    waits_for = _waits_for(paths, ranks) if inside_first else [-1] * len(paths)
+    place = {path.id: k for k, path in enumerate(arranged)}
+    number = {path.id: k for k, path in enumerate(paths)}
+    own = [number[path.id] for path in arranged]
+    parents = []
+    for k in own:
+        parent = waits_for[k]
+        while parent >= 0 and paths[parent].id not in place:
+            parent = waits_for[parent]
+        parents.append(place[paths[parent].id] if parent >= 0 else -1)
+    return Rules(np.array(parents, dtype=np.int64), np.array([ranks[k] for k in own], dtype=np.int64))
 
 
 class _Walk(Struct, frozen=True, eq=False):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from camgen.model.job import Step
 from camgen.model.path import ToolPath, Tour
+from camgen.model.pose import FloatArray
 
 if TYPE_CHECKING:
     from camgen.order.edges.route import Route
@@ -21,6 +22,20 @@ class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
 
     route: Route
     lengths: tuple[float, ...]
+    made: tuple[ToolPath, ...]
+
+
+class ArmTour(Tour, frozen=True, eq=False, kw_only=True):
+    """Paths of a flat part by an arm that chooses how its tool is turned about its axis. turns: by path, (N,) rad from
+    the nominal orientation at its waypoints. ways: by path, the joint values (J,) that lead to above its start, one
+    after the other; none: a straight line does. back: those that lead from the last path to home. seconds: of all ways
+    between the paths. made: the paths.
+    """
+
+    turns: tuple[FloatArray, ...]
+    ways: tuple[tuple[FloatArray, ...], ...]
+    back: tuple[FloatArray, ...]
+    seconds: float
     made: tuple[ToolPath, ...]
 
 

@@ -6,7 +6,7 @@ The entry points ``camgen.operations`` name them, those of camgen and those of o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 import msgspec
@@ -206,6 +206,20 @@ def _plan_share(part: Part, job: Job, number: int, whole: bool, cell: Cell | Non
         return plan_operation(part, job, cell, watch)
     except InputError as error:
         return Plan(part, (), (Note("skipped", error.what, error.remedy),))
+
+
+def leave_out_paths(plan: Plan, lost: Mapping[str, str]) -> Plan:
+    """The plan without some paths, told by their ids with the reason; what they enclose goes to what encloses them."""
+    kept = [k for k, path in enumerate(plan.paths) if path.id not in lost]
+    place = {k: new for new, k in enumerate(kept)}
+    paths = []
+    for k in kept:
+        parent = plan.paths[k].parent
+        while parent >= 0 and parent not in place:
+            parent = plan.paths[parent].parent
+        paths.append(replace(plan.paths[k], parent=place.get(parent, -1)))
+    notes = tuple(Note("skipped", f"path {name}", why, (name,)) for name, why in lost.items())
+    return replace(plan, paths=tuple(paths), notes=(*plan.notes, *notes))
 
 
 def plan_operation(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:

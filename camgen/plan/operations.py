@@ -11,15 +11,17 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.plan import Operation, Plan, Watch, kind_of
-from camgen.plan.unused import insist_on_use, no_idle
+from camgen.plan.unused import insist_on_height, insist_on_turns, insist_on_use, no_idle
 
 
 def _plan_flat(name: str, make: Callable[[Part, Job], Plan]) -> Callable[[Part, Job, Cell | None, Watch], Plan]:
     """The plan of the operation ``name``, which needs nothing but the part and its job."""
 
-    def planned(part: Part, job: Job, _cell: Cell | None, _watch: Watch) -> Plan:
+    def planned(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
         no_idle(job, f"a {kind_of(part)}")
         insist_on_use(job, name)
+        insist_on_turns(job, cell)
+        insist_on_height(job, name)
         if job.operation.planner == "image":
             return _plan_in_image(part, job)
         no_idle(job, "the geometric planner")

@@ -6,8 +6,10 @@ import re
 
 from msgspec.structs import asdict, replace
 
+from camgen.model.cell import Cell
 from camgen.model.errors import JobError
 from camgen.model.job import Job, OperationTable
+from camgen.robots.workcell import Workcell
 
 _ALL = ("*",)
 _SETTING = re.compile(r"\b[a-z]+\.[a-z_]+\b")
@@ -16,7 +18,7 @@ _STAND = ("axis", "angles")
 _EDGES = {
     "input": ("select",),
     "operation": ("offset", "trim", "offset_along", "last_face"),
-    "tool": ("axis_tilt", "symmetric", *_STAND),
+    "tool": ("axis_tilt", *_STAND),
 }
 _PICTURES = {"image": _ALL, "camera": _ALL}
 _REPLAYS = {"process": ("max_feed",)}
@@ -58,7 +60,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
             *(name for name in _CONTOURS if name not in ("depth", "passes")),
             *("offset", "trim", "offset_along", "last_face"),
         ),
-        "tool": ("orient", "axis_tilt", "symmetric"),
+        "tool": ("orient", "axis_tilt", "symmetric", "turn"),
         "process": ("retract", "stay_down", *_REPLAYS["process"]),
         "tour": ("seam",),
     },
@@ -68,7 +70,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "page": _ALL,
         "input": ("units", "layers", "select", "join", "min_length"),
         "operation": (*_CONTOURS, "offset", "trim", "offset_along", "last_face"),
-        "tool": ("orient", "axis_tilt", "symmetric", *_STAND),
+        "tool": ("orient", "axis_tilt", "symmetric", "turn", *_STAND),
         "process": (
             *("feed", "force", "plunge", "max_feed_factor", "turn", "retract", "stay_down"),
             *("spindle", "signal", "switch", "dwell"),
@@ -113,6 +115,30 @@ def insist_on_use(job: Job, operation: str) -> None:
             raise JobError("job", f"has no effect without operation.{others[0]}", where, "leave it out")
         if key in _DEEP and not given["depth"]:
             raise JobError("job", "has no effect without a depth", where, "set operation.depth, or leave it out")
+
+
+def insist_on_turns(job: Job, cell: Cell | None) -> None:
+    """JobError for a tool of a flat part that is free to turn where no arm turns it, or something else does."""
+    tool = job.tool
+    if not tool.symmetric and tool.turn is None:
+        return
+    key = "tool.symmetric" if tool.symmetric else "tool.turn"
+    if not isinstance(cell, Workcell) or cell.arm is None:
+        raise JobError("job", "has no effect without an arm that is checked", key, "set cell.robot, or leave it out")
+    if tool.orient == "follow":
+        raise JobError(
+            "job", "a tool that turns with the contour has no turn to choose", key, "leave out one of the two"
+        )
+    if job.process.stay_down:
+        what = "a tool that is turned between the paths is lifted"
+        raise JobError("job", what, "process.stay_down", f"leave it out, or {key}")
+
+
+def insist_on_height(job: Job, operation: str) -> None:
+    """JobError for a height of travel of 0 where the tool touches something."""
+    if job.process.clearance == 0 and (operation != "drill" or job.operation.depth):
+        remedy = "raise it; 0 is for drill without a depth: marks that the tool does not touch"
+        raise JobError("job", "the tool travels at the height of the part", "process.clearance", remedy)
 
 
 def drop_inherited(own: OperationTable, common: OperationTable) -> OperationTable:

@@ -47,7 +47,8 @@ class Robot(Struct, frozen=True, eq=False):
     limits: (J, 2), finite. speeds: (J,), rad/s or mm/s. flange: last_joint_from_flange. coupling: (J, J), takes the
     controller's values to the turns of the serial chain; serial_limits: (J, 2) of those, infinite where a joint has
     none. links: base first, then the link that each joint moves. touching: pairs of links not tested against each
-    other. pad: mm to grow boxes by. home: (J,). arm: the closed form of its joints, or None.
+    other. pad: mm to grow boxes by. home: (J,). arm: the closed form of its joints, or None. held: (J,) speeds to which
+    a job holds the joints, None: their own. accelerations: (J,), rad/s2 or mm/s2, None where the job says none.
     """
 
     name: str
@@ -68,6 +69,13 @@ class Robot(Struct, frozen=True, eq=False):
     notes: tuple[str, ...]
     sources: tuple[str, ...]
     arm: Arm | None
+    held: FloatArray | None = None
+    accelerations: FloatArray | None = None
+
+    @property
+    def fastest(self) -> FloatArray:
+        """(J,) what its joints may run at in the job."""
+        return self.speeds if self.held is None else self.held
 
     @property
     def kind(self) -> Kind:

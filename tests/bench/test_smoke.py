@@ -89,6 +89,7 @@ SMOKES = [
     Smoke("robots.rfa paper", (15, 20), {"mm": (30, 210), "s": (1, 20)}),
     Smoke("robots.rfa 1 rfa2 'IRB 1200'", (5,), {"nominal": (16, 16), "collide": (0, 0)}),
     Smoke("robots.flow rfa1 'IRB 2400'", (2,), {"less": (20, 80)}),
+    Smoke("robots.robotsp made", (2,), {"not reached": (0, 0), "cost": (1, 12), "execution, s": (2, 15)}),
     Smoke("robots.parts {here} 20 rfa1", (2,), {"of these unfounded": (0, 0), "edges run": (1, 21)}),
     Smoke("photo.image_space 1 0", (12,), FIGURES | {"waypoints/m": (500, 5000)}),
     Smoke("photo.outlines 1 0 'disc r 5'", (12,), {"rms": (0, 1), "pieces": (2, 2)}),

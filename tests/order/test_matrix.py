@@ -137,3 +137,53 @@ def test_nothing_and_tables_that_are_none() -> None:
     first[0, 0] = math.nan
     with pytest.raises(ValueError, match="a number or inf"):
         shortest(between, first, last)
+
+
+def keeps(order: tuple[int, ...], rules: matrix.Rules) -> bool:
+    place = {item: k for k, item in enumerate(order)}
+    ranks = [int(rules.rank[item]) for item in order]
+    inside = all(parent < 0 or place[item] < place[parent] for item, parent in enumerate(rules.parent.tolist()))
+    return ranks == sorted(ranks) and inside
+
+
+def rules_for(rng: random.Random, count: int) -> matrix.Rules:
+    """Items of two ranks, some of which wait for another one of theirs."""
+    rank = [rng.randint(0, 1) for _ in range(count)]
+    parent = [-1] * count
+    for item in range(count):
+        later = [k for k in range(item + 1, count) if rank[k] == rank[item]]
+        if later and rng.random() < 0.4:
+            parent[item] = later[0]
+    return matrix.Rules(np.array(parent), np.array(rank))
+
+
+def test_rules_are_kept_and_hardly_an_order_that_keeps_them_is_shorter() -> None:
+    best_found = 0
+    for seed in range(40):
+        rng = random.Random(seed)
+        count = rng.randint(2, 6)
+        costs, rules = plane(rng, count), rules_for(rng, count)
+        allowed = [order for order in itertools.permutations(range(count)) if keeps(order, rules)]
+        found = shortest(*costs, start=(list(allowed[0]), [False] * count), rules=rules)
+        assert keeps(tuple(found[0]), rules)
+        best = min(by_hand(costs, order, ways) for order in allowed for ways in itertools.product((0, 1), repeat=count))
+        best_found += total(*costs, *found) <= best + 1e-9
+    assert best_found >= 36
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 14))
+def test_rules_are_kept_whatever_the_costs(seed: int, count: int) -> None:
+    rng = random.Random(seed)
+    costs, rules = tables(rng, count), rules_for(rng, count)
+    start = sorted(range(count), key=lambda item: (rules.rank[item], item))
+    found = shortest(*costs, start=(start, [False] * count), rules=rules)
+    assert sorted(found[0]) == list(range(count))
+    assert keeps(tuple(found[0]), rules)
+    assert total(*costs, *found) <= by_hand(costs, tuple(start), (0,) * count) + 1e-9
+
+
+def test_rules_need_an_order_to_start_from() -> None:
+    costs = tables(random.Random(1), 3)
+    with pytest.raises(ValueError, match="start"):
+        shortest(*costs, rules=matrix.Rules(np.full(3, -1), np.zeros(3, dtype=np.int64)))

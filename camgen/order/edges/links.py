@@ -70,7 +70,7 @@ class Ends(Struct, frozen=True, eq=False):
 
 def seconds(robot: Robot, a: FloatArray, b: FloatArray, speed: float) -> FloatArray:
     """What the joints need from ``a`` to ``b`` (..., J), the slowest counting, or the flange at ``speed`` mm/s."""
-    joints = (np.abs(b - a) / robot.speeds).max(axis=-1)
+    joints = (np.abs(b - a) / robot.fastest).max(axis=-1)
     places = [flange(robot, x.reshape(-1, x.shape[-1]))[1].reshape(*x.shape[:-1], 3) for x in (a, b)]
     ways = np.linalg.norm(places[1] - places[0], axis=-1)
     return np.asarray(np.maximum(joints, ways / speed))

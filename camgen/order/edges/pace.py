@@ -36,7 +36,7 @@ def pace_lines(setup: Setup, pace: Pace, dense: Way, joints: FloatArray, at: Ind
     part where it presses. at: (N,) where the segments
     begin and end among the rows of ``dense`` (D), which have ``joints`` (D, J).
     """
-    seconds = (np.abs(np.diff(joints, axis=0)) / setup.robot.speeds).max(axis=1)
+    seconds = (np.abs(np.diff(joints, axis=0)) / setup.robot.fastest).max(axis=1)
     with np.errstate(divide="ignore"):
         most = np.minimum.reduceat(dense.length / seconds, at[:-1])
     reached = np.sqrt(pace.acceleration * np.add.reduceat(dense.length, at[:-1]))

@@ -11,8 +11,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray
 
 # Numbers that only look random: the same seed gives the same ones on every machine and with every library.
@@ -40,6 +42,18 @@ IntArray = NDArray[np.int64]
 Order = tuple[list[int], list[bool]]
 #: position from and to (inclusive), the states that stand there afterwards, what it gains.
 _Move = tuple[int, int, IntArray, float]
+#: Of each order what ``_room`` says.
+_Rooms = list[tuple[IntArray, IntArray]]
+
+
+class Rules(Struct, frozen=True, eq=False):
+    """What an order must keep. parent: (n,) the item that comes later than each, -1 for none. rank: (n,) items of a
+    lower rank come first.
+    """
+
+    parent: IntArray
+    rank: IntArray
+
 
 #: So many items are ordered exactly: 2^n sets.
 EXACT = 10
@@ -60,6 +74,7 @@ def shortest(
     seed: int = 0,
     effort: float = 1.0,
     start: Order | None = None,
+    rules: Rules | None = None,
 ) -> Order:
     """The order and the directions of n items that cost least, from home through all items and back.
 
@@ -69,19 +84,21 @@ def shortest(
     item. What an item itself costs when run backwards may be put on the ends that it is entered at. If no order is
     finite, one with the fewest infinite steps that was met is given: ``total`` is then inf. Equal seeds, equal orders.
     effort: how many shuffles are tried, as a share of the usual number. start: an order from which the search goes
-    on, else that of the nearest neighbour. ValueError for tables of other shapes, NaN or
-    -inf.
+    on, else that of the nearest neighbour. rules: kept by every order that is looked at, and by ``start``, which they
+    need. ValueError for tables of other shapes, NaN or -inf, and for rules without a start.
     """
+    if rules is not None and start is None:
+        raise ValueError("an order that keeps the rules is needed to start from")
     count = _check(between, first, last)
     if count == 0:
         return [], []
     steps = _steps(between, first, last)
-    if count <= EXACT:
+    if count <= EXACT and rules is None:
         return _items(_exact(steps))
     items, flipped = nearest(between, first) if start is None else start
     home = 2 * count
     states = np.array([home, *(2 * i + back for i, back in zip(items, flipped, strict=True)), home])
-    return _items(_iterate(states, steps, seed, effort)[1:-1])
+    return _items(_iterate(states, steps, seed, effort, rules)[1:-1])
 
 
 def nearest(between: FloatArray, first: FloatArray) -> Order:
@@ -177,20 +194,24 @@ def _exact(steps: FloatArray) -> IntArray:
     return np.array(states[::-1])
 
 
-def _iterate(states: IntArray, steps: FloatArray, seed: int, effort: float) -> IntArray:
+def _iterate(states: IntArray, steps: FloatArray, seed: int, effort: float, rules: Rules | None) -> IntArray:
     """Local search, then again and again from the best order with two neighbouring stretches exchanged and one item
     turned round; so many at once that the work is done in large arrays.
     """
     count = len(states) - 2
     dice = Dice(seed)
-    best: IntArray = _improve(states[None], steps)[0]
+    best: IntArray = _improve(states[None], steps, rules)[0]
+    if count < 2:
+        return best
     least = _cost(best, steps)
     trials = math.ceil(effort * min(max(_WORK // count**2, _LEAST_SHUFFLES), _MOST_SHUFFLES))
     while trials > 0:
         batch = min(trials, max(_BATCH // count**2, 1), _WIDEST)
         trials -= batch
         shuffled = np.stack([_shuffle(best, dice) for _ in range(batch)])
-        for trial in _improve(shuffled, steps):
+        if rules is not None:
+            shuffled = shuffled[[_keeps(one, rules) for one in shuffled]]
+        for trial in _improve(shuffled, steps, rules):
             cost = _cost(trial, steps)
             if cost < least - _EPS * abs(least):
                 best, least = trial, cost
@@ -212,7 +233,34 @@ def _cost(states: IntArray, steps: FloatArray) -> float:
     return math.fsum(steps[states[:-1], states[1:]].tolist())
 
 
-def _improve(states: IntArray, steps: FloatArray) -> IntArray:
+def _room(states: IntArray, rules: Rules) -> tuple[IntArray, IntArray]:
+    """Of an order (n + 2,), for each position 1..n the last one that must come before it, 0: none, and the first one
+    that must come after it, n + 1: none; (n,) each.
+    """
+    items = states[1:-1] >> 1
+    count = len(items)
+    place = np.empty(count, dtype=np.int64)
+    place[items] = np.arange(1, count + 1)
+    parent, rank = rules.parent[items], rules.rank[items]
+    # Ranks rise along an order that keeps the rules.
+    low = np.searchsorted(rank, rank, side="left")
+    high = np.searchsorted(rank, rank, side="right") + 1
+    below = parent >= 0
+    high[below] = np.minimum(high[below], place[parent[below]])
+    np.maximum.at(low, place[parent[below]] - 1, np.flatnonzero(below) + 1)
+    return low, high
+
+
+def _keeps(states: IntArray, rules: Rules) -> bool:
+    """Whether an order (n + 2,) keeps the rules."""
+    items = states[1:-1] >> 1
+    place = np.empty(len(items), dtype=np.int64)
+    place[items] = np.arange(len(items))
+    below = rules.parent >= 0
+    return bool((np.diff(rules.rank[items]) >= 0).all() and (place[rules.parent[below]] > place[below]).all())
+
+
+def _improve(states: IntArray, steps: FloatArray, rules: Rules | None = None) -> IntArray:
     """The orders (B, n + 2), each after all moves that shorten it: the best ones first, many at a time where they do
     not overlap.
     """
@@ -221,10 +269,12 @@ def _improve(states: IntArray, steps: FloatArray) -> IntArray:
     active = np.arange(len(states))
     while len(active):
         moves: list[list[_Move]] = [[] for _ in active]
-        _reversals(states[active], steps, eps, moves)
-        _transfers(states[active], steps, eps, moves)
+        rooms = None if rules is None else [_room(states[k], rules) for k in active]
+        _reversals(states[active], steps, eps, moves, rooms)
+        _transfers(states[active], steps, eps, moves, rooms)
         for k, found in zip(active.tolist(), moves, strict=True):
-            _apply(states[k], found)
+            # With rules a move may ask for the places of what another one moved: one at a time.
+            _apply(states[k], found if rules is None else sorted(found, key=lambda m: (m[3], m[0]))[:1])
         active = active[[bool(found) for found in moves]]
     return states
 
@@ -254,7 +304,7 @@ def _sums(states: IntArray, steps: FloatArray) -> tuple[FloatArray, FloatArray]:
     return there, back
 
 
-def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]]) -> None:
+def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None) -> None:
     """Of each order, for each first position the best stretch to reverse (2-opt, with the costs of the other
     direction).
     """
@@ -265,6 +315,10 @@ def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list
     gain -= steps[before, inner][:, :, None] + steps[inner, after][:, None, :]
     gain += turn[:, None, :] - turn[:, :, None]
     gain[:, np.tri(inner.shape[1], k=-1, dtype=bool)] = 0.0
+    for k, (_, high) in enumerate(rooms or ()):
+        # A stretch that holds an item and one that must come after it is not turned round.
+        first = np.minimum.accumulate(high[::-1])[::-1]
+        gain[k][np.arange(1, inner.shape[1] + 1) >= first[:, None]] = 0.0
     ends = gain.argmin(axis=2)
     least = np.take_along_axis(gain, ends[:, :, None], axis=2)[:, :, 0]
     for k, i in np.argwhere(least < -eps).tolist():
@@ -272,7 +326,7 @@ def _reversals(states: IntArray, steps: FloatArray, eps: float, moves: list[list
         moves[k].append((i + 1, j + 1, _flip(inner[k, i : j + 1][::-1]), float(least[k, i])))
 
 
-def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]]) -> None:
+def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list[_Move]], rooms: _Rooms | None) -> None:
     """Of each order, for each short stretch its best other place, in either direction (Or-opt)."""
     count = states.shape[1] - 2
     there, back = _sums(states, steps)
@@ -291,10 +345,28 @@ def _transfers(states: IntArray, steps: FloatArray, eps: float, moves: list[list
             cost = steps[states[:, None, :-1], head] + steps[tail, states[:, None, 1:]] - gap[:, None, :]
             cost += (turned * back_to_front - saved)[:, :, None]
             cost[:, own] = 0.0
+            for k, room in enumerate(rooms or ()):
+                cost[k][_forbidden(room, low, size, place, back_to_front)] = 0.0
             best = cost.argmin(axis=2)
             least = np.take_along_axis(cost, best[:, :, None], axis=2)[:, :, 0]
             for k, i in np.argwhere(least < -eps).tolist():
                 moves[k].append(_move(states[k], i + 1, size, int(best[k, i]), back_to_front, float(least[k, i])))
+
+
+def _forbidden(
+    room: tuple[IntArray, IntArray], low: IntArray, size: int, place: IntArray, back_to_front: bool
+) -> BoolArray:
+    """Which stretches (L,) of ``size`` from ``low`` must not come behind which places (P,): (L, P)."""
+    inside = low[:, None] - 1 + np.arange(size)
+    before, after = room[0][inside], room[1][inside]
+    high = low + size - 1
+    # Where what must come before, or after, is within the stretch, more of it may be right before it, or behind it.
+    earliest = np.minimum(before, low[:, None] - 1).max(axis=1)
+    latest = np.maximum(after, high[:, None] + 1).min(axis=1)
+    bad = (place < earliest[:, None]) | (place >= latest[:, None])
+    if back_to_front:
+        bad |= (after <= high[:, None]).any(axis=1)[:, None]
+    return np.asarray(bad)
 
 
 def _move(states: IntArray, low: int, size: int, place: int, back_to_front: bool, gain: float) -> _Move:

@@ -32,6 +32,7 @@ from camgen.plan.edges.motion import Freedom, Hit, Reached, Room, Setup, Track, 
 from camgen.plan.edges.reach import poses, reach_part, reach_ways
 from camgen.plan.edges.remedy import Attempts, remedies
 from camgen.plan.edges.select import select
+from camgen.plan.edges.turns import turns_of
 from camgen.plan.edges.ways import Way
 from camgen.plan.unused import no_idle
 from camgen.robots.models import Robot
@@ -152,7 +153,8 @@ def _note_contact(tip: float) -> list[Note]:
 
 def freedom_of(job: Job) -> Freedom:
     """What the job leaves free of the tool's orientation."""
-    return Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric)
+    turns = turns_of(job.tool)
+    return Freedom(math.radians(job.tool.axis_tilt), job.tool.symmetric or turns is not None, turns)
 
 
 def none_left(part: Part, count: int, first: Unreached, noun: str = "edge") -> NoSafeProgram:

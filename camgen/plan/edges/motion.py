@@ -77,12 +77,13 @@ class Room(Struct, frozen=True, eq=False):
 
 class Freedom(Struct, frozen=True):
     """What of a tool's orientation is free where the nominal one does not do. tilt: rad, how far its axis may lean from
-    the nominal one to any side. roll: it is symmetric, so any turn about its axis is as good. Where the roll changes
-    along an arc the axis may lean by up to 2 deg between two rows.
+    the nominal one to any side. roll: turns about its axis are as good, any or, where they are given, ``turns`` (rad,
+    in order, 0 among them). Where the roll changes along an arc the axis may lean by up to 2 deg between two rows.
     """
 
     tilt: float = 0.0
     roll: bool = False
+    turns: tuple[float, ...] | None = None
 
     def __bool__(self) -> bool:
         return self.tilt > 0 or self.roll

@@ -147,12 +147,12 @@ def reach_ways(
 
 
 def _reach(edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float) -> Reached | Unreached:
-    whole = _along(setup, edge.id, way, freedom)
+    whole = reach_along(setup, edge.id, way, freedom)
     if isinstance(whole, Reached) or edge.closed:
         return whole
     length = float(way.length.sum())
     for low, high in _trims(trim, length):
-        part = _along(setup, edge.id, cut(way, low, length - high), freedom)
+        part = reach_along(setup, edge.id, cut(way, low, length - high), freedom)
         if isinstance(part, Reached):
             nearer = part.nearer and replace(part.nearer, trimmed=(low, high))
             return replace(part, trimmed=(low, high), nearer=nearer)
@@ -161,7 +161,7 @@ def _reach(edge: Line, way: Way, setup: Setup, freedom: Freedom, trim: float) ->
 
 def reach_part(edge: Line, way: Way, setup: Setup, freedom: Freedom, ends: tuple[float, float]) -> Reached | Unreached:
     """How an open edge is processed without so many mm of its tool's way at the ends, or why it cannot be."""
-    return _along(setup, edge.id, cut(way, ends[0], float(way.length.sum()) - ends[1]), freedom)
+    return reach_along(setup, edge.id, cut(way, ends[0], float(way.length.sum()) - ends[1]), freedom)
 
 
 def _trims(trim: float, length: float) -> list[tuple[float, float]]:
@@ -171,8 +171,8 @@ def _trims(trim: float, length: float) -> list[tuple[float, float]]:
     return [pair for pair in found if 0 < sum(pair) <= length / 2]
 
 
-def _along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unreached:
-    """The motion along ``way`` that keeps the margin, or else one without it, or why there is none."""
+def reach_along(setup: Setup, name: str, way: Way, freedom: Freedom) -> Reached | Unreached:
+    """How the arm runs ``way``, which is called ``name``, with the margin, or else without it, or why it cannot."""
     plain = _nominal(setup, name, way)
     if isinstance(plain, Reached):
         return _prefer(plain, setup, way, _grids("collision", freedom, way), freedom)
@@ -203,16 +203,16 @@ def _grids(kind: str, freedom: Freedom, way: Way) -> list[Grid]:
     first collides, a roll, which costs nothing, all.
     """
     steps = [Freedom()] if kind == "collision" else []
-    steps += [Freedom(roll=True)] if freedom.roll else []
+    steps += [replace(freedom, tilt=0.0)] if freedom.roll else []
     # Along an arc the axis leans more between two rows than at them: the grid leaves room for it.
     share = _ON_ARCS if np.isfinite(way.via).any() else 1.0
-    steps += [Freedom(share * freedom.tilt, freedom.roll)] if freedom.tilt > 0 else []
+    steps += [replace(freedom, tilt=share * freedom.tilt)] if freedom.tilt > 0 else []
     return [_grid(step) for step in steps]
 
 
 def _in_vain(freedom: Freedom, collision: str) -> str:
     parts = [f"{short(np.degrees(freedom.tilt), 2)} deg of tilt"] if freedom.tilt > 0 else []
-    parts += ["any roll"] if freedom.roll else []
+    parts += ["any roll" if freedom.turns is None else "any roll of tool.turn"] if freedom.roll else []
     return f"; with {' and '.join(parts)}: " + (f"collision, {collision}" if collision else "no way either")
 
 

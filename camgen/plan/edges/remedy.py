@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.model.job import Job
+from camgen.model.job import Job, ToolTable
 from camgen.model.part import Line, Note
 from camgen.model.text import short
 from camgen.plan.edges.motion import Reached, Unreached
@@ -72,10 +72,15 @@ def _freedoms(job: Job) -> list[tuple[Job, str]]:
     tilts = [tilt for tilt in _TILTS if tilt > job.tool.axis_tilt]
     tools = [(replace(job.tool, axis_tilt=tilt), f"tool.axis_tilt = {short(tilt, 0)}") for tilt in tilts]
     if not job.tool.symmetric:
-        turned = [(replace(tool, symmetric=True), f"{words} with tool.symmetric = true") for tool, words in tools]
-        tools = [(replace(job.tool, symmetric=True), "tool.symmetric = true"), *tools[:1], *turned]
+        turned = [(_free(tool), f"{words} with tool.symmetric = true") for tool, words in tools]
+        tools = [(_free(job.tool), "tool.symmetric = true"), *tools[:1], *turned]
     whole = replace(job.operation, trim=0.0)
     return [(replace(job, tool=tool, operation=whole), words) for tool, words in tools]
+
+
+def _free(tool: ToolTable) -> ToolTable:
+    """``tool`` with any turn about its axis."""
+    return replace(tool, symmetric=True, turn=None)
 
 
 def _trim(edge: Line, job: Job, attempts: Attempts) -> str:

@@ -14,6 +14,7 @@ from camgen.model.part import BoolArray
 from camgen.model.pose import FloatArray, frozen
 from camgen.plan.edges.chains import PoseChain, States, cheapest, steps
 from camgen.plan.edges.motion import JUMP, MARGIN, Freedom, Reached, Setup, dense_parts, flange_poses
+from camgen.plan.edges.turns import rolls_of
 from camgen.plan.edges.ways import Index, Way, counts, divide, rows
 from camgen.robots.kinematics import iterative as damped
 from camgen.robots.kinematics.continuity import Choice, follow
@@ -43,15 +44,15 @@ class Grid(Struct, frozen=True, eq=False):
 def grid(freedom: Freedom) -> Grid:
     """Tilts across the edge (about y) and along it (about x) within the cone, each with all rolls (about z)."""
     steps = range(-_STEPS, _STEPS + 1) if freedom.tilt > 0 else range(1)
-    rolls = range(_ROLLS if freedom.roll else 1)
-    cells = [(a, b, r) for a, b, r in product(steps, steps, rolls) if a * a + b * b <= _STEPS**2]
-    cells.sort(key=lambda cell: (cell[0] ** 2 + cell[1] ** 2, min(cell[2], len(rolls) - cell[2]), cell))
+    rolls = rolls_of(freedom, _ROLLS)
+    cells = [(a, b, r) for a, b, r in product(steps, steps, range(len(rolls.angles))) if a * a + b * b <= _STEPS**2]
+    cells.sort(key=lambda cell: (cell[0] ** 2 + cell[1] ** 2, round(abs(rolls.angles[cell[2]]), 9), cell))
     index = {cell: k for k, cell in enumerate(cells)}
     around = [(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
-    moves = [[index.get((a - u, b - v, (r - w) % len(rolls)), -1) for a, b, r in cells] for u, v, w in around]
-    across, along, roll = np.array(cells, dtype=np.float64).T
+    moves = [[index.get((a - u, b - v, rolls.beside(r, -w)), -1) for a, b, r in cells] for u, v, w in around]
+    across, along, roll = np.array(cells).T
     tilts = np.column_stack([along, across, 0 * roll]) * (freedom.tilt / _STEPS)
-    turn = np.remainder(roll * (math.tau / len(rolls)) + math.pi, math.tau) - math.pi
+    turn = np.array(rolls.angles)[roll]
     spin = from_vectors(np.column_stack([0 * turn, 0 * turn, turn]))
     cost = _TILT * np.linalg.norm(tilts, axis=1) + _ROLL * np.abs(turn)
     # A grid without tilts or rolls has moves that lead nowhere, or to where they come from.

@@ -1,0 +1,90 @@
+"""A grid over a mesh: which of its cells the surface passes, so that most boxes need no look at any triangle."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import FloatArray
+
+#: Cells along the longest side of the mesh's box.
+_CELLS = 64
+#: mm beside a box, and as a share of a cell, at which the surface counts as within: rounding.
+_SLACK = 1e-6
+#: Of a cell: it is not known, it is outside, it is within.
+_UNKNOWN = -1
+
+
+class Cells(Struct, frozen=True, eq=False):
+    """low: (3,) the corner of the grid, size: mm of a cell. sums: (X + 1, Y + 1, Z + 1) how many cells before each
+    corner the surface passes. within: (X, Y, Z) whether a cell that it does not pass is in the part, filled in as it is
+    asked for, -1: not known yet.
+    """
+
+    low: FloatArray
+    size: float
+    sums: NDArray[np.int32]
+    within: NDArray[np.int8]
+
+    def of(self, points: FloatArray) -> tuple[IntArray, BoolArray]:
+        """The cells (N, 3) of ``points`` (N, 3), and which are in the grid and not passed by the surface (N,)."""
+        cell = np.floor((points - self.low) / self.size).astype(np.int64)
+        there = np.flatnonzero(((cell >= 0) & (cell < self.within.shape)).all(axis=1))
+        inner = np.zeros(len(points), dtype=np.bool_)
+        inner[there] = self.count(cell[there], cell[there] + 1) == 0
+        return cell, inner
+
+    def count(self, first: IntArray, last: IntArray) -> IntArray:
+        """How many cells from ``first`` (N, 3) to before ``last`` (N, 3) the surface passes (N,)."""
+        total = np.zeros(len(first), dtype=np.int64)
+        for corner in itertools.product((0, 1), repeat=3):
+            x, y, z = np.where(corner, last, first).T
+            total += self.sums[x, y, z] * (-1) ** (3 - sum(corner))
+        return total
+
+    def near(self, centres: FloatArray, reach: FloatArray) -> BoolArray:
+        """Which boxes around ``centres`` (N, 3), half as wide as ``reach`` (N, 3), may meet the surface (N,)."""
+        reach = reach + _SLACK * (1 + self.size)
+        ends = (np.floor((centres + side * reach - self.low) / self.size) for side in (-1.0, 1.0))
+        first, last = (np.clip(end, -1, self.within.shape).astype(np.int64) for end in ends)
+        return self.count(np.maximum(first, 0), np.minimum(last + 1, self.within.shape)) > 0
+
+
+def divide_space(corners: FloatArray) -> Cells:
+    """The grid over triangles (F, 3, 3)."""
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    size = max(float((high - low).max()) / _CELLS, 1e-3)
+    low = low - size / 2
+    shape = np.ceil((high - low) / size + 0.5).astype(np.int64)
+    small = _split(corners, size)
+    begin, end = (
+        np.floor((edge - low + side * _SLACK * (1 + size)) / size).astype(np.int64)
+        for edge, side in ((small.min(axis=1), -1.0), (small.max(axis=1), 1.0))
+    )
+    passed = np.zeros(shape, dtype=np.bool_)
+    for step in itertools.product(range(int((end - begin).max()) + 1), repeat=3):
+        cell = begin + step
+        cell = cell[(cell <= end).all(axis=1)]
+        passed[tuple(np.clip(cell, 0, shape - 1).T)] = True
+    sums = np.zeros(shape + 1, dtype=np.int32)
+    sums[1:, 1:, 1:] = passed.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    return Cells(low, size, sums, np.full(shape, _UNKNOWN, dtype=np.int8))
+
+
+def _split(corners: FloatArray, size: float) -> FloatArray:
+    """The triangles cut through their longest sides until none has one above ``size``."""
+    done = []
+    while len(corners):
+        sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        large = sides.max(axis=1) > size
+        done.append(corners[~large])
+        corners, longest = corners[large], sides[large].argmax(axis=1)
+        row = np.arange(len(corners))
+        a, b, c = (corners[row, (longest + k) % 3] for k in range(3))
+        middle = (a + b) / 2
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done)

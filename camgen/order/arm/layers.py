@@ -1,0 +1,138 @@
+"""The states of a tour's items that cost least together: a layer an item, in the order in which they are run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.geometry.ragged import offsets
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import FloatArray
+from camgen.order.arm.items import Item, States
+from camgen.robots.pace import Pace
+
+#: What a link that is not allowed costs, s: more than any tour, and a number.
+WALL = 1e6
+#: What a change of the arm's posture is weighed with beside its time, s: most of them collide, or go a way round.
+_CHANGE = 1.0
+#: rad or mm: joint values that are no farther apart are the same.
+SAME = 1e-6
+
+
+class Ground(Struct, frozen=True, eq=False):
+    """What all links have in common. items: the paths. pace. home: (J,). lines: the TCP goes straight from path to
+    path, and the arm stays in its posture.
+    """
+
+    items: tuple[Item, ...]
+    pace: Pace
+    home: FloatArray
+    lines: bool
+
+
+class Wall(Struct, frozen=True, eq=False):
+    """Links that are taken to collide: those whose ends are within ``near`` (rad or mm) of the joint values ``one`` and
+    ``other`` (J,), either way. cost: s, what a way round is taken to cost beside them.
+    """
+
+    one: FloatArray
+    other: FloatArray
+    near: float
+    cost: float
+
+
+Walls = Sequence[Wall]
+
+
+def gate_places(item: Item, gate: IntArray) -> FloatArray:
+    """(M, 3) of the TCP above the gates (M,)."""
+    return item.position[item.gates[gate]]
+
+
+def link_seconds(ground: Ground, one: int, other: int, start: States, end: States) -> FloatArray:
+    """Seconds (M, K) from each state of the item ``one`` to each of the item ``other``, collisions aside."""
+    here = gate_places(ground.items[one], start.gate[:, 1])
+    there = gate_places(ground.items[other], end.gate[:, 0])
+    way = np.sqrt(((there[None] - here[:, None]) ** 2).sum(axis=-1))
+    return ground.pace.between(start.leave, end.enter, way) + change_cost(ground, start.branch, end.branch)
+
+
+def change_cost(ground: Ground, start: IntArray, end: IntArray) -> FloatArray:
+    """What changes of the posture from branches (M,) to branches (K,) are weighed with, s (M, K)."""
+    return np.asarray((WALL if ground.lines else _CHANGE) * (start[:, None] != end[None]))
+
+
+def home_seconds(ground: Ground, joints: FloatArray, walls: Walls) -> FloatArray:
+    """Seconds (M,) of the ways between home and joint values (M, J)."""
+    cost = ground.pace.seconds(joints - ground.home, 0.0)[None]
+    return np.asarray(add_walls(cost, ground.home[None], joints, walls)[0])
+
+
+def add_walls(cost: FloatArray, start: FloatArray, end: FloatArray, walls: Walls) -> FloatArray:
+    """``cost`` (M, K) with that of links from ``start`` (M, J) to ``end`` (K, J) that are taken to collide."""
+    extra = np.zeros((len(start), len(end)))
+    for wall in walls:
+        for a, b in ((wall.one, wall.other), (wall.other, wall.one)):
+            one = np.abs(start - a).max(axis=1) < wall.near
+            if one.any():
+                both = one[:, None] & (np.abs(end - b).max(axis=1) < wall.near)[None]
+                extra = np.maximum(extra, wall.cost * both)
+    return np.asarray(cost + extra)
+
+
+class _Near(Struct, frozen=True, eq=False):
+    """Which states, of all items one after the other, are near to the ends of each wall: ``enter`` and ``leave`` (W, 2,
+    S). first: by item, where its states begin.
+    """
+
+    enter: BoolArray
+    leave: BoolArray
+    first: IntArray
+
+    def add(self, cost: FloatArray, one: int, other: int, walls: Walls) -> FloatArray:
+        """``cost`` (M, K) from item to item with what its walls add."""
+        start = self.leave[:, :, self.first[one] : self.first[one + 1]]
+        end = self.enter[:, :, self.first[other] : self.first[other + 1]]
+        extra: FloatArray = np.zeros((1, 1))
+        for wall, side in np.argwhere(start.any(axis=2) & end[:, ::-1].any(axis=2)).tolist():
+            more = walls[wall].cost * (start[wall, side, :, None] & end[wall, 1 - side, None])
+            extra = np.maximum(extra, more)
+        return np.asarray(cost + extra)
+
+
+def _find_near(states: Sequence[States], walls: Walls) -> _Near:
+    first = offsets([len(one) for one in states])
+    enter, leave = (np.concatenate([getattr(one, name) for one in states]) for name in ("enter", "leave"))
+    shape = (len(walls), 2, len(enter))
+    near = np.zeros((2, *shape), dtype=np.bool_)
+    for k, wall in enumerate(walls):
+        for side, joints in enumerate((wall.one, wall.other)):
+            for table, own in zip(near, (enter, leave), strict=True):
+                table[k, side] = np.abs(own - joints).max(axis=1) < wall.near
+    return _Near(near[0], near[1], first)
+
+
+def choose(ground: Ground, order: Sequence[int], states: Sequence[States], walls: Walls) -> tuple[float, IntArray]:
+    """The state of each item (n,), by item, with the least seconds in all from and back to home; and these."""
+    near = _find_near(states, walls)
+    first = order[0]
+    cost = home_seconds(ground, states[first].enter, walls)
+    backs: list[IntArray] = []
+    before = first
+    for item in order[1:]:
+        links = link_seconds(ground, before, item, states[before], states[item])
+        total = cost[:, None] + near.add(links, before, item, walls)
+        best = total.argmin(axis=0)
+        backs.append(best)
+        cost = total[best, np.arange(total.shape[1])]
+        before = item
+    cost = cost + home_seconds(ground, states[before].leave, walls)
+    chosen = np.zeros(len(states), dtype=np.int64)
+    at = int(cost.argmin())
+    for place in range(len(order) - 1, -1, -1):
+        chosen[order[place]] = at
+        if place:
+            at = int(backs[place - 1][at])
+    return float(cost.min()), chosen

@@ -1,0 +1,55 @@
+"""The grid over a mesh says no more and no less than its triangles."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import camgen
+from camgen.collision.boxes import Boxes
+from camgen.collision.cells import divide_space
+from camgen.collision.mesh import _surface, find_struck, inside, make_mesh
+from camgen.geometry.rotations import from_vectors
+from camgen.model.part import Solid
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+
+
+@pytest.fixture(scope="module")
+def solid() -> Solid:
+    found = camgen.read(PARTS / "rfa1.stl").solid
+    assert found is not None
+    return found
+
+
+def boxes_around(solid: Solid, count: int) -> Boxes:
+    rng = np.random.default_rng(7)
+    low, high = solid.vertices.min(axis=0) - 30, solid.vertices.max(axis=0) + 30
+    half = rng.uniform(0.2, 12.0, (count, 3))
+    return Boxes(rng.uniform(low, high, (count, 3)), from_vectors(rng.normal(size=(count, 3))), half)
+
+
+def test_what_meets_a_closed_mesh_is_what_its_triangles_say(solid: Solid) -> None:
+    mesh, boxes = make_mesh(solid), boxes_around(solid, 4000)
+    assert mesh.closed
+    expected = inside(mesh, boxes.centres) | _surface(mesh.tree, boxes)
+    assert 0.1 < expected.mean() < 0.9
+    np.testing.assert_array_equal(find_struck(mesh, boxes), expected)
+
+
+def test_no_box_that_meets_the_surface_is_far_from_its_cells(solid: Solid) -> None:
+    mesh, boxes = make_mesh(solid), boxes_around(solid, 4000)
+    near = divide_space(mesh.tree.corners).near(boxes.centres, boxes.reach)
+    met = _surface(mesh.tree, boxes)
+    assert near[met].all()
+    assert (~near).mean() > 0.2
+
+
+def test_points_of_a_plate_are_in_passed_cells() -> None:
+    corners = np.array([[[0.0, 0, 0], [100, 0, 0], [0, 100, 0]]])
+    cells = divide_space(corners)
+    share = np.random.default_rng(1).dirichlet([1, 1, 1], 500)
+    _, plain = cells.of(share @ corners[0])
+    assert not plain.any()
+    _, plain = cells.of(np.array([[90.0, 90.0, 0.0]]))
+    assert plain.all()

@@ -1,0 +1,44 @@
+import math
+
+import numpy as np
+import pytest
+
+from camgen.model.cell import Dynamics
+from camgen.robots.catalogue import robot
+from camgen.robots.pace import Pace, from_rest, pace_of
+
+PACE = Pace(np.array([1.0, 2.0]), np.array([4.0, 5.0]), 100.0, 1000.0)
+
+
+def driven(way: float, speed: float, gain: float) -> float:
+    """From rest to rest, driven in small steps as fast as it may: the speed from which braking still ends in time."""
+    at, v, time, dt = 0.0, 0.0, 0.0, 1e-4
+    while at < way:
+        v = min(v + gain * dt, speed, math.sqrt(2 * gain * max(way - at, 1e-12)))
+        at += v * dt
+        time += dt
+    return time
+
+
+@pytest.mark.parametrize(("way", "speed", "gain"), [(2.0, 1.0, 4.0), (0.1, 1.0, 4.0), (0.25, 1.0, 4.0)])
+def test_from_rest_to_rest(way: float, speed: float, gain: float) -> None:
+    assert float(from_rest(np.array(way), speed, gain)) == pytest.approx(driven(way, speed, gain), rel=0.01)
+
+
+def test_the_slowest_joint_or_the_tip_counts() -> None:
+    moved = np.array([[0.5, 0.5], [0.0, 3.0], [0.0, 0.0]])
+    expected = [max(driven(0.5, 1, 4), driven(0.5, 2, 5)), driven(3.0, 2, 5), driven(50.0, 100, 1000)]
+    assert PACE.seconds(moved, np.array([0.0, 0.0, 50.0])).tolist() == pytest.approx(expected, rel=0.01)
+
+
+def test_a_table_of_times_is_each_of_them() -> None:
+    rng = np.random.default_rng(2)
+    start, end, way = rng.uniform(-2, 2, (7, 2)), rng.uniform(-2, 2, (5, 2)), rng.uniform(0, 90, (7, 5))
+    each = np.array([[float(PACE.seconds(end[k] - start[i], way[i, k])) for k in range(5)] for i in range(7)])
+    np.testing.assert_allclose(PACE.between(start, end, way), each)
+
+
+def test_without_accelerations_full_speed_takes_the_ramp_of_the_controller() -> None:
+    arm = robot("VS-060")
+    pace = pace_of(arm, Dynamics(ramp=0.5), 100.0)
+    np.testing.assert_allclose(pace.gains * 0.5, arm.speeds)
