@@ -19,6 +19,7 @@ from camgen.model.program import (
     Columns,
     Comment,
     Force,
+    Indices,
     Instruction,
     Joints,
     Mask,
@@ -37,7 +38,15 @@ from camgen.post import OutputFile, Tolerance
 from camgen.post.passes import without_force
 
 from .force import DIGITS as FORCE_DIGITS
-from .force import arc_fault, check_sections, choose_calibrations, settle, stop_before_calibrations, tool_axis
+from .force import (
+    arc_fault,
+    check_sections,
+    choose_calibrations,
+    find_round,
+    settle,
+    stop_before_calibrations,
+    tool_axis,
+)
 from .options import (
     DIGITS,
     FARTHEST,
@@ -120,18 +129,29 @@ class Rapid(RapidOptions):
         return prepared
 
     def accepts(self, columns: Columns) -> Mask:
-        """Motions without joints to poses, in bounds, that are no arcs."""
+        """Motions without joints to poses, in bounds, and the arcs among them that are as they should be for sure."""
         speed, blend = columns.speed, columns.blend
-        fine = columns.posed & ~columns.moves_are(MoveC) & (speed >= _LEAST_SPEED_AND_ZONE) & (speed <= _FASTEST)
+        fine = columns.posed & (speed >= _LEAST_SPEED_AND_ZONE) & (speed <= _FASTEST)
         turn = np.degrees(columns.turn)
         fine &= (turn == 0) | ((turn >= _LEAST_SPEED_AND_ZONE) & (turn <= _FASTEST))
         fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= FARTHEST))
         fine[fine] = (np.abs(columns.ends[fine]) <= FARTHEST).all(axis=1)
         fine[fine] = [move.joints is None for move in take(columns.moves, fine)]
         fine &= ~_half_turns(columns)
+        arcs = np.flatnonzero(fine & columns.moves_are(MoveC))
+        fine[arcs] = self._accept_arcs(columns, arcs)
         accepted = columns.are(Comment)
         accepted[columns.at[fine]] = True
         return accepted
+
+    def _accept_arcs(self, columns: Columns, arcs: Indices) -> Mask:
+        """Which of the motions ``arcs`` can be printed as they are, for sure."""
+        # Wherever the first motion starts, it is not an arc.
+        starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
+        vias = columns.vias[arcs]
+        free = self.force_arcs | (columns.force[arcs] <= 0)
+        fine: Mask = free & (np.abs(vias) <= FARTHEST).all(axis=1)
+        return fine & find_round(starts, vias, columns.ends[arcs], self.decimals)
 
     def why_not(self, item: Instruction, start: Pose | None) -> str:
         """What RAPID, or its rules of names and numbers, does not allow."""

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
-from camgen.geometry.arcs import sweep_and_height
+from camgen.geometry.arcs import minus, sweep_and_height
+from camgen.geometry.vectors import cross
 from camgen.model.errors import Refused
 from camgen.model.pose import FloatArray, Pose, Vec3
-from camgen.model.program import Comment, Force, Instruction, Joints, Motion, MoveC, MoveJ, MoveL
+from camgen.model.program import Comment, Force, Instruction, Joints, Mask, Motion, MoveC, MoveJ, MoveL
 from camgen.model.text import fixed
 from camgen.post.passes import PASSES
 
@@ -224,6 +225,8 @@ def stop_before_calibrations(post: str, body: Sequence[Instruction]) -> tuple[In
 _WIDEST, _FLATTEST, _FLATTEST_PRINTED, _CLOSEST = math.radians(120), math.radians(4), math.radians(3.8), 0.2
 #: The least part of an arc that its circle point may cut off.
 _SHORTER = 0.25
+#: What is as near as this to a bound, in any unit, is looked at one by one.
+_SURE = 1e-7
 
 
 def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
@@ -241,13 +244,40 @@ def arc_fault(start: Vec3, via: Vec3, end: Vec3, decimals: int) -> str:
     return ""
 
 
+def find_round(start: FloatArray, via: FloatArray, end: FloatArray, decimals: int) -> Mask:
+    """(N,): the arcs through three points (N, 3), mm, in which ``arc_fault`` finds nothing for sure."""
+    digit = 10.0**-decimals
+    points = np.stack([start, via, end])
+    printed = np.round(points, decimals)
+    # Where the rounding is in doubt, so is the printed arc.
+    sure = (np.abs(np.abs(points - printed) - digit / 2) > _SURE).all(axis=(0, 2))
+    sweep, height, near, shorter = _shapes(*points)
+    closest = max(_CLOSEST, 10 * digit)
+    sure &= (sweep <= _WIDEST) & (shorter >= _SHORTER + _SURE)
+    sure &= (sweep >= _FLATTEST + _SURE) & (height >= 2 * digit + _SURE) & (near >= closest + _SURE)
+    sweep, height, _, _ = _shapes(*printed)
+    return np.asarray(sure & (sweep >= _FLATTEST_PRINTED + _SURE) & (height >= digit + _SURE))
+
+
+def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Of arcs, (N,) each: sweep (rad), height and least distance of two points (mm), the shorter part beside ``via``."""
+    back, on, chord = start - via, end - via, end - start
+    area = np.linalg.norm(cross(back, on), axis=1)
+    sweep = 2 * (np.pi - np.arctan2(area, (back * on).sum(axis=1)))
+    first, last = np.arctan2(area, -(back * chord).sum(axis=1)), np.arctan2(area, (on * chord).sum(axis=1))
+    sides = [np.linalg.norm(side, axis=1) for side in (back, on, chord)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return sweep, area / sides[2], np.minimum.reduce(sides), np.minimum(first, last) / (first + last)
+
+
 def _measure_shorter(start: Vec3, via: Vec3, end: Vec3) -> float:
     """How much of the arc the shorter of its pieces beside ``via`` is, up to 0.5; that where they are no arc."""
-    sides = (np.subtract(via, start), np.subtract(end, via))
-    chord = np.subtract(end, start)
+    (ux, uy, uz), (wx, wy, wz) = minus(via, start), minus(end, via)
+    cx, cy, cz = minus(end, start)
     # The angle at an end of the chord is half of the piece of the arc on its other side.
-    angles = [math.atan2(float(np.linalg.norm(np.cross(side, chord))), float(side @ chord)) for side in sides]
-    return min(angles) / sum(angles) if min(angles) > 0 else 0.5
+    area = math.hypot(uy * cz - uz * cy, uz * cx - ux * cz, ux * cy - uy * cx)
+    one, two = math.atan2(area, ux * cx + uy * cy + uz * cz), math.atan2(area, wx * cx + wy * cy + wz * cz)
+    return min(one, two) / (one + two) if min(one, two) > 0 else 0.5
 
 
 def _is_round(arc: tuple[Vec3, Vec3, Vec3], flattest: float, lowest: float, closest: float) -> bool:
