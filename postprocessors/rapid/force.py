@@ -259,8 +259,8 @@ def find_round(start: FloatArray, via: FloatArray, end: FloatArray, decimals: in
     return np.asarray(sure & (sweep >= _FLATTEST_PRINTED + _SURE) & (height >= digit + _SURE))
 
 
-def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of arcs, (N,) each: sweep (rad), height and least distance of two points (mm), the shorter part beside ``via``."""
+def _shapes(start: FloatArray, via: FloatArray, end: FloatArray) -> tuple[FloatArray, ...]:
+    """Of arcs, (N,) each: sweep (rad), height, least distance of two points (mm), how much the shorter piece is."""
     back, on, chord = start - via, end - via, end - start
     area = np.linalg.norm(cross(back, on), axis=1)
     sweep = 2 * (np.pi - np.arctan2(area, (back * on).sum(axis=1)))

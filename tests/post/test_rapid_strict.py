@@ -4,8 +4,10 @@ import math
 from collections.abc import Mapping
 from contextlib import nullcontext
 
+import numpy as np
 import pytest
 from camgen_posts.rapid import Rapid
+from camgen_posts.rapid.force import arc_fault, find_round
 from camgen_posts.readback.rapid import read
 
 from camgen.model.errors import Refused, VerifyError
@@ -331,3 +333,20 @@ def test_an_arc_whose_circle_point_is_near_an_end_is_split() -> None:
     text = text_of((MoveJ(start, 50.0), MoveC(via, end, 20.0)), {"decimals": 0})
     assert text.count("MoveC") == 2
     assert read({"a": text}, {"decimals": 0}).faults == ()
+
+
+def test_arcs_that_are_legal_by_column_are_so_one_by_one() -> None:
+    rng = np.random.default_rng(5)
+    start = rng.normal(size=(4000, 3)) * 10.0 ** rng.uniform(-2, 3, (4000, 1))
+    along, across = rng.normal(size=(2, 4000, 3))
+    across -= along * ((across * along).sum(axis=1) / (along**2).sum(axis=1))[:, None]
+    along, across = (v / np.linalg.norm(v, axis=1)[:, None] for v in (along, across))
+    radius = 10.0 ** rng.uniform(-1.5, 3, (4000, 1))
+    sweep = rng.uniform(0.03, 2.4, (4000, 1))
+    part = sweep * rng.uniform(0.1, 0.9, (4000, 1))
+    via, end = (start + radius * (np.sin(t) * along + (1 - np.cos(t)) * across) for t in (part, sweep))
+    points = [list(map(tuple, column.tolist())) for column in (start, via, end)]
+    legal = np.array([not arc_fault(*arc, 3) for arc in zip(*points, strict=True)])
+    found = find_round(start, via, end, 3)
+    assert not (found & ~legal).any()
+    assert np.count_nonzero(found) > 0.99 * np.count_nonzero(legal) > 500
