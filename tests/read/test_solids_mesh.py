@@ -5,6 +5,7 @@ import struct
 import subprocess
 import sys
 from collections import Counter
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from numpy.typing import NDArray
 from camgen.model.errors import InputError
 from camgen.model.part import Edge, Solid
 from camgen.model.pose import rotation_from_quaternion
+from camgen.read.files import Files
 from camgen.read.solid import mesh
+from camgen.read.solid.mesh_file import load
 from camgen.read.solid.strips import unroll
 from tests.support.files import source
 
@@ -315,3 +318,12 @@ def test_a_size_that_cannot_be_meant_is_doubted(tmp_path: Path, mm: float, says:
     assert warnings[0].startswith(says) if says else not warnings
     # A unit that is given is meant.
     assert "which is" not in said(read(tmp_path, block(), mm=mm))
+
+
+def test_binary_stl_is_read_as_by_trimesh() -> None:
+    source = Files().read(Path(__file__).parents[2] / "fixtures" / "parts" / "rfa2.stl")
+    theirs = trimesh.load(BytesIO(source.data), file_type="stl", process=False)
+    ours = load(source)
+    assert np.array_equal(ours.vertices, theirs.vertices)
+    assert np.array_equal(ours.faces, theirs.faces)
+    assert (ours.unit, ours.mm) == ("", 1.0)
