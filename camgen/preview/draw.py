@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from xml.sax.saxutils import escape
 
 import numpy as np
 from msgspec import Struct
@@ -14,6 +13,7 @@ from camgen.model.errors import one_line
 from camgen.model.part import Contour, IntArray, Note
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
+from camgen.model.text import escape
 
 #: From the first path to the last: blue, violet, orange; mid lightness, legible on white and on black.
 _RAMP = ((31, 111, 235), (163, 59, 196), (235, 94, 40))

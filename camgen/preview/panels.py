@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Sequence
-from xml.sax.saxutils import escape
 
 import numpy as np
 from msgspec import Struct
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import one_line
 from camgen.model.part import Note, Raster
 from camgen.model.pose import FloatArray
+from camgen.model.text import escape
 from camgen.preview.draw import Paper, tell_wrong
 
 Pixels = NDArray[np.uint8]

@@ -7,7 +7,6 @@ from __future__ import annotations
 import base64
 import textwrap
 from collections.abc import Iterator
-from xml.sax.saxutils import escape
 
 import cv2
 import numpy as np
@@ -16,6 +15,7 @@ from msgspec import Struct
 from camgen.model.errors import one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray
+from camgen.model.text import escape
 from camgen.preview.draw import by_order
 from camgen.preview.figure import FigureEdge, Look, Shaded, figure_edges, label_places, oblique, runs, shade
 from camgen.preview.view import View

@@ -6,7 +6,6 @@ import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from xml.sax.saxutils import escape
 
 import numpy as np
 from msgspec import Struct
@@ -15,7 +14,7 @@ from camgen.geometry.arcs import path_length
 from camgen.model.errors import one_line
 from camgen.model.part import Contour, Note, Part
 from camgen.model.path import ToolPath, Tour
-from camgen.model.text import counted
+from camgen.model.text import counted, escape
 from camgen.preview.aside import see_aside
 from camgen.preview.draw import Paper, arrows, bounds, by_order, of_contours, of_paths, path_data, spots, tell_wrong
 

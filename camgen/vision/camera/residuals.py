@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from camgen.model.errors import one_line
 from camgen.model.pose import FloatArray
-from camgen.model.text import short
+from camgen.model.text import escape, short
 from camgen.vision.camera.calibrate import Calibration
 
 #: Page mm: the photo fits into this box; beside it the bars; below it the cloud of all residuals.
