@@ -304,7 +304,7 @@ class GCode(Rs274):
 
     def begin(self, program: Program) -> Sequence[str]:
         """Q0 keeps LinuxCNC from joining lines, so that the path stays within P."""
-        if any(isinstance(item, Force) for item in program.body):
+        if program.columns.are(Force).any():
             program = replace(program, header=(*program.header, *self._assumed()))
         path = f"G64 P{short(self.path_tolerance, 4)} Q0" if self.path_tolerance else "G61"
         return [*super().begin(program), path]

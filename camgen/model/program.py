@@ -491,8 +491,9 @@ def put_off_first(body: Sequence[Instruction]) -> tuple[Instruction, ...]:
     """The body after instructions that switch off every output and the force control that it uses: where it is run
     again after an abort, nothing moves with the tool on.
     """
-    names = dict.fromkeys(item.signal for item in body if isinstance(item, Output))
-    force = [Force(0.0)] if any(isinstance(item, Force) for item in body) else []
+    columns = Columns(body)
+    names = dict.fromkeys(item.signal for item in columns.of(Output))
+    force = [Force(0.0)] if columns.are(Force).any() else []
     return (*(Output(name, 0.0) for name in names), *force, *body)
 
 

@@ -15,6 +15,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, ClassVar
 
 import numpy as np
@@ -94,6 +95,14 @@ class Reading(Struct, frozen=True, eq=False):
     faults: tuple[Fault, ...]
     work: Pose | None = None
     tool: Pose | None = None
+
+
+class _Wrong(Struct, frozen=True, eq=False):
+    """An arc that the controller cannot do: its place in the body, and the pose where it starts."""
+
+    index: int
+    start: Pose
+    arc: MoveC
 
 
 #: A read-back: the files by name in the order written, the post's options as given in ``[post]`` -> what they say.
@@ -243,39 +252,59 @@ class Post(ABC):
         changes = np.flatnonzero(columns.are(ToolChange))
         if len(changes) and not self.changes_tools:
             raise Refused(self.name, int(changes[0]), "the post changes no tool", "write a program a tool")
+        wrong, refused = self._find_wrong(body, columns)
+        changed = self._replace_all(wrong, chord)
+        if refused is not None:
+            raise refused
+        return program.with_body(splice(body, changed)) if changed else program
+
+    def _find_wrong(self, body: Sequence[Instruction], columns: Columns) -> tuple[list[_Wrong], Refused | None]:
+        """The arcs that the controller cannot do, up to the first instruction for which there is no replacement."""
         doubtful = np.flatnonzero(~self.accepts(columns))
-        changed: dict[int, list[Instruction]] = {}
+        wrong: list[_Wrong] = []
         for index, before in zip(doubtful.tolist(), columns.before(doubtful).tolist(), strict=True):
             item, start = body[index], columns.pose(before)
             if isinstance(item, MoveC) and start is not None and not is_arc(*_points(start, item)):
                 what = "the three points of the arc are on one line"
-                raise Refused(self.name, index, what, "give the arc a via point beside its chord, or plan a line")
+                remedy = "give the arc a via point beside its chord, or plan a line"
+                return wrong, Refused(self.name, index, what, remedy)
             reason = self.why_not(item, start)
             if reason:
-                replaced = self._replace(item, start, chord) or reason
-                if isinstance(replaced, str):
-                    raise Refused(self.name, index, replaced)
-                changed[index] = replaced
-        return program.with_body(splice(body, changed)) if changed else program
+                if not isinstance(item, MoveC) or start is None or not self.passes:
+                    return wrong, Refused(self.name, index, reason)
+                wrong.append(_Wrong(index, start, item))
+        return wrong, None
 
-    def _replace(self, item: Instruction, start: Pose | None, chord: float) -> list[Instruction] | str:
-        """``item`` as instructions that are accepted, by the first pass that achieves it; else why the last pass does
-        not, empty where none is made for it.
-        """
+    def _replace_all(self, wrong: Sequence[_Wrong], chord: float) -> dict[int, list[MoveL | MoveC]]:
+        """What stands for each of the arcs, by its index. Refused for the first one without a replacement."""
+        if not wrong:
+            return {}
+        made = [PASSES[self.passes[0]](one.start, one.arc, chord) for one in wrong]
+        # What is accepted for sure is found at once, behind a motion to where each arc starts.
+        bodies = [[MoveJ(one.start, one.arc.speed), *pieces] for one, pieces in zip(wrong, made, strict=True)]
+        accepted = self.accepts(Columns(list(chain.from_iterable(bodies))))
+        counts = np.fromiter(map(len, made), np.intp, len(made))
+        ends, sums = np.cumsum(counts + 1), np.append(0, np.cumsum(accepted))
+        sound = sums[ends] - sums[ends - counts] == counts
+        return {
+            one.index: pieces if fine else self._replace(one, chord)
+            for one, pieces, fine in zip(wrong, made, sound.tolist(), strict=True)
+        }
+
+    def _replace(self, wrong: _Wrong, chord: float) -> list[MoveL | MoveC]:
+        """The arc as instructions that are accepted, by the first pass that achieves it; Refused where none does."""
         reason = ""
-        if not isinstance(item, MoveC) or start is None:
-            return reason
         for name in self.passes:
-            pieces = PASSES[name](start, item, chord)
-            here: Pose | None = start
+            pieces = PASSES[name](wrong.start, wrong.arc, chord)
+            here: Pose | None = wrong.start
             for piece in pieces:
                 reason = self.why_not(piece, here)
                 if reason:
                     break
-                here = piece.target if isinstance(piece.target, Pose) else None
+                here = piece.target
             else:
-                return list(pieces)
-        return reason
+                return pieces
+        raise Refused(self.name, wrong.index, reason)
 
     def render(self, program: Program) -> tuple[OutputFile, ...]:
         """The program as files. Every instruction must be one that the controller has (``prepare``)."""

@@ -89,6 +89,8 @@ class Rapid(RapidOptions):
 
     #: Rotations as they are printed, by identity, with the rotation itself: programs share them.
     _rotations: dict[int, tuple[FloatArray, str]] = field(default_factory=dict, init=False, repr=False)
+    #: Speed, zone, tool and work object as they are printed, by speed, blend and turn.
+    _tails: dict[tuple[float, float, float], str] = field(default_factory=dict, init=False, repr=False)
     #: The change of force that the next motion makes.
     _change: Force | None = field(default=None, init=False, repr=False)
     #: Whether a motion is printed.
@@ -113,7 +115,7 @@ class Rapid(RapidOptions):
         return self._pressing_prepared(program, chord)
 
     def _pressing_prepared(self, program: Program, chord: float) -> Program:
-        if not any(isinstance(item, Force) for item in program.body):
+        if not _presses(program):
             return super().prepare(program, chord)
         check_sections(self.name, program.body)
         first = next((k for k, item in enumerate(program.body) if isinstance(item, Force) and item.newtons > 0), None)
@@ -281,9 +283,15 @@ class Rapid(RapidOptions):
 
     def _tail(self, motion: Motion) -> str:
         """Speed, force while pressing, zone, tool and work object."""
-        force = ""
         if not isinstance(motion, MoveJ) and motion.force > 0:
-            force = self._pressing(motion)[1] + ","
+            return self._end(motion, self._pressing(motion)[1] + ",")
+        said = motion.speed, motion.blend, motion.turn if isinstance(motion, MoveL) else 0.0
+        known = self._tails.get(said)
+        if known is None:
+            known = self._tails[said] = self._end(motion, "")
+        return known
+
+    def _end(self, motion: Motion, force: str) -> str:
         return f"{self._speed(motion)},{force}{zone_name(motion.blend)},{self.tool}\\WObj:={self.work}"
 
     def _pressing(self, motion: MoveL | MoveC) -> tuple[str, str]:
@@ -316,7 +324,7 @@ class Rapid(RapidOptions):
             yield "load: set post.mass and post.cog, or post.declare = false for the tool of the controller"
         if self.force == "ignore":
             yield 'pressing is left out: post.force = "ignore"'
-        if not any(isinstance(item, Force) for item in program.body):
+        if not _presses(program):
             return
         sense = "along" if self.force_sign > 0 else "against"
         yield f"force: Machining FC is installed; a positive force pushes {sense} the axis of the tool"
@@ -326,13 +334,13 @@ class Rapid(RapidOptions):
 
     def _outputs(self, program: Program) -> list[str]:
         """The statements that switch off every output that the program uses."""
-        used = dict.fromkeys(item.signal for item in program.body if isinstance(item, Output))
+        used = dict.fromkeys(item.signal for item in program.columns.of(Output))
         return [line for signal in used for line in self.output(Output(signal, 0.0))]
 
     def _handler(self, program: Program, *, main: bool) -> list[str]:
         """The ERROR handler: in main it drops the process, elsewhere it hands the error on to main."""
         outputs = self._outputs(program)
-        deact = any(isinstance(item, Force) for item in program.body)
+        deact = _presses(program)
         if self.on_error == "none" or not (outputs or deact):
             return []
         if not main:
@@ -400,6 +408,7 @@ class Rapid(RapidOptions):
         """The body of main, then whole routines that it calls."""
         self._begun, self._change = False, None
         self._named = name_speeds(program.columns)
+        self._tails.clear()
         self._names = Names(self.longest, {*self._given(), self.module_name(program).lower()})
         main, *routines = cut(program, self._calibrated(program, printed), self.max_lines, self._names)
         handler = self._handler(program, main=False)
@@ -445,6 +454,11 @@ class Rapid(RapidOptions):
         half = 0.5 * 10**-DIGITS
         joint = math.radians(0.5 * 10**-_JOINT_DIGITS)
         return Tolerance(0.5 * 10**-self.decimals, 1e-6, joint, half, 0.5 * 10**-FORCE_DIGITS, half)
+
+
+def _presses(program: Program) -> bool:
+    """Whether force control is switched."""
+    return bool(program.columns.are(Force).any())
 
 
 def _half_turns(columns: Columns) -> Mask:

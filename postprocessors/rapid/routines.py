@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+import numpy as np
 from msgspec import Struct
 
-from camgen.model.program import Comment, Force, Motion, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, Program
 
 from .options import legal_name
+
+#: What belongs to a path by itself, not by what is on.
+_OF_PATHS = frozenset({MoveJ, MoveL, MoveC, Comment})
 
 #: The lines of one instruction, which stay together.
 Printed = Sequence[str]
@@ -51,13 +55,13 @@ def owners(program: Program) -> Iterator[int]:
     on: set[str] = set()
     leaving = False
     for item, path in zip(program.body, following, strict=True):
-        if isinstance(item, (MoveJ, MoveL, MoveC, Comment)):
+        if type(item) in _OF_PATHS:
             wanted = last if leaving else path
             if wanted != here:
                 on.clear()
                 here = wanted
             leaving = False
-            last = last if isinstance(item, Comment) else here
+            last = last if type(item) is Comment else here
         elif isinstance(item, Force):
             leaving = item.newtons == 0
         elif isinstance(item, Output):
@@ -70,13 +74,10 @@ def owners(program: Program) -> Iterator[int]:
 
 def _next_paths(program: Program) -> list[int]:
     """For each instruction the path of the motion that it is, or of the next one; -1: none."""
-    paths = []
-    path = -1
-    for item in reversed(program.body):
-        if isinstance(item, Motion):
-            path = item.path
-        paths.append(path)
-    return paths[::-1]
+    columns = program.columns
+    following = np.searchsorted(columns.at, np.arange(len(program.body)))
+    paths: list[int] = np.append(columns.path, -1)[following].tolist()
+    return paths
 
 
 def cut(program: Program, printed: Iterable[Printed], most: int, names: Names) -> list[Routine]:

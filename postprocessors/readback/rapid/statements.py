@@ -25,11 +25,10 @@ from .data import Value, numbers
 from .state import Bound, State
 from .syntax import DEACT_WHERE_ON, Call, Expr, Inline, Ref, Wrong
 from .ways import (
-    arc_fault,
-    arc_remark,
     is_half_turn,
     joints_fault,
     joints_remark,
+    judge_arc,
     posture_fault,
     posture_remark,
 )
@@ -373,10 +372,11 @@ def _check_way(state: State, line: int, bound: Bound, start: Pose, via: Pose | N
     elif via is None:
         if is_half_turn(start, target):
             state.remark(line, "the tool turns by 180 deg in one straight motion; its sense is open")
-    elif what := arc_fault(start.origin, via.origin, target.origin):
-        state.faults.append(Fault(line, what))
     else:
-        state.remark(line, arc_remark(start.origin, via.origin, target.origin))
+        fault, remark = judge_arc(start.origin, via.origin, target.origin)
+        if fault:
+            state.faults.append(Fault(line, fault))
+        state.remark(line, remark)
     if abs(bound.turn - _ON_THE_WAY) > _SAME_TURN and math.dist(start.origin, target.origin) > _TRAVELS:
         state.remark(line, f"a speed of {math.degrees(bound.turn):g} deg/s limits a motion that travels")
 

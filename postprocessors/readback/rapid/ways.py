@@ -25,24 +25,20 @@ _QUARTERS, _CFX = ((-3, 2), (-5, 4), (-5, 4)), range(8)
 _FARTHEST = 450.0
 
 
-def arc_fault(start: Vec3, via: Vec3, end: Vec3) -> str:
-    """Why no controller takes the arc from ``start`` through ``via`` to ``end``; empty when it does."""
+def judge_arc(start: Vec3, via: Vec3, end: Vec3) -> tuple[str, str]:
+    """Why no controller takes the arc from ``start`` through ``via`` to ``end``, and what the manual advises against in
+    one that it takes; empty where there is nothing.
+    """
     first, last = _angle_at(start, via, end), _angle_at(end, via, start)
     if min(first, last) < 1e-9:
-        return "the points of an arc are on one line"
+        return "the points of an arc are on one line", ""
     if 2 * (first + last) > _WIDEST:
-        return f"an arc of {math.degrees(2 * (first + last)):.0f} deg; MoveC takes up to 240"
+        return f"an arc of {math.degrees(2 * (first + last)):.0f} deg; MoveC takes up to 240", ""
     if min(first, last) < _FLATTEST:
-        return "the circle point of an arc is at an end of it, or nearly on its chord"
-    return ""
-
-
-def arc_remark(start: Vec3, via: Vec3, end: Vec3) -> str:
-    """What the manual advises against."""
+        return "the circle point of an arc is at an end of it, or nearly on its chord", ""
     if min(math.dist(start, via), math.dist(via, end), math.dist(start, end)) < _CLOSEST:
-        return f"the points of an arc are less than {_CLOSEST:g} mm apart"
-    first, last = _angle_at(start, via, end), _angle_at(end, via, start)
-    return "the circle point of an arc is near an end of it" if min(first, last) < _SHORTER * (first + last) else ""
+        return "", f"the points of an arc are less than {_CLOSEST:g} mm apart"
+    return "", "the circle point of an arc is near an end of it" if min(first, last) < _SHORTER * (first + last) else ""
 
 
 def _angle_at(corner: Vec3, a: Vec3, b: Vec3) -> float:
