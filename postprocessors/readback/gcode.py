@@ -60,6 +60,9 @@ _PLAIN = re.compile(
     + r"(?: F([0-9]{1,6}(?:\.[0-9]{1,8})?))?"
 )
 
+#: A comment as posts print it: without a comma none is an order.
+_REMARK = re.compile(r"\((?!.{71})[A-Za-z0-9 _.+\-=/:#@*]*\)")
+
 
 @dataclass(frozen=True, slots=True)
 class Rules:
@@ -166,6 +169,10 @@ class Strict(Machine):
         self.fault(str(error))
         if isinstance(error, UnknownWord):
             self.unread = self.unread or self.line
+
+    def is_remark(self, raw: str) -> bool:
+        """Whether the line is one comment in harmless characters, far from the limit of a line."""
+        return raw[:1] == "(" and _REMARK.fullmatch(raw) is not None
 
     def bare(self, raw: str) -> str:
         """The line without all that is no word, if the controller takes it as it is written."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 
 from msgspec import Struct, field
 
@@ -134,6 +135,12 @@ def _step(m: Machine, raw: str, at: int, flow: Flow, remembered: dict[str, Line]
     return at + 1
 
 
+@lru_cache(maxsize=1000)
+def _in_order(*groups: str) -> tuple[str, ...]:
+    """The groups of a line that are no motion in the order in which their codes act."""
+    return tuple(group for group in HANDLERS if group in groups)
+
+
 def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None:
     """The codes and words of one line, in the order of the manual."""
     if "F" in words or "feed mode" in found:
@@ -143,7 +150,7 @@ def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None
     motion = found.pop("motion", "")
     if motion:
         found.pop("cycle off", None)  # the other code holds, and a cycle goes on
-    for group in HANDLERS if found else ():
+    for group in _in_order(*found):
         if group in found:
             m.obey(group, found[group], words)
     if "machine coordinates" in found:

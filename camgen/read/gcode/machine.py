@@ -99,6 +99,10 @@ class Machine:
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
         """Looks at the words of a line before they act. Raises LineError."""
 
+    def is_remark(self, raw: str) -> bool:  # noqa: ARG002 (for what is stricter)
+        """Whether a line is a remark for sure, so that nothing comes of it."""
+        return False
+
     def obey(self, group: str, code: str, words: dict[str, float]) -> None:
         """Does what a code that is no motion says, and takes out the words that it uses. Raises LineError."""
         HANDLERS[group](self, code, words)

@@ -278,6 +278,8 @@ def read_plain(m: Machine, lines: Sequence[str], at: int) -> int:
     for place in range(at, len(lines)):
         plain = match(lines[place])
         if plain is None:
+            if m.is_remark(lines[place]):
+                continue
             break
         digit, to_x, to_y, to_z, i, j, f = plain.groups()
         if digit is None:
