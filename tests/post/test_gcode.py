@@ -949,3 +949,25 @@ def test_corners_before_the_lift_are_remarked_on():
     assert [(f.line, f.what) for f in read(text).faults] == [
         (2, "neither G61 nor G64 P before the first motion: corners may be rounded by any amount")
     ]
+
+
+@pytest.mark.parametrize(
+    ("comment", "says"),
+    [
+        ("(path c1 layer 0)", ""),
+        ("(debug: no comma)", ""),
+        ("(debug, #1)", "active comment '(debug, #1)'"),
+        ("(py,x)", "active comment '(py,x)'"),
+        ("(one) X1", ""),
+        ("(two) X1 Z1 Q2", "word Q2: nothing in the line uses it"),
+        ("(open", "a comment that is not closed, or closed twice"),
+        ("(in (it)", "a comment that is not closed, or closed twice"),
+        (f"({'x' * 300})", "302 characters, LinuxCNC reads 252"),
+        ("(é)", ""),
+    ],
+)
+def test_comments_between_motions_are_looked_at(comment, says):
+    found = faults("G1 X1 F100", comment, "G1 X2")
+    assert [what for line, what in found if line == 2] == ([says] if says else [])
+    body = read("\n".join([f"{SAFE} G64 P0.01 Q0", "G0 Z5", "G0 X0 Y0", "G1 X1 F100", comment, "G1 X2", "M2", ""])).body
+    assert body[-1].target.origin == (2.0, 0.0, body[-1].target.origin[2])
