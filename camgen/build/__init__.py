@@ -32,7 +32,7 @@ from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose, fixed_xyz
-from camgen.model.program import MoveC, MoveL, Program
+from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, short
 from camgen.model.version import __version__
 from camgen.order import ArmTour, order
@@ -230,7 +230,8 @@ def _sum_up(
 
 def _note_corners(program: Program, pace: Dynamics, job: Job) -> tuple[Note, ...]:
     """Corners that the controller rounds by its acceleration (mm/s2), where nobody has said what that is."""
-    rounded = any(isinstance(item, (MoveL, MoveC)) and item.blend for item in program.body)
+    columns = program.columns
+    rounded = bool(columns.blend[~columns.moves_are(MoveJ)].any())
     # With a tolerance of 0 only lines that go on without a corner are run through.
     if pace.corner != "overlap" or job.process.acceleration or job.tolerance.corner == 0 or not rounded:
         return ()

@@ -437,20 +437,20 @@ def _left_on(columns: Columns) -> Iterator[tuple[int, str]]:
     """Outputs, and force control, of which a program does not know at its first motion or at its end that they are off:
     one that was aborted is run again from its first line.
     """
-    switches = np.flatnonzero(columns.are(Output, Force)).tolist()
+    at = np.flatnonzero(columns.are(Output, Force))
+    switched = [
+        (item.signal, item.value) if type(item) is Output else (None, item.newtons)
+        for item in columns.of(Output, Force)
+    ]
     first = int(columns.at[0]) if len(columns.at) else len(columns.body)
-    before, after, used = set[str](), set[str](), dict[str, None]()
-    for index in switches:
-        name, value = _switched(columns.body[index])
-        used[name] = None
-        for on in (before, after) if index < first else (after,):
-            (on.add if value == 0 else on.discard)(name)
+    before, after = dict(switched[: int(np.searchsorted(at, first))]), dict(switched)
+    names = {signal: "force control" if signal is None else f"output {signal}" for signal in after}
     if len(columns.at):
-        for name in used:
-            if name not in before:
+        for signal, name in names.items():
+            if before.get(signal, 1.0) != 0:
                 yield first, f"{name} is not switched off before the first motion"
-    for name in used:
-        if name not in after:
+    for signal, name in names.items():
+        if after[signal] != 0:
             yield len(columns.body) - 1, f"{name} must be off at the end"
 
 
