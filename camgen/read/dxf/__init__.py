@@ -27,7 +27,6 @@ from camgen.read.dxf.entities import REPAIRED, DrawnEntities, walk
 from camgen.read.dxf.flatten import FLAT_MM, Flat, flatten
 from camgen.read.dxf.in_space import place_in_space
 from camgen.read.dxf.layers import NOT_ASKED, layers_of
-from camgen.read.dxf.plain import PlainEntities, cut
 from camgen.read.files import Files
 from camgen.read.pieces import tally
 
@@ -52,11 +51,8 @@ _STUMBLES = (
 )  # fmt: skip
 
 
-def load(name: str, data: bytes) -> tuple[Drawing, PlainEntities | None, tuple[Note, ...]]:
-    """The document, what of its model space is not in it, and notes on damage.
-
-    ``InputError`` if the bytes are no DXF or damaged beyond repair.
-    """
+def load(name: str, data: bytes) -> tuple[Drawing, tuple[Note, ...]]:
+    """The document and notes on damage. ``InputError`` if the bytes are no DXF or damaged beyond repair."""
     # Heavy, and not needed unless a DXF is read.
     from ezdxf import recover  # noqa: PLC0415
     from ezdxf.document import Drawing  # noqa: PLC0415
@@ -74,13 +70,11 @@ def load(name: str, data: bytes) -> tuple[Drawing, PlainEntities | None, tuple[N
     if not (b"\x00EOF\x00" in data if binary else _END.search(data, max(0, len(data) - _TAIL)) or _END.search(data)):
         notes.append(Note("skipped", "the file ends before its end mark", "what would follow is lost"))
         data = data if binary else _close_ends(data)
-    if not binary and (found := _load_rest(data)):
-        return *found, tuple(notes)
     try:
         document = Drawing.load(binary_tags_loader(data)) if binary else read(_text(data))
         # Damaged OBJECTS cost a document its model space, which shows only when it is asked for.
         document.modelspace()
-        return document, None, tuple(notes)
+        return document, tuple(notes)
     except (DXFError, *_STUMBLES) as error:
         cause = _plain(error)
         if binary:
@@ -94,24 +88,7 @@ def load(name: str, data: bytes) -> tuple[Drawing, PlainEntities | None, tuple[N
     count = len(auditor.fixes) + len(auditor.errors)
     mended = f" and was read tolerantly, {counted(count, 'fault')} mended" if count else ""
     notes.append(Note("repaired", f"the file is damaged{mended}: {cause}", f"compare the contours, or {_SAVE_AGAIN}"))
-    return document, None, tuple(notes)
-
-
-def _load_rest(data: bytes) -> tuple[Drawing, PlainEntities] | None:
-    """The plain entities of a text, and the document without them; None where it has to be read as a whole."""
-    from ezdxf.filemanagement import read  # noqa: PLC0415 (as above)
-    from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
-
-    plain = cut(data)
-    if plain is None:
-        return None
-    try:
-        document = read(_text(plain.rest))
-        document.modelspace()
-    except (DXFError, *_STUMBLES):
-        return None
-    plain.rest = b""
-    return (document, plain) if plain.belong(document) else None
+    return document, tuple(notes)
 
 
 def _with_line_feeds(data: bytes) -> bytes:
@@ -259,7 +236,7 @@ def inspect(source: Source, job: Job, _files: Files) -> DxfFacts:
 
 def _read(source: Source, job: Job) -> _Read:
     name, data, settings, chord = source.name, source.data, job.input, job.tolerance.chord
-    document, plain, notes = load(name, data)
+    document, notes = load(name, data)
     version = f"{document.dxfversion} ({document.acad_release})"
     unit, scale, unit_notes = units.resolve(name, settings.units, *_state(name, document, data))
     layers = layers_of(document, settings.layers)
@@ -267,10 +244,10 @@ def _read(source: Source, job: Job) -> _Read:
     curves: tuple[Curve, ...] = ()
     # Damaged files hold infinities; what comes of them is found and told by name.
     with np.errstate(invalid="ignore", over="ignore"):
-        drawn = walk(name, document, plain, scale, layers, source.limits)
+        drawn = walk(name, document, scale, layers, source.limits)
         layers.check(name)
         # The document is the largest thing in memory and no longer needed.
-        del document, plain
+        del document
         flat = flatten(drawn, chord)
         if flat.tilted and _is_meant_in_space(job):
             curves, joints = space.curves(place_in_space(name, drawn, chord, source.limits), settings.join)

@@ -22,7 +22,6 @@ from camgen.model.pose import FloatArray
 from camgen.model.text import harmless
 from camgen.read.dxf.colors import Colors, colors_of
 from camgen.read.dxf.layers import FROZEN, Layers
-from camgen.read.dxf.plain import PlainEntities
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -183,16 +182,11 @@ class _Place(Struct, eq=False):
         return self.by_extrusion[key]
 
 
-def walk(
-    name: str, document: Drawing, plain: PlainEntities | None, scale: float, layers: Layers, limits: Limits
-) -> DrawnEntities:
-    """All entities of model space with blocks expanded. plain: those that are not in the document. scale: mm per
-    drawing unit. ``InputError`` if too many.
-    """
+def walk(name: str, document: Drawing, scale: float, layers: Layers, limits: Limits) -> DrawnEntities:
+    """All entities of model space with blocks expanded. scale: mm per drawing unit. ``InputError`` if too many."""
     drawn = DrawnEntities([np.diag([scale, scale, scale, 1.0])], layers, colors_of(document))
-    _Sizes(name, document, limits).insist(document.modelspace(), len(plain.kinds) if plain else 0)
-    entities = document.modelspace()
-    _entities(name, drawn, plain.merge(entities) if plain else entities, _Place(0, "", 0))
+    _Sizes(name, document, limits).insist(document.modelspace())
+    _entities(name, drawn, document.modelspace(), _Place(0, "", 0))
     for layout in document.layouts:
         if layout.is_any_paperspace:
             for entity in layout:
@@ -212,11 +206,12 @@ class _Sizes:
         self.blocks = document.blocks
         self.known: dict[str, int] = {}
 
-    def insist(self, entities: Iterable[Any], others: int) -> None:
-        """InputError where ``entities`` of model space, with so many others, expand to too much."""
-        self._count(entities, (), others)
+    def insist(self, entities: Iterable[Any]) -> None:
+        """InputError where ``entities`` of model space expand to too much."""
+        self._count(entities, ())
 
-    def _count(self, entities: Iterable[Any], around: tuple[str, ...], total: int = 0) -> int:
+    def _count(self, entities: Iterable[Any], around: tuple[str, ...]) -> int:
+        total = 0
         for entity in entities:
             total += 1
             if entity.dxftype() == "INSERT":
