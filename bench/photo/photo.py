@@ -213,7 +213,8 @@ def speed(folder: Path, names: list[str]) -> int:
         values: dict[str, list[tuple[float, float]]] = {what: [] for what in commands}
         for _ in range(rounds):
             for what, command in commands.items():
-                values[what].append(measured(command))
+                seconds, _, peak = measured(command)
+                values[what].append((seconds, peak))
     said = [_bare_said(folder / photo) for _ in range(rounds)]
     calls = min(float(lines[-1].split()[1]) for lines in said)
     print(f"{machine()}\n\nBare calls of one process, s: {', '.join(said[-1])}\n")
@@ -222,8 +223,8 @@ def speed(folder: Path, names: list[str]) -> int:
     best = min(s for s, _ in values["bare OpenCV calls"])
     failed = False
     for what, runs in values.items():
-        seconds, memory = [s for s, _ in runs], max(m for _, m in runs)
-        least, most = min(seconds), max(seconds)
+        memory = max(m for _, m in runs)
+        least, most = min(s for s, _ in runs), max(s for s, _ in runs)
         failed |= least / best > TIMES or memory > MEMORY
         ratios = f"{least / best:.2f} | {least / calls:.2f}"
         print(f"| {what} | {least:.2f} | {least:.2f} to {most:.2f} | {memory:.0f} | {ratios} |")

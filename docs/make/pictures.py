@@ -34,7 +34,7 @@ OLD = ROOT / "fixtures" / "cases" / "bracket-follow" / "expected" / "part.ngc"
 #: A plate that is cut out, with what holds it.
 TABS = ROOT / "fixtures" / "cases" / "bracket-tabs" / "job.toml"
 #: Width of a PNG, and the colours of a channel: small files.
-_WIDE, _SHADES = 820, 11
+_WIDE, _SHADES = 760, 10
 #: Of a picture of the page: beside the list, below the title and above the slider.
 _SCENE = (slice(46, -48), slice(430, None))
 #: A browser that draws with the processor, and waits until the page has come to rest.
