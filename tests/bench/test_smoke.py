@@ -70,7 +70,10 @@ SMOKES = [
     Smoke("reliability.fuzz svg verify-grbl --examples 5", (2,), {"misses": (0, 0), "examples": (5, 5)}, alone=True),
     Smoke("reliability.kills 2 1", (2,), {"files damaged": (0, 0)}, alone=True),
     Smoke("tours.order 50", (2,), {"paths": (50, 50), "of it": (5, 60)}),
-    Smoke("tours.search 20", (5 if find_spec("numba") else 3,), {"paths": (20, 20), "travel, m": (0.15, 0.3), "bound, m": (0.1, 0.3)}),
+    Smoke(
+        "tours.search 20", (5 if find_spec("numba") else 3,),
+        {"paths": (20, 20), "travel, m": (0.15, 0.3), "bound, m": (0.1, 0.3)},
+    ),
     Smoke("tours.drawings {here}/dxf", (1,), {"paths": (9, 9), "as drawn": (150, 250), "default": (80, 150)}),
     Smoke("tours.drawings million 50", (1,), {"segments": (500, 500), "chains": (50, 50)}),
     Smoke("tours.lkh 10 4 1", (), {}, lacking("elkai")),
