@@ -293,3 +293,21 @@ def test_what_a_proof_found_is_red_in_the_picture_and_among_the_notes(opened: An
     one.page.locator("[data-tab=skipped]").click()
     assert one.page.locator("[data-tab=skipped]").inner_text() == "Notes 1"
     assert "Gouge 0.125 mm" in one.page.locator("#tab-skipped .gouge").inner_text()
+
+
+def test_back_from_where_several_steps_share_a_time_leaves_what_was_left_then(
+    opened: Any, views: dict[str, View]
+) -> None:
+    one = opened("profile")
+    until = 0.3 * float(views["profile"].track.time[-1])
+    expected = Surface(one, until).heights
+    # As slow a machine as there is: interrupted after the last step that has the time of the end, not all done.
+    one.run(
+        """() => {
+          const { stock } = camgen.cutting;
+          stock.to(camgen.data.total ?? 1e9);
+          while (stock.work(Infinity));
+          stock.time = -1;
+        }"""
+    )
+    assert (Surface(one, until).heights == expected).all()

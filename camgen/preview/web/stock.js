@@ -152,7 +152,7 @@ function makeStock() {
     field.struck.set(snapshot.struck);
     field.dirty = [0, field.ny - 1];
     stock.done = snapshot.done;
-    stock.time = track.time[ends[snapshot.done]];
+    stock.time = stock.reached = track.time[ends[snapshot.done]];
   }
   function keep() {
     const last = kept.at(-1).done;
@@ -162,15 +162,16 @@ function makeStock() {
   }
 
   const stock = {
-    field, kept, met: new Set(), done: 0, time: 0, wanted: 0,
-    // What is to be seen is the state at `time`; `work` gets there in one or several frames.
+    field, kept, met: new Set(), done: 0, time: 0, wanted: 0, reached: 0,
+    // What is to be seen is the state at `time`; `work` gets there in one or several frames, and has `reached` a time,
+    // which several steps may have in common: `time` is -1 while not all of them are done.
     to(time) { this.wanted = time; },
     // Carves for so many ms; true where there is something new to be drawn.
     work(budget = CUT.budget) {
       const { wanted } = this;
       if (wanted === this.time) return false;
       const most = kept.findLast(({ done }) => track.time[ends[done]] <= wanted);
-      if (wanted < this.time || most.done > this.done) restore(most);
+      if (wanted < this.reached || most.done > this.done) restore(most);
       const begun = performance.now();
       const last = ends.length - 1;
       for (let looked = work[this.done]; this.done < last && track.time[ends[this.done + 1]] <= wanted;) {
@@ -180,13 +181,13 @@ function makeStock() {
         if (work[this.done] - looked < 20000) continue;
         looked = work[this.done];
         if (performance.now() - begun > budget) {
-          this.time = track.time[ends[this.done]];
-          if (this.time === wanted) this.time = -1;
+          this.reached = track.time[ends[this.done]];
+          this.time = this.reached === wanted ? -1 : this.reached;
           return true;
         }
       }
       if (this.done < last) cut(this.done + 1, placeAt(wanted).at.toArray());
-      this.time = wanted;
+      this.time = this.reached = wanted;
       return true;
     },
   };
