@@ -10,8 +10,7 @@ from msgspec.structs import replace
 from camgen.check.reach import Reach
 from camgen.model.pose import FloatArray, Vec3
 from camgen.model.program import MoveJ, Program
-from camgen.model.tolerance import NONZERO
-from camgen.robots.kinematics.rates import fastest
+from camgen.robots.kinematics.rates import fastest, held_share
 from camgen.robots.models import Robot
 
 #: No joint that turns is faster on the way (rad/s), also where the TCP hardly moves. Digits of a share.
@@ -44,11 +43,10 @@ def share_joints(found: Reach, robot: Robot) -> Program:
 
 def _share(robot: Robot, joints: FloatArray, tip: Vec3, speed: float) -> float:
     """The share for a motion with joint values (R, J) on its way, 0 where the arm stands. tip: from the flange, mm."""
-    way = np.abs(joints[-1] - joints[0])
+    way = joints[-1] - joints[0]
     if not way.any():
         return 0.0
     moved, turning = fastest(robot, joints, tip)
-    # The share is of the joints' own speeds, at which the one that is slowest for its way sets the time of all.
-    held = float((robot.fastest / np.maximum(way, NONZERO)).min() / (robot.speeds / np.maximum(way, NONZERO)).min())
-    limits = [1.0, held, *(most / rate for most, rate in ((speed, moved), (_FASTEST_TURN, turning)) if rate > 0)]
+    bounds = (most / rate for most, rate in ((speed, moved), (_FASTEST_TURN, turning)) if rate > 0)
+    limits = [held_share(robot, way), *bounds]
     return float(math.floor(float(min(limits)) * 10**_DIGITS) / 10**_DIGITS)

@@ -2,9 +2,11 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from camgen.model.cell import Dynamics
 from camgen.robots.catalogue import robot
+from camgen.robots.kinematics.rates import held_share
 from camgen.robots.pace import Pace, from_rest, pace_of
 
 PACE = Pace(np.array([1.0, 2.0]), np.array([4.0, 5.0]), 100.0, 1000.0)
@@ -42,3 +44,14 @@ def test_without_accelerations_full_speed_takes_the_ramp_of_the_controller() -> 
     arm = robot("VS-060")
     pace = pace_of(arm, Dynamics(ramp=0.5), 100.0)
     np.testing.assert_allclose(pace.gains * 0.5, arm.speeds)
+
+
+def test_joints_that_a_job_holds_back_are_held_back_in_free_space_too() -> None:
+    arm = robot("IRB 2400")
+    held = replace(arm, held=arm.speeds * np.array([0.25, 1, 1, 1, 1, 1]))
+    a, b = np.zeros(6), np.array([1.0, 0.2, 0, 0, 0, 0.1])
+    # The first joint is the slowest for its way, and may run at a quarter of its speed.
+    assert held_share(arm, b - a) == 1.0
+    assert held_share(held, b - a) == pytest.approx(0.25)
+    # Another joint sets the time: the first one needs no more than its quarter.
+    assert held_share(held, np.array([0.01, 1.0, 0, 0, 0, 0])) == 1.0

@@ -10,7 +10,7 @@ from msgspec import Struct
 from camgen.model.pose import FloatArray, frozen
 from camgen.plan.edges.motion import Setup
 from camgen.plan.edges.ways import Index, Way
-from camgen.robots.kinematics.rates import fastest
+from camgen.robots.kinematics.rates import fastest, held_share
 
 #: mm/s: speeds of lines from here on are whole.
 _WHOLE = 10.0
@@ -33,8 +33,8 @@ class Pace(Struct, frozen=True):
 def pace_lines(setup: Setup, pace: Pace, dense: Way, joints: FloatArray, at: Index) -> FloatArray:
     """The speed of each segment of a way out, mm/s (N - 1,), at which no joint is faster than it may be anywhere along
     it, whole where it is not below 10; and no more than what is reached from rest half-way, or than the speed at the
-    part where it presses. at: (N,) where the segments
-    begin and end among the rows of ``dense`` (D), which have ``joints`` (D, J).
+    part where it presses. at: (N,) where the segments begin and end among the rows of ``dense`` (D), which have
+    ``joints`` (D, J).
     """
     seconds = (np.abs(np.diff(joints, axis=0)) / setup.robot.fastest).max(axis=1)
     with np.errstate(divide="ignore"):
@@ -54,6 +54,7 @@ def pace_turn(setup: Setup, a: FloatArray, b: FloatArray, pace: Pace) -> tuple[f
     moved, _ = fastest(setup.robot, way, setup.flange_from_tool.origin)
     if moved == 0:
         return pace.speed, 0.0
-    share = math.floor(min(pace.share, pace.free / moved) * _SHARES) / _SHARES
+    most = min(pace.share, held_share(setup.robot, b - a), pace.free / moved)
+    share = math.floor(most * _SHARES) / _SHARES
     # Whole mm/s, no less than the joints make of it: then it is the joints that hold the tool back.
     return min(float(math.ceil(share * moved)), pace.free), share
