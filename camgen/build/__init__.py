@@ -29,7 +29,7 @@ from camgen.model.cell import Cell, Dynamics
 from camgen.model.drawing import draw_svg
 from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.program import MoveJ, Program
@@ -208,10 +208,12 @@ def _sum_up(
         post=post,
         cell=cell,
         tour=tour,
-        notes=(
-            *(*plan.notes, *tour.notes, *note_urdf(job.cell.robot, cell.arm)),
-            *(checks.clear.notes if checks.clear else ()),
-            *(*_note_corners(checks.program, dynamics_of(post, job), job), *post.warn(checks.program)),
+        notes=sort_notes(
+            plan.part.notes,
+            plan.notes,
+            (*tour.notes, *note_urdf(job.cell.robot, cell.arm)),
+            (checks.clear.notes if checks.clear else ()),
+            (*_note_corners(checks.program, dynamics_of(post, job), job), *post.warn(checks.program)),
         ),
         program=checks.program,
         files=posted.files,

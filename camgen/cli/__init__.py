@@ -7,14 +7,22 @@ import importlib
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from typing import NoReturn
 
 from camgen.cli.say import Voice, voice
 from camgen.cli.stop import Stopped, exit_code, say_why, signals_as_interrupts
 from camgen.model.errors import CamgenError, JobError
+from camgen.model.text import suggest
 from camgen.model.version import __version__
+
+_EXAMPLES = """examples:
+  camgen build part.dxf --post gcode --preview part.html
+  camgen build photo.jpg --post pacscript --set image.width_mm=300
+  camgen init part.dxf
+
+documents: the folder docs of the source, from docs/first-program.md on; camgen COMMAND --help"""
 
 #: Standard input, output and error are the descriptors below.
 _STREAMS = 3
@@ -91,31 +99,30 @@ class _Parser(argparse.ArgumentParser):
 def _parse(words: list[str]) -> argparse.Namespace | None:
     """The arguments. None after --help and --version, which have said what was asked."""
     parser, commands = parsers()
+    if not words:
+        parser.print_help()
+        return None
     first = next((word for word in words if not word.startswith("-")), None)
     if first is None and not {"-h", "--help", "--version"} & set(words):
         raise JobError("command line", "no command is given", remedy=f"give one of {', '.join(commands)}")
     if first is not None and first not in commands:
-        raise JobError("command line", f"no command {first!r}", remedy=f"nearest is {_nearest(first, commands)}")
+        raise JobError("command line", f"no command {first!r}", remedy=suggest(first, commands))
     try:
         arguments, unknown = parser.parse_known_args(words)
     except SystemExit:  # what is wrong with the words is raised by _Parser
         return None
     if unknown:
         options = commands[arguments.command]._option_string_actions  # argparse has no public list
-        near = f"nearest is {_nearest(unknown[0], options)}" if unknown[0].startswith("-") else ""
+        near = suggest(unknown[0], options) if unknown[0].startswith("-") else ""
         raise JobError(arguments.command, f"unknown argument {unknown[0]!r}", remedy=near)
     return arguments
-
-
-def _nearest(word: str, names: Iterable[str]) -> str:
-    near: list[str] = importlib.import_module("difflib").get_close_matches(word, list(names), 1, 0)
-    return near[0]
 
 
 def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
     """The parser of the command line, and those of its commands by name."""
     about = "Checked robot and machine programs from drawings and photos."
-    parser = _Parser("camgen", description=about, allow_abbrev=False)
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = _Parser("camgen", description=about, epilog=_EXAMPLES, formatter_class=raw, allow_abbrev=False)
     parser.add_argument("--version", action="version", version=f"camgen {__version__}")
     group = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     commands: dict[str, _Parser] = {}
@@ -139,7 +146,7 @@ def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
     command("localize", "find a CAD part in a point cloud and write its work frame", _localize)
     command("place", "search where a 3-D part should stand for an arm", _place)
     command("robots", "list the robots that camgen knows, or say what a URDF describes", _robots)
-    command("posts", "list the posts that are installed", lambda _: None)
+    command("posts", "list the posts that are installed", _json)
     command("schema", "print the JSON schema of job files, for editors", _schema)
     command("completion", "print a script that lets a shell complete camgen's commands", _completion)
     return parser, commands
@@ -154,7 +161,12 @@ def _build(sub: _Parser) -> None:
     )
     _post(sub)
     _job(sub)
-    sub.add_argument("-o", "--output", metavar="FILE|DIR", help="where the program goes (default: this folder)")
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE|DIR",
+        help="where the program goes; -: to standard output (default: this folder)",
+    )
     sub.add_argument("--format", metavar="FORMAT", help="what standard input is, e.g. dxf")
     sub.add_argument("--plan", metavar="FILE.json", help="write the planned motion as data")
     sub.add_argument("--report", metavar="FILE.json", help="write the summary as data")
@@ -186,10 +198,12 @@ def _inspect(sub: _Parser) -> None:
     sub.add_argument("--removal", metavar="MM", type=float, help="what a pass takes off: says how many passes more")
     sub.add_argument("--rework", metavar="FILE.toml", help="write the settings of another run, with --removal")
     sub.add_argument("--strict", action="store_true", help="what differs is an error, exit code 4")
+    _json(sub)
 
 
 def _robots(sub: _Parser) -> None:
     sub.add_argument("robot", metavar="ROBOT", nargs="?", help="a name from the list, or FILE.urdf, FILE.urdf#LINK")
+    _json(sub)
 
 
 def _schema(sub: _Parser) -> None:
@@ -213,6 +227,7 @@ def _verify(sub: _Parser) -> None:
     _job(sub)
     sub.add_argument("--plan", metavar="PLAN.json", help="compare with this plan, as build --plan wrote it")
     sub.add_argument("--part", metavar="DRAWING", help="prove that nothing of this part is cut that must stay")
+    _json(sub)
 
 
 def _calibrate(sub: _Parser) -> None:
@@ -260,6 +275,10 @@ def _place(sub: _Parser) -> None:
     sub.add_argument(
         "--height", metavar="MM", type=float, help="where it stands above the base (default: searched too)"
     )
+
+
+def _json(sub: _Parser) -> None:
+    sub.add_argument("--json", action="store_true", help="say it as data")
 
 
 def _post(sub: _Parser) -> None:

@@ -32,6 +32,8 @@ _GRAVEST = (1, 4, 3, 2, 0)
 #: Seconds that a part may take: a part that never ends must not keep the others.
 _TIMEOUT = 600.0
 _BAR = 24
+#: Longer reasons stand below the table, in characters.
+_WIDEST = 60
 
 
 class _Row(Struct, frozen=True):
@@ -189,7 +191,8 @@ def _tell(rows: list[_Row], says: Voice) -> None:
         return
     says.clear()
     cells = [("file", "status", "paths", "time", "notes"), *(_cells(row) for row in rows)]
-    says.out(table(cells))
+    below = [f"{one_line(clean(row.source))}: {_why(row)}\n" for row in rows if _is_long(row)]
+    says.out(table(cells) + ("\n" + "".join(below) if below else ""))
     counts = {status: sum(row.status == status for row in rows) for status in ("built", "unchanged", "failed")}
     text = ", ".join(f"{number} {status}" for status, number in counts.items() if number)
     says.rows([("batch", f"{counted(len(rows), 'part')}: {text}", "bad" if counts["failed"] else "good")])
@@ -201,6 +204,11 @@ def _why(row: _Row) -> str:
     return one_line(next((row.error[len(name) :] for name in names if row.error.startswith(name)), row.error))
 
 
+def _is_long(row: _Row) -> bool:
+    """Whether the reason would make the table too wide to be read, and stands below it."""
+    return bool(row.error) and len(_why(row)) > _WIDEST
+
+
 def _name(row: _Row) -> str:
     return f"{row.source}: {_why(row)}" if row.error else row.source
 
@@ -208,7 +216,7 @@ def _name(row: _Row) -> str:
 def _cells(row: _Row) -> tuple[str, ...]:
     source = one_line(clean(row.source))
     if row.sums is None:
-        return (source, f"failed {row.code}", "", "", _why(row))
+        return (source, f"failed {row.code}", "", "", "below" if _is_long(row) else _why(row))
     nouns = {"warning": "warnings"}  # the other kinds are no nouns
     notes = ", ".join(counted(number, kind, nouns.get(kind, kind)) for kind, number in row.sums.notes.items())
     return (source, row.status, str(row.sums.paths), duration(row.sums.time_s), notes)

@@ -22,7 +22,7 @@ from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
 from camgen.cli.say import Voice, duration, join_names, length, size
 from camgen.model.errors import JobError, rename_errors
-from camgen.model.part import Note, NoteKind
+from camgen.model.part import GRAVEST, Note, NoteKind
 from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import ToolChange
@@ -36,14 +36,8 @@ from camgen.read.job_file import beside, load
 
 Row = tuple[str, str, str]
 
-#: Notes in the order in which they are told, with their tone.
-_TONES: dict[NoteKind, str] = {
-    "joined": "plain",
-    "repaired": "plain",
-    "assumed": "look",
-    "warning": "look",
-    "skipped": "look",
-}
+#: Notes that are told plainly; all others ask for a look.
+_PLAIN: tuple[NoteKind, ...] = ("joined", "repaired")
 #: So many notes of a kind are told; -v tells all.
 _NOTES = 8
 
@@ -69,7 +63,9 @@ def rows(
 
 def _cell(result: Result) -> str:
     if result.reach is None:
-        return f"{result.cell.name}; reach, collision and limits not checked: no robot model"
+        usual = result.post.cell().robot
+        hint = f'; cell.robot = "{usual}" checks them, camgen robots lists others' if usual else ""
+        return f"{result.cell.name}; reach, collision and limits not checked: no robot model{hint}"
     samples = counted(result.reach.samples, "pose")
     found = f"{result.reach.robot} reaches all of it within its limits, {_posture(result)}"
     return f"{found} ({samples}); no collision, {_clearance(result)}"
@@ -129,7 +125,8 @@ def _job(job: Path | None, inputs: Sequence[Path]) -> list[Row]:
 
 def _notes(notes: Sequence[Note], verbose: int) -> list[Row]:
     told: list[Row] = []
-    for kind, tone in _TONES.items():
+    for kind in GRAVEST:
+        tone = "plain" if kind in _PLAIN else "look"
         own = [note for note in notes if note.kind == kind]
         shown = own if verbose else own[:_NOTES]
         told += [(kind, note.what + (f" ({note.why})" if note.why else ""), tone) for note in shown]
@@ -246,7 +243,8 @@ def run(arguments: Namespace, says: Voice) -> int:
     with no_collector(), open_inputs(arguments.inputs, arguments.format) as (inputs, files):
         job_file = beside(arguments.job, None if arguments.inputs[0] == "-" else inputs[0])
         read = [*inputs, *([job_file] if job_file else [])]
-        folder, program = _place(arguments.output)
+        aloud = arguments.output == "-"
+        folder, program = _place(None if aloud else arguments.output)
         extra = [Path(p) for p in (arguments.plan, arguments.report, arguments.preview) if p]
         check_targets([*([program] if program else []), *extra], read)
         check_preview(arguments.preview)
@@ -260,8 +258,15 @@ def run(arguments: Namespace, says: Voice) -> int:
             )
         stages("writing")
         programs = program_files(result, folder, program)
-        check_targets([*(path for path, _ in programs), *extra], read)
-        write_all([*programs, *_extras(arguments, result, [path.name for path, _ in programs])], files.opened)
+        if aloud and len(programs) > 1:
+            what = f"the program takes {len(programs)} files, and standard output is one"
+            raise JobError("-o -", what, remedy="give a folder with -o")
+        written = [] if aloud else programs
+        check_targets([*(path for path, _ in written), *extra], read)
+        write_all([*written, *_extras(arguments, result, [path.name for path, _ in programs])], files.opened)
+    if aloud:
+        says.out(programs[0][1].decode("ascii"))
+        programs = [(Path("-"), programs[0][1])]
     says.rows(rows(result, job_file, inputs, programs, says.verbose))
     if says.verbose:
         says.rows([("timing", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent()), "plain")])

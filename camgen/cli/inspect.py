@@ -28,9 +28,12 @@ def run(arguments: Namespace, says: Voice) -> int:
         files = opened.within(job.limits)
         source = files.read(paths[0])
         says.stage("reading")
-        found = str(_inspect(source, job, files))
+        found = _inspect(source, job, files)
     says.clear()
-    says.out(found.rstrip("\n") + "\n")
+    if arguments.json:
+        says.data({"source": source.name, "facts": found})
+    else:
+        says.out(str(found).rstrip("\n") + "\n")
     return 0
 
 

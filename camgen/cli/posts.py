@@ -8,8 +8,11 @@ from camgen.cli.say import Voice, table
 from camgen.post.plugins import list_installed
 
 
-def run(_arguments: Namespace, says: Voice) -> int:
+def run(arguments: Namespace, says: Voice) -> int:
     """Prints the table of posts."""
+    if arguments.json:
+        says.data(list_installed())
+        return 0
     rows = [("name", "suffix", "origin", "about")]
     rows += [(p.name, p.suffix, p.origin, f"broken: {p.broken}" if p.broken else p.about) for p in list_installed()]
     says.out(table(rows))

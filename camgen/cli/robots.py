@@ -22,7 +22,14 @@ _JOINTS = {
 def run(arguments: Namespace, says: Voice) -> int:
     """Prints the table of robots, with -v their notes too; or what is known of one."""
     if arguments.robot:
-        says.out(_one(robot(arguments.robot)))
+        found = robot(arguments.robot)
+        if arguments.json:
+            says.data(_as_data(found))
+        else:
+            says.out(_one(found))
+        return 0
+    if arguments.json:
+        says.data([_as_data(one) for one in robots()])
         return 0
     rows = [("name", "maker", "joints", "kind", "kinematics", "limits")]
     known = robots()
@@ -32,6 +39,24 @@ def run(arguments: Namespace, says: Voice) -> int:
         text += "".join(f"{robot.name}: {note}\n" for robot in known for note in robot.notes)
     says.out(text)
     return 0
+
+
+def _as_data(robot: Robot) -> dict[str, object]:
+    """What is known of a robot: values of joints in deg, or mm where they slide, speeds by the second."""
+    units = [1.0 if joint.sliding else math.degrees(1) for joint in robot.joints]
+    joints = [
+        {
+            "name": joint.name,
+            "sliding": joint.sliding,
+            "limits": [round(float(value) * unit, 6) for value in robot.limits[k]],
+            "speed": round(float(robot.speeds[k]) * unit, 6),
+            "home": round(float(robot.home[k]) * unit, 6),
+        }
+        for k, (joint, unit) in enumerate(zip(robot.joints, units, strict=True))
+    ]
+    known = {"kinematics": robot.trust.kinematics, "limits": robot.trust.limits}
+    names = {"name": robot.name, "maker": robot.maker, "kind": robot.kind, "convention": robot.convention}
+    return {**names, "trust": known, "joints": joints, "notes": robot.notes}
 
 
 def _one(robot: Robot) -> str:

@@ -29,6 +29,13 @@ class Voice(NamedTuple):
         """A result on standard output."""
         _write(self.results, text)
 
+    def data(self, value: object) -> None:
+        """A result as JSON: structs by their fields, arrays as lists."""
+        import msgspec  # noqa: PLC0415 (only where data is asked for)
+
+        text = msgspec.json.encode(value, enc_hook=_plain, order="deterministic")
+        self.out(msgspec.json.format(text, indent=2).decode() + "\n")
+
     def rows(self, rows: Sequence[tuple[str, str, str]]) -> None:
         """Summary lines (label, text, tone) on standard error; tone: plain, good, look or bad."""
         if not self.quiet:
@@ -62,6 +69,11 @@ def voice(quiet: bool, verbose: int) -> Voice:
     """The voice for this process: colour only on a terminal, unless NO_COLOR or TERM=dumb asks for none."""
     terminal = sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
     return Voice(sys.stdout, quiet, verbose, terminal and not os.environ.get("NO_COLOR"), terminal)
+
+
+def _plain(value: object) -> object:
+    """What JSON has no kind for: arrays and their numbers as those of Python, files by their names."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def _write(stream: TextIO, text: str) -> None:

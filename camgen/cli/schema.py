@@ -11,8 +11,8 @@ import msgspec
 from msgspec import Struct, defstruct
 
 from camgen.cli.say import Voice
-from camgen.model.job import Job
-from camgen.model.job_tables import ROWS, row_tables, tables
+from camgen.model.job import SPEED_UNITS, Job
+from camgen.model.job_tables import ROWS, has_speed, row_tables, tables
 from camgen.post import Post
 from camgen.post.plugins import find_post
 
@@ -28,9 +28,9 @@ def schema(post: str = "") -> Schema:
     """
     about = tables()
     kinds = {name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", *ROWS)}
-    found = {name: _table(kind) | {"description": about[name]} for name, kind in kinds.items()}
+    found = {name: _table(kind, name) | {"description": about[name]} for name, kind in kinds.items()}
     for name, rows in ROWS.items():
-        keys = {key: value for kind in rows for key, value in _table(kind)["properties"].items()}
+        keys = {key: value for kind in rows for key, value in _table(kind, name)["properties"].items()}
         row = {"type": "object", "properties": keys, "additionalProperties": False}
         found[name] = {"type": "array", "description": row_tables()[name], "items": row}
     found["post"] = _options(find_post(post)) if post else {"type": "object", "description": about["post"]}
@@ -44,14 +44,17 @@ def schema(post: str = "") -> Schema:
     }
 
 
-def _table(kind: type[Struct]) -> Schema:
+def _table(kind: type[Struct], name: str) -> Schema:
     """One table: its keys with type, bounds, default and meaning, and no others."""
     (_,), components = msgspec.json.schema_components([kind], ref_template="{name}")
     defaults = msgspec.to_builtins(kind())
     keys = components[kind.__name__]["properties"]
     return {
         "type": "object",
-        "properties": {key: _key(keys[key], value) for key, value in defaults.items()},
+        "properties": {
+            key: _speed(_key(keys[key], value)) if has_speed(name, key) else _key(keys[key], value)
+            for key, value in defaults.items()
+        },
         "additionalProperties": False,
     }
 
@@ -65,6 +68,17 @@ def _key(found: Mapping[str, Any], default: object) -> Schema:
     elif kinds:
         key["anyOf"] = kinds
     return key if default is None else key | {"default": default}
+
+
+def _speed(key: Schema) -> Schema:
+    """The schema of a speed, which may also be a text with its unit."""
+    number = {name: value for name, value in key.items() if name not in ("description", "default")}
+    told = {name: value for name, value in key.items() if name in ("description", "default")}
+    units = "|".join(SPEED_UNITS)
+    return {
+        "anyOf": [number, {"type": "string", "pattern": rf"^\s*([0-9]+\.?[0-9]*|\.[0-9]+)\s*({units})\s*$"}],
+        **told,
+    }
 
 
 def _options(kind: type[Post]) -> Schema:

@@ -49,11 +49,20 @@ def run(arguments: Namespace, says: Voice) -> int:
     texts = _texts(paths, files)
     reading = find_readback(arguments.post)(texts, fill_tables(type(post), options))
     says.clear()
-    rows = _rows(sum_up(Columns(reading.body)), sum(text.count("\n") for text in texts.values()))
+    motions = sum_up(Columns(reading.body))
+    rows = _rows(motions, sum(text.count("\n") for text in texts.values()))
     told = _faults(reading.faults, texts)
+
+    def say(more: Sequence[tuple[str, str]] = (), also: str = "") -> None:
+        if arguments.json:
+            found = [_as_data(fault, texts) for fault in reading.faults]
+            says.data({"sums": motions, "told": dict([*rows, *more]), "faults": found})
+        else:
+            says.out(table([*rows, *more]) + told + also)
+
     serious = [fault for fault in reading.faults if plan or not isinstance(fault, Remark)]
     if serious:
-        says.out(table(rows) + told)
+        say()
         first = serious[0]
         what = f"{counted(len(serious), 'fault')}, first: {first.what}"
         raise InputError(str(paths[0]), what, _place(first.line, texts), "mend the program")
@@ -67,14 +76,14 @@ def run(arguments: Namespace, says: Voice) -> int:
         rows.append(("plan", f"{counted(found.instructions, 'instruction')} equal"))
         rows.append(("deviation", f"{found.max_mm:.6f} mm"))
     if drawing is None:
-        says.out(table(rows) + told)
+        say()
         return 0
     from camgen.cli.stock import judge  # noqa: PLC0415 (shapely, only for what needs it)
 
     says.stage("proving")
     stock = judge(str(paths[0]), drawing, job, reading, files, lambda line: _place(line, texts))
     says.clear()
-    says.out(table([*rows, *stock.rows]) + told + stock.told)
+    say(stock.rows, stock.told)
     if stock.error is not None:
         raise stock.error
     return 0
@@ -132,6 +141,11 @@ def _faults(faults: Sequence[Fault], files: Mapping[str, str]) -> str:
     return "".join(
         f"{_place(fault.line, files)}: {kind}{fault.what}\n" for fault, kind in zip(faults, kinds, strict=True)
     )
+
+
+def _as_data(fault: Fault, files: Mapping[str, str]) -> dict[str, object]:
+    """A fault with its place; a remark is one only against a plan."""
+    return {"place": _place(fault.line, files), "what": fault.what, "remark": isinstance(fault, Remark)}
 
 
 def _place(line: int, files: Mapping[str, str]) -> str:

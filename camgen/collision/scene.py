@@ -5,7 +5,6 @@ Links, tool, fixtures and table are cuboids (RFA paper, section II.B); the part 
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from collections.abc import Sequence
 
@@ -16,7 +15,7 @@ from camgen.collision.mesh import Mesh
 from camgen.model.errors import JobError
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, translation
-from camgen.model.text import short
+from camgen.model.text import short, suggest
 from camgen.robots.models import Box, Link, Robot
 
 #: The name of the part among the bodies.
@@ -191,8 +190,8 @@ def _check(bodies: list[_Body], allowed: tuple[tuple[str, str], ...]) -> None:
             raise JobError(f"body {name}", "there are two of this name", remedy="rename one")
     for name in itertools.chain.from_iterable(allowed):
         if name not in names:
-            near = difflib.get_close_matches(name, names, 1, 0)[0]
-            raise JobError(f"body {name}", "it may touch, but there is no such body", remedy=f"nearest is {near}")
+            what = "it may touch, but there is no such body"
+            raise JobError(f"body {name}", what, remedy=suggest(name, names))
 
 
 def _tabulate(robot: Robot, tested: list[tuple[_Body, _Body]]) -> Scene:

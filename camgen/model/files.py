@@ -9,6 +9,9 @@ from msgspec import Struct
 from camgen.model.limits import Limits
 from camgen.model.part import Note
 
+#: What to do with a point cloud where a part is asked for.
+SCAN = "of a scan: camgen localize MODEL SCAN -o FILE.toml finds where the part stands in it"
+
 
 class Source(Struct, frozen=True, eq=False):
     """One input. path: as the user gave it, for messages; nobody opens it again. data: all its bytes.

@@ -12,6 +12,12 @@ from msgspec import Meta, Struct, field
 
 from camgen.model.limits import Limits
 
+#: Settings of [process] and [[tools]] that are speeds of the tool: numbers in mm/s, or texts with their unit.
+SPEEDS = ("feed", "plunge", "max_feed", "travel")
+#: mm/s in one of a unit.
+SPEED_UNITS = {"mm/s": 1.0, "mm/min": 1 / 60, "m/min": 1000 / 60, "in/min": 25.4 / 60, "in/s": 25.4}
+#: Height of travel on a page, mm, where none is given: a pen that is lifted less is back sooner.
+PAGE_CLEARANCE = 3.0
 #: mm/s of travel where none is given.
 _TRAVEL_MM_S = 100.0
 
@@ -285,7 +291,10 @@ class ProcessTable(Table, frozen=True):
     ] = 5.0
     clearance: Annotated[
         NotNegative,
-        Meta(description="height of travel above the top face, mm; 0: none, for marks that the tool does not touch"),
+        Meta(
+            description="height of travel above the top face, mm; on a page 3 if not given; 0: none, for marks that "
+            "the tool does not touch"
+        ),
     ] = 20.0
     stay_down: Annotated[
         bool, Meta(description="no lift where the straight way keeps clear of part and fixtures; there is no stock")
@@ -429,7 +438,10 @@ class ToleranceTable(Table, frozen=True):
     ] = None
     simplify: Annotated[
         NotNegative | None,
-        Meta(description="lines are thinned out within this, mm; not set: one pixel of a traced picture, else none"),
+        Meta(
+            description="lines are thinned out within this, mm; not set: a third of a pixel of a traced picture, one "
+            "pixel of one in two values, else none"
+        ),
     ] = None
 
 

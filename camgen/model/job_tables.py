@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 import msgspec
 from msgspec import Struct
 
-from camgen.model.job import Choice, Job, OperationTable, ProcessTable, ToolRow
+from camgen.model.job import SPEEDS, Choice, Job, OperationTable, ProcessTable, ToolRow
 
 #: The settings that name a file; cell.robot only where it ends in .urdf.
 FILES = (("image", "background"), ("camera", "file"), ("cell", "file"), ("cell", "robot"))
@@ -64,8 +64,14 @@ def _settings_of(table: str, kind: type[Struct]) -> list[Setting]:
     found = []
     for key, hint in get_type_hints(kind, include_extras=True).items():
         about = next((m.description for m in get_args(hint)[1:] if m.description), "")
-        found.append(Setting(table, key, defaults[key], _allow(hint), about))
+        allowed = _allow(hint) + (' or a text with its unit, "1200 mm/min"' if has_speed(table, key) else "")
+        found.append(Setting(table, key, defaults[key], allowed, about))
     return found
+
+
+def has_speed(table: str, key: str) -> bool:
+    """Whether a setting is a speed of the tool, which may have its unit. table: without the number of a row."""
+    return key in SPEEDS and table in ("process", *ROWS)
 
 
 def _kinds() -> dict[str, type[Struct]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
@@ -37,6 +38,19 @@ class Note(Struct, frozen=True):
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.what}" + (f" ({self.why})" if self.why else "")
+
+
+#: The gravest first: what is not done, what may be wrong, what was taken for granted or mended.
+GRAVEST: tuple[NoteKind, ...] = ("skipped", "warning", "assumed", "repaired", "joined")
+
+
+def sort_notes(*stages: Iterable[Note]) -> tuple[Note, ...]:
+    """Each note once, the gravest first. Of one kind what --strict refuses leads; then what a later stage says goes
+    before what reading said: it is about what the machine does.
+    """
+    stage_of = {note: k for k, notes in reversed([*enumerate(stages)]) for note in notes}
+    once = dict.fromkeys(note for notes in stages for note in notes)
+    return tuple(sorted(once, key=lambda note: (GRAVEST.index(note.kind), not note.strict, -stage_of[note])))
 
 
 # What a 3-D part is to camgen: triangles for collision, and the sharp edges that a tool can follow.

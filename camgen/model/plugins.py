@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import signal
 import sys
 import threading
@@ -13,6 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TypeVar
 
 from camgen.model.errors import JobError, one_line
+from camgen.model.text import suggest
 
 #: The group of the operations: whoever reads a job knows their names, whoever plans loads them.
 OPERATIONS = "camgen.operations"
@@ -38,12 +38,12 @@ def _all(_path: tuple[str, ...]) -> list[EntryPoint]:
 
 
 def find(listed: Sequence[EntryPoint], name: str, kind: str, lists: str) -> EntryPoint:
-    """The entry ``name``. JobError with the nearest one where there is none. lists: where the user sees all of them."""
+    """The entry ``name``. JobError with the nearest where there is none. lists: where the user sees all."""
     for entry in listed:
         if entry.name == name:
             return entry
-    near = difflib.get_close_matches(name, [entry.name for entry in listed], 1, 0)
-    raise JobError(f"{kind} {name}", "is not installed", remedy=f"nearest is {near[0]}; {lists}" if near else lists)
+    near = suggest(name, [entry.name for entry in listed])
+    raise JobError(f"{kind} {name}", "is not installed", remedy=f"{near}; {lists}" if near else lists)
 
 
 def load(entry: EntryPoint) -> object:

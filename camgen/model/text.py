@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 #: What may stand in a comment of any dialect: no bracket, quote, semicolon, percent sign, comma (LinuxCNC's active
 #: comments are ``(MSG,..)``), nor GRBL's real-time characters ``! ~ ?``.
@@ -83,6 +84,28 @@ def grouped(number: int) -> str:
     '12 345'
     """
     return f"{number:,}".replace(",", " ")
+
+
+#: Names of which none is near are listed, so many at most.
+_LISTED = 12
+
+
+def suggest(word: str, names: Iterable[str]) -> str:
+    """What may have been meant by ``word``, as a remedy: the nearest of ``names``, or all of them where none is near.
+
+    >>> suggest("HOLE", ["Outline", "Holes"]), suggest("kuka", ["gcode", "rapid"])
+    ('nearest is Holes', 'one of gcode, rapid')
+    """
+    import difflib  # noqa: PLC0415 (2 ms, only for what is wrong)
+
+    folded: dict[str, str] = {}
+    for name in names:
+        folded.setdefault(name.casefold(), name)
+    near = difflib.get_close_matches(word.casefold(), folded, 1)
+    if near:
+        return f"nearest is {folded[near[0]]}"
+    more = ", ..." if len(folded) > _LISTED else ""
+    return f"one of {', '.join(list(folded.values())[:_LISTED])}{more}" if folded else ""
 
 
 def name_ranges(ids: list[str]) -> list[str]:

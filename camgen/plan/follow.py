@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles, distances, near_pairs
 from camgen.geometry.nesting import Nesting, nest
+from camgen.geometry.ragged import owners, ramp
 from camgen.geometry.segments import (
     BoolArray,
     IntArray,
@@ -26,9 +28,12 @@ from camgen.model.text import counted, name_ranges
 from camgen.plan.beside import EXACT, Beside, beside, only_along, only_chains
 from camgen.plan.columns import SLOWEST, Label, pass_depths, sideways, tool_paths
 from camgen.plan.finish import rough_then_last
+from camgen.read.join import tell_gaps
 
 #: From this turn (rad) on an outer corner is sharp: the tool only rolls about it, so no force is put on (PIST 4.2.1).
 _SHARP = np.radians(15.0)
+#: What is left standing by no more, mm, counts as touched. Contours are looked at every so many mm, at so many places.
+_UNSEEN_MM, _SAMPLE_MM, _SAMPLES = 0.02, 0.1, 50_000
 _COMMON = "edges on one line leave the tool no side; draw one outline, or use operation.kind = trace"
 
 
@@ -73,7 +78,7 @@ def run_beside(
 
     The other contours are kept clear of by that too, or by ``reach`` mm if that is more.
     """
-    loops, notes = _choose_sides(part, job.operation.side)
+    loops, notes = _choose_sides(part, job.operation.side, job.input.join)
     if not loops.worked.any():
         return (), tuple(notes)
     contours = [part.contours[k] for k in loops.index]
@@ -96,7 +101,7 @@ def run_beside(
         f" with corner radius {job.operation.corner_radius:g}" if job.operation.corner_radius else ""
     )
     tool = tool if operation == "follow" else f"a V tool whose middle is {distance:.4g} mm off the wall"
-    notes += _left_out(curve, source, contours, order, looked_at, tool)
+    notes += _left_out(curve, source, contours, order, looked_at, tool, distance)
     return _paths(curve, source, labels, order, job, depths, operation), tuple(notes)
 
 
@@ -121,7 +126,7 @@ def _near_note(contours: list[Contour]) -> list[Note]:
     return [_not_followed(contours, "too near to others", why)]
 
 
-def _choose_sides(part: Part, side: str) -> tuple[_Loops, list[Note]]:
+def _choose_sides(part: Part, side: str, join: float) -> tuple[_Loops, list[Note]]:
     """Which contours are followed, and on which side; with "auto" the others are kept clear of as well."""
     chosen = np.array([part.works_on(c.sources or (c.id,)) for c in part.contours], dtype=bool)
     if side in ("left", "right"):
@@ -130,7 +135,7 @@ def _choose_sides(part: Part, side: str) -> tuple[_Loops, list[Note]]:
         none = np.full(len(index), -1)
         return _Loops(index, count >= 0, np.full(len(index), side == "left"), count, none, 0 * count), []
     index = [k for k, c in enumerate(part.contours) if c.closed]
-    notes = _open_notes([c for c, mine in zip(part.contours, chosen, strict=True) if mine and not c.closed])
+    notes = _open_notes([c for c, mine in zip(part.contours, chosen, strict=True) if mine and not c.closed], join)
     if not index:
         none = np.zeros(0, dtype=np.int64)
         return _Loops([], none == 0, none == 0, none, none, none), notes
@@ -151,13 +156,16 @@ def _choose_sides(part: Part, side: str) -> tuple[_Loops, list[Note]]:
     return _Loops(kept, worked[keep], flip[keep], group[keep], parent, nesting.depth[keep]), notes
 
 
-def _open_notes(contours: list[Contour]) -> list[Note]:
+def _open_notes(contours: list[Contour], join: float) -> list[Note]:
     if not contours:
         return []
-    gap = min(float(np.hypot(*(c.points[0] - c.points[-1]))) for c in contours)
-    why = f"an open contour has no outside, the smallest gap between its ends is {gap:.3g} mm; raise input.join"
-    why += " to close it, or set operation.side to left, right or on"
-    return [_not_followed(contours, "open", why)]
+    told, places = tell_gaps([contour.points for contour in contours], join)
+    why = (
+        "an open contour has no outside; "
+        + (f"{told}, or " if told else "")
+        + "set operation.side to left, right or on"
+    )
+    return [replace(_not_followed(contours, "open", why), places=places)]
 
 
 def _crossing_notes(contours: list[Contour], nesting: Nesting, worked: BoolArray) -> list[Note]:
@@ -246,7 +254,13 @@ def _beside_which(curve: Beside, source: Segments, count: int) -> tuple[IntArray
 
 
 def _left_out(
-    curve: Beside, source: Segments, contours: list[Contour], order: IntArray, worked: BoolArray, tool: str
+    curve: Beside,
+    source: Segments,
+    contours: list[Contour],
+    order: IntArray,
+    worked: BoolArray,
+    tool: str,
+    distance: float,
 ) -> list[Note]:
     """Notes on loops of ``worked`` (contours,) without a path, and on the length that no ``tool`` touches."""
     touched = np.zeros(len(contours), dtype=bool)
@@ -267,8 +281,10 @@ def _left_out(
     reached = np.bincount(source.owner[curve.source], np.where(good, contact, 0.0), len(contours))
     whole = np.where(worked, np.bincount(source.owner, source.length, len(contours)), 0.0)
     missing = np.where(touched, np.maximum(whole - reached, 0.0), 0.0)
+    if _is_much(missing, whole):
+        missing = np.where(missing > 0, _left_standing(curve, source, missing > 0, distance), 0.0)
     total = float(missing.sum())
-    if total > 1e-3 * float(whole.sum()) and total > 0.1:
+    if _is_much(missing, whole):
         worst = contours[int(np.argmax(missing))].id
         what = f"{total:.4g} mm of {float(whole.sum()):.6g} mm of contour not touched, most of it on {worst}"
         notes.append(Note("warning", what, f"inner corners and narrow places that {tool} does not reach"))
@@ -277,6 +293,28 @@ def _left_out(
         unsound = "they did not keep their distance from the drawing; please report it"
         notes.append(Note("skipped", what, _COMMON if shared[failed].any() else unsound))
     return notes
+
+
+def _is_much(missing: FloatArray, whole: FloatArray) -> bool:
+    """Whether so much of the contours, mm, is worth a note."""
+    return float(missing.sum()) > max(1e-3 * float(whole.sum()), 0.1)
+
+
+def _left_standing(curve: Beside, source: Segments, mine: BoolArray, distance: float) -> FloatArray:
+    """(contours,): mm of the contours ``mine`` that no path passes at ``distance``, or so little farther that nothing
+    is seen of it: at the shallow inner corners of an outline from a photo the tool touches next to them.
+    """
+    rows = np.flatnonzero(mine[source.owner])
+    total = float(source.length[rows].sum())
+    step = max(_SAMPLE_MM, total / _SAMPLES)
+    count = np.maximum(np.ceil(source.length[rows] / step).astype(np.int64), 1)
+    of, place = owners(count), ramp(count)
+    points = points_at(source.take(rows[of]), (place + 0.5) / count[of])
+    ways = curve.segments.take(curve.sound[curve.segments.owner])
+    alike = np.zeros(len(ways), dtype=np.int64)
+    gap = Obstacles(ways, alike).nearest(points, np.zeros(len(points), dtype=np.int64), distance + 2 * _UNSEEN_MM)
+    length = np.where(gap > distance + _UNSEEN_MM, source.length[rows[of]] / count[of], 0.0)
+    return np.bincount(source.owner[rows[of]], length, len(mine)).astype(np.float64)
 
 
 def _sharing(source: Segments, failed: BoolArray) -> BoolArray:

@@ -16,13 +16,16 @@ from camgen.geometry.thinning import Polylines, thin
 from camgen.model.job import Job
 from camgen.model.part import Contour, Note, Part
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import counted, grouped, short
+from camgen.model.text import counted, short
 from camgen.plan.border_arcs import with_arcs
 from camgen.read import is_drawing
 from camgen.vision.similarity import scale_of
 
-#: The border of pixels lies up to half a pixel beside the line that it shows, and a little more where it turns.
-_PIXELS = 1.0
+#: Of a picture in two values the border lies up to half a pixel beside the line that it shows, and a little more where
+#: it turns. Grey values along the border tell where it is to a small part of a pixel.
+_PIXELS, _GREY_PIXELS = 1.0, 1 / 3
+#: The border of a picture in two values runs over middles of pixels and of their sides: so many of its points, px.
+_TWO_VALUES, _ON_GRID = 0.9, 1e-3
 #: Digits of a pixel that count, and what is added to the tolerance so that the same one is the same at every scale, px.
 _DIGITS, _SLACK = 6, 1e-6
 
@@ -32,7 +35,9 @@ def simplify(part: Part, job: Job) -> Part:
     artwork = part.raster is not None and is_drawing(job)
     tolerance = job.tolerance.simplify
     if tolerance is None:
-        tolerance = _PIXELS * scale_of(part.raster.work_from_view) if part.raster is not None and artwork else 0.0
+        tolerance = (
+            _of_pixels(part.contours, part.raster.work_from_view) if part.raster is not None and artwork else 0.0
+        )
     contours, notes = part.contours, list(part.notes)
     if job.input.min_length and contours:
         contours = _long_enough(contours, job.input.min_length, notes)
@@ -45,10 +50,22 @@ def simplify(part: Part, job: Job) -> Part:
         else:
             contours = thin_out(contours, tolerance, arcs_wanted)
         count, arcs = sum(len(c.points) for c in contours), sum(int((c.bulges != 0).sum()) for c in contours)
-        what = f"{counted(before, 'point')} thinned out to {grouped(count)}"
-        what += f", {counted(arcs, 'arc')} found" if arcs_wanted else ""
+        lines = count - sum(not c.closed for c in contours) - arcs
+        what = f"{counted(before, 'point')} thinned out to {counted(lines, 'line')}"
+        what += f" and {counted(arcs, 'arc')}" if arcs_wanted or arcs else ""
         notes.append(Note("assumed", what, f"within tolerance.simplify = {short(tolerance, 4)} mm"))
     return replace(part, contours=contours, notes=tuple(notes))
+
+
+def _of_pixels(contours: Sequence[Contour], work_from_view: FloatArray) -> float:
+    """How far the border of a picture may be left, mm: by what its pixels do not tell."""
+    scale = scale_of(work_from_view)
+    if not contours:
+        return _PIXELS * scale
+    points = np.concatenate([c.points for c in contours]) - work_from_view[:, 2]
+    halves = 2 * points @ np.linalg.inv(work_from_view[:, :2]).T
+    on_grid = (np.abs(halves - np.round(halves)) < _ON_GRID).all(axis=1).mean()
+    return (_PIXELS if on_grid > _TWO_VALUES else _GREY_PIXELS) * scale
 
 
 def _long_enough(contours: Sequence[Contour], least: float, notes: list[Note]) -> tuple[Contour, ...]:

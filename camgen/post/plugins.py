@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import importlib.util
 import sys
 from collections.abc import Mapping
@@ -18,6 +17,7 @@ from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.plugins import entries, find, load, origin
+from camgen.model.text import suggest
 from camgen.post import Post, Readback
 
 POSTS, READBACKS = "camgen.posts", "camgen.readbacks"
@@ -79,8 +79,7 @@ def make_post(post: type[Post], options: Mapping[str, object]) -> Post:
     for key, value in options.items():
         where = f"[post] {key}"
         if key not in known:
-            near = difflib.get_close_matches(key, known, 1, 0)
-            raise JobError(where, f"{post.name} has no such option", remedy=f"nearest is {near[0]}" if near else "")
+            raise JobError(where, f"{post.name} has no such option", remedy=suggest(key, known))
         try:
             msgspec.convert(value, hints[key])
         except msgspec.ValidationError as error:

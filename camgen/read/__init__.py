@@ -14,7 +14,7 @@ from typing import Literal
 from msgspec import Struct
 
 from camgen.model.errors import InputError, JobError
-from camgen.model.files import Source
+from camgen.model.files import SCAN, Source
 from camgen.model.job import CameraTable, Job
 from camgen.model.part import Part
 from camgen.model.plugins import ask, entries, load, origin
@@ -23,6 +23,8 @@ from camgen.read.files import Files
 READERS = "camgen.readers"
 #: Bytes from the beginning of a file by which a format is recognised.
 HEAD = 256
+#: Suffixes of point clouds alone.
+_CLOUDS = (".pcd",)
 
 _DEFAULTS = Job()
 
@@ -98,7 +100,7 @@ def find_reader(source: Source) -> Reader:
         names = " and ".join(one.name for one in fit)
         raise InputError(source.name, f"is claimed by the readers {names}", remedy="remove the package of one of them")
     broken = "".join(f"; {one.broken}" for one, _ in table if one.broken)
-    remedy = f"give {', '.join(one.about for one in readers)}{broken}"
+    remedy = SCAN if source.suffix in _CLOUDS else f"give {', '.join(one.about for one in readers)}{broken}"
     raise InputError(source.name, "is not a kind of file that camgen reads", remedy=remedy)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
@@ -16,16 +15,29 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.errors import JobError
-from camgen.model.job import Choice, Job, OperationTable, ProcessTable, Step, ToolRow, ToolTable
-from camgen.model.job_tables import FILES, ROWS, Setting, row_settings, settings, split_name, tables
+from camgen.model.job import (
+    PAGE_CLEARANCE,
+    SPEED_UNITS,
+    Choice,
+    Job,
+    OperationTable,
+    ProcessTable,
+    Step,
+    ToolRow,
+    ToolTable,
+)
+from camgen.model.job_tables import FILES, ROWS, Setting, has_speed, row_settings, settings, split_name, tables
 from camgen.model.limits import Limits, tell
 from camgen.model.plugins import OPERATIONS, entries
-from camgen.model.text import counted
+from camgen.model.text import counted, suggest
 from camgen.read.colors import BASIC, resolve_named
 from camgen.read.files import Files
 
 #: So much of a setting is told.
 _LONGEST = 100
+
+#: A number and its unit.
+_SPEED = re.compile(r"([0-9]{1,12}(?:\.[0-9]{0,12})?|\.[0-9]{1,12})\s*([a-z]+/[a-z]+)")
 
 #: Settings of [process] that no single operation has.
 _WHOLE_PROGRAM = ("acceleration", "turn", "max_feed")
@@ -162,9 +174,8 @@ def _unknown_table(name: str, origin: str, content: object) -> JobError:
     homes = [s.table for s in settings() if s.key == name]
     if homes and not isinstance(content, Mapping):
         return JobError(origin, f"{_quote(name)} stands outside its table", remedy=f"it belongs to [{homes[0]}]")
-    near = difflib.get_close_matches(str(name), (*tables(), *ROWS), 1, 0)[0]
-    nearest = f"[[{near}]]" if near in ROWS else f"[{near}]"
-    return JobError(origin, f"unknown table [{_clean(name)}]", remedy=f"nearest is {nearest}")
+    near = suggest(str(name), [*(f"[{one}]" for one in tables()), *(f"[[{one}]]" for one in ROWS)])
+    return JobError(origin, f"unknown table [{_clean(name)}]", remedy=near)
 
 
 def _assignment(text: str) -> tuple[str, str, object]:
@@ -176,8 +187,10 @@ def _assignment(text: str) -> tuple[str, str, object]:
         table = f"{table}.{place}"
     if not (equals and dot and table and key):
         names = [f"{s.table}.{s.key}" for s in settings()]
-        near = [n for n in names if n.endswith(f".{table}")] or difflib.get_close_matches(name, names, 1, 0)
-        raise JobError(origin, "is not table.key=value", remedy=f"nearest is {near[0]}")
+        homes = [one for one in names if one.endswith(f".{table}")]
+        raise JobError(
+            origin, "is not table.key=value", remedy=suggest(name, homes or names) if name else "write tool.diameter=5"
+        )
     if table not in tables() and table.partition(".")[0] not in ROWS:
         raise _unknown_table(table, origin, {})
     return table, key, _value(raw)
@@ -199,10 +212,14 @@ def _convert(tree: Tree, origins: Origins, source: str) -> Job:
             origin = origins.get((table, key), source)
             if table != "post" and key not in known:
                 raise _unknown_key(table, key, origin)
-            if not all(math.isfinite(number) for number in _floats(value)):
+            if isinstance(value, str) and has_speed(table.partition(".")[0], key):
+                keys[key] = _in_mm_s(value, key, _Where(table, origins, source))
+            if not all(math.isfinite(number) for number in _floats(keys[key])):
                 raise JobError(origin, f"{key} must be finite, not {_quote_short(value)}", _place(table))
     limits = _table(Limits, tree.get("limits", {}), _Where("limits", origins, source))
     _insist_on_numbers(tree, origins, source, limits.number)
+    if tree.get("page", {}).get("size"):
+        tree["process"] = {"clearance": PAGE_CLEARANCE} | tree.get("process", {})
     kinds = {name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", "operation", *ROWS)}
     made = {name: _table(kind, tree.get(name, {}), _Where(name, origins, source)) for name, kind in kinds.items()}
     operation = _operation(tree.get("operation", {}), _Where("operation", origins, source))
@@ -245,8 +262,19 @@ def _table(kind: type[Kind], keys: Mapping[str, object], where: _Where) -> Kind:
         if place is None:
             raise JobError(where.source, str(error)) from error
         key = place.group(1)
-        allowed = _settings_of(where.table)[key].allowed
-        raise where.fault(key, f"{key} must be {allowed}, not {_quote_short(keys[key])}") from error
+        allowed, value = _settings_of(where.table)[key].allowed, keys[key]
+        alone = allowed.startswith("a list of") and isinstance(value, (str, int, float))
+        remedy = f"write [{_quote_short(value)}]" if alone else ""
+        raise where.fault(key, f"{key} must be {allowed}, not {_quote_short(value)}", remedy) from error
+
+
+def _in_mm_s(value: str, key: str, where: _Where) -> float:
+    """A speed given as a text with its unit, in mm/s."""
+    found = _SPEED.fullmatch(value.strip())
+    if found is None or found[2] not in SPEED_UNITS:
+        what = f"{key} must be a number in mm/s or a text with its unit, not {_quote_short(value)}"
+        raise where.fault(key, what, f'write "1200 mm/min"; units: {", ".join(SPEED_UNITS)}')
+    return float(found[1]) * SPEED_UNITS[found[2]]
 
 
 def _operation(keys: Mapping[str, object], where: _Where) -> OperationTable:
@@ -343,8 +371,7 @@ def _insist_on_settings(job: Job, where: _Where) -> None:
 
 def _unknown_key(table: str, key: str, origin: str) -> JobError:
     elsewhere = [s.table for s in settings() if s.key == key]
-    near = difflib.get_close_matches(str(key), _settings_of(table), 1, 0)
-    remedy = f"it belongs to [{elsewhere[0]}]" if elsewhere else f"nearest is {near[0]}"
+    remedy = f"it belongs to [{elsewhere[0]}]" if elsewhere else suggest(str(key), _settings_of(table))
     return JobError(origin, f"unknown key {_quote(key)}", _place(table), remedy)
 
 

@@ -8,6 +8,8 @@ on. The order of the pieces decides only where a contour starts, which way it ru
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 from camgen.geometry.ragged import following, offsets, ramp, stretches
 from camgen.model.part import Contour, Note
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.text import short
+from camgen.model.text import counted, short
 from camgen.model.tolerance import NONZERO, OFF_GRID
 from camgen.read.pieces import (
     BoolArray,
@@ -31,6 +33,8 @@ from camgen.read.pieces import (
     tally,
     tidy,
 )
+
+Places = tuple[tuple[float, float], ...]
 
 # Chains of drawn pieces: which pieces follow each other, and how their ends are made to meet.
 
@@ -160,8 +164,7 @@ def contours(soup: Soup, tolerance: float, by_color: bool = False) -> tuple[tupl
     soup = _drop(soup, first_of_its_kind(soup), _TWICE, notes)
     count = int((~soup.closed).sum())
     if count:
-        limit = f"input.join = {short(tolerance, 6)} mm"
-        notes.append(Note("warning", f"open contours: {count}", f"their ends meet no free end within {limit}"))
+        notes.append(_open_note(soup, tolerance))
     points, bulges = frozen(soup.points), frozen(soup.bulges)
     spans = pairwise(soup.first.tolist())
     rows = zip(spans, soup.closed.tolist(), soup.layer.tolist(), soup.color.tolist(), strict=True)
@@ -170,6 +173,54 @@ def contours(soup: Soup, tolerance: float, by_color: bool = False) -> tuple[tupl
         for i, ((a, b), closed, layer, color) in enumerate(rows, start=1)
     )
     return made, tuple(notes)
+
+
+#: Of so many ends the gaps are looked for; the number of pairs grows with their square. So many are told.
+_MOST_ENDS, _TOLD = 4000, 3
+#: A gap may be meant to be closed where it is no longer than this share of the drawing.
+_MEANT = 0.1
+
+
+def tell_gaps(pieces: Sequence[FloatArray], tolerance: float) -> tuple[str, Places]:
+    """The gaps between the ends of open ``pieces`` (N, 2) that ``input.join`` would close, with their places and what
+    to set; "" for none.
+
+    tolerance: what was joined, mm. A gap is between two ends that have no nearer one, and no longer than a tenth of the
+    larger of their pieces: what is farther apart is taken as meant.
+    """
+    if 2 * len(pieces) > _MOST_ENDS:
+        return "", ()
+    ends = np.array([end for piece in pieces for end in (piece[0], piece[-1])])
+    meant = _MEANT * np.repeat([float(np.ptp(piece, axis=0).max()) for piece in pieces], 2)
+    apart = np.hypot(*np.moveaxis(ends[:, None] - ends[None, :], 2, 0))
+    np.fill_diagonal(apart, np.inf)
+    apart[apart <= tolerance] = np.inf
+    nearest = apart.argmin(axis=1)
+    gap = apart[np.arange(len(ends)), nearest]
+    mine = (nearest[nearest] == np.arange(len(ends))) & (np.arange(len(ends)) < nearest)
+    mine &= gap <= np.maximum(meant, meant[nearest])
+    found = np.flatnonzero(mine)[np.argsort(gap[mine], kind="stable")]
+    if not len(found):
+        return "", ()
+    middles = (ends[found] + ends[nearest[found]]) / 2
+    places = [
+        f"{short(gap[k], 3)} mm near x {short(x, 2)}, y {short(y, 2)}"
+        for k, (x, y) in zip(found, middles.tolist(), strict=True)
+    ]
+    more = f" and {counted(len(found) - _TOLD, 'other')}" if len(found) > _TOLD else ""
+    join = short(math.ceil(float(gap[found].max()) * 1000 + 1) / 1000, 3)
+    noun = "gap" if len(found) == 1 else "gaps"
+    told = (
+        f"{noun} of {', '.join(places[:_TOLD])}{more}: input.join = {join} closes {'it' if len(found) == 1 else 'them'}"
+    )
+    return told, tuple((x, y) for x, y in middles.tolist())
+
+
+def _open_note(soup: Soup, tolerance: float) -> Note:
+    rows = np.flatnonzero(~soup.closed).tolist()
+    told, places = tell_gaps([soup.points[soup.first[k] : soup.first[k + 1]] for k in rows], tolerance)
+    why = told or f"their ends meet no free end within input.join = {short(tolerance, 6)} mm"
+    return Note("warning", f"open contours: {len(rows)}", why, (), places)
 
 
 def _drop(soup: Soup, keep: BoolArray, told: Note, notes: list[Note]) -> Soup:

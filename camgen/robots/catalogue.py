@@ -12,7 +12,6 @@ with ``boxes`` in its frame as [x, y, z of the centre, half lengths]. Lengths mm
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from functools import cache
@@ -26,6 +25,7 @@ from msgspec import Struct
 from camgen.model.errors import JobError
 from camgen.model.job_tables import split_name
 from camgen.model.pose import FloatArray, Vec3, frozen, pose_from_values, translation
+from camgen.model.text import suggest
 from camgen.read.files import Files
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import recognise
@@ -84,8 +84,8 @@ def robot(name: str, files: Files | None = None) -> Robot:
         return read_urdf(*described, files or Files())
     known = _by_key()
     if _key(name) not in known:
-        near = difflib.get_close_matches(_key(name), known, 1, 0)[0]
-        raise JobError(f"robot {name}", "there is no such robot", remedy=f"nearest is {known[near].name}")
+        near = suggest(name, [one.name for one in known.values()])
+        raise JobError(f"robot {name}", "there is no such robot", remedy=f"{near}; camgen robots lists them")
     return _make(known[_key(name)])
 
 

@@ -75,7 +75,14 @@ def table(capsys: Captured) -> tuple[dict[str, list[str]], str]:
     said = capsys.readouterr()
     lines = said.out.splitlines()
     assert lines[0].split() == ["file", "status", "paths", "time", "notes"]
-    return {line.split()[0]: line.split()[1:] for line in lines[1:]}, said.err
+    end = lines.index("") if "" in lines else len(lines)
+    rows = {line.split()[0]: line.split()[1:] for line in lines[1:end]}
+    # A long reason stands below the table, with the name of its part.
+    for line in lines[end + 1 :]:
+        name, _, why = line.partition(": ")
+        assert rows[name][-1] == "below"
+        rows[name][-1:] = why.split()
+    return rows, said.err
 
 
 def error_of(capsys: Captured) -> str:
@@ -222,7 +229,7 @@ def test_folders_from_the_first_wildcard_on_are_kept(here: Path, capsys: Capture
         (["parts"], "parts: is a folder; "),
         (["parts/*.dxf", "--jobs", "0"], "--jobs: must be 1 or more, not 0"),
         (["parts/*.dxf", "--timeout", "nan"], "--timeout: must be 0 or more seconds, not nan"),
-        (["parts/*.dxf", "--set", "tool.x=1"], '--set tool.x=1: unknown key "x" ([tool]); nearest is '),
+        (["parts/*.dxf", "--set", "tool.x=1"], '--set tool.x=1: unknown key "x" ([tool]); one of name, '),
         (["parts/*.dxf", "--job", "no.toml"], "no.toml: cannot be read: "),
         (["parts/*.dxf", "-o", "parts/a.dxf"], "parts/a.dxf: is not a folder; "),
         (["parts/*.dxf", "--dask", "tcp://x:1", "--jobs", "2"], "--dask: the cluster decides "),

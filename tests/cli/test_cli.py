@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -213,7 +214,6 @@ REFUSED = {
         2, "none/a.ngc: its folder does not exist (none); make the folder first"),
     "plate.dxf --post gcode --plan folder": (2, "folder: is a folder; give a file name"),
     "plate.dxf --post gcode -o /dev/null": (2, "/dev/null: is not a regular file; give a file name"),
-    "plate.dxf --post gcode -o -": (2, "-: is not a file name; give a file or an existing folder"),
     "plate.dxf --post gcode -o /proc/a.ngc": (2, "/proc/a.ngc: cannot be written: No such file or directory"),
     "plate.dxf plate.dxf --post gcode": (2, "plate.dxf: is given twice; name every input once"),
 }  # fmt: skip
@@ -274,7 +274,7 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
     ("words", "said"),
     [
         (
-            [],
+            ["-q"],
             "command line: no command is given; "
             "give one of build, batch, inspect, init, verify, calibrate, capture, "
             "markers, localize, place, robots, posts, schema, completion",
@@ -302,6 +302,39 @@ def test_help_and_version(capsys: Captured) -> None:
     for command in ("build", "inspect", "init", "verify", "posts"):
         assert re.search(rf"^    {command} ", out, re.MULTILINE)
         assert main([command, "--help"]) == 0
+
+
+def test_no_words_at_all_are_a_question(capsys: Captured) -> None:
+    assert main([]) == 0
+    out = capsys.readouterr().out
+    assert out.count("  camgen ") == 3
+    assert "docs/first-program.md" in out
+
+
+@pytest.mark.usefixtures("here")
+def test_a_program_on_standard_output_is_the_one_of_a_file(capsys: Captured) -> None:
+    assert main(["build", "plate.dxf", "--post", "gcode", "-o", "x.ngc", "-q"]) == 0
+    capsys.readouterr()
+    assert main(["build", "plate.dxf", "--post", "gcode", "-o", "-"]) == 0
+    assert capsys.readouterr().out == Path("x.ngc").read_text().replace("(program x)", "(program plate)")
+    assert not Path("plate.ngc").exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_what_is_found_can_be_had_as_data(capsys: Captured) -> None:
+    def data(*words: str) -> Any:
+        assert main([*words, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    assert data("inspect", "plate.dxf")["facts"]["units"] == "mm"
+    assert {post["name"] for post in data("posts")} >= {"gcode", "grbl", "pacscript", "rapid", "vplus"}
+    assert "IRB 2400" in [robot["name"] for robot in data("robots")]
+    assert data("robots", "IRB 2400")["joints"][0]["limits"] == [-180.0, 180.0]
+    assert main(["build", "plate.dxf", "--post", "gcode", "-q"]) == 0
+    assert data("verify", "plate.ngc", "--post", "gcode")["faults"] == []
+    Path("bad.ngc").write_text(Path("plate.ngc").read_text().replace("M2", "M2 G5 X1"))
+    assert main(["verify", "bad.ngc", "--post", "gcode", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["faults"][0]["place"].startswith("bad.ngc line ")
 
 
 def test_help_loads_nothing_heavy() -> None:

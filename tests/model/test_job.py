@@ -81,7 +81,7 @@ BAD_FILES = {
     "[process]\nfeed = inf": "feed must be finite, not Infinity ([process])",
     "[cell]\nhome = [0, -inf]": "home must be finite, not [0, -Infinity] ([cell])",
     "[cell]\nhome = [0, 'a']": 'home must be a list of numbers, not [0, "a"] ([cell])',
-    "[input]\nlayers = 'A'": 'layers must be a list of texts, not "A" ([input])',
+    "[input]\nlayers = 'A'": 'layers must be a list of texts, not "A" ([input]); write ["A"]',
     "[operation]\npasses = 1.5": "passes must be a whole number >= 1, not 1.5 ([operation])",
     "[tool]\norient = 'folow'": 'orient must be one of "fixed", "follow", not "folow" ([tool])',
     "[operation]\ninside_first = 1": "inside_first must be true or false, not 1 ([operation])",
@@ -159,14 +159,30 @@ def test_a_set_value_is_toml_or_else_text(raw: str, value: object) -> None:
         ("tool.diameter", "is not table.key=value; nearest is tool.diameter"),
         ("tol.x=1", "unknown table [tol]; nearest is [tool]"),
         ("tool.diametr=5", 'unknown key "diametr" ([tool]); nearest is diameter'),
+        ("process.feed=1200 rpm", 'feed must be a number in mm/s or a text with its unit, not "1200 rpm"'),
+        ("process.feed=nan mm/min", 'feed must be a number in mm/s or a text with its unit, not "nan mm/min"'),
+        ("process.feed=0 mm/min", "feed must be a number > 0"),
+        ("process.feed=99999999999 m/min", "feed cannot be beyond "),
         ("tool.diameter=6mm", 'diameter must be a number > 0, not "6mm" ([tool])'),
-        ("", "is not table.key=value; nearest is"),
+        ("", "is not table.key=value; write tool.diameter=5"),
     ],
 )
 def test_a_wrong_set_is_named(text: str, what: str) -> None:
     with pytest.raises(JobError) as error:
         load(None, [text])
     assert message(error).startswith(f"--set {text}: {what}")
+
+
+@pytest.mark.parametrize(
+    ("text", "mm_s"),
+    [("1200 mm/min", 20.0), ("1.5m/min", 25.0), ("60 in/min", 25.4), ("2 in/s", 50.8), ("15 mm/s", 15.0)],
+)
+def test_a_speed_may_have_its_unit(text: str, mm_s: float, tmp_path: Path) -> None:
+    assert load(None, [f"process.feed={text}"]).process.feed == pytest.approx(mm_s, rel=1e-12)
+    file = tmp_path / "a.toml"
+    file.write_text(f'[[tools]]\nname = "a"\nfeed = "{text}"\n[[operations]]\ntool = "a"\ntravel = "{text}"\n')
+    process = load(file).operations[0].process
+    assert (process.feed, process.travel) == pytest.approx((mm_s, mm_s), rel=1e-12)
 
 
 def test_a_wrong_set_is_named_even_beside_a_job_file(tmp_path: Path) -> None:

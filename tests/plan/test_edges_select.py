@@ -47,8 +47,8 @@ def test_the_bottom_is_what_lies_on_the_lowest_plane_not_what_touches_it() -> No
 @pytest.mark.parametrize(
     ("word", "said"),
     [
-        ("convx", 'input.select: "convx" is neither an id nor one of all, convex, bottom, not; nearest is "convex"'),
-        ("E3", 'input.select: "E3" is neither an id nor one of all, convex, bottom, not; nearest is "e3"'),
+        ("convx", 'input.select: "convx" is neither an id nor one of all, convex, bottom, not; nearest is convex'),
+        ("E3", 'input.select: "E3" is neither an id nor one of all, convex, bottom, not; nearest is e3'),
         ("e22", "input.select: rfa1.stl has no edge e22; its edges are e1 to e21"),
         ("e0", 'input.select: "e0" is neither'),
         ("e3-e22", "input.select: rfa1.stl has no edge e22"),

@@ -116,6 +116,27 @@ def test_two_arcs_stay_as_they_are_with_a_short_line_between() -> None:
 def test_wider_gaps_stay_open() -> None:
     made, notes = joined([line((0, 0), (10, 0)), line((10, 0.06), (10, 10))])
     assert [c.closed for c in made] == [False, False]
+    assert notes == ["warning: open contours: 2 (gap of 0.06 mm near x 10, y 0.03: input.join = 0.061 closes it)"]
+
+
+def test_each_gap_of_an_outline_is_told_with_what_closes_all() -> None:
+    """Two pieces of a rectangle with gaps of 0.1 and 0.2 mm between them, and a line far from both."""
+    pieces = [
+        ([(0.0, 0.0), (100.0, 0.0), (100.0, 50.0)], [0.0] * 3, False, "0"),
+        ([(100.0, 50.1), (0.0, 50.1), (0.0, 0.2)], [0.0] * 3, False, "0"),
+        line((150, 20), (150, 30)),
+    ]
+    _, notes = joined(pieces)
+    assert notes == [
+        "warning: open contours: 3 (gaps of 0.1 mm near x 100, y 50.05, 0.2 mm near x 0, y 0.1: "
+        "input.join = 0.201 closes them)"
+    ]
+    made, _ = joined(pieces, 0.201)
+    assert [contour.closed for contour in made] == [True, False]
+
+
+def test_ends_that_are_far_apart_are_taken_as_meant() -> None:
+    _, notes = joined([line((0, 0), (10, 0)), line((20, 20), (30, 0))])
     assert notes == ["warning: open contours: 2 (their ends meet no free end within input.join = 0.05 mm)"]
 
 

@@ -50,7 +50,7 @@ def test_a_robot_is_found_however_its_name_is_spelled(name: str) -> None:
 
 
 def test_the_nearest_robot_is_named() -> None:
-    with pytest.raises(JobError, match=r"^robot irb 2401: there is no such robot; nearest is IRB 2400$"):
+    with pytest.raises(JobError, match=r"^robot irb 2401: there is no such robot; nearest is IRB 2400; "):
         robot("irb 2401")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Sequence
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from camgen.model.errors import JobError
 from camgen.model.part import Edge, Solid
+from camgen.model.text import suggest
 
 #: mm above the lowest point: single precision and rounding in the file.
 _LEVEL = 1e-3
@@ -60,9 +60,8 @@ def _number(known: dict[str, Edge], solid: Solid, name: str, word: str) -> int:
     if _ID.fullmatch(name) and known:
         remedy = f"its edges are e1 to e{len(known)}"
         raise JobError("input.select", f"{solid.source} has no edge {name}", remedy=remedy)
-    near = difflib.get_close_matches(word.casefold(), ["all", "convex", "bottom", "not", *known], 1, 0)[0]
     what = f'"{word}" is neither an id nor one of all, convex, bottom, not'
-    raise JobError("input.select", what, remedy=f'nearest is "{near}"')
+    raise JobError("input.select", what, remedy=suggest(word, ["all", "convex", "bottom", "not", *known]))
 
 
 def _bottom(solid: Solid) -> set[str]:

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 from msgspec import Struct, field
 
 from camgen.model.errors import JobError
-from camgen.model.text import harmless
+from camgen.model.text import harmless, suggest
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 
+_LISTS = "camgen inspect lists them"
 OFF, FROZEN, NOT_ASKED = "the layer is off", "the layer is frozen", "left out by input.layers"
 
 
 class Layers(Struct):
-    """States by folded name (CAD ignores case), and the verdicts reached so far. ``met`` grows while reading."""
+    """States and names by folded name (CAD ignores case), the globs as written, and the verdicts reached so far."""
 
     names: dict[str, str]
     states: dict[str, str]
@@ -39,17 +40,18 @@ class Layers(Struct):
         return verdict
 
     def _asked(self, folded: str) -> bool:
-        wanted = [g for g in self.globs if not g.startswith("!")] or ["*"]
-        unwanted = [g[1:] for g in self.globs if g.startswith("!")]
+        globs = [glob.casefold() for glob in self.globs]
+        wanted = [g for g in globs if not g.startswith("!")] or ["*"]
+        unwanted = [g[1:] for g in globs if g.startswith("!")]
         return any(fnmatchcase(folded, g) for g in wanted) and not any(fnmatchcase(folded, g) for g in unwanted)
 
     def check(self, file: str) -> None:
         """``JobError`` for a glob that fits no layer: a slip of the pen would machine too much or too little."""
         for glob in self.globs:
             pattern = glob.removeprefix("!")
-            if pattern != "*" and not any(fnmatchcase(name, pattern) for name in self.names):
-                there = ", ".join(harmless(n) for n in sorted(self.names.values())[:20])
-                raise JobError(file, f"no layer fits {harmless(glob)!r}", "input.layers", f"there are {there}")
+            if pattern != "*" and not any(fnmatchcase(name, pattern.casefold()) for name in self.names):
+                near = suggest(harmless(pattern), [harmless(name) for name in sorted(self.names.values())])
+                raise JobError(file, f"no layer fits {harmless(glob)!r}", "input.layers", f"{near}; {_LISTS}")
 
 
 def layers_of(document: Drawing, globs: Iterable[str]) -> Layers:
@@ -62,4 +64,4 @@ def layers_of(document: Drawing, globs: Iterable[str]) -> Layers:
             states[name.casefold()] = FROZEN
         elif layer.is_off():
             states[name.casefold()] = OFF
-    return Layers(names, states, tuple(g.strip().casefold() for g in globs))
+    return Layers(names, states, tuple(glob.strip() for glob in globs))

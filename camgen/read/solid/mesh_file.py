@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.model.errors import InputError, one_line
-from camgen.model.files import Source
+from camgen.model.files import SCAN, Source
 from camgen.model.limits import tell
 from camgen.model.part import IntArray, Note
 from camgen.model.pose import FloatArray
@@ -71,9 +71,8 @@ def load(source: Source) -> MeshSoup:
         _insist_on_accessors(name, data, source.limits.accessor)
     vertices, faces, unit = _parse(name, data, kind) if kind != ".stl" or _is_text(data) else _read_triangles(data)
     if not len(faces):
-        raise InputError(
-            name, "has no faces", "" if not len(vertices) else f"{counted(len(vertices), 'point')} only", _SAVE_AGAIN
-        )
+        only = f"{counted(len(vertices), 'point')} only" if len(vertices) else ""
+        raise InputError(name, "has no faces", only, f"{_SAVE_AGAIN}; {SCAN}" if kind == ".ply" else _SAVE_AGAIN)
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(name, "a face names a vertex that is not there", "", _SAVE_AGAIN)
     wrong = np.flatnonzero(~(np.abs(vertices[faces]) < source.limits.mesh_place).all(axis=(1, 2)))

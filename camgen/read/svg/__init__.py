@@ -218,7 +218,7 @@ def _read(source: Source, job: Job) -> _Read:
     settings = job.input
     root = _parse(source)
     page = page_of(source.name, root.attrib, settings.units, source.limits)
-    layers = Layers({}, {}, tuple(g.strip().casefold() for g in settings.layers))
+    layers = Layers({}, {}, tuple(glob.strip() for glob in settings.layers))
     # Damaged files hold infinities; what comes of them is found and told.
     with np.errstate(all="ignore"):
         drawn = walk(source.name, root, page.matrix, page.view, layers, source.limits)
