@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+import camgen
 from camgen.cli import main
 from camgen.geometry.segments import flatten, from_contours
 from camgen.model.errors import InputError, JobError
@@ -389,3 +390,18 @@ def test_lines_of_what_is_not_traced_are_refused(tmp_path: Path, kind: str) -> N
     job = from_mapping({"operation": {"kind": kind}, "image": {"mm_per_px": 1.0, "lines": "centre"}})
     with pytest.raises(JobError, match="lines: has no effect"):
         read(written(tmp_path, picture), job)
+
+
+def test_grey_borders_are_left_by_a_third_of_a_pixel_those_of_two_values_by_one(tmp_path: Path) -> None:
+    y, x = np.mgrid[:200, :200]
+    grey = np.clip(np.hypot(x - 99.5, y - 99.5) - 60 + 0.5, 0, 1) * 255
+    found = {}
+    for name, picture in (("grey", grey), ("two", np.where(grey < 128, 0, 255))):
+        file = tmp_path / f"{name}.png"
+        cv2.imwrite(str(file), picture.astype(np.uint8))
+        made = camgen.build(file, post="gcode", job={"page": {"size": [120.0, 120.0], "margin": 0.0}})
+        (told,) = [note for note in made.notes if "thinned out" in note.what]
+        found[name] = float(told.why.split("= ")[1].split(" ")[0]) / (120 / 121)
+    # The disc is 120 px wide and fills the page.
+    assert found["grey"] == pytest.approx(1 / 3, rel=0.02)
+    assert found["two"] == pytest.approx(1.0, rel=0.02)
