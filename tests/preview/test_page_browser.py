@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -60,6 +61,68 @@ def test_a_page_shows_a_picture_without_errors_and_without_a_network(opened: Any
     assert [url for url in one.asked if not url.startswith(("data:", "blob:"))] == [one.page.url]
 
 
+#: Tells, in the turn in which the canvas gets a new size and after the page has seen it, whether anything is drawn.
+LOOK = """() => {
+  window.seen = [];
+  const drawn = () => {
+    const gl = camgen.renderer.getContext();
+    const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
+    const pixels = new Uint8Array(4 * w * h);
+    gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    const words = new Uint32Array(pixels.buffer);
+    return words.reduce((sum, one) => sum + (one !== words[0]), 0) / words.length;
+  };
+  const canvas = document.getElementById("canvas");
+  new ResizeObserver(() => window.seen.push([canvas.clientWidth, drawn()])).observe(canvas);
+}"""
+
+
+@pytest.mark.parametrize("name", ["flat", "solid"])
+def test_a_canvas_of_another_size_is_painted_before_it_is_shown(opened: Any, name: str) -> None:
+    one = opened(name)
+    one.run(LOOK)
+    for wide, high in ((1400, 900), (900, 700), (1300, 640)):
+        one.page.set_viewport_size({"width": wide, "height": high})
+        one.page.wait_for_function(
+            "() => window.seen.length && window.seen.at(-1)[0] === document.getElementById('canvas').clientWidth"
+        )
+    looks = one.run("window.seen")
+    # The first look is at the canvas as it was: painted a frame ago, what is in its buffer may be gone.
+    assert len(looks) > 2
+    assert min(share for _, share in looks[1:]) > 0.005
+
+
+@pytest.mark.parametrize("name", ["flat", "solid"])
+def test_no_picture_is_empty_at_once_after_load_or_while_the_window_changes(
+    browser: Driven, files: dict[str, Path], name: str
+) -> None:
+    context = browser.new_context(viewport=SIZE)
+    tab = context.new_page()
+    tab.goto(files[name].as_uri())
+    pictures = [tab.screenshot()]
+    for wide, high in ((1400, 900), (1000, 700), (1300, 640)):
+        tab.set_viewport_size({"width": wide, "height": high})
+        pictures.append(tab.screenshot())
+    context.close()
+    for raw in pictures:
+        shown = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR).astype(int)
+        # Not counting the list and what lies over the picture.
+        inner = shown[150:-200, 500:-120]
+        assert (np.abs(inner - inner[0, 0]).max(axis=2) > 24).mean() > 0.01
+
+
+def test_the_picture_stays_where_it_was_moved_to_when_the_window_changes(opened: Any) -> None:
+    one = opened("flat")
+    one.page.mouse.move(700, 400)
+    one.page.mouse.wheel(0, -240)
+    one.page.wait_for_function("() => camgen.look.own")
+    before = one.run("[camgen.look.target.x, camgen.look.target.y, camgen.look.height / canvas.clientHeight]")
+    one.page.set_viewport_size({"width": 1000, "height": 600})
+    one.page.wait_for_function("() => camgen.renderer.domElement.width < 700")
+    after = one.run("[camgen.look.target.x, camgen.look.target.y, camgen.look.height / canvas.clientHeight]")
+    assert after == pytest.approx(before)
+
+
 def test_the_paths_have_the_colours_of_their_order(opened: Any) -> None:
     one = opened("flat")
     one.run("camgen.setScreen()")
@@ -101,6 +164,14 @@ def test_the_list_names_and_highlights_a_path(opened: Any) -> None:
     marked = [(np.abs(p.astype(int) - (0, 149, 255)).max(axis=2) < 12).sum() for p in (before, one.picture())]
     assert marked[0] == 0
     assert marked[1] > 500
+
+
+def test_a_double_click_in_the_list_goes_to_where_the_path_begins(opened: Any) -> None:
+    one = opened("flat")
+    one.page.locator("#rows .row").nth(2).dblclick()
+    begins = one.run("camgen.track.time[camgen.track.event.findIndex((e) => camgen.track.path[e] === 2) - 1]")
+    assert one.run("camgen.player.time") == pytest.approx(begins) != 0
+    assert one.run("camgen.chosen.path") == 2
 
 
 def test_a_click_on_a_path_names_its_row(opened: Any) -> None:

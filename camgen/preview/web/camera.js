@@ -1,7 +1,8 @@
 // One camera without perspective, so that lengths compare; turned, moved and zoomed by mouse, touch and keys.
 const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, 0, 1);
 camera.up.set(0, 0, 1);
-const look = { target: new THREE.Vector3(), turn: -0.9, tilt: 0.6, height: 1, whole: false, begun: false };
+// whole: with the robot. begun: as the page began. own: moved or zoomed by hand, which a new size of the window leaves.
+const look = { target: new THREE.Vector3(), turn: -0.9, tilt: 0.6, height: 1, whole: false, begun: false, own: false };
 const canvas = $("canvas");
 let renderer = null;
 let stale = true;
@@ -58,7 +59,7 @@ const rightOf = () => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld
 const upOf = () => new THREE.Vector3().setFromMatrixColumn(camera.matrixWorld, 1);
 
 function fit(whole = look.whole) {
-  [look.whole, look.begun] = [whole, false];
+  [look.whole, look.begun, look.own] = [whole, false, false];
   const found = corners(whole);
   aim();
   const spans = [rightOf(), upOf()].map((axis) => {
@@ -113,12 +114,14 @@ function zoom(factor, x, y) {
   const kept = 1 - height / look.height;
   look.target.addScaledVector(rightOf(), dx * kept).addScaledVector(upOf(), dy * kept);
   look.height = height;
+  look.own = true;
   aim();
 }
 
 function shift(dx, dy) {
   const per = look.height / canvas.clientHeight;
   look.target.addScaledVector(rightOf(), -dx * per).addScaledVector(upOf(), dy * per);
+  look.own = true;
   aim();
 }
 

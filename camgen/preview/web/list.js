@@ -16,7 +16,7 @@ function cells(row, texts) {
   row.classList.toggle("several", several);
 }
 
-function rowOf(k, top) {
+function rowOf(k) {
   const path = data.paths[k];
   const row = make("div", "", "row");
   const passes = path.passes > 1 ? ` x${path.passes}` : "";
@@ -25,20 +25,42 @@ function rowOf(k, top) {
   dot.style.background = rgb(rampColour(SCALES.order.high ? k / SCALES.order.high : 0));
   row.firstChild.className = "k";
   row.firstChild.append(dot, String(k + 1));
-  row.style.top = `${top}px`;
   row.dataset.path = k;
-  row.classList.toggle("picked", k === chosen.path);
-  row.classList.toggle("now", k === chosen.now);
   return row;
 }
+
+// The rows that are seen, by path. A row stays the same element while it is seen: a double click needs both clicks on it.
+const seenRows = new Map();
 
 function fillList() {
   const list = $("list");
   const height = rowHeight();
   const first = Math.max(Math.floor(list.scrollTop / height) - 4, 0);
-  const last = Math.min(first + Math.ceil(list.clientHeight / height) + 8, listed.length);
+  const wanted = listed.slice(first, first + Math.ceil(list.clientHeight / height) + 8);
   $("rows").style.height = `${listed.length * height}px`;
-  $("rows").replaceChildren(...listed.slice(first, last).map((k, i) => rowOf(k, (first + i) * height)));
+  const kept = new Set(wanted);
+  for (const [k, row] of seenRows) {
+    if (kept.has(k)) continue;
+    row.remove();
+    seenRows.delete(k);
+  }
+  wanted.forEach((k, i) => {
+    if (!seenRows.has(k)) {
+      seenRows.set(k, rowOf(k));
+      $("rows").append(seenRows.get(k));
+    }
+    const row = seenRows.get(k);
+    row.style.top = `${(first + i) * height}px`;
+    row.classList.toggle("picked", k === chosen.path);
+    row.classList.toggle("now", k === chosen.now);
+  });
+}
+
+// All rows anew, in other colours.
+function refillList() {
+  for (const row of seenRows.values()) row.remove();
+  seenRows.clear();
+  fillList();
 }
 
 function scrollTo(k) {
@@ -105,7 +127,8 @@ function setList() {
   $("list").addEventListener("scroll", fillList);
   $("rows").addEventListener("click", (event) => {
     const row = event.target.closest(".row");
-    if (row) choose(Number(row.dataset.path) === chosen.path ? -1 : Number(row.dataset.path), false);
+    // The second click of two is not one to let go of the path.
+    if (row && event.detail < 2) choose(Number(row.dataset.path) === chosen.path ? -1 : Number(row.dataset.path), false);
   });
   $("rows").addEventListener("dblclick", (event) => {
     const row = event.target.closest(".row");

@@ -180,7 +180,7 @@ function theme() {
   themedArm();
   if (renderer) renderer.setClearColor(css("scene"));
   legend(colouring);
-  fillList();
+  refillList();
   redraw();
 }
 
@@ -254,12 +254,19 @@ player.to(cutting.stock ? total : 0);
 begin();
 dark.addEventListener("change", theme);
 let fitted = [canvas.clientWidth, canvas.clientHeight];
+// A canvas of another size is empty: it is painted in the same turn, before the browser shows it.
 new ResizeObserver(() => {
-  if (fitted[0] === canvas.clientWidth && fitted[1] === canvas.clientHeight) return;
+  const [wide, high] = fitted;
+  if (wide === canvas.clientWidth && high === canvas.clientHeight) return;
   fitted = [canvas.clientWidth, canvas.clientHeight];
   resize();
-  (look.begun ? begin : fit)();
+  if (look.own) {
+    if (high) look.height *= canvas.clientHeight / high;
+    aim();
+  } else (look.begun ? begin : fit)();
+  paint();
 }).observe(canvas);
+paint();
 requestAnimationFrame(frame);
 // For whoever drives the page from outside, as tests do.
 window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup, cutting };
