@@ -17,7 +17,7 @@ from msgspec import Struct
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
-from camgen.build.programs import Checked, Posted, check_programs, post_programs
+from camgen.build.programs import Checked, Posted, check_programs, lines_of, post_programs
 from camgen.build.refusals import tell_by_input
 from camgen.build.stock import OperationSum, prove_stock, report_operations, sum_operations
 from camgen.check.report import Cycle, Motions, clearance_of, sum_up
@@ -29,7 +29,7 @@ from camgen.model.cell import Cell, Dynamics
 from camgen.model.drawing import draw_svg
 from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
-from camgen.model.part import Note, Part, sort_notes
+from camgen.model.part import IntArray, Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.program import MoveJ, Program
@@ -64,10 +64,11 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     part: what was read, as it was planned. cell: with the robot and the fixtures. tour: the paths in order, with their
     leads; planned: before that. program: as the text says it, arcs already replaced where the controller has none.
     files: the text with LF line ends. counts: how many of them each program has, in the order in which they are run:
-    one program, or one a tool for controllers that change none; ``program`` is then all of them. deviation: of the text
-    read back. motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot found, None
-    where there is none. coverage: of a fill. where: what it was tested against. proof: what the text does to the
-    material, where it is cut.
+    one program, or one a tool for controllers that change none; ``program`` is then all of them. lines: of each
+    instruction of ``program``, the line that says it, counted from 1 through all files, 0 where none does. deviation:
+    of the text read back. motions: the sums of the program. cycle: its time. reach, clear: what the check with a robot
+    found, None where there is none. coverage: of a fill. where: what it was tested against. proof: what the text does
+    to the material, where it is cut.
     """
 
     part: Part
@@ -78,6 +79,7 @@ class Result(Struct, frozen=True, eq=False, dict=True):
     notes: tuple[Note, ...]
     program: Program
     files: tuple[OutputFile, ...]
+    lines: IntArray
     deviation: Deviation
     motions: Motions
     cycle: Cycle
@@ -218,6 +220,7 @@ def _sum_up(
         program=checks.program,
         files=posted.files,
         counts=posted.counts,
+        lines=lines_of(checked, posted),
         deviation=posted.deviation,
         motions=sum_up(checks.program.columns),
         cycle=cycle(checks.program, dynamics_of(post, job), checks.reach, cell.arm),

@@ -13,8 +13,9 @@ from msgspec.structs import replace
 from camgen.check import Checks, check
 from camgen.lower.steps import split_tools
 from camgen.model.job import Job, ToolTable
+from camgen.model.part import IntArray
 from camgen.model.path import Tour
-from camgen.model.program import Instruction, Program, ToolChange, put_off_first
+from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
 from camgen.order import JobTour
 from camgen.post import OutputFile, Post, Readback, Reading
 from camgen.post.verify import Deviation, compare
@@ -111,6 +112,24 @@ def _join_reach(program: Program, found: Sequence[Reach], begins: Sequence[int])
     joints = np.concatenate([one.joints for one in found])
     owner = np.concatenate([one.owner + begin for one, begin in zip(found, begins, strict=True)])
     return replace(found[0], joints=joints, owner=owner, program=program)
+
+
+def lines_of(checked: Checked, posted: Posted) -> IntArray:
+    """(N,) of the instructions of the whole program: the line that each was read from, counted from 1 through all
+    files; 0 for comments, and for tool changes between programs.
+    """
+    body, several = checked.whole.program.body, len(checked.programs) > 1
+    lines = np.zeros(len(body), dtype=np.int64)
+    at = len(body) - sum(len(program.body) + several for _, program in checked.programs)
+    first = above = 0
+    for count, reading, (_, program) in zip(posted.counts, posted.readings, checked.programs, strict=True):
+        at += several
+        # What was read back is the program, one by one, but for its comments: the comparison has shown that.
+        lines[at + np.flatnonzero(~program.columns.are(Comment))] = above + np.array(reading.lines, dtype=np.int64)
+        at += len(program.body)
+        above += sum(file.text.count("\n") for file in posted.files[first : first + count])
+        first += count
+    return lines
 
 
 def post_programs(checked: Checked, read: Readback, options: dict[str, object]) -> Posted:

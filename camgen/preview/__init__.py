@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from camgen.model.job import Job
-from camgen.model.part import Note, Part
+from camgen.model.part import IntArray, Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.program import Program
-from camgen.post import Post
+from camgen.post import OutputFile, Post
 from camgen.robots.workcell import Workcell
 
 if TYPE_CHECKING:
@@ -39,6 +39,10 @@ class Built(Protocol):
     def notes(self) -> tuple[Note, ...]: ...  # noqa: D102
     @property
     def program(self) -> Program: ...  # noqa: D102
+    @property
+    def files(self) -> tuple[OutputFile, ...]: ...  # noqa: D102
+    @property
+    def lines(self) -> IntArray: ...  # noqa: D102
     @property
     def deviation(self) -> Deviation: ...  # noqa: D102
     @property

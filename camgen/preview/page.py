@@ -24,14 +24,19 @@ from camgen.robots.models import Link
 _LIBRARY = "three.min.js"
 _SCRIPTS = (
     "data.js",
+    "theme.js",
+    "tabs.js",
     "lines.js",
     "scene.js",
     "arm.js",
     "camera.js",
     "list.js",
     "pick.js",
+    "notes.js",
     "numbers.js",
+    "listing.js",
     "player.js",
+    "host.js",
     "viewer.js",
 )
 #: What plays the cut, before the last one, only in pages that need it.
@@ -95,7 +100,23 @@ def _plain(view: View) -> dict[str, object]:
         "paths": view.rows,
         **_cut(view, origin),
         "numbers": _numbers(view, origin),
-        "skipped": [[note.what, note.why] for note in view.skipped],
+        "notes": [
+            [
+                note.kind,
+                note.what,
+                note.why,
+                note.strict,
+                note.lines,
+                note.paths,
+                (np.array(note.places).reshape(-1, 3) - origin).tolist(),
+            ]
+            for note in view.notes
+        ],
+        "listing": {
+            "files": view.listing.files,
+            "lines": _pack(view.listing.lines, np.uint32),
+            "why": one_line(view.listing.why),
+        },
         "track": {
             "position": _pack(way.position - origin),
             "axis": _pack(way.axis),

@@ -16,6 +16,8 @@ from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.text import short
 from camgen.preview import Built
 from camgen.preview.curves import SpaceChains, of_contours, of_spans
+from camgen.preview.listing import Listing, list_program
+from camgen.preview.notes import ViewNote, see_notes
 from camgen.preview.stock import (
     Cutter,
     Cutters,
@@ -139,9 +141,9 @@ class View(Struct, frozen=True, eq=False):
     solid: triangles, None where there are none. flat: all of the part lies in the work plane. arm: the robot, None
     where none is known. base_from_work, flange_from_tool: of the program. diameter: of the tool, mm. bodies: tool and
     holder, boxes at the flange. standing: table and fixtures, boxes in the work frame. meshes: fixtures that are
-    meshes. skipped: what was left out. tools: of the program, in the order of their use. tool_of: (E,) the one of each
-    of the events. stock: what is cut, None where no material is taken away from above. marks: what a proof on the
-    stock found, drawn over it.
+    meshes. notes: all of the build, in their order. listing: the program's text. tools: of the program, in the order of
+    their use. tool_of: (E,) the one of each of the events. stock: what is cut, None where no material is taken away
+    from above. marks: what a proof on the stock found, drawn over it.
     """
 
     title: str
@@ -159,23 +161,29 @@ class View(Struct, frozen=True, eq=False):
     bodies: tuple[Link, ...]
     standing: tuple[Link, ...]
     meshes: tuple[tuple[str, Solid], ...]
-    skipped: tuple[Note, ...]
+    notes: tuple[ViewNote, ...]
+    listing: Listing
     tools: tuple[Cutter, ...]
     tool_of: IntArray
     stock: Stock | None
     marks: tuple[Mark, ...] = ()
 
+    @property
+    def skipped(self) -> tuple[ViewNote, ...]:
+        """What was left out."""
+        return tuple(note for note in self.notes if note.kind == "skipped")
+
 
 def view(result: Built) -> View:
     """What the preview of ``result`` shows."""
     part, program = result.part, result.program
-    skipped = tuple(note for note in result.notes if note.kind == "skipped")
     sag = _sag(result)
     way, arm = track(result, sag)
     lines, chains = _lines(result, sag)
     beside = around(result)
     found = cutters_of(result)
     stock = stock_of(result, found)
+    rows = _rows(result, found)
     return View(
         title=clean(f"{part.source}, {result.post.name}"),
         facts=(*_facts(result, float(way.time[-1])), *_tell_cut(found, stock)),
@@ -183,7 +191,7 @@ def view(result: Built) -> View:
         chains=chains,
         solid=part.solid,
         flat=part.solid is None and not part.curves,
-        rows=_rows(result, found),
+        rows=rows,
         track=way,
         arm=arm,
         base_from_work=program.base_from_work,
@@ -193,7 +201,8 @@ def view(result: Built) -> View:
         bodies=tuple(one for one in beside.bodies if one.name != "tool" or len(found.tools) == 1),
         standing=beside.standing,
         meshes=beside.meshes,
-        skipped=tuple(Note(note.kind, clean(note.what), clean(note.why)) for note in skipped),
+        notes=see_notes(result.notes, lines, [row.id for row in rows]),
+        listing=list_program(result, way.events.instruction),
         tools=found.tools,
         tool_of=tools_of_events(result, found, way.events.instruction, way.events.path),
         stock=stock,

@@ -70,8 +70,7 @@ const RAMPS = {
   light: [[31, 98, 220], [150, 50, 190], [226, 88, 30]],
   dark: [[96, 165, 255], [205, 120, 245], [255, 150, 80]],
 };
-const dark = matchMedia("(prefers-color-scheme: dark)");
-const ramp = () => RAMPS[dark.matches ? "dark" : "light"];
+const ramp = () => RAMPS[isDark() ? "dark" : "light"];
 
 function rampColour(place) {
   const stops = ramp();

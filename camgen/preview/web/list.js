@@ -87,48 +87,17 @@ function running(k) {
   fillList();
 }
 
-function setTabs() {
-  const marked = data.marks ?? [];
-  const bad = data.skipped.length + marked.length;
-  const tabs = [["paths", `Paths ${data.paths.length}`], ["skipped", `${marked.length ? "Notes" : "Left out"} ${bad}`], ["facts", "Program"]];
-  for (const [name, label] of tabs) {
-    const tab = make("button", label, name === "skipped" && bad ? "bad" : "");
-    tab.setAttribute("role", "tab");
-    tab.dataset.tab = name;
-    tab.addEventListener("click", () => openTab(name));
-    document.querySelector("nav").append(tab);
-  }
-  for (const { kind, number: size, text, outline } of marked) {
-    const note = make("div", "", `note ${kind}`);
-    note.append(make("b", `${kind === "gouge" ? "Gouge" : "Excess"} ${number(size, 3)} mm`), make("span", text));
-    note.addEventListener("click", () => { look.target.set(...unpack(outline).subarray(0, 3)); aim(); });
-    $("tab-skipped").append(note);
-  }
-  for (const [what, why] of data.skipped) {
-    const note = make("div", "", "note");
-    note.append(make("b", what), make("span", why));
-    $("tab-skipped").append(note);
-  }
-  if (!bad) $("tab-skipped").append(make("p", "Nothing was left out.", "empty"));
-  for (const [label, text] of data.facts) $("facts").append(make("dt", label), make("dd", text));
-  openTab("paths");
-}
-
-function openTab(name) {
-  for (const tab of document.querySelectorAll("nav button")) {
-    tab.setAttribute("aria-selected", String(tab.dataset.tab === name));
-    $(`tab-${tab.dataset.tab}`).hidden = tab.dataset.tab !== name;
-  }
-  if (name === "paths") fillList();
-}
-
 function setList() {
+  addTab("paths", `Paths ${data.paths.length}`);
+  whenShown("paths", fillList);
   cells($("head"), ["#", "Path", ...(several ? ["Operation"] : []), "Layer", "Length\nmm", "Feed\nmm/s", ...(forced ? ["Force\nN"] : [])]);
   $("list").addEventListener("scroll", fillList);
   $("rows").addEventListener("click", (event) => {
     const row = event.target.closest(".row");
     // The second click of two is not one to let go of the path.
-    if (row && event.detail < 2) choose(Number(row.dataset.path) === chosen.path ? -1 : Number(row.dataset.path), false);
+    if (!row || event.detail > 1) return;
+    choose(Number(row.dataset.path) === chosen.path ? -1 : Number(row.dataset.path), false);
+    tellPicked({ path: chosen.path, line: -1, place: null });
   });
   $("rows").addEventListener("dblclick", (event) => {
     const row = event.target.closest(".row");

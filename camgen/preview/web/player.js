@@ -54,10 +54,11 @@ function showTime() {
   const place = at.toArray().map((v, k) => number(v + origin[k], 2)).join("  ");
   const force = track.force[event] > 0 ? `, ${number(track.force[event])} N` : "";
   const speed = track.kind[event] === 3 ? "" : `, ${number(track.feed[event])} mm/s${force}`;
-  $("what").textContent = `${KINDS[track.kind[event]]}, instruction ${track.instruction[event]}${speed}, at ${place} mm${cutting.stock?.met.has(event) ? "; a rapid through material" : ""}`;
+  $("what").textContent = `${KINDS[track.kind[event]]}, instruction ${track.instruction[event]}${lineOfEvent[event] ? `, line ${lineOfEvent[event]}` : ""}${speed}, at ${place} mm${cutting.stock?.met.has(event) ? "; a rapid through material" : ""}`;
   cutting.stock?.to(player.time);
   cutting.tool?.(toolOf[event]);
   running(path);
+  markLine(lineOfEvent[event]);
   redraw();
 }
 

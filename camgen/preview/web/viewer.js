@@ -2,11 +2,11 @@
 const KEYS = [
   ["space", "play, pause"], ["left, right", "one motion back, on"], ["home, end", "begin, end of the program"],
   ["f", arm ? "fit part and paths" : "fit"], ...(arm ? [["F", "fit all, with the robot"]] : []), ["t, s, i", "top, side, oblique view"], ["m", "measure"],
-  ["c", "next colouring"], ["l", "layers"], ["esc", "let go of what is chosen"], ["?", "these keys"],
+  ["c", "next colouring"], ["l", "layers"], ["d", "light, dark, as the system"], ["esc", "let go of what is chosen"], ["?", "these keys"],
 ];
 const MOUSE = [
   ["drag", "turn (one finger)"], ["right drag", "move (two fingers, or shift)"], ["wheel", "zoom (pinch)"],
-  ["click", "name a path or an edge"], ["double click", "in the list: go to its start"],
+  ["click", "name a path or an edge"], ["double click", "in the list: go to its start"], ["click", "on a line of the program: go there"],
 ];
 
 let colouring = "order";
@@ -92,11 +92,12 @@ const ACTIONS = {
     const names = [...document.querySelectorAll(".switch button")].map((button) => button.dataset.by);
     colour(names[(names.indexOf(colouring) + 1) % names.length]);
   },
-  drop: () => { setMeasure(false); choose(-1); $("tip").hidden = true; },
+  drop: () => { setMeasure(false); choose(-1); pointAt(-1); $("tip").hidden = true; },
+  theme: nextTheme,
 };
 const KEYED = {
   " ": "play", ArrowRight: "on", ArrowLeft: "back", Home: "begin", End: "end", f: "fit", F: "all", t: "top", s: "side", i: "iso",
-  m: "measure", l: "layers", c: "colour", "?": "help", Escape: "drop",
+  m: "measure", l: "layers", c: "colour", d: "theme", "?": "help", Escape: "drop",
 };
 
 function setInput() {
@@ -105,6 +106,7 @@ function setInput() {
     button.addEventListener("click", () => ACTIONS[button.dataset.do]());
   }
   addEventListener("keydown", (event) => {
+    if (event.defaultPrevented) return;
     const name = KEYED[event.key];
     if (!name || event.ctrlKey || event.metaKey || event.altKey || event.target === $("filter") || event.target.tagName === "SELECT") return;
     if ($("keys").open && name !== "help") return;
@@ -124,6 +126,9 @@ function setInput() {
     if (measure.on) return measureAt(hit, x, y);
     tip(hit, x, y);
     choose(hit.path);
+    if (hit.path >= 0) showNote(noteOfPath.get(hit.path));
+    else if (!showNote(noteOfLine.get(hit.line))) pointAt(-1);
+    tellPicked(hit);
   });
   // Looking for what is below the pointer at every move would be slow in large programs.
   if (!isLarge) {
@@ -173,9 +178,10 @@ function resize() {
   }
   aim();
   fillList();
+  fillListing();
 }
 
-function theme() {
+function repaintTheme() {
   themed();
   themedArm();
   if (renderer) renderer.setClearColor(css("scene"));
@@ -193,6 +199,7 @@ function paint() {
   showScale();
   showMeasure();
   showNumbers();
+  showPointed();
 }
 
 // Frames that come one after the other tell how fast this machine is: where there is much to draw, slow ones are drawn
@@ -230,29 +237,36 @@ function setPrint() {
     const numbers = make("dl");
     for (const [label, text] of data.facts) numbers.append(make("dt", label), make("dd", text));
     $("print").replaceChildren(make("h1", data.title), picture, numbers);
-    for (const [what, why] of data.skipped) $("print").append(make("p", `Left out: ${what}${why ? ` (${why})` : ""}`));
+    for (const { kind, what, why } of notes) {
+      $("print").append(make("p", `${KINDS_OF_NOTE[kind][0]}: ${what}${why ? ` (${why})` : ""}`));
+    }
   });
 }
 
 $("title").textContent = data.title;
 makeRenderer();
-setTabs();
+const grave = setNotes();
 setList();
+setListing();
+addTab("facts", "Summary");
+for (const [label, text] of data.facts) $("facts").append(make("dt", label), make("dd", text));
+openTab(grave ? "notes" : "paths");
 setLegend();
 setLayers();
 setKeys();
 setPlayer();
 setInput();
 setPrint();
+setHost();
 showLayers();
-theme();
+repaintTheme();
+themes.changed = repaintTheme;
 colour("order");
 resize();
 // What is left in the end is seen first; play begins anew.
 player.to(cutting.stock ? total : 0);
 [look.turn, look.tilt] = VIEWS[isFlat && !arm && !cutting.stock ? "top" : "iso"];
 begin();
-dark.addEventListener("change", theme);
 let fitted = [canvas.clientWidth, canvas.clientHeight];
 // A canvas of another size is empty: it is painted in the same turn, before the browser shows it.
 new ResizeObserver(() => {
@@ -267,6 +281,7 @@ new ResizeObserver(() => {
   paint();
 }).observe(canvas);
 paint();
+tell({ camgen: "ready" });
 requestAnimationFrame(frame);
 // For whoever drives the page from outside, as tests do.
-window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup, cutting };
+window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup, cutting, notes, pointed, listing, toLine, pointAt, viewState };
