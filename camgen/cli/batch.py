@@ -19,10 +19,10 @@ from camgen.batch.parts import BatchPart, Order, look_at
 from camgen.batch.state import BuildSums, Outcome, Task
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import clean
-from camgen.cli.say import Voice, duration, table
+from camgen.cli.say import Voice, table
 from camgen.cli.stop import Stopped, exit_code, say_why
 from camgen.model.errors import JobError, one_line
-from camgen.model.text import counted
+from camgen.model.text import counted, duration
 from camgen.post.plugins import find_post, find_readback
 from camgen.read.job_file import load
 

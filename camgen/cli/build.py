@@ -20,13 +20,13 @@ from camgen.build.stock import why_unproven
 from camgen.check.report import clean, path_sums
 from camgen.cli.inputs import open_inputs
 from camgen.cli.motion_file import encode
-from camgen.cli.say import Voice, duration, join_names, length, size
+from camgen.cli.say import Voice, join_names, length, size
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.part import GRAVEST, Note, NoteKind
 from camgen.model.path import PLAIN, Tour
 from camgen.model.pose import Pose
 from camgen.model.program import ToolChange
-from camgen.model.text import counted, grouped, short
+from camgen.model.text import counted, duration, grouped, short
 from camgen.plan.steps import name_of
 from camgen.preview.drawings import check_preview, draw
 from camgen.read.gcode.interpreter import Recorded

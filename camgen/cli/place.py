@@ -14,10 +14,10 @@ from camgen.batch.writing import check_targets, write_all
 from camgen.build import no_collector, poster_of
 from camgen.build.inputs import read_inputs
 from camgen.build.place import Found, Search, search_place
-from camgen.cli.say import Voice, duration
+from camgen.cli.say import Voice
 from camgen.model.errors import JobError, rename_errors
 from camgen.model.job import CellTable, Job
-from camgen.model.text import counted, harmless, short
+from camgen.model.text import counted, duration, harmless, short
 from camgen.model.version import __version__
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load

@@ -105,18 +105,6 @@ def length(mm: float) -> str:
     return f"{mm:.1f} mm" if mm < 10_000 else f"{mm / 1000:.2f} m"
 
 
-def duration(seconds: float) -> str:
-    """A duration for people."""
-    if seconds < 10:
-        return f"{seconds:.1f} s"
-    whole = round(seconds)
-    minutes, rest = divmod(whole, 60)
-    hours, left = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {left:02d} min"
-    return f"{minutes} min {rest:02d} s" if minutes else f"{whole} s"
-
-
 def size(count: int) -> str:
     """A file size for people."""
     return (

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from camgen.check.report import Motions, sum_up
 from camgen.cli.motion_file import load as load_plan
-from camgen.cli.say import Voice, duration, length, table
+from camgen.cli.say import Voice, length, table
 from camgen.lower.steps import split_tools
 from camgen.model.errors import InputError
 from camgen.model.program import Columns, Program
-from camgen.model.text import counted, grouped, short
+from camgen.model.text import counted, duration, grouped, short
 from camgen.post import Fault, Post, Remark
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare

@@ -39,14 +39,15 @@ _SCRIPTS = (
     "host.js",
     "viewer.js",
 )
-#: What plays the cut, before the last one, only in pages that need it.
-_CUT = "stock.js"
+#: Before the last one, only in pages that need them: what plays the cut, and what lays a picture under the paths.
+_CUT, _PHOTO = "stock.js", "photo.js"
 
 
 def page(view: View) -> str:
     """The preview as HTML text. Same view, same text."""
     library, style = _asset(_LIBRARY), _asset("viewer.css")
-    names = [*_SCRIPTS[:-1], *([_CUT] if _has_cut(view) else []), _SCRIPTS[-1]]
+    needed = {_CUT: _has_cut(view), _PHOTO: view.photo is not None}
+    names = [*_SCRIPTS[:-1], *(name for name, is_needed in needed.items() if is_needed), _SCRIPTS[-1]]
     script = '(() => {\n"use strict";\n' + "\n".join(map(_asset, names)) + "})();\n"
     filled = {
         "title": escape(one_line(view.title)),
@@ -99,6 +100,7 @@ def _plain(view: View) -> dict[str, object]:
         "solid": view.solid and _mesh(view.solid, origin),
         "paths": view.rows,
         **_cut(view, origin),
+        **_photo(view, origin),
         "numbers": _numbers(view, origin),
         "notes": [
             [
@@ -137,6 +139,13 @@ def _plain(view: View) -> dict[str, object]:
         "meshes": [[name, _mesh(shape, origin)] for name, shape in view.meshes],
         "arm": _arm(view),
     }
+
+
+def _photo(view: View, origin: FloatArray) -> dict[str, object]:
+    if view.photo is None:
+        return {}
+    corners = np.column_stack([view.photo.corners, np.zeros(4)]) - origin
+    return {"photo": {"address": view.photo.address, "corners": corners.tolist()}}
 
 
 def _has_cut(view: View) -> bool:

@@ -22,6 +22,8 @@ Colour = tuple[int, int, int]
 
 #: Pixels: width and height of the picture, border, height of the title.
 _WIDE, _HIGH, _BORDER, _TITLE = 1600, 1200, 60, 90
+#: Height of what stands below, and how many times larger texts are drawn.
+_FOOT, _FINER = 52, 4
 #: Corners are drawn to a sixteenth of a pixel.
 _SHIFT = 4
 _COLOURS: dict[str, Colour] = {
@@ -113,12 +115,12 @@ def _shade_of(number: int, count: int) -> Colour:
 
 def _disc(image: Pixels, text: str, at: tuple[int, int], colour: Colour, *, full: bool) -> None:
     """A disc with a text; not full: hollow."""
-    size, face = (0.62 if len(text) < 3 else 0.45), cv2.FONT_HERSHEY_SIMPLEX
-    (wide, high), _ = cv2.getTextSize(text, face, size, 2)
+    size = 0.62 if len(text) < 3 else 0.45
+    wide, high = _measure(text, size, 2)
     fill, ink = (colour, (255, 255, 255)) if full else ((255, 255, 255), colour)
     cv2.circle(image, at, 20, fill, -1, cv2.LINE_AA)
     cv2.circle(image, at, 20, colour, 2, cv2.LINE_AA)
-    cv2.putText(image, text, (at[0] - wide // 2, at[1] + high // 2), face, size, ink, 2, cv2.LINE_AA)
+    _write(image, text, (at[0] - wide // 2, at[1] + high // 2), size, ink, 2)
 
 
 def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
@@ -146,7 +148,7 @@ def _marks(image: Pixels, view: View, sheet: _Sheet) -> None:
     for mark in view.marks[:_NAMED]:
         (x, y) = (sheet.place(np.array([[*mark.polygon.mean(axis=0), mark.z]]))[0, 0] >> _SHIFT).tolist()
         text = f"{mark.number:.3g} mm"
-        cv2.putText(image, text, (x + 6, y - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _INK, 1, cv2.LINE_AA)
+        _write(image, text, (x + 6, y - 6), 0.5)
 
 
 def _way(image: Pixels, view: View, sheet: _Sheet) -> None:
@@ -167,25 +169,47 @@ def _way(image: Pixels, view: View, sheet: _Sheet) -> None:
 
 
 def _words(image: Pixels, view: View, sheet: _Sheet) -> None:
-    """Title, numbers and the scale bar."""
-
-    def write(text: str, x: int, y: int, size: float) -> None:
-        face = cv2.FONT_HERSHEY_SIMPLEX
-        cv2.putText(image, text, (x, y), face, size, _INK, 2 if size > 0.8 else 1, cv2.LINE_AA)
-
+    """Title, numbers and the scale bar, on white: what travels there is not seen."""
     cv2.rectangle(image, (0, 0), (_WIDE, _TITLE + 14), (255, 255, 255), -1)
+    cv2.rectangle(image, (0, _HIGH - _FOOT), (_WIDE, _HIGH), (255, 255, 255), -1)
     facts = dict(view.facts)
-    write(_plain(view.title), _BORDER, 55, 1.0)
+    _write(image, _plain(view.title), (_BORDER, 55), 1.0)
     names = ("Paths", "Work", "Travel", "Time", "Robot")
-    write(", ".join(f"{name.lower()} {_plain(facts[name])}" for name in names), _BORDER, 92, 0.6)
+    told = ", ".join(f"{name.lower()} {_plain(facts[name])}" for name in names)
+    _write(image, told, (_BORDER, 92), 0.6)
     if view.skipped:
-        write(f"left out: {len(view.skipped)}, in red where it was drawn", _BORDER, _HIGH - 22, 0.6)
+        _write(image, f"left out: {len(view.skipped)}, in red where it was drawn", (_BORDER, _HIGH - 22), 0.6)
     if view.flat:
         power = 10.0 ** math.floor(math.log10(300 / sheet.scale))
         bar = max(m * power for m in (1, 2, 5) if m * power <= 300 / sheet.scale * (1 + 1e-12))
         right = _WIDE - _BORDER
         cv2.line(image, (right - round(bar * sheet.scale), _HIGH - 22), (right, _HIGH - 22), _INK, 3)
-        write(f"{bar:g} mm", right - 90, _HIGH - 32, 0.6)
+        _write(image, f"{bar:g} mm", (right - 90, _HIGH - 32), 0.6)
+
+
+def _write(image: Pixels, text: str, at: tuple[int, int], size: float, ink: Colour = _INK, thick: float = 0) -> None:
+    """A text whose base line begins at ``at``.
+
+    It is drawn larger and made small again: letters stand on whole pixels, and of small ones the gaps are then uneven.
+    """
+    face, fine, wide = cv2.FONT_HERSHEY_SIMPLEX, _FINER * size, round(_FINER * (thick or (2 if size > 0.8 else 1.2)))
+    (long, high), below = cv2.getTextSize(text, face, fine, wide)
+    room = _FINER * 2
+    shape = (-(-(high + below + 2 * room) // _FINER) * _FINER, -(-(long + 2 * room) // _FINER) * _FINER)
+    drawn = np.zeros(shape, np.uint8)
+    cv2.putText(drawn, text, (room, high + room), face, fine, 255, wide, cv2.LINE_AA)
+    mask = np.asarray(cv2.resize(drawn, (shape[1] // _FINER, shape[0] // _FINER), interpolation=cv2.INTER_AREA))
+    left, top = at[0] - 2, at[1] - round(high / _FINER) - 2
+    mask = mask[max(-top, 0) : _HIGH - top, max(-left, 0) : _WIDE - left]
+    under = image[max(top, 0) :, max(left, 0) :][: mask.shape[0], : mask.shape[1]]
+    share = mask[..., None] / 255
+    under[:] = (under * (1 - share) + np.array(ink) * share).round().astype(np.uint8)
+
+
+def _measure(text: str, size: float, thick: float) -> tuple[int, int]:
+    """Width and height of a text, px."""
+    (wide, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FINER * size, round(_FINER * thick))
+    return round(wide / _FINER), round(high / _FINER)
 
 
 def _plain(text: str) -> str:

@@ -13,11 +13,12 @@ from camgen.check.report import clean, path_sums
 from camgen.geometry.ragged import begins
 from camgen.model.part import Line, Note, Solid
 from camgen.model.pose import IDENTITY, FloatArray, Pose
-from camgen.model.text import short
+from camgen.model.text import duration, short
 from camgen.preview import Built
 from camgen.preview.curves import SpaceChains, of_contours, of_spans
 from camgen.preview.listing import Listing, list_program
 from camgen.preview.notes import ViewNote, see_notes
+from camgen.preview.photo import Photo, photo_of
 from camgen.preview.stock import (
     Cutter,
     Cutters,
@@ -143,7 +144,7 @@ class View(Struct, frozen=True, eq=False):
     holder, boxes at the flange. standing: table and fixtures, boxes in the work frame. meshes: fixtures that are
     meshes. notes: all of the build, in their order. listing: the program's text. tools: of the program, in the order of
     their use. tool_of: (E,) the one of each of the events. stock: what is cut, None where no material is taken away
-    from above. marks: what a proof on the stock found, drawn over it.
+    from above. marks: what a proof on the stock found, drawn over it. photo: what the part was read from.
     """
 
     title: str
@@ -167,6 +168,7 @@ class View(Struct, frozen=True, eq=False):
     tool_of: IntArray
     stock: Stock | None
     marks: tuple[Mark, ...] = ()
+    photo: Photo | None = None
 
     @property
     def skipped(self) -> tuple[ViewNote, ...]:
@@ -207,6 +209,7 @@ def view(result: Built) -> View:
         tool_of=tools_of_events(result, found, way.events.instruction, way.events.path),
         stock=stock,
         marks=marks_of(result),
+        photo=photo_of(result),
     )
 
 
@@ -231,7 +234,9 @@ def _lines(result: Built, sag: float) -> tuple[tuple[ViewLine, ...], SpaceChains
     spatial: list[Line] = [*curves, *edges]
     flat, sharp = of_contours(contours, sag), of_spans([(one.points, one.via) for one in spatial], sag)
     chains = SpaceChains(np.concatenate([flat.points, sharp.points]), np.concatenate([flat.counts, sharp.counts]))
-    names = [(c.id, c.layer, c.closed) for c in contours] + [(c.id, c.layer, c.closed) for c in curves]
+    # What a reader of pictures calls a layer is none of the picture.
+    named = result.part.raster is None
+    names = [(c.id, c.layer if named else "", c.closed) for c in contours] + [(c.id, c.layer, c.closed) for c in curves]
     names += [(e.id, f"{'convex' if e.convex else 'concave'} {e.kind}", e.closed) for e in edges]
     why = reasons([note for note in result.notes if note.kind == "skipped"])
     done = {ident for path in result.tour.paths for ident in path.contours}
@@ -312,7 +317,7 @@ def _rows(result: Built, found: Cutters) -> tuple[Row, ...]:
     return tuple(
         Row(
             id=clean(path.id),
-            layer=clean(path.layer),
+            layer=clean(path.layer) if result.part.raster is None else "",
             length=length,
             feed=length / time if time > 0 else float(path.feed[0]),
             force=float(path.force.max()),
@@ -341,7 +346,7 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
         ("Travel", f"{short(tour.travel, 1)} mm ({tour.method})"),
         ("Speed", f"{short(feeds[0], 1)} to {short(feeds[1], 1)} mm/s"),
         ("Force", f"up to {short(force, 2)} N" if force else "none"),
-        ("Time", f"{short(seconds, 1)} s, {short(result.cycle.travel, 1)} s of it travel"),
+        ("Time", f"{_tell_time(seconds)}, {_tell_time(result.cycle.travel)} of it travel"),
         (
             "Time counts",
             f"feeds, acceleration, corners, waits{' and joint speeds' if result.reach else ''}; an estimate",
@@ -362,6 +367,11 @@ def _facts(result: Built, seconds: float) -> tuple[tuple[str, str], ...]:
         size = " x ".join(short(b - a, 1) for a, b in zip(low, high, strict=True))
         found.insert(9, ("Extents", f"{size} mm"))
     return tuple(found)
+
+
+def _tell_time(seconds: float) -> str:
+    """Tenths of a second below a minute."""
+    return f"{short(seconds, 1)} s" if seconds < 60 else duration(seconds)
 
 
 def _tell_cut(found: Cutters, stock: Stock | None) -> list[tuple[str, str]]:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import camgen.cli.say
+import camgen.model.text
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli import main
 from camgen.cli.motion_file import decode, encode
@@ -653,7 +654,7 @@ def test_posts_lists_all_and_says_why_one_is_broken(capsys: Captured, monkeypatc
 
 def test_numbers_for_people() -> None:
     say = camgen.cli.say
-    assert [say.duration(s) for s in (0.44, 9.99, 59.6, 61, 3599.6, 7260)] == [
+    assert [camgen.model.text.duration(s) for s in (0.44, 9.99, 59.6, 61, 3599.6, 7260)] == [
         "0.4 s", "10.0 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "2 h 01 min",
     ]  # fmt: skip
     assert [say.length(mm) for mm in (0.04, 9999.94, 12345.6)] == ["0.0 mm", "9999.9 mm", "12.35 m"]

@@ -243,3 +243,46 @@ def test_a_png_shows_the_part_and_the_paths_from_above(flat: Result) -> None:
 
 def test_same_result_same_picture(flat: Result) -> None:
     assert png(view(flat)) == png(view(flat))
+
+
+def test_in_a_png_what_is_left_out_is_red_and_travel_runs_through_no_words() -> None:
+    result = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}})
+    found = view(result)
+    # Travel all over the picture, as that of arms is.
+    wild = found.track.position.copy()
+    wild[0], wild[1] = (-400, -900, 0), (500, 900, 0)
+    raw = png(replace(found, track=replace(found.track, position=wild)))
+    image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    blue, green, red = (image[..., k] for k in range(3))
+    assert ((red > 180) & (green < 40) & (blue < 60)).sum() > 3000
+    for band in (image[:100], image[-50:]):
+        travel = np.abs(band - (170, 150, 138)).max(axis=2) < 4
+        assert travel.sum() < 40
+
+
+def test_a_long_time_is_told_in_minutes(flat: Result) -> None:
+    fast = dict(view(flat).facts)["Time"]
+    assert re.fullmatch(r"[\d.]+ s, [\d.]+ s of it travel", fast)
+    slow = camgen.build(PARTS / "bracket.dxf", post="gcode", job={"process": {"feed": 1.0}})
+    assert re.match(r"\d+ min \d\d s, [\d.]+ s of it travel", dict(view(slow).facts)["Time"])
+
+
+def test_a_picture_lies_under_its_paths_and_has_no_layers() -> None:
+    job = {"operation": {"kind": "follow"}, "image": {"mm_per_px": 0.1}}
+    result = camgen.build(PARTS / "gear.png", post="gcode", job=job)
+    found = view(result)
+    assert {row.layer for row in found.rows} == {line.layer for line in found.lines if line.state == "done"} == {""}
+    assert found.photo is not None
+    raster = result.part.raster
+    assert raster is not None
+    shown = cv2.imdecode(np.frombuffer(found.photo.image, np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert max(shown.shape) <= 1600
+    assert shown.shape[1] / shown.shape[0] == pytest.approx(raster.view.shape[1] / raster.view.shape[0], rel=2e-3)
+    # Corners are half a pixel outside the centres of the first and the last one.
+    first, last = found.photo.corners[0], found.photo.corners[2]
+    centres = raster.work_from_view @ np.array([(0, 0, 1), (raster.view.shape[1] - 1, raster.view.shape[0] - 1, 1)]).T
+    assert first == pytest.approx(centres[:, 0] + (-0.05, 0.05))
+    assert last == pytest.approx(centres[:, 1] + (0.05, -0.05))
+    plain = data(page(found))
+    assert plain["photo"]["address"].startswith("data:image/jpeg;base64,")  # type: ignore[index]
+    assert "photo" not in data(page(view(camgen.build(PARTS / "bracket.dxf", post="gcode"))))

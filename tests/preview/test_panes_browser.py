@@ -215,3 +215,20 @@ def test_messages_from_elsewhere_do_nothing(framed: Any) -> None:
     told = json.dumps({"camgen": "choose", "id": "c1"})
     inner.evaluate(f"window.postMessage({told}, location.origin)")
     assert ask(framed) == begun
+
+
+# -- what is said of the moment
+
+
+@pytest.mark.parametrize("wide", [1400, 1280, 1000, 760, 390])
+def test_nothing_of_what_is_said_of_the_moment_is_cut_off(opened: Any, wide: int) -> None:
+    one = opened("flat", size={"width": wide, "height": 800})
+    one.run("camgen.player.to(20)")
+    for name in ("where", "what"):
+        seen, needed = one.run(
+            f"(({{ clientWidth, scrollWidth, offsetWidth }}) => [clientWidth || offsetWidth, scrollWidth])(document.getElementById('{name}'))"
+        )
+        assert seen >= needed
+    now, foot = one.page.locator("#what").bounding_box(), one.page.locator("footer").bounding_box()
+    assert now["x"] + now["width"] <= wide
+    assert now["y"] + now["height"] <= foot["y"] + foot["height"] <= 800

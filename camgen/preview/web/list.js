@@ -1,26 +1,30 @@
 // The list of paths: only the rows that are seen are in the page, however many paths there are.
 const forced = data.paths.some((path) => path.force > 0);
 const several = data.paths.some((path) => path.operation);
+// Pictures have no layers.
+const layered = data.paths.some((path) => path.layer);
 document.body.classList.toggle("several", several);
+document.body.style.setProperty("--columns", [
+  "42px", "minmax(0, 1fr)", ...(several ? ["minmax(0, 2fr)"] : []), ...(layered ? [`minmax(0, ${several ? 1 : 1.3}fr)`] : []),
+  forced || several ? "56px 42px" : "62px 48px", ...(forced ? ["36px"] : []),
+].join(" "));
 const rowHeight = () => (innerWidth <= 760 ? 36 : 30);
 let listed = data.paths.map((_, k) => k);
 const chosen = { path: -1, now: -1 };
 
 function cells(row, texts) {
   texts.forEach((text, k) => {
-    const cell = make("span", text, k > (several ? 3 : 2) ? "n" : "");
+    const cell = make("span", text, k > (several ? 1 : 0) + (layered ? 2 : 1) ? "n" : "");
     if (k) cell.title = text;
     row.append(cell);
   });
-  row.classList.toggle("forced", forced);
-  row.classList.toggle("several", several);
 }
 
 function rowOf(k) {
   const path = data.paths[k];
   const row = make("div", "", "row");
   const passes = path.passes > 1 ? ` x${path.passes}` : "";
-  cells(row, ["", path.id + passes, ...(several ? [path.operation] : []), path.layer, number(path.length), number(path.feed), ...(forced ? [number(path.force)] : [])]);
+  cells(row, ["", path.id + passes, ...(several ? [path.operation] : []), ...(layered ? [path.layer] : []), number(path.length), number(path.feed), ...(forced ? [number(path.force)] : [])]);
   const dot = make("i");
   dot.style.background = rgb(rampColour(SCALES.order.high ? k / SCALES.order.high : 0));
   row.firstChild.className = "k";
@@ -90,7 +94,7 @@ function running(k) {
 function setList() {
   addTab("paths", `Paths ${data.paths.length}`);
   whenShown("paths", fillList);
-  cells($("head"), ["#", "Path", ...(several ? ["Operation"] : []), "Layer", "Length\nmm", "Feed\nmm/s", ...(forced ? ["Force\nN"] : [])]);
+  cells($("head"), ["#", "Path", ...(several ? ["Operation"] : []), ...(layered ? ["Layer"] : []), "Length\nmm", "Feed\nmm/s", ...(forced ? ["Force\nN"] : [])]);
   $("list").addEventListener("scroll", fillList);
   $("rows").addEventListener("click", (event) => {
     const row = event.target.closest(".row");

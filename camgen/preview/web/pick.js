@@ -56,11 +56,11 @@ function said(hit) {
   if (hit.path >= 0) {
     const path = data.paths[hit.path];
     const force = path.force > 0 ? `, ${number(path.force)} N` : "";
-    return [`Path ${hit.path + 1} of ${data.paths.length}: ${path.id}`, `${path.operation && `${path.operation}; `}${path.layer}, ${number(path.length)} mm, ${number(path.feed)} mm/s${force}`, ""];
+    return [`Path ${hit.path + 1} of ${data.paths.length}: ${path.id}`, [path.operation, path.layer, `${number(path.length)} mm`, `${number(path.feed)} mm/s${force}`].filter(Boolean).join(", "), ""];
   }
   const line = data.lines.rows[hit.line];
   const state = { done: "", skipped: `Left out: ${line.why}`, wrong: line.why, noted: line.why, unused: "No path of its own" }[line.state];
-  return [line.id, `${line.layer}, ${number(line.length)} mm${line.closed ? ", closed" : ""}`, state];
+  return [line.id, [line.layer, `${number(line.length)} mm`, line.closed ? "closed" : ""].filter(Boolean).join(", "), state];
 }
 
 function tip(hit, x, y) {

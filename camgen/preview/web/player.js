@@ -50,7 +50,8 @@ function showTime() {
   $("clock").textContent = `${clock(player.time)} / ${clock(total)}`;
   shared.now.value = player.time > 0 && player.time < total ? player.time : -1;
   const named = path >= 0 ? data.paths[path] : null;
-  $("where").textContent = named ? `Path ${path + 1} of ${data.paths.length}: ${named.id}, ${named.layer}` : "Travel";
+  const where = named ? [`Path ${path + 1} of ${data.paths.length}: ${named.id}`, named.operation, named.layer] : ["Travel"];
+  $("where").textContent = $("where").title = where.filter(Boolean).join(", ");
   const place = at.toArray().map((v, k) => number(v + origin[k], 2)).join("  ");
   const force = track.force[event] > 0 ? `, ${number(track.force[event])} N` : "";
   const speed = track.kind[event] === 3 ? "" : `, ${number(track.feed[event])} mm/s${force}`;

@@ -29,6 +29,7 @@ const isFlat = data.flat;
 // Layers: name, colour in the style sheet, the things that are shown.
 const layers = {
   stock: { label: "Stock", colour: "stock", things: [] },
+  photo: { label: "Picture", colour: "unused", things: [] },
   part: { label: "Part", colour: "part", things: [] },
   skipped: { label: "Left out", colour: "bad", things: [] },
   fixtures: { label: data.standing.some(([name]) => name === "table") ? "Table" : "Fixtures", colour: "fixture", things: [] },

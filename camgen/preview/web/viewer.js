@@ -45,7 +45,7 @@ function setLegend() {
 
 function setLayers() {
   for (const [name, layer] of Object.entries(layers)) {
-    if (!layer.things.length && !["paths", "travel", "approach"].includes(name) && !(name === "numbers" && numbers.length)) continue;
+    if (!layer.things.length && !["paths", "travel", "approach"].includes(name) && !(name === "photo" && data.photo) && !(name === "numbers" && numbers.length)) continue;
     const label = make("label");
     const tick = make("input");
     tick.type = "checkbox";
@@ -192,7 +192,7 @@ function repaintTheme() {
 
 function paint() {
   stale = false;
-  scene.traverse((thing) => { if (thing.name === "plate") thing.visible = !layers.part.off && shared.stride.value === 1 && (!cutting.stock || Boolean(layers.stock.off)); });
+  scene.traverse((thing) => { if (thing.name === "plate") thing.visible = !layers.part.off && shared.stride.value === 1 && (!data.photo || Boolean(layers.photo.off)) && (!cutting.stock || Boolean(layers.stock.off)); });
   cutting.shown?.paint();
   renderer?.render(scene, camera);
   showTriad();
