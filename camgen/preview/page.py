@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from camgen.model.errors import one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
+from camgen.preview.meshes import one_mesh
 from camgen.preview.stock import Mark
 from camgen.preview.view import View
 from camgen.robots.models import Link
@@ -28,6 +29,7 @@ _SCRIPTS = (
     "tabs.js",
     "lines.js",
     "scene.js",
+    "shapes.js",
     "arm.js",
     "camera.js",
     "list.js",
@@ -206,13 +208,18 @@ def _arm(view: View) -> dict[str, object] | None:
         "flange": _pose(robot.flange),
         "coupling": robot.coupling.tolist(),
         "joints": [[j.name, j.sliding, _pose(j.previous_from_joint), j.axis] for j in robot.joints],
-        "links": _links(robot.links),
+        "links": [[*told, _surface(link)] for told, link in zip(_links(robot.links), robot.links, strict=True)],
         "values": _pack(view.arm.joints),
         "time": _pack(view.arm.time),
     }
 
 
-def _links(links: Sequence[Link]) -> list[object]:
+def _surface(link: Link) -> dict[str, str] | None:
+    found = one_mesh(link.surfaces)
+    return found and {"vertices": _pack(found[0]), "faces": _pack(found[1], np.uint32)}
+
+
+def _links(links: Sequence[Link]) -> list[list[object]]:
     """Name, then pose and half edges of each box."""
     return [[link.name, [[_pose(box.link_from_box), box.half] for box in link.boxes]] for link in links]
 

@@ -7,6 +7,7 @@ from typing import Literal
 
 from msgspec import Struct
 
+from camgen.model.part import IntArray
 from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.robots.chain import Joint
 from camgen.robots.kinematics.arms import Arm, Gantry, Scara, Spherical
@@ -25,11 +26,19 @@ class Box(Struct, frozen=True, eq=False):
     half: Vec3
 
 
+class Surface(Struct, frozen=True, eq=False):
+    """Triangles: vertices (V, 3), mm, in the frame of the link; faces (F, 3)."""
+
+    vertices: FloatArray
+    faces: IntArray
+
+
 class Link(Struct, frozen=True, eq=False):
-    """What moves together."""
+    """What moves together. boxes: what is tested. surfaces: what it looks like, where it is described by meshes alone."""
 
     name: str
     boxes: tuple[Box, ...]
+    surfaces: tuple[Surface, ...] = ()
 
 
 class Trust(Struct, frozen=True, forbid_unknown_fields=True):

@@ -19,9 +19,11 @@ from camgen.geometry.arcs import circle
 from camgen.model.part import Contour, Note
 from camgen.model.pose import frozen
 from camgen.preview.curves import draw_spans, of_contours
+from camgen.preview.meshes import MOST_FACES, one_mesh
 from camgen.preview.page import page
 from camgen.preview.png import png
 from camgen.preview.view import View, view
+from camgen.robots.models import Surface
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 ROBOT = {"cell": {"robot": "IRB 2400", "base_from_work": [1000, 0, 400, 0, 0, 0]}}
@@ -286,3 +288,36 @@ def test_a_picture_lies_under_its_paths_and_has_no_layers() -> None:
     plain = data(page(found))
     assert plain["photo"]["address"].startswith("data:image/jpeg;base64,")  # type: ignore[index]
     assert "photo" not in data(page(view(camgen.build(PARTS / "bracket.dxf", post="gcode"))))
+
+
+def test_links_of_a_urdf_that_are_meshes_are_drawn_by_them() -> None:
+    file = PARTS.parent / "robots" / "six.urdf"
+    frames = {"base_from_work": [300, -60, -50, 0, 0, 0], "flange_from_tool": [0, 0, 100, 0, 0, 0]}
+    cell = {"robot": str(file), **frames, "home": [0, -100, 0, 0, 30, 0]}
+    links = data(page(view(camgen.build(PARTS / "bracket.dxf", post="rapid", job={"cell": cell}))))["arm"]["links"]  # type: ignore[index]
+    meshes = {name: mesh for name, _, mesh in links if mesh}
+    assert set(meshes) == {"link_1", "link_2"}
+    # As large as the cuboids that were found around it.
+    (pose, half), *_ = next(boxes for name, boxes, _ in links if name == "link_2")
+    points = np.frombuffer(base64.b64decode(meshes["link_2"]["vertices"]), "<f4").reshape(-1, 3)
+    turn, middle = np.array(pose[:9]).reshape(3, 3), np.array(pose[9:])
+    own = (points - middle) @ turn
+    assert np.abs(own).max(axis=0) == pytest.approx(half, abs=1e-3)
+
+
+def test_a_mesh_of_too_many_triangles_becomes_coarser_and_keeps_its_size() -> None:
+    turn = np.linspace(0, 2 * np.pi, 161)[:-1]
+    height = np.linspace(-50, 50, 120)
+    around, up = np.meshgrid(turn, height)
+    points = np.column_stack([40 * np.cos(around.ravel()), 40 * np.sin(around.ravel()), up.ravel()])
+    k = np.arange(119 * 160)
+    right = k // 160 * 160 + (k + 1) % 160
+    faces = np.concatenate([np.column_stack([k, right, k + 160]), np.column_stack([right, right + 160, k + 160])])
+    found = one_mesh([Surface(points, faces)])
+    assert found is not None
+    vertices, coarse = found
+    assert 500 < len(coarse) <= MOST_FACES < len(faces)
+    assert coarse.max() == len(vertices) - 1
+    assert np.ptp(vertices, axis=0) == pytest.approx((80, 80, 100), abs=4)
+    assert np.hypot(*vertices[:, :2].T) == pytest.approx(np.full(len(vertices), 40), abs=1)
+    assert one_mesh([]) is None

@@ -232,18 +232,51 @@ def test_f_fits_the_part_and_shift_f_the_robot_too(opened: Any) -> None:
         return float(np.ptp(spots[:8], axis=0).max()), spots
 
     area = one.page.locator("#canvas").bounding_box()
-    begun, spots = seen()
-    assert (
-        np.abs((spots[:8].max(axis=0) + spots[:8].min(axis=0)) / 2 - (area["width"] / 2, area["height"] / 2)).max() < 60
-    )
+    begun = seen()[0]
     one.page.keyboard.press("f")
     part = seen()[0]
     one.page.keyboard.press("F")
     whole, spots = seen()
-    assert part > begun > whole
+    # All of the arm is seen first.
+    assert part > begun == pytest.approx(whole)
     assert part > 0.7 * min(area["width"], area["height"])
     assert (spots >= 0).all()
     assert (spots <= (area["width"], area["height"])).all()
+
+
+def test_an_arm_is_drawn_as_shapes_within_the_cuboids_that_a_layer_shows(opened: Any) -> None:
+    one = opened("robot")
+    assert one.run("camgen.layers.boxes.off && camgen.layers.boxes.things.every((thing) => !thing.visible)")
+    # Of every link: how far its bodies stick out of its cuboids, and how many bodies there are.
+    found = one.run(
+        """() => camgen.arm.links3.map((link, k) => {
+          const told = ([pose, half]) => ({ inverse: camgen.matrixOf(pose).invert(), half });
+          const boxes = camgen.arm.links[k][1].map(told);
+          const bodies = link.children[0].children.filter(({ name }) => name === "arm");
+          let out = 0;
+          for (const body of bodies) {
+            body.updateMatrix();
+            const { array } = body.geometry.attributes.position;
+            for (let i = 0; i < array.length; i += 3) {
+              const at = body.position.clone().set(array[i], array[i + 1], array[i + 2]).applyMatrix4(body.matrix);
+              const gaps = boxes.map(({ inverse, half }) => {
+                const own = at.clone().applyMatrix4(inverse).toArray();
+                return Math.max(...own.map((v, n) => Math.abs(v) - half[n]));
+              });
+              out = Math.max(out, Math.min(...gaps));
+            }
+          }
+          return [bodies.length, boxes.length, out];
+        })"""
+    )
+    assert len(found) == 7
+    for bodies, boxes, out in found:
+        assert bodies == boxes
+        assert out < 0.01
+    before = one.picture().astype(int)
+    one.page.keyboard.press("l")
+    one.page.locator("[data-layer=boxes]").click()
+    assert (np.abs(one.picture().astype(int) - before).max(axis=2) > 24).mean() > 0.02
 
 
 def test_two_clicks_measure_a_distance_between_corners(opened: Any) -> None:

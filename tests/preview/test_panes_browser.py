@@ -225,9 +225,8 @@ def test_nothing_of_what_is_said_of_the_moment_is_cut_off(opened: Any, wide: int
     one = opened("flat", size={"width": wide, "height": 800})
     one.run("camgen.player.to(20)")
     for name in ("where", "what"):
-        seen, needed = one.run(
-            f"(({{ clientWidth, scrollWidth, offsetWidth }}) => [clientWidth || offsetWidth, scrollWidth])(document.getElementById('{name}'))"
-        )
+        script = "id => ((one) => [one.clientWidth || one.offsetWidth, one.scrollWidth])(document.getElementById(id))"
+        seen, needed = one.page.evaluate(script, name)
         assert seen >= needed
     now, foot = one.page.locator("#what").bounding_box(), one.page.locator("footer").bounding_box()
     assert now["x"] + now["width"] <= wide

@@ -8,6 +8,7 @@ const arm = data.arm && {
   ...data.arm, values: unpack(data.arm.values), time: unpack(data.arm.time), links3: [],
   base: new THREE.Matrix4().makeTranslation(...origin.map((v) => -v)).multiply(matrixOf(data.arm.work_from_base)),
   flangeFrom: matrixOf(data.arm.flange), previous: data.arm.joints.map((joint) => matrixOf(joint[2])),
+  size: data.arm.joints.reduce((sum, joint) => sum + Math.hypot(...joint[2].slice(9)), 0),
 };
 const flangeFromTool = matrixOf(data.tool.flange_from_tool);
 // Of each tool where there are several.
@@ -17,23 +18,45 @@ const frameAt = (event) => toolFrames[toolOf ? toolOf[event] : 0];
 function cuboid([pose, half], name = "arm") {
   const group = new THREE.Group();
   const shape = new THREE.BoxGeometry(...half.map((v) => 2 * v));
-  const body = new THREE.Mesh(shape, new THREE.MeshLambertMaterial({ polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }));
+  const body_ = new THREE.Mesh(shape, new THREE.MeshLambertMaterial({ polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 }));
   const edges = new THREE.LineSegments(new THREE.EdgesGeometry(shape), new THREE.LineBasicMaterial({ transparent: true, opacity: 0.55 }));
-  [body.name, edges.name] = [name, name === "arm" ? "arm-edge" : "part"];
-  group.add(body, edges);
+  [body_.name, edges.name] = [name === "arm" ? "boxes" : name, name === "arm" ? "boxes-edge" : "part"];
+  if (name === "arm") Object.assign(body_.material, { transparent: true, opacity: 0.35, depthWrite: false, polygonOffsetFactor: -1, polygonOffsetUnits: -4 });
+  group.add(body_, edges);
   matrixOf(pose).decompose(group.position, group.quaternion, group.scale);
   return group;
 }
 
-if (arm) {
-  for (const [, boxes] of arm.links) {
+// A thing of a layer that moves with another one.
+function hang(layer, parent, things) {
+  const group = new THREE.Group();
+  if (things.length) group.add(...things);
+  parent.add(group);
+  layers[layer].things.push(group);
+}
+
+// Cuboids of one frame told in another: from_ is where the first stands in the second.
+const toldFrom = (from_, boxes) => boxes.map(([pose, half]) => {
+  const m = new THREE.Matrix4().multiplyMatrices(from_, matrixOf(pose)).elements;
+  return [[m[0], m[4], m[8], m[1], m[5], m[9], m[2], m[6], m[10], m[12], m[13], m[14]], half];
+});
+
+function setArm() {
+  const origin_ = new THREE.Vector3();
+  arm.links.forEach(([, boxes, mesh], k) => {
     const link = new THREE.Group();
     link.matrixAutoUpdate = false;
-    boxes.forEach((one) => link.add(cuboid(one)));
-    put("robot", link, 0);
+    scene.add(link);
     arm.links3.push(link);
-  }
+    const [own, next] = [arm.joints[k - 1], arm.joints[k]];
+    const entry = own && { at: origin_.clone(), axis: new THREE.Vector3(...own[3]).normalize(), sliding: own[1] };
+    const exit = next && { at: origin_.clone().applyMatrix4(arm.previous[k]), sliding: next[1] };
+    const before = k ? toldFrom(arm.previous[k - 1].clone().invert(), arm.links[k - 1][1]) : [];
+    hang("robot", link, mesh ? [linkMesh(mesh)] : linkShapes(boxes, entry, exit, before));
+    hang("boxes", link, boxes.map((one) => cuboid(one)));
+  });
 }
+if (arm) setArm();
 
 // Table and fixtures, told in the work frame.
 const around = new THREE.Group();
@@ -61,16 +84,33 @@ function toolShape() {
   }
 }
 if (!data.tool.bodies.some(([name]) => name === "tool")) toolShape();
+
+// The rod in the cuboid of a tool, along its longest side; its tip is at the tool centre.
+function pointed_([pose, half]) {
+  const group = new THREE.Group();
+  const k = half.indexOf(Math.max(...half));
+  const end = [0, 0, 0].map((_, i) => (i === k ? half[k] : 0));
+  let [from, to] = [end, end.map((v) => -v)].map((at) => new THREE.Vector3(...at).applyMatrix4(matrixOf(pose)));
+  const tip = new THREE.Vector3().setFromMatrixPosition(flangeFromTool);
+  if (tip.distanceTo(from) < tip.distanceTo(to)) [from, to] = [to, from];
+  const radius = Math.min(...half);
+  const neck = to.clone().lerp(from, Math.min((1.2 * 2 * radius) / (2 * half[k]), 0.33));
+  group.add(rod(from, neck, radius, radius, "tool"), rod(neck, to, radius, radius * 0.06, "tool"));
+  return group;
+}
 const atFlange = new THREE.Group();
 atFlange.matrixAutoUpdate = false;
 atFlange.matrix.copy(flangeFromTool).invert();
-for (const [, boxes] of data.tool.bodies) boxes.forEach((one) => atFlange.add(cuboid(one, "tool")));
+const bodies = data.tool.bodies.flatMap(([name, boxes]) => boxes.map((one) => [name, one]));
+// A tool that is tested is a rod as long as that, pointed where it cuts; a holder is as round as it is wide.
+atFlange.add(...bodies.map(([name, one]) => (name === "tool" ? pointed_(one) : body(one, "holder"))));
+hang("boxes", atFlange, bodies.map(([, one]) => cuboid(one)));
 toolGroup.add(atFlange);
 put("tool", toolGroup, 7);
 
 function themedArm() {
   scene.traverse(({ name, material }) => {
-    if (["arm", "arm-edge", "tool", "fixture", "part"].includes(name)) material.color.set(css(name));
+    if (["arm", "arm-joint", "boxes", "boxes-edge", "tool", "holder", "fixture", "part"].includes(name)) material.color.set(css(name));
   });
 }
 

@@ -21,16 +21,13 @@ function corners(whole) {
   const found = [];
   for (let k = 0; k < 8; k++) found.push(new THREE.Vector3(...[0, 1, 2].map((i) => (k >> i & 1 ? box.high[i] : box.low[i]))));
   if (!whole || !arm) return found;
-  for (const link of arm.links3) {
-    link.updateWorldMatrix(true, true);
-    link.children.forEach((one) => {
-      const half = one.children[0].geometry.parameters;
-      for (let k = 0; k < 8; k++) {
-        const corner = ["width", "height", "depth"].map((name, i) => (k >> i & 1 ? 0.5 : -0.5) * half[name]);
-        found.push(new THREE.Vector3(...corner).applyMatrix4(one.matrixWorld));
-      }
+  arm.links3.forEach((link, n) => {
+    arm.links[n][1].forEach(([pose, half]) => {
+      const placed = new THREE.Matrix4().multiplyMatrices(link.matrix, matrixOf(pose));
+      for (let k = 0; k < 8; k++) found.push(new THREE.Vector3(...half.map((v, i) => (k >> i & 1 ? v : -v))).applyMatrix4(placed));
     });
-  }
+    found.push(new THREE.Vector3().setFromMatrixPosition(link.matrix));
+  });
   return found;
 }
 
@@ -80,15 +77,9 @@ function fit(whole = look.whole) {
   aim();
 }
 
-// What is seen first: the part in the middle, and beside it as much of the robot as leaves the part legible.
+// What is seen first: all of the part, and all of the robot where there is one.
 function begin() {
-  if (arm) {
-    fit(true);
-    const all = look.height;
-    fit(false);
-    look.height = Math.max(look.height, Math.min(all, 2.4 * look.height));
-    aim();
-  } else fit(false);
+  fit(Boolean(arm));
   look.begun = true;
 }
 

@@ -44,7 +44,8 @@ const layers = {
   excess: { label: "Excess", colour: "excess", things: [] },
   axes: { label: "Tool axes", colour: "tool", things: [], off: isFlat },
   tool: { label: "Tool", colour: "tool", things: [] },
-  robot: { label: "Robot", colour: "arm", things: [], off: false },
+  robot: { label: "Robot", colour: "arm-joint", things: [], off: false },
+  boxes: { label: "Tested cuboids", colour: "boxes", things: [], off: true },
 };
 
 function put(layer, thing, order) {

@@ -284,4 +284,4 @@ paint();
 tell({ camgen: "ready" });
 requestAnimationFrame(frame);
 // For whoever drives the page from outside, as tests do.
-window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup, cutting, notes, pointed, listing, toLine, pointAt, viewState };
+window.camgen = { data, player, look, track, arm, chosen, measure, fit, box, orbit, framesOf, jointsAt, placeAt, paint, renderer, toScreen, setScreen, toolGroup, cutting, notes, pointed, listing, toLine, pointAt, viewState, layers, matrixOf };

@@ -19,8 +19,8 @@ from camgen.read.files import Files
 from camgen.robots.kinematics.arms import recognise
 from camgen.robots.kinematics.forward import jacobian
 from camgen.robots.kinematics.joint_limits import turns
-from camgen.robots.models import Box, Link, Robot, Trust
-from camgen.robots.urdf.boxes import boxes_of, touching
+from camgen.robots.models import Box, Link, Robot, Surface, Trust
+from camgen.robots.urdf.boxes import shapes_of, touching
 from camgen.robots.urdf.chain import JointChain, chain_of, limits_of
 from camgen.robots.urdf.xml import Description, read_description
 
@@ -61,15 +61,21 @@ def _spare(robot: Robot) -> Robot:
 
 def _links(described: Description, chain: JointChain, files: Files) -> tuple[tuple[Link, ...], list[str]]:
     """What moves together, with its boxes, and notes on what has none."""
-    links, notes = [], []
+    links: list[Link] = []
+    notes: list[str] = []
     names = [chain.base, *(joint.child for joint in chain.raw)]
     for name, body in zip(names, chain.bodies, strict=True):
         boxes: list[Box] = []
+        surfaces: list[Surface] = []
         for part, body_from_part in body.items():
-            own, said = boxes_of(part, described.links[part], Path(described.file).parent, files)
-            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in own]
-            notes += said
-        links.append(Link(name, tuple(boxes)))
+            own = shapes_of(part, described.links[part], Path(described.file).parent, files)
+            boxes += [Box(body_from_part @ box.link_from_box, box.half) for box in own.boxes]
+            turn, shift = body_from_part.rotation.T, body_from_part.origin
+            surfaces += [Surface(frozen(one.vertices @ turn + shift), one.faces) for one in own.surfaces]
+            notes += own.notes
+        # Meshes that leave a shape out would show a link with a gap.
+        whole = len(surfaces) == sum(len(described.links[part]) for part in body)
+        links.append(Link(name, tuple(boxes), tuple(surfaces) if whole else ()))
     return tuple(links), notes
 
 

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.model.errors import InputError
@@ -16,7 +17,7 @@ from camgen.model.tolerance import PARALLEL_EDGES
 from camgen.read.files import Files
 from camgen.read.solid.mesh_file import load
 from camgen.robots.kinematics.forward import frames
-from camgen.robots.models import Box, Robot
+from camgen.robots.models import Box, Robot, Surface
 from camgen.robots.urdf.xml import UrdfShape, mesh_path
 
 #: A mesh is looked at in so many slices along each axis, and becomes so many cuboids at most.
@@ -29,10 +30,18 @@ _THIN = 0.01
 _CROSS = math.sqrt(0.5)
 
 
-def boxes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> tuple[tuple[Box, ...], list[str]]:
-    """Cuboids around the shapes, in the frame of the link, and notes on what has none. folder: of the URDF."""
+class Shapes(Struct, frozen=True):
+    """Cuboids around the shapes of a link, in its frame, its meshes, and notes on what has none."""
+
+    boxes: tuple[Box, ...]
+    surfaces: tuple[Surface, ...]
+    notes: tuple[str, ...]
+
+
+def shapes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: Files) -> Shapes:
+    """What the URDF in ``folder`` says of the shapes of a link."""
     boxes: list[Box] = []
-    notes = []
+    surfaces, notes = [], []
     for shape in shapes:
         if shape.kind != "mesh":
             boxes += _simple(shape)
@@ -48,7 +57,10 @@ def boxes_of(link: str, shapes: tuple[UrdfShape, ...], folder: Path, files: File
             continue
         vertices = (soup.mm if soup.unit else 1000.0) * soup.vertices * np.array(shape.size)
         boxes += [Box(shape.link_from_shape @ box.link_from_box, box.half) for box in around(vertices, soup.faces)]
-    return tuple(boxes), notes
+        surfaces.append(
+            Surface(frozen(vertices @ shape.link_from_shape.rotation.T + shape.link_from_shape.origin), soup.faces)
+        )
+    return Shapes(tuple(boxes), tuple(surfaces), tuple(notes))
 
 
 def _simple(shape: UrdfShape) -> list[Box]:
