@@ -1,9 +1,10 @@
-"""The preview page of the largest drawing and of one made by hand: size, seconds to a picture, frames per second.
+"""The preview page of ordinary parts, of the largest drawing and of one made by hand: size, seconds, frames per second.
 
     python -m bench.speed.page [FOLDER] [SEGMENTS, 200000] [SECONDS, 4]
 
 FOLDER holds drawings (default: ``shared/data/dxf`` beside the repository). The largest is the one whose program has the
-most points on the screen. The other one has SEGMENTS segments. Both turn for SECONDS, after as long a run-in. Needs
+most points on the screen. The other one has SEGMENTS segments. The ordinary ones are a drawing, a picture, and a 3-D
+part with an arm. All turn, play and scroll through the program's text for SECONDS each, after as long a run-in. Needs
 playwright and a Chromium; it renders in software.
 """
 
@@ -27,14 +28,26 @@ from camgen.preview.page import page
 from camgen.preview.view import view
 
 DEFAULT = Path(__file__).parents[3] / "shared" / "data" / "dxf"
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 SWITCHES = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--no-sandbox"]
 JOB = {"operation": {"kind": "trace"}}
-ORBIT = """async (seconds) => {
+#: What is done before each frame, and the tab that is open then.
+MOVES = {"turning": "paths", "playing": "text", "scrolling": "text"}
+#: Frames per second. Scrolling: thousands of lines at a time.
+FRAMES = """async ([move, tab, seconds]) => {
+  const code = document.getElementById("code");
+  const total = camgen.track.time.at(-1);
+  const moves = {
+    turning: () => camgen.orbit(2, 0),
+    playing: () => camgen.player.to((camgen.player.time + total / 997) % total),
+    scrolling: () => { code.scrollTop = (code.scrollTop + 70001) % Math.max(code.scrollHeight, 1); },
+  };
+  document.querySelector(`[data-tab=${tab}]`).click();
   const run = async () => {
     const begin = performance.now();
     let frames = 0;
     while (performance.now() - begin < seconds * 1000) {
-      camgen.orbit(2, 0);
+      moves[move]();
       frames++;
       await new Promise(requestAnimationFrame);
     }
@@ -50,6 +63,16 @@ SCRIPT = """() => {
   for (let k = 0; k < 10; k++) { camgen.orbit(1, 0); camgen.paint(); }
   return (performance.now() - begin) / 10;
 }"""
+
+
+def ordinary() -> list[Result]:
+    """A drawing, a picture, and a 3-D part with an arm."""
+    picture = {"operation": {"kind": "follow"}, "image": {"mm_per_px": 0.1}}
+    return [
+        camgen.build(PARTS / "bracket.dxf", post="gcode"),
+        camgen.build(PARTS / "gear.png", post="gcode", job=picture),
+        camgen.build(PARTS / "rfa1.stl", post="rapid"),
+    ]
 
 
 def largest(folder: Path) -> Result:
@@ -99,12 +122,14 @@ def measured(browser: Browser, result: Result, folder: Path, turning: float) -> 
         )
         first.append(time.perf_counter() - begin)
         if len(first) == 3:
-            frames, script = tab.evaluate(ORBIT, turning), tab.evaluate(SCRIPT)
+            frames = [tab.evaluate(FRAMES, [*move, turning]) for move in MOVES.items()]
+            script = tab.evaluate(SCRIPT)
         tab.close()
     points = len(view(result).track.time)
     size = len(text.encode()) / 1e6
     seconds = statistics.median(first)
-    cells = (f"{points:,}", f"{size:.1f} MB", f"{made:.2f} s", f"{seconds:.1f} s", f"{frames:.0f}", f"{script:.1f} ms")
+    rates = [f"{rate:.0f}" for rate in frames]
+    cells = (f"{points:,}", f"{size:.1f} MB", f"{made:.2f} s", f"{seconds:.2f} s", *rates, f"{script:.1f} ms")
     return f"| {result.part.source} | {' | '.join(cells)} |"
 
 
@@ -112,10 +137,11 @@ def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else DEFAULT
     segments = int(sys.argv[2]) if len(sys.argv) > 2 else 200_000
     turning = float(sys.argv[3]) if len(sys.argv) > 3 else 4.0
-    results = [largest(folder), by_hand(segments)]
+    results = [*ordinary(), largest(folder), by_hand(segments)]
     print(machine(), end="\n\n")
-    print("| drawing | points of the program | page | made in | first picture | frames/s turning | script per frame |")
-    print("|---|---|---|---|---|---|---|")
+    rates = " | ".join(f"frames/s {move}" for move in MOVES)
+    print(f"| part | points of the program | page | made in | first picture | {rates} | script per frame |")
+    print("|---|---|---|---|---|---|---|---|---|")
     with sync_playwright() as started, tempfile.TemporaryDirectory() as pages:
         browser = started.chromium.launch(executable_path=shutil.which("chromium"), args=SWITCHES)
         for result in results:

@@ -34,7 +34,7 @@ class Surface(Struct, frozen=True, eq=False):
 
 
 class Link(Struct, frozen=True, eq=False):
-    """What moves together. boxes: what is tested. surfaces: what it looks like, where it is described by meshes alone."""
+    """What moves together. boxes: what is tested. surfaces: what it looks like, where meshes alone describe it."""
 
     name: str
     boxes: tuple[Box, ...]
