@@ -36,7 +36,7 @@ TABS = ROOT / "fixtures" / "cases" / "bracket-tabs" / "job.toml"
 #: Width of a PNG, and the colours of a channel: small files.
 _WIDE, _SHADES = 760, 10
 #: Of a picture of the page: beside the list, below the title and above the slider.
-_SCENE = (slice(46, -48), slice(430, None))
+_SCENE = (slice(46, -68), slice(430, None))
 #: A browser that draws with the processor, and waits until the page has come to rest.
 _SWITCHES = (
     *("--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"),

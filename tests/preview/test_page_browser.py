@@ -317,6 +317,8 @@ def test_dragging_turns_and_the_wheel_zooms(opened: Any) -> None:
 
 def test_names_that_are_markup_are_shown_and_do_nothing(opened: Any) -> None:
     one = opened("evil")
+    assert "<img" in one.page.locator("#notes").inner_text()
+    one.page.locator("[data-tab=paths]").click()
     one.page.locator("#rows .row").first.click()
     for tab in one.page.locator("nav button").all():
         tab.click()

@@ -103,7 +103,7 @@ atFlange.matrixAutoUpdate = false;
 atFlange.matrix.copy(flangeFromTool).invert();
 const bodies = data.tool.bodies.flatMap(([name, boxes]) => boxes.map((one) => [name, one]));
 // A tool that is tested is a rod as long as that, pointed where it cuts; a holder is as round as it is wide.
-atFlange.add(...bodies.map(([name, one]) => (name === "tool" ? pointed_(one) : body(one, "holder"))));
+bodies.forEach(([name, one]) => atFlange.add(name === "tool" ? pointed_(one) : body(one, "holder")));
 hang("boxes", atFlange, bodies.map(([, one]) => cuboid(one)));
 toolGroup.add(atFlange);
 put("tool", toolGroup, 7);

@@ -144,7 +144,7 @@ const MARK_VERTEX = `
     vec4 q = projectionMatrix * modelViewMatrix * vec4(at + way, 1.0);
     vec2 towards = (q.xy - p.xy) * size;
     float run = length(towards);
-    bool seen = room * perMm >= least && (least < 20.0 || run > 0.3 * perMm);
+    bool seen = room * perMm >= least && (dot(way, way) < 1e-9 || run > 0.3 * perMm);
     towards = run > 1e-9 ? towards / run : vec2(1.0, 0.0);
     vCorner = own;
     p.xy += (towards * own.x + vec2(-towards.y, towards.x) * own.y) * radius * pixel * 2.0 / size;

@@ -196,7 +196,8 @@ function alongPaths() {
 }
 const along = alongPaths();
 put("arrows", marks(...along.arrows, { radius: 6, least: 46, arrow: true }), 5);
-put("starts", marks(...along.starts, { radius: 4, least: 16, arrow: false }), 6);
+// Among hundreds of paths a ring on each would hide them: it comes when they are looked at closely.
+put("starts", marks(...along.starts, { radius: 4, least: data.paths.length > 400 ? 80 : 16, arrow: false }), 6);
 
 function axes(chosen) {
   const points = new Float32Array(6 * chosen.length);
