@@ -175,7 +175,8 @@ def _words(image: Pixels, view: View, sheet: _Sheet) -> None:
     facts = dict(view.facts)
     _write(image, _plain(view.title), (_BORDER, 55), 1.0)
     names = ("Paths", "Work", "Travel", "Time", "Robot")
-    told = ", ".join(f"{name.lower()} {_plain(facts[name])}" for name in names)
+    # How the order was found stands on the page.
+    told = ", ".join(f"{name.lower()} {_plain(facts[name]).split(' (')[0]}" for name in names)
     _write(image, told, (_BORDER, 92), 0.6)
     if view.skipped:
         _write(image, f"left out: {len(view.skipped)}, in red where it was drawn", (_BORDER, _HIGH - 22), 0.6)

@@ -238,7 +238,8 @@ function setPrint() {
     for (const [label, text] of data.facts) numbers.append(make("dt", label), make("dd", text));
     $("print").replaceChildren(make("h1", data.title), picture, numbers);
     for (const { kind, what, why } of notes) {
-      $("print").append(make("p", `${KINDS_OF_NOTE[kind][0]}: ${what}${why ? ` (${why})` : ""}`));
+      const [first, ...rest] = KINDS_OF_NOTE[kind][0];
+      $("print").append(make("p", `${first.toUpperCase()}${rest.join("")}: ${what}${why ? ` (${why})` : ""}`));
     }
   });
 }
