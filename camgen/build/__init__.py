@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 import camgen.preview.notebook  # noqa: F401 (values draw themselves)
 from camgen.build.inputs import note_urdf, read_inputs
@@ -35,8 +36,9 @@ from camgen.model.pose import Pose, fixed_xyz
 from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, short
 from camgen.model.version import __version__
-from camgen.order import ArmTour, order
-from camgen.plan import Coverage, EdgePlan, Plan, Watch, ignore_stages, leave_out_paths, plan
+from camgen.order import ArmTour, may_choose_ways, order
+from camgen.plan import Coverage, EdgePlan, Plan, ReplayPlan, Watch, ignore_stages, plan
+from camgen.plan.leave_out import find_dependent, leave_out_paths
 from camgen.plan.steps import job_of
 from camgen.post import OutputFile, Post
 from camgen.post.plugins import cell_of, dynamics_of, fill_tables, find_post, find_readback, make_post
@@ -54,6 +56,8 @@ if TYPE_CHECKING:
 
 #: What an input may be: a file, or a part that was made in code.
 Input = str | Path | Part
+#: So often a program is made and checked, each time without what the check before has lost.
+_ROUNDS = 8
 #: A job: its tables, its file, or the value itself; None: the defaults.
 JobLike = Mapping[str, object] | Job | str | Path | None
 
@@ -146,10 +150,13 @@ def build(
     _insist(planned.part, planned.notes, bool(planned.paths), strict)
     title = poster.program or name or planned.part.name
     header = _header(sources, planned.part, poster, settings, read.cell, read.digest)
+    asked = planned
     planned, tour, checks = _program(planned, settings, read.cell, poster, title, header, strict, watch)
     watch("verifying")
     posted = post_programs(checks, readback, fill_tables(type(poster), settings.post))
-    proof = prove_stock(planned, tour, settings, read.cell, checks, posted)
+    proof = prove_stock(asked, planned, tour, settings, read.cell, checks, posted)
+    if len(tour.paths) < len(asked.paths):
+        planned = _forget_coverage(planned)
     return _sum_up(planned, tour, read.cell, settings, poster, checks, posted, proof)
 
 
@@ -163,10 +170,16 @@ def _program(
     strict: bool,
     watch: Watch,
 ) -> tuple[Plan, Tour, Checked]:
-    """The checked program of ``planned``, without the edges that its check lost: found anew for the others."""
+    """The checked program of ``planned``, without the paths that its check lost: found anew for the others. Where the
+    last round finds some still, or none is left, it is refused for what was found.
+    """
     where = planned.where if isinstance(planned, EdgePlan) else None
-    while True:
-        tour = order(planned, job, cell, watch)
+    first: Blocked | None = None
+    ways = False
+    for left in reversed(range(_ROUNDS)):
+        planned, tour = _order_whole(planned, job, cell, watch, ways)
+        if first is not None and not tour.paths:
+            break
         _insist(planned.part, (*planned.notes, *tour.notes), bool(tour.paths), strict)
         watch("programming")
         lowered = lower(tour, cell, job, title, header)
@@ -176,21 +189,55 @@ def _program(
                     watch("checking")
                 return planned, tour, check_programs(lowered, tour, poster, job, cell, where, planned.part.source)
         except Blocked as error:
-            planned = _leave_out(planned, tour, error)
+            first = first or error
+            if not left:
+                raise
+            planned, ways = _plan_again(planned, tour, job, error, ways)
+            if not planned.paths:
+                break
+            _insist(planned.part, planned.notes, True, strict)
+    assert first is not None
+    raise first
 
 
-def _leave_out(plan: Plan, tour: Tour, error: Blocked) -> Plan:
-    """The plan without the edges, or the paths of an arm that chooses, that the check of its program lost; the error
-    itself where they are others.
+def _order_whole(plan: Plan, job: Job, cell: Cell, watch: Watch, ways: bool) -> tuple[Plan, Tour]:
+    """The tour, and the plan without what cannot be run because the tour has left out what comes before it."""
+    while True:
+        tour = order(plan, job, cell, watch, ways)
+        kept = {path.id for path in tour.paths}
+        more = find_dependent(plan, {path.id for path in plan.paths} - kept) if len(kept) < len(plan.paths) else {}
+        if not more:
+            return plan, tour
+        plan = leave_out_paths(plan, more)
+
+
+def _plan_again(plan: Plan, tour: Tour, job: Job, error: Blocked, ways: bool) -> tuple[Plan, bool]:
+    """The plan without the paths that the check of its program lost, and whether the arm chooses its ways, as before
+    in ``ways``: where nothing but straight ways between paths is blocked, no path is. ``error`` where nothing helps.
     """
-    lost = [(tour.paths[one.path].id, one.kind, one.why) for one in error.lost if one.path >= 0]
-    if isinstance(tour, ArmTour) and lost:
-        return leave_out_paths(plan, {name: why for name, _, why in lost})
-    if not isinstance(plan, EdgePlan) or not lost:
+    plain = not isinstance(plan, (EdgePlan, ReplayPlan)) and not isinstance(tour, ArmTour)
+    choice = plain and not ways and may_choose_ways(job)
+    lost = [one for one in error.lost if not (choice and one.way)]
+    if error.lost and not lost:
+        return plan, True
+    # The motions of a program that was read are run as they stand in it, all of them. What is on no path, home, is
+    # the same whatever is left out.
+    if isinstance(plan, ReplayPlan) or not lost or any(one.path < 0 for one in lost):
         raise error
-    from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
+    named = [(tour.paths[one.path].id, one.kind, one.why) for one in lost]
+    if isinstance(plan, EdgePlan):
+        from camgen.plan.edges import leave_out  # noqa: PLC0415 (fcl and kinematics, only for what needs them)
 
-    return leave_out(plan, lost)
+        return leave_out(plan, named), ways
+    return leave_out_paths(plan, {name: why for name, _, why in named}), ways
+
+
+def _forget_coverage(plan: Plan) -> Plan:
+    """Of a fill some of whose paths are left out nobody has measured what the others cover."""
+    if plan.coverage is None:
+        return plan
+    note = Note("assumed", "coverage is not told", "paths are left out")
+    return replace(plan, coverage=None, notes=(*plan.notes, note))
 
 
 def _sum_up(

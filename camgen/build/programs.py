@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from camgen.check import Checks, check
 from camgen.lower.steps import split_tools
+from camgen.model.errors import Blocked
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import IntArray
 from camgen.model.path import Tour
@@ -62,14 +63,22 @@ def check_programs(
         whole = check(program, job, cell, where, source)
         return Checked(((poster, whole.program),), whole)
     assert isinstance(tour, JobTour)
-    found, programs = [], []
-    for part, tool in zip(parts, _tools(tour), strict=True):
-        # A post prints one program; its name is in what it prints.
-        own = dataclasses.replace(poster, program="")
-        checks = check(own.prepare(part, job.tolerance.chord), replace(job, tool=tool), cell, where, source)
-        found.append(checks)
-        programs.append((own, checks.program))
-    return Checked(tuple(programs), _join(lowered, found))
+    found: list[Checks] = []
+    blocked: list[Blocked] = []
+    # A post prints one program; its name is in what it prints.
+    posters = [dataclasses.replace(poster, program="") for _ in parts]
+    for part, tool, own in zip(parts, _tools(tour), posters, strict=True):
+        try:
+            found.append(check(own.prepare(part, job.tolerance.chord), replace(job, tool=tool), cell, where, source))
+        except Blocked as error:
+            blocked.append(error)
+    if blocked:
+        # What is lost of the others is told with the first.
+        one = blocked[0]
+        lost = tuple(loss for error in blocked for loss in error.lost)
+        raise Blocked(one.file, one.what, one.where, one.remedy, lost)
+    programs = tuple((own, checks.program) for own, checks in zip(posters, found, strict=True))
+    return Checked(programs, _join(lowered, found))
 
 
 def _tools(tour: JobTour) -> list[ToolTable]:

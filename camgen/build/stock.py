@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.report import Cycle, clean
+from camgen.geometry.segments import flatten
 from camgen.model.errors import NoSafeProgram
 from camgen.model.job import Job, ToolTable
 from camgen.model.path import Tour
@@ -18,6 +19,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import Comment, Program
 from camgen.order import JobTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan
+from camgen.plan.columns import path_segments
 from camgen.plan.steps import job_of
 from camgen.robots.workcell import Workcell
 
@@ -27,9 +29,11 @@ if TYPE_CHECKING:
 
 
 def prove_stock(
-    plan: Plan, tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
+    asked: Plan, plan: Plan, tour: Tour, job: Job, cell: Workcell, checked: Checked, posted: Posted
 ) -> StockProof | None:
     """What the texts of ``posted`` do to the stock; None where nothing is cut, and of what is not flat.
+
+    asked: the plan before anything was left out of it: what its other paths would take is told as left.
 
     NoSafeProgram for the first motion that cuts what must stay, or runs through material in rapid motion or with the
     holder.
@@ -43,7 +47,9 @@ def prove_stock(
 
     plans = plan.plans if isinstance(plan, JobPlan) else (plan,)
     tasks = [task_on(plan.part, own, one.part) for own, one in zip(jobs, plans, strict=True)]
-    proof = prove(list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock))
+    proof = prove(
+        list(_cuts(tour, job, cell, checked, posted)), design(tasks, job.stock, _sweep_lost(asked, tour, jobs))
+    )
     if proof.refused:
         worst = proof.refused[0]
         more = f", and {len(proof.refused) - 1} more like it" if len(proof.refused) > 1 else ""
@@ -53,6 +59,25 @@ def prove_stock(
         )
         raise NoSafeProgram(worst.file, f"{worst.text}{more}", f"line {worst.line}", remedy)
     return proof
+
+
+def _sweep_lost(asked: Plan, tour: Tour, jobs: Sequence[Job]) -> Any:
+    """Polygons of what the paths that are left out would take, None where there are none."""
+    import shapely  # noqa: PLC0415 (only for what cuts)
+
+    from camgen.check.stock.cells import CHORD_MM  # noqa: PLC0415
+
+    kept = {path.id for path in tour.paths}
+    swept = []
+    for one, job in zip(asked.plans if isinstance(asked, JobPlan) else (asked,), jobs, strict=True):
+        for path in one.paths:
+            if path.id not in kept:
+                points = path.position[:, :2]
+                if len(points) > 1:
+                    points = np.concatenate([flatten(path_segments((path,)), CHORD_MM)[0], points[-1:]])
+                line = shapely.linestrings(points) if len(points) > 1 else shapely.points(points[0])
+                swept.append(shapely.buffer(line, job.tool.diameter / 2 + 2 * CHORD_MM))
+    return shapely.union_all(swept) if swept else None
 
 
 def why_unproven(job: Job) -> str:

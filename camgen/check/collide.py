@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from msgspec import Struct
 
+from camgen.check.lost import join_losses
 from camgen.check.reach import Reach, trace
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart, motion, motions
@@ -123,9 +124,9 @@ def _tell_near(close: Sequence[Near], margin: float) -> tuple[Note, ...]:
 
 
 def _find_by_path(where: Surroundings, reach: Reach, course: Course) -> list[_Collision]:
-    """The first collision of each run of motions of one path."""
-    path = reach.program.columns.path[_motions(reach, course)[1:]]
-    ends = offsets(run_lengths(path))
+    """The first collision of each run of motions of one path, and of the way that leads to it."""
+    columns, motion_of = reach.program.columns, _motions(reach, course)[1:]
+    ends = offsets(run_lengths(columns.path[motion_of] * 2 + columns.arrives[motion_of]))
     runs = [course.joints[a : b + 1] for a, b in pairwise(ends.tolist())]
     found = []
     for scene in (where.apart, where.work):
@@ -141,21 +142,24 @@ def _motions(reach: Reach, course: Course) -> IntArray:
 
 def _block(reach: Reach, robot: Robot, file: str, course: Course, found: list[_Collision]) -> Blocked:
     """The error about all paths with a collision."""
-    program = reach.program
-    instruction = program.columns.at[_motions(reach, course)]
-    lost: dict[int, Loss] = {}
+    program, columns = reach.program, reach.program.columns
+    motion_of = _motions(reach, course)
+    losses: list[Loss] = []
+    last = np.append(motion_of[1:] != motion_of[:-1], True)
     for one in sorted(found, key=lambda one: one.at):
-        index = int(instruction[math.ceil(one.at)])
+        row = math.ceil(one.at)
+        number = int(motion_of[row])
+        index = int(columns.at[number])
         path, words = program.path_at(index), " against ".join(one.pair)
         where = f"at {_place(program, robot, course, one.at)} mm"
-        link = (
-            "" if program.columns.works[int(np.searchsorted(program.columns.at, index))] else " on a way to or from it"
-        )
-        if not lost:
+        link = "" if columns.works[number] else " on a way to or from it"
+        # Where a way ends the path begins.
+        way = bool(columns.arrives[number]) and not (one.at == row and last[row])
+        if not losses:
             what = f"{robot.name} collides on {program.place_of(index)} {where}: {words}"
             error = file, what, f"instruction {index}", _remedy(one, robot)
-        lost.setdefault(path, Loss(path, "collision", f"collision, {words}, {where}{link}"))
-    return Blocked(*error, tuple(lost.values()))
+        losses.append(Loss(path, "collision", f"collision, {words}, {where}{link}", way))
+    return Blocked(*error, join_losses(losses))
 
 
 def _place(program: Program, robot: Robot, course: Course, at: float) -> str:

@@ -8,13 +8,14 @@ looked at by ``trace``, which finds the joints there as a controller does, with 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.check.lost import Lost, Stretch, find_lost, join_losses
 from camgen.geometry.arcs import arc_middles
 from camgen.geometry.ragged import owners, ramp
 from camgen.model.errors import Blocked, JobError, Loss
@@ -27,7 +28,6 @@ from camgen.plan.edges.ways import Index, Way, counts, divide, rows
 from camgen.robots.kinematics.continuity import Stuck, Ties, follow
 from camgen.robots.kinematics.forward import flange
 from camgen.robots.kinematics.joint_limits import within
-from camgen.robots.kinematics.reasons import why
 from camgen.robots.models import Robot
 from camgen.robots.posture import postures
 
@@ -150,7 +150,7 @@ def check_reach(program: Program, robot: Robot, file: str) -> Reach:
     """The joints with which ``robot`` runs ``program``, in one posture from each motion to joint values to the next.
 
     file: for messages. Raises JobError for a program that is not for this kind of arm, Blocked with the motion
-    and the reason for what it cannot do.
+    and the reason for what it cannot do, and all paths that it concerns.
     """
     columns = program.columns
     anchors = _anchors(program, robot, file)
@@ -170,7 +170,8 @@ def trace(reach: Reach, robot: Robot, apart: Callable[[FloatArray, FloatArray], 
     setup = Setup(robot, program.base_from_work, program.flange_from_tool, apart=apart)
     course = follow_closely(setup, found.way, reach.joints[reach.at], ~found.free[1:])
     if len(course.lost):
-        raise _refusal(program, robot, file, found, int(course.lost[0]) + 1, "the joints cannot follow")
+        lost = [Lost(row + 1, "the joints cannot follow", False) for row in course.lost.tolist()]
+        raise _refusal(program, robot, file, found, lost[0], lost)
     return course
 
 
@@ -218,6 +219,9 @@ def _follow(program: Program, robot: Robot, file: str, found: MotionRows, anchor
     joints = np.empty((len(origins), len(robot.home)))
     fixed = found.at[~program.columns.posed]
     joints[fixed] = anchors
+    path, way = _sections(program, found)
+    stops: list[Lost] = []
+    lost: list[Lost] = []
     for number, first in enumerate(fixed.tolist()):
         last = int(fixed[number + 1]) if number + 1 < len(fixed) else len(joints)
         here = slice(first + 1, last)
@@ -228,18 +232,40 @@ def _follow(program: Program, robot: Robot, file: str, found: MotionRows, anchor
         ties = Ties(joined=not free[0], end=end, free=free)
         choice = follow(robot, rotations[here], origins[here], anchors[number], ties=ties)
         if isinstance(choice, Stuck):
-            reason = why(robot, rotations[here], origins[here], choice)
-            raise _refusal(program, robot, file, found, first + 1 + reason.row, reason.text)
-        joints[here] = choice.joints
+            stretch = Stretch(robot, rotations[here], origins[here], path[here], way[here], free)
+            stop, some = find_lost(stretch, choice)
+            stops.append(replace(stop, row=stop.row + first + 1))
+            lost += [replace(one, row=one.row + first + 1) for one in some]
+        else:
+            joints[here] = choice.joints
+    if stops:
+        raise _refusal(program, robot, file, found, stops[0], lost)
     return joints
 
 
-def _refusal(program: Program, robot: Robot, file: str, found: MotionRows, row: int, text: str) -> Blocked:
-    index = int(program.columns.at[found.motion[row]])
-    place = " ".join(short(v, 1) for v in found.way.position[row].tolist())
-    what = f"{robot.name} cannot run {program.place_of(index)} at {place} mm: {text}"
-    lost = (Loss(program.path_at(index), "jump", f"{text}, at {place} mm"),)
-    return Blocked(file, what, f"instruction {index}", "move or turn the part: cell.base_from_work", lost)
+def _sections(program: Program, found: MotionRows) -> tuple[Index, NDArray[np.bool_]]:
+    """(R,) the path that each row belongs to, and whether it is on the way to it; where a way ends the path begins."""
+    columns = program.columns
+    way = columns.arrives[found.motion]
+    way[found.at] = False
+    return columns.path[found.motion].astype(np.int64), way
+
+
+def _refusal(program: Program, robot: Robot, file: str, found: MotionRows, stop: Lost, lost: Sequence[Lost]) -> Blocked:
+    """The error about ``stop``, with all that is lost."""
+
+    def place(row: int) -> str:
+        return " ".join(short(v, 1) for v in found.way.position[row].tolist())
+
+    def index(row: int) -> int:
+        return int(program.columns.at[found.motion[row]])
+
+    at = index(stop.row)
+    what = f"{robot.name} cannot run {program.place_of(at)} at {place(stop.row)} mm: {stop.text}"
+    losses = [
+        Loss(program.path_at(index(one.row)), "jump", f"{one.text}, at {place(one.row)} mm", one.way) for one in lost
+    ]
+    return Blocked(file, what, f"instruction {at}", "move or turn the part: cell.base_from_work", join_losses(losses))
 
 
 def _fill(program: Program, robot: Robot, joints: FloatArray) -> Program:

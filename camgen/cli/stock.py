@@ -139,6 +139,7 @@ def _excess(proof: StockProof) -> list[str]:
             continue
         parts = [f"{short(left.corners, 2)} mm2 in inner corners and narrow places"] if left.corners >= 0.01 else []
         parts += [f"{short(left.tabs, 2)} mm2 in tabs"] if left.tabs >= 0.01 else []
+        parts += [f"{short(left.untaken, 2)} mm2 of paths that are left out"] if left.untaken >= 0.01 else []
         if left.unexplained.area >= 0.01 and left.place is not None:
             at = " ".join(short(v, 2) for v in left.place)
             parts.append(f"{short(left.unexplained.area, 2)} mm2 else, up to {short(left.size, 2)} mm wide at {at}")

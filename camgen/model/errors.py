@@ -63,11 +63,14 @@ class Refused(NoSafeProgram):
 
 
 class Loss(NamedTuple):
-    """A path that cannot be run. path: its place among the program's, -1: none of them. why: with the place."""
+    """A path that cannot be run. path: its place among the program's, -1: none of them. why: with the place. way: it is
+    the way from the path before it, or home from the last one, that is blocked; the path itself may be free.
+    """
 
     path: int
     kind: Literal["collision", "jump"]
     why: str
+    way: bool = False
 
 
 class Blocked(NoSafeProgram):

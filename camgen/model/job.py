@@ -395,7 +395,7 @@ class CellTable(Table, frozen=True):
     file: Annotated[str, Meta(description="another TOML file whose [cell] holds what is not set here")] = ""
     robot: Annotated[
         str,
-        Meta(description='the arm that must reach everything: one of camgen robots, or FILE.urdf; "": not checked'),
+        Meta(description='the arm that runs the program: one of camgen robots, or FILE.urdf; "": not checked'),
     ] = ""
 
     base_from_work: Annotated[

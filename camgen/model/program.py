@@ -278,6 +278,11 @@ class Columns:
         """(M,): which motions run along their path."""
         return np.fromiter(map(attrgetter("work"), self.moves), np.bool_, len(self.moves))
 
+    @cached_property
+    def arrives(self) -> Mask:
+        """(M,): which motions lead from a path to above the start of another one, or home from the last."""
+        return np.append(False, self.path[1:] != self.path[:-1]) & ~self.works
+
     def _spread(self, where: Mask, name: str) -> FloatArray:
         places = np.full((len(where), 3), np.nan)
         places[where] = numbers(take(self.moves, where), name, 3)

@@ -15,13 +15,15 @@ from camgen.order.tours import ArmTour, EdgeTour, JobTour, ReplayTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
 from camgen.robots.workcell import Workcell
 
-__all__ = ["ArmTour", "EdgeTour", "JobTour", "ReplayTour", "order"]
+__all__ = ["ArmTour", "EdgeTour", "JobTour", "ReplayTour", "may_choose_ways", "order"]
 
 
-def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages) -> Tour:
+def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages, ways: bool = False) -> Tour:
     """The paths of ``plan`` in the order in which they are run, from and back to the home of ``cell`` if there is one.
 
-    watch: is told how far a search is. NoSafeProgram where no free way leads to any edge of a 3-D part.
+    watch: is told how far a search is. ways: the arm chooses how it goes from path to path of a flat part, in free ways
+    of its joints, where its tool has one turn only too. NoSafeProgram where no free way leads to any edge of a
+    3-D part.
     """
     if isinstance(plan, (EdgePlan, ReplayPlan)) and plan.paths is not plan.made:
         raise changed_paths()
@@ -32,18 +34,38 @@ def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_
 
         return order_edges(plan, job, cell, watch)
     if isinstance(plan, JobPlan):
-        return _order_steps(plan, job, cell, watch)
+        return _order_steps(plan, job, cell, watch, ways)
     watch("ordering")
-    return _order_paths(plan, job, cell, watch)
+    return _order_paths(plan, job, cell, watch, ways)
 
 
-def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch) -> JobTour:
+def may_choose_ways(job: Job) -> bool:
+    """Whether an arm can go from path to path as its joints like: of several operations, in one of them at least."""
+    jobs = [job]
+    if job.operations:
+        from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely is loaded only by what needs it)
+
+        jobs = [job_of(job, step) for step in job.operations]
+    return any(_may_choose(one) for one in jobs)
+
+
+def _turns(job: Job) -> bool:
+    return job.tool.symmetric or job.tool.turn is not None
+
+
+def _may_choose(job: Job) -> bool:
+    """A tool that turns with its contour winds up between the paths, and one that stays down has no way in the air."""
+    return job.tool.orient != "follow" and not job.process.stay_down
+
+
+def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> JobTour:
     """The operations in their order, each with the best tour over its own paths."""
     from camgen.plan.steps import job_of  # noqa: PLC0415 (shapely is loaded only by what needs it)
 
     watch("ordering")
     tours = [
-        _order_paths(one, job_of(job, step), cell, watch) for one, step in zip(plan.plans, plan.steps, strict=True)
+        _order_paths(one, job_of(job, step), cell, watch, ways)
+        for one, step in zip(plan.plans, plan.steps, strict=True)
     ]
     paths: list[ToolPath] = []
     down: list[int] = []
@@ -71,7 +93,7 @@ def changed_paths() -> JobError:
     return JobError("paths", "of edges and of replays follow from the job", remedy="change the job, and plan again")
 
 
-def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
+def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bool) -> Tour:
     """The paths of a flat part with their leads."""
     from camgen.order.leads import add_leads  # noqa: PLC0415 (shapely is loaded only by what needs it)
     from camgen.order.stay_down import stay_down  # noqa: PLC0415
@@ -87,13 +109,13 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)
     found = arrange(plan.paths, *wish, told)
     arm = cell if isinstance(cell, Workcell) and cell.arm is not None and plan.paths else None
-    free = arm is not None and (job.tool.symmetric or job.tool.turn is not None)
+    free = arm is not None and (_turns(job) or (ways and _may_choose(job)))
     # Leads and tabs change the paths that turns are chosen for: order and starts first, turns at the end.
     later = free and any(
         (operation.lead_in, operation.lead_out, operation.overlap, operation.tabs, operation.tab_spacing)
     )
     if arm is not None and choice.method == "best" and (later or not free):
-        found = _order_on_arm(plan, found, job, arm, watch, keep=False, prove=False)
+        found = _order_on_arm(plan, found, job, arm, watch, free, keep=False, prove=False)
     led, notes = add_leads(found.paths, plan.part, job)
     led, more = add_tabs(found.paths, led, job)
     notes = [*found.notes, *notes, *more]
@@ -112,17 +134,19 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch) -> Tour:
     tour = replace(tour, notes=(*notes, *saved))
     if arm is None or not free:
         return tour
-    tour = _order_on_arm(plan, tour, job, arm, watch, keep=later or choice.method != "best", prove=True)
+    tour = _order_on_arm(plan, tour, job, arm, watch, free, keep=later or choice.method != "best", prove=True)
     return replace(tour, travel=measure_travel(tour.paths, start))
 
 
-def _order_on_arm(plan: Plan, tour: Tour, job: Job, cell: Workcell, watch: Watch, keep: bool, prove: bool) -> Tour:
-    """``tour`` by the time of the joints; with the turns of the tool where it is free to turn. keep: the order and the
-    starts stay. prove: what is chosen is tested for collisions.
+def _order_on_arm(
+    plan: Plan, tour: Tour, job: Job, cell: Workcell, watch: Watch, free: bool, keep: bool, prove: bool
+) -> Tour:
+    """``tour`` by the time of the joints. free: with the turns that its tool may have, in ways of the joints. keep: the
+    order and the starts stay. prove: what is chosen is tested for collisions.
     """
     from camgen.order.arm import order_by_time, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
 
     rules = rules_of(plan.paths, tour.paths, job.operation.inside_first, job.tour.layers)
-    if job.tool.symmetric or job.tool.turn is not None:
+    if free:
         return order_with_turns(tour, rules, job, cell, watch, keep, prove)
     return order_by_time(tour, rules, job, cell, watch)

@@ -6,7 +6,7 @@ The entry points ``camgen.operations`` name them, those of camgen and those of o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 import msgspec
@@ -183,12 +183,8 @@ def _plan_steps(part: Part, job: Job, cell: Cell | None, watch: Watch) -> JobPla
     if job.tour.method != "as-drawn":
         worked = [frozenset(name for path in one.paths for name in path.contours) for one in plans]
         numbers = arrange(job.operations, worked)
-    paths: list[ToolPath] = []
-    for number in numbers:
-        before = len(paths)
-        paths += [replace(p, parent=p.parent + before) if p.parent >= 0 else p for p in plans[number].paths]
     steps, run = tuple(job.operations[k] for k in numbers), tuple(plans[k] for k in numbers)
-    return JobPlan(part, tuple(paths), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run)
+    return JobPlan(part, chain_paths(run), tuple(notes), steps=steps, numbers=tuple(numbers), plans=run)
 
 
 def _plan_share(part: Part, job: Job, number: int, whole: bool, cell: Cell | None, watch: Watch) -> Plan:
@@ -208,18 +204,13 @@ def _plan_share(part: Part, job: Job, number: int, whole: bool, cell: Cell | Non
         return Plan(part, (), (Note("skipped", error.what, error.remedy),))
 
 
-def leave_out_paths(plan: Plan, lost: Mapping[str, str]) -> Plan:
-    """The plan without some paths, told by their ids with the reason; what they enclose goes to what encloses them."""
-    kept = [k for k, path in enumerate(plan.paths) if path.id not in lost]
-    place = {k: new for new, k in enumerate(kept)}
-    paths = []
-    for k in kept:
-        parent = plan.paths[k].parent
-        while parent >= 0 and parent not in place:
-            parent = plan.paths[parent].parent
-        paths.append(replace(plan.paths[k], parent=place.get(parent, -1)))
-    notes = tuple(Note("skipped", f"path {name}", why, (name,)) for name, why in lost.items())
-    return replace(plan, paths=tuple(paths), notes=(*plan.notes, *notes))
+def chain_paths(plans: Sequence[Plan]) -> tuple[ToolPath, ...]:
+    """The paths of several plans one after the other."""
+    paths: list[ToolPath] = []
+    for one in plans:
+        before = len(paths)
+        paths += [replace(p, parent=p.parent + before) if p.parent >= 0 else p for p in one.paths]
+    return tuple(paths)
 
 
 def plan_operation(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:

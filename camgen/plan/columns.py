@@ -8,10 +8,11 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.geometry.ragged import begins
-from camgen.geometry.segments import Segments, points_at, tangents_at
+from camgen.geometry.segments import Segments, make, points_at, tangents_at
 from camgen.model.job import Job
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
+from camgen.model.tolerance import NONZERO
 
 #: The tool centre is never slowed below this part of the feed, however tight the inner curve.
 SLOWEST = 0.02
@@ -126,3 +127,15 @@ def sideways(segments: Segments, side: int) -> FloatArray:
 def pass_depths(depth: float, passes: int) -> tuple[float, ...]:
     """Depths below the top face of equal passes down to ``depth``."""
     return tuple(depth * (k + 1) / passes for k in range(passes))
+
+
+def path_segments(paths: Sequence[ToolPath]) -> Segments:
+    """The lines and arcs of plane paths, seen from above."""
+    start = np.concatenate([path.position[:-1, :2] for path in paths])
+    end = np.concatenate([path.position[1:, :2] for path in paths])
+    via = np.concatenate([path.via[1:, :2] for path in paths])
+    chord, arm = end - start, via - (start + end) / 2
+    square = np.maximum((chord**2).sum(axis=1), NONZERO)
+    # The middle of an arc lies beside that of its chord by half the chord times the bulge, to the right of it.
+    bulge = 2 * (arm[:, 0] * chord[:, 1] - arm[:, 1] * chord[:, 0]) / square
+    return make(start, end, np.where(np.isnan(bulge), 0.0, bulge), np.zeros(len(start), dtype=np.int64))

@@ -6,12 +6,12 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.geometry.intersect import Obstacles
-from camgen.geometry.segments import Segments, make, points_at
+from camgen.geometry.segments import points_at
 from camgen.model.part import Note
 from camgen.model.path import ToolPath
 from camgen.model.text import counted, name_ranges
-from camgen.model.tolerance import NONZERO
 from camgen.plan.beside import EXACT
+from camgen.plan.columns import path_segments
 
 #: A last pass that finds more than so many times what is left at the walls goes down pass by pass.
 _MUCH = 3.0
@@ -56,21 +56,9 @@ def _is_more_left(path: ToolPath, rough: tuple[ToolPath, ...], most: float) -> b
     """Whether a place of ``path`` is farther than ``most`` mm from all ``rough`` ones."""
     if not rough:
         return True
-    spans = _path_segments(rough)
+    spans = path_segments(rough)
     obstacles = Obstacles(spans, np.zeros(len(spans), dtype=np.int64))
-    own = _path_segments((path,))
+    own = path_segments((path,))
     points = np.concatenate([points_at(own, np.full(len(own), f)) for f in np.linspace(0.0, 1.0, 9)])
     gap = obstacles.nearest(points, np.zeros(len(points), dtype=np.int64), most + EXACT)
     return bool(np.isinf(gap).any())
-
-
-def _path_segments(paths: tuple[ToolPath, ...]) -> Segments:
-    """The lines and arcs of plane paths."""
-    start = np.concatenate([path.position[:-1, :2] for path in paths])
-    end = np.concatenate([path.position[1:, :2] for path in paths])
-    via = np.concatenate([path.via[1:, :2] for path in paths])
-    chord, arm = end - start, via - (start + end) / 2
-    square = np.maximum((chord**2).sum(axis=1), NONZERO)
-    # The middle of an arc lies beside that of its chord by half the chord times the bulge, to the right of it.
-    bulge = 2 * (arm[:, 0] * chord[:, 1] - arm[:, 1] * chord[:, 0]) / square
-    return make(start, end, np.where(np.isnan(bulge), 0.0, bulge), np.zeros(len(start), dtype=np.int64))

@@ -15,7 +15,7 @@ from camgen.model.errors import CamgenError, JobError, NoSafeProgram
 from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL
 from camgen.order import ArmTour
-from camgen.plan import leave_out_paths
+from camgen.plan.leave_out import leave_out_paths
 from camgen.robots.catalogue import robot
 from camgen.robots.kinematics.forward import flange
 
@@ -157,8 +157,6 @@ def test_holes_come_before_their_outline() -> None:
 
 def test_a_path_that_no_turn_reaches_costs_no_other_one() -> None:
     cell = {**CELL, "fixtures": [[60, 5, -5, 75, 25, 60]]}
-    with pytest.raises(NoSafeProgram):
-        traced(cell=cell, tool={})
     result = traced(cell=cell)
     lost = [name for note in result.notes if note.kind == "skipped" for name in note.ids]
     assert lost

@@ -95,6 +95,7 @@ class Design(Struct, frozen=True, eq=False):
 
     outline: polygons of the stock. thickness: mm, None where it is not known. free: what nobody knows the limits of may
     be cut anywhere. notes: what is not judged, and why. held: contours whose inside bridges shall hold.
+    untaken: polygons of what paths that are left out would take; None: there are none.
     """
 
     cells: Cells
@@ -107,6 +108,7 @@ class Design(Struct, frozen=True, eq=False):
     free: bool
     notes: tuple[str, ...]
     held: frozenset[str] = frozenset()
+    untaken: Any = None
 
 
 def lay_out(design: Design, wanted: Sequence[Wanted]) -> list[Wanted]:
@@ -148,8 +150,9 @@ class _Draft(Struct):
             self.depth[cell] = max(self.depth[cell], depth)
 
 
-def design(tasks: Sequence[Task], stock: StockTable) -> Design:
-    """What ``tasks`` may and shall remove of ``stock``. All of them have the contours of one part.
+def design(tasks: Sequence[Task], stock: StockTable, untaken: Any = None) -> Design:
+    """What ``tasks`` may and shall remove of ``stock``. All of them have the contours of one part. untaken: as in
+    ``Design``.
 
     Contours are taken as the planner takes them: short lines that make an arc are that arc within tolerance.arc_fit.
     """
@@ -185,6 +188,7 @@ def design(tasks: Sequence[Task], stock: StockTable) -> Design:
         draft.free,
         tuple(draft.notes),
         frozenset(draft.held),
+        untaken,
     )
 
 

@@ -37,8 +37,9 @@ MOST_LEVELS = 48
 
 class Excess(Struct, frozen=True, eq=False):
     """Material that should be gone and is not, at one level. area: mm2, all of it. corners: of it, where no tool of
-    this radius can reach. tabs: of it, bridges that were asked for. size: mm, the widest disc in what is neither.
-    pieces: polygons of all of it; unexplained: of what is neither. place: in the middle of the widest.
+    this radius can reach. tabs: of it, bridges that were asked for. untaken: of it, what paths that are left out would
+    take. pieces: polygons of all of it; unexplained: of what is none of these. size: mm, the widest disc in
+    that. place: in its middle.
     """
 
     area: float
@@ -48,6 +49,7 @@ class Excess(Struct, frozen=True, eq=False):
     place: tuple[float, float] | None
     pieces: Any
     unexplained: Any
+    untaken: float = 0.0
 
 
 class Level(Struct, frozen=True, eq=False):
@@ -142,7 +144,7 @@ def _left(
     wanted = [design.wanted[k] for k in chosen]
     done = _all_along(moves, cuts, design, wanted, sum(slab) / 2)
     open_ = lay_out(design, [one for one, all_ in zip(wanted, done.tolist(), strict=True) if not all_])
-    return _Left(chosen, gone, _excess(open_, gone, depth))
+    return _Left(chosen, gone, _excess(open_, gone, depth, design.untaken))
 
 
 def _all_along(
@@ -182,7 +184,7 @@ def _nearest(points: FloatArray, ways: Segments, most: float) -> FloatArray:
     return Obstacles(ways, np.zeros(len(ways), dtype=np.int64)).nearest(points, none, most)
 
 
-def _excess(wanted: Sequence[Wanted], gone: Any, depth: float) -> Excess:
+def _excess(wanted: Sequence[Wanted], gone: Any, depth: float, untaken: Any) -> Excess:
     pieces, owner = _pieces(wanted, gone)
     if not len(pieces):
         return Excess(0.0, 0.0, 0.0, 0.0, None, shapely.MultiPolygon(), shapely.MultiPolygon())
@@ -192,6 +194,10 @@ def _excess(wanted: Sequence[Wanted], gone: Any, depth: float) -> Excess:
     bridge = np.array([_is_tab(one, wanted[k], depth) for one, k in zip(plain, owner.tolist(), strict=True)])
     tabs = float(shapely.area(plain[bridge]).sum())
     rest = plain[~bridge & ~shapely.is_empty(plain)]
+    whole = float(shapely.area(rest).sum())
+    if untaken is not None:
+        rest = _without_slivers(shapely.difference(rest, untaken))
+        rest = rest[~shapely.is_empty(rest)]
     size, place = _widest(rest)
     return Excess(
         float(shapely.area(pieces).sum()),
@@ -201,6 +207,7 @@ def _excess(wanted: Sequence[Wanted], gone: Any, depth: float) -> Excess:
         place,
         unite(pieces),
         unite(rest),
+        whole - float(shapely.area(rest).sum()) if untaken is not None else 0.0,
     )
 
 

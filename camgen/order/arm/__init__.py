@@ -26,7 +26,7 @@ from camgen.order.solver import matrix
 from camgen.order.tours import ArmTour
 from camgen.plan import Watch
 from camgen.plan.edges import freedom_of, home_of, room_of, setup_of
-from camgen.plan.edges.motion import Freedom, Reached, Setup, Unreached
+from camgen.plan.edges.motion import MARGIN, Freedom, Reached, Setup, Unreached
 from camgen.plan.edges.reach import reach_along
 from camgen.plan.edges.turns import rolls_of
 from camgen.plan.edges.ways import Way
@@ -102,7 +102,8 @@ def order_with_turns(
     found, links = _search(work, kept, prove, tell) if kept else (None, Links({}, (), {}))
     for k in sorted(work.lost):
         lost[k] = "it collides in every posture and with every turn that is tried"
-    return _tour(tour, work, found, links, profiles, lost | links.lost)
+    what = "turns of the tool chosen by joint time" if freedom.roll else "ways between the paths chosen by joint time"
+    return _tour(tour, work, found, links, profiles, lost | links.lost, what)
 
 
 def _search(work: Work, kept: Sequence[int], prove: bool, tell: Tell) -> tuple[Found, Links]:
@@ -144,7 +145,9 @@ def _begin(
     assert arm is not None
     # What comes nearer than ``cell.margin`` is told by the check of the program.
     where = around(replace(job, cell=replace(job.cell, margin=0.0)), arm, cell, None, cell.meshes)
-    setup = replace(setup_of(arm, cell, where), clear=_clear_of(where.scene))
+    # A tool with one turn has no way round a singularity; whether the joints go on there without a jump is looked at.
+    off = 0.0 if free is not None and not free.roll else MARGIN
+    setup = replace(setup_of(arm, cell, where), clear=_clear_of(where.scene), off=off)
     high = job.process.clearance
     seams = asked.seams and not asked.fixed and arm.arm is not None
     items = [lay_out(path, high, seams) for path in asked.paths]
@@ -266,6 +269,7 @@ def _tour(
     links: Links,
     profiles: dict[int, _Profile],
     lost: dict[int, str],
+    what: str,
 ) -> ArmTour:
     order = found.order if found is not None else []
     made = [_run(tour.paths[k], work.ground.items[k], found.now, k, profiles.get(k)) for k in order if found]
@@ -273,10 +277,10 @@ def _tour(
     notes = [Note("skipped", f"path {tour.paths[k].id}", why, (tour.paths[k].id,)) for k, why in sorted(lost.items())]
     changed = [tour.paths[k].id for k in order if k in profiles]
     if changed:
-        what = f"{counted(len(changed), 'path')} along which the tool is turned: {', '.join(changed[:8])}"
-        notes.append(Note("assumed", what, "no single turn reaches all of it"))
+        turned = f"{counted(len(changed), 'path')} along which the tool is turned: {', '.join(changed[:8])}"
+        notes.append(Note("assumed", turned, "no single turn reaches all of it"))
     seconds = _time_ways(work, found, links) if found is not None else 0.0
-    notes.append(Note("assumed", f"turns of the tool chosen by joint time: {short(seconds, 1)} s between the paths"))
+    notes.append(Note("assumed", f"{what}: {short(seconds, 1)} s between the paths"))
     return ArmTour(
         paths,
         tour.travel,

@@ -18,7 +18,7 @@ from camgen.order.arm.search import (
     link_key,
     wall_between,
 )
-from camgen.plan.edges.motion import JUMP, MARGIN, Hit, Track, dense_parts, flange_poses
+from camgen.plan.edges.motion import JUMP, Hit, Track, dense_parts, flange_poses
 from camgen.plan.edges.ways import Way, divide
 from camgen.robots.kinematics.continuity import Choice, follow
 
@@ -98,7 +98,7 @@ def _goes_straight(work: Work, found: Found, one: int, other: int) -> bool:
     )
     dense = divide(way, dense_parts(way))
     goal = flange_poses(work.setup, dense.position, dense.rotation)
-    made = follow(work.setup.robot, *goal, now.leave[one], MARGIN, JUMP)
+    made = follow(work.setup.robot, *goal, now.leave[one], work.setup.off, JUMP)
     if not isinstance(made, Choice):
         return False
     ends = np.abs(made.joints[[0, -1]] - [now.leave[one], now.enter[other]]).max()
