@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 #: What an input may be: a file, or a part that was made in code.
 Input = str | Path | Part
 #: So often a program is made and checked, each time without what the check before has lost.
-_ROUNDS = 8
+_ROUNDS = 16
 #: A job: its tables, its file, or the value itself; None: the defaults.
 JobLike = Mapping[str, object] | Job | str | Path | None
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import camgen
-from camgen.build import Result
+from camgen.build import Result, programs
 from camgen.cli import main
 from camgen.cli.stock import rows_of_build
-from camgen.model.errors import NoSafeProgram
-from camgen.model.program import ToolChange
+from camgen.model.errors import Blocked, Loss, NoSafeProgram
+from camgen.model.program import Program, ToolChange
 from camgen.order import ArmTour, JobTour
 from camgen.plan.leave_out import find_dependent, leave_out_paths
 
@@ -244,6 +244,22 @@ def test_a_fill_with_a_part_left_out_does_not_tell_its_coverage() -> None:
     assert lost(result)
     assert result.coverage is None
     assert any(note.what == "coverage is not told" for note in result.notes)
+
+
+def test_rounds_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A check that finds another path each time does not keep a build going for as many rounds as there are paths."""
+    holes = grid(tmp_path, [(10.0 * i, 10.0 * k) for i in range(5) for k in range(5)])
+    asked: list[str] = []
+
+    def check(program: Program, *_: object) -> None:
+        asked.append(program.paths[0].id)
+        raise Blocked("holes.dxf", "it collides", "", "", (Loss(0, "collision", "a collision"),))
+
+    monkeypatch.setattr(programs, "check", check)
+    with pytest.raises(Blocked):
+        built(holes, cell=NEAR, operation={"kind": "drill"})
+    assert len(set(asked)) == len(asked)
+    assert 1 < len(asked) <= 16
 
 
 @pytest.mark.parametrize(("post", "robot", "away"), [("pacscript", "VS-060", 520), ("vplus", "Cobra s600", 520)])
