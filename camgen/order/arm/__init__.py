@@ -3,30 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Container, Sequence
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.collision.cell import around
-from camgen.collision.hits import hits
-from camgen.collision.scene import Scene, narrow
 from camgen.model.job import Job
-from camgen.model.part import BoolArray, Note
+from camgen.model.part import Note
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
-from camgen.order.arm.items import Item, States, find_states, join_states, lay_out, turn_round
+from camgen.order.arm.items import Item, States, find_states, join_states, lay_out, stand, turn_round
 from camgen.order.arm.layers import WALL, Ground
 from camgen.order.arm.links import Links, link_up
+from camgen.order.arm.margin import Clear, clear_of, put_in, roomy_of
 from camgen.order.arm.search import Found, Tell, Wish, Work, better_tour, find_tour, prove_tour
 from camgen.order.pieces import begin_at, lengths_along, split_at
 from camgen.order.solver import matrix
 from camgen.order.tours import ArmTour
 from camgen.plan import Watch
 from camgen.plan.edges import freedom_of, home_of, room_of, setup_of
-from camgen.plan.edges.motion import MARGIN, Freedom, Reached, Setup, Unreached
+from camgen.plan.edges.motion import Freedom, Reached, Setup, Unreached
 from camgen.plan.edges.reach import reach_along
 from camgen.plan.edges.turns import rolls_of
 from camgen.plan.edges.ways import Way
@@ -37,6 +36,10 @@ from camgen.robots.workcell import Workcell
 _TURNS, _FEW_TURNS = 24, 12
 #: So often a tour is begun at most, and one that is proved is bettered once more.
 _BEGINNINGS, _AGAIN = 4, 1
+#: If more than this share of all paths cannot keep the margin, the tour is found without it.
+_TIGHT = 0.25
+#: Contacts at which pairs are looked at that are meant to be near.
+_CONTACTS = 40
 #: rad: turns that differ by no more are the same.
 _SAME_TURN = 1e-6
 
@@ -67,7 +70,7 @@ def order_by_time(tour: Tour, rules: matrix.Rules, job: Job, cell: Workcell, wat
     rules: what comes before what, by the places in ``tour``.
     """
     asked = _Asked(tour.paths, rules, False, job.tour.seam == "any")
-    work, _, _ = _begin(asked, job, cell, (0.0,), lines=True)
+    work, _, _, _ = _begin(asked, job, cell, (0.0,), lines=True)
     if not all(len(states) for states in work.states):
         return tour
 
@@ -93,17 +96,49 @@ def order_with_turns(
     freedom = replace(freedom_of(job), tilt=0.0)
     rolls = rolls_of(freedom, _TURNS if cell.arm.arm is not None else _FEW_TURNS)
     asked = _Asked(tour.paths, rules, fixed, job.tour.seam == "any" and not fixed)
-    work, profiles, lost = _begin(asked, job, cell, rolls.angles, lines=False, free=freedom)
+    work, profiles, lost, roomy = _begin(asked, job, cell, rolls.angles, lines=False, free=freedom)
     kept = [k for k in range(len(tour.paths)) if k not in lost]
 
     def tell(said: str) -> None:
         watch(f"ordering, {said}")
 
-    found, links = _search(work, kept, prove, tell) if kept else (None, Links({}, (), {}))
+    found, links = None, Links({}, (), {})
+    if kept and prove:
+        work, found, links = _search_with_margin(work, roomy, kept, fixed, tell)
+    elif kept:
+        found, links = _search(work, kept, prove, tell)
     for k in sorted(work.lost):
         lost[k] = "it collides in every posture and with every turn that is tried"
     what = "turns of the tool chosen by joint time" if freedom.roll else "ways between the paths chosen by joint time"
     return _tour(tour, work, found, links, profiles, lost | links.lost, what)
+
+
+def _search_with_margin(
+    work: Work, roomy: Clear | None, kept: Sequence[int], fixed: bool, tell: Tell
+) -> tuple[Work, Found, Links]:
+    """The tour with the margin; paths that cannot keep it, or to which no way does, come in when the rest is found.
+    roomy: which joint values keep it; None: there is none to keep.
+    """
+    if roomy is None:
+        return work, *_search(work, kept, True, tell)
+    every = list(work.states)
+    wide = _fresh(work, every, replace(work.setup, clear=roomy))
+    found, links = _search(wide, kept, True, tell)
+    tight = [k for k in kept if k not in found.order]
+    if not tight:
+        return wide, found, links
+    if len(tight) > _TIGHT * len(kept):
+        return work, *_search(work, kept, True, tell)
+    states = [every[k] if k in tight else found.now.pick(np.array([k])) for k in range(len(every))]
+    rest = replace(_fresh(work, states, work.setup), free=wide.free, detours=wide.detours)
+    rest = replace(rest, wish=replace(work.wish, loose=False))
+    made = prove_tour(rest, find_tour(rest, put_in(rest, found, tight, fixed), True, tell), tell)
+    return rest, *link_up(rest, made)
+
+
+def _fresh(work: Work, states: Sequence[States], setup: Setup) -> Work:
+    """The same task, of which nothing is known."""
+    return Work(setup, work.room, work.ground, list(states), work.rules, work.wish, set(), [], set(), set(), set(), {})
 
 
 def _search(work: Work, kept: Sequence[int], prove: bool, tell: Tell) -> tuple[Found, Links]:
@@ -136,18 +171,18 @@ def _prove_again(work: Work, found: Found, tell: Tell) -> Found:
 
 def _begin(
     asked: _Asked, job: Job, cell: Workcell, angles: Sequence[float], lines: bool, free: Freedom | None = None
-) -> tuple[Work, dict[int, _Profile], dict[int, str]]:
-    """What the search begins with; the turns of paths that no single one does for; and why paths have no state.
+) -> tuple[Work, dict[int, _Profile], dict[int, str], Clear | None]:
+    """What the search begins with; the turns of paths that no single one does for; why paths have no state; and which
+    joint values keep the margin, None where there is none.
 
     free: what else is tried for a path that none of ``angles`` does for; None: nothing is.
     """
     arm = cell.arm
     assert arm is not None
-    # What comes nearer than ``cell.margin`` is told by the check of the program.
-    where = around(replace(job, cell=replace(job.cell, margin=0.0)), arm, cell, None, cell.meshes)
-    # A tool with one turn has no way round a singularity; whether the joints go on there without a jump is looked at.
-    off = 0.0 if free is not None and not free.roll else MARGIN
-    setup = replace(setup_of(arm, cell, where), clear=_clear_of(where.scene), off=off)
+    # What a search looks at collides or does not; the margin is asked for beside it.
+    wide = around(job, arm, cell, None, cell.meshes)
+    where = replace(wide, margin=0.0)
+    setup = replace(setup_of(arm, cell, where), clear=clear_of(where.scene))
     high = job.process.clearance
     seams = asked.seams and not asked.fixed and arm.arm is not None
     items = [lay_out(path, high, seams) for path in asked.paths]
@@ -155,40 +190,61 @@ def _begin(
         items = [replace(item, reversible=False) for item in items]
     turns = np.array(angles)
     states = find_states(setup, items, turns, _beside(turns))
-    profiles: dict[int, _Profile] = {}
-    lost: dict[int, str] = {}
-    for k in range(len(items)):
-        if free is not None and not len(states[k]):
-            made = _turn_along(setup, asked.paths[k], items[k], job, free)
-            if isinstance(made, Unreached):
-                # It has a state to stand in a table, and is in no order.
-                lost[k] = made.text
-                states[k] = States(
-                    arm.home[None], arm.home[None], np.zeros((1, 2), np.int64), np.zeros(1), np.array([-1])
-                )
-            else:
-                profiles[k], states[k] = made
+    profiles, lost = _find_others(setup, asked.paths, items, states, turns, job, free) if free is not None else ({}, {})
     pace = pace_of(arm, cell.pace, job.process.travel_speed)
     ground = Ground(tuple(items), pace, home_of(arm, cell, where.scene), lines)
     # The tip keeps above the part where it goes from path to path.
     floor = min(job.process.approach, high / 2) if high > 0 else -math.inf
     wish = Wish(not asked.fixed and job.tour.method == "best", job.tool.symmetric and arm.arm is not None, floor)
     work = Work(setup, room_of(where, setup), ground, states, asked.rules, wish, set(), [], set(), set(), set(), {})
-    return work, profiles, lost
+    if free is None or wide.margin == 0:
+        return work, profiles, lost, None
+    return work, profiles, lost, roomy_of(wide, ground.home, _find_contacts(work, lost))
 
 
-def _clear_of(scene: Scene) -> Callable[[FloatArray], BoolArray]:
-    """Which joint values collide with nothing. Most of those that do collide with a box: meshes come last."""
-    meshed = {int(pair) for target in scene.targets for pair in target.of_strike}
-    boxed = narrow(scene, [k for k in range(len(scene.pairs)) if k not in meshed])
+def _find_others(
+    setup: Setup,
+    paths: Sequence[ToolPath],
+    items: list[Item],
+    states: list[States],
+    turns: FloatArray,
+    job: Job,
+    free: Freedom,
+) -> tuple[dict[int, _Profile], dict[int, str]]:
+    """States of the paths that no single turn does for, put into ``items`` and ``states``: with turns that change, or
+    else near a singularity, where the joints go on without a jump as those of a tool that keeps its turn may. The
+    turns that change; and why paths have no state, by path.
+    """
+    profiles: dict[int, _Profile] = {}
+    lost: dict[int, str] = {}
+    home = setup.robot.home[None]
+    for k in (k for k, own in enumerate(states) if not len(own)):
+        made = _turn_along(setup, paths[k], items[k], job, free)
+        if not isinstance(made, Unreached):
+            profiles[k], states[k] = made
+            continue
+        near = replace(items[k], off=0.0)
+        close = find_states(setup, [near], turns, _beside(turns))[0]
+        if len(close):
+            items[k], states[k] = near, close
+        else:
+            # It has a state to stand in a table, and is in no order.
+            lost[k] = made.text
+            states[k] = States(home, home, np.zeros((1, 2), np.int64), np.zeros(1), np.array([-1]))
+    return profiles, lost
 
-    def clear(joints: FloatArray) -> BoolArray:
-        good: BoolArray = np.asarray(hits(boxed, joints) < 0)
-        if meshed and good.any():
-            good[good] = hits(scene, joints[good]) < 0
-        return good
 
-    return clear
+def _find_contacts(work: Work, lost: Container[int]) -> FloatArray:
+    """(K, J) joint values where some of the paths begin, at the contact."""
+    some = [k for k, states in enumerate(work.states) if k not in lost and len(states) and states.branch[0] >= 0]
+    some = some[:: max(len(some) // _CONTACTS, 1)]
+    if not some:
+        return np.zeros((0, len(work.ground.home)))
+    one = join_states([work.states[k].pick(np.array([0])) for k in some])
+    items = [work.ground.items[k] for k in some]
+    stood = stand(work.setup, items, one.turn, one.branch, one.gate[:, 0], one.enter)
+    joints = stood.joints[stood.first[:-1] + 1]
+    return joints[stood.good & np.isfinite(joints).all(axis=1)]
 
 
 def _beside(turns: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:

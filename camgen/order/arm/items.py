@@ -19,7 +19,7 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.order.pieces import lengths_along
-from camgen.plan.edges.motion import Setup, flange_poses
+from camgen.plan.edges.motion import MARGIN, Setup, flange_poses
 from camgen.plan.edges.search import solutions
 from camgen.robots.kinematics.inverse import inverse, nearest
 from camgen.robots.kinematics.joint_limits import turns, within, within_turned
@@ -42,7 +42,7 @@ class Item(Struct, frozen=True, eq=False):
     """A path. position (R, 3), rotation (R, 3, 3): the looks, work frame, with the nominal turn: above the first gate,
     along the path, and above the other gates. before: (R,) the look from which each is reached, -1: none. gates: (G,)
     the looks above. along: (G,) mm along the path where the gates are. closed: it is left where it is entered.
-    reversible: it may be run from its last gate to its first.
+    reversible: it may be run from its last gate to its first. off: rad that it keeps from singularities.
     """
 
     position: FloatArray
@@ -52,6 +52,7 @@ class Item(Struct, frozen=True, eq=False):
     along: FloatArray
     closed: bool
     reversible: bool
+    off: float = MARGIN
 
     def __len__(self) -> int:
         return len(self.position)
@@ -147,7 +148,7 @@ def find_states(setup: Setup, items: Sequence[Item], angles: FloatArray, around:
         for k, item in enumerate(group):
             rows = slice(int(ends[k]), int(ends[k + 1]))
             own = solutions(robot, goal[0][rows], goal[1][rows], around)
-            found.append(_states(setup, item, own, table, angles))
+            found.append(_states(robot, item, own, table, angles))
     return found
 
 
@@ -180,13 +181,12 @@ def _unwind(robot: Robot, item: Item, found: FloatArray) -> tuple[FloatArray, Bo
     return found - math.tau * sums, np.asarray(steady)
 
 
-def _states(setup: Setup, item: Item, found: FloatArray, table: IntArray, angles: FloatArray) -> States:
+def _states(robot: Robot, item: Item, found: FloatArray, table: IntArray, angles: FloatArray) -> States:
     """The states of an item with joints (R, C, B, J)."""
-    robot = setup.robot
     unwound, steady = _unwind(robot, item, found)
     there = np.isfinite(found).all(axis=(0, 3))
     away = from_singular(robot, np.where(np.isfinite(found), found, 0.0)).min(axis=(0, -1), initial=math.inf)
-    sound: BoolArray = np.logical_and.reduce([steady, there, away >= setup.off])
+    sound: BoolArray = np.logical_and.reduce([steady, there, away >= item.off])
     good = sound.reshape(*sound.shape, 1) & np.logical_and.reduce(within_turned(robot, unwound, table), axis=0)
     turn, branch, copy = np.nonzero(good)
     shift = math.tau * table[copy]
@@ -238,7 +238,8 @@ def stand(
     off = near - unwound[first[:-1] + [item.gates[g] for item, g in zip(items, gate.tolist(), strict=True)]]
     off = np.where(turning & np.isfinite(off), np.rint(np.where(np.isfinite(off), off, 0.0) / math.tau) * math.tau, 0.0)
     joints = unwound + off[owner]
-    sound = within(robot, joints) & (from_singular(robot, joints).min(axis=-1, initial=math.inf) >= setup.off)
+    off = np.array([item.off for item in items])[owner]
+    sound = within(robot, joints) & (from_singular(robot, joints).min(axis=-1, initial=math.inf) >= off)
     return Stood(joints, first, steady & np.logical_and.reduceat(sound, first[:-1]))
 
 

@@ -26,16 +26,11 @@ def _never_apart(one: FloatArray, _: FloatArray) -> FloatArray:
     return np.zeros(len(one))
 
 
-#: rad: what a motion keeps from singularities.
-MARGIN = math.radians(2)
-
-
 class Setup(Struct, frozen=True, eq=False):
     """A robot, its work and its tool. clear: which joint values (N, J) collide with nothing (N,). hit: what joint
     values (J,) that are not clear collide with, as a phrase: "link 5 with the part". apart: mm
     that a point of arm and tool is at most from where other joint values have it (N,), for two tables of them (N, J).
-    roomy: which joint values (N, J) that are clear keep the margin too (N,). off: rad that what is chosen keeps from
-    singularities.
+    roomy: which joint values (N, J) that are clear keep the margin too (N,).
     """
 
     robot: Robot
@@ -45,7 +40,6 @@ class Setup(Struct, frozen=True, eq=False):
     hit: Callable[[FloatArray], str] = lambda _: "something"
     apart: Callable[[FloatArray, FloatArray], FloatArray] = _never_apart
     roomy: Callable[[FloatArray], NDArray[np.bool_]] = all_clear
-    off: float = MARGIN
 
 
 class Track(Struct, frozen=True, eq=False):
@@ -158,6 +152,8 @@ def feed_of(motion: Reached, length: float, process: ProcessTable) -> float:
 
 #: mm, rad: a motion is looked at so often, and no joint turns by more than JUMP rad from one look to the next.
 _LOOK_MM, _LOOK_TURN, JUMP = 5.0, math.radians(5), math.radians(15)
+#: rad: what a motion keeps from singularities.
+MARGIN = math.radians(2)
 
 
 def dense_parts(way: Way) -> Index:
