@@ -10,14 +10,15 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from camgen.check import Checks, check
+from camgen.check import Checks, Flow, check
+from camgen.lower.runs import plunge
 from camgen.lower.steps import split_tools
 from camgen.model.errors import Blocked
 from camgen.model.job import Job, ToolTable
 from camgen.model.part import IntArray
 from camgen.model.path import Tour
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
-from camgen.order import JobTour
+from camgen.order import ArmTour, JobTour
 from camgen.post import OutputFile, Post, Readback, Reading
 from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
@@ -58,9 +59,10 @@ def check_programs(
     parts = (lowered,) if poster.changes_tools else split_tools(lowered)
     if isinstance(tour, JobTour):
         job = replace(job, tool=tour.steps[0].tool)  # whose holder is there; with several each is told below
+    flow = _flow_of(tour, job)
     if len(parts) == 1:
         program = poster.prepare(parts[0], job.tolerance.chord)
-        whole = check(program, job, cell, where, source)
+        whole = check(program, job, cell, where, source, flow)
         return Checked(((poster, whole.program),), whole)
     assert isinstance(tour, JobTour)
     found: list[Checks] = []
@@ -69,7 +71,8 @@ def check_programs(
     posters = [dataclasses.replace(poster, program="") for _ in parts]
     for part, tool, own in zip(parts, _tools(tour), posters, strict=True):
         try:
-            found.append(check(own.prepare(part, job.tolerance.chord), replace(job, tool=tool), cell, where, source))
+            prepared = own.prepare(part, job.tolerance.chord)
+            found.append(check(prepared, replace(job, tool=tool), cell, where, source, flow))
         except Blocked as error:
             blocked.append(error)
     if blocked:
@@ -79,6 +82,20 @@ def check_programs(
         raise Blocked(one.file, one.what, one.where, one.remedy, lost)
     programs = tuple((own, checks.program) for own, checks in zip(posters, found, strict=True))
     return Checked(programs, _join(lowered, found))
+
+
+def _flow_of(tour: Tour, job: Job) -> Flow | None:
+    """What is rounded between the paths where an arm has chosen all its ways: nothing of what is run at a feed, and of
+    lines the upper half of the height of travel.
+    """
+    if isinstance(tour, JobTour):
+        every = [(one, step.process) for one, step in zip(tour.tours, tour.steps, strict=True) if one.paths]
+    else:
+        every = [(tour, job.process)]
+    if not all(isinstance(one, ArmTour) for one, _ in every):
+        return None
+    slow = max(max(process.feed, plunge(process)) for _, process in every)
+    return Flow(slow, min(process.clearance for _, process in every) / 2)
 
 
 def _tools(tour: JobTour) -> list[ToolTable]:

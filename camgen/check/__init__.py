@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
@@ -30,11 +31,27 @@ class Checks(Struct, frozen=True, eq=False):
     where: Surroundings | None = None
 
 
-def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = None, name: str = "") -> Checks:
+class Flow(Struct, frozen=True):
+    """What is rounded of the ways that an arm has chosen between the paths of a flat part. slow: mm/s, room: mm, as in
+    ``let_flow``.
+    """
+
+    slow: float
+    room: float
+
+
+def check(
+    program: Program,
+    job: Job,
+    cell: Cell,
+    where: Surroundings | None = None,
+    name: str = "",
+    flow: Flow | None = None,
+) -> Checks:
     """Whether the arm of ``cell`` can run ``program``, links included, and meets nothing.
 
     where: what there is to run into, as the plan of a 3-D part knows it: the ways between its paths get blends where
-    there is room. name: of the input, for messages. Blocked with the
+    there is room. name: of the input, for messages. flow: of a flat part, whose ways get blends too. Blocked with the
     motion, the place, the reason and the paths it concerns, JobError for an arm that the program is not for.
     """
     if not isinstance(cell, Workcell) or cell.arm is None:
@@ -50,6 +67,8 @@ def check(program: Program, job: Job, cell: Cell, where: Surroundings | None = N
     clear = check_clear(there, reach, cell.arm, name or program.name)
     program = share_joints(reach, cell.arm)
     if where is not None:
-        program, notes = let_flow(program, reach, where, cell.arm, cell.pace, plunge(job.process))
+        flow = Flow(plunge(job.process), math.inf)
+    if flow is not None:
+        program, notes = let_flow(program, reach, there, cell.arm, cell.pace, flow.slow, flow.room)
         clear = replace(clear, notes=(*clear.notes, *notes))
     return Checks(program, reach, clear, there)

@@ -7,6 +7,7 @@ of configurations, with the margin.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,10 +19,11 @@ from camgen.check.reach import Reach
 from camgen.collision.cell import Surroundings
 from camgen.collision.motion import measure_apart
 from camgen.collision.triangle import are_free
+from camgen.geometry.ragged import run_lengths
 from camgen.model.cell import Dynamics
-from camgen.model.part import Note
+from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
-from camgen.model.program import Force, MoveJ, Program
+from camgen.model.program import Columns, Force, MoveJ, Program
 from camgen.model.text import counted
 from camgen.robots.models import Robot
 
@@ -47,22 +49,36 @@ class _Rounding(Struct, frozen=True, eq=False):
 
 
 def let_flow(
-    program: Program, found: Reach, where: Surroundings, robot: Robot, pace: Dynamics, slow: float
+    program: Program,
+    found: Reach,
+    where: Surroundings,
+    robot: Robot,
+    pace: Dynamics,
+    slow: float,
+    room: float = math.inf,
 ) -> tuple[Program, tuple[Note, ...]]:
     """``program`` with blends in those corners of its ways between paths that have room for one; a note says how many.
 
     One that presses has none: the sensor of the force is set to zero at a stop. found: what was found of it. slow:
-    mm/s; a motion that is no faster leads to a contact, and is stopped before.
+    mm/s; a motion that is no faster leads to a contact, and is stopped before. room: mm at the end of a line that may
+    be rounded off at most: those of a flat part, which nothing stands for in ``where``, lead up from it and down to it.
     """
     legs, columns = legs_of(program, found, robot), program.columns
     link = ~columns.works & (columns.turn == 0) & (columns.speed > slow)
     runs = {k: one for k in np.flatnonzero(link).tolist() if k > 0 and (one := cruise(legs, program, k, pace))}
-    blends = {k: 0.0 for k in find_corners(program).tolist() if k in runs and k + 1 in runs and not columns.blend[k]}
+    touched = _have_touched(columns, slow)
+    blends = {
+        k: 0.0
+        for k in find_corners(program).tolist()
+        if k in runs and k + 1 in runs and not columns.blend[k] and touched[k]
+    }
+    lines = ~columns.moves_are(MoveJ)
     if not blends or columns.are(Force).any():
         return program, ()
     for zone in _ZONES if pace.corner == "zone" else (0.0,):
         tried = {k: (runs[k], runs[k + 1]) for k in blends if blends[k] == 0}
         ways = {k: _round(*both, zone) if zone else _overlap(*both) for k, both in tried.items() if _fits(*both, zone)}
+        ways = {k: way for k, way in ways.items() if _keeps_up(way, *tried[k], (lines[k], lines[k + 1]), room)}
         inside = [_inside(where, found, legs, k, way, timed=not zone) for k, way in ways.items()]
         for (k, way), free in zip(ways.items(), _are_free(where, inside), strict=True):
             blends[k] = way.blend if free else 0.0
@@ -72,6 +88,22 @@ def let_flow(
     passed = sum(blend > 0 for blend in blends.values())
     what = f"{passed} of {counted(len(blends), 'corner')} on the ways between are passed without a stop"
     return program.with_body(tuple(body)), (Note("assumed", what),)
+
+
+def _have_touched(columns: Columns, slow: float) -> BoolArray:
+    """(M,) the motions after which the tool may go to another path: what has only led to a path has not been there."""
+    path, there = columns.path, columns.works | (columns.speed <= slow)
+    begins = np.flatnonzero(np.append(True, path[1:] != path[:-1]))
+    counts = np.cumsum(there)
+    before: IntArray = np.repeat((counts - there)[begins], run_lengths(path))
+    leaves = np.append(path[1:] != path[:-1], True)
+    return np.asarray(~leaves | (counts > before))
+
+
+def _keeps_up(way: _Rounding, one: Cruise, two: Cruise, lines: tuple[bool, bool], room: float) -> bool:
+    """Whether of lines no more than ``room`` mm are rounded off. lines: which of both motions are such."""
+    off = float(way.left[0]) * one.mm, float(way.made[-1]) * two.mm
+    return all(mm <= room for mm, line in zip(off, lines, strict=True) if line)
 
 
 def _fits(one: Cruise, two: Cruise, zone: float) -> bool:

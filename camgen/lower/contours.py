@@ -142,7 +142,10 @@ def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> list[Instruc
     runs = make_runs(tour, job, winds, before)
     table = _table(runs, job, winds, cell.pace, turns_of(runs, tour, before) if isinstance(tour, ArmTour) else None)
     if isinstance(tour, ArmTour):
-        table = replace(table, ways=[None if run.linked or run.low else tour.ways[run.number - before] for run in runs])
+        own = [None if run.linked or run.low else run.number - before for run in runs]
+        table = replace(
+            table, ways=[None if k is None else list(_go(tour.ways[k], tour.paces[k], k + before)) for k in own]
+        )
     body: list[Instruction] = []
     for run in range(len(runs)):
         body += _enter(table, run, job, run == 0, isinstance(cell.home, Pose))
@@ -150,8 +153,14 @@ def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> list[Instruc
         body += _leave(table, run, job, isinstance(cell.home, Pose))
     if isinstance(tour, ArmTour):
         last = before + len(tour.paths) - 1
-        body += [MoveJ(joints_of(values), job.process.travel_speed, path=last) for values in tour.back]
+        body += _go(tour.back, tour.back_paces, last)
     return body
+
+
+def _go(ways: Sequence[FloatArray], paces: Sequence[tuple[float, float]], path: int) -> Iterator[MoveJ]:
+    """Motions to joint values, each with its speed and share."""
+    for values, (speed, share) in zip(ways, paces, strict=True):
+        yield MoveJ(joints_of(values), speed, path=path, share=share)
 
 
 def turns_of(runs: Sequence[Run], tour: ArmTour, before: int) -> FloatArray:
@@ -205,7 +214,7 @@ class _Table(Struct, frozen=True, eq=False):
     above_start, above_end: where it travels to the run and from it. near: where the feed begins. unwound: the
     orientations to go through before a run, where the one before it ended, before it travels. lifted: rows after the
     first pressed one that do not press, which are run above the part: ``over`` and ``over_via`` are where. ways: the
-    joint values that lead to above the start of a run; none: a straight line does, None: no arm has chosen.
+    motions of the joints that lead to above the start of a run; none: a straight line does, None: no arm has chosen.
     """
 
     runs: list[Run]
@@ -227,7 +236,7 @@ class _Table(Struct, frozen=True, eq=False):
     above_end: list[Vec3]
     unwound: list[list[FloatArray]]
     lifted: list[bool]
-    ways: list[tuple[FloatArray, ...] | None]
+    ways: list[list[MoveJ] | None]
 
 
 def _table(runs: list[Run], job: Job, winds: bool, pace: Dynamics, turns: FloatArray | None) -> _Table:
@@ -352,9 +361,9 @@ def _come(table: _Table, run: int, job: Job, from_home: bool, cartesian: bool) -
     one, row, process = table.runs[run], table.first[run], job.process
     rotation, contact = table.orientations.ends[row], table.position[row]
     above, near, turned = table.above_start[run], table.near[run], table.unwound[run]
-    joints = table.ways[run]
-    if joints:
-        yield from (MoveJ(joints_of(values), process.travel_speed, path=one.number) for values in joints)
+    ways = table.ways[run]
+    if ways:
+        yield from ways
     elif from_home:
         yield MoveJ(Pose(turned[0] if turned else rotation, above), process.travel_speed, path=one.number)
         yield from (_rapid(cartesian, Pose(back, above), process.travel_speed, 0.0, one.number) for back in turned[1:])

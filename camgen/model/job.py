@@ -274,7 +274,7 @@ class ProcessTable(Table, frozen=True):
         Positive | None,
         Meta(
             description="speed between contours, mm/s; not set: 100, and what the joints allow in free space between "
-            "the edges of a 3-D part"
+            "the edges of a 3-D part and where an arm chooses its ways"
         ),
     ] = None
     acceleration: Annotated[
@@ -315,7 +315,7 @@ class ProcessTable(Table, frozen=True):
 
     @property
     def travel_speed(self) -> float:
-        """The speed of all travel but that in free space between edges, mm/s."""
+        """The speed of all travel but that in free space, mm/s."""
         return self.travel or _TRAVEL_MM_S
 
 

@@ -28,13 +28,16 @@ class EdgeTour(Tour, frozen=True, eq=False, kw_only=True):
 class ArmTour(Tour, frozen=True, eq=False, kw_only=True):
     """Paths of a flat part by an arm that chooses how its tool is turned about its axis. turns: by path, (N,) rad from
     the nominal orientation at its waypoints. ways: by path, the joint values (J,) that lead to above its start, one
-    after the other; none: a straight line does. back: those that lead from the last path to home. seconds: of all ways
-    between the paths. made: the paths.
+    after the other; none: a straight line does. back: those that lead from the last path to home. paces, back_paces: of
+    each of these motions the speed of the TCP, mm/s, and the share of the joints' greatest speeds, 0 where the speed
+    alone holds. seconds: of all ways between the paths. made: the paths.
     """
 
     turns: tuple[FloatArray, ...]
     ways: tuple[tuple[FloatArray, ...], ...]
     back: tuple[FloatArray, ...]
+    paces: tuple[tuple[tuple[float, float], ...], ...]
+    back_paces: tuple[tuple[float, float], ...]
     seconds: float
     made: tuple[ToolPath, ...]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Sequence
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -20,6 +21,8 @@ from camgen.order.arm.layers import WALL, Ground
 from camgen.order.arm.links import Links, link_up
 from camgen.order.arm.margin import Clear, clear_of, put_in, roomy_of
 from camgen.order.arm.search import Found, Tell, Wish, Work, better_tour, find_tour, prove_tour
+from camgen.order.edges.pace import Pace as Quick
+from camgen.order.edges.pace import pace_turn
 from camgen.order.pieces import begin_at, lengths_along, split_at
 from camgen.order.solver import matrix
 from camgen.order.tours import ArmTour
@@ -110,7 +113,9 @@ def order_with_turns(
     for k in sorted(work.lost):
         lost[k] = "it collides in every posture and with every turn that is tried"
     what = "turns of the tool chosen by joint time" if freedom.roll else "ways between the paths chosen by joint time"
-    return _tour(tour, work, found, links, profiles, lost | links.lost, what)
+    free, share = (job.process.travel, 0.0) if job.process.travel else (cell.pace.fastest, cell.pace.most)
+    quick = Quick(job.process.travel_speed, free, share, cell.pace.acceleration)
+    return _tour(tour, work, found, links, profiles, lost | links.lost, what, quick)
 
 
 def _search_with_margin(
@@ -318,6 +323,17 @@ def _time_ways(work: Work, found: Found, links: Links) -> float:
     return total + float(work.ground.pace.seconds(np.diff(rows, axis=0), 0.0).sum())
 
 
+def _pace_ways(work: Work, found: Found | None, links: Links, quick: Quick) -> list[tuple[tuple[float, float], ...]]:
+    """How fast the motions of the joints to each path, and last those back, are run: as fast as the joints may be."""
+    at, paces = work.ground.home, []
+    for k in [*found.order, -1] if found is not None else [-1]:
+        ways = links.to.get(k, ()) if k >= 0 else links.back
+        rows = [at, *ways]
+        paces.append(tuple(pace_turn(work.setup, a, b, quick) for a, b in pairwise(rows)))
+        at = found.now.leave[k] if found is not None and k >= 0 else at
+    return paces
+
+
 def _tour(
     tour: Tour,
     work: Work,
@@ -326,6 +342,7 @@ def _tour(
     profiles: dict[int, _Profile],
     lost: dict[int, str],
     what: str,
+    quick: Quick,
 ) -> ArmTour:
     order = found.order if found is not None else []
     made = [_run(tour.paths[k], work.ground.items[k], found.now, k, profiles.get(k)) for k in order if found]
@@ -336,6 +353,7 @@ def _tour(
         turned = f"{counted(len(changed), 'path')} along which the tool is turned: {', '.join(changed[:8])}"
         notes.append(Note("assumed", turned, "no single turn reaches all of it"))
     seconds = _time_ways(work, found, links) if found is not None else 0.0
+    paces = _pace_ways(work, found, links, quick)
     notes.append(Note("assumed", f"{what}: {short(seconds, 1)} s between the paths"))
     return ArmTour(
         paths,
@@ -346,6 +364,8 @@ def _tour(
         turns=tuple(frozen(turn) for _, turn in made),
         ways=tuple(links.to.get(k, ()) for k in order),
         back=links.back,
+        paces=tuple(paces[:-1]),
+        back_paces=paces[-1],
         seconds=seconds,
         made=paths,
     )
