@@ -205,7 +205,9 @@ function paint() {
 // Frames that come one after the other tell how fast this machine is: where there is much to draw, slow ones are drawn
 // coarser until all is still.
 const isLarge = stations + lineOf.length > 40000;
-// The first cut is waited for.
+// What is drawn in the turn of a new size, before anything is known of the machine: so many segments, the others when all is
+// still. The first cut is waited for.
+const AT_ONCE = 25000;
 const pace = { stride: 1, last: 0, still: 0, on: isLarge };
 function frame(moment) {
   player.tick(moment);
@@ -227,6 +229,13 @@ function frame(moment) {
     }
   }
   requestAnimationFrame(frame);
+}
+
+function paintAtOnce() {
+  while (isLarge && (stations + lineOf.length) / pace.stride > AT_ONCE) pace.stride *= 2;
+  coarse(isLarge ? pace.stride : 1);
+  paint();
+  pace.still = 0;
 }
 
 function setPrint() {
@@ -279,9 +288,9 @@ new ResizeObserver(() => {
     if (high) look.height *= canvas.clientHeight / high;
     aim();
   } else (look.begun ? begin : fit)();
-  paint();
+  paintAtOnce();
 }).observe(canvas);
-paint();
+paintAtOnce();
 tell({ camgen: "ready" });
 requestAnimationFrame(frame);
 // For whoever drives the page from outside, as tests do.
