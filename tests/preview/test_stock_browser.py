@@ -264,6 +264,7 @@ def test_the_tool_that_works_is_shown_and_its_operation_listed(opened: Any, view
         at = float(shown.track.time[np.flatnonzero(shown.track.events.path[shown.track.event] == path)[0]])
         one.page.evaluate(GO, at)
         assert [seen for name, seen in one.run(tools) if name == "tool"] == expected
+    one.page.locator("[data-tab=paths]").click()
     row = one.page.locator("#rows .row").first.inner_text()
     assert "1 drill - drill 5" in row
     one.page.locator("#filter").fill("mill 6")
