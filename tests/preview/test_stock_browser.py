@@ -293,7 +293,7 @@ def test_what_a_proof_found_is_red_in_the_picture_and_among_the_notes(opened: An
     assert red[0] > red[1] + 0.02
     one.page.locator("[data-tab=notes]").click()
     assert one.page.locator("[data-tab=notes]").inner_text() == "Notes 1"
-    assert "Gouge 0.125 mm" in one.page.locator("#tab-notes .gouge").inner_text()
+    assert "Gouge 0.125 mm" in one.page.locator("#notes .gouge").inner_text()
 
 
 def test_back_from_where_several_steps_share_a_time_leaves_what_was_left_then(
