@@ -116,11 +116,11 @@ def _shade_of(number: int, count: int) -> Colour:
 def _disc(image: Pixels, text: str, at: tuple[int, int], colour: Colour, *, full: bool) -> None:
     """A disc with a text; not full: hollow."""
     size = 0.62 if len(text) < 3 else 0.45
-    wide, high = _measure(text, size, 2)
+    wide, high = _measure(text, size)
     fill, ink = (colour, (255, 255, 255)) if full else ((255, 255, 255), colour)
     cv2.circle(image, at, 20, fill, -1, cv2.LINE_AA)
     cv2.circle(image, at, 20, colour, 2, cv2.LINE_AA)
-    _write(image, text, (at[0] - wide // 2, at[1] + high // 2), size, ink, 2)
+    _write(image, text, (at[0] - wide // 2, at[1] + high // 2), size, ink, bold=True)
 
 
 def _part(image: Pixels, view: View, sheet: _Sheet) -> None:
@@ -173,7 +173,7 @@ def _words(image: Pixels, view: View, sheet: _Sheet) -> None:
     cv2.rectangle(image, (0, 0), (_WIDE, _TITLE + 14), (255, 255, 255), -1)
     cv2.rectangle(image, (0, _HIGH - _FOOT), (_WIDE, _HIGH), (255, 255, 255), -1)
     facts = dict(view.facts)
-    _write(image, _plain(view.title), (_BORDER, 55), 1.0)
+    _write(image, _plain(view.title), (_BORDER, 55), 1.0, bold=True)
     names = ("Paths", "Work", "Travel", "Time", "Robot")
     # How the order was found stands on the page.
     told = ", ".join(f"{name.lower()} {_plain(facts[name]).split(' (')[0]}" for name in names)
@@ -188,12 +188,14 @@ def _words(image: Pixels, view: View, sheet: _Sheet) -> None:
         _write(image, f"{bar:g} mm", (right - 90, _HIGH - 32), 0.6)
 
 
-def _write(image: Pixels, text: str, at: tuple[int, int], size: float, ink: Colour = _INK, thick: float = 0) -> None:
+def _write(
+    image: Pixels, text: str, at: tuple[int, int], size: float, ink: Colour = _INK, *, bold: bool = False
+) -> None:
     """A text whose base line begins at ``at``.
 
     It is drawn larger and made small again: letters stand on whole pixels, and of small ones the gaps are then uneven.
     """
-    face, fine, wide = cv2.FONT_HERSHEY_SIMPLEX, _FINER * size, round(_FINER * (thick or (2 if size > 0.8 else 1.2)))
+    face, fine, wide = cv2.FONT_HERSHEY_SIMPLEX, _FINER * size, 2 if bold else 1  # OpenCV's words for a weight
     (long, high), below = cv2.getTextSize(text, face, fine, wide)
     room = _FINER * 2
     shape = (-(-(high + below + 2 * room) // _FINER) * _FINER, -(-(long + 2 * room) // _FINER) * _FINER)
@@ -207,9 +209,9 @@ def _write(image: Pixels, text: str, at: tuple[int, int], size: float, ink: Colo
     under[:] = (under * (1 - share) + np.array(ink) * share).round().astype(np.uint8)
 
 
-def _measure(text: str, size: float, thick: float) -> tuple[int, int]:
-    """Width and height of a text, px."""
-    (wide, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FINER * size, round(_FINER * thick))
+def _measure(text: str, size: float) -> tuple[int, int]:
+    """Width and height of a bold text, px."""
+    (wide, high), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _FINER * size, 2)
     return round(wide / _FINER), round(high / _FINER)
 
 
