@@ -60,10 +60,10 @@ def divide_space(corners: FloatArray) -> Cells:
     size = max(float((high - low).max()) / _CELLS, 1e-3)
     low = low - size / 2
     shape = np.ceil((high - low) / size + 0.5).astype(np.int64)
-    small = _split(corners, size)
+    a, b, c = _split(corners, size)
     begin, end = (
-        np.floor((edge - low + side * _SLACK * (1 + size)) / size).astype(np.int64)
-        for edge, side in ((small.min(axis=1), -1.0), (small.max(axis=1), 1.0))
+        np.floor((edge(edge(a, b), c) - low + side * _SLACK * (1 + size)) / size).astype(np.int64)
+        for edge, side in ((np.minimum, -1.0), (np.maximum, 1.0))
     )
     passed = np.zeros(shape, dtype=np.bool_)
     for step in itertools.product(range(int((end - begin).max()) + 1), repeat=3):
@@ -75,16 +75,29 @@ def divide_space(corners: FloatArray) -> Cells:
     return Cells(low, size, sums, np.full(shape, _UNKNOWN, dtype=np.int8))
 
 
-def _split(corners: FloatArray, size: float) -> FloatArray:
-    """The triangles cut through their longest sides until none has one above ``size``."""
+def _split(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The corners, (N, 3) each, of the triangles cut through their longest sides until none has one above ``size``.
+
+    Corner by corner: numpy takes five times as long to look along an axis of three numbers.
+    """
     done = []
-    while len(corners):
-        sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        large = sides.max(axis=1) > size
-        done.append(corners[~large])
-        corners, longest = corners[large], sides[large].argmax(axis=1)
-        row = np.arange(len(corners))
-        a, b, c = (corners[row, (longest + k) % 3] for k in range(3))
+    a, b, c = np.ascontiguousarray(corners.transpose(1, 0, 2))
+    while len(a):
+        ab, bc, ca = _squares(b - a), _squares(c - b), _squares(a - c)
+        longest = np.maximum(np.maximum(ab, bc), ca)
+        large = longest > size**2
+        done.append((a[~large], b[~large], c[~large]))
+        a, b, c, ab, bc, longest = (column[large] for column in (a, b, c, ab, bc, longest))
+        # Turned so that the longest side is the first one.
+        first, second = (ab == longest)[:, None], (bc == longest)[:, None]
+        a, b, c = (np.where(first, x, np.where(second, y, z)) for x, y, z in ((a, b, c), (b, c, a), (c, a, b)))
         middle = (a + b) / 2
-        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-    return np.concatenate(done)
+        a, b, c = np.concatenate([a, middle]), np.concatenate([middle, b]), np.concatenate([c, c])
+    one, two, three = (np.concatenate(column) for column in zip(*done, strict=True))
+    return one, two, three
+
+
+def _squares(vectors: FloatArray) -> FloatArray:
+    """The squared lengths (N,) of vectors (N, 3)."""
+    x, y, z = vectors.T
+    return np.asarray(x * x + y * y + z * z)
