@@ -35,6 +35,9 @@ from camgen.order.tree import StartTree
 #: The methods and what the summary calls them.
 _METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "local search"}
 
+#: A share of the paths: as many may be around others where a greedy tour is a good start.
+_FEW_AROUND = 0.001
+
 
 def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     paths: Sequence[ToolPath],
@@ -101,8 +104,21 @@ def _kind(seconds: float, count: int) -> str:
 
 
 def is_free(paths: Sequence[ToolPath], waits_for: Sequence[int], ranks: Sequence[int]) -> bool:
-    """No path has to come before another one, and each may be run either way: a greedy tour is a good start."""
-    return max(waits_for) < 0 and len(set(ranks)) == 1 and all(path.closed or path.reversible for path in paths)
+    """Each path may be run either way, and but for a few, such as the outline of a sheet, none has to wait for another
+    one: a greedy tour is a good start.
+    """
+    around = {parent for parent in waits_for if parent >= 0}
+    few = len(around) <= _FEW_AROUND * len(paths) and not any(_is_in_circle(waits_for, one) for one in around)
+    return few and len(set(ranks)) == 1 and all(path.closed or path.reversible for path in paths)
+
+
+def _is_in_circle(waits_for: Sequence[int], path: int) -> bool:
+    """Whether what comes after ``path`` has no end."""
+    for _ in range(len(waits_for)):
+        path = waits_for[path]
+        if path < 0:
+            return False
+    return True
 
 
 def measure_travel(paths: Sequence[ToolPath], start: tuple[float, float] | None) -> float:

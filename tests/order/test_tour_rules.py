@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from camgen.build import build
+from camgen.model.job import Job
 from camgen.model.path import ToolPath
-from camgen.order.arrange import arrange, measure_travel
+from camgen.order.arrange import arrange, is_free, measure_travel
+from camgen.plan.columns import straight_path
 from tests.order.test_tour import XY, circle, ids, line, make, slot
 
 LAYERS = ("a", "b", "c")
@@ -149,3 +151,17 @@ def test_the_bound_sees_the_room_between_squares(side: float) -> None:
     along = arrange(ends, "best", None, False, seconds=0.1)
     assert along.travel == pytest.approx(54)
     assert along.bound == pytest.approx(54)
+
+
+@pytest.mark.parametrize(
+    ("waits_for", "free"),
+    [
+        pytest.param([2000] * 2000 + [-1], True, id="a sheet with an outline"),
+        pytest.param([k ^ 1 if k % 2 == 0 else -1 for k in range(2000)], False, id="every part with a hole"),
+        pytest.param([1, 0] + [-1] * 1998, False, id="a circle"),
+        pytest.param([-1] * 10, True, id="nothing around anything"),
+    ],
+)
+def test_a_greedy_tour_is_a_start_where_next_to_nothing_has_to_wait(waits_for: list[int], free: bool) -> None:
+    path = straight_path("p", np.array([[0.0, 0.0], [1.0, 0.0]]), Job(), "trace")
+    assert is_free([path] * len(waits_for), waits_for, [0] * len(waits_for)) == free
