@@ -17,12 +17,13 @@ from msgspec.structs import replace
 
 from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError
-from camgen.model.pose import Pose, Vec3
+from camgen.model.pose import FloatArray, Pose, Vec3
 from camgen.model.program import (
     Columns,
     Comment,
     Force,
     Instruction,
+    Mask,
     Motion,
     MoveC,
     MoveJ,
@@ -43,6 +44,8 @@ from .rs274 import COOLANT, Rs274, check_signals
 
 #: Digits of R and Q: LinuxCNC subtracts Q once for every peck, so that its rounding adds up.
 _PECK_DIGITS, _LEAST_PECK_MM = 6, 1e-6
+#: mm: far more than the rounding of heights.
+_NEARLY = 0.01
 
 
 class DrillStroke(Struct, frozen=True):
@@ -81,13 +84,23 @@ def holes(columns: Columns, decimals: int) -> list[CycleHole]:
         return []
     down = (np.diff(ends, axis=0)[:, 2] < -SAME_POINT_MM) & (np.diff(ends[:, :2], axis=0) == 0).all(axis=1)
     found: list[CycleHole] = []
-    for k in np.flatnonzero(kinds[:-1] & columns.posed[:-1] & down).tolist():
+    for k in np.flatnonzero(kinds[:-1] & columns.posed[:-1] & down & _come_up(ends)[:-1]).tolist():
         if found and int(columns.at[k]) < found[-1].last:
             continue
         hole = _hole(columns, k, decimals)
         if hole is not None:
             found.append(hole)
     return found
+
+
+def _come_up(ends: FloatArray) -> Mask:
+    """(M,): whether a motion after this one comes up to its height before one leads elsewhere, or nearly so."""
+    place = np.cumsum(np.append(True, (np.diff(ends[:, :2], axis=0) != 0).any(axis=1)))
+    # The heights of one place are below all those of the places before it, so that one look from the end does.
+    room = np.nanmax(np.abs(ends[:, 2])) * 2 + 1
+    height = ends[:, 2] - place * room
+    highest = np.fmax.accumulate(height[::-1])[::-1]
+    return np.append(highest[1:] >= height[:-1] - _NEARLY, False)
 
 
 def _hole(columns: Columns, k: int, decimals: int) -> CycleHole | None:
@@ -300,7 +313,7 @@ class GCode(Rs274):
             self._cycles.update((id(motion), (motion, None)) for motion in others)
             changed |= dict.fromkeys(range(row[0].first, row[0].last + 1), ())
             changed[row[0].first] = row[0].motions
-        return program.with_body(splice(program.body, changed))
+        return program.with_body(splice(tuple(program.body), changed))
 
     def begin(self, program: Program) -> Sequence[str]:
         """Q0 keeps LinuxCNC from joining lines, so that the path stays within P."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
@@ -109,6 +109,8 @@ def print_arcs(start: FloatArray, via: FloatArray, end: FloatArray, decimals: in
 #: Bounds of what is printed. Coordinates in mm and feeds in mm/min beyond them are no machine's; they also keep a line
 #: within GRBL's 79 characters. Seconds and rpm share the upper one.
 _MOST_PRINTED, _SLOWEST, _FASTEST = 99_999.0, 0.01, 999_999.0
+#: So many arcs are worked out at a time.
+_ARCS = 8192
 #: First words that make a comment an order to LinuxCNC.
 _ACTIVE = re.compile(r"\s*(msg|debug|print|log|probe|axis|preview|py|abort|stop)", re.IGNORECASE)
 #: The two coolants; M9 switches both off.
@@ -135,8 +137,8 @@ class Rs274(Post):
     _here: Vec3 = field(default=(0.0, 0.0, 0.0), init=False, repr=False)
     _feed: str = field(default="", init=False, repr=False)
     _speed: float = field(default=0.0, init=False, repr=False)
-    #: What was worked out of an arc when it was accepted, until it is printed: by identity, with the arc itself.
-    _arcs: dict[int, tuple[MoveC, Arc]] = field(default_factory=dict, init=False, repr=False)
+    #: What is printed of the arcs of the program that are still to come; None of one that cannot be printed.
+    _ahead: Iterator[Arc | None] = field(default_factory=lambda: iter(()), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.work not in self.works:
@@ -198,14 +200,32 @@ class Rs274(Post):
 
     def movec(self, motion: MoveC) -> Sequence[str]:
         """G2 or G3 in the XY plane, centre from the printed start."""
-        known, arc = self._arcs.pop(id(motion), (None, None))
-        if known is not motion or arc is None:
-            fault = self._accept_arc(motion, self._here)
-            if fault:
-                raise Refused(self.name, -1, fault)
-            arc = self._arcs.pop(id(motion))[1]
+        arc = next(self._ahead, None)
+        if arc is None:
+            arcs = self._find_arc(motion, self._here)
+            if arcs.fault[0]:
+                raise Refused(self.name, -1, FAULTS[int(arcs.fault[0])])
+            arc = arcs.printed(np.zeros(1, dtype=np.intp), self.decimals)[0]
         self._go(motion)
         return (" ".join([arc.code, *self._words[:2], arc.centre, *self._feed_word(motion)]),)
+
+    def split(self, program: Program, printed: Iterable[Sequence[str]]) -> Sequence[Sequence[str]]:
+        """See ``Post``. The arcs are worked out by column before they are printed."""
+        self._ahead = self._look_ahead(program.columns)
+        return super().split(program, printed)
+
+    def _look_ahead(self, columns: Columns) -> Iterator[Arc | None]:
+        arcs = np.flatnonzero(columns.moves_are(MoveC))
+        for low in range(0, len(arcs), _ARCS):
+            some = arcs[low : low + _ARCS]
+            found = self._find_arcs(columns, some)
+            printed = found.printed(np.arange(len(some)), self.decimals)
+            yield from (None if fault else arc for fault, arc in zip(found.fault.tolist(), printed, strict=True))
+
+    def _find_arcs(self, columns: Columns, arcs: Indices) -> Arcs:
+        # Wherever the first motion starts, it is not an arc.
+        starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
+        return print_arcs(starts, columns.vias[arcs], columns.ends[arcs], self.decimals)
 
     def _go(self, motion: Motion) -> list[str]:
         """The axis words that change, at least one, so that every motion stays one in the text."""
@@ -258,18 +278,11 @@ class Rs274(Post):
         return accepted
 
     def _accepted_arcs(self, columns: Columns, arcs: Indices) -> Mask:
-        """Which of the motions ``arcs`` can be printed as arcs; what is printed of them is known then."""
+        """Which of the motions ``arcs``, all that there are, can be printed as arcs."""
         if not self.arcs or not len(arcs):
             return np.zeros(len(arcs), np.bool_)
-        # Wherever the first motion starts, it is not an arc.
-        starts = np.where(arcs[:, None] > 0, columns.ends[arcs - 1], np.nan)
-        found = print_arcs(starts, columns.vias[arcs], columns.ends[arcs], self.decimals)
-        upright = [not is_tilted(columns.moves[k].via.rotation) for k in arcs.tolist()]
-        fine: Mask = (found.fault == 0) & np.asarray(upright, np.bool_)
-        rows = np.flatnonzero(fine)
-        for k, arc in zip(arcs[rows].tolist(), found.printed(rows, self.decimals), strict=True):
-            item = columns.moves[k]
-            self._arcs[id(item)] = item, arc
+        upright = np.array([not is_tilted(rotation) for rotation in columns.table], np.bool_)
+        fine: Mask = (self._find_arcs(columns, arcs).fault == 0) & upright[columns.via_rotation]
         return fine
 
     def why_not(self, item: Instruction, start: Pose | None) -> str:
@@ -302,15 +315,12 @@ class Rs274(Post):
             return ""
         if start is None or not self.arcs:
             return "arcs are off or start nowhere; set post.arcs"
-        return self._accept_arc(item, start.origin)
+        return FAULTS[int(self._find_arc(item, start.origin).fault[0])]
 
-    def _accept_arc(self, item: MoveC, start: Vec3) -> str:
-        """Why the arc is left to chords; empty when what is printed of it is known now."""
+    def _find_arc(self, item: MoveC, start: Vec3) -> Arcs:
+        """One arc by column."""
         first, via, last = (np.array([point]) for point in (start, item.via.origin, item.target.origin))
-        arcs = print_arcs(first, via, last, self.decimals)
-        if not arcs.fault[0]:
-            self._arcs[id(item)] = item, arcs.printed(np.zeros(1, dtype=np.intp), self.decimals)[0]
-        return FAULTS[int(arcs.fault[0])]
+        return print_arcs(first, via, last, self.decimals)
 
     def why_not_signal(self, item: Output) -> str:
         """Why the signal cannot be set: the dialect's."""

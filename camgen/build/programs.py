@@ -11,6 +11,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.check import Checks, Flow, check
+from camgen.check.report import Cycle
+from camgen.check.time import cycle
 from camgen.lower.runs import plunge
 from camgen.lower.steps import split_tools
 from camgen.model.errors import Blocked
@@ -20,6 +22,7 @@ from camgen.model.path import Tour
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
 from camgen.order import ArmTour, JobTour
 from camgen.post import OutputFile, Post, Readback, Reading
+from camgen.post.plugins import dynamics_of
 from camgen.post.verify import Deviation, compare
 from camgen.robots.workcell import Workcell
 
@@ -31,11 +34,13 @@ if TYPE_CHECKING:
 
 class Checked(Struct, frozen=True, eq=False):
     """What can be posted. programs: as the texts will say them, each with the post that prints it. whole: all of them
-    one after the other, with the tool changes between them, and what the checks found of it.
+    one after the other, with the tool changes between them, and what the checks found of it. cycle: its time, worked
+    out before there is a text, which takes as much memory as all else.
     """
 
     programs: tuple[tuple[Post, Program], ...]
     whole: Checks
+    cycle: Cycle
 
 
 class Posted(Struct, frozen=True, eq=False):
@@ -63,7 +68,7 @@ def check_programs(
     if len(parts) == 1:
         program = poster.prepare(parts[0], job.tolerance.chord)
         whole = check(program, job, cell, where, source, flow)
-        return Checked(((poster, whole.program),), whole)
+        return Checked(((poster, whole.program),), whole, _time(whole, poster, job, cell))
     assert isinstance(tour, JobTour)
     found: list[Checks] = []
     blocked: list[Blocked] = []
@@ -81,7 +86,12 @@ def check_programs(
         lost = tuple(loss for error in blocked for loss in error.lost)
         raise Blocked(one.file, one.what, one.where, one.remedy, lost)
     programs = tuple((own, checks.program) for own, checks in zip(posters, found, strict=True))
-    return Checked(programs, _join(lowered, found))
+    whole = _join(lowered, found)
+    return Checked(programs, whole, _time(whole, poster, job, cell))
+
+
+def _time(checks: Checks, poster: Post, job: Job, cell: Workcell) -> Cycle:
+    return cycle(checks.program, dynamics_of(poster, job), checks.reach, cell.arm)
 
 
 def _flow_of(tour: Tour, job: Job) -> Flow | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -171,7 +170,7 @@ def _place(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]
         return end, np.append(0.0, angles_between(rotation[:-1], rotation[1:]))
     turn = np.zeros(len(columns.moves))
     posed = columns.posed
-    rotations = list(map(attrgetter("target.rotation"), take(columns.moves, posed)))
+    rotations = columns.rotations(posed)
     same = np.fromiter(map(id, rotations), np.int64, len(rotations))
     where = np.flatnonzero(posed)
     # A turn that starts at joint values is not known.

@@ -35,6 +35,7 @@ from camgen.model.program import (
     MoveL,
     Origin,
     Output,
+    Packing,
     Program,
     Wait,
     put_off_first,
@@ -114,11 +115,12 @@ def lower_paths(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tu
     if not tour.paths:
         raise NoSafeProgram(name, "no path to run")
     process = job.process
-    body = [MoveJ(cell.home, process.travel_speed), *turn_on(job, cell), *run_paths(tour, cell, job)]
+    body = Packing([MoveJ(cell.home, process.travel_speed), *turn_on(job, cell)])
+    body.extend(run_paths(tour, cell, job))
     if process.spindle > 0:
         body.append(Output("spindle", 0.0))
     body.append(MoveJ(cell.home, process.travel_speed))
-    return finish(body, tour.paths, cell, job, name, header)
+    return finish(body.body(), tour.paths, cell, job, name, header)
 
 
 def turn_on(job: Job, cell: Cell) -> list[Instruction]:
@@ -132,7 +134,7 @@ def turn_on(job: Job, cell: Cell) -> list[Instruction]:
     return []
 
 
-def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> list[Instruction]:
+def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> Iterator[Instruction]:
     """The paths of ``tour``, each from above its start to above its end. before: how many paths of the program come
     before them.
     """
@@ -146,15 +148,13 @@ def run_paths(tour: Tour, cell: Cell, job: Job, before: int = 0) -> list[Instruc
         table = replace(
             table, ways=[None if k is None else list(_go(tour.ways[k], tour.paces[k], k + before)) for k in own]
         )
-    body: list[Instruction] = []
     for run in range(len(runs)):
-        body += _enter(table, run, job, run == 0, isinstance(cell.home, Pose))
-        body += _work(table, run, job)
-        body += _leave(table, run, job, isinstance(cell.home, Pose))
+        yield from _enter(table, run, job, run == 0, isinstance(cell.home, Pose))
+        yield from _work(table, run, job)
+        yield from _leave(table, run, job, isinstance(cell.home, Pose))
     if isinstance(tour, ArmTour):
         last = before + len(tour.paths) - 1
-        body += _go(tour.back, tour.back_paces, last)
-    return body
+        yield from _go(tour.back, tour.back_paces, last)
 
 
 def _go(ways: Sequence[FloatArray], paces: Sequence[tuple[float, float]], path: int) -> Iterator[MoveJ]:
@@ -196,7 +196,7 @@ def finish(
     return Program(name, cell.base_from_work, cell.flange_from_tool, turned, header, origins(paths))
 
 
-def turn_slowly(body: tuple[Instruction, ...], speed: float) -> tuple[Instruction, ...]:
+def turn_slowly(body: Sequence[Instruction], speed: float) -> Sequence[Instruction]:
     """``body`` with the speed, rad/s, in all motions that turn the tool where it stays in its place."""
     columns = Columns(body)
     changed = {int(columns.at[k]): (replace(columns.moves[k], turn=speed),) for k in np.flatnonzero(columns.turned)}

@@ -1,13 +1,9 @@
-"""The instructions of a program, frozen values that a body of a hundred thousand can hold.
-
-A signal is a name, an arc is two poses: how a controller spells them is its post's. A posture is a joint solution; what
-controllers call it follows from the geometry of the arm (``robots.posture``), which posts do not know.
-"""
+"""A program: its frames and its body of instructions, the rules that it keeps, and its instructions by column."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import chain, compress
 from operator import attrgetter
@@ -18,174 +14,71 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from camgen.model.body import NUMBER, Body, Indices, Mask, Packing, join, pack
 from camgen.model.errors import Refused
+from camgen.model.instructions import (
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    Motion,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Origin,
+    Output,
+    Posture,
+    ToolChange,
+    Wait,
+)
 from camgen.model.pose import FloatArray, Pose
 from camgen.model.text import counted
 from camgen.model.tolerance import SAME_POINT_MM
 
-
-class Joints(Struct, frozen=True, gc=False):
-    """Controller joint values: rad for revolute, mm for sliding joints, axis 1 first."""
-
-    values: tuple[float, ...]
-
-
-class Posture(Struct, frozen=True, gc=False, omit_defaults=True):
-    """What controllers call the posture in which the arm stands at the target; what is not known for sure is left out.
-
-    confdata: ABB's cf1, cf4, cf6, cfx. figure: DENSO's Fig. switches: the words of V+, for all motions of a program or
-    for none, since they stay in force.
-    """
-
-    confdata: tuple[int, int, int, int] | None = None
-    figure: int | None = None
-    switches: tuple[str, ...] = ()
-
-
-class Origin(Struct, frozen=True):
-    """What a motion is there for: the path ``id``, which works on ``contours`` (ids of contours, or of one edge) of
-    ``layer`` by ``operation``.
-    """
-
-    id: str
-    layer: str = ""
-    contours: tuple[str, ...] = ()
-    operation: str = ""
-
-
-class MoveJ(Struct, frozen=True, eq=False, gc=False):
-    """Joint-interpolated motion to joints or to a pose of the TCP in the work frame. speed: TCP limit, mm/s. joints and
-    posture: of the arm at a target that is a pose, where a robot is known. path: see ``MoveL``. share: of the greatest
-    speeds of the joints, at which the TCP keeps to ``speed``; 0: not known.
-    """
-
-    target: Pose | Joints
-    speed: float
-    blend: float = 0.0
-    joints: Joints | None = None
-    posture: Posture | None = None
-    path: int = -1
-    work: bool = False
-    share: float = 0.0
-
-
-class MoveL(Struct, frozen=True, eq=False, gc=False):
-    """Straight line of the TCP. target: work_from_tcp. blend: radius in mm within which the corner may be rounded, 0 =
-    exact stop. force: N to press with during this motion, while a ``Force`` is on. force_direction: its direction at
-    the target, unit vector in the work frame from the tool towards the surface. path: place in ``Program.paths`` of the
-    one that this motion belongs to, the ways there and up from it included, -1: none. work: it runs along that path.
-    turn: rad/s at which the tool turns where the TCP stays in its place, which ``speed`` does not limit; 0: the TCP
-    travels.
-    """
-
-    target: Pose
-    speed: float
-    blend: float = 0.0
-    force: float = 0.0
-    force_direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    joints: Joints | None = None
-    posture: Posture | None = None
-    path: int = -1
-    work: bool = False
-    turn: float = 0.0
-
-
-class MoveC(Struct, frozen=True, eq=False, gc=False):
-    """Arc of the TCP from where it is through ``via`` (half-way) to ``target``, at most half a circle."""
-
-    via: Pose
-    target: Pose
-    speed: float
-    blend: float = 0.0
-    force: float = 0.0
-    force_direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    joints: Joints | None = None
-    posture: Posture | None = None
-    path: int = -1
-    work: bool = False
-
-
-class Output(Struct, frozen=True, gc=False):
-    """Sets a named signal. value: 0 off, 1 on; for ``spindle`` its speed in rpm."""
-
-    signal: str
-    value: float
-
-
-class Wait(Struct, frozen=True, gc=False):
-    """Stands still for so many seconds."""
-
-    seconds: float
-
-
-class Force(Struct, frozen=True, gc=False):
-    """Force control on, pressing with ``newtons`` along ``force_direction`` (unit, work frame) from the next motion on;
-    0 N: off, and the next motion leaves the surface.
-    """
-
-    newtons: float
-    force_direction: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-class ToolChange(Struct, frozen=True):
-    """Another tool from here on, with all outputs off and the machine at home. number: in the machine's tool table.
-    diameter, length: mm. flange_from_tool: its frame; None: the program's.
-    """
-
-    number: int
-    name: str = ""
-    diameter: float = 0.0
-    length: float = 0.0
-    flange_from_tool: Pose | None = None
-
-
-class Comment(Struct, frozen=True, gc=False):
-    """A remark for whoever reads the program; posts clean it."""
-
-    text: str
-
-
-Motion = MoveJ | MoveL | MoveC
-Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | ToolChange | Comment
-
+#: All that a program is made of is found here.
+__all__ = [
+    "Body", "Columns", "Comment", "Force", "Indices", "Instruction", "Joints", "Mask", "Motion", "MoveC", "MoveJ",
+    "MoveL", "Origin", "Output", "Packing", "Posture", "Program", "ToolChange", "Wait", "check", "check_frame",
+    "column", "distinct", "join", "motions", "numbers", "pack", "put_at", "put_off_first", "splice", "take",
+]  # fmt: skip
 
 # Instructions by column: a program may hold half a million of them, and a loop over them in Python takes seconds.
 
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
-
-_NUMBER: dict[type, int] = {MoveJ: 0, MoveL: 1, MoveC: 2, Output: 3, Wait: 4, Force: 5, Comment: 6, ToolChange: 7}
-
 
 class Columns:
-    """The columns of a body of N instructions, M of them motions, each worked out when it is first asked for."""
+    """The columns of a body of N instructions, M of them motions; what is not packed is worked out when asked for."""
 
     def __init__(self, body: Sequence[Instruction]) -> None:
         self.body = body
-        #: (N,) what each instruction is.
-        self._kind = np.fromiter(map(_NUMBER.__getitem__, map(type, body)), np.int8, len(body))
+        self._packed = pack(body)
 
     def are(self, *kinds: type) -> Mask:
         """(N,): which instructions are of one of the types ``kinds``."""
-        return _any_of(self._kind, kinds)
+        return _any_of(self._packed.packed.kind, kinds)
 
     def of(self, *kinds: type) -> list[Any]:
         """The instructions of the types ``kinds``."""
-        return take(self.body, self.are(*kinds))
+        return self.pick(np.flatnonzero(self.are(*kinds)))
 
-    @cached_property
+    def pick(self, indices: Indices) -> list[Any]:
+        """The instructions at ``indices``, which rise."""
+        if isinstance(self.body, Body):
+            return self.body.pick(indices)
+        return list(map(self.body.__getitem__, indices.tolist()))
+
+    @property
     def at(self) -> Indices:
         """(M,): where the motions stand in the body."""
-        return np.flatnonzero(self.are(MoveJ, MoveL, MoveC))
+        return self._packed.at
 
     @cached_property
-    def moves(self) -> list[Any]:
-        """The motions."""
-        return self.of(MoveJ, MoveL, MoveC)
+    def moves(self) -> Moves:
+        """The motions, each as an object when it is asked for."""
+        return Moves(self)
 
     def moves_are(self, *kinds: type) -> Mask:
         """(M,): which motions are of one of the types ``kinds``."""
-        return _any_of(self._kind[self.at], kinds)
+        return _any_of(self._packed.packed.kind[self.at], kinds)
 
     def before(self, indices: Indices) -> Indices:
         """The numbers of the motions before the instructions at ``indices``, -1 where there is none."""
@@ -196,64 +89,101 @@ class Columns:
         target = self.moves[motion].target if motion >= 0 else None
         return target if isinstance(target, Pose) else None
 
+    def poses(self, motions: Indices) -> list[Pose | None]:
+        """By motion, the same; the numbers of the motions rise."""
+        some, places = np.unique(motions, return_inverse=True)
+        made = [move.target for move in self.pick(self.at[some[some >= 0]])]
+        found = [target if isinstance(target, Pose) else None for target in made]
+        return [*map([*[None] * (len(some) - len(found)), *found].__getitem__, places.tolist())]
+
     @cached_property
     def posed(self) -> Mask:
         """(M,): which motions have a pose as their target, not joint values."""
-        mask = ~self.moves_are(MoveJ)
-        rapid = np.flatnonzero(~mask)
-        mask[rapid] = [type(self.moves[k].target) is Pose for k in rapid.tolist()]
-        return mask
+        return self.rotation >= 0
+
+    @property
+    def table(self) -> Sequence[FloatArray]:
+        """The rotations of the tool, each object once: programs share them."""
+        return self._packed.rotations
+
+    @property
+    def rotation(self) -> NDArray[np.int32]:
+        """(M,): the place in ``table`` of the rotation where each motion ends, -1 for those to joint values."""
+        return self._packed.packed.rotation
+
+    @property
+    def via_rotation(self) -> NDArray[np.int32]:
+        """(A,): the same half-way along the arcs."""
+        return self._packed.packed.via_rotation
 
     def turned_as(self, rotation: FloatArray) -> Mask:
         """(M,): which motions go to a pose whose rotation is this very object, as programs share them."""
-        mask = self.posed.copy()
-        found = map(id, map(attrgetter("target.rotation"), take(self.moves, mask)))
-        mask[mask] = [one == id(rotation) for one in found]
-        return mask
+        return np.isin(self.rotation, [place for place, one in enumerate(self.table) if one is rotation])
 
-    @cached_property
+    def rotations(self, where: Mask) -> list[FloatArray]:
+        """The rotations of the tool at the ends of the motions ``where`` (M,), which have poses as their targets."""
+        return list(map(self.table.__getitem__, self.rotation[where].tolist()))
+
+    def rotations_over(self, arcs: int) -> list[FloatArray]:
+        """The rotations of the tool half-way along the first ``arcs`` arcs."""
+        return list(map(self.table.__getitem__, self.via_rotation[:arcs].tolist()))
+
+    @property
     def ends(self) -> FloatArray:
         """(M, 3): where motions end, NaN for those to joint values."""
-        return self._spread(self.posed, "target.origin")
+        return self._packed.packed.end
 
     @cached_property
     def vias(self) -> FloatArray:
         """(M, 3): the via points of arcs, NaN for other motions."""
-        return self._spread(self.moves_are(MoveC), "via.origin")
+        vias = np.full(self.ends.shape, np.nan)
+        vias[self.moves_are(MoveC)] = self._packed.packed.via
+        return vias
 
-    @cached_property
+    @property
     def speed(self) -> FloatArray:
         """(M,): mm/s."""
-        return column(self.moves, "speed")
+        return self._packed.packed.speed
 
     @cached_property
     def share(self) -> FloatArray:
         """(M,): of the joints' greatest speeds, 0 where it is not known."""
-        share = np.zeros(len(self.moves))
-        swing = self.moves_are(MoveJ)
-        share[swing] = column(take(self.moves, swing), "share")
-        return share
+        return self._say("share")[:, 0]
 
-    @cached_property
+    @property
     def blend(self) -> FloatArray:
         """(M,): mm."""
-        return column(self.moves, "blend")
+        return self._packed.packed.blend
 
     @cached_property
     def force(self) -> FloatArray:
         """(M,): N, 0 for motions of the joints."""
-        pressing = ~self.moves_are(MoveJ)
-        force = np.zeros(len(self.moves))
-        force[pressing] = column(take(self.moves, pressing), "force")
-        return force
+        return self._say("force")[:, 0]
+
+    @cached_property
+    def force_direction(self) -> FloatArray:
+        """(M, 3): see ``MoveL``, 0 for motions of the joints."""
+        return self._say("force_direction", 3)
 
     @cached_property
     def turn(self) -> FloatArray:
         """(M,): rad/s at which the tool turns on the spot, 0 for motions that travel."""
-        straight = self.moves_are(MoveL)
-        turn = np.zeros(len(self.moves))
-        turn[straight] = column(take(self.moves, straight), "turn")
-        return turn
+        return self._say("turn")[:, 0]
+
+    def _say(self, name: str, width: int = 1) -> FloatArray:
+        """(M, width): an attribute of the motions, 0 of those that have it not."""
+        found = np.zeros((len(self.at), width))
+        for place, move in zip(*self.special, strict=True):
+            found[place] = getattr(move, name, 0.0)
+        return found
+
+    @cached_property
+    def special(self) -> tuple[Indices, list[Any]]:
+        """The motions that are more than end, speed and blend: to joint values, with joints, a posture, force, a share
+        or a speed of turning. Their places among the motions, and they themselves.
+        """
+        kept = self._packed.packed.kept[self.at]
+        return np.flatnonzero(kept), self.pick(self.at[kept])
 
     @cached_property
     def turned(self) -> Mask:
@@ -261,36 +191,62 @@ class Columns:
         mask = self.moves_are(MoveL)
         mask[1:] &= self.posed[:-1]
         mask[:1] = False
+        rotation, table = self.rotation, self.table
+        mask[1:] &= rotation[1:] != rotation[:-1]
         rows = np.flatnonzero(mask)
         mask[rows] = np.abs(self.ends[rows] - self.ends[rows - 1]).max(axis=1, initial=0.0) < SAME_POINT_MM
         rows = np.flatnonzero(mask)
-        rotations = [(self.moves[k - 1].target.rotation, self.moves[k].target.rotation) for k in rows.tolist()]
-        mask[rows] = [a is not b and not np.array_equal(a, b) for a, b in rotations]
+        both = zip(rotation[rows - 1].tolist(), rotation[rows].tolist(), strict=True)
+        mask[rows] = [not np.array_equal(table[a], table[b]) for a, b in both]
         return mask
 
-    @cached_property
+    @property
     def path(self) -> Indices:
         """(M,): the place in ``Program.paths`` of the path that each motion belongs to, -1: none."""
-        return np.fromiter(map(attrgetter("path"), self.moves), np.intp, len(self.moves))
+        return self._packed.packed.path
 
-    @cached_property
+    @property
     def works(self) -> Mask:
         """(M,): which motions run along their path."""
-        return np.fromiter(map(attrgetter("work"), self.moves), np.bool_, len(self.moves))
+        return self._packed.packed.work
 
     @cached_property
     def arrives(self) -> Mask:
         """(M,): which motions lead from a path to above the start of another one, or home from the last."""
         return np.append(False, self.path[1:] != self.path[:-1]) & ~self.works
 
-    def _spread(self, where: Mask, name: str) -> FloatArray:
-        places = np.full((len(where), 3), np.nan)
-        places[where] = numbers(take(self.moves, where), name, 3)
-        return places
+    def find_rotations(self, sound: Callable[[FloatArray], bool]) -> Iterator[int]:
+        """The first instruction with a rotation at its end, and the first one with a rotation half-way, that is not
+        ``sound``.
+        """
+        wrong = [place for place, one in enumerate(self.table) if not sound(one)]
+        for at, places in ((self.at, self.rotation), (self._packed.arcs, self.via_rotation)):
+            yield from at[np.isin(places, wrong)][:1].tolist() if wrong else ()
 
 
-def splice(body: Sequence[Instruction], changed: Mapping[int, Sequence[Instruction]]) -> tuple[Instruction, ...]:
-    """The body with others in the place of the instructions whose indices are the keys of ``changed``."""
+class Moves(Sequence[Any]):
+    """The motions of a body."""
+
+    def __init__(self, columns: Columns) -> None:
+        self._columns = columns
+
+    def __len__(self) -> int:
+        return len(self._columns.at)
+
+    def __getitem__(self, index: Any) -> Any:
+        at = self._columns.at[index]
+        return self._columns.pick(at) if isinstance(index, slice) else self._columns.body[int(at)]
+
+    def __iter__(self) -> Iterator[Any]:
+        return compress(self._columns.body, self._columns.are(MoveJ, MoveL, MoveC).tolist())
+
+
+def splice(body: Sequence[Instruction], changed: Mapping[int, Sequence[Instruction]]) -> Sequence[Instruction]:
+    """The body with others in the place of the instructions whose indices are the keys of ``changed``; packed where it
+    was.
+    """
+    if isinstance(body, Body):
+        return _splice_packed(body, changed)
     pieces: list[Instruction] = []
     done = 0
     for index in sorted(changed):
@@ -301,10 +257,29 @@ def splice(body: Sequence[Instruction], changed: Mapping[int, Sequence[Instructi
     return tuple(pieces)
 
 
+def _splice_packed(body: Body, changed: Mapping[int, Sequence[Instruction]]) -> Body:
+    places = sorted(changed)
+    new = pack(chain.from_iterable(changed[place] for place in places))
+    return put_at(body, places, [len(changed[place]) for place in places], new)
+
+
+def put_at(body: Body, places: Sequence[int], sizes: Sequence[int], new: Body) -> Body:
+    """The body with the instructions of ``new`` in the place of those at ``places``, which rise; ``sizes`` of them for
+    each.
+    """
+    counts = np.ones(len(body), np.intp)
+    counts[places] = sizes
+    order = np.repeat(np.arange(len(body)), counts)
+    replaced = np.zeros(len(body), np.bool_)
+    replaced[places] = True
+    order[replaced[order]] = len(body) + np.arange(len(new))
+    return join(body, new).take(order)
+
+
 def _any_of(numbered: NDArray[np.int8], kinds: Iterable[type]) -> Mask:
     mask = np.zeros(len(numbered), np.bool_)
     for kind in kinds:
-        mask |= numbered == _NUMBER[kind]
+        mask |= numbered == NUMBER[kind]
     return mask
 
 
@@ -379,11 +354,12 @@ def _first(indices: Indices, what: str) -> Iterator[tuple[int, str]]:
 
 def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
     """Instructions with a number that is not finite, the first of each kind."""
-    moves, posed, arcs = columns.moves, columns.posed, columns.moves_are(MoveC)
+    posed, arcs = columns.posed, columns.moves_are(MoveC)
     for where, values in (
         (None, columns.speed),
         (None, columns.blend),
         (None, columns.force),
+        (None, columns.force_direction),
         (None, columns.turn),
         (posed, columns.ends),
         (arcs, columns.vias),
@@ -391,22 +367,18 @@ def _not_finite(columns: Columns) -> Iterator[tuple[int, str]]:
         finite = np.isfinite(values)
         good: Mask = np.asarray(finite.all(axis=1)) if finite.ndim == 2 else finite
         yield from _first(columns.at[~good if where is None else ~good & where], "a number is not finite")
-    straight, jointed = take(moves, posed), take(moves, ~posed)
-    known = [move for move in moves if move.joints is not None] if any(map(attrgetter("joints"), moves)) else []
-    for items, name in (
-        (straight, "target.rotation"),
-        (take(moves, arcs), "via.rotation"),
-        (take(moves, ~columns.moves_are(MoveJ)), "force_direction"),
-        (jointed, "target.values"),
-        (known, "joints.values"),
-        (columns.of(Output), "value"),
-        (columns.of(Wait), "seconds"),
-        (columns.of(Force), "newtons"),
-        (columns.of(Force), "force_direction"),
-    ):
+    for index in columns.find_rotations(_sound):
+        yield index, "a number is not finite"
+    places, special = columns.special
+    told = [one.joints is None or _sound(one.joints.values) for one in special]
+    aimed = [not isinstance(one.target, Joints) or _sound(one.target.values) for one in special]
+    for sound in (told, aimed):
+        yield from _first(columns.at[places[~np.array(sound, np.bool_)]], "a number is not finite")
+    for kind, name in ((Output, "value"), (Wait, "seconds"), (Force, "newtons"), (Force, "force_direction")):
+        items = columns.of(kind)
         if not all(map(_sound, distinct(items, name))):
-            bad = next(item for item in items if not _sound(attrgetter(name)(item)))
-            yield next(k for k, item in enumerate(columns.body) if item is bad), "a number is not finite"
+            bad = [not _sound(getattr(item, name)) for item in items]
+            yield from _first(np.flatnonzero(columns.are(kind))[bad], "a number is not finite")
 
 
 def _sound(value: float | Sequence[float] | FloatArray) -> bool:
@@ -492,14 +464,15 @@ def _switched(item: Instruction) -> tuple[str, float]:
     return "force control", item.newtons
 
 
-def put_off_first(body: Sequence[Instruction]) -> tuple[Instruction, ...]:
+def put_off_first(body: Sequence[Instruction]) -> Sequence[Instruction]:
     """The body after instructions that switch off every output and the force control that it uses: where it is run
     again after an abort, nothing moves with the tool on.
     """
     columns = Columns(body)
     names = dict.fromkeys(item.signal for item in columns.of(Output))
     force = [Force(0.0)] if columns.are(Force).any() else []
-    return (*(Output(name, 0.0) for name in names), *force, *body)
+    off: list[Instruction] = [*(Output(name, 0.0) for name in names), *force]
+    return join(pack(off), body) if isinstance(body, Body) else (*off, *body)
 
 
 # The typed program between planning and posts: few instructions, checked once, with a text form (``ir_text``).
@@ -518,7 +491,7 @@ class Program(Struct, frozen=True, eq=False, dict=True):
     name: str
     base_from_work: Pose
     flange_from_tool: Pose
-    body: tuple[Instruction, ...]
+    body: Sequence[Instruction]
     header: tuple[str, ...] = ()
     paths: tuple[Origin, ...] = ()
 
@@ -553,7 +526,7 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         begun = self.columns.path[: int(np.searchsorted(self.columns.at, index, side="right"))] >= 0
         return "the way home" if begun.any() else "the way to the first path"
 
-    def with_body(self, body: tuple[Instruction, ...]) -> Program:
+    def with_body(self, body: Sequence[Instruction]) -> Program:
         """The same program with another body."""
         return replace(self, body=body)
 
@@ -562,7 +535,7 @@ class Program(Struct, frozen=True, eq=False, dict=True):
         return f"Program({self.name!r}, {counted(len(self.body), 'instruction')}, {moves})"
 
 
-def motions(body: tuple[Instruction, ...]) -> Iterator[tuple[int, Motion]]:
+def motions(body: Sequence[Instruction]) -> Iterator[tuple[int, Motion]]:
     """The motions of a body with their index in it."""
     for index, item in enumerate(body):
         if isinstance(item, (MoveL, MoveC, MoveJ)):

@@ -30,6 +30,7 @@ from camgen.model.program import (
     Columns,
     Comment,
     Force,
+    Indices,
     Instruction,
     Joints,
     Mask,
@@ -38,13 +39,18 @@ from camgen.model.program import (
     MoveJ,
     MoveL,
     Output,
+    Packing,
     Program,
     ToolChange,
     Wait,
-    splice,
+    pack,
+    put_at,
 )
 from camgen.model.text import harmless
 from camgen.post.passes import PASSES
+
+#: So many instructions are looked at as objects at a time.
+_SOME = 8192
 
 
 class OutputFile(Struct, frozen=True):
@@ -90,7 +96,7 @@ class Reading(Struct, frozen=True, eq=False):
     None where it relies on the controller's. faults: in order of line.
     """
 
-    body: tuple[Instruction, ...]
+    body: Sequence[Instruction]
     lines: tuple[int, ...]
     faults: tuple[Fault, ...]
     work: Pose | None = None
@@ -252,18 +258,26 @@ class Post(ABC):
         changes = np.flatnonzero(columns.are(ToolChange))
         if len(changes) and not self.changes_tools:
             raise Refused(self.name, int(changes[0]), "the post changes no tool", "write a program a tool")
-        wrong, refused = self._find_wrong(body, columns)
-        changed = self._replace_all(wrong, chord)
-        if refused is not None:
-            raise refused
-        return program.with_body(splice(body, changed)) if changed else program
-
-    def _find_wrong(self, body: Sequence[Instruction], columns: Columns) -> tuple[list[_Wrong], Refused | None]:
-        """The arcs that the controller cannot do, up to the first instruction for which there is no replacement."""
         doubtful = np.flatnonzero(~self.accepts(columns))
+        places: list[int] = []
+        sizes: list[int] = []
+        new = Packing()
+        # Some at a time: as objects they take more than the whole program by column.
+        for low in range(0, len(doubtful), _SOME):
+            wrong, refused = self._find_wrong(columns, doubtful[low : low + _SOME])
+            for one, pieces in zip(wrong, self._replace_all(wrong, chord), strict=True):
+                places.append(one.index)
+                sizes.append(len(pieces))
+                new.extend(pieces)
+            if refused is not None:
+                raise refused
+        return program.with_body(put_at(pack(body), places, sizes, new.body())) if places else program
+
+    def _find_wrong(self, columns: Columns, doubtful: Indices) -> tuple[list[_Wrong], Refused | None]:
+        """The arcs at ``doubtful`` that the controller cannot do, up to the first instruction without a replacement."""
         wrong: list[_Wrong] = []
-        for index, before in zip(doubtful.tolist(), columns.before(doubtful).tolist(), strict=True):
-            item, start = body[index], columns.pose(before)
+        starts = columns.poses(columns.before(doubtful))
+        for index, item, start in zip(doubtful.tolist(), columns.pick(doubtful), starts, strict=True):
             if isinstance(item, MoveC) and start is not None and not is_arc(*_points(start, item)):
                 what = "the three points of the arc are on one line"
                 remedy = "give the arc a via point beside its chord, or plan a line"
@@ -275,10 +289,10 @@ class Post(ABC):
                 wrong.append(_Wrong(index, start, item))
         return wrong, None
 
-    def _replace_all(self, wrong: Sequence[_Wrong], chord: float) -> dict[int, list[MoveL | MoveC]]:
-        """What stands for each of the arcs, by its index. Refused for the first one without a replacement."""
+    def _replace_all(self, wrong: Sequence[_Wrong], chord: float) -> list[list[MoveL | MoveC]]:
+        """What stands for each of the arcs. Refused for the first one without a replacement."""
         if not wrong:
-            return {}
+            return []
         made = [PASSES[self.passes[0]](one.start, one.arc, chord) for one in wrong]
         # What is accepted for sure is found at once, behind a motion to where each arc starts.
         bodies = [[MoveJ(one.start, one.arc.speed), *pieces] for one, pieces in zip(wrong, made, strict=True)]
@@ -286,10 +300,10 @@ class Post(ABC):
         counts = np.fromiter(map(len, made), np.intp, len(made))
         ends, sums = np.cumsum(counts + 1), np.append(0, np.cumsum(accepted))
         sound = sums[ends] - sums[ends - counts] == counts
-        return {
-            one.index: pieces if fine else self._replace(one, chord)
+        return [
+            pieces if fine else self._replace(one, chord)
             for one, pieces, fine in zip(wrong, made, sound.tolist(), strict=True)
-        }
+        ]
 
     def _replace(self, wrong: _Wrong, chord: float) -> list[MoveL | MoveC]:
         """The arc as instructions that are accepted, by the first pass that achieves it; Refused where none does."""

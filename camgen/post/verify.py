@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from operator import attrgetter, eq, ne
+from operator import eq, ne
 from typing import Any
 
 import numpy as np
@@ -51,7 +51,6 @@ from camgen.model.program import (
     ToolChange,
     Wait,
     numbers,
-    take,
 )
 from camgen.model.text import counted, short
 from camgen.post import Reading, Tolerance
@@ -113,6 +112,13 @@ class _Both(Struct, frozen=True, eq=False):
         places = self.places(MoveJ, MoveL, MoveC)[where]
         return _Column(what, places, a, b, _worst(a - b), limit)
 
+    def each(self, where: Mask) -> Iterator[tuple[Columns, Mask]]:
+        """Both sides, with ``where`` (moves,) as long as the motions of each."""
+        for side in (self.plan, self.read):
+            chosen = np.zeros(len(side.at), np.bool_)
+            chosen[: self.moves] = where
+            yield side, chosen
+
     def others(self, kind: type, what: str, name: str, limit: float, width: int = 1) -> _Column:
         """An attribute of the instructions of one type, a number or a tuple of ``width``."""
         places = self.places(kind)
@@ -169,9 +175,9 @@ def _pair(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
     for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange):
         same &= plan.are(kind)[at[:size]] == read.are(kind)[read_at[:size]]
     common = _first_false(same)
-    for kind, name in ((Output, _signal), (MoveJ, _joints)):
+    for kind, said in ((Output, _signals), (MoveJ, _joints)):
         places = np.flatnonzero(plan.are(kind)[at[:common]])
-        a, b = (map(name, side.of(kind)[: len(places)]) for side in (plan, read))
+        a, b = (said(side)[: len(places)] for side in (plan, read))
         alike = np.fromiter(map(eq, a, b), np.bool_, len(places))
         common = int(np.append(places, common)[_first_false(alike)])
     moves = int(plan.are(MoveJ, MoveL, MoveC)[at[:common]].sum())
@@ -182,12 +188,17 @@ def _first_false(mask: Mask) -> int:
     return int(np.append(mask, False).argmin())
 
 
-_signal = attrgetter("signal")
+def _signals(side: Columns) -> list[str]:
+    return [item.signal for item in side.of(Output)]
 
 
-def _joints(motion: MoveJ) -> int:
-    """The number of joints of a motion to joint values, -1 for one to a pose."""
-    return len(motion.target.values) if isinstance(motion.target, Joints) else -1
+def _joints(side: Columns) -> list[int]:
+    """By motion of the joints, the number of joints of one to joint values, -1 for one to a pose."""
+    count = np.full(len(side.at), -1)
+    for place in np.flatnonzero(~side.posed).tolist():
+        count[place] = len(side.moves[place].target.values)
+    found: list[int] = count[side.moves_are(MoveJ)].tolist()
+    return found
 
 
 # Messages.
@@ -280,15 +291,14 @@ def _turns(a: list[FloatArray], b: list[FloatArray]) -> FloatArray:
 def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[str]) -> Iterator[_Column]:
     """How motions are made: orientation, joints, speed, blend, force."""
     places = both.places(MoveJ, MoveL, MoveC)
-    p, q = (side.moves[: both.moves] for side in (both.plan, both.read))
     if "orientation" in carries:
-        a, b = (list(map(attrgetter("target.rotation"), take(side, posed))) for side in (p, q))
+        a, b = (side.rotations(where) for side, where in both.each(posed))
         yield _Column(_TURN, places[posed], a, b, _turns(a, b), tolerance.angle)
     if "via-orientation" in carries:
         arc = both.plan.moves_are(MoveC)[: both.moves]
-        a, b = (list(map(attrgetter("via.rotation"), take(side, arc))) for side in (p, q))
+        a, b = (side.rotations_over(int(arc.sum())) for side in (both.plan, both.read))
         yield _Column("orientation half-way", places[arc], a, b, _turns(a, b), tolerance.angle)
-    a, b = ([item.target.values for item in take(side, ~posed)] for side in (p, q))
+    a, b = ([item.target.values for item in side.pick(side.at[where])] for side, where in both.each(~posed))
     error = np.array([np.abs(np.subtract(p, q)).max(initial=0.0) for p, q in zip(a, b, strict=True)])
     yield _Column("joint values", places[~posed], a, b, error, tolerance.joint)
     rapid = both.plan.moves_are(MoveJ)[: both.moves]
@@ -308,20 +318,27 @@ def _manners(both: _Both, posed: Mask, tolerance: Tolerance, carries: frozenset[
     if "blend" in carries:
         yield both.moving("blend", "blend", every, tolerance.mm)
     for name in (name for name in _NEUTRAL if name in carries):
-        yield _postures(places[posed], take(p, posed), take(q, posed), name)
+        yield _postures(both, posed, name)
     if "stop" in carries:
         stop = both.moving("blend", "blend", every, 0.0)
         yield replace(stop, error=((stop.planned > 0) != (stop.read > 0)) * 1.0)
     newtons = both.moving("force", "force", ~rapid, tolerance.force)
     yield newtons
     if "force-direction" in carries and np.any(newtons.planned):
-        was, says = (numbers(take(side, ~rapid), "force_direction", 3) for side in (p, q))
+        was, says = (side.force_direction[where] for side, where in both.each(~rapid))
         yield _along(newtons, was, says, tolerance)
 
 
-def _postures(places: Indices, planned: list[Any], read: list[Any], name: str) -> _Column:
+def _postures(both: _Both, posed: Mask, name: str) -> _Column:
     """What a text says of the posture at the target: the same as the plan, or that it is open."""
-    a, b = ([_get_said(motion, name) for motion in side] for side in (planned, read))
+    # Of motions that are in neither the rest says nothing of it, and both are open.
+    stated = np.zeros(both.moves, np.bool_)
+    for side in (both.plan, both.read):
+        found = side.special[0]
+        stated[found[found < both.moves]] = True
+    stated &= posed
+    a, b = ([_get_said(motion, name) for motion in side.pick(side.at[where])] for side, where in both.each(stated))
+    places = both.places(MoveJ, MoveL, MoveC)[stated]
     return _Column(name, places, a, b, np.fromiter(map(ne, a, b), np.float64, len(a)), 0.0)
 
 

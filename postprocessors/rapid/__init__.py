@@ -31,7 +31,6 @@ from camgen.model.program import (
     Program,
     Wait,
     motions,
-    take,
 )
 from camgen.model.text import counted, fixed, fixed_each, short
 from camgen.post import OutputFile, Tolerance
@@ -138,7 +137,8 @@ class Rapid(RapidOptions):
         fine &= (turn == 0) | ((turn >= _LEAST_SPEED_AND_ZONE) & (turn <= _FASTEST))
         fine &= (blend == 0) | ((blend >= _LEAST_SPEED_AND_ZONE) & (blend <= FARTHEST))
         fine[fine] = (np.abs(columns.ends[fine]) <= FARTHEST).all(axis=1)
-        fine[fine] = [move.joints is None for move in take(columns.moves, fine)]
+        places, special = columns.special
+        fine[places] &= np.array([move.joints is None for move in special], np.bool_)
         fine &= ~_half_turns(columns)
         arcs = np.flatnonzero(fine & columns.moves_are(MoveC))
         fine[arcs] = self._accept_arcs(columns, arcs)
@@ -382,10 +382,13 @@ class Rapid(RapidOptions):
     def _settings(self, program: Program) -> list[str]:
         """What main sets before it moves. ConfJ and ConfL: on where every motion of the kind knows its posture."""
         lines = []
+        columns = program.columns
+        known = np.zeros(len(columns.at), np.bool_)
+        places, special = columns.special
+        known[places] = [bool(move.posture and move.posture.confdata) for move in special]
         for word, kinds in (("ConfJ", (MoveJ,)), ("ConfL", (MoveL, MoveC))):
-            columns = program.columns
-            found = take(columns.moves, columns.moves_are(*kinds) & columns.posed)
-            on = self.conf == "auto" and found and all(m.posture and m.posture.confdata for m in found)
+            found = columns.moves_are(*kinds) & columns.posed
+            on = self.conf == "auto" and found.any() and known[found].all()
             lines.append(f"{word}\\{'On' if on else 'Off'};")
         if self.sing_area:
             lines.append(f"SingArea\\{self.sing_area.capitalize()};")
@@ -464,21 +467,22 @@ def _presses(program: Program) -> bool:
 def _half_turns(columns: Columns) -> Mask:
     """(M,): which straight motions turn the tool by 180 deg, or nearly so."""
     mask = columns.moves_are(MoveL)
-    mask[1:] &= columns.posed[:-1]
+    turned = columns.rotation[1:] != columns.rotation[:-1]
+    mask[1:] &= columns.posed[:-1] & turned
     mask[:1] = False
-    rows = np.flatnonzero(mask).tolist()
-    targets = ((columns.moves[k - 1].target, columns.moves[k].target) for k in rows)
-    mask[rows] = [_is_half_turn(start, end) for start, end in targets]
+    rows = np.flatnonzero(mask)
+    both = zip(columns.rotation[rows - 1].tolist(), columns.rotation[rows].tolist(), strict=True)
+    mask[rows] = [_is_half_turn(columns.table[start], columns.table[end]) for start, end in both]
     return mask
 
 
-def _is_half_turn(start: Pose, end: Pose) -> bool:
-    """Whether the turn between two poses has a trace as that of half a turn."""
-    return start.rotation is not end.rotation and float(np.vdot(start.rotation, end.rotation)) < _HALF_TURN
+def _is_half_turn(start: FloatArray, end: FloatArray) -> bool:
+    """Whether the turn between two rotations has a trace as that of half a turn."""
+    return start is not end and float(np.vdot(start, end)) < _HALF_TURN
 
 
 def _why_not_turn(line: MoveL, start: Pose | None) -> str:
-    if start is None or not _is_half_turn(start, line.target):
+    if start is None or not _is_half_turn(start.rotation, line.target.rotation):
         return ""
     return (
         "the tool turns by 180 deg in one straight motion and its sense is open; put a pose between, or a joint motion"

@@ -54,14 +54,19 @@ def owners(program: Program) -> Iterator[int]:
     here = last = -1
     on: set[str] = set()
     leaving = False
-    for item, path in zip(program.body, following, strict=True):
-        if type(item) in _OF_PATHS:
+    columns = program.columns
+    of_paths, remarks, switches = (columns.are(*kinds) for kinds in (_OF_PATHS, (Comment,), (Force, Output)))
+    switched = iter(columns.of(Force, Output))
+    each = zip(of_paths.tolist(), remarks.tolist(), switches.tolist(), following, strict=True)
+    for of_path, remark, switch, path in each:
+        item = next(switched) if switch else None
+        if of_path:
             wanted = last if leaving else path
             if wanted != here:
                 on.clear()
                 here = wanted
             leaving = False
-            last = last if type(item) is Comment else here
+            last = last if remark else here
         elif isinstance(item, Force):
             leaving = item.newtons == 0
         elif isinstance(item, Output):

@@ -569,7 +569,7 @@ def _read_rest(m: Strict, lines: Sequence[str]) -> None:
 
 def list_written(m: Strict) -> Reading:
     """What a machine has written down."""
-    return Reading(tuple(m.body), tuple(m.lines), tuple(m.faults))
+    return Reading(m.body.body(), tuple(m.lines), tuple(m.faults))
 
 
 def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:

@@ -6,7 +6,7 @@ Written from the firmware's parser, its modal groups and its list of errors: wha
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 
@@ -52,7 +52,7 @@ def read(files: Mapping[str, str], options: Mapping[str, object]) -> Reading:
     return replace(reading, body=_rename_spindle(reading.body, names, power))
 
 
-def _rename_spindle(body: tuple[Instruction, ...], names: Mapping[str, str], power: float) -> tuple[Instruction, ...]:
+def _rename_spindle(body: Sequence[Instruction], names: Mapping[str, str], power: float) -> Sequence[Instruction]:
     """``body`` with the spindle line under the name of the signal that is on it.
 
     One line serves a spindle or a signal, not both in one program. It is the signal if nothing else than its word and

@@ -101,8 +101,9 @@ def test_a_mill_travels_by_rapid_motions_only():
     assert [type(i) for i in body[:4]] == [Output, MoveJ, Output, Wait]
     assert body[2] == Output("spindle", 9000)
     assert body[-2] == Output("spindle", 0.0)
-    assert body[1].target is MILL.home
-    assert body[-1].target is MILL.home
+    for home in (body[1].target, body[-1].target):
+        assert home.origin == MILL.home.origin
+        assert home.rotation is MILL.home.rotation
     assert all(isinstance(i, MoveJ) == (i.speed == 50.0) for i in body if isinstance(i, (MoveJ, MoveL)))
     assert [i.value for i in body if isinstance(i, Output) and i.signal == "spindle"] == [0.0, 9000, 0.0]
     assert {i.signal for i in body if isinstance(i, Output)} == {"spindle"}

@@ -180,9 +180,10 @@ def test_the_page_shows_a_program_that_is_read_and_is_safe() -> None:
     page = (Path(__file__).parents[2] / "docs" / "posts" / "rapid.md").read_text(encoding="utf-8")
     reading = read({"bracket.mod": page.split("```\n")[1]}, {"mass": 1.8, "cog": [0, 0, 55]})
     assert reading.faults == ()
-    assert len(reading.body) == 11
-    program(*reading.body)
-    assert whole(reading.body) == reading.body
+    body = tuple(reading.body)
+    assert len(body) == 11
+    program(*body)
+    assert whole(body) == body
 
 
 def test_confdata_is_stated_and_supervised_where_it_is_known() -> None:

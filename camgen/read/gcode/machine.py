@@ -10,7 +10,7 @@ from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
 from camgen.model.part import Note, NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Wait
 from camgen.read.gcode.arcs import LINUXCNC, Limits, Piece
 from camgen.read.gcode.words import LineError, bare, not_read
 
@@ -52,7 +52,7 @@ class Machine:
     plain: re.Pattern[str] = PLAIN
     most: float = _BOUNDS.gcode_motions
     line: int = 0
-    body: list[Instruction] = field(default_factory=list)
+    body: Packing = field(default_factory=Packing)
     lines: list[int] = field(default_factory=list)
     noted: dict[tuple[NoteKind, str, str], int] = field(default_factory=dict)
     at: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])

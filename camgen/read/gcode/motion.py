@@ -10,7 +10,7 @@ import numpy as np
 from camgen.geometry.arcs import span_lengths
 from camgen.model.limits import tell
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import MoveC, MoveJ, MoveL, Wait
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Wait
 from camgen.read.gcode.arcs import Piece, pieces
 from camgen.read.gcode.machine import ARCS, AXES, RAPID, Machine, take_axes
 from camgen.read.gcode.words import LineError
@@ -271,10 +271,11 @@ def read_plain(m: Machine, lines: Sequence[str], at: int) -> int:
 
     For a machine that is settled. What is odd about a line is left to the long way, which says what it is.
     """
-    match, body, rows = m.plain.fullmatch, m.body, m.lines
+    match, rows = m.plain.fullmatch, m.lines
+    body: list[Instruction] = []
     unit, (sx, sy, sz), blend, force = m.scale, m.shift, m.blend, m.force
     last, feed, (x, y, z) = m.motion[1:], m.feed, m.at
-    before = len(body)
+    cut = False
     for place in range(at, len(lines)):
         plain = match(lines[place])
         if plain is None:
@@ -294,24 +295,30 @@ def read_plain(m: Machine, lines: Sequence[str], at: int) -> int:
         )
         if digit == "1" and i is j is None and rate > 0:
             body.append(MoveL(Pose(TOOL_DOWN, end), rate, blend, force))
+            cut = True
         elif digit == "0" and i is j is None:
             body.append(MoveJ(Pose(TOOL_DOWN, end), RAPID))
-        elif digit not in _ARC_DIGITS or rate <= 0 or not _add_arc(m, place, digit, (x, y, z), end, (i, j), rate):
+        elif digit not in _ARC_DIGITS or rate <= 0 or not (arc := _read_arc(m, digit, (x, y, z), end, (i, j), rate)):
             break
+        else:
+            body += arc
+            rows += [place + 1] * (len(arc) - 1)
+            cut = True
         rows.append(place + 1)
         last, feed, (x, y, z) = digit, rate, end
     else:
         place = len(lines)
-    if len(body) > before:
+    if body:
+        m.body.extend(body)
         m.motion, m.feed, m.at[:] = f"G{last}", feed, (x, y, z)
-        m.cut = m.cut or not all(isinstance(item, MoveJ) for item in body[before:])
+        m.cut = m.cut or cut
     return place
 
 
-def _add_arc(
-    m: Machine, place: int, digit: str, start: Vec3, end: Vec3, centre: tuple[str | None, str | None], feed: float
-) -> bool:
-    """Writes down the arc of a plain line, but the line of its last piece; whether it is one. centre: I and J."""
+def _read_arc(
+    m: Machine, digit: str, start: Vec3, end: Vec3, centre: tuple[str | None, str | None], feed: float
+) -> list[Instruction]:
+    """The arc of a plain line; nothing where it is none. centre: I and J."""
     (i, j), unit = centre, m.scale
     words = {} if i is None else {"I": float(i) * unit}
     if j is not None:
@@ -319,12 +326,12 @@ def _add_arc(
     try:
         found = pieces("G17", f"G{digit}", start, end, words, False, unit != 1.0, m.exact or m.limits)
     except LineError:
-        return False
-    m.lines += [place + 1] * (len(found) - 1)
+        return []
+    made: list[Instruction] = []
     for via, point in found:
         pose = Pose(TOOL_DOWN, point)
         if via is None:
-            m.body.append(MoveL(pose, feed, m.blend, m.force))
+            made.append(MoveL(pose, feed, m.blend, m.force))
         else:
-            m.body.append(MoveC(Pose(TOOL_DOWN, via), pose, feed, m.blend, m.force))
-    return True
+            made.append(MoveC(Pose(TOOL_DOWN, via), pose, feed, m.blend, m.force))
+    return made

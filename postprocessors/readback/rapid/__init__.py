@@ -159,7 +159,7 @@ def read_with(files: Mapping[str, str], options: Mapping[str, object], *, plain:
     state = _run(program, known, line - 1)
     faults = sorted({*program.faults, *state.faults}, key=lambda fault: (fault.line, fault.what))
     frame = {kind: pose for kind, (_, pose) in state.frames.items()}
-    return Reading(tuple(state.body), tuple(state.lines), tuple(faults), frame.get("work"), frame.get("tool"))
+    return Reading(state.body.body(), tuple(state.lines), tuple(faults), frame.get("work"), frame.get("tool"))
 
 
 def _run(program: Linked, known: Known, last_line: int) -> State:
@@ -223,7 +223,7 @@ def _find_called(program: Linked, routine: Routine, call: Call, depth: int) -> R
 
 def _check_handlers(program: Linked, state: State, main: Routine) -> None:
     """Notes what is wrong with the handlers of the program, and the outputs that it uses and that one leaves on."""
-    used = dict.fromkeys(item.signal for item in state.body if isinstance(item, Output))
+    used = dict.fromkeys(item.signal for item in state.body.objects if isinstance(item, Output))
     _find_missing_handlers(program, state, main, used)
     for routine in program.scopes:
         if routine.handler is None:
@@ -250,7 +250,7 @@ def _judge_main_handler(state: State, line: int, order: list[str], off: dict[str
     if [name for name in off if name in order] != [name for name in order if name in off]:
         state.remark(line, "the ERROR handler of main switches off in another order than posts do, force control last")
     wanted = state.known.asked.on_error
-    if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.body):
+    if DEACT_WHERE_ON not in off and any(isinstance(item, Force) for item in state.body.objects):
         state.remark(line, "the ERROR handler of main leaves force control on")
     if end != wanted:
         state.remark(line, f"the ERROR handler of main ends with {end.upper()}, by post.on_error it is {wanted}")
@@ -258,7 +258,7 @@ def _judge_main_handler(state: State, line: int, order: list[str], off: dict[str
 
 def _find_missing_handlers(program: Linked, state: State, main: Routine, used: Mapping[str, None]) -> None:
     """Notes routines without an ERROR handler where the options ask for one: main's, then those that hand errors on."""
-    drops = used or any(isinstance(item, Force) for item in state.body)
+    drops = used or any(isinstance(item, Force) for item in state.body.objects)
     if state.known.asked.on_error == "none" or not drops:
         return
     if main.handler is None:

@@ -9,7 +9,7 @@ from typing import cast
 from msgspec import Struct
 
 from camgen.model.pose import FloatArray, Pose, Vec3, rotation_from_quaternion
-from camgen.model.program import Instruction, Joints, Posture
+from camgen.model.program import Instruction, Joints, Packing, Posture
 from camgen.post import Fault, Remark
 
 from .asked import Asked, judge_load
@@ -51,7 +51,7 @@ class State:
 
     known: Known
     scope: Scope
-    body: list[Instruction] = field(default_factory=list)
+    body: Packing = field(default_factory=Packing)
     lines: list[int] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
     frames: dict[str, tuple[str, Pose | None]] = field(default_factory=dict)  # tool and work: name, frame

@@ -299,8 +299,8 @@ def _number(options: Mapping[str, object], key: str, default: float) -> float:
 
 
 def _with_turns(
-    body: tuple[Instruction, ...], turning: Sequence[tuple[int, float]], rated: float
-) -> tuple[Instruction, ...]:
+    body: Sequence[Instruction], turning: Sequence[tuple[int, float]], rated: float
+) -> Sequence[Instruction]:
     """``body`` with the speed of its turns on the spot. turning: % of ``rated`` deg/s, from which place on."""
     columns = Columns(body)
     places = columns.at[columns.turned].tolist()

@@ -1,0 +1,326 @@
+"""The instructions of a long program packed by column.
+
+As objects, half a million motions take 150 MB and a second to look through. A ``Body`` holds their numbers in columns
+and makes the objects anew when they are asked for; what is no plain motion it keeps as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
+from itertools import chain, compress, islice, repeat
+from operator import attrgetter
+from typing import Any, overload
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from camgen.model.instructions import (
+    Comment,
+    Force,
+    Instruction,
+    Motion,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    ToolChange,
+    Wait,
+)
+from camgen.model.pose import FloatArray, Pose
+
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+#: The numbers of the kinds of instructions in ``Packed.kind``; motions come first.
+NUMBER: dict[type, int] = {MoveJ: 0, MoveL: 1, MoveC: 2, Output: 3, Wait: 4, Force: 5, Comment: 6, ToolChange: 7}
+_SWING, _LINE, _ARC = NUMBER[MoveJ], NUMBER[MoveL], NUMBER[MoveC]
+#: So many instructions are objects at a time.
+_BLOCK = 8192
+_NO_DIRECTION = (0.0, 0.0, 0.0)
+
+
+class Packed(Struct, frozen=True, eq=False):
+    """The columns of N instructions, M of them motions, A of these arcs.
+
+    kind: (N,), see ``NUMBER``. end: (M, 3) mm where motions end, NaN for joint values; rotation: (M,) of the tool
+    there, a place in the table of rotations, -1 for joint values. speed, blend, path, work: (M,) as in ``MoveL``. via:
+    (A, 3) mm, via_rotation: (A,) half-way along arcs. kept: (N,) which instructions are kept as objects.
+    """
+
+    kind: NDArray[np.int8]
+    end: FloatArray
+    rotation: NDArray[np.int32]
+    speed: FloatArray
+    blend: FloatArray
+    path: Indices
+    work: Mask
+    via: FloatArray
+    via_rotation: NDArray[np.int32]
+    kept: Mask
+
+
+class _Rotations:
+    """The rotations of a body, each object once."""
+
+    def __init__(self) -> None:
+        self.table: list[FloatArray] = []
+        self._places: dict[int, int] = {}
+
+    def places(self, rotations: Sequence[FloatArray]) -> NDArray[np.int32]:
+        """Where they stand in the table, into which new ones are put."""
+        keys = list(map(id, rotations))
+        for key, rotation in dict(zip(keys, rotations, strict=True)).items():
+            if key not in self._places:
+                self._places[key] = len(self.table)
+                self.table.append(rotation)
+        return np.fromiter(map(self._places.__getitem__, keys), np.int32, len(keys))
+
+
+class Body(Sequence[Instruction]):
+    """The instructions of a program by column; each is made when it is asked for, another object each time.
+
+    rotations: the table that ``Packed`` means. objects: the instructions that are kept, in order.
+    """
+
+    def __init__(self, packed: Packed, rotations: Sequence[FloatArray], objects: Sequence[Instruction]) -> None:
+        self.packed, self.rotations, self.objects = packed, rotations, objects
+
+    def __len__(self) -> int:
+        return len(self.packed.kind)
+
+    def __iter__(self) -> Iterator[Instruction]:
+        size = len(self)
+        return chain.from_iterable(self._make(low, min(low + _BLOCK, size)) for low in range(0, size, _BLOCK))
+
+    @overload
+    def __getitem__(self, index: int) -> Instruction: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Instruction, ...]: ...
+    def __getitem__(self, index: int | slice) -> Instruction | tuple[Instruction, ...]:
+        if isinstance(index, slice):
+            low, high, step = index.indices(len(self))
+            return tuple(self._make(low, max(low, high))) if step == 1 else tuple(self)[index]
+        place = index + len(self) if index < 0 else index
+        if not 0 <= place < len(self):
+            raise IndexError("there is no such instruction")
+        return self._make(place, place + 1)[0]
+
+    @cached_property
+    def at(self) -> Indices:
+        """(M,): where the motions stand."""
+        return np.flatnonzero(self.packed.kind <= _ARC)
+
+    @cached_property
+    def arcs(self) -> Indices:
+        """(A,): where the arcs stand."""
+        return np.flatnonzero(self.packed.kind == _ARC)
+
+    @cached_property
+    def kept_at(self) -> Indices:
+        """Where the ``objects`` stand."""
+        return np.flatnonzero(self.packed.kept)
+
+    def pick(self, indices: Indices) -> list[Instruction]:
+        """The instructions at ``indices``, which rise."""
+        if len(indices) == len(self):
+            return list(self)
+        if not self.packed.kept[indices].all():
+            return list(self.take(indices)) if len(indices) else []
+        return list(map(self.objects.__getitem__, np.searchsorted(self.kept_at, indices).tolist()))
+
+    def take(self, indices: Indices) -> Body:
+        """A body of the instructions at ``indices``."""
+        packed = self.packed
+        moving, arc, kept = packed.kind <= _ARC, packed.kind == _ARC, packed.kept
+        moves, arcs, objects = (_number(mask)[indices[mask[indices]]] for mask in (moving, arc, kept))
+        of_moves = {name: getattr(packed, name)[moves] for name in _OF_MOVES}
+        of_arcs = {name: getattr(packed, name)[arcs] for name in _OF_ARCS}
+        chosen = Packed(kind=packed.kind[indices], kept=kept[indices], **of_moves, **of_arcs)
+        return Body(chosen, self.rotations, list(map(self.objects.__getitem__, objects.tolist())))
+
+    def _make(self, low: int, high: int) -> list[Instruction]:
+        """The instructions from ``low`` to before ``high`` as objects, without a loop in Python: this is run often."""
+        packed, kept = self.packed, self.packed.kept[low:high]
+        begin, end = np.searchsorted(self.at, (low, high)).tolist()
+        first, last = np.searchsorted(self.arcs, (low, high)).tolist()
+        kind = packed.kind[low:high]
+        source = np.where(kept, _KEPT, kind)
+        moving = source[kind <= _ARC]
+        over = packed.via[first:last], packed.via_rotation[first:last], source[kind == _ARC] == _ARC
+        sources: list[Iterator[Instruction]] = []
+        for made in (MoveJ, MoveL, MoveC):
+            rows = np.flatnonzero(moving == NUMBER[made]) + begin
+            places = self._poses(packed.end[rows], packed.rotation[rows])
+            vias = [self._poses(over[0][over[2]], over[1][over[2]])] if made is MoveC else []
+            rest = (getattr(packed, name)[rows].tolist() for name in ("speed", "blend"))
+            free = () if made is MoveJ else (repeat(0.0), repeat(_NO_DIRECTION))
+            owner = (getattr(packed, name)[rows].tolist() for name in ("path", "work"))
+            sources.append(map(made, *vias, places, *rest, *free, repeat(None), repeat(None), *owner))
+        begin, end = np.searchsorted(self.kept_at, (low, high)).tolist()
+        sources.append(iter(self.objects[begin:end]))
+        return list(map(next, map(sources.__getitem__, source.tolist())))
+
+    def _poses(self, places: FloatArray, rotations: NDArray[np.int32]) -> Iterator[Pose]:
+        return map(Pose, map(self.rotations.__getitem__, rotations.tolist()), map(tuple, places.tolist()))
+
+
+#: Behind the kinds of motions: what is kept as an object.
+_KEPT = 3
+_OF_MOVES = ("end", "rotation", "speed", "blend", "path", "work")
+_OF_ARCS = ("via", "via_rotation")
+
+
+def _number(mask: Mask) -> Indices:
+    """For each place how many of ``mask`` come before it."""
+    return np.cumsum(mask) - mask
+
+
+class Packing(Sequence[Instruction]):
+    """A body in the making: it is added to like a list, and packed bit by bit."""
+
+    def __init__(self, items: Iterable[Instruction] = ()) -> None:
+        self._open: list[Instruction] = []
+        self._blocks: list[Packed] = []
+        self._objects: list[Instruction] = []
+        self._rotations = _Rotations()
+        self._packed = 0
+        self.extend(items)
+
+    def append(self, item: Instruction) -> None:
+        """One more instruction."""
+        self._open.append(item)
+        if len(self._open) >= _BLOCK:
+            self._close()
+
+    def extend(self, items: Iterable[Instruction]) -> None:
+        """More of them."""
+        left = iter(items)
+        while some := list(islice(left, _BLOCK - len(self._open))):
+            self._open += some
+            if len(self._open) >= _BLOCK:
+                self._close()
+
+    def __len__(self) -> int:
+        return self._packed + len(self._open)
+
+    @overload
+    def __getitem__(self, index: int) -> Instruction: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Instruction, ...]: ...
+    def __getitem__(self, index: int | slice) -> Instruction | tuple[Instruction, ...]:
+        return self.body()[index]
+
+    def __iter__(self) -> Iterator[Instruction]:
+        return iter(self.body())
+
+    @property
+    def objects(self) -> Sequence[Instruction]:
+        """What is kept as objects: all that is no motion is among it."""
+        self._close()
+        return self._objects
+
+    def body(self) -> Body:
+        """All that was added."""
+        self._close()
+        if len(self._blocks) > 1:
+            self._blocks = [_join(self._blocks)]
+        return Body(
+            self._blocks[0] if self._blocks else _pack([], self._rotations)[0], self._rotations.table, self._objects
+        )
+
+    def _close(self) -> None:
+        if self._open:
+            packed, objects = _pack(self._open, self._rotations)
+            self._blocks.append(packed)
+            self._objects += objects
+            self._packed += len(self._open)
+            self._open = []
+
+
+def pack(items: Iterable[Instruction]) -> Body:
+    """The instructions by column."""
+    return items if isinstance(items, Body) else Packing(items).body()
+
+
+def join(*bodies: Body) -> Body:
+    """Bodies one after the other."""
+    rotations = _Rotations()
+    parts = []
+    for body in bodies:
+        places = np.append(rotations.places(body.rotations), np.int32(-1))
+        packed = body.packed
+        turned = {name: places[getattr(packed, name)] for name in ("rotation", "via_rotation")}
+        parts.append(Packed(**(_fields(packed) | turned)))
+    return Body(_join(parts), rotations.table, list(chain.from_iterable(body.objects for body in bodies)))
+
+
+def _fields(packed: Packed) -> dict[str, Any]:
+    return {name: getattr(packed, name) for name in packed.__struct_fields__}
+
+
+def _join(parts: Sequence[Packed]) -> Packed:
+    return Packed(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in Packed.__struct_fields__}
+    )
+
+
+def _pack(items: Sequence[Instruction], rotations: _Rotations) -> tuple[Packed, list[Instruction]]:
+    """The columns of ``items``, and those of them that are kept."""
+    kind = np.fromiter(map(NUMBER.__getitem__, map(type, items)), np.int8, len(items))
+    moving = kind <= _ARC
+    moves: list[Any] = list(compress(items, moving.tolist()))
+    plain = np.ones(len(moves), np.bool_)
+    if not _are_plain(moves):
+        plain[:] = list(map(_is_plain, moves))
+    kept = ~moving
+    kept[moving] = ~plain
+    targets = list(map(attrgetter("target"), moves))
+    posed = np.fromiter((type(target) is Pose for target in targets), np.bool_, len(moves))
+    poses: list[Pose] = list(compress(targets, posed.tolist()))
+    end, rotation = np.full((len(moves), 3), np.nan), np.full(len(moves), -1, np.int32)
+    end[posed] = _origins(poses)
+    rotation[posed] = rotations.places([pose.rotation for pose in poses])
+    vias: list[Pose] = [move.via for move in moves if type(move) is MoveC]
+    packed = Packed(
+        kind=kind,
+        end=end,
+        rotation=rotation,
+        speed=np.fromiter(map(attrgetter("speed"), moves), np.float64, len(moves)),
+        blend=np.fromiter(map(attrgetter("blend"), moves), np.float64, len(moves)),
+        path=np.fromiter(map(attrgetter("path"), moves), np.intp, len(moves)),
+        work=np.fromiter(map(attrgetter("work"), moves), np.bool_, len(moves)),
+        via=_origins(vias),
+        via_rotation=rotations.places([pose.rotation for pose in vias]),
+        kept=kept,
+    )
+    return packed, list(compress(items, kept.tolist()))
+
+
+def _origins(poses: Sequence[Pose]) -> FloatArray:
+    flat = chain.from_iterable(map(attrgetter("origin"), poses))
+    return np.fromiter(flat, np.float64, 3 * len(poses)).reshape(-1, 3)
+
+
+def _are_plain(moves: Sequence[Any]) -> bool:
+    """Whether the columns say all of all the motions."""
+    along = [move for move in moves if type(move) is not MoveJ]
+    ever = (
+        *(map(attrgetter(name), moves) for name in ("joints", "posture")),
+        *(map(attrgetter(name), along) for name in ("force",)),
+        (move.turn for move in along if type(move) is MoveL),
+        (move.share or type(move.target) is not Pose for move in moves if type(move) is MoveJ),
+    )
+    return not any(map(any, ever)) and set(map(attrgetter("force_direction"), along)) <= {_NO_DIRECTION}
+
+
+def _is_plain(move: Motion) -> bool:
+    """Whether the columns say all of a motion."""
+    if move.joints is not None or move.posture is not None or type(move.target) is not Pose:
+        return False
+    if type(move) is MoveJ:
+        return move.share == 0
+    assert not isinstance(move, MoveJ)
+    turn = move.turn if type(move) is MoveL else 0.0
+    return move.force == 0 and turn == 0 and move.force_direction == _NO_DIRECTION

@@ -1,0 +1,176 @@
+"""A body that is packed says the same as its instructions one by one."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from camgen.model import body as packed_body
+from camgen.model.body import Packing, join, pack
+from camgen.model.errors import Refused
+from camgen.model.pose import IDENTITY, TOOL_DOWN, Pose
+from camgen.model.program import (
+    Columns,
+    Comment,
+    Force,
+    Instruction,
+    Joints,
+    MoveC,
+    MoveJ,
+    MoveL,
+    Output,
+    Posture,
+    Program,
+    ToolChange,
+    Wait,
+    put_off_first,
+    splice,
+)
+
+HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
+#: One of each kind, and motions that are more than end, speed and blend.
+ITEMS: tuple[Instruction, ...] = (
+    Output("process", 0.0),
+    Force(0.0),
+    MoveJ(Joints((0.1, 0.2)), 100.0),
+    Comment("path c1"),
+    MoveJ(Pose(TOOL_DOWN, (1.0, 2.0, 3.0)), 50.0, 1.0, path=0),
+    MoveJ(HERE, 50.0, share=0.5),
+    MoveL(Pose(TOOL_DOWN, (1.5, 2.5, -0.0)), 20.0, path=0, work=True),
+    MoveL(HERE, 20.0, joints=Joints((1.0,)), posture=Posture(figure=3)),
+    Output("process", 1.0),
+    Wait(0.5),
+    MoveC(Pose(IDENTITY, (1.0, 1.0, 0.0)), Pose(TOOL_DOWN, (2.0, 0.0, 0.0)), 7.0, 0.3, path=1, work=True),
+    Force(10.0, (0.0, 0.0, -1.0)),
+    MoveC(Pose(TOOL_DOWN, (3.0, 1.0, 0.0)), HERE, 7.0, 0.0, 10.0, (0.0, 0.0, -1.0), path=1),
+    MoveL(Pose(TOOL_DOWN, (0.0, 0.0, 0.0)), 5.0, turn=0.2),
+    Force(0.0),
+    Output("process", 0.0),
+    ToolChange(2, "drill"),
+    MoveJ(Joints((0.1, 0.2)), 100.0),
+)
+
+
+def parts(item: Instruction) -> tuple[object, ...]:
+    """All that an instruction says; a rotation by which object it is, as programs share them."""
+
+    def said(value: object) -> object:
+        return ("pose", id(value.rotation), value.origin) if isinstance(value, Pose) else value
+
+    return type(item), *(said(getattr(item, name)) for name in item.__struct_fields__)
+
+
+def same(one: object, other: object) -> bool:
+    return list(map(parts, one)) == list(map(parts, other))  # type: ignore[call-overload]
+
+
+@pytest.fixture(params=[1, 2, 5, 8192])
+def block(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So many instructions are packed at a time."""
+    monkeypatch.setattr(packed_body, "_BLOCK", request.param)
+
+
+@pytest.mark.usefixtures("block")
+def test_what_was_packed_comes_out_again() -> None:
+    body = pack(ITEMS)
+    assert len(body) == len(ITEMS)
+    assert same(body, ITEMS)
+    assert same([body[k] for k in range(len(ITEMS))], ITEMS)
+    assert same([body[k] for k in range(-len(ITEMS), 0)], ITEMS)
+    assert type(body[2]) is MoveJ
+    with pytest.raises(IndexError):
+        body[len(ITEMS)]
+
+
+@pytest.mark.parametrize("cut", [slice(0, 4), slice(3, None), slice(-5, -1), slice(4, 2), slice(None, None, 3)])
+def test_slices_are_those_of_a_tuple(cut: slice) -> None:
+    assert same(pack(ITEMS)[cut], ITEMS[cut])
+
+
+@pytest.mark.usefixtures("block")
+def test_a_plain_motion_is_no_object_and_any_other_one_is_kept() -> None:
+    kept = pack(ITEMS).objects
+    assert {id(item) for item in kept} == {id(item) for item in ITEMS} - {id(ITEMS[k]) for k in (4, 6, 10)}
+
+
+@pytest.mark.usefixtures("block")
+def test_a_body_in_the_making_is_like_a_list() -> None:
+    made = Packing()
+    for k, item in enumerate(ITEMS):
+        assert len(made) == k
+        made.append(item)
+    made.extend(ITEMS)
+    assert same(made, ITEMS * 2)
+    made.append(ITEMS[6])
+    assert same(made.body(), (*ITEMS, *ITEMS, ITEMS[6]))
+    assert same(made[-2:], (ITEMS[-1], ITEMS[6]))
+    assert len(Packing().body()) == 0
+
+
+def test_bodies_that_share_no_rotations_are_joined() -> None:
+    other = (MoveJ(Pose(np.eye(3), (9.0, 9.0, 9.0)), 1.0), *ITEMS)
+    assert same(join(pack(ITEMS), pack(other), pack(())), (*ITEMS, *other))
+
+
+@pytest.mark.usefixtures("block")
+def test_some_of_a_body_in_any_order() -> None:
+    wanted = np.array([10, 3, 3, 12, 0, 6, 17])
+    assert same(pack(ITEMS).take(wanted), [ITEMS[k] for k in wanted.tolist()])
+    rising = np.unique(wanted)
+    assert same(pack(ITEMS).pick(rising), [ITEMS[k] for k in rising.tolist()])
+
+
+@pytest.mark.parametrize("changed", [{}, {0: ()}, {6: (ITEMS[10], ITEMS[3]), 10: (), 17: (ITEMS[5],)}])
+def test_a_packed_body_is_spliced_as_a_tuple_is(changed: dict[int, tuple[Instruction, ...]]) -> None:
+    assert same(splice(pack(ITEMS), changed), splice(ITEMS, changed))
+
+
+def test_all_is_off_first_in_a_packed_body_too() -> None:
+    assert same(put_off_first(pack(ITEMS)), put_off_first(ITEMS))
+
+
+def test_columns_are_those_of_the_objects() -> None:
+    plain, packed = Columns(ITEMS), Columns(pack(ITEMS))
+    moves = [item for item in ITEMS if isinstance(item, (MoveJ, MoveL, MoveC))]
+    assert same(plain.moves, moves)
+    assert same(packed.moves, moves)
+    assert same(packed.moves[1:4], moves[1:4])
+    for columns in (plain, packed):
+        assert columns.speed.tolist() == [move.speed for move in moves]
+        assert columns.blend.tolist() == [move.blend for move in moves]
+        assert columns.path.tolist() == [move.path for move in moves]
+        assert columns.works.tolist() == [move.work for move in moves]
+        assert columns.force.tolist() == [getattr(move, "force", 0.0) for move in moves]
+        assert columns.turn.tolist() == [getattr(move, "turn", 0.0) for move in moves]
+        assert columns.share.tolist() == [getattr(move, "share", 0.0) for move in moves]
+        assert columns.posed.tolist() == [isinstance(move.target, Pose) for move in moves]
+        ends = [list(move.target.origin) for move in moves if isinstance(move.target, Pose)]
+        assert columns.ends[columns.posed].tolist() == ends
+        assert columns.vias[columns.moves_are(MoveC)].tolist() == [[1.0, 1.0, 0.0], [3.0, 1.0, 0.0]]
+        assert same(columns.of(Output, Wait), [item for item in ITEMS if isinstance(item, (Output, Wait))])
+        assert columns.turned_as(TOOL_DOWN).tolist() == [
+            isinstance(move.target, Pose) and move.target.rotation is TOOL_DOWN for move in moves
+        ]
+        wanted = [move.target if isinstance(move.target, Pose) else None for move in moves]
+        found = columns.poses(np.arange(-1, len(moves)))
+        assert [pose and pose.origin for pose in found] == [None, *(pose and pose.origin for pose in wanted)]
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+@pytest.mark.parametrize("where", ["end", "via", "rotation", "via rotation", "speed"])
+def test_a_number_that_is_not_finite_is_found_in_a_packed_body(number: float, where: str) -> None:
+    bad, turned = (number, 0.0, 0.0), np.full((3, 3), number)
+    via = Pose(turned if where == "via rotation" else TOOL_DOWN, bad if where == "via" else (1.0, 1.0, 0.0))
+    end = Pose(turned if where == "rotation" else TOOL_DOWN, bad if where == "end" else (2.0, 0.0, 0.0))
+    arc = MoveC(via, end, number if where == "speed" else 5.0)
+    body = pack([MoveJ(HERE, 50.0), MoveL(HERE, 5.0), arc, MoveJ(HERE, 50.0)])
+    with pytest.raises(Refused) as error:
+        Program("bad", HERE, HERE, body)
+    assert error.value.index == 2
+
+
+def test_rotations_that_are_one_object_are_one_in_the_table() -> None:
+    body = pack([MoveL(Pose(TOOL_DOWN, (float(k), 0.0, 0.0)), 1.0) for k in range(5)])
+    assert [one is TOOL_DOWN for one in body.rotations] == [True]
+    targets = [item.target for item in body if isinstance(item, MoveL)]
+    assert all(a.rotation is b.rotation for a, b in pairwise(targets))
