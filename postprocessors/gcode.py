@@ -357,7 +357,7 @@ class GCode(Rs274):
 
     def _cycle(self, motion: MoveJ | MoveL) -> Sequence[str] | None:
         """The lines of the cycle that ``motion`` begins, none inside of one; None where it is of no cycle."""
-        known, row = self._cycles.get(id(motion), (None, None))
+        known, row = self._cycles.get(id(motion), (None, None)) if self._cycles else (None, None)
         if known is not motion:
             return None
         self._go(motion)

@@ -7,6 +7,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.geometry.ragged import ramp
+from camgen.geometry.vectors import plane_lengths
 from camgen.model.pose import FloatArray
 
 __all__ = ["Discs", "Near", "nearest_items"]
@@ -94,9 +95,11 @@ def _leaves(points: FloatArray) -> IntArray:
     for _ in range(levels):
         block = padded[order]
         with np.errstate(invalid="ignore"):
-            side = np.fmax.reduce(block, axis=1) - np.fmin.reduce(block, axis=1)
+            # Each coordinate by itself: along an axis before one of two numbers numpy takes four times as long.
+            x, y = np.ascontiguousarray(block[..., 0]), np.ascontiguousarray(block[..., 1])
+            side = np.column_stack([np.fmax.reduce(c, axis=1) - np.fmin.reduce(c, axis=1) for c in (x, y)])
         wide = np.nan_to_num(side).argmax(axis=1)
-        along = np.take_along_axis(block, wide[:, None, None], axis=2)[:, :, 0]
+        along = np.where(wide[:, None] == 0, x, y)
         rank = np.argsort(along, axis=1, kind="stable")
         order = np.take_along_axis(order, rank, axis=1)
         order = _halves(order)
@@ -125,7 +128,7 @@ def _first_bound(discs: Discs, leaves: IntArray, wanted: int) -> FloatArray:
     for begin in range(0, len(blocks), 256):
         part = blocks[begin : begin + 256]
         centre, radius, owner = discs.centre[part], discs.radius[part], discs.owner[part]
-        apart = np.linalg.norm(centre[:, :, None] - centre[:, None], axis=3)
+        apart = plane_lengths(centre[:, :, None] - centre[:, None])
         gap = apart - radius[:, :, None] - radius[:, None]
         none = (part < 0)[:, None, :] | (owner[:, :, None] == owner[:, None])
         gap[none] = np.inf
@@ -160,7 +163,7 @@ def _pairs_of_leaves(
     two = np.zeros(len(one), dtype=np.int64)
     for level in reversed(range(len(lows))):
         gap = np.maximum(np.maximum(lows[level][two] - high[one], low[one] - highs[level][two]), 0.0)
-        close = np.sqrt((gap**2).sum(axis=1)) - radius[one] - radii[level][two] < reach[one]
+        close = plane_lengths(gap) - radius[one] - radii[level][two] < reach[one]
         # A leaf is always compared with itself: of a crowd at one point some are near each other.
         close |= two == one >> level
         one, two = one[close], two[close]
@@ -179,7 +182,7 @@ def _pairs_of_items(
     limit = np.repeat(reach[one], _LEAF**2)
     there = (a >= 0) & (b >= 0) & (discs.owner[a] != discs.owner[b])
     a, b, limit = a[there], b[there], limit[there]
-    apart = np.sqrt(((discs.centre[a] - discs.centre[b]) ** 2).sum(axis=1)) - discs.radius[a] - discs.radius[b]
+    apart = plane_lengths(discs.centre[a] - discs.centre[b]) - discs.radius[a] - discs.radius[b]
     own = np.repeat(one == two, _LEAF**2)[there]
     close = (apart < limit) | own
     return discs.owner[a[close]] * count + discs.owner[b[close]], apart[close]

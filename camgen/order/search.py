@@ -10,6 +10,7 @@ from msgspec import Struct
 
 from camgen.geometry.nearest import nearest_items
 from camgen.geometry.ragged import offsets, owners, ramp
+from camgen.geometry.vectors import plane_lengths
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
@@ -326,7 +327,7 @@ def _best(known: Sampled, path: IntArray, length: FloatArray, before: FloatArray
     for _ in range(_NARROWER):
         places = length[:, None] + shift * reach[:, None]
         points = point_at(known, np.repeat(path, len(shift)), places.reshape(-1)).reshape(len(path), len(shift), 2)
-        cost = np.linalg.norm(points - before[:, None], axis=2) + np.linalg.norm(points - after[:, None], axis=2)
+        cost = plane_lengths(points - before[:, None]) + plane_lengths(points - after[:, None])
         length = places[np.arange(len(path)), cost.argmin(axis=1)]
         reach = reach / _FINER
     return length % np.maximum(known.whole[path], NONZERO)

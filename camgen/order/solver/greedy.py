@@ -10,6 +10,7 @@ import numpy as np
 
 from camgen.geometry.nearest import Discs, IntArray, nearest_items
 from camgen.geometry.ragged import begins, owners, ramp
+from camgen.geometry.vectors import plane_lengths
 from camgen.model.pose import FloatArray
 from camgen.order.solver.kernel import CLOSED, ONE_WAY
 from camgen.order.solver.plane import Items, Start, both_ends, ends_apart
@@ -72,7 +73,7 @@ def _best_samples(items: Items, own: IntArray, before: FloatArray, after: FloatA
     which, step = owners(count), ramp(count)
     number = items.first[own][which] + step
     one, two = items.points[number] - before[which], items.points[number] - after[which]
-    cost = np.sqrt((one**2).sum(axis=1)) + np.sqrt((two**2).sum(axis=1))
+    cost = plane_lengths(one) + plane_lengths(two)
     least = np.minimum.reduceat(cost, begins(count))
     hits = np.flatnonzero(cost == least[which])
     _, first = np.unique(which[hits], return_index=True)

@@ -10,6 +10,7 @@ from msgspec import Struct
 
 from camgen.geometry.nearest import Discs, IntArray, Near
 from camgen.geometry.ragged import begins, offsets, owners, stretches
+from camgen.geometry.vectors import plane_lengths
 from camgen.model.pose import FloatArray
 from camgen.model.tolerance import NONZERO
 from camgen.order.solver import kernel, speed
@@ -105,7 +106,7 @@ def discs_of(items: Items) -> Discs:
         low, high = np.minimum.reduceat(points, firsts), np.maximum.reduceat(points, firsts)
         middle = (low + high) / 2
         which = np.repeat(np.arange(len(firsts)), lasts - firsts)
-        far = np.sqrt(((points - middle[which]) ** 2).sum(axis=1))
+        far = plane_lengths(points - middle[which])
         own = owner[number[firsts]]
         centre.append(middle)
         owners.append(own)
