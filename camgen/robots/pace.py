@@ -28,11 +28,14 @@ class Pace(Struct, frozen=True, eq=False):
         return np.asarray(np.maximum(joints, from_rest(np.asarray(way), self.travel, self.gain)))
 
     def between(self, start: FloatArray, end: FloatArray, way: FloatArray | float) -> FloatArray:
-        """``seconds`` (M, K) from each of ``start`` (M, J) to each of ``end`` (K, J), without a table of all joints."""
-        shape = (len(start), len(end))
+        """``seconds`` (..., M, K) from each of ``start`` (..., M, J) to each of ``end`` (..., K, J), without a table of
+        all joints.
+        """
+        shape = (*start.shape[:-1], end.shape[-2])
         short, long = np.zeros(shape), np.zeros(shape)
-        for a, b, speed, gain in zip(start.T, end.T, self.speeds.tolist(), self.gains.tolist(), strict=True):
-            moved = np.abs(a[:, None] - b[None])
+        paces = zip(self.speeds.tolist(), self.gains.tolist(), strict=True)
+        for joint, (speed, gain) in enumerate(paces):
+            moved = np.abs(start[..., :, None, joint] - end[..., None, :, joint])
             # From where on a joint comes to its full speed, its time is the way's and that of gaining it once.
             full = moved >= speed * speed / gain
             np.maximum(long, np.where(full, moved / speed + speed / gain, 0.0), out=long)

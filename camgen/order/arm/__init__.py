@@ -17,9 +17,11 @@ from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted, short
 from camgen.order.arm.items import Item, States, find_states, join_states, lay_out, stand, turn_round
+from camgen.order.arm.lattice import GRAZE
 from camgen.order.arm.layers import WALL, Ground
 from camgen.order.arm.links import Links, link_up
 from camgen.order.arm.margin import Clear, clear_of, put_in, roomy_of
+from camgen.order.arm.points import are_points, find_points
 from camgen.order.arm.search import Found, Tell, Wish, Work, better_tour, find_tour, prove_tour
 from camgen.order.edges.pace import Pace as Quick
 from camgen.order.edges.pace import pace_turn
@@ -143,12 +145,15 @@ def _search_with_margin(
 
 def _fresh(work: Work, states: Sequence[States], setup: Setup) -> Work:
     """The same task, of which nothing is known."""
-    return Work(setup, work.room, work.ground, list(states), work.rules, work.wish, set(), [], set(), set(), set(), {})
+    own = list(states)
+    return Work(setup, work.room, work.ground, own, work.rules, work.wish, set(), [], set(), set(), set(), {}, {})
 
 
 def _search(work: Work, kept: Sequence[int], prove: bool, tell: Tell) -> tuple[Found, Links]:
     """The tour over the paths ``kept``, and its ways: begun anew, with what was learnt, while it leaves some out."""
-    best: tuple[Found, Links] | None = None
+    best = _search_points(work, kept, tell) if prove and are_points(work, kept) else None
+    if best is not None and not best[1].lost:
+        return best
     for _ in range(_BEGINNINGS if prove else 1):
         found, links = find_tour(work, [k for k in kept if k not in work.lost], prove, tell), Links({}, (), {})
         if found.order:
@@ -161,6 +166,12 @@ def _search(work: Work, kept: Sequence[int], prove: bool, tell: Tell) -> tuple[F
             break
     assert best is not None
     return best
+
+
+def _search_points(work: Work, kept: Sequence[int], tell: Tell) -> tuple[Found, Links] | None:
+    """The tour over points that may come in any order, and its ways; None where none is found."""
+    found = find_points(work, kept, tell)
+    return None if found is None else link_up(work, found)
 
 
 def _prove_again(work: Work, found: Found, tell: Tell) -> Found:
@@ -201,7 +212,8 @@ def _begin(
     # The tip keeps above the part where it goes from path to path.
     floor = min(job.process.approach, high / 2) if high > 0 else -math.inf
     wish = Wish(not asked.fixed and job.tour.method == "best", job.tool.symmetric and arm.arm is not None, floor)
-    work = Work(setup, room_of(where, setup), ground, states, asked.rules, wish, set(), [], set(), set(), set(), {})
+    room = room_of(replace(where, margin=GRAZE), setup)
+    work = Work(setup, room, ground, states, asked.rules, wish, set(), [], set(), set(), set(), {}, {})
     if free is None or wide.margin == 0:
         return work, profiles, lost, None
     return work, profiles, lost, roomy_of(wide, ground.home, _find_contacts(work, lost))

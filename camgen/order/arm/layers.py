@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -10,13 +11,15 @@ from msgspec import Struct
 from camgen.geometry.ragged import offsets
 from camgen.model.part import BoolArray, IntArray
 from camgen.model.pose import FloatArray
-from camgen.order.arm.items import Item, States
+from camgen.order.arm.items import Item, States, join_states
 from camgen.robots.pace import Pace
 
 #: What a link that is not allowed costs, s: more than any tour, and a number.
 WALL = 1e6
 #: What a change of the arm's posture is weighed with beside its time, s: most of them collide, or go a way round.
-_CHANGE = 1.0
+CHANGE = 1.0
+#: Links of a tour that are worked out together: bounds the memory.
+_AT_ONCE = 1_000_000
 #: rad or mm: joint values that are no farther apart are the same.
 SAME = 1e-6
 
@@ -51,17 +54,20 @@ def gate_places(item: Item, gate: IntArray) -> FloatArray:
     return item.position[item.gates[gate]]
 
 
-def link_seconds(ground: Ground, one: int, other: int, start: States, end: States) -> FloatArray:
-    """Seconds (M, K) from each state of the item ``one`` to each of the item ``other``, collisions aside."""
+def link_seconds(ground: Ground, one: int, other: int, start: States, end: States, change: float) -> FloatArray:
+    """Seconds (M, K) from each state of the item ``one`` to each of the item ``other``, collisions aside. change: what
+    another posture is weighed with.
+    """
     here = gate_places(ground.items[one], start.gate[:, 1])
     there = gate_places(ground.items[other], end.gate[:, 0])
     way = np.sqrt(((there[None] - here[:, None]) ** 2).sum(axis=-1))
-    return ground.pace.between(start.leave, end.enter, way) + change_cost(ground, start.branch, end.branch)
+    other = start.branch[:, None] != end.branch[None]
+    return np.asarray(ground.pace.between(start.leave, end.enter, way) + change * other)
 
 
 def change_cost(ground: Ground, start: IntArray, end: IntArray) -> FloatArray:
     """What changes of the posture from branches (M,) to branches (K,) are weighed with, s (M, K)."""
-    return np.asarray((WALL if ground.lines else _CHANGE) * (start[:, None] != end[None]))
+    return np.asarray((WALL if ground.lines else CHANGE) * (start[:, None] != end[None]))
 
 
 def home_seconds(ground: Ground, joints: FloatArray, walls: Walls) -> FloatArray:
@@ -96,6 +102,8 @@ class _Near(Struct, frozen=True, eq=False):
         start = self.leave[:, :, self.first[one] : self.first[one + 1]]
         end = self.enter[:, :, self.first[other] : self.first[other + 1]]
         extra: FloatArray = np.zeros((1, 1))
+        if not walls:
+            return cost
         for wall, side in np.argwhere(start.any(axis=2) & end[:, ::-1].any(axis=2)).tolist():
             more = walls[wall].cost * (start[wall, side, :, None] & end[wall, 1 - side, None])
             extra = np.maximum(extra, more)
@@ -104,6 +112,9 @@ class _Near(Struct, frozen=True, eq=False):
 
 def _find_near(states: Sequence[States], walls: Walls) -> _Near:
     first = offsets([len(one) for one in states])
+    if not walls:
+        none: BoolArray = np.zeros((0, 2, 0), dtype=np.bool_)
+        return _Near(none, none, first)
     enter, leave = (np.concatenate([getattr(one, name) for one in states]) for name in ("enter", "leave"))
     shape = (len(walls), 2, len(enter))
     near = np.zeros((2, *shape), dtype=np.bool_)
@@ -114,6 +125,26 @@ def _find_near(states: Sequence[States], walls: Walls) -> _Near:
     return _Near(near[0], near[1], first)
 
 
+def all_links(ground: Ground, order: Sequence[int], states: Sequence[States], change: float) -> Iterator[FloatArray]:
+    """``link_seconds`` from each item of ``order`` to the next: of few states all at once. change: as there."""
+    most = max(len(states[k]) for k in order)
+    if len(order) < 2 or most * most * len(order) > _AT_ONCE:
+        for one, other in pairwise(order):
+            yield link_seconds(ground, one, other, states[one], states[other], change)
+        return
+    count = np.array([len(states[k]) for k in order])
+    rows = np.minimum(np.arange(most), count[:, None] - 1) + offsets(count)[:-1, None]
+    every = join_states([states[k] for k in order])
+    gates = [gate_places(ground.items[k], states[k].gate) for k in order]
+    enter, leave, branch = every.enter[rows], every.leave[rows], every.branch[rows]
+    into, out = (np.concatenate([places[:, side] for places in gates])[rows] for side in (0, 1))
+    way = np.sqrt(((into[1:, None] - out[:-1, :, None]) ** 2).sum(axis=-1))
+    seconds = ground.pace.between(leave[:-1], enter[1:], way)
+    seconds += change * (branch[:-1, :, None] != branch[1:, None])
+    for k, table in enumerate(seconds):
+        yield table[: count[k], : count[k + 1]]
+
+
 def choose(ground: Ground, order: Sequence[int], states: Sequence[States], walls: Walls) -> tuple[float, IntArray]:
     """The state of each item (n,), by item, with the least seconds in all from and back to home; and these."""
     near = _find_near(states, walls)
@@ -121,8 +152,7 @@ def choose(ground: Ground, order: Sequence[int], states: Sequence[States], walls
     cost = home_seconds(ground, states[first].enter, walls)
     backs: list[IntArray] = []
     before = first
-    for item in order[1:]:
-        links = link_seconds(ground, before, item, states[before], states[item])
+    for item, links in zip(order[1:], all_links(ground, order, states, WALL if ground.lines else CHANGE), strict=True):
         total = cost[:, None] + near.add(links, before, item, walls)
         best = total.argmin(axis=0)
         backs.append(best)

@@ -8,7 +8,7 @@ tested for collisions when a tour uses them: what collides is out, and the state
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from functools import partial
 from itertools import pairwise
 
@@ -31,11 +31,13 @@ MANY = 1_000
 #: Rounds of states and order, and the share of the time below which a round is the last.
 _ROUNDS, _GAIN = 8, 1e-3
 #: rad: steps in which turns are moved, and how many to each side; so many looks are worth it.
-_STEPS, _SIDES, _WORTH = (math.radians(5.0), math.radians(2.0), math.radians(0.7)), 4, 8_000
+STEPS, _SIDES, _WORTH = (math.radians(5.0), math.radians(2.0), math.radians(0.7)), 4, 8_000
 #: Looks of a path at which a state is tested that no tour has used yet.
 _FEW = 6
 #: Links whose ends are within this share of their way of those of one that collides are taken to collide too.
 _ALIKE, _FAR_ALIKE = 0.15, 0.35
+#: rad or mm: where other states are known to do, only those as near as this are taken to collide too.
+_CLOSE = 0.06
 #: rad or mm: for links so long that collide a way round is looked for at once; shorter ones have other states first.
 _LONG = 1.0
 #: So often the states are chosen anew because of links that collide before their turns are moved.
@@ -65,7 +67,7 @@ class Wish(Struct, frozen=True):
 class Work(Struct, frozen=True, eq=False):
     """What the search knows. states: by item; narrowed where some collide, as ``tested`` says. walls: links that
     collide. free: links and states that are known to be clear. lost: items that no state is left of. shut: states
-    that collide between two looks. detours: ways round links that collide.
+    that collide between two looks. detours: ways round links that collide. around: s, by link, what they cost more.
     """
 
     setup: Setup
@@ -80,6 +82,7 @@ class Work(Struct, frozen=True, eq=False):
     lost: set[int]
     shut: set[bytes]
     detours: dict[bytes, tuple[FloatArray, ...]]
+    around: dict[bytes, float]
 
 
 class Found(Struct, eq=False):
@@ -95,20 +98,20 @@ Tell = Callable[[str], None]
 
 def find_tour(work: Work, order: Sequence[int], prove: bool, tell: Tell) -> Found:
     """A first tour in the ``order``. prove: states, and links, are tested for collisions."""
-    found = _settle(work, list(order), list(work.states), prove)
+    found = settle(work, list(order), list(work.states), prove)
     for attempt in range(_BEGINNINGS if prove else 0):
         tell(f"joints, {found.seconds:.1f} s, beginning {attempt + 1}")
         if not found.order or not blocked_links(work, found):
             break
-        found = _settle(work, found.order, list(work.states), prove)
+        found = settle(work, found.order, list(work.states), prove)
     return found
 
 
 def better_tour(work: Work, found: Found, prove: bool, tell: Tell) -> Found:
     """``found`` with its states and its order bettered in turn."""
-    found = _move_turns(work, found, prove)
+    found = move_turns(work, found, prove)
     for _ in range(_LOOSE if work.wish.search else 0):
-        loose = _move_turns(work, _loosen(work, found, prove), prove)
+        loose = move_turns(work, _loosen(work, found, prove), prove)
         if loose.seconds >= found.seconds:
             break
         found = loose
@@ -118,13 +121,13 @@ def better_tour(work: Work, found: Found, prove: bool, tell: Tell) -> Found:
         found = _move_gates(work, found)
         if work.wish.search:
             found = _reorder(work, found, attempt)
-        found = _move_turns(work, found, prove)
+        found = move_turns(work, found, prove)
         if before - found.seconds < _GAIN * before:
             break
     return found
 
 
-def _settle(work: Work, order: list[int], states: list[States], prove: bool, known: States | None = None) -> Found:
+def settle(work: Work, order: list[int], states: list[States], prove: bool, known: States | None = None) -> Found:
     """The best of ``states`` along ``order`` that collide with nothing. known: (n) states that need no test."""
     ground = work.ground
     while True:
@@ -236,7 +239,7 @@ def _loosen(work: Work, found: Found, prove: bool) -> Found:
     order, ground, now = found.order, work.ground, found.now
     if not _is_plain(work, found) or not work.wish.loose or not 4 < len(order) <= _CROWD:
         return found
-    fine = _around(work, found, _STEPS[0])
+    fine = shift_turns(work, found, STEPS[0])
     count = len(order)
     ring = np.zeros((count + 1, count + 1))
     joints = [fine[k].enter for k in order]
@@ -250,7 +253,7 @@ def _loosen(work: Work, found: Found, prove: bool) -> Found:
     ring[1:, 1:] += change_cost(ground, now.branch[order], now.branch[order])
     ring = np.minimum(ring, ring.T)
     made = shorten_ring(ring, range(count + 1), min(_KICKS * count, _MOST_KICKS))
-    return _settle(work, [order[k - 1] for k in made[1:]], fine, prove, now)
+    return settle(work, [order[k - 1] for k in made[1:]], fine, prove, now)
 
 
 def _is_plain(work: Work, found: Found) -> bool:
@@ -260,14 +263,14 @@ def _is_plain(work: Work, found: Found) -> bool:
     return bool(free and not (own.enter != own.leave).any())
 
 
-def _move_turns(work: Work, found: Found, prove: bool) -> Found:
-    """Turns a little to both sides of those that are chosen, in finer and finer steps."""
+def move_turns(work: Work, found: Found, prove: bool, still: Set[int] = frozenset()) -> Found:
+    """Turns a little to both sides of those that are chosen, in finer and finer steps, but of the items ``still``."""
     sizes = [len(work.ground.items[k]) for k in found.order]
     if not work.wish.loose or sum(sizes) > _WORTH:
         return found
-    for step in _STEPS:
+    for step in STEPS:
         while True:
-            better = _settle(work, found.order, _around(work, found, step), prove, found.now)
+            better = settle(work, found.order, shift_turns(work, found, step, still), prove, found.now)
             gained = found.seconds - better.seconds
             found = better if gained > 0 else found
             if gained < _GAIN * found.seconds:
@@ -275,10 +278,10 @@ def _move_turns(work: Work, found: Found, prove: bool) -> Found:
     return found
 
 
-def _around(work: Work, found: Found, step: float) -> list[States]:
-    """By item its state and those with other turns within ``_SIDES`` steps."""
+def shift_turns(work: Work, found: Found, step: float, still: Set[int] = frozenset()) -> list[States]:
+    """By item its state and, but of the items ``still``, those with other turns within ``_SIDES`` steps."""
     now = found.now
-    asked = [k for k in found.order if now.branch[k] >= 0]
+    asked = [k for k in found.order if now.branch[k] >= 0 and k not in still]
     shifts = step * np.array([k for k in range(-_SIDES, _SIDES + 1) if k])
     own = np.repeat(asked, len(shifts))
     turn = now.turn[own] + np.tile(shifts, len(asked))
@@ -327,7 +330,7 @@ def _move_gates(work: Work, found: Found) -> Found:
                 np.full(count, now.branch[k]),
             )
             states[k] = join_states([states[k], every])
-    return _settle(work, found.order, states, False)
+    return settle(work, found.order, states, False)
 
 
 def _reorder(work: Work, found: Found, seed: int) -> Found:
@@ -406,12 +409,12 @@ def _repair(work: Work, found: Found, touched: set[int]) -> Found:
     place = {item: k for k, item in enumerate(order)}
     beside = {p + d for p in (place[item] for item in touched) for d in (-1, 0, 1)}
     near = {order[p] for p in beside if 0 <= p < len(order)}
-    fine = _around(work, found, _STEPS[0]) if work.wish.loose else [now.pick(np.array([k])) for k in range(len(now))]
+    fine = shift_turns(work, found, STEPS[0]) if work.wish.loose else [now.pick(np.array([k])) for k in range(len(now))]
     states = [
         join_states([own, work.states[k]]) if k in near and len(work.states[k]) else now.pick(np.array([k]))
         for k, own in enumerate(fine)
     ]
-    return _settle(work, order, states, True)
+    return settle(work, order, states, True)
 
 
 def blocked_paths(work: Work, found: Found) -> set[int]:
@@ -440,16 +443,32 @@ def _proved(now: States, item: int) -> bytes:
 
 def blocked_links(work: Work, found: Found) -> set[int]:
     """The items at the ends of links, new ones, that collide, or on which the tip comes too low."""
-    now, home = found.now, work.ground.home
+    blocked = find_blocked_links(work, found)
+    work.walls.extend(wall_between(work, *_ends_of(work, found.now, pair), _LONG) for pair in blocked)
+    return {item for pair in blocked for item in pair if item >= 0}
+
+
+def find_blocked_links(work: Work, found: Found) -> list[tuple[int, int]]:
+    """The links, new ones, that collide or on which the tip comes too low: the items at their ends, -1 for home."""
     pairs = list(zip([-1, *found.order], [*found.order, -1], strict=True))
-    ends = [(home if a < 0 else now.leave[a], home if b < 0 else now.enter[b]) for a, b in pairs]
-    new = [k for k, pair in enumerate(ends) if link_key(*pair) not in work.free and detour_of(work, *pair) is None]
-    touched: set[int] = set()
-    for k, blocked in zip(new, find_blocked(work, [ends[k] for k in new]), strict=True):
-        if blocked:
-            work.walls.append(wall_between(work, *ends[k], _LONG))
-            touched |= {item for item in pairs[k] if item >= 0}
-    return touched
+    ends = {pair: _ends_of(work, found.now, pair) for pair in pairs}
+    new = [one for one in pairs if link_key(*ends[one]) not in work.free and detour_of(work, *ends[one]) is None]
+    return [one for one, met in zip(new, find_blocked(work, [ends[one] for one in new]), strict=True) if met]
+
+
+def block_links(work: Work, found: Found) -> list[tuple[int, int]]:
+    """``find_blocked_links``, each of which is a wall from now on, and those that differ little from it."""
+    blocked = find_blocked_links(work, found)
+    for pair in blocked:
+        a, b = _ends_of(work, found.now, pair)
+        work.walls.append(Wall(a, b, max(min(_ALIKE * float(np.abs(b - a).max()), _CLOSE), SAME), WALL))
+    return blocked
+
+
+def _ends_of(work: Work, now: States, pair: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+    """The joint values at both ends of the link between two items, -1 for home."""
+    home, (a, b) = work.ground.home, pair
+    return (home if a < 0 else now.leave[a], home if b < 0 else now.enter[b])
 
 
 def find_blocked(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], surely: bool = True) -> list[bool]:
@@ -462,7 +481,7 @@ def find_blocked(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], sur
     new = np.flatnonzero(blocked)
     if not len(new):
         return [False] * len(links)
-    met = _find_met(work, [links[k] for k in new.tolist()])
+    met = find_met(work, [links[k] for k in new.tolist()])
     blocked[new] = met
     left = new[~met]
     if surely and len(left):
@@ -472,8 +491,10 @@ def find_blocked(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], sur
     return [bool(stop) for stop in blocked]
 
 
-def _find_met(work: Work, links: Sequence[tuple[FloatArray, FloatArray]]) -> BoolArray:
-    """Which motions of the joints collide at some places on the way, or lead the tip below ``Wish.floor``."""
+def find_met(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False) -> BoolArray:
+    """Which motions of the joints collide at some places on the way, or lead the tip below ``Wish.floor``. few: at
+    every eighth place only.
+    """
     counts = [max(math.ceil(float(np.abs(b - a).max()) / _LOOK), 2) for a, b in links]
     rows = [a + np.linspace(0.0, 1.0, n + 1)[:, None] * (b - a) for (a, b), n in zip(links, counts, strict=True)]
     owner = np.repeat(np.arange(len(links)), [len(own) for own in rows])
@@ -486,7 +507,7 @@ def _find_met(work: Work, links: Sequence[tuple[FloatArray, FloatArray]]) -> Boo
         met[owner[(tip - np.asarray(base.origin)) @ base.rotation[:, 2] < work.wish.floor]] = True
     # Every eighth place first: most motions that collide do so for long.
     step = np.concatenate([np.arange(len(own)) for own in rows])
-    for some in (step % 8 == 4, step % 8 != 4):
+    for some in (step % 8 == 4,) if few else (step % 8 == 4, step % 8 != 4):
         asked = np.flatnonzero(some & ~met[owner])
         met[owner[asked[~work.setup.clear(flat[asked])]]] = True
     return met

@@ -1,0 +1,249 @@
+"""The states of a tour's points that cost least together and collide with nothing, tested only where a tour goes.
+
+The links from each point to the next are a table of all their states. The soonest way through all tables is tested; a
+link that collides is out, with those beside it that would be next, and the way is found again: a table less a few
+entries is no new search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from camgen.model.part import BoolArray, IntArray
+from camgen.model.pose import FloatArray
+from camgen.order.arm.items import States, join_states
+from camgen.order.arm.layers import CHANGE, all_links
+from camgen.order.arm.search import Found, Work, find_hits, find_met, key_of, link_key, wall_between
+from camgen.plan.edges.motion import Hit, Track
+
+#: Ways through the tables that are tested at most.
+_WAYS = 60
+#: Links that are looked at together where one collides, and so many times as many whenever that happens again.
+_BATCH, _MORE, _MOST = 24, 2, 192
+#: s: what a way round is taken to cost beside a link that collides, before one is found for a link of the same two
+#: points; and where none is.
+AROUND, _NO_WAY = 2.0, 10.0
+
+#: mm: links whose ends are farther from everything keep that distance. What the check may find between the places of a
+#: proof is not so deep.
+GRAZE, _EPS = 0.3, 1e-3
+
+#: By two items, the first the less, home is -1: s that a link between them takes at least, as far as is known.
+Known = dict[tuple[int, int], float]
+
+
+def settle_points(work: Work, order: Sequence[int], states: Sequence[States], known: Known) -> Found | None:
+    """The soonest of ``states`` along ``order``, from home and back, where a link that collides costs a way round;
+    None: no state of an item is clear. known: is told what links take whose quickest ones collide.
+    """
+    tables = _lay(work, order, states)
+    weighed = [np.zeros(table.shape, dtype=np.bool_) for table in tables]
+    looked: list[set[tuple[int, int]]] = [set() for _ in tables]
+    asked = [_BATCH] * len(tables)
+    pairs = [(min(pair), max(pair)) for pair in pairwise([-1, *order, -1])]
+    for _ in range(_WAYS):
+        ahead, back = _add_up(tables)
+        chosen = _trace(tables, ahead)
+        seconds = float((ahead[-1] + tables[-1][:, 0]).min())
+        if not np.isfinite(seconds):
+            return None
+        now = [states[k].pick(np.array([at])) for k, at in zip(order, chosen, strict=True)]
+        hit = _find_hits(work, order, states, join_states(now))
+        for place, bad in hit:
+            tables[place][:, bad] = np.inf
+            tables[place + 1][bad] = np.inf
+        if hit:
+            continue
+        ends = [work.ground.home, *(one.enter[0] for one in now), work.ground.home]
+        steps = list(enumerate(pairwise([0, *chosen, 0])))
+        new = [place for place, step in steps if step not in looked[place]]
+        stops = _find_met(work, [(ends[place], ends[place + 1]) for place in new])
+        for place in new:
+            looked[place].add(steps[place][1])
+        met = [p for p, stop in zip(new, stops, strict=True) if stop and not weighed[p][steps[p][1]]]
+        if not met:
+            break
+        for place in met:
+            table = tables[place]
+            before = ahead[place - 1][:, None] if place else 0.0
+            after = back[place] if place < len(order) else 0.0
+            _weigh(work, order, states, place, table, weighed[place], before + table + after, asked[place])
+            asked[place] = min(asked[place] * _MORE, _MOST)
+            known[pairs[place]] = float(table.min())
+    every = list(states)
+    for k, one in zip(order, now, strict=True):
+        every[k] = one
+    chosen_now = join_states([one.pick(np.array([0])) for one in every])
+    branch = chosen_now.branch[list(order)]
+    changes = int((branch[1:] != branch[:-1]).sum())
+    return Found(list(order), chosen_now, seconds - CHANGE * changes)
+
+
+def go_round(work: Work, found: Found) -> Found:
+    """``found`` with the ways round its links that collide looked for, and what it takes with them."""
+    seconds = 0.0
+    now, home = found.now, work.ground.home
+    for one, other in pairwise([-1, *found.order, -1]):
+        a, b = (home if k < 0 else now.enter[k] for k in (one, other))
+        key = link_key(a, b)
+        if key in work.shut and key not in work.around:
+            more = wall_between(work, a, b, 0.0).cost
+            work.around[key] = more
+            cost = min(more, _NO_WAY)
+            kind = _kind_key(*(-1 if k < 0 else int(now.branch[k]) for k in (one, other)))
+            work.around[pair_key(one, other)] = cost
+            work.around[kind] = min(work.around.get(kind, cost), cost)
+        seconds += float(work.ground.pace.seconds(b - a, _measure_way(work, one, other))) + work.around.get(key, 0.0)
+    return Found(found.order, now, seconds)
+
+
+def _guess_around(
+    work: Work, link: tuple[FloatArray, FloatArray], items: tuple[int, int], branches: tuple[int, int]
+) -> float:
+    """s, what a way round a link costs beside it, or one like it: between the same items, or the same postures."""
+    for key in (link_key(*link), pair_key(*items)):
+        if key in work.around:
+            return work.around[key]
+    return work.around.get(_kind_key(*branches), AROUND) if branches[0] != branches[1] else AROUND
+
+
+def _kind_key(one: int, other: int) -> bytes:
+    """What tells the links between two postures, -1 for home, from those between others."""
+    return b"postures %d:%d" % (min(one, other), max(one, other))
+
+
+def prove_links(work: Work, found: Found) -> bool:
+    """Whether any link that seemed clear collides between the places that were looked at, or comes within ``GRAZE``
+    where its ends do not: the check of the program looks at other places. It is known from now on.
+    """
+    home = work.ground.home
+    ends = list(pairwise([home, *(found.now.enter[k] for k in found.order), home]))
+    keys = [link_key(*pair) for pair in ends]
+    new = [k for k, key in enumerate(keys) if b"wide " + key not in work.free and key not in work.shut]
+    stops = work.room.look([Track(np.stack(ends[k])) for k in new])
+    bad = [isinstance(stop, Hit) for stop in stops]
+    for row, stop in enumerate(stops):
+        if not isinstance(stop, Hit) and stop < GRAZE - _EPS:
+            bad[row] = bool(work.room.gaps(np.stack(ends[new[row]])).min() >= GRAZE - _EPS)
+    for k, met in zip(new, bad, strict=True):
+        if met:
+            work.shut.add(keys[k])
+        else:
+            work.free.update((keys[k], b"wide " + keys[k]))
+    return any(bad)
+
+
+def _measure_way(work: Work, one: int, other: int) -> float:
+    """The mm that the TCP goes from point to point; from and to home none, which counts by its joints."""
+    if min(one, other) < 0:
+        return 0.0
+    items = work.ground.items
+    return float(
+        np.linalg.norm(items[one].position[items[one].gates[0]] - items[other].position[items[other].gates[0]])
+    )
+
+
+def pair_key(one: int, other: int) -> bytes:
+    """What tells the links between two items, -1 for home, from those between others."""
+    return b"pair %d:%d" % (min(one, other), max(one, other))
+
+
+def _lay(work: Work, order: Sequence[int], states: Sequence[States]) -> list[FloatArray]:
+    """Seconds from home to each state of the first item, from each item to the next, and back home."""
+    ground = work.ground
+    home = [ground.pace.seconds(states[k].enter - ground.home, 0.0) for k in (order[0], order[-1])]
+    return [home[0][None], *(table.copy() for table in all_links(ground, order, states, CHANGE)), home[1][:, None]]
+
+
+def _add_up(tables: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
+    """By item the least seconds from home to each of its states, and from each back home."""
+    ahead = [tables[0][0]]
+    for table in tables[1:-1]:
+        ahead.append((ahead[-1][:, None] + table).min(axis=0))
+    back = [tables[-1][:, 0]]
+    for table in reversed(tables[1:-1]):
+        back.append((table + back[-1]).min(axis=1))
+    return ahead, back[::-1]
+
+
+def _trace(tables: Sequence[FloatArray], ahead: Sequence[FloatArray]) -> list[int]:
+    """By place in the order the state on the soonest way."""
+    at = 0
+    chosen = []
+    for table, cost in zip(reversed(tables[1:]), reversed(ahead), strict=True):
+        at = int((cost + table[:, at]).argmin())
+        chosen.append(at)
+    return chosen[::-1]
+
+
+def _find_hits(work: Work, order: Sequence[int], states: Sequence[States], now: States) -> list[tuple[int, IntArray]]:
+    """By place in the order where the chosen state collides: all states of that item that do."""
+    new = [p for p, k in enumerate(order) if key_of(now, p, k) not in work.free]
+    if not new:
+        return []
+    _learn(work, [order[p] for p in new], now.pick(np.array(new)))
+    bad = [p for p in new if key_of(now, p, order[p]) in work.shut]
+    found = []
+    for p in bad:
+        k, own = order[p], states[order[p]]
+        _learn(work, [k] * len(own), own)
+        found.append((p, np.flatnonzero([key_of(own, row, k) in work.shut for row in range(len(own))])))
+    return found
+
+
+def _learn(work: Work, numbers: Sequence[int], states: States) -> None:
+    """Tests those of the states (E,) of the items ``numbers`` that are not known."""
+    keys = [key_of(states, row, k) for row, k in enumerate(numbers)]
+    new = [row for row, key in enumerate(keys) if key not in work.free and key not in work.shut]
+    if new:
+        hit = find_hits(work, [numbers[row] for row in new], states.pick(np.array(new)))
+        work.shut.update(keys[row] for row, stops in zip(new, hit.tolist(), strict=True) if stops)
+
+
+def _find_met(work: Work, links: Sequence[tuple[FloatArray, FloatArray]], few: bool = False) -> list[bool]:
+    """Which links collide, as far as is seen at places on the way, or at ``few`` of them; what is seen is kept."""
+    keys = [link_key(*pair) for pair in links]
+    enough = (b"", b"seen ", b"few ") if few else (b"", b"seen ")
+    new = [
+        k for k, key in enumerate(keys) if key not in work.shut and not any(how + key in work.free for how in enough)
+    ]
+    if new:
+        for k, met in zip(new, find_met(work, [links[k] for k in new], few).tolist(), strict=True):
+            if met:
+                work.shut.add(keys[k])
+            else:
+                work.free.add((b"few " if few else b"seen ") + keys[k])
+    return [key in work.shut for key in keys]
+
+
+def _weigh(
+    work: Work,
+    order: Sequence[int],
+    states: Sequence[States],
+    place: int,
+    table: FloatArray,
+    weighed: BoolArray,
+    through: FloatArray,
+    count: int,
+) -> None:
+    """Adds the way round to those links of a table that collide, of the ``count`` that would be soonest."""
+    cost = through.ravel()
+    cost[weighed.ravel()] = np.inf
+    rows = np.argsort(cost, kind="stable")[:count]
+    rows = rows[np.isfinite(cost[rows])]
+    start, end = np.divmod(rows, table.shape[1])
+    home = work.ground.home
+    starts = states[order[place - 1]].leave[start] if place else np.repeat(home[None], len(rows), axis=0)
+    ends = states[order[place]].enter[end] if place < len(order) else np.repeat(home[None], len(rows), axis=0)
+    links = list(zip(starts, ends, strict=True))
+    met = np.array(_find_met(work, links, few=True), dtype=np.bool_)
+    one, other = order[place - 1] if place else -1, order[place] if place < len(order) else -1
+    before = states[one].branch[start] if place else np.full(len(rows), -1)
+    after = states[other].branch[end] if place < len(order) else np.full(len(rows), -1)
+    kinds = zip(links, before.tolist(), after.tolist(), strict=True)
+    more = np.array([_guess_around(work, pair, (one, other), (a, b)) for pair, a, b in kinds])
+    table[start[met], end[met]] += more[met]
+    weighed[start[met], end[met]] = True
