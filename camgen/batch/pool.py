@@ -60,7 +60,10 @@ def run(tasks: Sequence[Task], jobs: int, seconds: float) -> Generator[tuple[Tas
                 workers.remove(worker)
                 if worker is not idle:  # one that died while it had nothing to do gets a successor, this one none
                     task = left.popleft()
-                    yield task, fault(f"{task.source}: no process can be started ({_death(worker.process.exitcode)})")
+                    yield (
+                        task,
+                        fault(f"{task.source}: no process can be started ({tell_death(worker.process.exitcode)})"),
+                    )
             yield from _next([worker for worker in workers if worker.task])
     finally:
         for worker in workers:
@@ -73,14 +76,14 @@ def _start(seconds: float) -> _Worker:
     context = get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_work, args=(theirs,), daemon=True)
-    with _no_interrupt():
+    with no_interrupt():
         process.start()
     theirs.close()  # so that the pipe ends when the process does
     return _Worker(process, ours, seconds)
 
 
 @contextmanager
-def _no_interrupt() -> Iterator[None]:
+def no_interrupt() -> Iterator[None]:
     """A process that is started in here does not hear Ctrl-C, which is for the batch: it decides what happens."""
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread has to do with signals
@@ -129,14 +132,15 @@ def _receive(worker: _Worker, task: Task) -> Outcome | None:
         outcome: Outcome | None = worker.link.recv()
     except (EOFError, OSError):
         worker.process.join()
-        return fault(f"{task.source}: the process that built it died ({_death(worker.process.exitcode)})")
+        return fault(f"{task.source}: the process that built it died ({tell_death(worker.process.exitcode)})")
     if outcome is None:
         worker.imported = True
         worker.begin()
     return outcome
 
 
-def _death(code: int | None) -> str:
+def tell_death(code: int | None) -> str:
+    """How a process ended, by its exit code: the name of a signal, or the code."""
     if code is not None and code < 0:
         with suppress(ValueError):  # a signal without a name
             return signal.Signals(-code).name

@@ -14,7 +14,7 @@ import shtab
 
 from camgen.cli import parsers
 from camgen.cli.say import Voice
-from camgen.cli.schema import schema
+from camgen.post.job_schema import schema
 from camgen.post.plugins import list_installed
 from camgen.robots.catalogue import robots
 

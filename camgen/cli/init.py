@@ -12,11 +12,11 @@ from pathlib import Path
 from camgen.batch.writing import check_targets, write_all
 from camgen.cli.proposal import describe, list_proposed
 from camgen.cli.say import Voice
-from camgen.cli.toml import toml
 from camgen.model.errors import CamgenError, InputError, JobError
 from camgen.model.job import Job
 from camgen.model.job_tables import Setting, row_settings, row_tables, settings, tables
 from camgen.model.part import Part
+from camgen.model.toml import toml
 from camgen.plan.propose import THICKNESS_MM, Proposal
 from camgen.post import Post
 from camgen.post.plugins import find_post, list_installed

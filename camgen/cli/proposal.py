@@ -5,8 +5,8 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping
 
-from camgen.cli.toml import toml
 from camgen.model.text import counted, short
+from camgen.model.toml import toml
 from camgen.plan.propose import THICKNESS_MM, Proposal
 
 _WIDE = 116

@@ -60,7 +60,7 @@ def load(file: Path | None, sets: Sequence[str] = (), files: Files | None = None
         _from_its_folder(tree, file.parent)
         origins = {(table, key): str(file) for table, keys in tree.items() for key in keys}
     for text in sets:
-        table, key, value = _assignment(text)
+        table, key, value = assignment(text)
         if "." in table and table not in tree:
             name = table.partition(".")[0]
             count = sum(one.startswith(f"{name}.") for one in tree)
@@ -178,7 +178,8 @@ def _unknown_table(name: str, origin: str, content: object) -> JobError:
     return JobError(origin, f"unknown table [{_clean(name)}]", remedy=near)
 
 
-def _assignment(text: str) -> tuple[str, str, object]:
+def assignment(text: str) -> tuple[str, str, object]:
+    """Table, key and value of ``table.key=value``; the table of ``operations.0.depth=6`` is ``operations.0``. JobError."""
     name, equals, raw = text.partition("=")
     table, dot, key = (part.strip() for part in name.partition("."))
     origin = f"--set {text}"
@@ -193,11 +194,11 @@ def _assignment(text: str) -> tuple[str, str, object]:
         )
     if table not in tables() and table.partition(".")[0] not in ROWS:
         raise _unknown_table(table, origin, {})
-    return table, key, _value(raw)
+    return table, key, value_of(raw)
 
 
-def _value(raw: str) -> object:
-    """``raw`` as TOML, else as the text it is."""
+def value_of(raw: str) -> object:
+    """``raw``, typed by a user, as TOML, else as the text it is."""
     try:
         parsed = tomllib.loads(f"value = {raw}")
     except (ValueError, RecursionError):  # no TOML, or a number of too many digits

@@ -10,7 +10,7 @@ import re
 from types import UnionType
 from typing import Literal, Union, get_args, get_origin, get_type_hints
 
-from camgen.cli.toml import toml
+from camgen.model.toml import toml
 from camgen.post.plugins import find_post
 
 _MARKS = ("<!-- options: made by docs/make/pages.py -->\n", "<!-- end of options -->")

@@ -2,6 +2,7 @@ import copy
 import json
 import tomllib
 from dataclasses import dataclass, fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -9,9 +10,9 @@ import pytest
 
 from camgen.cli import main
 from camgen.cli.init import template
-from camgen.cli.schema import schema
 from camgen.model.errors import JobError
 from camgen.model.job_tables import settings, tables
+from camgen.post.job_schema import schema
 from camgen.post.plugins import find_post, list_installed, make_post
 from camgen.read.job_file import from_mapping
 
@@ -131,7 +132,7 @@ def test_a_post_with_an_option_that_no_schema_can_say(monkeypatch: pytest.Monkey
         thing: Own | None = None
 
     Foreign.__annotations__ = {"about": ClassVar[str], "thing": Own | None}
-    monkeypatch.setattr("camgen.cli.schema.find_post", lambda _: Foreign)
+    monkeypatch.setattr(import_module("camgen.post.job_schema"), "find_post", lambda _: Foreign)
     assert faults({"post": {"thing": 5}}, "foreign") == []
     assert faults({"post": {"thong": 5}}, "foreign") == ["$.post"]
 
