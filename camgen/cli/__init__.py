@@ -136,6 +136,7 @@ def parsers() -> tuple[argparse.ArgumentParser, dict[str, _Parser]]:
         commands[name] = sub
 
     command("build", "make a checked program from a drawing, a photo, a 3-D part or old G-code", _build)
+    command("open", "open the workbench: the job as a form in the browser, beside what it makes", _open)
     command("batch", "build many parts, each by itself, several at once", _batch)
     command("inspect", "show what is in a file", _inspect)
     command("init", "write a commented job file for an input", _init)
@@ -172,6 +173,17 @@ def _build(sub: _Parser) -> None:
     sub.add_argument("--report", metavar="FILE.json", help="write the summary as data")
     sub.add_argument("--preview", metavar="FILE", help="part, paths, travel: a page (.html) or a drawing (.svg, .png)")
     sub.add_argument("--strict", action="store_true", help="anything left out is an error")
+
+
+def _open(sub: _Parser) -> None:
+    sub.add_argument("inputs", metavar="INPUT", nargs="+", help="drawing, photo, 3-D part, G-code, or a job file")
+    sub.add_argument(
+        "--post", metavar="NAME", help="controller to begin with (default: gcode; rapid for 3-D parts); or a .py file"
+    )
+    _job(sub)
+    sub.add_argument("-o", "--output", metavar="DIR", help="where Save writes the program (default: this folder)")
+    sub.add_argument("--port", metavar="N", type=int, default=0, help="port on 127.0.0.1 (default: any that is free)")
+    sub.add_argument("--no-browser", action="store_true", help="print the address only")
 
 
 def _batch(sub: _Parser) -> None:

@@ -179,7 +179,7 @@ def _unknown_table(name: str, origin: str, content: object) -> JobError:
 
 
 def assignment(text: str) -> tuple[str, str, object]:
-    """Table, key and value of ``table.key=value``; the table of ``operations.0.depth=6`` is ``operations.0``. JobError."""
+    """Table, key and value of ``table.key=value``; ``operations.0`` is the table of a row. JobError."""
     name, equals, raw = text.partition("=")
     table, dot, key = (part.strip() for part in name.partition("."))
     origin = f"--set {text}"

@@ -1,0 +1,91 @@
+"""``camgen open``: the workbench, a job as a form in the browser beside the page of what it makes."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Sequence
+from pathlib import Path
+
+from camgen.cli.build import rows
+from camgen.cli.say import Voice
+from camgen.model.errors import InputError, JobError
+from camgen.post.plugins import list_installed
+from camgen.read import find_reader
+from camgen.read.files import Files
+
+
+def run(arguments: Namespace, says: Voice) -> int:
+    """Serves the workbench until its pages are closed, or Ctrl-C."""
+    try:
+        from camgen.workbench.server import listen, serve  # noqa: PLC0415 (an extra)
+    except ModuleNotFoundError as error:
+        raise JobError("open", f"needs {error.name}", remedy="pip install camgen[workbench]") from error
+    from camgen.workbench.guard import make_token  # noqa: PLC0415 (asyncio and all of camgen, for this command only)
+    from camgen.workbench.session import open_session  # noqa: PLC0415
+
+    inputs, job = _inputs(arguments.inputs, arguments.job)
+    folder = Path(arguments.output or "")
+    if not folder.is_dir():
+        raise JobError(str(folder), "is not a folder", "-o", "make it first; programs get the names that build gives")
+    post = arguments.post or _usual_post(inputs[0])
+    posts = [one.name for one in list_installed() if not one.broken]
+    session = open_session(inputs, job, arguments.sets, post, folder, posts if post in posts else [*posts, post])
+    with listen(arguments.port) as door:
+        token = make_token()
+        address = f"http://127.0.0.1:{door.getsockname()[1]}/{token}/"
+
+        def ready() -> None:
+            says.rows([("open", f"{address} (Ctrl-C or its Close button ends it)", "plain")])
+            if not arguments.no_browser:
+                _show(address)
+
+        try:
+            serve(session, rows, token, door, ready)
+        except KeyboardInterrupt:
+            says.clear()
+    return 0
+
+
+def _inputs(names: Sequence[str], job: str | None) -> tuple[list[Path], str | None]:
+    """The inputs, and the job file. A job file alone stands for the input of its name beside it."""
+    paths = [Path(name) for name in names]
+    if len(paths) == 1 and paths[0].suffix.lower() == ".toml":
+        if job is not None:
+            raise JobError("--job", "a job file is opened already", remedy="name the input, or leave it out")
+        return [_input_of(paths[0])], names[0]
+    files = Files()
+    for path in paths:
+        find_reader(files.read(path))  # what no reader knows is told before a page is opened
+    return paths, job
+
+
+def _input_of(job: Path) -> Path:
+    """The input for which a job file is: the one of its name. InputError where there is none, or more than one."""
+    Files().read(job)
+    readable = []
+    for path in sorted(job.parent.glob("*")):
+        if path.stem == job.stem and path != job and path.is_file():
+            try:
+                find_reader(Files().read(path))
+            except InputError:
+                continue
+            readable.append(path)
+    if len(readable) != 1:
+        found = (
+            f"fits {', '.join(path.name for path in readable)}" if readable else "has no input of its name beside it"
+        )
+        raise InputError(str(job), found, remedy=f"camgen open INPUT --job {job}")
+    return readable[0]
+
+
+def _usual_post(path: Path) -> str:
+    """What the page begins with where no controller is named: what needs an arm is for RAPID, the rest for G-code."""
+    return "rapid" if find_reader(Files().read(path)).makes in ("solid", "curves") else "gcode"
+
+
+def _show(address: str) -> None:
+    import webbrowser  # noqa: PLC0415 (this command only)
+
+    if not webbrowser.open(address):
+        sys.stderr.write("no browser was found: open the address above\n")

@@ -1,0 +1,118 @@
+"""Layers and contours switched on and off in the job's own words: globs, ids of rows, words of input.select."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+from camgen.model.errors import JobError
+from camgen.workbench.perform import Looked
+from camgen.workbench.session import Tables, put
+
+_SPECIAL = re.compile(r"[\[*?]")
+
+
+def switch_layer(tables: Tables, name: str, on: bool) -> Tables:
+    """The job with or without a layer, by ``input.layers``."""
+    glob = _SPECIAL.sub(lambda found: f"[{found[0]}]", name)
+    globs = [one for one in _globs(tables) if one.casefold() not in (f"!{glob}".casefold(), glob.casefold())]
+    if not on:
+        return put(tables, ["input", "layers"], [*(globs or ["*"]), f"!{glob}"])
+    if not any(one == "*" for one in globs) and any(not one.startswith("!") for one in globs):
+        globs.append(glob)
+    elif not globs or all(one.startswith("!") for one in globs):
+        globs = ["*", *globs]
+    return put(tables, ["input", "layers"], globs)
+
+
+def _globs(tables: Tables) -> list[str]:
+    found = tables.get("input", {}).get("layers", ["*"])
+    return [str(one) for one in found] if isinstance(found, list) else ["*"]
+
+
+def leave_out(tables: Tables, looked: Looked, names: Sequence[str], row: int) -> Tables:
+    """The job without contours, or edges, in an operation. row: of ``[[operations]]``, -1: in all that work on them.
+    JobError where the job has no words for it.
+    """
+    if looked.kind == "solid":
+        words = str(tables.get("input", {}).get("select", "convex")).replace(",", " ").split()
+        more = [word for name in names for word in ("not", name)]
+        return put(tables, ["input", "select"], _join_words(_without(words, names, negated=False) + more))
+    _insist_on_contours(looked)
+    rows = [dict(one) for one in tables.get("operations", [])]
+    if not rows:
+        left = [name for name, _ in looked.contours if name not in names]
+        if not left:
+            raise JobError("job", "nothing would be left to work on", ", ".join(names), "leave out the layer instead")
+        return put(tables, ["operations"], [{"ids": left}])
+    kept: list[dict[str, Any]] = []
+    for number, one in enumerate(rows):
+        worked = looked.worked[number] if number < len(looked.worked) else ()
+        if row not in (-1, number) or not set(worked) & set(names):
+            kept.append(one)
+        elif left := [name for name in worked if name not in names]:
+            kept.append({**one, "ids": left})
+    if not kept:
+        raise JobError("job", "nothing would be left to work on", ", ".join(names), "leave out the layer instead")
+    return put(tables, ["operations"], kept)
+
+
+def take_in(tables: Tables, looked: Looked, names: Sequence[str]) -> Tables:
+    """The job with contours, or edges, that it leaves out: in the last row that names contours."""
+    if looked.kind == "solid":
+        words = str(tables.get("input", {}).get("select", "convex")).replace(",", " ").split()
+        kept = _without(words, names, negated=True)
+        return put(tables, ["input", "select"], _join_words([*kept, *names]))
+    _insist_on_contours(looked)
+    rows = [dict(one) for one in tables.get("operations", [])]
+    number = next((k for k in reversed(range(len(rows))) if rows[k].get("ids")), None)
+    if number is None:
+        raise JobError("job", "no operation names its contours", ", ".join(names), "add an operation for them")
+    order = [name for name, _ in looked.contours]
+    wanted = {*rows[number]["ids"], *names}
+    if len(rows) == 1 and set(rows[0]) == {"ids"} and wanted >= set(order):
+        return put(tables, ["operations"], None)
+    return put(tables, ["operations", number, "ids"], [name for name in order if name in wanted])
+
+
+def left_out(tables: Tables, looked: Looked) -> list[str]:
+    """The contours, or edges, that could be taken in again."""
+    if looked.kind == "solid":
+        words = str(tables.get("input", {}).get("select", "")).replace(",", " ").split()
+        return [word for before, word in pairwise(words) if before == "not" and word != "bottom"]
+    if not any(one.get("ids") for one in tables.get("operations", [])):
+        return []
+    worked = {name for row in tables["operations"] for name in row.get("ids", [])}
+    worked |= {name for ids in looked.worked for name in ids}
+    return [name for name, _ in looked.contours if name not in worked]
+
+
+def order_layers(tables: Tables, names: Sequence[str]) -> Tables:
+    """The job that runs its layers in this order, by ``tour.layers``."""
+    return put(tables, ["tour", "layers"], list(names))
+
+
+def _insist_on_contours(looked: Looked) -> None:
+    if looked.kind in ("curves", "program"):
+        what = "has no words to leave out a part of it" if looked.kind == "program" else "chooses curves by layer alone"
+        raise JobError("job", what, remedy="leave out a layer, or mend the input")
+
+
+def _without(words: Sequence[str], names: Sequence[str], negated: bool) -> list[str]:
+    """The words of a selection without names; negated: without those that follow "not", else without the others."""
+    kept: list[str] = []
+    for before, word in zip(["", *words], words, strict=False):
+        drop = word in names and (before == "not") == negated
+        if drop and negated:
+            kept.pop()
+        if not drop:
+            kept.append(word)
+    return kept
+
+
+def _join_words(words: Sequence[str]) -> str:
+    """Words of a selection as a user would write them."""
+    text = " ".join(words or ["convex"])
+    return re.sub(r" (?=not )", ", ", text)

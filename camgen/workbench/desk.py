@@ -1,0 +1,302 @@
+"""What lives while the workbench is open: the session, its last good build, and the pages that show it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from contextlib import suppress
+from pathlib import Path
+from shlex import quote
+from typing import Any
+
+import msgspec
+from msgspec.structs import replace
+
+from camgen.batch.writing import check_targets, write_all
+from camgen.model.errors import CamgenError, JobError
+from camgen.read.files import Files, identity
+from camgen.workbench import session as steps
+from camgen.workbench.builder import Builder, Heard, Stage, Stopped
+from camgen.workbench.choose import left_out
+from camgen.workbench.form import Form, form
+from camgen.workbench.job_text import keeps_comments
+from camgen.workbench.perform import Ask, Built, Failed, Looked, Proposed, Tell
+from camgen.workbench.session import Session, Tables
+
+#: A change is built after this pause, s, so that a slider does not start a build for each of its places.
+_PAUSE = 0.15
+#: Files are looked at so often, s.
+_LOOK = 1.0
+Stamp = tuple[int, int] | None
+
+
+class Desk:
+    """Only the thread of its event loop touches it."""
+
+    def __init__(self, session: Session, tell: Tell) -> None:
+        self.session = session
+        #: Counts what was asked for; that of a build is in the address of its page.
+        self.number = 0
+        self.built: Built | None = None
+        self.failed: Failed | None = None
+        self.stage = ""
+        #: What the pages are told beside that: what was written, what changed on the disk.
+        self.told = ""
+        self.changed_outside = False
+        self.closing = False
+        self.form: Form = form(session.post)
+        self._listeners: set[asyncio.Queue[None]] = set()
+        self._idle = asyncio.Event()
+        self._pause: asyncio.TimerHandle | None = None
+        self._stamps: dict[Path, Stamp] = {}
+        loop = asyncio.get_running_loop()
+        self._loop = loop
+        self.builder = Builder(tell, self._hear, loop)
+        self.look_at_files()
+        self.ask()
+
+    # Building.
+
+    def ask(self, propose: bool = False) -> None:
+        """Builds the job as it is now, and gives up what is built."""
+        self.number += 1
+        one = self.session
+        text = one.text if one.tables or one.base else ""
+        ask = Ask(self.number, one.inputs, one.post, one.job_file, text, one.output, propose)
+        self.stage = "proposing" if propose else "reading"
+        self._idle.clear()
+        self.builder.ask(ask)
+        self.tell_all()
+
+    def _hear(self, heard: Heard) -> None:
+        if heard.number != self.number:
+            return  # of a build that a newer one has replaced
+        if isinstance(heard, Stage):
+            self.stage = heard.name
+        else:
+            self._take(heard)
+        self.tell_all()
+
+    def _take(self, heard: Built | Failed | Proposed | Stopped) -> None:
+        """How the newest build ended."""
+        self.stage = ""
+        self._idle.set()
+        if isinstance(heard, Built):
+            self.built, self.failed = heard, None
+            self.look_at_files()
+        elif isinstance(heard, Failed):
+            self.failed = heard
+        elif isinstance(heard, Stopped):
+            self.failed = Failed(heard.number, "stopped: what is shown is the last good program", 130, (), {})
+        else:
+            tables: Tables = {**self.session.tables, "tools": list(heard.tools), "operations": list(heard.operations)}
+            tables = steps.put(tables, ["stock", "thickness"], heard.thickness)
+            self.session = steps.step(self.session, tables)
+            self.told = "depths and speeds are placeholders: measure the material, set them for tool and material"
+            self.ask()
+
+    def become(self, session: Session) -> None:
+        """Another state of the job: it is built after a short pause."""
+        if session.post != self.session.post:
+            self.form = form(session.post)
+        if (session.tables, session.post) == (self.session.tables, self.session.post):
+            self.session = session
+            self.tell_all()
+            return
+        self.session, self.told = session, ""
+        self._idle.clear()
+        self.stage = "waiting"
+        if self._pause is not None:
+            self._pause.cancel()
+        self._pause = self._loop.call_later(_PAUSE, self.ask)
+        self.tell_all()
+
+    def stop(self) -> None:
+        """Gives up the build that runs; the last good one stays."""
+        if self._pause is not None:
+            self._pause.cancel()
+        if self.stage == "waiting":
+            self._take(Stopped(self.number))
+        self.builder.stop()
+        self.tell_all()
+
+    # Files.
+
+    async def save(self) -> list[Path]:
+        """Writes the job file and the program, what ``camgen build`` writes for it. The paths that were written.
+        JobError where there is no program for what the form says.
+        """
+        await self._idle.wait()
+        await self.check_files()
+        await self._idle.wait()
+        if self.changed_outside:
+            what = "was changed by somebody else"
+            raise JobError(str(self.session.job_file), what, remedy="say which one counts: the file or the form")
+        one, built = self.session, self.built
+        if built is None or built.number != self.number:
+            why = self.failed.line.removeprefix("error: ") if self.failed else "nothing is built"
+            raise JobError("save", f"there is no program to save: {why}")
+        text = one.text
+        files = [(one.job_file, text.encode())] if one.tables or one.base else []
+        files += built.programs
+        check_targets([path for path, _ in files], built.opened.values())
+        write_all(files, built.opened)
+        lost = one.base and not keeps_comments(one.base, text)
+        self.session = replace(one, base=text if files[0][0] == one.job_file else "")
+        self._stamps[one.job_file] = stamp_of(one.job_file)
+        self.told = f"written: {', '.join(str(path) for path, _ in files)}"
+        self.told += f"; comments of {one.job_file} are lost" if lost else ""
+        self.tell_all()
+        return [path for path, _ in files]
+
+    def look_at_files(self) -> None:
+        """Remembers how the files are that a build reads; those that are known, as they were before that."""
+        opened = self.built.opened.values() if self.built else ()
+        paths = (*self.session.inputs, self.session.job_file, *opened)
+        self._stamps = {path: self._stamps[path] if path in self._stamps else stamp_of(path) for path in paths}
+
+    async def watch_files(self) -> None:
+        """Builds again whenever a file changes on the disk."""
+        while not self.closing:
+            await asyncio.sleep(_LOOK)
+            await self.check_files()
+
+    async def check_files(self) -> None:
+        """Builds again where a file has changed, and reads the job file again where nothing would be lost by it."""
+        loop = asyncio.get_running_loop()
+        now = await loop.run_in_executor(None, lambda: {path: stamp_of(path) for path in self._stamps})
+        changed = {path for path, stamp in now.items() if path in self._stamps and stamp != self._stamps[path]}
+        if not changed:
+            return
+        self._stamps |= {path: now[path] for path in changed}
+        if self.session.job_file in changed:
+            self._job_changed()
+        if changed - {self.session.job_file}:
+            self.told = f"changed on the disk: {', '.join(sorted(path.name for path in changed))}"
+            self.ask()
+
+    def _job_changed(self) -> None:
+        """The job file is not what it was. Where the form holds what is not saved, the user says which one counts."""
+        try:
+            base = steps.read_base(self.session.job_file, Files()) if self.session.job_file.exists() else ""
+        except CamgenError as error:
+            self.told = str(error)
+            self.tell_all()
+            return
+        if base == self.session.base:
+            return
+        if self.session.is_saved:
+            self.load_job()
+        else:
+            self.changed_outside = True
+            self.tell_all()
+
+    def load_job(self) -> None:
+        """The job as its file has it now; what the form held can be had back by undo."""
+        one = self.session
+        base = steps.read_base(one.job_file, Files()) if one.job_file.exists() else ""
+        tables = steps.tables_of(base)
+        names = {identity(one.job_file.parent / name) for name in steps.named_files(tables)}
+        self.session = steps.step(replace(one, base=base, allowed=one.allowed | names), tables)
+        self.changed_outside = False
+        self.told = f"{one.job_file.name} was read again"
+        self.look_at_files()
+        self.ask()
+
+    def keep_job(self) -> None:
+        """The form counts; the next save replaces what somebody else has written."""
+        one = self.session
+        self.session = replace(one, base=steps.read_base(one.job_file, Files()) if one.job_file.exists() else "")
+        self.changed_outside = False
+        self.tell_all()
+
+    # Pages.
+
+    def tell_all(self) -> None:
+        """Tells all pages that something is new."""
+        for queue in self._listeners:
+            with suppress(asyncio.QueueFull):  # they are told all there is when they ask
+                queue.put_nowait(None)
+
+    def join(self) -> asyncio.Queue[None]:
+        """One more page."""
+        queue: asyncio.Queue[None] = asyncio.Queue(1)
+        queue.put_nowait(None)
+        self._listeners.add(queue)
+        return queue
+
+    def leave(self, queue: asyncio.Queue[None]) -> None:
+        """A page less."""
+        self._listeners.discard(queue)
+
+    @property
+    def pages(self) -> int:
+        """How many pages show it."""
+        return len(self._listeners)
+
+    def state(self) -> dict[str, Any]:
+        """What a page shows, as plain data."""
+        one, built, failed = self.session, self.built, self.failed
+        looked = built.looked if built else Looked("")
+        return {
+            "number": self.number,
+            "inputs": [path.name for path in one.inputs],
+            "folder": one.folder.resolve().name,
+            "job_file": one.job_file.name,
+            "post": one.post,
+            "posts": one.posts,
+            "tables": one.tables,
+            "text": one.text,
+            "saved": one.is_saved,
+            "undo": len(one.before),
+            "stage": self.stage,
+            "told": self.told,
+            "changed_outside": self.changed_outside,
+            "command": command_of(one),
+            "closing": self.closing,
+            "built": built and self._tell_built(built),
+            "failed": failed and {"line": failed.line, "code": failed.code, "place": failed.place},
+            "picture": self._number_of_picture(),
+            "looked": msgspec.to_builtins(looked),
+            "left_out": left_out(one.tables, looked),
+        }
+
+    def _tell_built(self, built: Built) -> dict[str, Any]:
+        return {
+            "number": built.number,
+            "rows": built.rows,
+            "seconds": round(built.seconds, 2),
+            "programs": [path.name for path, _ in built.programs],
+            "bytes": sum(len(data) for _, data in built.programs),
+        }
+
+    def picture(self) -> str:
+        """The stages of a photo, as far as the newest build came."""
+        if self.failed is not None and self.failed.picture:
+            return self.failed.picture
+        return self.built.picture if self.built else ""
+
+    def _number_of_picture(self) -> int:
+        """Which picture it is, 0 for none."""
+        if self.failed is not None and self.failed.picture:
+            return self.failed.number
+        return self.built.number if self.built and self.built.picture else 0
+
+
+def stamp_of(path: Path) -> Stamp:
+    """What changes when a file does: its time (ns) and its length; None where there is none."""
+    try:
+        found = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+def command_of(session: Session) -> str:
+    """The command that writes the same program, once the job is saved."""
+    words = ["camgen build", *(quote(str(path)) for path in session.inputs), "--post", quote(session.post)]
+    if session.job_file != session.inputs[0].with_suffix(".toml"):
+        words += ["--job", quote(str(session.job_file))]
+    if session.output != Path():
+        words += ["-o", quote(str(session.output))]
+    return " ".join(words)

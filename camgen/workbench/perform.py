@@ -1,0 +1,260 @@
+"""One build for the workbench: what ``camgen build`` makes of the same job, and what its pages show of it."""
+
+from __future__ import annotations
+
+import gc
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import perf_counter
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.build import Result, build, no_collector, program_files
+from camgen.model.errors import CamgenError, InputError, rename_errors
+from camgen.model.files import Source
+from camgen.model.part import Part, Raster
+from camgen.model.path import Tour
+from camgen.order.tours import JobTour
+from camgen.plan import Watch, kind_of
+from camgen.plan.propose import THICKNESS_MM, propose
+from camgen.preview.page import page
+from camgen.preview.view import view
+from camgen.read import find_reader, read
+from camgen.read.dxf.layers import Layers
+from camgen.read.files import Files
+from camgen.read.job_file import load
+from camgen.workbench.form import find_place
+
+#: Label, text and tone of a line of the summary.
+Row = tuple[str, str, str]
+#: The summary of a build as the command line tells it: of the result, the job file, the inputs and the programs.
+Tell = Callable[[Result, Path | None, Sequence[Path], Sequence[tuple[Path, bytes]], int], list[Row]]
+
+
+class Ask(Struct, frozen=True):
+    """What to build. text: of the job file, which is not read from the disk. output: the folder of the program.
+    propose: operations are asked for as well.
+    """
+
+    number: int
+    inputs: tuple[Path, ...]
+    post: str
+    job_file: Path
+    text: str
+    output: Path
+    propose: bool = False
+
+
+class Layer(Struct, frozen=True):
+    """A layer of the input, the number of its contours, and whether the job asks for it."""
+
+    name: str
+    contours: int
+    used: bool
+
+
+class Run(Struct, frozen=True):
+    """What a path works on: ids of contours, or of one edge, and the row of ``[[operations]]``, -1 without rows."""
+
+    contours: tuple[str, ...]
+    row: int
+
+
+class Looked(Struct, frozen=True):
+    """What the page needs to know of the input to choose in it.
+
+    kind: of the part. layers: all that the input has. contours: ids and layers of what is worked on or could be.
+    worked: ids of contours by row of ``[[operations]]``. runs: the paths in the order of the program. select: whether
+    edges are chosen by input.select.
+    """
+
+    kind: str
+    layers: tuple[Layer, ...] = ()
+    contours: tuple[tuple[str, str], ...] = ()
+    worked: tuple[tuple[str, ...], ...] = ()
+    runs: tuple[Run, ...] = ()
+
+
+class Built(Struct, frozen=True):
+    """A good build. page: HTML. programs: as they will be written. rows: the summary. opened: the files that were read,
+    by their identity. picture: the stages of a photo or a drawing as SVG, "" where the input is no picture.
+    """
+
+    number: int
+    page: str
+    programs: tuple[tuple[Path, bytes], ...]
+    rows: tuple[Row, ...]
+    looked: Looked
+    opened: dict[str, Path]
+    picture: str
+    seconds: float
+
+
+class Failed(Struct, frozen=True):
+    """No program. line: what the command line says, code: what it returns. place: the setting that it is about.
+    picture: how far a photo came.
+    """
+
+    number: int
+    line: str
+    code: int
+    place: tuple[str | int, ...]
+    opened: dict[str, Path]
+    picture: str = ""
+
+
+class Proposed(Struct, frozen=True):
+    """Rows for the job that the contours ask for. thickness: of the material that their depths are for, mm."""
+
+    number: int
+    tools: tuple[dict[str, object], ...]
+    operations: tuple[dict[str, object], ...]
+    thickness: float
+
+
+Outcome = Built | Failed | Proposed
+
+
+def perform(ask: Ask, watch: Watch, tell: Tell) -> Outcome:
+    """The outcome of a build. What ends it from outside (``watch`` may raise) goes through."""
+    files = Files([Source(ask.job_file, ask.text.encode())])
+    begun = perf_counter()
+    with no_collector():
+        try:
+            with rename_errors("job", str(ask.job_file)):
+                return _propose(ask, files) if ask.propose else _build(ask, files, watch, tell, begun)
+        except CamgenError as error:
+            line, code, place = f"error: {error}", error.exit_code, tuple(find_place(error))
+        except Exception as error:  # whatever it is, it is a line in the page, as in cli.main
+            line, code, place = f"fault: {type(error).__name__}: {error}", 1, ()
+        finally:
+            gc.collect()
+        return Failed(ask.number, line, code, place, dict(files.opened), _far(ask, files))
+
+
+def _build(ask: Ask, files: Files, watch: Watch, tell: Tell, begun: float) -> Built:
+    job = load(ask.job_file, (), files)
+    result = build(ask.inputs, post=ask.post, job=job, watch=watch, files=files)
+    programs = tuple(program_files(result, ask.output, None))
+    watch("drawing")
+    shown = page(view(result))
+    return Built(
+        number=ask.number,
+        page=shown,
+        programs=programs,
+        rows=tuple(tell(result, ask.job_file if ask.text else None, ask.inputs, programs, 1)),
+        looked=_look(ask, result, files),
+        opened=dict(files.opened),
+        picture=_stages(result),
+        seconds=perf_counter() - begun,
+    )
+
+
+# What the input has.
+
+
+def _look(ask: Ask, result: Result, files: Files) -> Looked:
+    kind = kind_of(result.part)
+    if kind == "solid":
+        return Looked(kind, runs=tuple(Run(path.contours or (path.id,), -1) for path in result.tour.paths))
+    contours = tuple((contour.id, contour.layer) for contour in result.part.contours)
+    rows = _rows_of_paths(result.tour)
+    worked = [dict[str, None]() for _ in result.job.operations]
+    for path, row in zip(result.tour.paths, rows, strict=True):
+        if row >= 0:
+            worked[row].update(dict.fromkeys(path.contours))
+    return Looked(
+        kind=kind,
+        layers=_layers(ask, result, files),
+        contours=contours,
+        worked=tuple(tuple(ids) for ids in worked),
+        runs=tuple(Run(path.contours, row) for path, row in zip(result.tour.paths, rows, strict=True)),
+    )
+
+
+def _rows_of_paths(tour: Tour) -> list[int]:
+    """The row of ``[[operations]]`` of each path, -1 where the job has none."""
+    if not isinstance(tour, JobTour):
+        return [-1] * len(tour.paths)
+    return [row for row, one in zip(tour.numbers, tour.tours, strict=True) for _ in one.paths]
+
+
+def _layers(ask: Ask, result: Result, files: Files) -> tuple[Layer, ...]:
+    """All layers of drawings, with those that the job leaves out."""
+    if result.part.raster is not None:
+        return ()
+    globs = tuple(glob.strip().casefold() for glob in result.job.input.layers)
+    found = Counter(contour.layer for contour in result.part.contours)
+    if globs != ("*",):
+        whole = replace(result.job, input=replace(result.job.input, layers=["*"]))
+        found = Counter(c.layer for one in ask.inputs for c in read(one, whole, files).contours)
+    asked = Layers({}, {}, globs)
+    return tuple(Layer(name, count, not asked.why_not(name)) for name, count in sorted(found.items()))
+
+
+# Pictures.
+
+
+def _stages(result: Result) -> str:
+    if result.part.raster is None:
+        return ""
+    from camgen.preview.drawings import draw  # noqa: PLC0415 (only for pictures)
+
+    return draw(result, Path("stages.svg")).decode()
+
+
+def _far(ask: Ask, files: Files) -> str:
+    """How far a photo came whose build failed: to its mask, or only to the photo. "" for no picture."""
+    try:
+        source = files.read(ask.inputs[0])
+        if find_reader(source).makes != "picture":
+            return ""
+    except CamgenError:
+        return ""
+    try:
+        part = read(ask.inputs[0], load(ask.job_file, (), files), files)
+        return _mask(part, part.raster) if part.raster is not None else ""
+    except CamgenError:
+        return _photo(source)
+
+
+def _mask(part: Part, raster: Raster) -> str:
+    from camgen.preview.panels import WIDE, Panel, image, make_crop, sheet, show_crop  # noqa: PLC0415 (only for pictures)
+
+    crop = make_crop(raster)
+    high = WIDE * raster.photo.shape[0] / raster.photo.shape[1]
+    panels = [
+        Panel("photo", high, [image(raster.photo, WIDE, high)]),
+        Panel(f"to scale, {part.units}", crop.high, [show_crop(crop, raster.view)]),
+        Panel("part and bench", crop.high, [show_crop(crop, raster.mask, smooth=False)]),
+    ]
+    return sheet(panels, part.notes, part.source)
+
+
+def _photo(source: Source) -> str:
+    from camgen.preview.panels import WIDE, Panel, image, sheet  # noqa: PLC0415 (only for pictures)
+    from camgen.vision.image import load as load_picture  # noqa: PLC0415 (OpenCV, only for pictures)
+
+    try:
+        photo = load_picture(source)
+    except CamgenError:
+        return ""
+    high = WIDE * photo.pixels.shape[0] / photo.pixels.shape[1]
+    return sheet([Panel("photo", high, [image(photo.pixels, WIDE, high)])], (), source.name)
+
+
+# Operations that the contours ask for.
+
+
+def _propose(ask: Ask, files: Files) -> Proposed:
+    part = read(ask.inputs[0], load(ask.job_file, (), files), files)
+    if kind_of(part) != "drawing" or len(ask.inputs) > 1:
+        raise InputError(part.source, "operations are proposed for one flat drawing")
+    found = propose(part)
+    if found is None:
+        what = "has no closed contour that a drill or a mill of 1 mm or more could make"
+        raise InputError(part.source, what)
+    tools, rows = ((dict(row) for row in rows) for rows in (found.tools, [one.row for one in found.operations]))
+    return Proposed(ask.number, tuple(tools), tuple(rows), THICKNESS_MM)

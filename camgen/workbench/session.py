@@ -1,0 +1,190 @@
+"""What is open in the workbench, as a value: the inputs, and the job as its tables stand in the file."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from camgen.model.errors import JobError
+from camgen.model.job_tables import FILES, ROWS, settings, split_name
+from camgen.read.files import Files, identity
+from camgen.read.job_file import assignment, beside, load, value_of
+from camgen.workbench.job_text import write_job
+
+#: The job as TOML has it: tables of keys, and lists of such tables. Keys that hold their default are left out.
+Tables = dict[str, Any]
+#: So many steps can be undone.
+_STEPS = 100
+
+
+class Session(Struct, frozen=True):
+    """inputs: as the user named them. job_file: where the job is saved; base: its text as it was read, "" for none.
+    tables: what differs from the defaults. post: the controller. output: the folder of the program. posts: what the
+    page may choose from. allowed: files outside the folder that the job named before a page did. before: the tables of
+    the steps that can be undone.
+    """
+
+    inputs: tuple[Path, ...]
+    job_file: Path
+    base: str
+    tables: Tables
+    post: str
+    output: Path
+    posts: tuple[str, ...] = ()
+    allowed: frozenset[str] = frozenset()
+    before: tuple[Tables, ...] = ()
+
+    @property
+    def folder(self) -> Path:
+        """The folder that was opened: of the first input."""
+        return self.inputs[0].parent
+
+    @property
+    def text(self) -> str:
+        """The job file as it would be saved now."""
+        return write_job(self.base, self.tables, self.inputs[0].name)
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the job file says what the form says; without one, whether all is as it is by default."""
+        return tables_of(self.base) == self.tables
+
+
+def open_session(
+    inputs: Sequence[Path], job: str | None, sets: Sequence[str], post: str, output: Path, posts: Sequence[str]
+) -> Session:
+    """The session of a command. JobError for a job file that is no TOML, and for a ``--set`` that makes no sense."""
+    found = beside(job, inputs[0])
+    file = found or inputs[0].with_suffix(".toml")
+    base = read_base(file, Files()) if found else ""
+    # What the file says is looked at by the build, whose error stands in the page; a slip in --set is told at once.
+    load(None, [text for text in sets if text.split(".")[0].strip() not in ROWS], Files())
+    tables = tables_of(base)
+    for text in sets:
+        tables = _set(tables, text, file.parent)
+    names = frozenset(identity(file.parent / name) for name in named_files(tables))
+    return Session(tuple(inputs), file, base, tables, post, output, tuple(posts), names)
+
+
+def read_base(file: Path, files: Files) -> str:
+    """The text of a job file. JobError where it is no TOML."""
+    text = files.read(file).data.decode("utf-8-sig", "replace")
+    try:
+        tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise JobError(str(file), f"is not TOML: {error}", remedy="mend it") from error
+    return text
+
+
+def tables_of(base: str) -> Tables:
+    """The tables of a job file's text."""
+    return tomllib.loads(base)
+
+
+def _set(tables: Tables, text: str, folder: Path) -> Tables:
+    """``tables`` with one ``--set``; a file in it lies where the user stands, in the job file beside that."""
+    table, key, value = assignment(text)
+    if isinstance(value, str) and value and _names_file(table, key, value):
+        value = os.path.relpath(value, folder)
+    name, _, row = table.partition(".")
+    path: list[str | int] = [name, int(row), key] if row.isdigit() else [table, key]
+    return put(tables, path, value)
+
+
+def put(tables: Tables, path: Sequence[str | int], value: Any) -> Tables:
+    """``tables`` with ``value`` at a path: table and key, or table, row and key, or a table alone. None takes it away,
+    and so does the default of a key that is in no row. JobError for a row that is not there.
+    """
+    found = dict(tables)
+    if len(path) == 1:
+        found[str(path[0])] = value
+    elif len(path) == 2:
+        table, key = str(path[0]), str(path[1])
+        kept = {name: own for name, own in tables.get(table, {}).items() if name != key}
+        found[table] = kept if value is None or is_default(table, key, value) else {**tables.get(table, {}), key: value}
+    else:
+        name, row, key = str(path[0]), path[1], str(path[2])
+        rows = list(tables.get(name, []))
+        if not isinstance(row, int) or not 0 <= row < len(rows):
+            raise JobError(f"{name}.{row}", "there is no such row", remedy="they are counted from 0")
+        own = {other: one for other, one in rows[row].items() if other != key}
+        rows[row] = own if value is None else {**rows[row], key: value}
+        found[name] = rows
+    return {name: content for name, content in found.items() if content}
+
+
+def is_default(table: str, key: str, value: object) -> bool:
+    """Whether a key has this value where nobody sets it."""
+    return any(s.table == table and s.key == key and s.default == value for s in settings())
+
+
+class Change(Struct, frozen=True):
+    """One change of a page. path: as ``put`` has it. value: what is put there; or raw: what the user typed, read as
+    ``--set`` reads it.
+    """
+
+    path: list[str | int]
+    value: Any = None
+    raw: str | None = None
+
+
+def change(session: Session, changes: Sequence[Change]) -> Session:
+    """The session after changes of a page. JobError for a table that no job has, and for a file outside the folder."""
+    tables = session.tables
+    known = {s.table for s in settings()} | {"post"}
+    for one in changes:
+        place = one.path[0] if one.path else ""
+        rows = place in ROWS and len(one.path) in (1, 3)
+        if not rows and not (place in known and len(one.path) == 2):
+            raise JobError("job", f"has no place {'.'.join(map(str, one.path))[:80]}", remedy="reload the page")
+        value = one.value if one.raw is None else value_of(one.raw) if one.raw.strip() else None
+        tables = put(tables, one.path, value)
+    _insist_on_folder(session, tables)
+    return step(session, tables)
+
+
+def step(session: Session, tables: Tables) -> Session:
+    """The session with other tables, which can be undone."""
+    if tables == session.tables:
+        return session
+    return replace(session, tables=tables, before=(*session.before, session.tables)[-_STEPS:])
+
+
+def undo(session: Session) -> Session:
+    """The session before its last change."""
+    if not session.before:
+        return session
+    return replace(session, tables=session.before[-1], before=session.before[:-1])
+
+
+def _insist_on_folder(session: Session, tables: Tables) -> None:
+    """JobError for a file that a page names and that lies outside the folder, links followed."""
+    root = os.path.realpath(session.folder)
+    for name in named_files(tables):
+        same = os.path.realpath(session.job_file.parent / name)
+        inside = os.path.commonpath([root, same]) == root if os.path.isabs(same) else False
+        if not inside and identity(same) not in session.allowed:
+            what = f"lies outside the folder that is open, {session.folder.resolve().name}"
+            raise JobError(name, what, remedy="copy it there, or name it in the job file before camgen open")
+
+
+def named_files(tables: Mapping[str, Any]) -> Iterator[str]:
+    """The files that the tables of a job name, as they stand there."""
+    for table, key in FILES:
+        content = tables.get(table, {})
+        name = content.get(key) if isinstance(content, Mapping) else None
+        if isinstance(name, str) and name and _names_file(table, key, name):
+            yield split_name(name)[0] if (table, key) == ("cell", "robot") else name  # type: ignore[index]
+    cell = tables.get("cell", {})
+    fixtures = cell.get("fixtures") if isinstance(cell, Mapping) else None
+    yield from (one for one in (fixtures if isinstance(fixtures, list) else []) if isinstance(one, str))
+
+
+def _names_file(table: str, key: str, value: str) -> bool:
+    return (table, key) in FILES and ((table, key) != ("cell", "robot") or split_name(value) is not None)

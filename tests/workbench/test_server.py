@@ -1,0 +1,328 @@
+"""The workbench spoken to as a browser speaks: who gets an answer, and what a job becomes by the changes of a page."""
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from camgen.cli import main
+from tests.support.benches import Bench, open_bench
+from tests.support.waiting import LONG, wait_for
+
+pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    found = tmp_path_factory.mktemp("open") / "work"
+    found.mkdir()
+    shutil.copy(PARTS / "bracket.dxf", found / "part.dxf")
+    return found
+
+
+@pytest.fixture(scope="module")
+def bench(folder: Path) -> Iterator[Bench]:
+    with open_bench(folder, ["part.dxf"]) as opened:
+        opened.wait()
+        yield opened
+
+
+# Who gets an answer.
+
+
+@pytest.mark.parametrize(
+    ("path", "host"),
+    [
+        ("/", None),
+        ("/index.html", None),
+        ("/" + 43 * "A" + "/", None),
+        ("/%2e%2e/", None),
+        ("{root}/", "evil.example"),
+        ("{root}/", "127.0.0.1"),
+        ("{root}/", "127.0.0.1:1"),
+        ("{root}/../../etc/passwd", None),
+        ("{root}/web/../session.py", None),
+        ("{root}/web/%2e%2e%2fsession.py", None),
+        ("{root}/web/session.py", None),
+        ("{root}/page/999", None),
+    ],
+)
+def test_what_is_not_asked_for_by_its_own_address_is_refused(bench: Bench, path: str, host: str | None) -> None:
+    status, body, headers = bench.ask("GET", path.format(root=bench.root), headers={"Host": host} if host else {})
+    assert status in (404, 421)
+    assert b"camgen" not in body or b"terminal" in body
+    assert headers["cache-control"] == "no-store"
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Content-Type": "application/json"}, 403),
+        ({"Content-Type": "application/json", "Origin": "null"}, 403),
+        ({"Content-Type": "application/json", "Origin": "http://evil.example"}, 403),
+        ({"Content-Type": "application/json", "Origin": "http://127.0.0.1:1"}, 403),
+        ({"Content-Type": "application/json", "Origin": "{own}", "Sec-Fetch-Site": "cross-site"}, 403),
+        ({"Content-Type": "text/plain", "Origin": "{own}"}, 415),
+        ({"Content-Type": "application/x-www-form-urlencoded", "Origin": "{own}"}, 415),
+        ({"Origin": "{own}"}, 415),
+        ({"Content-Type": "application/json", "Origin": "{own}"}, 200),
+    ],
+)
+def test_a_change_comes_from_its_own_page(bench: Bench, headers: dict[str, str], status: int) -> None:
+    own = {name: value.format(own=f"http://{bench.host}") for name, value in headers.items()}
+    assert bench.ask("POST", f"{bench.root}/undo", b"{}", own)[0] == status
+
+
+def test_another_origin_reads_nothing(bench: Bench) -> None:
+    for headers in ({"Origin": "http://evil.example"}, {"Sec-Fetch-Site": "cross-site"}):
+        for path in ("/", "/form", "/events", "/page/1"):
+            assert bench.ask("GET", bench.root + path, headers=headers)[0] == 403
+    status, _, headers_sent = bench.ask("GET", f"{bench.root}/form")
+    assert status == 200
+    assert not [name for name in headers_sent if name.lower().startswith("access-control")]
+
+
+def test_what_is_sent_is_bounded(bench: Bench) -> None:
+    own = {"Origin": f"http://{bench.host}", "Content-Type": "application/json"}
+    assert bench.ask("POST", f"{bench.root}/change", headers={**own, "Content-Length": "2000001"})[0] == 413
+    with socket.create_connection(("127.0.0.1", bench.port), timeout=LONG) as link:
+        head = f"POST {bench.root}/change HTTP/1.1\r\nHost: {bench.host}\r\nOrigin: http://{bench.host}\r\n"
+        link.sendall((head + "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n").encode())
+        try:
+            for _ in range(40):
+                link.sendall(b"f4240\r\n" + 1_000_000 * b" " + b"\r\n")
+            answer = link.recv(100)
+        except OSError:
+            answer = b""
+    assert b" 200 " not in answer
+    assert bench.wait()["tables"] == {}
+
+
+@pytest.mark.parametrize("text", [b"", b"[]", b"{", b'{"changes": 5}', b'{"changes": [], "more": 1}', b"\xff"])
+def test_what_makes_no_sense_is_said(bench: Bench, text: bytes) -> None:
+    status, data, _ = bench.ask("POST", f"{bench.root}/change", text)
+    assert status == 400
+    assert "reload" in json.loads(data)["line"]
+
+
+def test_pages_may_load_nothing_from_elsewhere(bench: Bench) -> None:
+    number = bench.wait()["built"]["number"]
+    shell, page = (
+        bench.ask("GET", f"{bench.root}/{path}")[2]["content-security-policy"] for path in ("", f"page/{number}")
+    )
+    assert "default-src 'none'" in shell
+    assert "frame-ancestors 'none'" in shell
+    assert "unsafe" not in shell
+    assert "frame-ancestors 'self'" in page
+
+
+def test_only_this_machine_is_listened_to(bench: Bench) -> None:
+    other = next((a[4][0] for a in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)), "127.0.0.1")
+    if other.startswith("127."):
+        pytest.skip("the machine has no other address")
+    with pytest.raises(OSError, match=r"refused|unreachable|timed out|No route"):
+        socket.create_connection((other, bench.port), timeout=5).close()
+
+
+# Files.
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
+        (["cell", "file"], "../cell.toml"),
+        (["cell", "file"], "/etc/passwd"),
+        (["image", "background"], "link.png"),
+        (["camera", "file"], "../work2/lens.yaml"),
+        (["cell", "robot"], "../arm.urdf#tool0"),
+    ],
+)
+def test_a_page_names_only_files_of_the_folder(bench: Bench, folder: Path, path: list[str], name: str) -> None:
+    outside = folder.parent / "outside.png"
+    outside.write_bytes(b"")
+    if not (folder / "link.png").is_symlink():
+        (folder / "link.png").symlink_to(outside)
+    status, said = bench.post("change", changes=[{"path": path, "value": name}])
+    assert status == 409
+    assert "outside the folder" in said["line"]
+    assert bench.wait()["tables"] == {}
+
+
+def test_a_page_names_no_mesh_outside_the_folder_and_no_post_that_is_a_file(bench: Bench) -> None:
+    status, said = bench.post("change", changes=[{"path": ["cell", "fixtures"], "value": ["/tmp/vice.stl"]}])
+    assert (status, "outside the folder" in said["line"]) == (409, True)
+    status, said = bench.post("post", post="/tmp/post.py")
+    assert (status, "is not installed" in said["line"]) == (409, True)
+
+
+# A job by the changes of a page.
+
+
+def test_changes_are_built_and_saved_as_the_command_line_does(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    (tmp_path / "part.toml").write_text("# mine\n[process]\nfeed = 30 # slow\n")
+    with open_bench(tmp_path, ["part.dxf", "--post", "rapid", "--set", "tool.diameter=4"]) as bench:
+        state = bench.wait()
+        assert state["tables"] == {"process": {"feed": 30}, "tool": {"diameter": 4}}
+        assert not state["saved"]
+        bench.change("operation", "lead_in", raw="5")
+        bench.change("process", "feed", raw="25.5")
+        state = bench.wait(lambda state: not state["stage"] and state["undo"] == 2)
+        assert state["failed"] is None
+        assert bench.post("save")[0] == 200
+        state = bench.wait()
+        assert state["saved"]
+        text = (tmp_path / "part.toml").read_text()
+        assert text.startswith("# mine\n[process]\nfeed = 25.5 # slow\n")
+        assert state["command"] == "camgen build part.dxf --post rapid"
+        saved = {path.name: path.read_bytes() for path in tmp_path.glob("*.mod")}
+        assert saved
+    again = tmp_path / "again"
+    again.mkdir()
+    assert main(["build", str(tmp_path / "part.dxf"), "--post", "rapid", "-o", str(again), "-q"]) == 0
+    assert {path.name: path.read_bytes() for path in again.iterdir()} == saved
+
+
+def test_an_error_is_the_line_of_the_command_line_with_its_setting(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        good = bench.wait()["built"]
+        bench.change("process", "feed", value=-1)
+        state = bench.wait(lambda state: state["failed"])
+        assert state["failed"]["line"] == "error: part.toml: feed must be a number > 0, not -1 ([process])"
+        assert state["failed"]["place"] == ["process", "feed"]
+        assert state["built"] == good
+        status, said = bench.post("save")
+        assert status == 409
+        assert "no program to save" in said["line"]
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["part.dxf"]
+        assert bench.post("undo")[0] == 200
+        assert bench.wait(lambda state: not state["stage"])["failed"] is None
+
+
+def test_layers_contours_and_order_are_the_job_s_own_words(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        assert [layer["name"] for layer in bench.wait()["looked"]["layers"]] == ["HOLES", "OUTLINE"]
+        assert bench.post("layer", layer="HOLES", on=False)[0] == 200
+        state = bench.wait(lambda state: not state["stage"] and state["tables"])
+        assert state["tables"] == {"input": {"layers": ["*", "!HOLES"]}}
+        assert [(one["name"], one["used"]) for one in state["looked"]["layers"]] == [
+            ("HOLES", False),
+            ("OUTLINE", True),
+        ]
+        bench.post("layer", layer="HOLES", on=True)
+        assert bench.wait(lambda state: not state["stage"])["tables"] == {}
+        assert bench.post("leave", names=["c3"])[0] == 200
+        state = bench.wait(lambda state: not state["stage"])
+        assert state["tables"] == {"operations": [{"ids": ["c1", "c2", "c4"]}]}
+        assert state["failed"] is None
+        assert state["left_out"] == ["c3"]
+        bench.post("take", names=["c3"])
+        assert bench.wait(lambda state: not state["stage"])["tables"] == {}
+        bench.post("order", layers=["OUTLINE", "HOLES"])
+        state = bench.wait(lambda state: not state["stage"])
+        assert state["tables"] == {"tour": {"layers": ["OUTLINE", "HOLES"]}}
+
+
+def test_proposed_operations_make_a_program(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "motor.dxf", tmp_path / "motor.dxf")
+    with open_bench(tmp_path, ["motor.dxf"]) as bench:
+        bench.wait()
+        assert bench.post("propose")[0] == 200
+        state = bench.wait(lambda state: not state["stage"] and state["tables"].get("operations"))
+        assert state["failed"] is None
+        assert state["tables"]["stock"] == {"thickness": 3.0}
+        assert len(state["looked"]["worked"]) == len(state["tables"]["operations"]) > 1
+
+
+# What changes and ends.
+
+
+def test_a_file_that_changes_is_built_again(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        assert len(bench.wait()["looked"]["contours"]) == 4
+        shutil.copy(PARTS / "plate.dxf", tmp_path / "part.dxf")
+        state = bench.wait(lambda state: not state["stage"] and len(state["looked"]["contours"]) != 4)
+        assert "part.dxf" in state["told"]
+        (tmp_path / "part.toml").write_text("[process]\nfeed = 12\n")
+        assert bench.wait(lambda state: state["tables"])["tables"] == {"process": {"feed": 12}}
+        bench.change("process", "feed", value=13)
+        (tmp_path / "part.toml").write_text("[process]\nfeed = 14\n")
+        assert bench.wait(lambda state: state["changed_outside"])["tables"] == {"process": {"feed": 13}}
+        assert bench.post("save")[0] == 409
+        assert (tmp_path / "part.toml").read_text() == "[process]\nfeed = 14\n"
+        bench.post("file", counts=True)
+        assert bench.wait()["tables"] == {"process": {"feed": 14}}
+
+
+def test_a_build_that_hangs_is_given_up(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        bench.wait()
+        bench.change("tour", "seconds", value=500)
+        bench.wait(lambda state: state["stage"] not in ("", "waiting"))
+        assert bench.post("stop")[0] == 200
+        state = bench.wait()
+        assert "stopped" in state["failed"]["line"]
+        assert state["built"]["number"] < state["number"]
+        bench.change("tour", "seconds", value=0)
+        assert bench.wait(lambda state: not state["stage"])["failed"] is None
+
+
+def test_a_builder_that_dies_has_a_successor(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        bench.wait()
+        children = Path(f"/proc/{bench.process.pid}/task/{bench.process.pid}/children")
+        if not children.exists():
+            pytest.skip("the system does not list the children of a process")
+        bench.change("tour", "seconds", value=500)
+        bench.wait(lambda state: state["stage"] not in ("", "waiting"))
+        for child in children.read_text().split():
+            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                os.kill(int(child), signal.SIGKILL)
+        assert "SIGKILL" in bench.wait(lambda state: state["failed"])["failed"]["line"]
+        bench.change("tour", "seconds", value=0)
+        assert bench.wait(lambda state: not state["stage"])["failed"] is None
+
+
+def test_it_ends_with_its_last_page_or_when_it_is_closed(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        assert bench.post("close")[0] == 200
+        assert bench.process.wait(LONG) == 0
+    command = [sys.executable, "-m", "camgen", "open", "part.dxf", "--no-browser"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        bench = Bench(process, process.stderr.readline().split()[1])
+        bench.wait()
+        wait_for("the workbench ends", lambda: process.poll() is not None)
+        assert process.returncode == 0
+
+
+def test_a_port_that_is_taken_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main(["open", str(PARTS / "bracket.dxf"), "--port", str(port), "--no-browser"]) == 2
+    assert f"--port: {port} cannot be used" in capsys.readouterr().err
+
+
+def test_a_job_file_stands_for_the_input_of_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "part.toml").write_text("[process]\nfeed = 12\n")
+    assert main(["open", str(tmp_path / "part.toml"), "--no-browser"]) == 2
+    assert "no input of its name" in capsys.readouterr().err
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.toml"]) as bench:
+        state = bench.wait()
+        assert state["inputs"] == ["part.dxf"]
+        assert state["tables"] == {"process": {"feed": 12}}
