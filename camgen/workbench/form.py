@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any, Literal
 
 from msgspec import Struct
@@ -12,6 +13,7 @@ from camgen.model.errors import CamgenError
 from camgen.model.job_tables import ROWS, Setting, row_settings, row_tables, settings, tables
 from camgen.model.plugins import OPERATIONS, entries
 from camgen.post.job_schema import schema
+from camgen.robots.catalogue import robots
 
 #: What a sentence ends with, or its first part does, where it has a unit.
 _UNIT = re.compile(r", (mm/s2|mm/s|mm2|mm|deg/mm|deg/s2|deg/s|deg|N|s|rpm)(?=$|;|:| \(|,)|^(mm|s)(?=;)")
@@ -23,7 +25,7 @@ FieldKind = Literal["choice", "flag", "number", "text", "free"]
 
 class Field(Struct, frozen=True):
     """One setting. about, allowed, default: as ``Setting`` has them. kind: how it is entered; free: as TOML. least,
-    most: of a number, None where there is no bound.
+    most: of a number, None where there is no bound. offers: values that are known, of those that may be typed.
     """
 
     key: str
@@ -35,6 +37,7 @@ class Field(Struct, frozen=True):
     choices: tuple[str, ...] = ()
     least: float | None = None
     most: float | None = None
+    offers: tuple[str, ...] = ()
 
 
 class Group(Struct, frozen=True):
@@ -97,7 +100,13 @@ def _field(setting: Setting, said: Mapping[str, Any]) -> Field:
         choices=tuple(choices),
         least=said.get("minimum", said.get("exclusiveMinimum")),
         most=said.get("maximum", said.get("exclusiveMaximum")),
+        offers=_robots() if (setting.table, setting.key) == ("cell", "robot") else (),
     )
+
+
+@cache
+def _robots() -> tuple[str, ...]:
+    return tuple(one.name for one in robots())
 
 
 def _option(key: str, said: Mapping[str, Any]) -> Field:

@@ -33,7 +33,6 @@ class Bench:
         path: str,
         body: bytes | None = None,
         headers: dict[str, str] | None = None,
-        whole: bool = True,
     ) -> tuple[int, bytes, http.client.HTTPMessage]:
         """Status, body and headers of an answer. headers: instead of those of the workbench's own page."""
         link = http.client.HTTPConnection("127.0.0.1", self.port, timeout=LONG)

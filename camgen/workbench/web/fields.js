@@ -1,0 +1,91 @@
+// One setting as a field: its name, what is entered, its unit, a button to reset it, its sentence and its default.
+
+import { make, same, set, toml, type } from "./talk.js";
+
+/**
+ * A field for the place `path`. Returned `show(own, usual)`: the value that the job has there, undefined for none, and what
+ * holds without it.
+ */
+export function field(path, setting, { inRow = false } = {}) {
+  const name = `f-${path.join("-")}`;
+  const input = ENTRIES[setting.kind](setting);
+  input.id = name;
+  const slider = setting.kind === "number" && setting.least !== null && setting.most !== null && setting.most <= 360
+    ? make("input", { type: "range", min: setting.least, max: setting.most, step: setting.most > 20 ? 1 : 0.01, tabIndex: -1 })
+    : null;
+  if (slider) slider.setAttribute("aria-label", `${setting.key}, as a slider`);
+  const reset = make("button", {
+    className: "reset small", type: "button", title: inRow ? "Take it out of this row" : "Back to the default",
+    onclick: () => set(path, null),
+  }, "\u21ba");
+  const usually = make("p", { className: "usual" });
+  const why = make("p", { className: "why", hidden: true });
+  const element = make("div", { className: "field", data: { path: JSON.stringify(path), find: `${path.join(".")} ${setting.about}`.toLowerCase() } },
+    make("div", { className: "line" },
+      make("label", { htmlFor: name }, setting.key), input, make("span", { className: "unit" }, setting.unit), reset),
+    slider && make("div", { className: "line" }, slider),
+    make("p", { className: "about" }, setting.about), usually, why);
+  if (setting.offers.length) {
+    const offers = make("datalist", { id: `${name}-offers` }, ...setting.offers.map((one) => make("option", { value: one })));
+    element.append(offers);
+    input.setAttribute("list", offers.id);
+  }
+  input.addEventListener("change", () => send(path, setting, input));
+  if (setting.kind === "number") input.addEventListener("keydown", (event) => stepBy(event, path, setting, input));
+  slider?.addEventListener("input", () => { input.value = slider.value; type(path, slider.value); });
+  return {
+    element, path, setting,
+    show(own, usual) {
+      const value = own === undefined ? usual : own;
+      const changed = inRow ? own !== undefined : own !== undefined && !same(own, setting.default);
+      element.classList.toggle("changed", changed);
+      if (document.activeElement !== input || setting.kind === "flag" || setting.kind === "choice") put(input, setting, value);
+      if (slider && document.activeElement !== slider && typeof value === "number") slider.value = value;
+      usually.textContent = tellUsual(setting, inRow ? usual : setting.default, inRow);
+    },
+    blame(line) {
+      element.classList.toggle("wrong", Boolean(line));
+      why.textContent = line || "";
+      why.hidden = !line;
+    },
+  };
+}
+
+const ENTRIES = {
+  flag: () => make("input", { type: "checkbox" }),
+  choice: (setting) => make("select", {}, ...setting.choices.map((one) => make("option", { value: one }, one))),
+  number: () => make("input", { type: "text", inputMode: "decimal", autocomplete: "off" }),
+  text: () => make("input", { type: "text", autocomplete: "off", spellcheck: false }),
+  free: () => make("input", { type: "text", autocomplete: "off", spellcheck: false }),
+};
+
+function put(input, setting, value) {
+  if (setting.kind === "flag") input.checked = value === true;
+  else if (setting.kind === "choice") input.value = String(value);
+  else if (value === null || value === undefined) { input.value = ""; input.placeholder = "not set"; }
+  else input.value = setting.kind === "free" && typeof value !== "string" || typeof value === "object" ? toml(value) : String(value);
+}
+
+function send(path, setting, input) {
+  if (setting.kind === "flag") return set(path, input.checked);
+  if (setting.kind === "choice" || setting.kind === "text") return set(path, input.value);
+  return type(path, input.value);
+}
+
+/** Arrow keys step a number by 1, with shift by 10, with alt by 0.1. */
+function stepBy(event, path, setting, input) {
+  const way = { ArrowUp: 1, ArrowDown: -1 }[event.key];
+  const now = Number(input.value);
+  if (!way || input.value === "" || !Number.isFinite(now)) return;
+  event.preventDefault();
+  const next = Number((now + way * (event.shiftKey ? 10 : event.altKey ? 0.1 : 1)).toPrecision(12));
+  if (next < (setting.least ?? -Infinity) || next > (setting.most ?? Infinity)) return;
+  input.value = String(next);
+  type(path, input.value);
+}
+
+function tellUsual(setting, value, inRow) {
+  const told = value === null || value === undefined ? "not set" : value === "" ? "empty" : toml(value);
+  const allowed = setting.allowed && !setting.allowed.startsWith("one of") ? `; ${setting.allowed}` : "";
+  return `${inRow ? "without it" : "default"}: ${told}${allowed}`;
+}

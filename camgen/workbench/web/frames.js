@@ -1,0 +1,86 @@
+// The preview: a build's page in a frame. A newer one is loaded behind it, takes over its state, and is then shown.
+
+const home = document.getElementById("frames");
+//: ms that a page may take to say that it is ready, once it is loaded, and to say its state.
+const QUIET = 1500, STATE = 150;
+let shown = null, coming = null, wanted = 0, theme = "", answer = null, kept = load();
+let hear = () => {};
+
+export const onPicked = (call) => (hear = call);
+
+/** Shows the page of a build. */
+export function showBuild(number) {
+  if (number === wanted) return;
+  wanted = number;
+  coming?.remove();
+  const frame = document.createElement("iframe");
+  frame.title = "The program";
+  frame.className = "coming";
+  frame.addEventListener("load", () => setTimeout(() => swap(frame), QUIET));
+  frame.src = `page/${number}`;
+  coming = frame;
+  home.append(frame);
+}
+
+async function swap(frame) {
+  if (frame !== coming) return;
+  coming = null;
+  kept = (shown && (await stateOf(shown))) || kept;
+  tell(frame, { camgen: "theme", theme });
+  if (kept) tell(frame, { camgen: "restore", state: kept });
+  await paint();
+  if (coming && shown) { frame.remove(); return; } // a newer one is on its way
+  frame.className = "";
+  shown?.remove();
+  shown = frame;
+  document.getElementById("empty").hidden = true;
+}
+
+const paint = () => new Promise((done) => {
+  requestAnimationFrame(() => requestAnimationFrame(done));
+  setTimeout(done, 100); // a hidden tab paints nothing
+});
+
+function tell(frame, message) {
+  frame.contentWindow?.postMessage(message, location.origin);
+}
+
+/** The state of a page: null where it says none in time. */
+function stateOf(frame) {
+  return new Promise((done) => {
+    answer = { frame, done };
+    setTimeout(() => done(null), STATE);
+    tell(frame, { camgen: "state?" });
+  });
+}
+
+addEventListener("message", (event) => {
+  const frame = [coming, shown].find((one) => one && one.contentWindow === event.source);
+  if (event.origin !== location.origin || !frame || typeof event.data?.camgen !== "string") return;
+  const said = event.data;
+  if (said.camgen === "ready" && frame === coming) swap(frame);
+  if (said.camgen === "picked" && frame === shown) hear(said);
+  if (said.camgen === "state" && answer?.frame === frame) {
+    kept = said.state;
+    answer.done(said.state);
+  }
+});
+
+export function setTheme(name) {
+  theme = name;
+  for (const frame of [shown, coming]) if (frame) tell(frame, { camgen: "theme", theme });
+}
+
+/** A path of the program as if it had been clicked. */
+export const choose = (id) => shown && tell(shown, { camgen: "choose", id });
+
+// After a reload the picture is as it was.
+
+function load() {
+  try { return JSON.parse(sessionStorage.getItem("page")); } catch { return null; }
+}
+
+setInterval(async () => {
+  const found = shown && !document.hidden && (await stateOf(shown));
+  if (found) sessionStorage.setItem("page", JSON.stringify(found));
+}, 2000);

@@ -1,0 +1,87 @@
+// Layers on and off and in their order, contours and edges that are left out, and what was clicked in the picture.
+
+import { ask, counted, draggable, make, move, set } from "./talk.js";
+
+const home = document.getElementById("layers");
+const card = document.getElementById("picked");
+let state = null, picked = null;
+
+export function showLayers(now) {
+  state = now;
+  const { looked } = now;
+  home.replaceChildren(...(looked.layers.length ? layers() : []), ...leftOut(), ...orders());
+  showPicked();
+}
+
+function layers() {
+  const order = state.tables.tour?.layers ?? [];
+  const names = [...order.filter((name) => state.looked.layers.some((one) => one.name === name)),
+    ...state.looked.layers.map((one) => one.name).filter((name) => !order.includes(name))];
+  const moved = (from, to) => { const found = move(names, from, to); if (found) ask("order", { layers: found }); };
+  const rows = names.map((name, place) => {
+    const layer = state.looked.layers.find((one) => one.name === name);
+    const element = make("div", { className: "layer", data: { layer: name } });
+    element.append(
+      names.length > 1 ? draggable(element, place, "layer", moved) : "",
+      make("label", {}, make("input", { type: "checkbox", checked: layer.used, onchange: (event) => ask("layer", { layer: name, on: event.target.checked }) }), name),
+      make("small", {}, counted(layer.contours, "contour")));
+    return element;
+  });
+  return [make("h2", {}, "Layers"), make("p", { className: "hint" }, "Switched off: input.layers leaves the layer out."), ...rows];
+}
+
+function leftOut() {
+  const noun = state.looked.kind === "solid" ? "edge" : "contour";
+  if (!state.left_out.length) {
+    return [make("h2", {}, `Single ${noun}s`), make("p", { className: "hint" }, `Click one in the picture to leave it out.`)];
+  }
+  return [make("h2", {}, `Left out: ${counted(state.left_out.length, noun)}`),
+    ...state.left_out.slice(0, 200).map((name) => make("div", { className: "layer" }, make("label", {}, name),
+      make("button", { className: "small", onclick: () => ask("take", { names: [name] }) }, "Take in")))];
+}
+
+function orders() {
+  const own = state.tables.tour ?? {};
+  const told = own.layers?.length ? `Layers run in this order: ${own.layers.join(", ")}.` : "Drag layers by their handles to run them in that order (tour.layers).";
+  const reset = own.layers?.length ? make("div", { className: "bar" }, make("button", { onclick: () => set(["tour", "layers"], null) }, "Any order")) : null;
+  return [make("h2", {}, "Order and seams"), make("p", { className: "hint" }, state.looked.layers.length > 1 ? told : "One layer: there is no order of layers."),
+    reset ?? "", make("p", { className: "hint" },
+      "Within a layer camgen finds the order and where closed contours begin: tour.method and tour.seam in the settings. A job has no place for the order or the seam of a single contour.")];
+}
+
+// What was clicked.
+
+export function pick(found) {
+  picked = found.path >= 0 || found.id ? found : null;
+  showPicked();
+}
+
+function showPicked() {
+  card.hidden = !picked || !state;
+  if (card.hidden) return;
+  const run = picked.path >= 0 ? state.looked.runs[picked.path] : null;
+  const solid = state.looked.kind === "solid";
+  const names = run ? run.contours : [picked.id].filter(Boolean);
+  const out = names.length > 0 && names.every((name) => state.left_out.includes(name));
+  const told = names.length > 3 ? counted(names.length, "contour") : names.join(", ");
+  const fixed = ["curves", "program"].includes(state.looked.kind);
+  card.replaceChildren(
+    make("b", {}, picked.id || told),
+    picked.layer ? make("span", {}, `layer ${picked.layer}`) : "",
+    fixed || !names.length ? "" : run && !out
+      ? make("button", { onclick: () => leave(names, run.row) }, `Leave out ${solid ? "edge" : ""} ${told}`.replace("  ", " "))
+      : solid || out ? make("button", { onclick: () => { ask("take", { names }); close(); } }, `Take in ${told}`) : "",
+    picked.layer && state.looked.layers.some((one) => one.name === picked.layer)
+      ? make("button", { onclick: () => { ask("layer", { layer: picked.layer, on: false }); close(); } }, `Leave out layer ${picked.layer}`) : "",
+    make("button", { className: "small", ariaLabel: "Close", onclick: close }, "\u2715"));
+}
+
+function leave(names, row) {
+  ask("leave", { names, row });
+  close();
+}
+
+function close() {
+  picked = null;
+  showPicked();
+}

@@ -1,0 +1,120 @@
+// Operations and tools as lists: each row with what it sets, a menu of what it may set, and its place.
+
+import { field } from "./fields.js";
+import { ask, counted, draggable, make, move, set, toml } from "./talk.js";
+
+const home = document.getElementById("steps");
+const opened = new Set();
+let shown = "";
+export const rowFields = new Map();
+
+export function showSteps(state, form) {
+  // A field in which somebody types is not taken away.
+  if (home.contains(document.activeElement) && document.activeElement.matches("input[type=text]")) return update(state, form);
+  const now = JSON.stringify([state.tables, state.looked.worked, state.post]);
+  if (now === shown) return update(state, form);
+  const focused = document.activeElement?.id;
+  shown = now;
+  rowFields.clear();
+  const operations = state.tables.operations ?? [], tools = state.tables.tools ?? [];
+  home.replaceChildren(
+    make("h2", {}, "Operations"),
+    make("p", { className: "hint" }, operations.length
+      ? "Holes run before pockets before profiles, with few tool changes; with tour.method = \"as-drawn\" they run as listed."
+      : "The job has one operation: [operation] in the settings, on all that is read."),
+    ...operations.map((row, place) => card(state, form, "operations", row, place)),
+    make("div", { className: "bar" },
+      make("button", { onclick: () => set(["operations"], [...operations, operations.length || !tools.length ? {} : { tool: tools[0].name ?? "" }]) }, "Add operation"),
+      make("button", { title: "Tools and operations that the closed contours ask for", hidden: state.looked.kind !== "drawing", onclick: () => ask("propose") }, "Propose operations")),
+    make("h2", {}, "Tools"),
+    make("p", { className: "hint" }, tools.length ? "Operations name them." : "Without rows here all operations have [tool] of the settings."),
+    ...tools.map((row, place) => card(state, form, "tools", row, place)),
+    make("div", { className: "bar" },
+      make("button", { onclick: () => set(["tools"], [...tools, { name: `tool ${tools.length + 1}` }]) }, "Add tool")));
+  if (focused) document.getElementById(focused)?.focus();
+}
+
+function update(state) {
+  for (const one of rowFields.values()) {
+    const [table, place, key] = one.path;
+    const row = state.tables[table]?.[place];
+    if (row) one.show(row[key], usual(state, one.over, one.setting, row));
+  }
+}
+
+function card(state, form, table, row, place) {
+  const rows = state.tables[table];
+  const moved = (from, to) => { const found = move(rows, from, to); if (found) set([table], found); };
+  const element = make("div", { className: "row", data: { row: `${table}.${place}` } });
+  const groups = form.rows[table];
+  const kept = groups.flatMap((group) => group.fields.filter((setting) => setting.key in row).map((setting) => [group, setting]));
+  const body = make("div", { hidden: !opened.has(`${table}.${place}`) }, ...kept.map(([group, setting]) => rowField(state, table, place, row, group, setting)), menu(state, table, row, place, groups));
+  const toggle = make("button", {
+    className: "small", title: "Its settings", onclick: () => {
+      body.hidden = !body.hidden;
+      opened[body.hidden ? "delete" : "add"](`${table}.${place}`);
+    },
+  }, "Edit");
+  element.append(
+    make("div", { className: "line" }, draggable(element, place, table, moved), make("span", {}, title(state, table, row, place)), toggle,
+      make("button", { className: "small", title: "Twice", onclick: () => set([table], rows.toSpliced(place + 1, 0, table === "tools" ? { ...row, name: `${row.name ?? "tool"} copy` } : row)) }, "Copy"),
+      make("button", { className: "small", title: "Remove", onclick: () => set([table], rows.length > 1 ? rows.toSpliced(place, 1) : null) }, "Remove")),
+    make("p", { className: "hint" }, facts(state, table, row, place)), body);
+  return element;
+}
+
+function title(state, table, row, place) {
+  if (table === "tools") return `${row.name || `T${row.number ?? place}`}: ${row.kind ?? "end mill"} ${row.diameter ?? 6} mm`;
+  return `${place} ${row.kind ?? state.tables.operation?.kind ?? "auto"}${row.tool ? `, ${row.tool}` : ""}`;
+}
+
+function facts(state, table, row, place) {
+  const set = Object.entries(row).filter(([key]) => !["name", "kind", "tool", "ids"].includes(key)).map(([key, value]) => `${key} ${toml(value)}`);
+  const worked = table === "operations" ? state.looked.worked[place] : undefined;
+  return [worked ? `works on ${counted(worked.length, "contour")}` : "", ...set].filter(Boolean).join(", ");
+}
+
+function rowField(state, table, place, row, group, setting) {
+  const made = field([table, place, setting.key], setting, { inRow: true });
+  made.over = group.over;
+  made.show(row[setting.key], usual(state, group.over, setting, row));
+  rowFields.set(JSON.stringify(made.path), made);
+  return made.element;
+}
+
+/** What holds where the row is silent. */
+function usual(state, over, setting, row) {
+  const tool = (state.tables.tools ?? []).find((one) => row.tool && (one.name === row.tool || one.number === row.tool));
+  const fromTool = { feed: tool?.feed, plunge: tool?.plunge, spindle: tool?.speed }[setting.key];
+  return fromTool ?? state.tables[over === "tool" ? "" : over]?.[setting.key] ?? setting.default;
+}
+
+function menu(state, table, row, place, groups) {
+  const options = groups.map((group) => make("optgroup", { label: group.over ? `[${group.over}]` : `[[${table}]]` },
+    ...group.fields.filter((setting) => !(setting.key in row)).map((setting) => make("option", { value: setting.key, title: setting.about }, `${setting.key}: ${setting.about}`))));
+  return make("select", {
+    className: "more", ariaLabel: "Set something else in this row",
+    onchange: (event) => {
+      const group = groups.find((one) => one.fields.some((setting) => setting.key === event.target.value));
+      const setting = group.fields.find((one) => one.key === event.target.value);
+      const value = usual(state, group.over, setting, row);
+      opened.add(`${table}.${place}`);
+      set([table, place, setting.key], value ?? START[setting.kind] ?? "");
+    },
+  }, make("option", { value: "" }, "Set something else ..."), ...options);
+}
+
+//: What a key that is not set by default begins with, for the user to change.
+const START = { number: 1, flag: true, free: [], text: "" };
+
+/** Opens the row that an error is about. */
+export function revealRow([table, place, key]) {
+  const element = home.querySelector(`[data-row="${table}.${place}"]`);
+  if (!element) return false;
+  opened.add(`${table}.${place}`);
+  element.lastElementChild.hidden = false;
+  element.scrollIntoView({ block: "center" });
+  rowFields.get(JSON.stringify([table, place, key]))?.element.querySelector("input, select").focus();
+  return true;
+}
+
