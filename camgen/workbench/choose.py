@@ -64,7 +64,9 @@ def take_in(tables: Tables, looked: Looked, names: Sequence[str]) -> Tables:
     if looked.kind == "solid":
         words = str(tables.get("input", {}).get("select", "convex")).replace(",", " ").split()
         kept = _without(words, names, negated=True)
-        return put(tables, ["input", "select"], _join_words([*kept, *names]))
+        # What was taken away is there again; what no word chose is named.
+        more = [] if kept != words else names
+        return put(tables, ["input", "select"], _join_words([*kept, *more]))
     _insist_on_contours(looked)
     rows = [dict(one) for one in tables.get("operations", [])]
     number = next((k for k in reversed(range(len(rows))) if rows[k].get("ids")), None)

@@ -134,7 +134,8 @@ def _dotted(text: str) -> list[str | int]:
     for name, row, key in re.findall(r"\b(tools|operations)\.(\d+)(?:\.(\w+))?", text):
         return [name, int(row), key] if key else [name, int(row)]
     known = {(s.table, s.key) for s in settings()}
-    return next(([t, k] for t, k in re.findall(r"\b([a-z]+)\.([a-z_]+)\b", text) if (t, k) in known), [])
+    found = re.findall(r"\b([a-z]+)\.([a-z_]+)\b", text)
+    return next(([table, key] for table, key in found if (table, key) in known or table == "post"), [])
 
 
 def _in_table(where: str, what: str) -> list[str | int]:

@@ -1,0 +1,216 @@
+"""The job of the workbench: its form, its file, and that a program from it is the one of the command line."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from camgen.cli import main
+from camgen.cli.build import rows
+from camgen.model.errors import JobError
+from camgen.model.job_tables import row_settings, settings
+from camgen.plan import ignore_stages
+from camgen.workbench.choose import leave_out, switch_layer, take_in
+from camgen.workbench.form import find_place, form
+from camgen.workbench.job_text import keeps_comments, write_job
+from camgen.workbench.perform import Ask, Built, Looked, Run, perform
+from camgen.workbench.session import Change, change, open_session, put, undo
+from tests.test_cases import ALL, parts
+
+# The same bytes.
+
+
+def tables_of(case: Path, post: str) -> dict[str, Any]:
+    """The job of a golden case for a controller, as ``tests/test_cases.py`` has it."""
+    job = tomllib.loads((case / "job.toml").read_text())
+    for name, table, key in (("posts.toml", "post", ""), ("robots.toml", "cell", "robot")):
+        if (case / name).exists():
+            found = tomllib.loads((case / name).read_text()).get(post, "" if key else {})
+            job[table] = {**job.get(table, {}), key: found} if key else found
+    return job
+
+
+@pytest.mark.parametrize(("case", "post"), ALL, ids=lambda one: getattr(one, "name", one))
+def test_a_program_is_that_of_the_command_line_byte_for_byte(case: Path, post: str, tmp_path: Path) -> None:
+    source = next(part for part in parts(case) if part.exists())
+    (tmp_path / "bench").mkdir()
+    (tmp_path / "line").mkdir()
+    session = open_session([source], str(case / "job.toml"), [], post, tmp_path / "bench", [post])
+    wanted = tables_of(case, post)
+    asked = [Change([table, key], value) for table in ("post", "cell") for key, value in wanted.get(table, {}).items()]
+    session = change(session, asked)
+    # As it would be saved, elsewhere: fixtures stay as they are.
+    job = tmp_path / "job.toml"
+    outcome = perform(Ask(1, session.inputs, post, job, session.text, session.output), ignore_stages, rows)
+    assert isinstance(outcome, Built), outcome
+    job.write_text(session.text)
+    words = [str(source), "--post", post, "--job", str(job), "-o", str(tmp_path / "line"), "-q"]
+    assert main(["build", *words]) == 0
+    written = {path.name: path.read_bytes() for path in (tmp_path / "line").iterdir()}
+    assert {path.name: data for path, data in outcome.programs} == written
+    assert written
+
+
+# The form.
+
+
+def test_every_setting_stands_in_the_form_once() -> None:
+    found = form("rapid")
+    fields = [(group.table, field.key) for group in found.groups if group.table != "post" for field in group.fields]
+    assert sorted(fields) == sorted((s.table, s.key) for s in settings())
+    for name, groups in found.rows.items():
+        keys = [field.key for group in groups for field in group.fields]
+        assert sorted(keys) == sorted({s.key for s in row_settings() if s.table == name})
+    options = {field.key: field for group in found.groups if group.table == "post" for field in group.fields}
+    assert options["conf"].kind == "choice"
+
+
+def test_a_field_has_unit_kind_and_bounds_of_its_setting() -> None:
+    fields = {(group.table, field.key): field for group in form("gcode").groups for field in group.fields}
+    feed, threshold = fields["process", "feed"], fields["image", "threshold"]
+    assert (feed.unit, feed.kind, feed.default) == ("mm/s", "number", 20.0)
+    assert (threshold.least, threshold.most) == (0, 255)
+    assert fields["process", "acceleration"].unit == "mm/s2"
+    assert fields["tool", "tip_angle"].unit == "deg"
+    assert fields["input", "units"].unit == ""
+    assert "drill" in fields["operation", "kind"].choices
+    assert fields["process", "stay_down"].kind == "flag"
+    assert fields["cell", "home"].kind == "free"
+    assert "IRB 120" in fields["cell", "robot"].offers
+
+
+@pytest.mark.parametrize(
+    ("error", "place"),
+    [
+        (JobError("part.toml", "feed must be a number > 0, not -1", "[process]"), ["process", "feed"]),
+        (JobError("job", "has no effect without an arm", "cell.joint_speeds"), ["cell", "joint_speeds"]),
+        (JobError("part.dxf", "there is no contour 'c9'", "operations.1.ids"), ["operations", 1, "ids"]),
+        (JobError("part.dxf", "chooses no contour of the drawing", "operations.0"), ["operations", 0]),
+        (JobError("part.toml", "depth must be a number >= 0, not -2", "[[operations]] 1"), ["operations", 1, "depth"]),
+        (JobError("part.toml", 'conf must be one of "on", not 5', "[post] conf"), ["post", "conf"]),
+        (JobError("rapid", "no output is named for spindle", "", "set post.signals"), ["post", "signals"]),
+        (JobError("part.dxf", "is empty"), []),
+    ],
+)
+def test_an_error_names_its_setting(error: JobError, place: list[str | int]) -> None:
+    assert find_place(error) == place
+
+
+# The job file.
+
+FILE = """\
+# The bracket, for the small mill.
+[tool]            # a 4 mm end mill
+diameter = 4.0
+
+# twice as slow as the catalogue says
+[process]
+feed = 12         # mm/s
+clearance = 5.0
+
+[[operations]]
+# holes
+kind = "drill"
+
+[[operations]]
+# outline
+depth = 3.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (["process", "feed"], 15),
+        (["process", "plunge"], 3.5),
+        (["process", "clearance"], None),
+        (["tool", "name"], 'a "long" one\n#'),
+        (["operations", 1, "depth"], 4.0),
+        (["operations", 0, "holes"], [4.9, 5.1]),
+        (["page", "size"], [200.0, 100.0]),
+        (["post", "signals"], {"spindle": "aoSpeed", "a b": "c"}),
+    ],
+)
+def test_a_change_leaves_the_rest_of_the_file_as_it_was(path: list[str | int], value: object) -> None:
+    wanted = put(tomllib.loads(FILE), path, value)
+    text = write_job(FILE, wanted, "part.dxf")
+    assert tomllib.loads(text) == wanted
+    assert keeps_comments(FILE, text)
+    assert len(set(FILE.splitlines()) - set(text.splitlines())) <= 1
+
+
+def test_a_file_that_nothing_changes_stays_byte_for_byte() -> None:
+    text = FILE.replace("\n", "\r\n")
+    assert write_job(text, tomllib.loads(text), "part.dxf") == text
+
+
+def test_a_new_file_holds_only_what_differs() -> None:
+    tables: dict[str, Any] = {}
+    for path, value in ((["process", "feed"], 20.0), (["process", "plunge"], 5), (["tool", "kind"], "drill")):
+        tables = put(tables, path, value)
+    text = write_job("", {**tables, "operations": [{"kind": "drill"}]}, "part\n.dxf")
+    kept = [line for line in text.splitlines() if line and not line.startswith("#")]
+    assert kept == ["[tool]", 'kind = "drill"', "[process]", "plunge = 5", "[[operations]]", 'kind = "drill"']
+    assert put(tables, ["process", "plunge"], None) == {"tool": {"kind": "drill"}}
+
+
+def test_changes_can_be_undone(tmp_path: Path) -> None:
+    session = open_session([tmp_path / "part.dxf"], None, [], "gcode", tmp_path, ["gcode"])
+    first = change(session, [Change(["process", "feed"], 12)])
+    second = change(first, [Change(["process", "feed"], raw="  ")])
+    assert second.tables == {}
+    assert undo(second).tables == first.tables
+    assert undo(undo(second)).tables == undo(undo(undo(second))).tables == {}
+
+
+def test_a_file_of_set_is_named_from_the_job_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "cell.toml").write_text("[cell]\nsafety = 20\n")
+    monkeypatch.chdir(tmp_path)
+    session = open_session([Path("parts/part.dxf")], None, ["cell.file=cell.toml"], "gcode", tmp_path, ["gcode"])
+    assert session.tables == {"cell": {"file": "../cell.toml"}}
+    assert change(session, [Change(["process", "feed"], 12)]).tables["cell"] == {"file": "../cell.toml"}
+    with pytest.raises(JobError, match="outside the folder"):
+        change(session, [Change(["cell", "file"], "../other.toml")])
+
+
+@pytest.mark.parametrize("path", [["nothing", "feed"], ["operations"], ["process"], ["operations", 0, "depth"], []])
+def test_a_place_that_no_job_has_is_refused(tmp_path: Path, path: list[str | int]) -> None:
+    session = open_session([tmp_path / "part.dxf"], None, [], "gcode", tmp_path, ["gcode"])
+    if path == ["operations"]:
+        assert change(session, [Change(path, [{}])]).tables == {"operations": [{}]}
+        return
+    with pytest.raises(JobError):
+        change(session, [Change(path, 5)])
+
+
+# What is chosen.
+
+
+def test_a_layer_with_signs_of_globs_is_one_layer() -> None:
+    off = switch_layer({}, "A[1]*?", on=False)
+    assert off == {"input": {"layers": ["*", "!A[[]1][*][?]"]}}
+    assert switch_layer(off, "A[1]*?", on=True) == {}
+    named = {"input": {"layers": ["OUT*"]}}
+    assert switch_layer(named, "HOLES", on=True) == {"input": {"layers": ["OUT*", "HOLES"]}}
+
+
+def test_edges_are_words_of_the_selection() -> None:
+    solid = Looked("solid", runs=(Run(("e3",), -1),))
+    out = leave_out({}, solid, ["e3"], -1)
+    assert out == {"input": {"select": "convex, not e3"}}
+    assert take_in(out, solid, ["e3"]) == {}
+    assert take_in({}, solid, ["e4"]) == {"input": {"select": "convex e4"}}
+    assert leave_out({"input": {"select": "e3, e5-e9"}}, solid, ["e3"], -1) == {"input": {"select": "e5-e9, not e3"}}
+
+
+def test_a_contour_is_left_out_of_the_row_that_works_on_it() -> None:
+    looked = Looked("drawing", contours=(("c1", "0"), ("c2", "0"), ("c3", "0")), worked=(("c1",), ("c2", "c3")))
+    tables = {"operations": [{"nesting": "outer"}, {"nesting": "inner", "depth": 2}]}
+    out = leave_out(tables, looked, ["c3"], 1)
+    assert out["operations"] == [{"nesting": "outer"}, {"nesting": "inner", "depth": 2, "ids": ["c2"]}]
+    assert leave_out(tables, looked, ["c1"], -1)["operations"] == [{"nesting": "inner", "depth": 2}]
+    assert take_in(out, looked, ["c3"])["operations"][1]["ids"] == ["c2", "c3"]
+    with pytest.raises(JobError, match="nothing would be left"):
+        leave_out({}, Looked("drawing", contours=(("c1", "0"),)), ["c1"], -1)
