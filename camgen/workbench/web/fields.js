@@ -30,7 +30,7 @@ export function field(path, setting, { inRow = false } = {}) {
     element.append(offers);
     input.setAttribute("list", offers.id);
   }
-  input.addEventListener("change", () => send(path, setting, input));
+  input.addEventListener("change", () => { input.dataset.known = input.value; send(path, setting, input); });
   if (setting.kind === "number") input.addEventListener("keydown", (event) => stepBy(event, path, setting, input));
   slider?.addEventListener("input", () => { input.value = slider.value; type(path, slider.value); });
   return {
@@ -39,7 +39,8 @@ export function field(path, setting, { inRow = false } = {}) {
       const value = own === undefined ? usual : own;
       const changed = inRow ? own !== undefined : own !== undefined && !same(own, setting.default);
       element.classList.toggle("changed", changed);
-      if (document.activeElement !== input || setting.kind === "flag" || setting.kind === "choice") put(input, setting, value);
+      // What somebody is typing stays.
+      if (document.activeElement !== input || input.value === input.dataset.known) put(input, setting, value);
       if (slider && document.activeElement !== slider && typeof value === "number") slider.value = value;
       usually.textContent = tellUsual(setting, inRow ? usual : setting.default, inRow);
     },
@@ -60,6 +61,11 @@ const ENTRIES = {
 };
 
 function put(input, setting, value) {
+  enter(input, setting, value);
+  input.dataset.known = input.value;
+}
+
+function enter(input, setting, value) {
   if (setting.kind === "flag") input.checked = value === true;
   else if (setting.kind === "choice") input.value = String(value);
   else if (value === null || value === undefined) { input.value = ""; input.placeholder = "not set"; }
@@ -80,7 +86,7 @@ function stepBy(event, path, setting, input) {
   event.preventDefault();
   const next = Number((now + way * (event.shiftKey ? 10 : event.altKey ? 0.1 : 1)).toPrecision(12));
   if (next < (setting.least ?? -Infinity) || next > (setting.most ?? Infinity)) return;
-  input.value = String(next);
+  input.value = input.dataset.known = String(next);
   type(path, input.value);
 }
 

@@ -91,7 +91,6 @@ function showPictures() {
   }
   if (state.picture && !state.built) view = "picture";
   const name = state.picture ? view : "page";
-  by("frames").hidden = name !== "page";
   by("picture").hidden = name !== "picture";
   for (const tab of by("views").children) tab.setAttribute("aria-selected", tab.dataset.view === name);
 }

@@ -5,10 +5,14 @@ import { ask, counted, draggable, make, move, set, toml } from "./talk.js";
 
 const home = document.getElementById("steps");
 const opened = new Set();
-let shown = "";
+let shown = "", current = null;
 export const rowFields = new Map();
 
+/** The rows of a table as they are now, not as they were when a button was made. */
+const rowsOf = (table) => current.tables[table] ?? [];
+
 export function showSteps(state, form) {
+  current = state;
   // A field in which somebody types is not taken away.
   if (home.contains(document.activeElement) && document.activeElement.matches("input[type=text]")) return update(state, form);
   const now = JSON.stringify([state.tables, state.looked.worked, state.post]);
@@ -24,14 +28,19 @@ export function showSteps(state, form) {
       : "The job has one operation: [operation] in the settings, on all that is read."),
     ...operations.map((row, place) => card(state, form, "operations", row, place)),
     make("div", { className: "bar" },
-      make("button", { onclick: () => set(["operations"], [...operations, operations.length || !tools.length ? {} : { tool: tools[0].name ?? "" }]) }, "Add operation"),
+      make("button", { onclick: addOperation }, "Add operation"),
       make("button", { title: "Tools and operations that the closed contours ask for", hidden: state.looked.kind !== "drawing", onclick: () => ask("propose") }, "Propose operations")),
     make("h2", {}, "Tools"),
     make("p", { className: "hint" }, tools.length ? "Operations name them." : "Without rows here all operations have [tool] of the settings."),
     ...tools.map((row, place) => card(state, form, "tools", row, place)),
     make("div", { className: "bar" },
-      make("button", { onclick: () => set(["tools"], [...tools, { name: `tool ${tools.length + 1}` }]) }, "Add tool")));
+      make("button", { onclick: () => set(["tools"], [...rowsOf("tools"), { name: `tool ${rowsOf("tools").length + 1}` }]) }, "Add tool")));
   if (focused) document.getElementById(focused)?.focus();
+}
+
+function addOperation() {
+  const [tool] = rowsOf("tools");
+  set(["operations"], [...rowsOf("operations"), tool ? { tool: tool.name || tool.number } : {}]);
 }
 
 function update(state) {
@@ -43,8 +52,7 @@ function update(state) {
 }
 
 function card(state, form, table, row, place) {
-  const rows = state.tables[table];
-  const moved = (from, to) => { const found = move(rows, from, to); if (found) set([table], found); };
+  const moved = (from, to) => { const found = move(rowsOf(table), from, to); if (found) set([table], found); };
   const element = make("div", { className: "row", data: { row: `${table}.${place}` } });
   const groups = form.rows[table];
   const kept = groups.flatMap((group) => group.fields.filter((setting) => setting.key in row).map((setting) => [group, setting]));
@@ -57,10 +65,16 @@ function card(state, form, table, row, place) {
   }, "Edit");
   element.append(
     make("div", { className: "line" }, draggable(element, place, table, moved), make("span", {}, title(state, table, row, place)), toggle,
-      make("button", { className: "small", title: "Twice", onclick: () => set([table], rows.toSpliced(place + 1, 0, table === "tools" ? { ...row, name: `${row.name ?? "tool"} copy` } : row)) }, "Copy"),
-      make("button", { className: "small", title: "Remove", onclick: () => set([table], rows.length > 1 ? rows.toSpliced(place, 1) : null) }, "Remove")),
+      make("button", { className: "small", title: "Twice", onclick: () => copy(table, place) }, "Copy"),
+      make("button", { className: "small", title: "Remove", onclick: () => set([table], rowsOf(table).length > 1 ? rowsOf(table).toSpliced(place, 1) : null) }, "Remove")),
     make("p", { className: "hint" }, facts(state, table, row, place)), body);
   return element;
+}
+
+function copy(table, place) {
+  const row = rowsOf(table)[place];
+  const twin = table === "tools" ? { ...row, name: `${row.name ?? "tool"} copy` } : row;
+  set([table], rowsOf(table).toSpliced(place + 1, 0, twin));
 }
 
 function title(state, table, row, place) {

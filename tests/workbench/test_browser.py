@@ -1,0 +1,325 @@
+"""The workbench in a real browser without a window: forms, pictures, a second tab, a reload, a server that dies."""
+
+import shutil
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import ezdxf
+import numpy as np
+import pytest
+
+from camgen.cli import main
+from tests.support.benches import Bench, open_bench
+from tests.support.browsers import PHONE, SIZE, Driven, start_browser
+from tests.support.waiting import LONG
+
+pytest.importorskip("uvicorn", reason="the extra workbench is not installed")
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Driven]:
+    with start_browser() as opened:
+        yield opened
+
+
+class Tab:
+    """A page of the workbench with everything that it said or asked for."""
+
+    def __init__(self, browser: Driven, bench: Bench, size: dict[str, int] = SIZE) -> None:
+        self.bench = bench
+        self.said: list[str] = []
+        self.asked: list[str] = []
+        self.context = browser.new_context(viewport=size)
+        self.context.set_default_timeout(1000 * LONG)
+        self.page = self.context.new_page()
+        self.page.on("console", lambda message: self.said.append(message.text))
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto(bench.address)
+        self.rest()
+
+    def rest(self, condition: str = "true") -> dict[str, Any]:
+        """The state when nothing is built and ``condition``, of s, holds."""
+        self.page.wait_for_function(
+            "() => { const s = window.workbench?.state(); "
+            f"return s && !s.stage && (s.built || s.failed) && ({condition}); }}"
+        )
+        found: dict[str, Any] = self.page.evaluate("workbench.state()")
+        return found
+
+    def shown(self, number: int) -> Any:
+        """The frame with the page of this build, when it is the one that is seen."""
+        seen = f"#frames iframe:not(.coming)[src='page/{number}']"
+        self.page.wait_for_selector(seen)
+        frame = self.page.query_selector(seen).content_frame()
+        frame.wait_for_function("window.camgen !== undefined")
+        return frame
+
+    def field(self, path: str) -> Any:
+        """What is entered at a place such as process.feed."""
+        table, key = path.split(".")
+        self.page.locator(f"details[data-table={table}]").evaluate("e => { e.open = true; }")
+        return self.page.locator(f"#f-{table}-{key}")
+
+    def enter(self, path: str, text: str) -> None:
+        one = self.field(path)
+        one.fill(text)
+        one.press("Enter")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    return tmp_path
+
+
+@pytest.fixture
+def bench(folder: Path) -> Iterator[Bench]:
+    with open_bench(folder, ["part.dxf"]) as opened:
+        yield opened
+
+
+@pytest.fixture
+def tab(browser: Driven, bench: Bench) -> Iterator[Tab]:
+    one = Tab(browser, bench)
+    yield one
+    one.context.close()
+
+
+def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(tab: Tab, folder: Path, tmp_path: Path) -> None:
+    first = tab.rest()["built"]["number"]
+    before = tab.shown(first).locator("#rows").inner_text()
+    tab.enter("process.feed", "31")
+    second = tab.rest("s.tables.process")["built"]["number"]
+    frame = tab.shown(second)
+    assert tab.page.locator("#frames iframe").count() == 1
+    assert frame.locator("#rows").inner_text() != before
+    assert tab.page.locator('[data-path=\'["process","feed"]\'].changed').count() == 1
+    assert "\u2022" in tab.page.title()
+    tab.page.keyboard.press("Control+s")
+    assert tab.rest("s.saved && s.told")["told"] == "written: part.toml, part.ngc"
+    assert (folder / "part.toml").read_text().endswith("\n[process]\nfeed = 31\n")
+    program = (folder / "part.ngc").read_bytes()
+    (tmp_path / "again").mkdir()
+    assert main(["build", str(folder / "part.dxf"), "--post", "gcode", "-o", str(tmp_path / "again"), "-q"]) == 0
+    assert (tmp_path / "again" / "part.ngc").read_bytes() == program
+    assert tab.said == []
+    own = tab.bench.address.rpartition("/")[0]
+    assert [url for url in tab.asked if not url.startswith((own, "blob:", "data:"))] == []
+
+
+def test_an_error_stands_beside_its_setting_and_the_last_program_stays(tab: Tab) -> None:
+    number = tab.rest()["built"]["number"]
+    tab.enter("process.feed", "-1")
+    tab.rest("s.failed")
+    line = "error: part.toml: feed must be a number > 0, not -1 ([process])"
+    assert tab.page.locator("#says .bad span").inner_text() == line
+    wrong = tab.page.locator(".field.wrong")
+    assert wrong.count() == 1
+    assert line in wrong.inner_text()
+    tab.shown(number)
+    assert tab.page.locator("#save").is_disabled()
+    tab.page.locator("#filter").fill("nothing has this word")
+    tab.page.locator("#says button").click()
+    assert tab.page.evaluate("document.activeElement.id") == "f-process-feed"
+    wrong.locator(".reset").click()
+    assert tab.rest("!s.failed")["tables"] == {}
+    assert tab.page.locator("#says p").count() == 0
+
+
+def test_settings_are_found_by_their_words_and_by_what_was_changed(tab: Tab) -> None:
+    tab.page.locator("#filter").fill("spindle speed")
+    assert tab.page.locator("#f-process-spindle").is_visible()
+    assert not tab.page.locator("#f-process-feed").is_visible()
+    tab.page.locator("#filter").fill("")
+    tab.enter("tool.diameter", "4")
+    tab.rest("s.tables.tool")
+    tab.page.locator("#only").check()
+    assert tab.page.locator("#groups .field:visible").count() == 1
+
+
+def test_arrow_keys_step_a_number(tab: Tab) -> None:
+    tab.field("process.feed").press("ArrowUp")
+    tab.field("process.feed").press("Shift+ArrowUp")
+    assert tab.rest("s.tables.process?.feed === 31")["failed"] is None
+
+
+def test_a_second_tab_and_a_reload_show_the_same_session(tab: Tab, browser: Driven) -> None:
+    tab.enter("tool.diameter", "5")
+    tab.rest("s.tables.tool")
+    other = Tab(browser, tab.bench)
+    assert other.rest()["tables"] == {"tool": {"diameter": 5}}
+    other.enter("tool.diameter", "3")
+    number = tab.rest("s.tables.tool?.diameter === 3")["built"]["number"]
+    tab.shown(number)
+    assert tab.field("tool.diameter").input_value() == "3"
+    other.context.close()
+    tab.page.reload()
+    assert tab.rest()["tables"] == {"tool": {"diameter": 3}}
+    tab.shown(number)
+    tab.page.locator("#undo").click()
+    assert tab.rest("s.tables.tool?.diameter === 5")["undo"] == 1
+
+
+def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
+    frame = tab.shown(tab.rest()["built"]["number"])
+    said = {"camgen": "picked", "path": 3, "id": "c1", "layer": "OUTLINE", "source": "path", "x": 0, "y": 0}
+    frame.evaluate("said => parent.postMessage(said, location.origin)", said)
+    card = tab.page.locator("#picked")
+    card.get_by_text("Leave out c1").click()
+    assert tab.rest("s.tables.operations")["tables"] == {"operations": [{"ids": ["c2", "c3", "c4"]}]}
+    assert not card.is_visible()
+    tab.page.locator("[data-tab=layers]").click()
+    tab.page.get_by_text("Take in").click()
+    tab.rest("!s.tables.operations")
+    tab.page.locator("#layers input[type=checkbox]").first.uncheck()
+    assert tab.rest("s.tables.input")["tables"] == {"input": {"layers": ["*", "!HOLES"]}}
+    tab.page.locator("#layers input[type=checkbox]").first.check()
+    tab.rest("!s.tables.input")
+    # Dragged, and by keys.
+    rows = tab.page.locator("#layers .layer")
+    rows.nth(1).locator(".grip").drag_to(rows.nth(0))
+    assert tab.rest("s.tables.tour")["tables"] == {"tour": {"layers": ["OUTLINE", "HOLES"]}}
+    rows.nth(0).locator(".grip").press("Alt+ArrowDown")
+    assert tab.rest("s.tables.tour?.layers[0] === 'HOLES'")["failed"] is None
+
+
+def test_what_is_no_page_of_the_workbench_is_not_heard(tab: Tab) -> None:
+    tab.shown(tab.rest()["built"]["number"])
+    tab.page.evaluate("postMessage({ camgen: 'picked', path: 3, id: 'c1', layer: 'OUTLINE' }, location.origin)")
+    tab.page.evaluate(
+        """() => new Promise((done) => {
+          const frame = document.createElement("iframe");
+          frame.srcdoc = "<p>";
+          frame.onload = done;
+          document.body.append(frame);
+        })"""
+    )
+    tab.page.wait_for_timeout(200)
+    assert not tab.page.locator("#picked").is_visible()
+
+
+def test_operations_are_added_set_moved_and_removed(tab: Tab) -> None:
+    tab.page.locator("[data-tab=steps]").click()
+    tab.page.get_by_text("Add operation").click()
+    tab.rest("s.tables.operations?.length === 1")
+    row = tab.page.locator("[data-row='operations.0']")
+    row.get_by_text("Edit").click()
+    row.locator("select.more").select_option("kind")
+    tab.rest("s.tables.operations[0].kind")
+    tab.page.locator("#f-operations-0-kind").select_option("drill")
+    tab.rest("s.tables.operations[0].kind === 'drill'")
+    row.locator("select.more").select_option("layers")
+    tab.rest("s.tables.operations[0].layers")
+    tab.page.locator("#f-operations-0-layers").fill('["HOLES"]')
+    tab.page.locator("#f-operations-0-layers").press("Enter")
+    tab.rest("s.tables.operations[0].layers[0] === 'HOLES'")
+    tab.page.get_by_text("Add operation").click()
+    tab.rest("s.tables.operations?.length === 2")
+    tab.page.locator("[data-row='operations.1'] .grip").press("Alt+ArrowUp")
+    state = tab.rest("s.tables.operations[1].kind === 'drill'")
+    assert state["tables"]["operations"] == [{}, {"kind": "drill", "layers": ["HOLES"]}]
+    tab.page.locator("[data-row='operations.0']").get_by_text("Remove").click()
+    assert tab.rest("s.tables.operations.length === 1")["tables"]["operations"][0]["kind"] == "drill"
+    assert tab.said == []
+
+
+def test_a_photo_shows_its_stages_live(browser: Driven, tmp_path: Path) -> None:
+    # Bright in the middle, half as bright around it.
+    photo = cv2.circle(np.full((200, 300, 3), 30, np.uint8), (150, 100), 70, (120, 120, 120), -1)
+    cv2.imwrite(str(tmp_path / "disc.png"), cv2.circle(photo, (150, 100), 40, (230, 230, 230), -1))
+    with open_bench(tmp_path, ["disc.png", "--set", "image.mm_per_px=0.2"]) as bench:
+        tab = Tab(browser, bench)
+        state = tab.rest()
+        assert state["failed"] is None, state["failed"]
+        assert state["looked"]["kind"] == "picture"
+        tab.page.get_by_text("From picture to path").click()
+        picture = tab.page.locator("#picture img")
+        tab.page.wait_for_function("document.querySelector('#picture img').naturalWidth > 0")
+        before = image(picture.screenshot())
+        tab.field("image.mask").select_option("threshold")
+        tab.page.locator(".field:has(#f-image-threshold) input[type=range]").fill("200")
+        now = tab.rest("s.tables.image.threshold === 200")["picture"]
+        tab.page.wait_for_function(f"document.querySelector('#picture img').src.endsWith('/{now}')")
+        tab.page.wait_for_function("document.querySelector('#picture img').complete")
+        after = image(picture.screenshot())
+        assert after.shape != before.shape or np.abs(after.astype(int) - before).max() > 50
+        assert tab.said == []
+        tab.context.close()
+
+
+def test_a_photo_without_a_scale_is_seen_and_asked_for_it(browser: Driven, tmp_path: Path) -> None:
+    cv2.imwrite(
+        str(tmp_path / "photo.png"),
+        cv2.circle(np.full((200, 300, 3), 30, np.uint8), (150, 100), 60, (220, 220, 220), -1),
+    )
+    with open_bench(tmp_path, ["photo.png"]) as bench:
+        tab = Tab(browser, bench)
+        state = tab.rest()
+        assert "mm_per_px" in state["failed"]["line"]
+        tab.page.wait_for_function("document.querySelector('#picture img').naturalWidth > 0")
+        assert tab.page.locator("#picture").is_visible()
+        tab.enter("image.mm_per_px", "0.2")
+        assert tab.rest("s.tables.image")["failed"] is None
+        tab.context.close()
+
+
+def test_a_file_that_changes_is_seen(tab: Tab, folder: Path) -> None:
+    first = tab.rest()["built"]["number"]
+    shutil.copy(PARTS / "plate.dxf", folder / "part.dxf")
+    second = tab.rest(f"s.built.number > {first}")["built"]["number"]
+    tab.shown(second)
+    tab.enter("process.feed", "30")
+    tab.rest("s.tables.process")
+    (folder / "part.toml").write_text("[process]\nfeed = 14\n")
+    tab.page.get_by_text("Read the file").click()
+    assert tab.rest("s.tables.process.feed === 14")["saved"]
+    assert tab.field("process.feed").input_value() == "14"
+
+
+def test_a_server_that_dies_is_told(tab: Tab) -> None:
+    tab.rest()
+    tab.bench.process.send_signal(signal.SIGKILL)
+    tab.page.wait_for_selector("#says .bad")
+    assert "does not answer" in tab.page.locator("#says").inner_text()
+    assert tab.page.locator("#says").get_by_text("Copy the job").is_visible()
+
+
+def test_close_ends_it_and_says_so(tab: Tab) -> None:
+    tab.rest()
+    tab.page.locator("#close").click()
+    tab.page.wait_for_selector("#says .look")
+    assert "is closed" in tab.page.locator("#says").inner_text()
+    assert tab.bench.process.wait(LONG) == 0
+
+
+def test_names_that_are_markup_do_nothing(browser: Driven, tmp_path: Path) -> None:
+    evil = "<img src=x onerror=parent.bad=1>"
+    drawing = ezdxf.new("R2010", units=4)
+    drawing.modelspace().add_circle((0, 0), 20, dxfattribs={"layer": "&amp b"})
+    drawing.saveas(tmp_path / f"{evil}.dxf")
+    with open_bench(tmp_path, [f"{evil}.dxf", "--set", f"tool.name={evil}"]) as bench:
+        tab = Tab(browser, bench)
+        tab.rest()
+        for one in tab.page.locator("aside [role=tab]").all():
+            one.click()
+        assert tab.page.evaluate("window.bad") is None
+        assert tab.page.locator("aside img").count() == 0
+        assert evil in tab.page.locator("h1").inner_text()
+        tab.context.close()
+
+
+def test_on_a_phone_nothing_is_wider_than_the_screen(browser: Driven, bench: Bench) -> None:
+    tab = Tab(browser, bench, PHONE)
+    for one in tab.page.locator("aside [role=tab]").all():
+        one.click()
+        assert tab.page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+    tab.context.close()
+
+
+def image(raw: bytes) -> Any:
+    return cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_COLOR)
