@@ -27,6 +27,7 @@ from camgen.cli import main, parsers
 from camgen.model.errors import JobError
 from docs.make.pages import CONSOLES
 from tests.docs.test_docs import FILES, ROOT, USAGE, commands, name
+from tests.support.benches import open_bench
 from tests.support.clouds import scan
 
 FIXTURES = ROOT / "fixtures"
@@ -147,6 +148,10 @@ def test_a_command_runs(shown: Shown, desk: Path, tmp_path: Path, monkeypatch: p
         (here / file).write_text(text)
     monkeypatch.chdir(here)
     words = words_of(shown.line)
+    if words[0] == "open":  # it stays until it is closed
+        with open_bench(here, words[1:]) as bench:
+            assert bench.wait()["failed"] is None
+        return
     assert main(words) == 0
     for option, file in itertools.pairwise(words):
         if option in ("-o", "--preview", "--plan"):
