@@ -15,7 +15,7 @@ export function showSteps(state, form) {
   current = state;
   // A field in which somebody types is not taken away.
   if (home.contains(document.activeElement) && document.activeElement.matches("input[type=text]")) return update(state, form);
-  const now = JSON.stringify([state.tables, state.looked.worked, state.post]);
+  const now = JSON.stringify([state.tables, state.looked.worked, state.looked.kind, state.post]);
   if (now === shown) return update(state, form);
   const focused = document.activeElement?.id;
   shown = now;
@@ -79,7 +79,8 @@ function copy(table, place) {
 
 function title(state, table, row, place) {
   if (table === "tools") return `${row.name || `T${row.number ?? place}`}: ${row.kind ?? "end mill"} ${row.diameter ?? 6} mm`;
-  return `${place} ${row.kind ?? state.tables.operation?.kind ?? "auto"}${row.tool ? `, ${row.tool}` : ""}`;
+  const tool = toolOf(state, row);
+  return `${place} ${row.kind ?? state.tables.operation?.kind ?? "auto"}${tool ? `, ${tool.name || `T${tool.number}`}` : ""}`;
 }
 
 function facts(state, table, row, place) {
@@ -96,9 +97,11 @@ function rowField(state, table, place, row, group, setting) {
   return made.element;
 }
 
+const toolOf = (state, row) => (state.tables.tools ?? []).find((one) => row.tool && (one.name === row.tool || one.number === row.tool));
+
 /** What holds where the row is silent. */
 function usual(state, over, setting, row) {
-  const tool = (state.tables.tools ?? []).find((one) => row.tool && (one.name === row.tool || one.number === row.tool));
+  const tool = toolOf(state, row);
   const fromTool = { feed: tool?.feed, plunge: tool?.plunge, spindle: tool?.speed }[setting.key];
   return fromTool ?? state.tables[over === "tool" ? "" : over]?.[setting.key] ?? setting.default;
 }
