@@ -182,14 +182,15 @@ def _rows_of_paths(tour: Tour) -> list[int]:
 
 
 def _layers(ask: Ask, result: Result, files: Files) -> tuple[Layer, ...]:
-    """All layers of drawings, with those that the job leaves out."""
+    """All layers of drawings and curves, with those that the job leaves out."""
     if result.part.raster is not None:
         return ()
     globs = tuple(glob.strip().casefold() for glob in result.job.input.layers)
-    found = Counter(contour.layer for contour in result.part.contours)
+    found = Counter(one.layer for one in (*result.part.contours, *result.part.curves))
     if globs != ("*",):
         whole = replace(result.job, input=replace(result.job.input, layers=["*"]))
-        found = Counter(c.layer for one in ask.inputs for c in read(one, whole, files).contours)
+        parts = [read(one, whole, files) for one in ask.inputs]
+        found = Counter(one.layer for part in parts for one in (*part.contours, *part.curves))
     asked = Layers({}, {}, globs)
     return tuple(Layer(name, count, not asked.why_not(name)) for name, count in sorted(found.items()))
 

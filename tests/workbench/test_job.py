@@ -1,5 +1,7 @@
 """The job of the workbench: its form, its file, and that a program from it is the one of the command line."""
 
+import shutil
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,8 @@ from camgen.workbench.job_text import keeps_comments, write_job
 from camgen.workbench.perform import Ask, Built, Looked, Run, perform
 from camgen.workbench.session import Change, change, open_session, put, undo
 from tests.test_cases import ALL, parts
+
+PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
 
 # The same bytes.
 
@@ -214,3 +218,42 @@ def test_a_contour_is_left_out_of_the_row_that_works_on_it() -> None:
     assert take_in(out, looked, ["c3"])["operations"][1]["ids"] == ["c2", "c3"]
     with pytest.raises(JobError, match="nothing would be left"):
         leave_out({}, Looked("drawing", contours=(("c1", "0"),)), ["c1"], -1)
+
+
+@pytest.mark.parametrize(
+    ("name", "post", "sets", "kind", "layers"),
+    [
+        ("layers.dxf", "gcode", ["operation.kind=trace"], "drawing", True),
+        ("logo.svg", "gcode", ["page.size=A4"], "drawing", True),
+        ("space.dxf", "rapid", ["operation.kind=trace"], "curves", True),
+        ("old.ngc", "gcode", [], "program", False),
+        ("gear.png", "gcode", ["image.mm_per_px=0.2", "operation.kind=trace"], "picture", False),
+    ],
+)
+def test_what_a_page_knows_of_an_input(
+    name: str, post: str, sets: list[str], kind: str, layers: bool, tmp_path: Path
+) -> None:
+    source = tmp_path / name
+    if name == "old.ngc":
+        source.write_text("G21 G90\nG0 X0 Y0 Z10\nG1 Z0 F300\nG1 X20\nG0 Z10\nM2\n")
+    else:
+        shutil.copy(PARTS / name, source)
+    session = open_session([source], None, sets, post, tmp_path, [post])
+    found = perform(Ask(1, session.inputs, post, session.job_file, session.text, tmp_path), ignore_stages, rows)
+    assert isinstance(found, Built), found
+    assert found.looked.kind == kind
+    assert bool(found.looked.layers) == layers
+    assert all(layer.used and layer.contours for layer in found.looked.layers)
+    assert (found.picture != "") == (kind == "picture")
+    assert len(found.looked.runs) > 0
+
+
+def test_without_its_extra_the_command_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    for name in [name for name in sys.modules if name.startswith("camgen.workbench.server")]:
+        monkeypatch.delitem(sys.modules, name)
+    assert main(["open", str(PARTS / "bracket.dxf"), "--no-browser"]) == 2
+    said = capsys.readouterr().err
+    assert said == "camgen: error: open: needs uvicorn; pip install camgen[workbench]\n"

@@ -26,8 +26,8 @@ async function swap(frame) {
   if (frame !== coming) return;
   coming = null;
   kept = (shown && (await stateOf(shown))) || kept;
-  tell(frame, { camgen: "theme", theme });
   if (kept) tell(frame, { camgen: "restore", state: kept });
+  if (theme) tell(frame, { camgen: "theme", theme });
   await paint();
   if (coming && shown) { frame.remove(); return; } // a newer one is on its way
   frame.className = "";

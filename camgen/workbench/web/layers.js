@@ -64,13 +64,16 @@ function showPicked() {
   const names = run ? run.contours : [picked.id].filter(Boolean);
   const out = names.length > 0 && names.every((name) => state.left_out.includes(name));
   const told = names.length > 3 ? counted(names.length, "contour") : names.join(", ");
-  const fixed = ["curves", "program"].includes(state.looked.kind);
+  const fixed = ["curves", "program"].includes(state.looked.kind) || !names.length;
+  // What no path was wanted for can be taken in; what has a path, or should have one, can be left out.
+  const idle = out || (solid && picked.source === "edge");
+  const idling = state.looked.worked.length > 0 && picked.source === "edge";
   card.replaceChildren(
     make("b", {}, picked.id || told),
     picked.layer ? make("span", {}, `layer ${picked.layer}`) : "",
-    fixed || !names.length ? "" : run && !out
-      ? make("button", { onclick: () => leave(names, run.row) }, `Leave out ${solid ? "edge" : ""} ${told}`.replace("  ", " "))
-      : solid || out ? make("button", { onclick: () => { ask("take", { names }); close(); } }, `Take in ${told}`) : "",
+    fixed ? "" : idle || idling
+      ? make("button", { onclick: () => { ask("take", { names }); close(); } }, `Take in ${told}`)
+      : make("button", { onclick: () => leave(names, run?.row ?? -1) }, `Leave out ${told}`),
     picked.layer && state.looked.layers.some((one) => one.name === picked.layer)
       ? make("button", { onclick: () => { ask("layer", { layer: picked.layer, on: false }); close(); } }, `Leave out layer ${picked.layer}`) : "",
     make("button", { className: "small", ariaLabel: "Close", onclick: close }, "\u2715"));
