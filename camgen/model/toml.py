@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from datetime import date, time
 
 
 def toml(value: object) -> str:
@@ -11,5 +13,9 @@ def toml(value: object) -> str:
         return "{ " + ", ".join(f"{toml(str(k))} = {toml(v)}" for k, v in value.items()) + " }" if value else "{}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(toml(item) for item in value) + "]"
+    if isinstance(value, (date, time)):
+        return value.isoformat()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
     # Of the control characters JSON leaves DEL as it is, TOML does not.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

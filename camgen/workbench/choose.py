@@ -9,7 +9,7 @@ from typing import Any
 
 from camgen.model.errors import JobError
 from camgen.workbench.perform import Looked
-from camgen.workbench.session import Tables, put
+from camgen.workbench.session import Tables, put, rows_of
 
 _SPECIAL = re.compile(r"[\[*?]")
 
@@ -28,7 +28,7 @@ def switch_layer(tables: Tables, name: str, on: bool) -> Tables:
 
 
 def _globs(tables: Tables) -> list[str]:
-    found = tables.get("input", {}).get("layers", ["*"])
+    found = _input(tables).get("layers", ["*"])
     return [str(one) for one in found] if isinstance(found, list) else ["*"]
 
 
@@ -37,11 +37,11 @@ def leave_out(tables: Tables, looked: Looked, names: Sequence[str], row: int) ->
     JobError where the job has no words for it.
     """
     if looked.kind == "solid":
-        words = str(tables.get("input", {}).get("select", "convex")).replace(",", " ").split()
+        words = _words(tables)
         more = [word for name in names for word in ("not", name)]
         return put(tables, ["input", "select"], _join_words(_without(words, names, negated=False) + more))
     _insist_on_contours(looked)
-    rows = [dict(one) for one in tables.get("operations", [])]
+    rows = rows_of(tables, "operations")
     if not rows:
         left = [name for name, _ in looked.contours if name not in names]
         if not left:
@@ -62,13 +62,13 @@ def leave_out(tables: Tables, looked: Looked, names: Sequence[str], row: int) ->
 def take_in(tables: Tables, looked: Looked, names: Sequence[str]) -> Tables:
     """The job with contours, or edges, that it leaves out: in the last row that names contours."""
     if looked.kind == "solid":
-        words = str(tables.get("input", {}).get("select", "convex")).replace(",", " ").split()
+        words = _words(tables)
         kept = _without(words, names, negated=True)
         # What was taken away is there again; what no word chose is named.
         more = [] if kept != words else names
         return put(tables, ["input", "select"], _join_words([*kept, *more]))
     _insist_on_contours(looked)
-    rows = [dict(one) for one in tables.get("operations", [])]
+    rows = rows_of(tables, "operations")
     number = next((k for k in reversed(range(len(rows))) if rows[k].get("ids")), None)
     if number is None:
         raise JobError("job", "no operation names its contours", ", ".join(names), "add an operation for them")
@@ -82,11 +82,11 @@ def take_in(tables: Tables, looked: Looked, names: Sequence[str]) -> Tables:
 def left_out(tables: Tables, looked: Looked) -> list[str]:
     """The contours, or edges, that could be taken in again."""
     if looked.kind == "solid":
-        words = str(tables.get("input", {}).get("select", "")).replace(",", " ").split()
+        words = _words(tables)
         return [word for before, word in pairwise(words) if before == "not" and word != "bottom"]
-    if not any(one.get("ids") for one in tables.get("operations", [])):
+    if not any(one.get("ids") for one in rows_of(tables, "operations")):
         return []
-    worked = {name for row in tables["operations"] for name in row.get("ids", [])}
+    worked = {name for row in rows_of(tables, "operations") for name in row.get("ids", [])}
     worked |= {name for ids in looked.worked for name in ids}
     return [name for name, _ in looked.contours if name not in worked]
 
@@ -100,6 +100,15 @@ def _insist_on_contours(looked: Looked) -> None:
     if looked.kind in ("curves", "program"):
         what = "has no words to leave out a part of it" if looked.kind == "program" else "chooses curves by layer alone"
         raise JobError("job", what, remedy="leave out a layer, or mend the input")
+
+
+def _words(tables: Tables) -> list[str]:
+    return str(_input(tables).get("select", "convex")).replace(",", " ").split()
+
+
+def _input(tables: Tables) -> dict[str, Any]:
+    found = tables.get("input", {})
+    return found if isinstance(found, dict) else {}
 
 
 def _without(words: Sequence[str], names: Sequence[str], negated: bool) -> list[str]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 from contextlib import suppress
 from pathlib import Path
 from shlex import quote
 from typing import Any
 
-import msgspec
 from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
@@ -27,6 +27,7 @@ from camgen.workbench.session import Session, Tables
 _PAUSE = 0.15
 #: Files are looked at so often, s.
 _LOOK = 1.0
+_NOTHING = Looked("")
 Stamp = tuple[int, int] | None
 
 
@@ -59,6 +60,8 @@ class Desk:
 
     def ask(self, propose: bool = False) -> None:
         """Builds the job as it is now, and gives up what is built."""
+        if self._pause is not None:
+            self._pause.cancel()
         self.number += 1
         one = self.session
         text = one.text if one.tables or one.base else ""
@@ -70,8 +73,10 @@ class Desk:
 
     def _hear(self, heard: Heard) -> None:
         if heard.number != self.number:
-            return  # of a build that a newer one has replaced
-        if isinstance(heard, Stage):
+            # Of a build that a newer change has replaced: it is shown until that is built, and never saved.
+            if isinstance(heard, Built):
+                self.built = heard
+        elif isinstance(heard, Stage):
             self.stage = heard.name
         else:
             self._take(heard)
@@ -104,6 +109,7 @@ class Desk:
             self.tell_all()
             return
         self.session, self.told = session, ""
+        self.number += 1  # what is built meanwhile is not of this job
         self._idle.clear()
         self.stage = "waiting"
         if self._pause is not None:
@@ -180,7 +186,7 @@ class Desk:
         try:
             base = steps.read_base(self.session.job_file, Files()) if self.session.job_file.exists() else ""
         except CamgenError as error:
-            self.told = str(error)
+            self.told, self.changed_outside = str(error), True
             self.tell_all()
             return
         if base == self.session.base:
@@ -206,7 +212,8 @@ class Desk:
     def keep_job(self) -> None:
         """The form counts; the next save replaces what somebody else has written."""
         one = self.session
-        self.session = replace(one, base=steps.read_base(one.job_file, Files()) if one.job_file.exists() else "")
+        with suppress(CamgenError):  # what is no TOML is replaced as a whole
+            self.session = replace(one, base=steps.read_base(one.job_file, Files()) if one.job_file.exists() else "")
         self.changed_outside = False
         self.tell_all()
 
@@ -234,10 +241,14 @@ class Desk:
         """How many pages show it."""
         return len(self._listeners)
 
+    @property
+    def looked(self) -> Looked:
+        """What the last good build has seen of the input."""
+        return self.built.looked if self.built else _NOTHING
+
     def state(self) -> dict[str, Any]:
-        """What a page shows, as plain data."""
+        """What a page shows, as plain data; ``looked``, which may be long, is told when it is new."""
         one, built, failed = self.session, self.built, self.failed
-        looked = built.looked if built else Looked("")
         return {
             "number": self.number,
             "inputs": [path.name for path in one.inputs],
@@ -245,7 +256,7 @@ class Desk:
             "job_file": one.job_file.name,
             "post": one.post,
             "posts": one.posts,
-            "tables": one.tables,
+            "tables": plain(one.tables),
             "text": one.text,
             "saved": one.is_saved,
             "undo": len(one.before),
@@ -257,8 +268,7 @@ class Desk:
             "built": built and self._tell_built(built),
             "failed": failed and {"line": failed.line, "code": failed.code, "place": failed.place},
             "picture": self._number_of_picture(),
-            "looked": msgspec.to_builtins(looked),
-            "left_out": left_out(one.tables, looked),
+            "left_out": left_out(one.tables, self.looked),
         }
 
     def _tell_built(self, built: Built) -> dict[str, Any]:
@@ -281,6 +291,19 @@ class Desk:
         if self.failed is not None and self.failed.picture:
             return self.failed.number
         return self.built.number if self.built and self.built.picture else 0
+
+
+def plain(value: object) -> object:
+    """What a page can read: JSON has no dates, no endless numbers, and browsers no integers beyond 2**53."""
+    if isinstance(value, dict):
+        return {str(key): plain(own) for key, own in value.items()}
+    if isinstance(value, list):
+        return [plain(own) for own in value]
+    if isinstance(value, (str, bool)):
+        return value
+    if isinstance(value, int):
+        return value if abs(value) < 2**53 else str(value)
+    return value if isinstance(value, float) and math.isfinite(value) else str(value)
 
 
 def stamp_of(path: Path) -> Stamp:

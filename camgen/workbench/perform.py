@@ -186,13 +186,16 @@ def _layers(ask: Ask, result: Result, files: Files) -> tuple[Layer, ...]:
     if result.part.raster is not None:
         return ()
     globs = tuple(glob.strip().casefold() for glob in result.job.input.layers)
-    found = Counter(one.layer for one in (*result.part.contours, *result.part.curves))
+    found = _count_layers(result.part)
     if globs != ("*",):
         whole = replace(result.job, input=replace(result.job.input, layers=["*"]))
-        parts = [read(one, whole, files) for one in ask.inputs]
-        found = Counter(one.layer for part in parts for one in (*part.contours, *part.curves))
+        found = sum((_count_layers(read(one, whole, files)) for one in ask.inputs), Counter[str]())
     asked = Layers({}, {}, globs)
     return tuple(Layer(name, count, not asked.why_not(name)) for name, count in sorted(found.items()))
+
+
+def _count_layers(part: Part) -> Counter[str]:
+    return Counter([contour.layer for contour in part.contours]) + Counter([curve.layer for curve in part.curves])
 
 
 # Pictures.

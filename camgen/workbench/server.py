@@ -18,7 +18,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from camgen.model.errors import CamgenError, JobError
+from camgen.model.errors import CamgenError, JobError, one_line
 from camgen.workbench import choose
 from camgen.workbench import session as steps
 from camgen.workbench.desk import Desk
@@ -122,6 +122,8 @@ async def _answer(desk: Desk, request: Request, answer: Answer) -> Response:
         return JSONResponse({"line": f"error: {error}"}, 409)
     except (msgspec.MsgspecError, ClientDisconnect):
         return JSONResponse({"line": "error: the page sent what makes no sense; reload it"}, 400)
+    except Exception as error:  # whatever it is, it is a line in the page, as in cli.main
+        return JSONResponse({"line": one_line(f"fault: {type(error).__name__}: {error}")}, 500)
 
 
 async def _wait_for_end(desk: Desk, end: Callable[[], None]) -> None:
@@ -184,12 +186,15 @@ async def _events(desk: Desk, _request: Request) -> Response:
 async def _states(desk: Desk) -> AsyncIterator[bytes]:
     """The state whenever it is new (server-sent events)."""
     queue = desk.join()
+    known = None
     try:
         yield b"retry: 1000\n\n"
         while True:
             with suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(queue.get(), _BEAT)
-                yield b"data: " + msgspec.json.encode(desk.state()) + b"\n\n"
+                state = desk.state() if desk.looked is known else desk.state() | {"looked": desk.looked}
+                known = desk.looked
+                yield b"data: " + msgspec.json.encode(state) + b"\n\n"
                 if desk.closing:
                     return
                 continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import date, time
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,12 @@ def _set(tables: Tables, text: str, folder: Path) -> Tables:
     return put(tables, path, value)
 
 
+def rows_of(tables: Tables, name: str) -> list[dict[str, Any]]:
+    """The rows of ``[[tools]]`` or ``[[operations]]``; none where the file has something else in their place."""
+    found = tables.get(name, [])
+    return [dict(row) for row in found if isinstance(row, Mapping)] if isinstance(found, list) else []
+
+
 def put(tables: Tables, path: Sequence[str | int], value: Any) -> Tables:
     """``tables`` with ``value`` at a path: table and key, or table, row and key, or a table alone. None takes it away,
     and so does the default of a key that is in no row. JobError for a row that is not there.
@@ -144,6 +151,8 @@ def change(session: Session, changes: Sequence[Change]) -> Session:
         if not rows and not (place in known and len(one.path) == 2):
             raise JobError("job", f"has no place {'.'.join(map(str, one.path))[:80]}", remedy="reload the page")
         value = one.value if one.raw is None else value_of(one.raw) if one.raw.strip() else None
+        if isinstance(value, (date, time)):  # no setting is one: what was typed is told as it was typed
+            value = one.raw
         tables = put(tables, one.path, value)
     _insist_on_folder(session, tables)
     return step(session, tables)
@@ -167,8 +176,11 @@ def _insist_on_folder(session: Session, tables: Tables) -> None:
     """JobError for a file that a page names and that lies outside the folder, links followed."""
     root = os.path.realpath(session.folder)
     for name in named_files(tables):
-        same = os.path.realpath(session.job_file.parent / name)
-        inside = os.path.commonpath([root, same]) == root if os.path.isabs(same) else False
+        try:
+            same = os.path.realpath(session.job_file.parent / name)
+        except ValueError as error:  # a zero byte
+            raise JobError(name, "is no name of a file") from error
+        inside = os.path.commonpath([root, same]) == root
         if not inside and identity(same) not in session.allowed:
             what = f"lies outside the folder that is open, {session.folder.resolve().name}"
             raise JobError(name, what, remedy="copy it there, or name it in the job file before camgen open")

@@ -277,7 +277,7 @@ def test_a_name_that_is_no_text(here: Path, capsys: Captured) -> None:
         (
             ["-q"],
             "command line: no command is given; "
-            "give one of build, batch, inspect, init, verify, calibrate, capture, "
+            "give one of build, open, batch, inspect, init, verify, calibrate, capture, "
             "markers, localize, place, robots, posts, schema, completion",
         ),
         (["biuld"], "command line: no command 'biuld'; nearest is build"),

@@ -57,10 +57,15 @@ class Bench:
         link.request("GET", f"{self.root}/events")
         answer = link.getresponse()
         assert answer.status == 200
+        looked: Json = {}
+        until = monotonic() + LONG
         try:
             while line := answer.readline():
+                assert monotonic() < until, "nothing more was told"
                 if line.startswith(b"data: "):
-                    yield json.loads(line[6:])
+                    state = json.loads(line[6:])
+                    looked = state.setdefault("looked", looked)  # told when it is new
+                    yield state
         finally:
             answer.close()
             link.close()

@@ -244,6 +244,48 @@ def test_proposed_operations_make_a_program(tmp_path: Path) -> None:
         assert len(state["looked"]["worked"]) == len(state["tables"]["operations"]) > 1
 
 
+@pytest.mark.parametrize(
+    "raw",
+    ["2020-01-01", "nan", "-inf", "1e400", "9" * 30, "12:30:00", "\x00", "[1, {a = 2}]", "{", "'", '"', "a\u2028"],
+)
+def test_whatever_is_typed_is_told_and_can_be_undone(bench: Bench, raw: str) -> None:
+    bench.change("process", "feed", raw=raw)
+    state = bench.wait(lambda state: not state["stage"] and state["tables"])
+    assert state["failed"]["place"] in (["process", "feed"], []), state["failed"]
+    assert state["failed"]["code"] == 2
+    assert state["built"]
+    bench.post("undo")
+    assert bench.wait(lambda state: not state["stage"])["tables"] == {}
+
+
+def test_a_job_file_with_anything_in_it_opens(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    (tmp_path / "part.toml").write_text(f"operations = 5\ncell = 6\nwhen = 2020-01-01\nbig = {'9' * 40}\n")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        state = bench.wait()
+        assert state["failed"]["code"] == 2
+        assert state["tables"]["when"] == "2020-01-01"
+        assert bench.post("change", changes=[{"path": ["cell", "safety"], "value": 5}])[0] in (409, 500)
+        (tmp_path / "part.toml").write_text("[process]\nfeed = 5\n")
+        assert bench.wait(lambda state: not state["stage"] and not state["failed"])["tables"] == {
+            "process": {"feed": 5}
+        }
+
+
+def test_a_program_that_is_built_while_the_job_changes_is_not_saved_for_it(tmp_path: Path) -> None:
+    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+    with open_bench(tmp_path, ["part.dxf"]) as bench:
+        bench.wait()
+        for feed in range(20, 30):
+            bench.change("process", "feed", value=feed + 0.5)
+        assert bench.post("save")[0] == 200
+        assert (tmp_path / "part.toml").read_text().endswith("feed = 29.5\n")
+        again = tmp_path / "again"
+        again.mkdir()
+        assert main(["build", str(tmp_path / "part.dxf"), "--post", "gcode", "-o", str(again), "-q"]) == 0
+        assert (again / "part.ngc").read_bytes() == (tmp_path / "part.ngc").read_bytes()
+
+
 # What changes and ends.
 
 

@@ -12,8 +12,12 @@ let form = null, state = null, refused = "", gone = false, usual = false;
 // The state.
 
 const events = new EventSource("events");
-events.addEventListener("message", async (event) => {
-  const now = JSON.parse(event.data);
+let before = Promise.resolve();
+events.addEventListener("message", (event) => (before = before.then(() => take(JSON.parse(event.data)))));
+
+async function take(now) {
+  now.looked ??= state.looked; // told when it is new
+  for (const name of ["operations", "tools"]) if (!Array.isArray(now.tables[name])) delete now.tables[name];
   if (!form || state?.post !== now.post) {
     form = await (await fetch("form")).json();
     buildSettings(form);
@@ -22,7 +26,8 @@ events.addEventListener("message", async (event) => {
   state = now;
   gone = false;
   show();
-});
+}
+
 events.addEventListener("error", () => {
   gone = true;
   showSays();
