@@ -88,6 +88,7 @@ def _row_groups(name: str, said: Mapping[str, Any]) -> tuple[Group, ...]:
 def _field(setting: Setting, said: Mapping[str, Any]) -> Field:
     unit = _UNIT.search(setting.about)
     choices = list(said.get("enum", ()))
+    bounds = _number_of(said) or said
     if setting.key == "kind" and setting.table in ("operation", "operations"):
         choices += [entry.name for entry in entries(OPERATIONS) if entry.name not in choices]
     return Field(
@@ -98,8 +99,8 @@ def _field(setting: Setting, said: Mapping[str, Any]) -> Field:
         unit=(unit[1] or unit[2]) if unit and _kind(said) in ("number", "free") else "",
         kind=_kind(said),
         choices=tuple(choices),
-        least=said.get("minimum", said.get("exclusiveMinimum")),
-        most=said.get("maximum", said.get("exclusiveMaximum")),
+        least=bounds.get("minimum", bounds.get("exclusiveMinimum")),
+        most=bounds.get("maximum", bounds.get("exclusiveMaximum")),
         offers=_robots() if (setting.table, setting.key) == ("cell", "robot") else (),
     )
 
@@ -116,9 +117,18 @@ def _option(key: str, said: Mapping[str, Any]) -> Field:
     return Field(key, about, "", said.get("default"), "", _kind(said), choices)
 
 
+def _number_of(said: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The number that a speed may be, which may also be a text with its unit."""
+    kinds = said.get("anyOf", ())
+    number = next((kind for kind in kinds if kind.get("type") == "number"), None)
+    return number if any("pattern" in kind for kind in kinds) else None
+
+
 def _kind(said: Mapping[str, Any]) -> FieldKind:
     if "enum" in said:
         return "choice"
+    if _number_of(said):
+        return "number"
     kinds: dict[object, FieldKind] = {"boolean": "flag", "number": "number", "integer": "number", "string": "text"}
     return kinds.get(said.get("type"), "free")
 
