@@ -114,9 +114,9 @@ def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(tab: Tab, 
 
 def test_an_error_stands_beside_its_setting_and_the_last_program_stays(tab: Tab) -> None:
     number = tab.rest()["built"]["number"]
-    tab.enter("process.feed", "-1")
+    tab.enter("process.force", "-1")
     tab.rest("s.failed")
-    line = "error: part.toml: feed must be a number > 0, not -1 ([process])"
+    line = "error: part.toml: force must be a number >= 0, not -1 ([process])"
     assert tab.page.locator("#says .bad span").inner_text() == line
     wrong = tab.page.locator(".field.wrong")
     assert wrong.count() == 1
@@ -125,7 +125,7 @@ def test_an_error_stands_beside_its_setting_and_the_last_program_stays(tab: Tab)
     assert tab.page.locator("#save").is_disabled()
     tab.page.locator("#filter").fill("nothing has this word")
     tab.page.locator("#says button").click()
-    assert tab.page.evaluate("document.activeElement.id") == "f-process-feed"
+    assert tab.page.evaluate("document.activeElement.id") == "f-process-force"
     wrong.locator(".reset").click()
     assert tab.rest("!s.failed")["tables"] == {}
     assert tab.page.locator("#says p").count() == 0

@@ -195,10 +195,10 @@ def test_an_error_is_the_line_of_the_command_line_with_its_setting(tmp_path: Pat
     shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         good = bench.wait()["built"]
-        bench.change("process", "feed", value=-1)
+        bench.change("process", "force", value=-1)
         state = bench.wait(lambda state: state["failed"])
-        assert state["failed"]["line"] == "error: part.toml: feed must be a number > 0, not -1 ([process])"
-        assert state["failed"]["place"] == ["process", "feed"]
+        assert state["failed"]["line"] == "error: part.toml: force must be a number >= 0, not -1 ([process])"
+        assert state["failed"]["place"] == ["process", "force"]
         assert state["built"] == good
         status, said = bench.post("save")
         assert status == 409
