@@ -44,9 +44,10 @@ function orders() {
   const own = state.tables.tour ?? {};
   const told = own.layers?.length ? `Layers run in this order: ${own.layers.join(", ")}.` : "Drag layers by their handles to run them in that order (tour.layers).";
   const reset = own.layers?.length ? make("div", { className: "bar" }, make("button", { onclick: () => set(["tour", "layers"], null) }, "Any order")) : null;
-  return [make("h2", {}, "Order and seams"), make("p", { className: "hint" }, state.looked.layers.length > 1 ? told : "One layer: there is no order of layers."),
-    reset ?? "", make("p", { className: "hint" },
-      "Within a layer camgen finds the order and where closed contours begin: tour.method and tour.seam in the settings. A job has no place for the order or the seam of a single contour.")];
+  const several = state.looked.layers.length > 1 ? make("p", { className: "hint" }, told) : "";
+  return [make("h2", {}, "Order and seams"), several, reset ?? "", make("p", { className: "hint" },
+      state.looked.kind === "solid" ? "camgen finds the order of the edges and the links between them."
+        : "Within a layer camgen finds the order and where closed contours begin: tour.method and tour.seam in the settings. A job has no place for the order or the seam of a single contour.")];
 }
 
 // What was clicked.
