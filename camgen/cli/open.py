@@ -10,7 +10,7 @@ from pathlib import Path
 from camgen.cli.build import rows
 from camgen.cli.say import Voice
 from camgen.model.errors import InputError, JobError
-from camgen.post.plugins import list_installed
+from camgen.post.plugins import find_post, list_installed
 from camgen.read import find_reader
 from camgen.read.files import Files
 
@@ -29,6 +29,7 @@ def run(arguments: Namespace, says: Voice) -> int:
     if not folder.is_dir():
         raise JobError(str(folder), "is not a folder", "-o", "make it first; programs get the names that build gives")
     post = arguments.post or _usual_post(inputs[0])
+    find_post(post)  # what is not there is told before a page is opened
     posts = [one.name for one in list_installed() if not one.broken]
     session = open_session(inputs, job, arguments.sets, post, folder, posts if post in posts else [*posts, post])
     with listen(arguments.port) as door:

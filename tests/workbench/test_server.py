@@ -368,3 +368,9 @@ def test_a_job_file_stands_for_the_input_of_its_name(tmp_path: Path, capsys: pyt
         state = bench.wait()
         assert state["inputs"] == ["part.dxf"]
         assert state["tables"] == {"process": {"feed": 12}}
+
+
+def test_a_post_that_is_not_there_is_told_before_a_page_is_opened(capsys: pytest.CaptureFixture[str]) -> None:
+    part = Path(__file__).parents[2] / "fixtures" / "parts" / "bracket.dxf"
+    assert main(["open", str(part), "--no-browser", "--post", "kuka"]) == 2
+    assert "post kuka: is not installed; one of gcode" in capsys.readouterr().err
