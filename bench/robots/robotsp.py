@@ -92,6 +92,8 @@ def job(jig: list[str]) -> dict[str, object]:
             "base_from_work": [*ORIGIN.tolist(), *angles],
             "flange_from_tool": [*TIP, 0.0, 0.0, 0.0],
             "home": HOME,
+            # As published: nothing may collide, and no distance is asked for.
+            "margin": 0.0,
             "joint_speeds": np.degrees(SPEEDS).tolist(),
             "joint_accelerations": np.degrees(GAINS).tolist(),
             "fixtures": [standing([-32.5, 0, -216], [150, 150, 210]), standing([597, 0, 445], [27, 350, 350]), *jig],
