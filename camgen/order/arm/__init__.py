@@ -130,7 +130,8 @@ def _search_with_margin(
         return work, *_search(work, kept, True, tell)
     every = list(work.states)
     wide = _fresh(work, every, replace(work.setup, clear=roomy))
-    found, links = _search(wide, kept, True, tell)
+    # Of points the margin closes so many links that tables of all of them are mended for minutes: 245 holes.
+    found, links = _search_paths(wide, kept, True, tell)
     tight = [k for k in kept if k not in found.order]
     if not tight:
         return wide, found, links
@@ -154,6 +155,13 @@ def _search(work: Work, kept: Sequence[int], prove: bool, tell: Tell) -> tuple[F
     best = _search_points(work, kept, tell) if prove and are_points(work, kept) else None
     if best is not None and not best[1].lost:
         return best
+    return _search_paths(work, kept, prove, tell, best)
+
+
+def _search_paths(
+    work: Work, kept: Sequence[int], prove: bool, tell: Tell, best: tuple[Found, Links] | None = None
+) -> tuple[Found, Links]:
+    """The same for paths of any kind. best: what is known already."""
     for _ in range(_BEGINNINGS if prove else 1):
         found, links = find_tour(work, [k for k in kept if k not in work.lost], prove, tell), Links({}, (), {})
         if found.order:
