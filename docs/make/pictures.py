@@ -2,8 +2,8 @@
 
     python -m docs.make.pictures [FOLDER]      writes them into FOLDER (default: docs/images)
 
-Every picture is what ``camgen build INPUT --preview X.svg`` or ``.png`` draws of a fixture. page.png and
-page-cut.png are pages of ``--preview X.html`` in Chromium; without one they stay as they are.
+Every picture is what ``camgen build INPUT --preview X.svg`` or ``.png`` draws of a fixture. page.png, page-photo.png
+and page-cut.png are pages of ``--preview X.html`` in Chromium; without one they stay as they are.
 """
 
 from __future__ import annotations
@@ -81,6 +81,7 @@ PICTURES = (
     Shown("rfa1-order.svg", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1_nominal.toml"),
     Shown("rfa2-order.svg", PARTS / "rfa2.stl", "rapid", PARTS / "rfa2_nominal.toml"),
     Shown("page.png", PARTS / "rfa1.stl", "rapid", PARTS / "rfa1.toml"),
+    Shown("page-photo.png", PARTS / "gear.png", "pacscript", {"image": {"width_mm": 100.0}}, scene=True),
     Shown("page-cut.png", PARTS / "motor.dxf", "gcode", PLATE, scene=True),
 )
 
