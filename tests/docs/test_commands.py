@@ -38,7 +38,16 @@ COPIES = {
     **{f"parts/{k}.dxf": PARTS / f"{k}.dxf" for k in ("bracket", "plate")},
     **{
         file: PARTS / file
-        for file in ("logo.svg", "gear.png", "rfa1.stl", "rfa1.toml", "rfa1_base.stl", "space.dxf", "seam.xyz")
+        for file in (
+            "logo.svg",
+            "copper.dxf",
+            "gear.png",
+            "rfa1.stl",
+            "rfa1.toml",
+            "rfa1_base.stl",
+            "space.dxf",
+            "seam.xyz",
+        )
     },
     **dict.fromkeys(("fixtures/parts/bracket.dxf",), PARTS / "bracket.dxf"),
     "board.png": PARTS / "board.png",

@@ -312,8 +312,8 @@ def test_a_program_for_an_arm_of_a_urdf(name: Path, home: list[float]) -> None:
     of = robot(str(name))
     assert np.all(within(of, made.reach.joints))
     said = [str(note) for note in made.notes if name.name in note.what]
-    assert said[:-1] == [f"assumed: {name.name}: {note}" for note in of.notes]
-    assert said[-1] == (
+    assert said[1:] == [f"assumed: {name.name}: {note}" for note in of.notes]
+    assert said[0] == (
         f"warning: {name.name}: home and posture are in the joint values of the URDF (their zeros and signs need not "
         "be the controller's: compare one pose with the teach pendant)"
     )
