@@ -36,8 +36,8 @@ _MOST_SVG = 60_000
 
 class Task(Struct, frozen=True):
     """One task. about: what somebody wants. file: the input, from fixtures/parts or as ``source``. sets: what is set,
-    as table.key and value. more: what lies beside it. job: the job file beside the input, where there is one. solid: the
-    picture is of a 3-D part.
+    as table.key and value. more: what lies beside it. job: the job file beside the input, where there is one.
+    solid: the picture is of a 3-D part.
     """
 
     name: str

@@ -145,8 +145,8 @@ def test_a_contour_that_crosses_another_is_left_out_by_name() -> None:
 
 
 def test_what_the_tool_cannot_touch_is_measured() -> None:
-    # A hole of 40 x 20 with sharp corners: a mill of 3 mm radius leaves sqrt(3^2 + (3 - x)^2) - 3 mm standing at x mm from
-    # each corner, to either side. What is more than 0.02 mm counts: a sharp corner would be untouched for 3 mm.
+    # A hole of 40 x 20 with sharp corners: a mill of 3 mm radius leaves sqrt(3^2 + (3 - x)^2) - 3 mm standing at x mm
+    # from each corner, to either side. What is more than 0.02 mm counts: a sharp corner would be untouched for 3 mm.
     each = 3 - math.sqrt(3.02**2 - 3**2)
     result = planned(rectangle(0, 0, 40, 20), side="inside")
     (note,) = result.notes
