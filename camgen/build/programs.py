@@ -95,8 +95,8 @@ def _time(checks: Checks, poster: Post, job: Job, cell: Workcell) -> Cycle:
 
 
 def _flow_of(tour: Tour, job: Job) -> Flow | None:
-    """What is rounded between the paths where an arm has chosen all its ways: nothing of what is run at a feed, and of
-    lines the upper half of the height of travel.
+    """What is rounded between the paths where an arm has chosen all its ways: nothing of what is run at a feed, of
+    lines the upper half of the height of travel, and nothing that leads the tip lower than the ways may.
     """
     if isinstance(tour, JobTour):
         every = [(one, step.process) for one, step in zip(tour.tours, tour.steps, strict=True) if one.paths]
@@ -105,7 +105,8 @@ def _flow_of(tour: Tour, job: Job) -> Flow | None:
     if not all(isinstance(one, ArmTour) for one, _ in every):
         return None
     slow = max(max(process.feed, plunge(process)) for _, process in every)
-    return Flow(slow, min(process.clearance for _, process in every) / 2)
+    room = min(process.clearance for _, process in every) / 2
+    return Flow(slow, room, max(process.least_height for _, process in every))
 
 
 def _tools(tour: JobTour) -> list[ToolTable]:

@@ -32,12 +32,13 @@ class Checks(Struct, frozen=True, eq=False):
 
 
 class Flow(Struct, frozen=True):
-    """What is rounded of the ways that an arm has chosen between the paths of a flat part. slow: mm/s, room: mm, as in
-    ``let_flow``.
+    """What is rounded of the ways that an arm has chosen between the paths of a flat part. slow: mm/s, room and floor:
+    mm, as in ``let_flow``.
     """
 
     slow: float
     room: float
+    floor: float
 
 
 def check(
@@ -67,8 +68,8 @@ def check(
     clear = check_clear(there, reach, cell.arm, name or program.name)
     program = share_joints(reach, cell.arm)
     if where is not None:
-        flow = Flow(plunge(job.process), math.inf)
+        flow = Flow(plunge(job.process), math.inf, -math.inf)
     if flow is not None:
-        program, notes = let_flow(program, reach, there, cell.arm, cell.pace, flow.slow, flow.room)
+        program, notes = let_flow(program, reach, there, cell.arm, cell.pace, flow.slow, flow.room, flow.floor)
         clear = replace(clear, notes=(*clear.notes, *notes))
     return Checks(program, reach, clear, there)

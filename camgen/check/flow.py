@@ -25,6 +25,7 @@ from camgen.model.part import BoolArray, IntArray, Note
 from camgen.model.pose import FloatArray
 from camgen.model.program import Columns, Force, MoveJ, Program
 from camgen.model.text import counted
+from camgen.robots.kinematics.forward import flange
 from camgen.robots.models import Robot
 
 #: mm: zones that are tried, the largest first.
@@ -34,6 +35,8 @@ _TURNING = 1.5
 #: Chords in place of what rounds a corner; it bends towards the corner, so that they are farther off. And mm that are
 #: added to what the motions are off straight lines.
 _CHORDS, _ROUGH = 8, 0.1
+#: rad or mm: from look to look at the height of the tip.
+_LOOK = 0.035
 #: mm: the least blend.
 _LEAST_MM = 0.1
 
@@ -56,12 +59,14 @@ def let_flow(
     pace: Dynamics,
     slow: float,
     room: float = math.inf,
+    floor: float = -math.inf,
 ) -> tuple[Program, tuple[Note, ...]]:
     """``program`` with blends in those corners of its ways between paths that have room for one; a note says how many.
 
     One that presses has none: the sensor of the force is set to zero at a stop. found: what was found of it. slow:
     mm/s; a motion that is no faster leads to a contact, and is stopped before. room: mm at the end of a line that may
     be rounded off at most: those of a flat part, which nothing stands for in ``where``, lead up from it and down to it.
+    floor: mm, z in the work frame, below which the tip does not come within a corner: what keeps it off a flat part.
     """
     legs, columns = legs_of(program, found, robot), program.columns
     link = ~columns.works & (columns.turn == 0) & (columns.speed > slow)
@@ -80,8 +85,8 @@ def let_flow(
         ways = {k: _round(*both, zone) if zone else _overlap(*both) for k, both in tried.items() if _fits(*both, zone)}
         ways = {k: way for k, way in ways.items() if _keeps_up(way, *tried[k], (lines[k], lines[k + 1]), room)}
         inside = [_inside(where, found, legs, k, way, timed=not zone) for k, way in ways.items()]
-        for (k, way), free in zip(ways.items(), _are_free(where, inside), strict=True):
-            blends[k] = way.blend if free else 0.0
+        for (k, way), (fan, _), free in zip(ways.items(), inside, _are_free(where, inside), strict=True):
+            blends[k] = way.blend if free and _keeps_above(program, robot, fan, floor) else 0.0
     body = list(program.body)
     for k, blend in blends.items():
         body[int(columns.at[k])] = replace(columns.moves[k], blend=blend)
@@ -104,6 +109,20 @@ def _keeps_up(way: _Rounding, one: Cruise, two: Cruise, lines: tuple[bool, bool]
     """Whether of lines no more than ``room`` mm are rounded off. lines: which of both motions are such."""
     off = float(way.left[0]) * one.mm, float(way.made[-1]) * two.mm
     return all(mm <= room for mm, line in zip(off, lines, strict=True) if line)
+
+
+def _keeps_above(program: Program, robot: Robot, fan: FloatArray, floor: float) -> bool:
+    """Whether the tip is nowhere below ``floor`` in the triangles (N, 3, J), looked at in steps of the joints."""
+    if floor == -math.inf:
+        return True
+    count = max(math.ceil(float(np.ptp(fan, axis=1).max()) / _LOOK), 1)
+    first, second = (part.ravel() for part in np.meshgrid(*[np.arange(count + 1)] * 2))
+    inside = first + second <= count
+    shares = np.column_stack([count - first - second, first, second])[inside] / count
+    rotation, origin = flange(robot, np.einsum("kc,ncj->nkj", shares, fan).reshape(-1, fan.shape[2]))
+    tip = origin + rotation @ np.asarray(program.flange_from_tool.origin)
+    base = program.base_from_work
+    return bool(((tip - np.asarray(base.origin)) @ base.rotation[:, 2] >= floor).all())
 
 
 def _fits(one: Cruise, two: Cruise, zone: float) -> bool:

@@ -6,6 +6,7 @@ These structures are the one place where a setting has a name, a type, a default
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, field
@@ -317,6 +318,11 @@ class ProcessTable(Table, frozen=True):
     def travel_speed(self) -> float:
         """The speed of all travel but that in free space, mm/s."""
         return self.travel or _TRAVEL_MM_S
+
+    @property
+    def least_height(self) -> float:
+        """How high above the top face, mm, the tip stays where the joints lead it from path to path; -inf: anywhere."""
+        return min(self.approach, self.clearance / 2) if self.clearance > 0 else -math.inf
 
 
 class Choice(Table, frozen=True):

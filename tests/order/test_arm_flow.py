@@ -10,6 +10,7 @@ import pytest
 import camgen
 from bench.robots import robotsp
 from camgen.build import Result
+from camgen.check.flow import _keeps_above
 from camgen.check.passing import find_corners, legs_of
 from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, Output
@@ -39,6 +40,22 @@ def drilled(part: Path, post: str = "rapid", kind: str = "drill", depth: float =
         "process": process,
     }
     return camgen.build(part, post=post, job=job)
+
+
+def test_a_corner_whose_inside_comes_down_to_the_part_is_not_cut(holes: Path) -> None:
+    """The tool hangs down and swings: it is lowest half-way, below all three corners of what a rounding may sweep."""
+    program, arm = drilled(holes).program, robot("IRB 1200")
+    hanging, swing = np.array([0.0, 0, 0, 0, np.pi / 2, 0]), np.array([0.0, 0, 0, 0, 0.5, 0])
+    fan = np.array([[hanging - swing, hanging + swing, hanging + swing + [0, -0.1, 0, 0, 0, 0]]])
+
+    def height(joints: np.ndarray) -> float:
+        rotation, origin = flange(arm, joints[None])
+        return float((origin + rotation @ program.flange_from_tool.origin - program.base_from_work.origin)[0, 2])
+
+    lowest, least = height(hanging), min(height(corner) for corner in fan[0])
+    assert lowest < least - 5
+    assert not _keeps_above(program, arm, fan, least - 1)
+    assert _keeps_above(program, arm, fan, lowest - 1)
 
 
 def test_ways_are_as_fast_as_the_joints_unless_a_speed_is_asked_for(holes: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Container, Sequence
 from itertools import pairwise
 
@@ -218,8 +217,8 @@ def _begin(
     pace = pace_of(arm, cell.pace, job.process.travel_speed)
     ground = Ground(tuple(items), pace, home_of(arm, cell, where.scene), lines)
     # The tip keeps above the part where it goes from path to path.
-    floor = min(job.process.approach, high / 2) if high > 0 else -math.inf
-    wish = Wish(not asked.fixed and job.tour.method == "best", job.tool.symmetric and arm.arm is not None, floor)
+    loose, floor = job.tool.symmetric and arm.arm is not None, job.process.least_height
+    wish = Wish(not asked.fixed and job.tour.method == "best", loose, floor)
     room = room_of(replace(where, margin=GRAZE), setup)
     work = Work(setup, room, ground, states, asked.rules, wish, set(), [], set(), set(), set(), {}, {})
     if free is None or wide.margin == 0:
