@@ -16,7 +16,9 @@ FLOORS = [
 FLOOR = {folder: k for k, folders in enumerate(FLOORS) for folder in folders}
 #: What a post and a read-back may know of camgen: posts stay independent of whoever plans.
 POST_MAY_IMPORT = ("camgen.model", "camgen.post", "camgen.geometry")
-READBACK_MAY_IMPORT = (*POST_MAY_IMPORT, "camgen.read.gcode")
+#: A read-back is a layer over the interpreter of its language.
+LANGUAGES = tuple(f"camgen.read.{name}" for name in ("gcode", "pacscript", "rapid", "vplus", "programs"))
+READBACK_MAY_IMPORT = (*POST_MAY_IMPORT, *LANGUAGES)
 
 
 def name_of(path: Path) -> str:

@@ -14,7 +14,7 @@ from camgen.geometry.arcs import arc_lengths, span_lengths
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, Tour
 from camgen.model.pose import FloatArray, Vec3, frozen
-from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, ToolChange, Wait
+from camgen.model.program import Columns, Force, MoveC, MoveJ, MoveL, Output, Stop, ToolChange, Wait
 from camgen.plan import Coverage
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Cycle(Struct, frozen=True, eq=False):
     links: FloatArray
 
 
-_COUNTED = (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange)
+_COUNTED = (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange, Stop)
 
 
 def sum_up(columns: Columns) -> Motions:

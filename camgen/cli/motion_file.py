@@ -31,6 +31,7 @@ from camgen.model.program import (
     Output,
     Posture,
     Program,
+    Stop,
     ToolChange,
     Wait,
 )
@@ -117,11 +118,15 @@ class _ToolChange(_Line, frozen=True, tag="toolchange"):
     flange_from_tool: _Frame | None = None
 
 
+class _Stop(_Line, frozen=True, tag="stop"):
+    optional: bool = False
+
+
 class _Comment(_Line, frozen=True, tag="comment"):
     text: str
 
 
-_Any = _MoveJ | _MoveL | _MoveC | _Output | _Wait | _Force | _ToolChange | _Comment
+_Any = _MoveJ | _MoveL | _MoveC | _Output | _Wait | _Force | _ToolChange | _Stop | _Comment
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -195,16 +200,7 @@ def _clean(origin: Origin) -> Origin:
 def _line(item: Instruction, known: _Rotations) -> _Any:
     match item:
         case MoveJ():
-            posture = item.joints.values if item.joints else None
-            owner = item.path, item.work, item.share or None
-            if isinstance(item.target, Joints):
-                return _MoveJ(
-                    item.speed, None, -1, item.target.values, item.blend or None, posture, item.posture, *owner
-                )
-            place = known.place(item.target.rotation)
-            return _MoveJ(
-                item.speed, item.target.origin, place, None, item.blend or None, posture, item.posture, *owner
-            )
+            return _joint_line(item, known)
         case MoveL():
             place = known.place(item.target.rotation)
             return _MoveL(item.target.origin, place, item.speed, *_tail(item), item.turn or None)
@@ -221,8 +217,18 @@ def _line(item: Instruction, known: _Rotations) -> _Any:
             pose = item.flange_from_tool
             frame = None if pose is None else _Frame(pose.origin, known.place(pose.rotation))
             return _ToolChange(item.number, clean(item.name), item.diameter, item.length, frame)
+        case Stop():
+            return _Stop(item.optional)
         case Comment():
             return _Comment(clean(item.text))
+
+
+def _joint_line(item: MoveJ, known: _Rotations) -> _MoveJ:
+    posture = item.joints.values if item.joints else None
+    rest = item.blend or None, posture, item.posture, item.path, item.work, item.share or None
+    if isinstance(item.target, Joints):
+        return _MoveJ(item.speed, None, -1, item.target.values, *rest)
+    return _MoveJ(item.speed, item.target.origin, known.place(item.target.rotation), None, *rest)
 
 
 _Tail = tuple[float | None, float | None, Vec3 | None, tuple[float, ...] | None, Posture | None, int, bool]
@@ -299,6 +305,8 @@ def _instruction(line: _Any, pose: Callable[[Vec3, int], Pose]) -> Instruction:
             frame = line.flange_from_tool
             tool = None if frame is None else pose(frame.origin, frame.rotation)
             return ToolChange(line.number, line.name, line.diameter, line.length, tool)
+        case _Stop():
+            return Stop(line.optional)
         case _Comment():
             return Comment(line.text)
 

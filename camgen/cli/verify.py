@@ -28,6 +28,7 @@ _NAMES = {
     "Wait": "wait",
     "Force": "force change",
     "ToolChange": "tool change",
+    "Stop": "stop",
 }
 
 

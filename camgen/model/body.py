@@ -25,6 +25,7 @@ from camgen.model.instructions import (
     MoveJ,
     MoveL,
     Output,
+    Stop,
     ToolChange,
     Wait,
 )
@@ -34,7 +35,9 @@ Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 #: The numbers of the kinds of instructions in ``Packed.kind``; motions come first.
-NUMBER: dict[type, int] = {MoveJ: 0, MoveL: 1, MoveC: 2, Output: 3, Wait: 4, Force: 5, Comment: 6, ToolChange: 7}
+NUMBER: dict[type, int] = {
+    MoveJ: 0, MoveL: 1, MoveC: 2, Output: 3, Wait: 4, Force: 5, Comment: 6, ToolChange: 7, Stop: 8
+}  # fmt: skip
 _SWING, _LINE, _ARC = NUMBER[MoveJ], NUMBER[MoveL], NUMBER[MoveC]
 #: So many instructions are objects at a time.
 _BLOCK = 8192

@@ -126,6 +126,12 @@ class ToolChange(Struct, frozen=True):
     flange_from_tool: Pose | None = None
 
 
+class Stop(Struct, frozen=True, gc=False):
+    """Stands still until the operator lets it go on. optional: only where the operator's switch says so."""
+
+    optional: bool = False
+
+
 class Comment(Struct, frozen=True, gc=False):
     """A remark for whoever reads the program; posts clean it."""
 
@@ -133,4 +139,4 @@ class Comment(Struct, frozen=True, gc=False):
 
 
 Motion = MoveJ | MoveL | MoveC
-Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | ToolChange | Comment
+Instruction = MoveJ | MoveL | MoveC | Output | Wait | Force | ToolChange | Stop | Comment

@@ -28,6 +28,7 @@ from camgen.model.instructions import (
     Origin,
     Output,
     Posture,
+    Stop,
     ToolChange,
     Wait,
 )
@@ -38,7 +39,7 @@ from camgen.model.tolerance import SAME_POINT_MM
 #: All that a program is made of is found here.
 __all__ = [
     "Body", "Columns", "Comment", "Force", "Indices", "Instruction", "Joints", "Mask", "Motion", "MoveC", "MoveJ",
-    "MoveL", "Origin", "Output", "Packing", "Posture", "Program", "ToolChange", "Wait", "check", "check_frame",
+    "MoveL", "Origin", "Output", "Packing", "Posture", "Program", "Stop", "ToolChange", "Wait", "check", "check_frame",
     "column", "distinct", "join", "motions", "numbers", "pack", "put_at", "put_off_first", "splice", "take",
 ]  # fmt: skip
 

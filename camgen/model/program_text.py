@@ -20,6 +20,7 @@ from camgen.model.program import (
     Output,
     Posture,
     Program,
+    Stop,
     ToolChange,
     Wait,
 )
@@ -45,9 +46,7 @@ def dump(program: Program) -> str:
 def _line(item: Instruction, rotations: dict[bytes, str]) -> str:
     match item:
         case MoveJ():
-            if isinstance(item.target, Joints):
-                return "movej joints " + _numbers(item.target.values, _ANGLE_DIGITS) + _tail(item)
-            return "movej " + _pose_text(item.target, rotations) + _tail(item)
+            return "movej " + _target_text(item.target, rotations) + _tail(item)
         case MoveL():
             return "movel " + _pose_text(item.target, rotations) + _tail(item)
         case MoveC():
@@ -63,8 +62,16 @@ def _line(item: Instruction, rotations: dict[bytes, str]) -> str:
             frame = "" if item.flange_from_tool is None else f" frame {_pose_text(item.flange_from_tool)}"
             size = f"{short(item.diameter, _DIGITS)} {short(item.length, _DIGITS)}"
             return f"toolchange {item.number} {size}{frame} name {harmless(item.name)}"
+        case Stop():
+            return "stop optional" if item.optional else "stop"
         case Comment():
             return f"# {harmless(item.text, 200)}"
+
+
+def _target_text(target: Pose | Joints, rotations: dict[bytes, str]) -> str:
+    if isinstance(target, Joints):
+        return "joints " + _numbers(target.values, _ANGLE_DIGITS)
+    return _pose_text(target, rotations)
 
 
 def _numbers(values: tuple[float, ...], digits: int) -> str:
@@ -176,6 +183,8 @@ def _parse_instruction(word: str, rest: str) -> Instruction:
         return Output(signal, float(value))
     if word == "wait":
         return Wait(float(rest))
+    if word == "stop":
+        return Stop(rest == "optional")
     if word == "toolchange":
         words, _, name = rest.partition(" name ")
         number, diameter, length, *frame = words.removesuffix(" name").split()

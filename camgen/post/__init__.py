@@ -41,6 +41,7 @@ from camgen.model.program import (
     Output,
     Packing,
     Program,
+    Stop,
     ToolChange,
     Wait,
     pack,
@@ -189,6 +190,10 @@ class Post(ABC):
         """The lines of a tool change. A post that does not override this leaves ``changes_tools`` false."""
         raise Refused(self.name, -1, "the post changes no tool", "write a program a tool")
 
+    def stop(self, item: Stop) -> Sequence[str]:  # noqa: ARG002 (for those who override)
+        """The lines that stop until the operator goes on. A post without them must refuse it."""
+        raise Refused(self.name, -1, "the post prints no stop for the operator", "leave the stop out")
+
     def print_force(self, item: Force) -> Sequence[str]:  # noqa: ARG002 (for those who override)
         """The lines that turn force control on or off. A post without force must refuse it."""
         raise Refused(self.name, -1, "the post prints no force control", "set process.force = 0")
@@ -258,6 +263,9 @@ class Post(ABC):
         changes = np.flatnonzero(columns.are(ToolChange))
         if len(changes) and not self.changes_tools:
             raise Refused(self.name, int(changes[0]), "the post changes no tool", "write a program a tool")
+        stops = np.flatnonzero(columns.are(Stop))
+        if len(stops) and type(self).stop is Post.stop:
+            raise Refused(self.name, int(stops[0]), "the post prints no stop for the operator", "leave the stop out")
         doubtful = np.flatnonzero(~self.accepts(columns))
         places: list[int] = []
         sizes: list[int] = []
@@ -338,6 +346,7 @@ class Post(ABC):
             Wait: self.wait,
             Force: self.print_force,
             ToolChange: self.change_tool,
+            Stop: self.stop,
             Comment: lambda item: (self.note(item.text),),
         }
 

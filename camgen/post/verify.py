@@ -48,6 +48,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
+    Stop,
     ToolChange,
     Wait,
     numbers,
@@ -172,7 +173,7 @@ def _pair(planned: Program, reading: Reading) -> tuple[_Both, Indices]:
     at, read_at = (np.flatnonzero(~side.are(Comment)) for side in (plan, read))
     size = min(len(at), len(read_at))
     same = np.ones(size, np.bool_)
-    for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange):
+    for kind in (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange, Stop):
         same &= plan.are(kind)[at[:size]] == read.are(kind)[read_at[:size]]
     common = _first_false(same)
     for kind, said in ((Output, _signals), (MoveJ, _joints)):
@@ -222,6 +223,8 @@ def _say(body: Sequence[Instruction], at: Indices, place: int) -> str:
             return f"force {short(newtons, 3)} N"
         case ToolChange(number):
             return f"change to tool {number}"
+        case Stop():
+            return "a stop"
     return type(item).__name__
 
 
@@ -359,6 +362,7 @@ def _others(both: _Both, tolerance: Tolerance, carries: frozenset[str]) -> Itera
     yield both.others(Output, "output", "value", _VALUE)
     yield both.others(Wait, "wait", "seconds", tolerance.seconds)
     yield both.others(ToolChange, "tool change", "number", 0.0)
+    yield both.others(Stop, "stop", "optional", 0.0)
     newtons = both.others(Force, "force", "newtons", tolerance.force)
     yield newtons
     if "force-direction" in carries and np.any(newtons.planned):

@@ -27,6 +27,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
+    Stop,
     ToolChange,
     Wait,
 )
@@ -93,6 +94,8 @@ class PacScript(PacScriptOptions):
                 )
             case Force():
                 return self._force_reason(item.newtons, item.force_direction)
+            case Stop():
+                return "the post has no stop for the operator; leave it out"
             case Comment() | ToolChange():
                 return ""
         reason = self._speed_reason(item.speed)

@@ -1,0 +1,104 @@
+"""What a program does that somebody else wrote, whatever its language: one type that all interpreters return.
+
+A language is found through the entry points ``camgen.languages``; the name is that of the post whose controller speaks
+it. ``verify`` judges by it, and ``build`` posts what it says anew for another controller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal
+
+from msgspec import Struct, field
+
+from camgen.model.limits import Limits
+from camgen.model.plugins import entries, find, load
+from camgen.model.pose import Pose
+from camgen.model.program import Instruction
+
+LANGUAGES = "camgen.languages"
+
+#: What a controller turns down or what ends it; what it takes and may do harm; what it takes and few would write.
+Level = Literal["refused", "dangerous", "unusual"]
+
+
+class Finding(Struct, frozen=True):
+    """Something about a line of a program. line: 1-based, counted through all files in order. what: with its reason."""
+
+    level: Level
+    line: int
+    what: str
+
+
+class Frames(Struct, frozen=True, eq=False):
+    """The tool and the work object in force, by the names that the text gives them, "" where it names none.
+
+    flange_from_tool, base_from_work: None where the text does not say them.
+    """
+
+    tool: str = ""
+    work: str = ""
+    flange_from_tool: Pose | None = None
+    base_from_work: Pose | None = None
+
+
+class Assumption(Struct, frozen=True):
+    """What a program asked for that no text holds, and what was taken: an input, a wait, a question to the operator.
+
+    key: what the user says to set it otherwise (``--assume key=value``), "" where it cannot be set.
+    """
+
+    line: int
+    what: str
+    key: str = ""
+    value: float = 0.0
+
+
+class Ask(Struct, frozen=True):
+    """What the user says of a program. dialect: of the language, "" its own. assume: values by name in lower case, of
+    inputs and whatever else no text holds. points: files of locations by name. entry: where it begins, "" as usual.
+    """
+
+    dialect: str = ""
+    assume: Mapping[str, float] = field(default_factory=dict)
+    points: Mapping[str, str] = field(default_factory=dict)
+    entry: str = ""
+    limits: Limits = Limits()
+
+
+class Executed(Struct, frozen=True, eq=False):
+    """What a program does when it is run once.
+
+    body: (N) motions to poses in the work frame in force or to joint values, outputs, waits, stops. lines: (N) 1-based,
+    counted through all files. frames: those used, in order; frame: (N) the place in ``frames`` of those in force, empty
+    where there is at most one. findings: in order of line. assumed: likewise, each told once. facts: label and text
+    of what else stands in the program and moves nothing. stopped: line and reason where it could not be run to its end.
+    """
+
+    body: Sequence[Instruction]
+    lines: tuple[int, ...]
+    frames: tuple[Frames, ...] = ()
+    frame: tuple[int, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    assumed: tuple[Assumption, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+    stopped: tuple[int, str] | None = None
+
+
+class Language(Struct, frozen=True):
+    """One language of controllers. suffixes: in small letters, with the dot. dialects: the names that ``Ask.dialect``
+    takes. recognise: whether the beginning of a text is surely in this language. run: what its files say, by name in
+    order, LF line ends; never raises for a text.
+    """
+
+    name: str
+    about: str
+    suffixes: tuple[str, ...]
+    recognise: Callable[[str], bool]
+    run: Callable[[Mapping[str, str], Ask], Executed]
+    dialects: tuple[str, ...] = ()
+
+
+def find_language(name: str) -> Language:
+    """The language of the controller that the post ``name`` writes for. JobError if none is installed."""
+    return load(find(entries(LANGUAGES), name, "language", "camgen posts lists them"))  # type: ignore[return-value]
