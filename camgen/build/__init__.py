@@ -321,7 +321,8 @@ def _insist(part: Part, notes: Sequence[Note], something: bool, strict: bool) ->
     skipped = [note for note in notes if note.kind == "skipped"]
     if not part.contours and not part.curves and part.solid is None and not isinstance(part, Recorded):
         raise InputError(part.source, "nothing to work on", remedy="camgen inspect shows what the file holds")
-    if not something:
+    # A robot program may be all motions of the joints.
+    if not something and not _is_taught(part):
         # What the planner left out comes last; what the reader left out is not why the contours have no path.
         last = next((note for note in reversed(skipped) if note not in part.notes), Note("skipped", "nothing fits"))
         raise NoSafeProgram(part.source, f"no path is left: {last.what}", last.why)
@@ -340,9 +341,14 @@ def _header(
         *(f"part: {one.name}" for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
+        *(["what it does once; its routines and loops are not carried over"] if _is_taught(part) else []),
         *_tool_lines(job, cell),
         f"work frame: {_frame(cell.base_from_work)}",
     )
+
+
+def _is_taught(part: Part) -> bool:
+    return isinstance(part, Recorded) and part.run.whole
 
 
 def _tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from camgen.model.text import counted
 from camgen.read import read
 from camgen.read.files import Files, identity
 from camgen.read.gcode.interpreter import Recorded
+from camgen.read.programs import Frames
 from camgen.robots.models import Robot
 from camgen.robots.workcell import Workcell, equip
 
@@ -47,8 +48,25 @@ def read_cell(part: Part | None, job: Job, cell: Cell, files: Files) -> Workcell
     """The cell of ``job`` on the base of ``cell``, that of a post, with the arm that ``part`` is checked with."""
     files = files.within(job.limits)
     in_space = part is not None and (part.solid is not None or bool(part.curves))
-    arm = _hold(_arm(job.cell.robot or (cell.robot if in_space else ""), files), job)
-    return equip(cell, job, arm, _meshes(job, files))
+    taught = _frames_of(part)
+    arm = _hold(_arm(job.cell.robot or (cell.robot if in_space or taught else ""), files), job)
+    if taught is None:
+        return equip(cell, job, arm, _meshes(job, files))
+    if taught.base_from_work is not None:
+        cell = replace(cell, base_from_work=taught.base_from_work)
+    equipped = equip(cell, job, arm, _meshes(job, files))
+    if taught.flange_from_tool is None or job.cell.flange_from_tool is not None:
+        return equipped
+    return replace(equipped, flange_from_tool=taught.flange_from_tool)
+
+
+def _frames_of(part: Part | None) -> Frames | None:
+    """What a robot program says of its frames; None for everything else."""
+    if not (isinstance(part, Recorded) and part.run.whole):
+        return None
+    from camgen.read.taught import Taught  # noqa: PLC0415 (only for what needs it)
+
+    return part.frames if isinstance(part, Taught) else None
 
 
 def join_parts(parts: Sequence[Part]) -> Part:

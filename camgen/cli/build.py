@@ -98,7 +98,8 @@ def _posture(result: Result) -> str:
 def _input(result: Result) -> str:
     if isinstance(result.part, Recorded):
         done = counted(len(result.part.run.body), "instruction")
-        return f"{result.part.source}: {result.part.units}, G-code that gives {done}"
+        kind = "a robot program" if result.part.run.whole else "G-code"
+        return f"{result.part.source}: {result.part.units}, {kind} that gives {done}"
     if result.part.curves:
         curves = result.part.curves
         level = sum(curve.level is not None for curve in curves)

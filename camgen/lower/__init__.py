@@ -23,9 +23,9 @@ def lower(tour: Tour, cell: Cell, job: Job, name: str = "part", header: tuple[st
 
         return lower_edges(tour, cell, job, name, header)
     if isinstance(tour, ReplayTour):
-        from camgen.lower.replay import lower_replay  # noqa: PLC0415 (the interpreter, only for what needs it)
+        from camgen.lower.replay import lower_replay, lower_taught  # noqa: PLC0415 (only for what needs them)
 
-        return lower_replay(tour, cell, job, name, header)
+        return (lower_taught if tour.run.whole else lower_replay)(tour, cell, job, name, header)
     if isinstance(tour, JobTour):
         from camgen.lower.steps import lower_steps  # noqa: PLC0415 (only for jobs with several operations)
 

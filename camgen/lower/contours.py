@@ -197,9 +197,12 @@ def finish(
 
 
 def turn_slowly(body: Sequence[Instruction], speed: float) -> Sequence[Instruction]:
-    """``body`` with the speed, rad/s, in all motions that turn the tool where it stays in its place."""
+    """``body`` with the speed, rad/s, in all motions that turn the tool where it stays in its place and say none."""
     columns = Columns(body)
-    changed = {int(columns.at[k]): (replace(columns.moves[k], turn=speed),) for k in np.flatnonzero(columns.turned)}
+    changed = {
+        int(columns.at[k]): (replace(columns.moves[k], turn=speed),)
+        for k in np.flatnonzero(columns.turned & (columns.turn == 0))
+    }
     return splice(body, changed) if changed else body
 
 

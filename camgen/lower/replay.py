@@ -17,10 +17,11 @@ from camgen.lower.corners import Corners, blend_corners, corner_tolerance
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose
-from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order import ReplayTour
 from camgen.plan.replay import moving, owners
+from camgen.plan.taught import stretches
 
 
 def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
@@ -59,10 +60,31 @@ def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", hea
     return finish(out, tour.paths, cell, job, name, header)
 
 
+def lower_taught(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
+    """What a robot program does, for the machine in ``cell``: from its home to the first motion, and all the others as
+    they are. What it leaves on at its end is switched off.
+    """
+    body = tour.run.body
+    moves = [item for item in body if isinstance(item, MoveJ | MoveL | MoveC)]
+    last = [high for _, high in stretches(moves)]
+    owner = np.append(np.arange(len(last)), -1)[np.searchsorted(last, np.arange(len(moves)), side="right")]
+    following = iter(zip(moves, owner.tolist(), strict=True))
+    out: list[Instruction] = [MoveJ(cell.home, job.process.travel_speed)]
+    for item in body:
+        if isinstance(item, MoveJ | MoveL | MoveC):
+            _, path = next(following)
+            out.append(replace(item, path=path, work=path >= 0 and not isinstance(item, MoveJ)))
+        else:
+            out.append(item)
+    return finish([*out, *_left_on(out)], tour.paths, cell, job, name, header)
+
+
 def _left_on(body: list[Instruction]) -> list[Instruction]:
     """What switches off the outputs that a program leaves on: the end of its own machine's program did."""
     last = {item.signal: item.value for item in body if isinstance(item, Output)}
-    return [Output(name, 0.0) for name, value in last.items() if value]
+    pressing = next((item.newtons for item in reversed(body) if isinstance(item, Force)), 0.0)
+    force = [Force(0.0)] if pressing else []
+    return [*(Output(name, 0.0) for name, value in last.items() if value), *force]
 
 
 def _rapid(target: Pose, cartesian: bool, speed: float) -> MoveJ | MoveL:

@@ -116,7 +116,7 @@ class OperationTable(Table, frozen=True):
             description="follow: the tool runs beside the contour; trace: its centre runs on the line; fill: it covers "
             "what closed contours enclose; pocket: it clears that, from the middle outwards; bore: circles larger "
             "than the tool, on a helix; chamfer: edges, with a V tool; drill: marks, rings and circles; edges: of a "
-            "3-D part; replay: what a G-code program does; auto: by the input"
+            "3-D part; replay: what a G-code or robot program does; auto: by the input"
         ),
     ] = "auto"
     options: Annotated[dict[str, Any], Meta(description="settings of an operation that another package brings")] = {}
@@ -197,6 +197,13 @@ class OperationTable(Table, frozen=True):
             "that looks more that way; ids of faces as inspect prints them: after all others, in this order"
         ),
     ] = "top"
+    taught_on: Annotated[
+        str,
+        Meta(
+            description="replay of a robot program: the arm that it was written for, one of `camgen robots` or a URDF: "
+            "its joint values become what they are on the arm of the cell"
+        ),
+    ] = ""
 
 
 class ToolTable(Table, frozen=True):

@@ -126,10 +126,12 @@ def _edges(part: Part, job: Job, cell: Cell | None, watch: Watch) -> Plan:
     return plan_edges(part, job, cell, watch)
 
 
-def _replay(part: Part, job: Job, _cell: Cell | None, _watch: Watch) -> Plan:
+def _replay(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
     from camgen.plan.replay import plan_replay  # noqa: PLC0415 (the interpreter, only for what needs it)
+    from camgen.plan.taught import plan_taught  # noqa: PLC0415
+    from camgen.read.taught import Taught  # noqa: PLC0415
 
-    return plan_replay(part, job)
+    return plan_taught(part, job, cell) if isinstance(part, Taught) else plan_replay(part, job)
 
 
 FOLLOW = Operation(

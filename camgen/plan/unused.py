@@ -17,7 +17,7 @@ _SETTING = re.compile(r"\b[a-z]+\.[a-z_]+\b")
 _STAND = ("axis", "angles")
 _EDGES = {
     "input": ("select",),
-    "operation": ("offset", "trim", "offset_along", "last_face"),
+    "operation": ("offset", "trim", "offset_along", "last_face", "taught_on"),
     "tool": ("axis_tilt", *_STAND),
 }
 _PICTURES = {"image": _ALL, "camera": _ALL}
@@ -25,7 +25,7 @@ _REPLAYS = {"process": ("max_feed",)}
 _CONTOURS = (
     "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius", "inside_first", "stepover",
     "holes", "depth", "passes", "lead_in", "lead_out", "overlap", "width", "finish", "entry", "entry_angle", "tabs",
-    "tab_spacing", "tab_width", "tab_height",
+    "tab_spacing", "tab_width", "tab_height", "taught_on",
 )  # fmt: skip
 _CURVES: dict[str, tuple[str, ...]] = {
     **_PICTURES,
@@ -76,6 +76,12 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
             *("spindle", "signal", "switch", "dwell"),
         ),
     },
+}
+#: A robot program says more itself, and may name its arm.
+_IDLE["a taught program"] = _IDLE["a replay"] | {
+    "operation": tuple(name for name in _IDLE["a replay"]["operation"] if name != "taught_on"),
+    "tolerance": ("corner",),
+    "process": (*_IDLE["a replay"]["process"], "clearance", *_REPLAYS["process"]),
 }
 
 #: Settings that only these operations read.

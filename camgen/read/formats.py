@@ -97,6 +97,25 @@ GCODE = Reader(
     read=_read_with("camgen.read.gcode"),
     inspect=_inspect_with("camgen.read.gcode"),
 )
+
+
+def _robot(name: str, about: str, suffixes: tuple[str, ...]) -> Reader:
+    """The programs of a robot controller, whose language is ``name``."""
+
+    def read(source: Source, job: Job, _files: Files) -> Part:
+        part: Part = import_module("camgen.read.taught").read(source, job, name)
+        return part
+
+    def inspect(source: Source, _job: Job, _files: Files) -> object:
+        found: object = import_module("camgen.read.taught").inspect(source, name)
+        return found
+
+    return Reader(name, about, suffixes, "program", read, inspect)
+
+
+RAPID = _robot("rapid", "a RAPID module", (".mod", ".modx", ".prg", ".sys", ".sysx"))
+VPLUS = _robot("vplus", "a V+ program", (".v2", ".pg", ".vp"))
+PACSCRIPT = _robot("pacscript", "a PacScript program", (".pcs", ".pac"))
 POINTS = Reader(
     name="xyz",
     about="a list of points in space",

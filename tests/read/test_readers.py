@@ -156,7 +156,8 @@ def test_an_unknown_file_is_told_what_camgen_reads() -> None:
         find_reader(Source(Path("a.doc"), b"x"))
     assert str(caught.value) == (
         "a.doc: is not a kind of file that camgen reads; give a DXF drawing, G-code, a PNG, JPEG, TIFF, BMP or PGM "
-        "picture, a 3-D part, an SVG drawing, a list of points in space"
+        "picture, a PacScript program, a RAPID module, a 3-D part, an SVG drawing, a V+ program, a list of points in "
+        "space"
     )
 
 
@@ -170,6 +171,6 @@ def test_an_unknown_format_is_told_those_there_are(capsys: pytest.CaptureFixture
     assert main(["build", "-", "--format", "dfx", "--post", "gcode"]) == 2
     said = capsys.readouterr().err
     assert said == (
-        "camgen: error: --format: no reader is called dfx; give one of dxf, gcode, image, solid, svg, xyz, "
-        "or a suffix\n"
+        "camgen: error: --format: no reader is called dfx; give one of dxf, gcode, image, pacscript, rapid, solid, "
+        "svg, vplus, xyz, or a suffix\n"
     )

@@ -38,7 +38,7 @@ class ProgramRun(Struct, frozen=True, eq=False):
     motions at the start whose position is not known in all axes, not in the body. entry: mm/s at which an assumed start
     is reached, 0 where the text says it. stopped: the line and the reason where it cannot be read on. unread: whether
     that is a code which is not known. ended: whether the text says so (M2, M30, a second per cent sign). units: "mm" or
-    "inch".
+    "inch". whole: it is a robot's, and brings its ways from path to path.
     """
 
     body: tuple[Instruction, ...]
@@ -50,6 +50,7 @@ class ProgramRun(Struct, frozen=True, eq=False):
     unread: bool
     ended: bool
     units: str
+    whole: bool = False
 
 
 def interpret(lines: Sequence[str], limits: Limits = LINUXCNC, bounds: Bounds = _BOUNDS) -> ProgramRun:
