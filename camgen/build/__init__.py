@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -33,7 +32,7 @@ from camgen.model.errors import Blocked, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.part import IntArray, Note, Part, sort_notes
 from camgen.model.path import ToolPath, Tour
-from camgen.model.pose import Pose, fixed_xyz
+from camgen.model.pose import tell_frame
 from camgen.model.program import MoveJ, Program
 from camgen.model.text import counted, short
 from camgen.model.version import __version__
@@ -343,7 +342,7 @@ def _header(
         f"units: mm - drawing: {part.units}",
         *(["what it does once; its routines and loops are not carried over"] if _is_taught(part) else []),
         *_tool_lines(job, cell),
-        f"work frame: {_frame(cell.base_from_work)}",
+        f"work frame: {tell_frame(cell.base_from_work)}",
     )
 
 
@@ -356,16 +355,10 @@ def _tool_lines(job: Job, cell: Cell) -> tuple[str, ...]:
     jobs = [job_of(job, step) for step in job.operations] or [job]
     lines = [
         f"tool: {one.tool.name + ' - ' if one.tool.name else ''}diameter {short(one.tool.diameter, 3)} mm - frame "
-        + _frame(frame_of(one, cell) if job.operations else cell.flange_from_tool)
+        + tell_frame(frame_of(one, cell) if job.operations else cell.flange_from_tool)
         for one in jobs
     ]
     return tuple(dict.fromkeys(lines))
-
-
-def _frame(pose: Pose) -> str:
-    """The origin x y z in mm and rx ry rz in deg (contract, section 3)."""
-    angles = (math.degrees(angle) for angle in fixed_xyz(pose.rotation))
-    return " ".join([*(short(v, 3) for v in pose.origin), *(short(a, 4) for a in angles)])
 
 
 def program_files(result: Result, folder: Path, file: Path | None) -> list[tuple[Path, bytes]]:

@@ -63,11 +63,8 @@ _COUNTED = (MoveJ, MoveL, MoveC, Output, Wait, Force, ToolChange, Stop)
 def sum_up(columns: Columns) -> Motions:
     """The sums of a body of instructions."""
     end, via, speed = columns.ends, columns.vias, columns.speed
-    start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
-    arc, line, joint = (columns.moves_are(kind) for kind in (MoveC, MoveL, MoveJ))
-    length = np.linalg.norm(end - start, axis=1)
-    length[arc] = arc_lengths(start[arc], via[arc], end[arc])
-    length = np.nan_to_num(length)  # of motions from where nobody knows
+    line, arc, joint = (columns.moves_are(kind) for kind in (MoveL, MoveC, MoveJ))
+    length = motion_lengths(columns)
     seconds = math.fsum((length / speed).tolist())
     waits = math.fsum(item.seconds for item in columns.of(Wait))
     points = np.concatenate([end, via])
@@ -86,6 +83,16 @@ def sum_up(columns: Columns) -> Motions:
         outputs={name: tuple(values) for name, values in outputs.items()},
         force=max((item.newtons for item in columns.of(Force)), default=0.0),
     )
+
+
+def motion_lengths(columns: Columns) -> FloatArray:
+    """(M,) mm of the TCP, 0 of motions from where or to where nobody knows."""
+    end, via = columns.ends, columns.vias
+    start = np.concatenate([np.full((min(1, len(end)), 3), np.nan), end[:-1]])
+    arc = columns.moves_are(MoveC)
+    length = np.linalg.norm(end - start, axis=1)
+    length[arc] = arc_lengths(start[arc], via[arc], end[arc])
+    return np.asarray(np.nan_to_num(length))
 
 
 def _corner(values: FloatArray) -> Vec3:

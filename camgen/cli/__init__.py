@@ -235,10 +235,21 @@ def _init(sub: _Parser) -> None:
 
 def _verify(sub: _Parser) -> None:
     sub.add_argument("programs", metavar="PROGRAM", nargs="+", help="program, all its files in order")
-    _post(sub)
+    sub.add_argument("--post", metavar="NAME", help="controller (default: what the program looks like); or a .py file")
     _job(sub)
     sub.add_argument("--plan", metavar="PLAN.json", help="compare with this plan, as build --plan wrote it")
     sub.add_argument("--part", metavar="DRAWING", help="prove that nothing of this part is cut that must stay")
+    sub.add_argument("--dialect", metavar="NAME", help="of the language, e.g. fanuc, mach3, grbl, marlin of G-code")
+    sub.add_argument(
+        "--assume",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="an input, or what else no text holds, e.g. di1=1; may be repeated",
+    )
+    sub.add_argument("--points", metavar="FILE", action="append", default=[], help="locations by name; may be repeated")
+    sub.add_argument("--entry", metavar="NAME", help="the routine that is run (default: main, or the first)")
+    sub.add_argument("--report", metavar="FILE.html", help="write a page with the motion, the text and its faults")
     _json(sub)
 
 

@@ -20,6 +20,7 @@ from camgen.plan.steps import job_of, share_out
 from camgen.post import Reading
 from camgen.read import read
 from camgen.read.files import Files
+from camgen.read.programs import Executed
 
 #: So many faults of a kind are listed.
 _LISTED = 20
@@ -34,7 +35,7 @@ class StockSays(Struct, frozen=True):
 
 
 def judge(
-    program: str, drawing: Path, job: Job, reading: Reading, files: Files, place: Callable[[int], str]
+    program: str, drawing: Path, job: Job, reading: Reading | Executed, files: Files, place: Callable[[int], str]
 ) -> StockSays:
     """The proof of what was read. place: file and line of a line counted through all files.
 
@@ -64,7 +65,7 @@ def _task(part: Part, job: Job, columns: Columns) -> Task:
     return Task(replace(job, operation=replace(job.operation, kind="follow", depth=depth)), part)
 
 
-def _cuts_by_tool(program: str, reading: Reading, columns: Columns, job: Job) -> list[Cut]:
+def _cuts_by_tool(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> list[Cut]:
     """What each tool of a program does. JobError where it does not say which tools of the job it has."""
     used = [step.tool for step in job.operations]
     changes = np.flatnonzero(columns.are(ToolChange)).tolist()
@@ -87,7 +88,7 @@ def _cuts_by_tool(program: str, reading: Reading, columns: Columns, job: Job) ->
     return cuts
 
 
-def _cut(program: str, reading: Reading, columns: Columns, job: Job) -> Cut:
+def _cut(program: str, reading: Reading | Executed, columns: Columns, job: Job) -> Cut:
     """Controllers without a rapid motion travel at process.travel on straight lines."""
     rapid = columns.moves_are(MoveJ) & columns.posed
     process = job.process

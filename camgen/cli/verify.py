@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-import itertools
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
+from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
+from camgen.cli.judge import as_data, ask_of, check_page, find_own, rows_of, tell_findings, verdict
 from camgen.cli.motion_file import load as load_plan
+from camgen.cli.program_texts import Places, read_texts
 from camgen.cli.say import Voice, length, table
 from camgen.lower.steps import split_tools
-from camgen.model.errors import InputError
+from camgen.model.errors import CamgenError, InputError, JobError
+from camgen.model.job import Job
+from camgen.model.plugins import entries
 from camgen.model.program import Columns, Program
-from camgen.model.text import counted, duration, grouped, short
-from camgen.post import Fault, Post, Remark
+from camgen.model.text import counted, duration, short
+from camgen.post import Fault, Post, Reading, Remark
 from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
-from camgen.read.files import Files, reason
+from camgen.read.files import Files
 from camgen.read.job_file import beside, load
+from camgen.read.programs import LANGUAGES, Executed
 
 _NAMES = {
     "MoveJ": "joint motion",
@@ -30,33 +36,88 @@ _NAMES = {
     "ToolChange": "tool change",
     "Stop": "stop",
 }
+Row = tuple[str, str]
+
+
+class _Asked(NamedTuple):
+    """What the user gives: the arguments, the program with its texts, the job, and the drawing that it is proven on."""
+
+    arguments: Namespace
+    paths: Sequence[Path]
+    texts: Mapping[str, str]
+    job: Job
+    drawing: Path | None
+    files: Files
 
 
 def run(arguments: Namespace, says: Voice) -> int:
-    """Prints the sums and the faults of a program; InputError when it has faults, VerifyError when it deviates,
-    NoSafeProgram when it cuts what must stay of the part that ``--part`` names.
+    """Prints the sums and the findings of a program. InputError when it has faults, VerifyError when it deviates,
+    NoSafeProgram when it is dangerous, or cuts what must stay of the part that ``--part`` names.
 
-    A remark is a fault only where the program is compared with a plan: our own leave nothing open.
+    A program with a plan or a job is one of ours, and is judged as strictly as a build does; any other by its language.
     """
     paths = [Path(name) for name in arguments.programs]
     files = Files()
-    plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
     drawing = Path(arguments.part) if arguments.part else None
-    named = beside(arguments.job, None if plan else paths[0])
+    named = beside(arguments.job, None if arguments.plan else paths[0])
     job = load(named or beside(None, drawing), arguments.sets, files)
+    texts = read_texts(paths, files)
+    ours = bool(arguments.plan or named or job.post)
+    spoken = not arguments.post or any(entry.name == arguments.post for entry in entries(LANGUAGES))
+    asked = _Asked(arguments, paths, texts, job, drawing, files)
+    return (_compare if ours or not spoken else _judge)(asked, says)
+
+
+def _judge(asked: _Asked, says: Voice) -> int:
+    """A program that somebody else wrote."""
+    arguments, paths, texts, job, drawing, files = asked
+    place = Places(texts)
+    language = find_own(arguments.post or "", texts)
+    ask = ask_of(language, arguments, job, files)
+    if arguments.report:
+        check_page(arguments.report)
+        check_targets([Path(arguments.report)], [*paths, *map(Path, arguments.points)])
+    says.stage("running")
+    executed = language.run(texts, ask)
+    says.clear()
+    motions = sum_up(Columns(executed.body))
+    rows = [("language", language.about), *_rows(motions, _lines(texts)), *rows_of(executed, place)]
+    error = verdict(executed, paths[0], place)
+    if error is None and not executed.body:
+        error = InputError(str(paths[0]), f"does nothing, read as {language.about}", remedy="name its --post")
+    if arguments.report:
+        _report(Path(arguments.report), asked, executed, rows, says)
+    more: list[Row] = []
+    also = ""
+    if drawing is not None and error is None:
+        more, also, error = _prove(asked, drawing, executed, place, says)
+    if arguments.json:
+        says.data({"sums": motions, "told": rows + more, **as_data(executed, place)})
+    else:
+        says.out(table([*rows, *more]) + tell_findings(executed, place) + also)
+    if error is not None:
+        raise error
+    return 0
+
+
+def _compare(asked: _Asked, says: Voice) -> int:
+    """A program of ours, with what it was planned to do if there is a plan. Then a remark is a fault too."""
+    arguments, paths, texts, job, drawing, files = asked
+    _insist_on_post(arguments)
+    plan = load_plan(Path(arguments.plan), files) if arguments.plan else None
     options = (plan.options if plan else {}) | job.post
     post = make_post(find_post(arguments.post), options)
+    place = Places(texts)
     says.stage("reading")
-    texts = _texts(paths, files)
     reading = find_readback(arguments.post)(texts, fill_tables(type(post), options))
     says.clear()
     motions = sum_up(Columns(reading.body))
-    rows = _rows(motions, sum(text.count("\n") for text in texts.values()))
-    told = _faults(reading.faults, texts)
+    rows = _rows(motions, _lines(texts))
+    told = _faults(reading.faults, place)
 
-    def say(more: Sequence[tuple[str, str]] = (), also: str = "") -> None:
+    def say(more: Sequence[Row] = (), also: str = "") -> None:
         if arguments.json:
-            found = [_as_data(fault, texts) for fault in reading.faults]
+            found = [_as_data(fault, place) for fault in reading.faults]
             says.data({"sums": motions, "told": dict([*rows, *more]), "faults": found})
         else:
             says.out(table([*rows, *more]) + told + also)
@@ -66,7 +127,7 @@ def run(arguments: Namespace, says: Voice) -> int:
         say()
         first = serious[0]
         what = f"{counted(len(serious), 'fault')}, first: {first.what}"
-        raise InputError(str(paths[0]), what, _place(first.line, texts), "mend the program")
+        raise InputError(str(paths[0]), what, place(first.line), "mend the program")
     if not reading.body:
         raise InputError(str(paths[0]), f"holds no instruction of {post.name}", remedy="name its own post with --post")
     if plan:
@@ -79,15 +140,48 @@ def run(arguments: Namespace, says: Voice) -> int:
     if drawing is None:
         say()
         return 0
+    more, also, error = _prove(asked, drawing, reading, place, says)
+    say(more, also)
+    if error is not None:
+        raise error
+    return 0
+
+
+def _insist_on_post(arguments: Namespace) -> None:
+    """JobError without the controller, and for what has no effect on a program with a job or a plan."""
+    if not arguments.post:
+        raise JobError("--post", "is not given", remedy="with a job or a plan the controller has to be named")
+    for name in ("assume", "points", "entry", "dialect", "report"):
+        if getattr(arguments, name):
+            remedy = "leave out the job and the plan, or this"
+            raise JobError(f"--{name}", "is for programs that camgen did not plan", remedy=remedy)
+
+
+def _prove(
+    asked: _Asked, drawing: Path, said: Reading | Executed, place: Callable[[int], str], says: Voice
+) -> tuple[list[Row], str, CamgenError | None]:
+    """What the program does to the material: rows, a line for each fault, and the error for which it is refused."""
     from camgen.cli.stock import judge  # noqa: PLC0415 (shapely, only for what needs it)
 
     says.stage("proving")
-    stock = judge(str(paths[0]), drawing, job, reading, files, lambda line: _place(line, texts))
+    stock = judge(str(asked.paths[0]), drawing, asked.job, said, asked.files, place)
     says.clear()
-    say(stock.rows, stock.told)
-    if stock.error is not None:
-        raise stock.error
-    return 0
+    return list(stock.rows), stock.told, stock.error
+
+
+def _report(target: Path, asked: _Asked, executed: Executed, rows: Sequence[Row], says: Voice) -> None:
+    """The page of a program. JobError for a name that is none of a page, or a file that is not to be replaced."""
+    from camgen.preview.foreign import view_program  # noqa: PLC0415 (only where a page is asked for)
+    from camgen.preview.page import page  # noqa: PLC0415
+
+    says.stage("drawing")
+    drawn = page(view_program(", ".join(asked.texts), asked.texts, executed, rows))
+    says.clear()
+    write_all([(target, drawn.encode("utf-8"))], asked.files.opened)
+
+
+def _lines(texts: Mapping[str, str]) -> int:
+    return sum(text.count("\n") for text in texts.values())
 
 
 def _planned(program: Program, post: Post, path: Path) -> Program:
@@ -100,23 +194,6 @@ def _planned(program: Program, post: Post, path: Path) -> Program:
         names = ", ".join(part.name for part in parts)
         raise InputError(str(path), "the plan holds a program for each tool", names, "give one by its own name")
     return found
-
-
-def _texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
-    """The texts by file name, in order, with LF line ends."""
-    texts: dict[str, str] = {}
-    for path in paths:
-        try:
-            data = files.open(path).data
-        except (OSError, ValueError) as error:
-            raise InputError(str(path), f"cannot be read: {reason(error)}") from error
-        if not data.strip() or b"\0" in data:
-            raise InputError(str(path), "is empty" if not data.strip() else "is not a text", remedy="give a program")
-        if path.name in texts:
-            raise InputError(str(path), "another file has this name", remedy="the files of a program differ in name")
-        # Comments of other programs may hold any byte; nothing else in a program does, so each byte is a character.
-        texts[path.name] = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
-    return texts
 
 
 def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
@@ -137,22 +214,12 @@ def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
     return rows
 
 
-def _faults(faults: Sequence[Fault], files: Mapping[str, str]) -> str:
+def _faults(faults: Sequence[Fault], place: Callable[[int], str]) -> str:
     kinds = ("remark: " if isinstance(fault, Remark) else "" for fault in faults)
-    return "".join(
-        f"{_place(fault.line, files)}: {kind}{fault.what}\n" for fault, kind in zip(faults, kinds, strict=True)
-    )
+    return "".join(f"{place(fault.line)}: {kind}{fault.what}\n" for fault, kind in zip(faults, kinds, strict=True))
 
 
-def _as_data(fault: Fault, files: Mapping[str, str]) -> dict[str, object]:
+def _as_data(fault: Fault, place: Callable[[int], str]) -> dict[str, object]:
     """A fault with its place; a remark is one only against a plan."""
-    return {"place": _place(fault.line, files), "what": fault.what, "remark": isinstance(fault, Remark)}
-
-
-def _place(line: int, files: Mapping[str, str]) -> str:
-    """File and line of a line counted through all files."""
-    counts = [len(text.splitlines()) for text in files.values()]
-    for name, count, before in zip(files, counts, itertools.accumulate(counts, initial=0), strict=False):
-        if line <= before + count:
-            return f"{name} line {grouped(line - before)}"
-    return f"line {line}"
+    level = "unusual" if isinstance(fault, Remark) else "refused"
+    return {"place": place(fault.line), "what": fault.what, "level": level}

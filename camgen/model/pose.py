@@ -13,6 +13,8 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from camgen.model.text import short
+
 FloatArray = NDArray[np.float64]
 Vec3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -64,6 +66,12 @@ def pose_from_values(values: Sequence[float]) -> Pose:
     x, y, z, rx, ry, rz = (float(v) for v in values)
     rotation = rotation_from_fixed_xyz(math.radians(rx), math.radians(ry), math.radians(rz))
     return Pose(rotation, (x, y, z))
+
+
+def tell_frame(pose: Pose) -> str:
+    """The origin x y z in mm and rx ry rz in deg (contract, section 3)."""
+    angles = (math.degrees(angle) for angle in fixed_xyz(pose.rotation))
+    return " ".join([*(short(v, 3) for v in pose.origin), *(short(a, 4) for a in angles)])
 
 
 def rotation_about(axis: int, angle: float) -> FloatArray:

@@ -42,7 +42,7 @@ def plan_taught(part: Taught, job: Job, cell: Cell | None) -> ReplayPlan:
         what = f"{counted(stops, 'motion stops', 'motions stop')} at the end instead of blending"
         notes.append(Note("assumed", what, "an output, a wait or the end comes next, which would act on the way"))
     run = replace(part.run, body=tuple(body), lines=tuple(lines))
-    paths, travel = _paths(body, lines)
+    paths, travel = paths_of(body, lines)
     every = (*part.notes, *notes, *_tell_frames(part, job))
     return ReplayPlan(part, paths, every, run=run, travel=travel, made=paths)
 
@@ -152,10 +152,11 @@ def stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:
     return [(low, high) for low, high in found if high - low > 1]
 
 
-def _paths(body: list[Instruction], lines: list[int]) -> tuple[tuple[ToolPath, ...], float]:
+def paths_of(body: Sequence[Instruction], lines: Sequence[int]) -> tuple[tuple[ToolPath, ...], float]:
     """The stretches as paths, and mm of the motions of the joints."""
     every = zip(body, lines, strict=True)
-    moves, at = zip(*((item, n) for item, n in every if isinstance(item, MoveJ | MoveL | MoveC)), strict=True)
+    pairs = [(item, n) for item, n in every if isinstance(item, MoveJ | MoveL | MoveC)]
+    moves, at = [item for item, _ in pairs], [n for _, n in pairs]
     found = stretches(moves)
     paths = tuple(_path(k, at[low + 1], moves[low:high]) for k, (low, high) in enumerate(found, 1))
     return paths, math.fsum(_apart(a, b) for a, b in pairwise(moves) if isinstance(b, MoveJ))

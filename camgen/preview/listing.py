@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from msgspec import Struct
 
 from camgen.model.text import counted
@@ -24,11 +26,15 @@ class Listing(Struct, frozen=True, eq=False):
 
 def list_program(result: Built, instruction: IntArray) -> Listing:
     """The text of ``result``. instruction: (E,) of the events, their place in the body of the program."""
-    letters = sum(len(file.text) for file in result.files)
-    rows = sum(file.text.count("\n") for file in result.files)
-    lines = result.lines[instruction]
+    return list_texts([(file.name, file.text) for file in result.files], result.lines[instruction])
+
+
+def list_texts(files: Sequence[tuple[str, str]], lines: IntArray) -> Listing:
+    """The texts of ``files``, unless they are too long. lines: (E,) as in ``Listing``."""
+    letters = sum(len(text) for _, text in files)
+    rows = sum(text.count("\n") for _, text in files)
     if letters > MOST_LETTERS or rows > MOST_LINES:
-        names = ", ".join(file.name for file in result.files)
+        names = ", ".join(name for name, _ in files)
         size = f"{counted(rows, 'line')}, {letters / 1e6:.0f} MB"
         return Listing((), lines, f"{names}: too long for this page ({size}); open the file beside it")
-    return Listing(tuple((file.name, file.text) for file in result.files), lines)
+    return Listing(tuple(files), lines)

@@ -8,20 +8,24 @@ from typing import Protocol
 from msgspec import Struct
 
 from camgen.check.report import clean
-from camgen.model.part import Note, NoteKind
+from camgen.model.part import Note
 from camgen.model.pose import Vec3
 
 
 class ViewNote(Struct, frozen=True):
-    """lines, paths: rows of the view that it is about. places: work frame, mm. strict: --strict makes it an error."""
+    """kind: that of a note, or the level of a finding. lines, paths: rows of the view that it is about. places: work
+    frame, mm. strict: --strict makes it an error. text: the line of the program that it is about, counted from 1
+    through all files, 0: none.
+    """
 
-    kind: NoteKind
+    kind: str
     what: str
     why: str
     strict: bool
     lines: tuple[int, ...] = ()
     paths: tuple[int, ...] = ()
     places: tuple[Vec3, ...] = ()
+    text: int = 0
 
 
 class _Line(Protocol):

@@ -87,7 +87,7 @@ def _plain(view: View) -> dict[str, object]:
     way, chains = view.track, view.chains
     shown = [way.position, chains.points, *([view.solid.vertices] if view.solid else [])]
     every = np.concatenate(shown)
-    origin = np.round((every.min(axis=0) + every.max(axis=0)) / 2)
+    origin = np.round((every.min(axis=0) + every.max(axis=0)) / 2) if len(every) else np.zeros(3)
     motions = way.events
     return {
         "title": one_line(view.title),
@@ -113,6 +113,7 @@ def _plain(view: View) -> dict[str, object]:
                 note.lines,
                 note.paths,
                 (np.array(note.places).reshape(-1, 3) - origin).tolist(),
+                note.text,
             ]
             for note in view.notes
         ],

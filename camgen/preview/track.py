@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from camgen.check.time import assign_paths, time_motions
 from camgen.geometry.ragged import ramp
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Program, ToolChange, Wait, column
+from camgen.model.program import Columns, Joints, MoveC, MoveJ, MoveL, Program, ToolChange, Wait, column
 from camgen.post.plugins import dynamics_of
 from camgen.preview import Built
 from camgen.preview.curves import draw_spans
@@ -46,17 +46,15 @@ class Events(Struct, frozen=True, eq=False):
     seconds: FloatArray
 
 
-def events(program: Program, arm: Robot | None, path: IntArray, seconds: FloatArray) -> Events:
-    """The events of ``program``. A target in joints is where ``arm`` puts the tool; without one the tool is taken to
-    stand where it is next, or was last. path, seconds: (M,) of its motions.
+def events(columns: Columns, known: FloatArray, axis: FloatArray, path: IntArray, seconds: FloatArray) -> Events:
+    """The events of a program. known, axis: (M, 3) where its motions end and tool z there; where they are NaN the tool
+    is taken to stand where it is next, or was last. path, seconds: (M,) of its motions.
     """
-    columns = program.columns
     chosen = np.flatnonzero(columns.are(MoveJ, MoveL, MoveC, Wait))
     moves = np.searchsorted(chosen, columns.at)
     waits = np.flatnonzero(columns.are(Wait)[chosen])
     kind = np.full(len(chosen), 3)
     kind[moves] = np.select([columns.moves_are(MoveJ), columns.moves_are(MoveL)], [0, 1], 2)
-    known, axis = _ends(program, arm)
     end, last_axis = (_spread(len(chosen), moves, values) for values in (known, axis))
     end, last_axis = _fill(end), _fill(last_axis)
     start, first_axis = (np.concatenate([values[:1], values[:-1]]) for values in (end, last_axis))
@@ -91,16 +89,19 @@ def tool_frames(program: Program) -> tuple[IntArray, list[Pose]]:
     return np.append(0, changes), [program.flange_from_tool, *own]
 
 
-def _ends(program: Program, arm: Robot | None) -> tuple[FloatArray, FloatArray]:
-    """Where the motions end and tool z there, each (M, 3), NaN where it is not known."""
-    columns = program.columns
+def find_ends(
+    columns: Columns, program: Program | None = None, arm: Robot | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Where the motions end and tool z there, each (M, 3), NaN where it is not known: a target in joints is where
+    ``arm`` puts the tool of ``program``.
+    """
     end = columns.ends.copy()
     axis = np.full_like(end, np.nan)
     targets = [move.target for move in columns.moves]
     posed = columns.posed
     axis[posed] = [target.rotation[:, 2] for target in targets if isinstance(target, Pose)] or np.zeros((0, 3))
     joints = [target.values for target in targets if isinstance(target, Joints)]
-    if arm is not None and joints:
+    if arm is not None and program is not None and joints:
         end[~posed], axis[~posed] = tool_of(program, arm, np.array(joints), columns.at[~posed])
     return end, axis
 
@@ -154,7 +155,7 @@ def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
     """The way of the program, arcs in pieces within ``sag`` mm, and that of the robot where its joints are known."""
     program, reach, robot = result.program, result.reach, result.cell.arm
     seconds, _ = time_motions(program, dynamics_of(result.post, result.job), reach, robot)
-    found = events(program, robot, assign_paths(program), seconds)
+    found = events(program.columns, *find_ends(program.columns, program, robot), assign_paths(program), seconds)
     stations = _stations(found, sag)
     seconds, arm = found.seconds, None
     if reach is not None and robot is not None and len(reach.joints):
@@ -170,6 +171,13 @@ def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
 
 def _begins(seconds: FloatArray) -> FloatArray:
     return np.asarray(np.cumsum(seconds) - seconds)
+
+
+def way_of(found: Events, sag: float) -> Track:
+    """The way of a tool that no arm is known for."""
+    stations = _stations(found, sag)
+    time = _begins(found.seconds)[stations.event] + found.seconds[stations.event] * stations.fraction
+    return Track(stations.points, stations.axis, time, stations.event, found)
 
 
 def _stations(found: Events, sag: float) -> _Stations:

@@ -20,6 +20,8 @@ LANGUAGES = "camgen.languages"
 
 #: What a controller turns down or what ends it; what it takes and may do harm; what it takes and few would write.
 Level = Literal["refused", "dangerous", "unusual"]
+#: The gravest first.
+LEVELS: tuple[Level, ...] = ("refused", "dangerous", "unusual")
 
 
 class Finding(Struct, frozen=True):
@@ -104,3 +106,8 @@ class Language(Struct, frozen=True):
 def find_language(name: str) -> Language:
     """The language of the controller that the post ``name`` writes for. JobError if none is installed."""
     return load(find(entries(LANGUAGES), name, "language", "camgen posts lists them"))  # type: ignore[return-value]
+
+
+def list_languages() -> list[Language]:
+    """All that are installed, by name."""
+    return [load(entry) for entry in entries(LANGUAGES)]  # type: ignore[misc]

@@ -1,6 +1,9 @@
 // The program's text beside the picture: only the lines that are seen are in the page, however long it is.
 const LINE_HIGH = 18;
 const listing = { rows: null, line: -1, longest: 0 };
+// What is told of a line; of several notes the first, which is the gravest.
+const noteOfText = new Map();
+for (const note of notes) if (note.text && !noteOfText.has(note.text)) noteOfText.set(note.text, note);
 const lineOfEvent = unpack(data.listing.lines, Uint32Array);
 
 // Rows of the pane: the lines of all files, under the name of each where there are several. `line` counts through all
@@ -46,6 +49,11 @@ function fillListing() {
       const { text, number: count, line } = listing.rows[k];
       const row = make("div", "", line ? "code" : "code file");
       row.append(make("i", String(count)), make("span", text));
+      const told = noteOfText.get(line);
+      if (told) {
+        row.classList.add("told", told.kind);
+        row.title = `${told.kind}: ${told.what}`;
+      }
       row.style.top = `${k * LINE_HIGH}px`;
       row.dataset.line = line;
       codeRows.set(k, row);
@@ -82,6 +90,14 @@ function toLine(line) {
   player.play(false);
   if (found >= 0) player.to(track.time[track.event.lastIndexOf(found)]);
   markLine(line, false);
+}
+
+// A line that a note is about.
+function showLine(line) {
+  openTab("text");
+  toLine(line);
+  scrollToLine();
+  fillListing();
 }
 
 function setListing() {

@@ -1,16 +1,17 @@
 // What the user should know, the gravest first as the build has them: each leads to its place, and a place to its note.
 const KINDS_OF_NOTE = {
+  refused: ["refused", "refused"], dangerous: ["dangerous", "dangerous"], unusual: ["unusual", "unusual"],
   gouge: ["gouge", "gouges"], excess: ["excess", "excesses"],
   skipped: ["left out", "left out"], warning: ["warning", "warnings"], assumed: ["assumption", "assumptions"],
   repaired: ["mended", "mended"], joined: ["joined", "joined"],
 };
-const GRAVE = ["gouge", "skipped", "warning"];
+const GRAVE = ["refused", "dangerous", "gouge", "skipped", "warning"];
 const notes = [
   ...(data.marks ?? []).map(({ kind, number: size, text, outline }) => ({
-    kind, what: `${kind === "gouge" ? "Gouge" : "Excess"} ${number(size, 3)} mm`, why: text, strict: false, lines: [], paths: [],
+    kind, what: `${kind === "gouge" ? "Gouge" : "Excess"} ${number(size, 3)} mm`, why: text, strict: false, lines: [], paths: [], text: 0,
     places: [Array.from(unpack(outline).subarray(0, 3))],
   })),
-  ...data.notes.map(([kind, what, why, strict, own, paths, places]) => ({ kind, what, why, strict, lines: own, paths, places })),
+  ...data.notes.map(([kind, what, why, strict, own, paths, places, text]) => ({ kind, what, why, strict, lines: own, paths, places, text })),
 ];
 const isGrave = (note) => GRAVE.includes(note.kind) || note.strict;
 
@@ -114,15 +115,16 @@ function setNotes() {
     const element = make("div", "", `note ${note.kind}`);
     element.dataset.note = k;
     element.append(make("em", KINDS_OF_NOTE[note.kind][0]), make("b", note.what), make("span", note.why));
-    if (note.lines.length || note.paths.length || note.places.length) {
+    if (note.text || note.lines.length || note.paths.length || note.places.length) {
       element.classList.add("placed");
       element.tabIndex = 0;
       element.setAttribute("role", "button");
-      element.addEventListener("click", () => pointAt(k));
+      const show = () => (note.text ? showLine(note.text) : pointAt(k));
+      element.addEventListener("click", show);
       element.addEventListener("keydown", (event) => {
         if (event.key !== "Enter") return;
         event.preventDefault();
-        pointAt(k);
+        show();
       });
     }
     $("notes").append(element);

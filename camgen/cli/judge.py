@@ -1,0 +1,123 @@
+"""``camgen verify`` on a program that nobody planned here: judged by its own language, not by the options of a post."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from camgen.cli.program_texts import Places, read_texts
+from camgen.cli.say import join_names
+from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
+from camgen.model.job import Job
+from camgen.model.pose import tell_frame
+from camgen.model.text import counted
+from camgen.read.files import Files
+from camgen.read.programs import Ask, Executed, Frames, Language, find_language, list_languages
+
+Row = tuple[str, str]
+#: So many assumptions are told; --json has all of them.
+_TOLD = 40
+_WORDS = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
+
+
+def find_own(name: str, texts: Mapping[str, str]) -> Language:
+    """The language that the files are in. name: what the user says, "" for what the first of them looks like. JobError
+    where nothing tells.
+    """
+    if name:
+        return find_language(name)
+    file, text = next(iter(texts.items()))
+    every = list_languages()
+    suffix = Path(file).suffix.lower()
+    fit = [one for one in every if one.recognise(text)] or [one for one in every if suffix in one.suffixes]
+    if not fit:
+        remedy = f"name its controller: --post {' or '.join(one.name for one in every)}"
+        raise JobError(file, "does not look like a program of any language here", remedy=remedy)
+    return fit[0]
+
+
+def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> Ask:
+    """What the user says of the program. JobError for what makes no sense."""
+    dialect = arguments.dialect or ""
+    if dialect and dialect not in language.dialects:
+        known = f"it has {join_names(language.dialects)}" if language.dialects else "it has none"
+        raise JobError("--dialect", f"{language.name} has no dialect {dialect}", remedy=known)
+    points = read_texts([Path(name) for name in arguments.points], files)
+    return Ask(dialect, dict(map(_assumed, arguments.assume)), points, arguments.entry or "", job.limits)
+
+
+def _assumed(given: str) -> tuple[str, float]:
+    """``name=value``, the name in small letters. JobError for what is none."""
+    name, _, value = given.partition("=")
+    word = value.strip().lower()
+    try:
+        number = _WORDS[word] if word in _WORDS else float(word)
+    except ValueError:
+        number = None
+    if number is None or not name.strip():
+        raise JobError("--assume", f"{given!r} is no name with its value", remedy="say for example --assume di1=1")
+    return name.strip().lower(), number
+
+
+def check_page(name: str) -> None:
+    """JobError for the name of a report that is no page."""
+    if Path(name).suffix.lower() != ".html":
+        raise JobError(name, "the report of a program is a page", remedy="give a name that ends in .html")
+
+
+def rows_of(executed: Executed, place: Places) -> list[Row]:
+    """What stands in the program beside its motions, for the summary."""
+    rows = [*_frames(executed.frames), *executed.facts]
+    for one in executed.assumed[:_TOLD]:
+        more = f" (--assume {one.key}=VALUE)" if one.key else ""
+        rows.append(("assumed", f"{place(one.line)}: {one.what}{more}"))
+    left = len(executed.assumed) - _TOLD
+    return [*rows, ("assumed", f"and {counted(left, 'thing')} more; --json tells all")] if left > 0 else rows
+
+
+def _frames(frames: Sequence[Frames]) -> list[Row]:
+    tools = {one.tool: one.flange_from_tool for one in frames if one.tool or one.flange_from_tool}
+    works = {one.work: one.base_from_work for one in frames if one.work or one.base_from_work}
+    found = [("tool", name, pose) for name, pose in tools.items()]
+    found += [("frame", name, pose) for name, pose in works.items()]
+    return [
+        (label, f"{name + ': ' if name else ''}{tell_frame(pose) if pose else 'not in the text'}")
+        for label, name, pose in found
+    ]
+
+
+def tell_findings(executed: Executed, place: Places) -> str:
+    """A line for each finding, in the order of the program."""
+    found = [f"{place(one.line)}: {one.level}: {one.what}\n" for one in executed.findings]
+    if executed.stopped:
+        line, what = executed.stopped
+        found.append(f"{place(line)}: cannot be run on: {what}\n")
+    return "".join(found)
+
+
+def as_data(executed: Executed, place: Places) -> dict[str, object]:
+    """Findings and assumptions for --json."""
+    return {
+        "faults": [{"place": place(one.line), "what": one.what, "level": one.level} for one in executed.findings],
+        "assumed": [
+            {"place": place(one.line), "what": one.what, "key": one.key, "value": one.value} for one in executed.assumed
+        ],
+        "stopped": executed.stopped and {"place": place(executed.stopped[0]), "what": executed.stopped[1]},
+    }
+
+
+def verdict(executed: Executed, program: Path, place: Places) -> CamgenError | None:
+    """InputError for what the controller refuses and what cannot be run on, NoSafeProgram for what may do harm."""
+    refused = [one for one in executed.findings if one.level == "refused"]
+    if refused:
+        what = f"{counted(len(refused), 'line is', 'lines are')} refused, first: {refused[0].what}"
+        return InputError(str(program), what, place(refused[0].line), "mend the program")
+    if executed.stopped:
+        line, what = executed.stopped
+        return InputError(str(program), f"cannot be run to its end: {what}", place(line), "mend the program")
+    harm = [one for one in executed.findings if one.level == "dangerous"]
+    if harm:
+        what = f"{counted(len(harm), 'line is', 'lines are')} dangerous, first: {harm[0].what}"
+        return NoSafeProgram(str(program), what, place(harm[0].line), "mend the program")
+    return None

@@ -1,0 +1,44 @@
+"""The files of a program as text, and where in them a line is."""
+
+from __future__ import annotations
+
+import itertools
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from camgen.model.errors import InputError
+from camgen.model.text import grouped
+from camgen.read.files import Files, reason
+
+
+def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
+    """The texts by file name, in order, with LF line ends. InputError for what is none."""
+    texts: dict[str, str] = {}
+    for path in paths:
+        try:
+            data = files.open(path).data
+        except (OSError, ValueError) as error:
+            raise InputError(str(path), f"cannot be read: {reason(error)}") from error
+        if not data.strip() or b"\0" in data:
+            raise InputError(str(path), "is empty" if not data.strip() else "is not a text", remedy="give a program")
+        if path.name in texts:
+            raise InputError(str(path), "another file has this name", remedy="the files of a program differ in name")
+        # Comments of other programs may hold any byte; nothing else in a program does, so each byte is a character.
+        texts[path.name] = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
+    return texts
+
+
+class Places:
+    """Where the lines of a program are, which are counted from 1 through all its files."""
+
+    def __init__(self, texts: Mapping[str, str]) -> None:
+        self._names = list(texts)
+        self._last = list(itertools.accumulate(text.count("\n") + (not text.endswith("\n")) for text in texts.values()))
+
+    def __call__(self, line: int) -> str:
+        """File and line."""
+        k = bisect_left(self._last, line)
+        if k == len(self._names):
+            return f"line {line}"
+        return f"{self._names[k]} line {grouped(line - (self._last[k - 1] if k else 0))}"

@@ -1,0 +1,109 @@
+"""What a page shows of a program that nobody planned here: its motion, its text, and what is wrong in which line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from camgen.check.report import clean, motion_lengths, path_sums
+from camgen.model.errors import InputError
+from camgen.model.pose import IDENTITY, Pose
+from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL
+from camgen.plan.taught import paths_of, stretches
+from camgen.preview.curves import SpaceChains
+from camgen.preview.listing import list_texts
+from camgen.preview.notes import ViewNote
+from camgen.preview.stock import Cutter
+from camgen.preview.track import IntArray, events, find_ends, way_of
+from camgen.preview.view import Row, View
+from camgen.read.programs import LEVELS, Executed
+from camgen.read.taught import in_one_frame
+
+#: mm: the tool as it is drawn, which nobody knows. Arcs are drawn to this part of the size of what is shown, and to so
+#: many mm at least.
+_THIN, _FINE, _LEAST = 2.0, 2e-5, 1e-4
+#: mm that a line may be off where another tool turns.
+_CHORD = 0.02
+_HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
+
+
+def view_program(title: str, texts: Mapping[str, str], executed: Executed, facts: Sequence[tuple[str, str]]) -> View:
+    """The view of a program that was run. facts: labels and texts of what the page tells first."""
+    body, lines, more = _in_one_frame(executed)
+    columns = Columns(body)
+    lengths = motion_lengths(columns)
+    paths, _ = paths_of(body, lines)
+    ends = columns.ends[~np.isnan(columns.ends[:, 0])]
+    sag = max(float(np.linalg.norm(np.ptp(ends, axis=0))) * _FINE, _LEAST) if len(ends) else _LEAST
+    seconds = lengths / columns.speed
+    found = events(columns, *find_ends(columns), _owners(body), seconds)
+    way = way_of(found, sag)
+    sums, spent = path_sums(paths)
+    rows = [
+        Row(path.id, path.layer, length, length / time if time > 0 else float(path.feed[0]), 0.0, time, 1)
+        for path, length, time in zip(paths, sums.tolist(), spent.tolist(), strict=True)
+    ]
+    tool = Cutter("tool", "end mill", _THIN, (), _HERE)
+    return View(
+        title=clean(title),
+        facts=tuple((label[:1].upper() + label[1:], clean(text)) for label, text in [*facts, *more]),
+        lines=(),
+        chains=SpaceChains(np.zeros((0, 3)), np.zeros(0, dtype=np.int64)),
+        solid=None,
+        flat=bool(len(ends)) and bool((found.last_axis[:, 2] < -1 + 1e-9).all()),
+        rows=tuple(rows),
+        track=way,
+        arm=None,
+        base_from_work=_HERE,
+        flange_from_tool=_HERE,
+        diameter=_THIN,
+        bodies=(),
+        standing=(),
+        meshes=(),
+        notes=tuple(_notes(executed)),
+        listing=list_texts(list(texts.items()), np.array(lines, dtype=np.int64)[found.instruction]),
+        tools=(tool,),
+        tool_of=np.zeros(len(found.kind), dtype=np.int64),
+        stock=None,
+    )
+
+
+def _in_one_frame(
+    executed: Executed,
+) -> tuple[Sequence[Instruction], Sequence[int], list[tuple[str, str]]]:
+    """The body with its lines in one work frame and with one tool, where the text says how they lie to each other."""
+    moves = any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body)
+    if not moves or len(executed.frames) < 2:
+        return executed.body, executed.lines, []
+    try:
+        told = in_one_frame(executed, "", _CHORD)
+    except InputError as error:
+        return executed.body, executed.lines, [("drawn", f"each motion in its own frame: the program {error.what}")]
+    return told.body, told.lines, [("drawn", note.what) for note in told.notes]
+
+
+def _owners(body: Sequence[Instruction]) -> IntArray:
+    """(M,) the path that each motion runs along, -1: a motion of the joints."""
+    moves = [item for item in body if isinstance(item, MoveJ | MoveL | MoveC)]
+    owner = np.full(len(moves), -1)
+    for k, (low, high) in enumerate(stretches(moves)):
+        owner[low + 1 : high] = k
+    return owner
+
+
+def _notes(executed: Executed) -> list[ViewNote]:
+    """Why it could not be run on, the findings, the gravest first, and what was assumed."""
+    found = []
+    if executed.stopped:
+        line, what = executed.stopped
+        found.append(ViewNote("refused", f"line {line}: cannot be run on", clean(what), True, text=line))
+    for level in LEVELS:
+        own = [one for one in executed.findings if one.level == level]
+        found += [
+            ViewNote(level, f"line {one.line}", clean(one.what), level != "unusual", text=one.line) for one in own
+        ]
+    for one in executed.assumed:
+        key = f"--assume {one.key}=VALUE says it otherwise" if one.key else ""
+        found.append(ViewNote("assumed", f"line {one.line}: {clean(one.what)}", clean(key), False, text=one.line))
+    return found
