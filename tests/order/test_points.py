@@ -12,7 +12,7 @@ import camgen
 from bench.robots import robotsp
 from camgen.model.pose import FloatArray
 from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
-from camgen.order.arm.lattice import AROUND, go_round, prove_links, settle_points
+from camgen.order.arm.lattice import AROUND, Barred, bar_links, go_round, prove_links, settle_points
 from camgen.order.arm.points import are_points, find_points
 from camgen.order.arm.search import Work, blocked_paths, find_met
 
@@ -103,6 +103,26 @@ def test_a_tour_of_points_is_proved_and_as_long_as_it_says(work: Work) -> None:
     assert not blocked_paths(work, found)
     assert not prove_links(work, found)
     assert go_round(work, found).seconds == pytest.approx(found.seconds, abs=1e-9)
+
+
+def test_links_beside_one_that_was_turned_down_are_left(work: Work) -> None:
+    order = list(range(12))
+    first = settle_points(work, order, work.states, {})
+    assert first is not None
+    barred: Barred = {}
+    bar_links(work, first, [0, 5], barred)
+    bar_links(work, first, [5], barred)
+    again = settle_points(work, order, work.states, {}, barred)
+    assert again is not None
+    assert again.seconds >= first.seconds
+    # Of the same two states and of those 0.02 rad beside them, the second time 0.04.
+    for item, other, near in ((-1, 0, 0.02), (4, 5, 0.04)):
+        ends = (
+            (found.now.leave[item] if item >= 0 else work.ground.home, found.now.enter[other])
+            for found in (first, again)
+        )
+        (a, b), (c, d) = ends
+        assert max(np.abs(a - c).max(), np.abs(b - d).max()) >= near
 
 
 def test_blocks_have_the_fewest_postures_that_reach_all(work: Work) -> None:

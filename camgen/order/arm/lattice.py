@@ -33,13 +33,23 @@ GRAZE, _EPS = 0.3, 1e-3
 
 #: By two items, the first the less, home is -1: s that a link between them takes at least, as far as is known.
 Known = dict[tuple[int, int], float]
+#: By two items as they follow each other, home is -1: the ends of links that a proof turned down, and how near to both
+#: of them, rad or mm, other links are left alone.
+Barred = dict[tuple[int, int], list[tuple[FloatArray, FloatArray, float]]]
+_NO_BARS: Barred = {}
+#: rad or mm: how near that is at first; it doubles whenever another link between the same two is turned down.
+_NEAR, _NEAREST = 0.02, 0.5
 
 
-def settle_points(work: Work, order: Sequence[int], states: Sequence[States], known: Known) -> Found | None:
+def settle_points(
+    work: Work, order: Sequence[int], states: Sequence[States], known: Known, barred: Barred = _NO_BARS
+) -> Found | None:
     """The soonest of ``states`` along ``order``, from home and back, where a link that collides costs a way round;
     None: no state of an item is clear. known: is told what links take whose quickest ones collide.
     """
     tables = _lay(work, order, states)
+    for place, pair in enumerate(pairwise([-1, *order, -1])):
+        _bar(work, states, pair, tables[place], barred.get(pair, ()))
     weighed = [np.zeros(table.shape, dtype=np.bool_) for table in tables]
     looked: list[set[tuple[int, int]]] = [set() for _ in tables]
     asked = [_BATCH] * len(tables)
@@ -82,6 +92,32 @@ def settle_points(work: Work, order: Sequence[int], states: Sequence[States], kn
     return Found(list(order), chosen_now, seconds - CHANGE * changes)
 
 
+def _bar(
+    work: Work,
+    states: Sequence[States],
+    pair: tuple[int, int],
+    table: FloatArray,
+    bars: Sequence[tuple[FloatArray, FloatArray, float]],
+) -> None:
+    """Makes the links that are near to those turned down as dear as those without a way round."""
+    home = work.ground.home[None]
+    for a, b, near in bars:
+        starts = home if pair[0] < 0 else states[pair[0]].leave
+        ends = home if pair[1] < 0 else states[pair[1]].enter
+        beside = np.outer(np.abs(starts - a).max(axis=1) < near, np.abs(ends - b).max(axis=1) < near)
+        table[beside] += _NO_WAY
+
+
+def bar_links(work: Work, found: Found, places: Sequence[int], barred: Barred) -> None:
+    """Adds the links of ``found`` at these places, counted from home, to those turned down."""
+    stops = [-1, *found.order, -1]
+    for place in places:
+        one, other = stops[place], stops[place + 1]
+        a, b = (work.ground.home if k < 0 else found.now.enter[k] for k in (one, other))
+        bars = barred.setdefault((one, other), [])
+        bars.append((a, b, min(_NEAR * 2 ** len(bars), _NEAREST)))
+
+
 def go_round(work: Work, found: Found) -> Found:
     """``found`` with the ways round its links that collide looked for, and what it takes with them."""
     seconds = 0.0
@@ -115,9 +151,9 @@ def _kind_key(one: int, other: int) -> bytes:
     return b"postures %d:%d" % (min(one, other), max(one, other))
 
 
-def prove_links(work: Work, found: Found) -> bool:
-    """Whether any link that seemed clear collides between the places that were looked at, or comes within ``GRAZE``
-    where its ends do not: the check of the program looks at other places. It is known from now on.
+def prove_links(work: Work, found: Found) -> list[int]:
+    """The links that seemed clear and collide between the places that were looked at, or come within ``GRAZE`` where
+    their ends do not: the check of the program looks at other places. They are known from now on.
     """
     home = work.ground.home
     ends = list(pairwise([home, *(found.now.enter[k] for k in found.order), home]))
@@ -133,7 +169,7 @@ def prove_links(work: Work, found: Found) -> bool:
             work.shut.add(keys[k])
         else:
             work.free.update((keys[k], b"wide " + keys[k]))
-    return any(bad)
+    return [k for k, met in zip(new, bad, strict=True) if met]
 
 
 def _measure_way(work: Work, one: int, other: int) -> float:

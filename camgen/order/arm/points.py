@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from camgen.geometry.ragged import offsets
 from camgen.order.arm.blocks import find_blocks, leave_clear, narrow_states
 from camgen.order.arm.items import States, join_states
-from camgen.order.arm.lattice import Known, go_round, pair_key, prove_links, settle_points
+from camgen.order.arm.lattice import Barred, Known, bar_links, go_round, pair_key, prove_links, settle_points
 from camgen.order.arm.layers import WALL, change_cost
 from camgen.order.arm.search import STEPS, Found, Tell, Work, blocked_paths, shift_turns
 from camgen.order.solver.ring import shorten_ring
@@ -83,13 +83,18 @@ def find_points(work: Work, kept: Sequence[int], tell: Tell) -> Found | None:
 
 def _prove(work: Work, found: Found, known: Known) -> Found | None:
     """``found`` with other states where its links or paths collide between the places that were looked at."""
+    barred: Barred = {}
     for _ in range(_PROOFS):
-        if found.seconds < WALL and not (blocked_paths(work, found) or prove_links(work, found)):
-            return found
+        if found.seconds < WALL and not blocked_paths(work, found):
+            bad = prove_links(work, found)
+            if not bad:
+                return found
+            # The one beside it would graze as well.
+            bar_links(work, found, bad, barred)
         states = [
             join_states([own, _near(work, found.now, k)]) for k, own in enumerate(shift_turns(work, found, STEPS[-1]))
         ]
-        made = settle_points(work, found.order, states, known)
+        made = settle_points(work, found.order, states, known, barred)
         if made is None:
             return None
         found = go_round(work, made)
