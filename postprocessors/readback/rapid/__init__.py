@@ -11,9 +11,12 @@ from dataclasses import dataclass, field
 
 from camgen.model.program import Force, Output
 from camgen.post import Fault, Reading
+from camgen.read.rapid.tree import Statement
+from camgen.read.rapid.types import PREDEFINED, RESIDENT, Value
+from camgen.read.rapid.words import INSTALLED
 
 from .asked import read_asked
-from .data import PREDEFINED, RESIDENT, Scope, Value
+from .data import Scope
 from .state import Known, State
 from .statements import (
     DEACTIVATIONS,
@@ -26,8 +29,7 @@ from .statements import (
     motion,
     switch,
 )
-from .syntax import DEACT_WHERE_ON, Call, Data, Inline, Module, Routine, Wrong, parse
-from .words import INSTALLED
+from .syntax import DEACT_WHERE_ON, Call, Data, Inline, Module, Routine, Wrong, calls_of, parse
 
 #: Names that the text may not give again.
 _SYSTEM = (INSTALLED | PREDEFINED.keys() | MOTIONS.keys() | STATEMENTS.keys()) - RESIDENT
@@ -118,7 +120,7 @@ class Linked:
                 if item.value is not None:
                     scope.worth_of(item)
             except Wrong as wrong:
-                self.faults.append(wrong.fault)
+                self.faults.append(Fault(wrong.line, wrong.what))
 
     def find(self, caller: Routine, name: str) -> Routine | None:
         """The PROC that ``name`` means in ``caller``."""
@@ -182,7 +184,7 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
     """Runs a routine with what it calls, statement by statement."""
     scope = program.scopes[routine]
     program.ran[routine] = None
-    for item in routine.body:
+    for item in calls_of(routine.body):
         state.count += 1
         if state.count > _MOST_STATEMENTS:
             state.faults.append(Fault(item.line, f"more than {_MOST_STATEMENTS} statements are run"))
@@ -194,7 +196,7 @@ def _run_routine(program: Linked, state: State, routine: Routine, depth: int) ->
             else:
                 _run_call(program, state, routine, item.call() if isinstance(item, Inline) else item, depth)
         except Wrong as wrong:
-            state.faults.append(wrong.fault)
+            state.faults.append(Fault(wrong.line, wrong.what))
 
 
 def _run_call(program: Linked, state: State, routine: Routine, call: Call, depth: int) -> None:
@@ -239,7 +241,7 @@ def _check_handlers(program: Linked, state: State, main: Routine) -> None:
             if routine is main:
                 _judge_main_handler(state, line, [*used, DEACT_WHERE_ON], off, end)
         except Wrong as wrong:
-            state.faults.append(wrong.fault)
+            state.faults.append(Fault(wrong.line, wrong.what))
 
 
 def _judge_main_handler(state: State, line: int, order: list[str], off: dict[str, None], end: str) -> None:
@@ -270,14 +272,14 @@ def _find_missing_handlers(program: Linked, state: State, main: Routine, used: M
 
 
 def _handle(
-    program: Linked, state: State, routine: Routine, body: Sequence[Call | Inline], depth: int
+    program: Linked, state: State, routine: Routine, body: Sequence[Statement], depth: int
 ) -> tuple[dict[str, None], str]:
     """The outputs that ``body``, of a handler or of what it calls, switches off, and the word that it ends with.
 
     They are in order. The outputs have ``DEACT_WHERE_ON`` among them where it ends force control.
     """
     off: dict[str, None] = {}
-    for item in body:
+    for item in calls_of(body):
         call = item.call() if isinstance(item, Inline) else item
         state.scope = program.scopes[routine]
         if call.name in ("raise", "exit"):

@@ -1,4 +1,4 @@
-"""RAPID data: the shapes of the data types, the predefined speeds and zones, and what a name or an aggregate is worth.
+"""RAPID data of our own programs: what a name or an aggregate is worth.
 
 Shapes: RAPID system data types manual; predefined data: its chapters speeddata and zonedata. mm, deg, mm/s, kg.
 """
@@ -13,59 +13,12 @@ from typing import cast
 
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen, quaternion, rotation_about, rotation_from_quaternion
 from camgen.model.text import counted
+from camgen.read.rapid.types import LITERAL, PREDEFINED, TYPES, UNUSED, Value
 
 from .syntax import Call, Data, Expr, Point, Ref, Wrong
 
-Value = float | bool | str | tuple["Value", ...]
-
-_XYZ = (("x", "num"), ("y", "num"), ("z", "num"))
-_POSE = (("trans", "pos"), ("rot", "orient"))
-#: Components of the record types; num, bool and string are written out.
-TYPES: dict[str, tuple[tuple[str, str], ...]] = {
-    "pos": _XYZ,
-    "orient": (("q1", "num"), ("q2", "num"), ("q3", "num"), ("q4", "num")),
-    "pose": _POSE,
-    "confdata": (("cf1", "num"), ("cf4", "num"), ("cf6", "num"), ("cfx", "num")),
-    "robjoint": tuple((f"rax_{i}", "num") for i in range(1, 7)),
-    "extjoint": tuple((f"eax_{c}", "num") for c in "abcdef"),
-    "robtarget": (*_POSE, ("robconf", "confdata"), ("extax", "extjoint")),
-    "jointtarget": (("robax", "robjoint"), ("extax", "extjoint")),
-    "speeddata": (("v_tcp", "num"), ("v_ori", "num"), ("v_leax", "num"), ("v_reax", "num")),
-    "zonedata": (
-        ("finep", "bool"),
-        *((n, "num") for n in ("pzone_tcp", "pzone_ori", "pzone_eax", "zone_ori", "zone_leax", "zone_reax")),
-    ),
-    "loaddata": (("mass", "num"), ("cog", "pos"), ("aom", "orient"), ("ix", "num"), ("iy", "num"), ("iz", "num")),
-    "tooldata": (("robhold", "bool"), ("tframe", "pose"), ("tload", "loaddata")),
-    "wobjdata": (("robhold", "bool"), ("ufprog", "bool"), ("ufmec", "string"), ("uframe", "pose"), ("oframe", "pose")),
-}
-_LITERAL = {"num": float, "bool": bool, "string": str}
-_UNUSED = 9e9  # an external axis that is not there
-_NO_TURN = (1.0, 0.0, 0.0, 0.0)
-_ZERO = (0.0, 0.0, 0.0)
-_IDENTITY = (_ZERO, _NO_TURN)
-
-_SPEEDS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800,
-           1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000, 7000)  # fmt: skip
-#: Radius at the TCP; the other components of a zone do not shape the path of the TCP.
-_ZONES = {"z0": 0.3} | {f"z{r}": float(r) for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
-PREDEFINED: dict[str, tuple[str, Value]] = (
-    {f"v{v}": ("speeddata", (float(v), 500.0, 5000.0, 1000.0)) for v in _SPEEDS}
-    | {name: ("zonedata", (False, r, r, r, r, r, r)) for name, r in _ZONES.items()}
-    | {
-        "fine": ("zonedata", (True, *(0.0,) * 6)),
-        "high": ("num", 1.0),
-        "low": ("num", 0.0),
-        "tool0": ("tooldata", (True, _IDENTITY, (0.001, (0.0, 0.0, 0.001), _NO_TURN, 0.0, 0.0, 0.0))),
-        "wobj0": ("wobjdata", (False, True, "", _IDENTITY, _IDENTITY)),
-    }
-)
 #: Declared by the system, their values depend on the robot: known, but not read.
 _OF_THE_ROBOT = {"vmax": "speeddata", "load0": "loaddata"}
-
-
-#: Modules that are always there on older controllers, and what they declare (RAPID overview, system modules).
-RESIDENT = frozenset("base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".split())  # noqa: SIM905
 #: Longest chain of constants that are defined by each other.
 _CHAIN = 50
 
@@ -112,7 +65,7 @@ class Scope:
             return expr.value
         if want in TYPES:
             return self._record(expr, want, line)
-        if isinstance(expr, (float, bool, str)) and type(expr) is _LITERAL.get(want):
+        if isinstance(expr, (float, bool, str)) and type(expr) is LITERAL.get(want):
             return expr
         raise Wrong(line, f"a value of type {want} is needed")
 
@@ -154,7 +107,7 @@ class Scope:
         return self.worth[data]
 
     def _initial(self, data: Data) -> Value:
-        if data.type not in TYPES and data.type not in _LITERAL:
+        if data.type not in TYPES and data.type not in LITERAL:
             raise Wrong(data.line, f"the data type {data.type[:40]} is not read")
         if data.value is None:
             raise Wrong(data.line, f"{data.name} has no value")
@@ -232,7 +185,7 @@ def orient_fault(q: tuple[float, ...]) -> str:
 
 
 def _external(axes: tuple[float, ...]) -> str:
-    return "external axes are not read" if any(v != _UNUSED for v in axes) else ""
+    return "external axes are not read" if any(v != UNUSED for v in axes) else ""
 
 
 def _quarters(conf: tuple[float, ...]) -> str:

@@ -12,6 +12,15 @@ from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Wait
 from camgen.model.text import counted
 from camgen.post import Fault, Remark
+from camgen.read.rapid.types import Value
+from camgen.read.rapid.ways import (
+    is_half_turn,
+    joints_fault,
+    joints_remark,
+    judge_arc,
+    posture_fault,
+    posture_remark,
+)
 
 from .asked import (
     judge_acceleration,
@@ -21,17 +30,9 @@ from .asked import (
     judge_pressing,
     judge_singularity,
 )
-from .data import Value, numbers
+from .data import numbers
 from .state import Bound, State
 from .syntax import DEACT_WHERE_ON, Call, Expr, Inline, Ref, Wrong
-from .ways import (
-    is_half_turn,
-    joints_fault,
-    joints_remark,
-    judge_arc,
-    posture_fault,
-    posture_remark,
-)
 
 _SUPERVISION = {"confj": "ConfJ", "confl": "ConfL"}
 #: The signal that is an analog output; all others are digital (docs/posts/rapid.md, options).

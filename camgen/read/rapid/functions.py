@@ -1,0 +1,352 @@
+"""What RAPID's functions are worth (technical reference manual, functions): poses, numbers, texts, inputs.
+
+A function of the text itself runs; one that is in no file, and what only a controller knows, is not known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from camgen.model.pose import (
+    Pose,
+    fixed_xyz,
+    frozen,
+    quaternion,
+    rotation_about,
+    rotation_from_quaternion,
+    translation,
+)
+
+from .machine import Machine
+from .places import pose_of, say_pose, see_here
+from .tokens import Wrong
+from .tree import Call, Element, Expr, Maybe, Ref
+from .values import NOTHING, Unknown, Value, find_unknown, tell_type
+
+
+def call_function(machine: Machine, call: Call) -> Value:
+    """The worth of ``name(...)``."""
+    routine = machine.routine(call.name)
+    if routine is not None:
+        return machine.call(routine, call)
+    special = _SPECIAL.get(call.name)
+    if special is not None:
+        return special(machine, call)
+    values = [machine.value(arg) for arg in call.args]
+    known = _PLAIN.get(call.name)
+    if known is None:
+        if call.name not in _UNKNOWN:
+            machine.assume(f"{call.name} is in none of the files: what it gives is not known", call.name)
+        return machine.ask_for(f"{call.name}()", call.name)
+    unknown = find_unknown(values)
+    if unknown is not None:
+        return unknown
+    try:
+        return known(*values)
+    except (TypeError, ValueError, IndexError, OverflowError, ZeroDivisionError, AttributeError, np.linalg.LinAlgError):
+        raise Wrong(machine.line, f"{call.name} of {', '.join(map(tell_type, values)) or 'nothing'}") from None
+
+
+# Poses ----------------------------------------------------------------------------------------------------------
+
+
+def _offs(machine: Machine, call: Call) -> Value:
+    values = [machine.value(arg) for arg in call.args]
+    if len(values) != 4 or not isinstance(values[0], (tuple, Unknown)):
+        raise Wrong(machine.line, "Offs has a robtarget and three numbers")
+    point, *shift = values
+    if isinstance(point, Unknown) or isinstance(point[0], Unknown):
+        return point
+    moved = tuple(a if isinstance(a, Unknown) else b if isinstance(b, Unknown) else _add(machine, a, b)
+                  for a, b in zip(point[0], shift, strict=True))  # fmt: skip
+    return (moved, *point[1:])
+
+
+def _add(machine: Machine, a: Value, b: Value) -> float:
+    if type(a) is not float or type(b) is not float:
+        raise Wrong(machine.line, f"{tell_type(a)} + {tell_type(b)}")
+    return a + b
+
+
+def _reltool(machine: Machine, call: Call) -> Value:
+    values = [machine.value(arg) for arg in call.args]
+    if len(values) != 4:
+        raise Wrong(machine.line, "RelTool has a robtarget and three numbers")
+    turns = {name: machine.value(value) for name, value in call.options if _is_given(machine, value)}
+    unknown = find_unknown(values[:1]) or find_unknown(values[1:]) or find_unknown(list(turns.values()))
+    if unknown is not None:
+        return unknown
+    point, x, y, z = values
+    if not isinstance(point, tuple) or not all(type(v) is float for v in (x, y, z)):
+        raise Wrong(machine.line, "RelTool has a robtarget and three numbers")
+    moved = pose_of(machine, point) @ translation(x, y, z)
+    rotation = moved.rotation
+    for axis, name in enumerate(("rx", "ry", "rz")):
+        if type(turns.get(name)) is float:
+            rotation = frozen(rotation @ rotation_about(axis, math.radians(turns[name])))
+    return (tuple(map(float, moved.origin)), quaternion(rotation), *point[2:])
+
+
+def _is_given(machine: Machine, value: Expr | None) -> bool:
+    """Whether an optional argument is: one that is handed on may not be."""
+    if not isinstance(value, Maybe):
+        return True
+    variable = machine.variable(value.name)
+    return variable is not None and variable.storage != "absent"
+
+
+def _robot_here(machine: Machine, call: Call) -> Value:
+    """CRobT, CPos: where the last motion ended, where that is known."""
+    return see_here(machine, call)
+
+
+def _joints_here(machine: Machine, _call: Call) -> Value:
+    if machine.here.joints is None:
+        machine.assume("CJointT: the joints where the arm is are not known", "")
+        return Unknown("CJointT()")
+    return (machine.here.joints, (9e9,) * 6)
+
+
+def _of_arm(machine: Machine, call: Call) -> Value:
+    """CalcRobT and CalcJointT: they need the arm."""
+    machine.assume(f"{call.name} needs the arm: what it gives is not known", "")
+    return Unknown(f"{call.name}()")
+
+
+def _frame_of_points(p1: Value, p2: Value, p3: Value, *_: Value) -> Value:
+    """DefFrame: through three positions, the first its origin, the second on its x axis."""
+    a, b, c = (np.array(p[0] if isinstance(p[0], tuple) else p, dtype=np.float64) for p in (p1, p2, p3))
+    x = (b - a) / np.linalg.norm(b - a)
+    z = np.cross(x, c - a)
+    z = z / np.linalg.norm(z)
+    rotation = frozen(np.column_stack([x, np.cross(z, x), z]))
+    return say_pose(Pose(rotation, (float(a[0]), float(a[1]), float(a[2]))))
+
+
+def _pose(value: Value) -> Pose:
+    return Pose(rotation_from_quaternion(value[1]), value[0])
+
+
+def _orient_zyx(z: float, y: float, x: float) -> Value:
+    matrix = (
+        rotation_about(2, math.radians(z)) @ rotation_about(1, math.radians(y)) @ rotation_about(0, math.radians(x))
+    )
+    return quaternion(frozen(matrix))
+
+
+def _euler(machine: Machine, call: Call) -> Value:
+    """EulerZYX: of R = Rz Ry Rx the angle that the switch names, deg."""
+    turn = machine.value(call.args[0]) if call.args else NOTHING
+    if find_unknown(turn) is not None:
+        return find_unknown(turn)
+    names = [name for name, _ in call.options]
+    if not isinstance(turn, tuple) or len(turn) != 4 or not names or names[0] not in ("x", "y", "z") or not any(turn):
+        raise Wrong(machine.line, "EulerZYX has \\X, \\Y or \\Z, and an orientation")
+    return math.degrees(fixed_xyz(rotation_from_quaternion(turn))["xyz".index(names[0])])
+
+
+def _normalise(turn: Value) -> Value:
+    norm = math.sqrt(sum(v * v for v in turn))
+    return tuple(v / norm for v in turn)
+
+
+def _distance(a: Value, b: Value) -> float:
+    return math.dist(a, b)
+
+
+# Inputs ---------------------------------------------------------------------------------------------------------
+
+
+def name_of(machine: Machine, expr: Expr | None) -> str:
+    """The name of the signal that an argument means: its own, or that of what was handed on."""
+    if isinstance(expr, Ref):
+        variable = machine.variable(expr.name)
+        value = machine.load(variable) if variable is not None else None
+        if isinstance(value, Unknown) and value.key and variable is not None and variable.storage == "parameter":
+            return value.what
+        return expr.name
+    if isinstance(expr, Element):
+        return name_of(machine, expr.base)
+    return "" if expr is None else "a signal"
+
+
+def _signal(machine: Machine, call: Call) -> Value:
+    """DInput, DOutput, GInput, AInput and the like."""
+    name = name_of(machine, call.args[0] if call.args else None)
+    key = name.lower()
+    if key in machine.outputs and key not in machine.ask.assume:
+        return machine.outputs[key]
+    return machine.ask_for(name, key)
+
+
+def _test_input(machine: Machine, call: Call) -> Value:
+    value = _signal(machine, call)
+    return value if isinstance(value, Unknown) else value != 0
+
+
+# Texts ----------------------------------------------------------------------------------------------------------
+
+
+def _number_text(value: float, digits: float, *_: Value) -> str:
+    return f"{value:.{max(0, min(15, int(digits)))}f}"
+
+
+def _value_text(value: Value) -> str:
+    if type(value) is bool:
+        return "TRUE" if value else "FALSE"
+    if type(value) is float:
+        return f"{value:.6G}"
+    if isinstance(value, (tuple, list)):
+        return f"[{','.join(map(_value_text, value))}]"
+    return f'"{value}"'
+
+
+def _part_of(text: str, start: float, length: float) -> str:
+    if not 1 <= start <= len(text) or length < 0 or start - 1 + length > len(text):
+        raise ValueError(text)
+    return text[int(start) - 1 : int(start) - 1 + int(length)]
+
+
+def _find(text: str, start: float, wanted: str, *_: Value) -> float:
+    """StrFind: the first character that is one of ``wanted``; behind the end where there is none."""
+    for place in range(int(start) - 1, len(text)):
+        if text[place] in wanted:
+            return float(place + 1)
+    return float(len(text) + 1)
+
+
+def _match(text: str, start: float, pattern: str) -> float:
+    place = text.find(pattern, int(start) - 1)
+    return float(place + 1 if place >= 0 else len(text) + 1)
+
+
+def _map(text: str, old: str, new: str) -> str:
+    return text.translate({ord(a): b for a, b in zip(old, new, strict=False)})
+
+
+def _number_of_text(machine: Machine, call: Call) -> Value:
+    """StrToVal: writes the value into its second argument, and says whether there was one."""
+    text = machine.value(call.args[0]) if call.args else NOTHING
+    if len(call.args) != 2:
+        raise Wrong(machine.line, "StrToVal has a string and a variable")
+    if not isinstance(text, str):
+        machine.assign(call.args[1], text if isinstance(text, Unknown) else NOTHING)
+        return text if isinstance(text, Unknown) else False
+    value = _read_value(text)
+    if value is None:
+        return False
+    machine.assign(call.args[1], value)
+    return True
+
+
+def _read_value(text: str) -> Value:
+    from .expressions import Calls  # noqa: PLC0415 (for this function alone)
+
+    try:
+        parser = Calls(text, 0)
+        value = parser.primary(0)
+    except Wrong:
+        return None
+    plain = isinstance(value, (float, bool, str, tuple)) and parser.token[0] == "end"
+    return value if plain and _is_plain(value) else None
+
+
+def _is_plain(value: Value) -> bool:
+    return all(map(_is_plain, value)) if isinstance(value, tuple) else isinstance(value, (float, bool, str))
+
+
+# What the program itself is -------------------------------------------------------------------------------------
+
+
+def _present(machine: Machine, call: Call) -> Value:
+    if len(call.args) != 1 or not isinstance(call.args[0], Ref):
+        raise Wrong(machine.line, "Present has the name of a parameter")
+    variable = machine.variable(call.args[0].name)
+    return variable is not None and variable.storage != "absent"
+
+
+def _dimension(machine: Machine, call: Call) -> Value:
+    if len(call.args) != 2:
+        raise Wrong(machine.line, "Dim has an array and a number")
+    value, which = machine.value(call.args[0]), machine.number(call.args[1])
+    if isinstance(which, Unknown) or isinstance(value, Unknown):
+        return which if isinstance(which, Unknown) else value
+    for _ in range(int(which) - 1 if 0 < which < 4 else 0):
+        value = value[0] if isinstance(value, list) and value else None
+    return float(len(value)) if isinstance(value, list) else 0.0
+
+
+def _rounded(machine: Machine, call: Call) -> Value:
+    """Round and Trunc, with the decimals that they keep."""
+    value = machine.number(call.args[0]) if call.args else NOTHING
+    digits = next((machine.number(v) for name, v in call.options if name == "dec"), 0.0)
+    if isinstance(value, Unknown) or isinstance(digits, Unknown):
+        return value if isinstance(value, Unknown) else digits
+    scale = 10.0 ** max(0.0, min(15.0, digits))
+    whole = math.trunc(value * scale) if call.name.startswith("trunc") else math.floor(value * scale + 0.5)
+    return whole / scale
+
+
+def _data_in_force(name: str) -> Callable[[Machine, Call], Value]:
+    def get(machine: Machine, _call: Call) -> Value:
+        found = machine.facts.get("in force", {})
+        return next((machine._named(known[len(name) :]) for known in found if known.startswith(name)), NOTHING)
+
+    return get
+
+
+def _degrees(function: Callable[[float], float]) -> Callable[[float], float]:
+    return lambda value: math.degrees(function(value))
+
+
+def _radians(function: Callable[[float], float]) -> Callable[[float], float]:
+    return lambda value: function(math.radians(value))
+
+
+def _bits(function: Callable[[int, int], int]) -> Callable[[float, float], float]:
+    return lambda a, b: float(function(int(a), int(b)))
+
+
+_SPECIAL: dict[str, Callable[[Machine, Call], Value]] = {
+    "offs": _offs, "reltool": _reltool, "crobt": _robot_here, "cpos": _robot_here, "cjointt": _joints_here,
+    "calcrobt": _of_arm, "calcjointt": _of_arm, "eulerzyx": _euler, "strtoval": _number_of_text, "present": _present,
+    "dim": _dimension, "testdi": _test_input, "round": _rounded, "trunc": _rounded, "rounddnum": _rounded,
+    "truncdnum": _rounded,
+    **dict.fromkeys(
+        ("dinput", "doutput", "ginput", "goutput", "ainput", "aoutput", "ginputdnum", "goutputdnum", "pinput"), _signal
+    ),
+}  # fmt: skip
+_PLAIN: dict[str, Callable[..., Value]] = {
+    "abs": abs, "absdnum": abs, "sqrt": math.sqrt, "sqrtdnum": math.sqrt, "exp": math.exp,
+    "pow": lambda a, b: float(a**b),
+    "sin": _radians(math.sin), "cos": _radians(math.cos), "tan": _radians(math.tan), "asin": _degrees(math.asin),
+    "acos": _degrees(math.acos), "atan": _degrees(math.atan), "atan2": lambda y, x: math.degrees(math.atan2(y, x)),
+    "numtodnum": float, "dnumtonum": float, "max": max, "min": min,
+    "posemult": lambda a, b: say_pose(_pose(a) @ _pose(b)), "poseinv": lambda a: say_pose(_pose(a).inverse()),
+    "posevect": lambda a, v: _pose(a).apply(v), "orientzyx": _orient_zyx, "norient": _normalise,
+    "defframe": _frame_of_points, "distance": _distance, "vectmagn": lambda v: math.sqrt(sum(x * x for x in v)),
+    "dotprod": lambda a, b: float(sum(x * y for x, y in zip(a, b, strict=True))),
+    "strlen": lambda text: float(len(text)), "strpart": _part_of, "strfind": _find, "strmatch": _match, "strmap": _map,
+    "strmemb": lambda text, place, allowed: text[int(place) - 1] in allowed,
+    "strorder": lambda a, b, *_: a <= b, "numtostr": _number_text, "dnumtostr": _number_text, "valtostr": _value_text,
+    "bitand": _bits(int.__and__), "bitor": _bits(int.__or__), "bitxor": _bits(int.__xor__),
+    "bitlsh": _bits(lambda a, b: (a << min(b, 64)) & 0xFF), "bitrsh": _bits(lambda a, b: a >> min(b, 64)),
+    "bitcheck": lambda a, b: bool(int(a) >> (min(int(b), 64) - 1) & 1),
+    "gettaskname": lambda: "T_ROB1", "robos": lambda: False, "taskrunrob": lambda: True, "validio": lambda *_: True,
+    "isfile": lambda *_: False, "opmode": lambda: 1.0, "runmode": lambda *_: 1.0,
+}  # fmt: skip
+#: What only a controller, its operator or its surroundings know.
+_UNKNOWN = frozenset(
+    """argname bytetostr calcrotaxframez calcrotaxisframe cdate clkread cnvdist corrread ctime ctool cwobj dectohex
+    defaccframe defdframe egmgetstate eventtype execlevel fcidentload fcisforcemode filesize filetime fssize
+    getaxisangle getmecunitname getmodalpayloadmode getmotortorque getnextsym getserviceinfo getsysinfo
+    gettime gettrapdata gettsistatus getuasuserrights hand_getactualpos hextodec indpos indspeed iounitstate
+    isbrakecheckactive ismechunitactive ismecunitactive ispers isstopmoveact istasksync isvar loadid mirpos
+    motionplannerno nonmotionmode opmode orobt paramnotfound programmode quadr rawbyteslen readbin readcfgdata
+    readmotor readnum readstr readstrbin robname runmode socketgetstatus strdigcalc strdigcmp strtobyte
+    syncmoveison taskrunmec tcplinspeed testandset testsignread textget texttabfreetoread texttabget
+    uialphaentry uiclientexist uidnumentry uilistview uimessagebox uinumentry uinumtune""".split()  # noqa: SIM905 (eighty words read better so)
+)

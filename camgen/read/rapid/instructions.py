@@ -1,0 +1,366 @@
+"""RAPID's instructions that do not move: signals, waits, displacements, speeds, questions (technical reference manual).
+
+What moves nothing and changes nothing that is shown is nothing. What reads from a controller or its surroundings
+leaves data that are not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from camgen.model.instructions import Force, Output, Stop, Wait
+from camgen.model.pose import IDENTITY, Pose
+
+from .functions import name_of
+from .machine import Machine
+from .motions import Trigger
+from .places import pose_of, see_here
+from .tokens import Wrong
+from .tree import Call, Component, Element, Expr, Ref
+from .values import Unknown, find_unknown
+
+#: s: how long PulseDO switches on where it does not say.
+_PULSE = 0.2
+
+
+class Ended(Exception):
+    """The program has ended, as it says."""
+
+
+# Outputs --------------------------------------------------------------------------------------------------------
+
+
+def _set_to(machine: Machine, name: str, value: float) -> None:
+    if machine.blending:
+        what = f"{name} is switched while the robot is still in a corner: the motion in line {machine.blending} blends"
+        machine.find("dangerous", what)
+        machine.blending = 0
+    machine.add(Output(name, value))
+    machine.outputs[name.lower()] = value
+
+
+def _signal_of(machine: Machine, call: Call, count: int) -> str:
+    if len(call.args) != count:
+        raise Wrong(machine.line, f"{call.name} has {count} argument{'s' * (count > 1)}, not {len(call.args)}")
+    return name_of(machine, call.args[0])
+
+
+def _set_output(machine: Machine, call: Call) -> None:
+    """SetDO, SetAO, SetGO."""
+    options = dict(call.options)
+    given = options.get("dvalue")
+    name = _signal_of(machine, call, 1 if given is not None else 2)
+    value = machine.number(given if given is not None else call.args[1])
+    if isinstance(value, Unknown):
+        machine.assume(f"what {name} is set to is not known: 1 is taken", name.lower(), 1.0)
+        value = machine.given(name) or 1.0
+    if call.name == "setdo" and value not in (0, 1, 2):
+        raise Wrong(machine.line, f"{name} is set to {value:g}; a digital output is 0 or 1")
+    _set_to(machine, name, float(value == 1) if call.name == "setdo" else value)
+
+
+def _set_one(machine: Machine, call: Call) -> None:
+    """Set, Reset."""
+    _set_to(machine, _signal_of(machine, call, 1), float(call.name == "set"))
+
+
+def _invert(machine: Machine, call: Call) -> None:
+    name = _signal_of(machine, call, 1)
+    now = machine.outputs.get(name.lower())
+    if now is None:
+        machine.assume(f"{name} is inverted: it is taken to be off before", name.lower(), 0.0)
+        now = machine.given(name) or 0.0
+    _set_to(machine, name, float(now == 0))
+
+
+def _pulse(machine: Machine, call: Call) -> None:
+    """PulseDO: on, and off again while the program goes on."""
+    name = _signal_of(machine, call, 1)
+    options = dict(call.options)
+    length = machine.number(options["plength"]) if options.get("plength") is not None else _PULSE
+    _set_to(machine, name, 1.0)
+    if "high" not in options:
+        machine.add(Output(name, 0.0))
+        machine.outputs[name.lower()] = 0.0
+    machine.tell("pulses", f"{name}, {length:g} s" if type(length) is float else name)
+
+
+# Waits ----------------------------------------------------------------------------------------------------------
+
+
+def _wait(machine: Machine, call: Call) -> None:
+    """WaitTime; with InPos it waits for standstill first."""
+    if not call.args:
+        raise Wrong(machine.line, "WaitTime has a time")
+    seconds = machine.number(call.args[-1])
+    if isinstance(seconds, Unknown):
+        machine.assume(f"a wait is not known ({seconds.what}): 0 s are taken", seconds.key)
+        seconds = 0.0
+    if seconds < 0:
+        raise Wrong(machine.line, "a wait must not be negative")
+    machine.add(Wait(seconds))
+    machine.blending = 0  # by the end of the wait the arm has come to its point
+
+
+def _wait_signal(machine: Machine, call: Call) -> None:
+    """WaitDI, WaitDO, WaitGI, WaitAI ...: over at once."""
+    name = name_of(machine, call.args[0] if call.args else None)
+    value = machine.number(call.args[1]) if len(call.args) > 1 else 1.0
+    wanted = f"{value:g}" if type(value) is float else "a value"
+    machine.assume(f"{name}: the wait for {wanted} is over at once")
+    _no_timeout(machine, call)
+
+
+def _wait_until(machine: Machine, call: Call) -> None:
+    """WaitUntil: over at once."""
+    if call.args and not isinstance(call.args[-1], bool):
+        held = machine.value(call.args[-1])
+        if held is not True:
+            what = held.what if isinstance(held, Unknown) else "a condition"
+            machine.assume(f"{what[:60] or 'a condition'}: the wait for it is over at once")
+    _no_timeout(machine, call)
+
+
+def _no_timeout(machine: Machine, call: Call) -> None:
+    machine.blending = 0
+    for name, target in call.options:
+        if name == "timeflag" and target is not None:
+            machine.assign(target, False)
+
+
+# Displacements and speeds ---------------------------------------------------------------------------------------
+
+
+def _displace_off(machine: Machine, _call: Call) -> None:
+    machine.displaced = None
+    machine.version += 1
+
+
+def _displace_set(machine: Machine, call: Call) -> None:
+    """PDispSet: the frame that it says, in the work object."""
+    value = machine.value(call.args[0]) if call.args else None
+    unknown = find_unknown(value)
+    if unknown is not None:
+        machine.assume(f"a displacement is not known ({unknown.what}): none is taken", unknown.key)
+        value = None
+    machine.displaced = pose_of(machine, value) if isinstance(value, tuple) and len(value) == 2 else None
+    machine.tell("displacement", "of the program, PDispSet")
+
+
+def _displace_on(machine: Machine, call: Call) -> None:
+    """PDispOn: from the point that the program names to where the arm is, or to ExeP."""
+    options = dict(call.options)
+    if len(call.args) < 2:
+        raise Wrong(machine.line, "PDispOn has a point and a tool")
+    machine.displaced = None
+    point = machine.value(call.args[0])
+    there = options.get("exep")
+    at = machine.value(there) if there is not None else see_here(machine, Call(machine.line, "crobt"))
+    if find_unknown(point) is not None or find_unknown(at) is not None:
+        machine.assume("a displacement is not known (PDispOn where the arm is): none is taken")
+        return
+    planned, real = pose_of(machine, point), pose_of(machine, at)
+    if "rot" in options:
+        machine.displaced = real @ planned.inverse()
+    else:
+        x, y, z = (a - b for a, b in zip(real.origin, planned.origin, strict=True))
+        machine.displaced = Pose(IDENTITY, (x, y, z))
+    machine.tell("displacement", "of the program, PDispOn")
+
+
+def _limit_speed(machine: Machine, call: Call) -> None:
+    """VelSet: % of every speed, and mm/s at most."""
+    values = [machine.number(arg) for arg in call.args]
+    if len(values) != 2:
+        raise Wrong(machine.line, "VelSet has a percentage and a speed")
+    percent, most = values
+    if type(percent) is float and percent > 0:
+        machine.speed_override = percent / 100
+    machine.speed_most = most if type(most) is float else 0.0
+
+
+def _tell_settings(machine: Machine, call: Call) -> None:
+    values = [machine.value(arg) for arg in call.args]
+    text = ", ".join(f"{v:g}" for v in values if type(v) is float)
+    text += "".join(f"\\{name}" for name, _ in call.options)
+    machine.tell("settings", f"{call.name} {text}".rstrip())
+
+
+def _supervise(machine: Machine, call: Call) -> None:
+    """ConfJ, ConfL, SingArea: each with its switch."""
+    if call.args or len(call.options) > 1:
+        raise Wrong(machine.line, f"{call.name} has one switch")
+    _tell_settings(machine, call)
+
+
+# Triggers -------------------------------------------------------------------------------------------------------
+
+
+def _define_trigger(machine: Machine, call: Call) -> None:
+    """TriggIO, TriggEquip: what is switched at which distance."""
+    options = dict(call.options)
+    name, value = "", None
+    signal = next((options[k] for k in ("dop", "gop", "aop") if options.get(k) is not None), None)
+    if signal is not None:
+        name = name_of(machine, signal)
+    values = [machine.number(arg) for arg in call.args[1:]]
+    numbers = [v for v in values if type(v) is float]
+    if "setvalue" in options or "setdvalue" in options:
+        value = machine.number(options.get("setvalue") or options.get("setdvalue"))
+    elif numbers:
+        value = numbers[-1]
+    distance = numbers[0] if numbers and "time" not in options else 0.0
+    done = ((name, value),) if name and type(value) is float else ()
+    if call.args:
+        machine.assign(call.args[0], Trigger(distance, "start" in options, done))
+
+
+def _define_interrupt(machine: Machine, call: Call) -> None:
+    """TriggInt and the like: they interrupt, which does not happen here."""
+    if call.args:
+        machine.assign(call.args[0], Trigger(0.0, False, ()))
+
+
+# The operator, and data from elsewhere --------------------------------------------------------------------------
+
+
+def _stop(machine: Machine, _call: Call) -> None:
+    machine.add(Stop())
+    machine.blending = 0
+
+
+def _end(_machine: Machine, _call: Call) -> None:
+    raise Ended
+
+
+def _ask_operator(machine: Machine, call: Call) -> None:
+    """TPReadNum, TPReadFK, TPReadDnum: the answer is not known unless the user gives it."""
+    _receive(machine, call)
+    if call.args and isinstance(call.args[0], (Ref, Component, Element)):
+        name = _key_of(call.args[0])
+        if machine.given(name) is None:
+            machine.assume(f"{name}: the operator's answer is not known", name)
+
+
+def _receive(machine: Machine, call: Call) -> None:
+    """An instruction that gives data a value from outside."""
+    places = _RECEIVES.get(call.name, ())
+    targets = [call.args[k] for k in places if k < len(call.args)]
+    targets += [value for name, value in call.options if name in _RECEIVED_BY and value is not None]
+    for target in targets:
+        if isinstance(target, (Ref, Component, Element)):
+            key = _key_of(target)
+            machine.assign(target, machine.ask_for(f"{key}, from {call.name}", key))
+
+
+def _key_of(target: Expr) -> str:
+    while isinstance(target, (Component, Element)):
+        target = target.base
+    return target.name.lower() if isinstance(target, Ref) else ""
+
+
+#: Which arguments of an instruction get a value from outside, and which optional ones.
+_RECEIVES: dict[str, tuple[int, ...]] = {
+    "tpreadfk": (0,), "tpreadnum": (0,), "tpreaddnum": (0,), "uimsgbox": (), "socketreceive": (), "readanybin": (1,),
+    "readrawbytes": (1,), "unpackrawbytes": (2,), "getdataval": (1,), "readcfgdata": (2,), "getsysdata": (0,),
+    "readblock": (1,), "rmqgetmsgdata": (1,), "rmqreadwait": (0,), "rmqgetmessage": (0,), "rmqgetmsgheader": (0,),
+    "gettrapdata": (0,), "camgetresult": (1,), "search_1d": (0,), "search_groove": (0,), "search_part": (0,),
+    "getnextsym": (0,), "mtooltcpcalib": (4, 5, 6), "mtoolrotcalib": (1,), "stooltcpcalib": (4, 5, 6),
+    "stoolrotcalib": (4,),
+}  # fmt: skip
+_RECEIVED_BY = frozenset(("result", "str", "rawdata", "data", "message", "buttons", "timeflag", "readnoofbytes"))
+
+
+def _increase(machine: Machine, call: Call) -> None:
+    """Incr, Decr, Add, Clear."""
+    if not call.args or not isinstance(call.args[0], (Ref, Component, Element)):
+        raise Wrong(machine.line, f"{call.name} needs data")
+    now = machine.number(call.args[0])
+    if call.name == "clear":
+        machine.assign(call.args[0], 0.0)
+        return
+    step = machine.number(call.args[1]) if call.name == "add" and len(call.args) > 1 else 1.0
+    if type(now) is not float or type(step) is not float:
+        machine.assign(call.args[0], now if isinstance(now, Unknown) else step)
+        return
+    machine.assign(call.args[0], now + step if call.name in ("incr", "add") else now - step)
+
+
+def _use_tool(machine: Machine, _call: Call) -> None:
+    """GripLoad and its like: the load that is carried moves nothing."""
+    machine.tell("settings", "gripload")
+
+
+def _force_off(machine: Machine, _call: Call) -> None:
+    if machine.pressing is not None or any(isinstance(item, Force) for item in machine.body[-1:]):
+        machine.pressing = None
+        machine.add(Force(0.0))
+
+
+def _bit(machine: Machine, call: Call) -> None:
+    """BitSet, BitClear."""
+    if len(call.args) != 2:
+        raise Wrong(machine.line, f"{call.name} has data and a place")
+    now, place = machine.number(call.args[0]), machine.number(call.args[1])
+    if type(now) is float and type(place) is float and 1 <= place <= 52 and 0 <= now < 2**52:
+        mask = 1 << (int(place) - 1)
+        machine.assign(call.args[0], float(int(now) | mask if call.name.startswith("bitset") else int(now) & ~mask))
+
+
+Effect = Callable[[Machine, Call], None]
+
+
+def _nothing(_machine: Machine, _call: Call) -> None:
+    pass
+
+
+#: Screen, files, sockets, clocks, interrupts, world zones, other tasks, supervision: they move nothing.
+_NO_EFFECT = """
+    accset activeventbuffer actunit aliasio aliasioreset arckill arcrefresh bookerrno booknerrno camflush camloadjob
+    camreqimage camsetexposure camsetparameter camsetprogrammode camsetrunmode camstartloadjob camwaitloadjob
+    cancelload capaptrsetup capcondsetdo capequidist checkprogref circlepathmode cirpathmode cleariobuff
+    clearpath clearrawbytes clkreset clkstart clkstop close closedir confj confl copyfile copyrawbytes corrclear
+    corrcon corrdiscon corrwrite cyclicbrake cyclicbrakecheck deactiveventbuffer deactunit dropwobj egmactjoint
+    egmactmove egmactpose egmgetid egmmovec egmmovel egmreset egmrunjoint egmrunpose egmsetupai egmsetupltapp
+    egmsetupuc egmstop egmstreamstart egmstreamstop eoffsoff eoffson eoffsset erasemodule errlog errraise
+    errwrite eventlog fcact fccalib fccondforce fccondwaitwhile fcconforce fcrefforce fcreflin fcrefstart
+    fcrefstop fcresetdamping fcsetdamping fcsetsdparam fcspdchgact fcspdchgdeact fcsupvforce fcsupvorient
+    fcsupvpos fcsupvtcpspeed fcsupvtorque getgroupsignalinfo gripload hand_domotorcalibration hand_gripinward
+    hand_gripoutward hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror hand_stop idelete
+    idisable ienable ierror indamove indcmove inddmove indreset indrmove iobusstart iobusstate iodisable
+    ioenable ipers irmqmessage isignalai isignalao isignaldi isignaldo isignalgi isignalgo isleep itimer
+    ivarvalue iwatch jointtrigg keysendstring load makedir mechunitload motionsup open opendir packrawbytes
+    pathacclim pathrecmovebwd pathrecmovefwd pathrecstart pathrecstop pathresol ppadropwobj print
+    procerrrecovery readdir recordprofile recoverymenu recoverypos recoveryposreset recoveryposset recoverytpos
+    removedir removefile renamefile resetpdisp resetretrycount restartsystem restopath rewind rmqemptyqueue
+    rmqfindslot rmqsendmessage rmqsendwait save saveprofile scwrite setalldataval setbrush setbrushfac
+    setdatasearch setdataval setsysdata singarea skipwarn socketaccept socketbind socketclose socketconnect
+    socketcreate socketlisten socketsend socketsendto softact softdeact speedlimaxis speedlimcheckpoint spystart
+    spystop startload startmove startmoveretry stopmove stopmovereset storepath syncmoveoff syncmoveon
+    syncmoveresume syncmovesuspend syncmoveundo sysetmstop systemstopaction testsigndefine testsignreset
+    texttabinstall tperase tpshow tpwrite triggcheckio triggdatacopy triggdatareset triggrampao triggspeed
+    triggstopproc tunereset tuneservo uiclientexist uimsgwrite uimsgwriteabort uishow unload useacceprofile
+    waitload waitsynctask waittestandset waitwobj warmstart worldacclim write writeanybin writebin writeblock
+    writecfgdata writerawbytes writestrbin wzboxdef wzcyldef wzdisable wzdoset wzenable wzfree wzhomejointdef
+    wzlimjointdef wzlimsup wzsphdef""".split()  # noqa: SIM905 (two hundred words read better so)
+
+EFFECTS: dict[str, Effect] = {
+    **dict.fromkeys(_NO_EFFECT, _nothing),
+    **dict.fromkeys(("setdo", "setao", "setgo"), _set_output), "set": _set_one, "reset": _set_one, "invertdo": _invert,
+    "pulsedo": _pulse, "waittime": _wait,
+    **dict.fromkeys(
+        ("waitdi", "waitdo", "waitgi", "waitgo", "waitai", "waitao", "waitsensor", "waitrob"), _wait_signal
+    ),
+    "waituntil": _wait_until, "pdispoff": _displace_off, "pdispset": _displace_set, "pdispon": _displace_on,
+    "velset": _limit_speed, "accset": _tell_settings, "softact": _tell_settings, "eoffsset": _tell_settings,
+    "eoffson": _tell_settings, "pathacclim": _tell_settings, "confj": _supervise, "confl": _supervise,
+    "singarea": _supervise, "cirpathmode": _tell_settings, "motionsup": _tell_settings,
+    "triggio": _define_trigger, "triggequip": _define_trigger,
+    **dict.fromkeys(("triggint", "triggcheckio", "triggspeed", "triggrampao"), _define_interrupt),
+    "stop": _stop, "break": _stop, "exitcycle": _end, "exit": _end, "systemstop": _end,
+    **dict.fromkeys(("tpreadfk", "tpreadnum", "tpreaddnum"), _ask_operator),
+    **dict.fromkeys((name for name in _RECEIVES if not name.startswith("tpread")), _receive),
+    **dict.fromkeys(("incr", "decr", "add", "clear"), _increase), "gripload": _use_tool, "fcdeact": _force_off,
+    **dict.fromkeys(("bitset", "bitclear"), _bit),
+}  # fmt: skip
+EFFECTS["waitrob"] = _nothing

@@ -1,0 +1,118 @@
+"""RAPID modules put together: who sees which name, what is declared twice, where the program begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .branches import Ways, flat
+from .machine import Home, Machine
+from .tree import Call, Module, Record, Routine
+from .types import RESIDENT
+
+#: The longest name (kernel manual, identifiers).
+_LONGEST_NAME = 32
+
+
+def link(machine: Machine, modules: Sequence[Module]) -> Routine | None:
+    """Enters the modules, and the routine where the program begins, if there is one."""
+    for module in modules:
+        for record in module.records:
+            _enter_record(machine, record)
+    seen: dict[str, int] = {}
+    for module in modules:
+        _check_names(machine, module, seen)
+    for module in modules:
+        _enter(machine, module)
+    return _find_entry(machine, modules)
+
+
+def _enter_record(machine: Machine, record: Record) -> None:
+    if record.alias:
+        machine.aliases[record.name] = record.components[0][0]
+    else:
+        machine.types[record.name] = tuple((name, kind) for kind, name in record.components)
+
+
+def _check_names(machine: Machine, module: Module, seen: dict[str, int]) -> None:
+    """Notes names that are too long or declared twice where they are seen."""
+    own: dict[str, int] = {}
+    items = [*((d.name, d.line, d.local) for d in module.data), *((r.name, r.line, r.local) for r in module.routines)]
+    for name, line, local in items:
+        key = name.lower()
+        if len(name) > _LONGEST_NAME:
+            machine.find("refused", f"{name[:40]} is longer than {_LONGEST_NAME} characters", line)
+        before = own.get(key) or (None if local else seen.get(key))
+        if before:
+            machine.find("refused", f"{name[:40]} is declared twice, first in line {before}", line)
+        own[key] = own.get(key, line)
+        if not local:
+            seen[key] = seen.get(key, line)
+    for routine in module.routines:
+        inner = {one.name for one in routine.parameters}
+        for data in routine.data:
+            key = data.name.lower()
+            if key in inner:
+                machine.find("refused", f"{data.name[:40]} is declared twice in {routine.name}", data.line)
+            inner.add(key)
+
+
+def _enter(machine: Machine, module: Module) -> None:
+    home = Home(module.name)
+    for routine in module.routines:
+        machine.homes[routine] = home
+        key = routine.name.lower()
+        if routine.local:
+            home.routines.setdefault(key, routine)
+        else:
+            machine.routines.setdefault(key, routine)
+    for data in module.data:
+        key = data.name.lower()
+        place = home.data if data.local else machine.data
+        known = place.get(key)
+        if known is None or (known.storage == "pers" and known.start is None and data.value is not None):
+            place[key] = machine.declare(data, home)
+
+
+def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
+    """The routine that the user names, or main, or the first that can be run and that no other calls."""
+    wanted = machine.ask.entry.lower()
+    found = machine.routines.get(wanted or "main")
+    if found is None and wanted:
+        found = next((r for m in modules for r in m.routines if r.name.lower() == wanted), None)
+        if found is None:
+            machine.find("unusual", f"there is no PROC {machine.ask.entry[:40]}; another one is run", 1)
+    if found is not None and found.kind == "proc" and all(one.optional for one in found.parameters):
+        machine.tell("entry", found.name)
+        return found
+    ready = [
+        routine
+        for module in modules
+        for routine in module.routines
+        if routine.kind == "proc" and all(one.optional for one in routine.parameters)
+    ]
+    if not ready:
+        machine.tell("entry", "none: no PROC can be run by itself")
+        return None
+    return _first_of(machine, modules, ready)
+
+
+def _first_of(machine: Machine, modules: Sequence[Module], ready: list[Routine]) -> Routine:
+    """The first of the routines that no other calls, one that moves before others."""
+    called = {
+        item.name
+        for module in modules
+        for routine in module.routines
+        for item in flat(routine.body)
+        if isinstance(item, Call) and item.name != routine.name.lower()
+    }
+    free = [routine for routine in ready if routine.name.lower() not in called] or ready
+    ways = Ways(machine)
+    chosen = next((routine for routine in free if ways.moves(routine.body)), free[0])
+    machine.tell("entry", f"{chosen.name}, as there is no main")
+    others = [routine.name for routine in free if routine is not chosen]
+    for name in others[:20]:
+        machine.tell("not run", name)
+    return chosen
+
+
+__all__ = ["RESIDENT", "link"]

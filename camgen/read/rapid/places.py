@@ -1,0 +1,143 @@
+"""Where the arm of a RAPID program is: its tools and work objects, positions as poses, and what is known of both."""
+
+from __future__ import annotations
+
+from camgen.model.pose import Pose, quaternion, translation
+from camgen.read.programs import Frames
+
+from .machine import Machine
+from .tokens import Wrong
+from .tree import Call, Expr, Ref
+from .values import Unknown, Value, find_unknown
+
+#: Of an orientation: so far its squares may differ from 1 at most (manual, NOrient).
+WORST_NORM = 0.1
+
+
+def pose_of(machine: Machine, value: Value) -> Pose:
+    """The frame that position and orientation say. Wrong where the orientation is none."""
+    (x, y, z), turn = value[0], value[1]
+    norm = sum(v * v for v in turn)
+    if abs(norm - 1) > WORST_NORM:
+        raise Wrong(machine.line, f"an orientation that is none (the sum of its squares is {norm:.3g})")
+    return Pose(machine.rotation(turn), (x, y, z))
+
+
+def say_pose(pose: Pose) -> Value:
+    """A frame as a pose."""
+    return (tuple(map(float, pose.origin)), quaternion(pose.rotation))
+
+
+# Tools and work objects ------------------------------------------------------------------------------------------
+
+
+def choose_frame(machine: Machine, tool: Expr, work: Expr | None, joints: bool) -> int:
+    """The place in ``machine.frames`` of the tool and the work object of a motion."""
+    tool_name, tool_value = _persistent(machine, tool, "tooldata")
+    work_name, work_value = ("", None) if work is None else _persistent(machine, work, "wobjdata")
+    if joints and work is None and machine.frames:
+        # The end of a motion to joint values does not depend on the work object: it stays that of the motion before.
+        before = machine.frames[machine.frame]
+        work_name = before.work
+        work_value = next((key[3] for key, at in machine.frame_keys.items() if at == machine.frame), None)
+    key = (tool_name, _stamp(tool_value), work_name, _stamp(work_value))
+    found = machine.frame_keys.get(key)
+    if found is None:
+        found = machine.frame_keys[key] = len(machine.frames)
+        flange = _tool_frame(machine, tool_name, tool_value)
+        base = translation(0, 0, 0) if work is None and not work_name else _work_frame(machine, work_name, work_value)
+        machine.frames.append(Frames(tool_name, work_name, flange, base))
+    return found
+
+
+def _stamp(value: Value) -> Value:
+    return value if isinstance(value, tuple) and find_unknown(value) is None else None
+
+
+def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
+    """The name and the worth of a tool or a work object."""
+    value = machine.value(expr)
+    name = ""
+    if isinstance(expr, Ref):
+        variable = machine.variable(expr.name)
+        while variable is not None and variable.base is not None:
+            variable = variable.base[0]
+        name = expr.name if variable is None else variable.name
+        if variable is not None and variable.storage in ("var", "const") and variable.type == kind:
+            word = variable.storage.upper()
+            machine.find("refused", f"{variable.name} is {word}: the {kind} of a motion must be a persistent (PERS)")
+    if not isinstance(value, (tuple, Unknown)):
+        raise Wrong(machine.line, f"a {kind} is needed")
+    return name, value
+
+
+def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
+    if not isinstance(value, tuple) or find_unknown(value[:2]) is not None or len(value) < 3:
+        machine.assume(f"the tool {name} is in none of the files: its frame is not known")
+        return None
+    machine.tell("tool", f"{name}{_tell_mass(value)}")
+    if value[0] is False:
+        machine.tell("tool", f"{name} stands still, the robot holds the work")
+        return None
+    return pose_of(machine, value[1])
+
+
+def _tell_mass(value: Value) -> str:
+    mass = value[2][0] if isinstance(value[2], tuple) and value[2] else None
+    return f", {mass:g} kg" if type(mass) is float and mass > 0.0011 else ""
+
+
+def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
+    if not isinstance(value, tuple) or len(value) < 5 or find_unknown(value) is not None:
+        machine.assume(f"the work object {name} is in none of the files: its frame is not known")
+        return None
+    held, fixed, unit, user, part = value
+    if held is True:
+        machine.tell("work object", f"{name} is held by the robot")
+        return None
+    if fixed is False or unit:
+        machine.tell("work object", f"{name} is moved by {unit or 'another unit'}")
+        return None
+    return pose_of(machine, user) @ pose_of(machine, part)
+
+
+# Where the arm is ------------------------------------------------------------------------------------------------
+
+
+def see_pose(machine: Machine) -> Pose | None:
+    """Where the TCP in force is in the work frame in force, None where that is not known."""
+    here = machine.here
+    if here.pose is None or here.frame == machine.frame:
+        return here.pose
+    then, now = machine.frames[here.frame], machine.frames[machine.frame]
+    if then.tool == now.tool and then.flange_from_tool is None and now.flange_from_tool is None:
+        flange = here.pose
+    elif then.flange_from_tool is None or now.flange_from_tool is None:
+        return None
+    else:
+        flange = here.pose @ then.flange_from_tool.inverse() @ now.flange_from_tool
+    if then.work == now.work and then.base_from_work is now.base_from_work:
+        return flange
+    if then.base_from_work is None or now.base_from_work is None:
+        return None
+    return now.base_from_work.inverse() @ then.base_from_work @ flange
+
+
+def see_here(machine: Machine, call: Call) -> Value:
+    """CRobT and CPos: where the last motion ended, in the frames that are asked for."""
+    options = dict(call.options)
+    kept = machine.frame
+    if machine.frames and ("tool" in options or "wobj" in options):
+        tool = options.get("tool") or Ref(machine.frames[kept].tool or "tool0")
+        work = options.get("wobj") or (Ref(machine.frames[kept].work) if machine.frames[kept].work else None)
+        machine.frame = choose_frame(machine, tool, work, False)
+    pose, rest = see_pose(machine) if machine.frames else None, machine.here.rest
+    machine.frame = kept
+    if pose is None:
+        machine.assume(f"{call.name}: where the arm is is not known")
+        return Unknown("where the arm is")
+    if machine.displaced is not None:
+        pose = machine.displaced.inverse() @ pose
+    position, turn = say_pose(pose)
+    rest = rest if len(rest) == 2 else ((0.0,) * 4, (9e9,) * 6)
+    return position if call.name == "cpos" else (position, turn, *rest)

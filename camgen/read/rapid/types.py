@@ -1,0 +1,88 @@
+"""RAPID data types and predefined data (RAPID system data types manual; its chapters speeddata and zonedata). mm, deg,
+mm/s, kg.
+"""
+
+from __future__ import annotations
+
+Value = float | bool | str | tuple["Value", ...]
+
+_XYZ = (("x", "num"), ("y", "num"), ("z", "num"))
+_POSE = (("trans", "pos"), ("rot", "orient"))
+#: Components of the record types; num, bool and string are written out.
+TYPES: dict[str, tuple[tuple[str, str], ...]] = {
+    "pos": _XYZ,
+    "orient": (("q1", "num"), ("q2", "num"), ("q3", "num"), ("q4", "num")),
+    "pose": _POSE,
+    "confdata": (("cf1", "num"), ("cf4", "num"), ("cf6", "num"), ("cfx", "num")),
+    "robjoint": tuple((f"rax_{i}", "num") for i in range(1, 7)),
+    "extjoint": tuple((f"eax_{c}", "num") for c in "abcdef"),
+    "robtarget": (*_POSE, ("robconf", "confdata"), ("extax", "extjoint")),
+    "jointtarget": (("robax", "robjoint"), ("extax", "extjoint")),
+    "speeddata": (("v_tcp", "num"), ("v_ori", "num"), ("v_leax", "num"), ("v_reax", "num")),
+    "zonedata": (
+        ("finep", "bool"),
+        *((n, "num") for n in ("pzone_tcp", "pzone_ori", "pzone_eax", "zone_ori", "zone_leax", "zone_reax")),
+    ),
+    "loaddata": (("mass", "num"), ("cog", "pos"), ("aom", "orient"), ("ix", "num"), ("iy", "num"), ("iz", "num")),
+    "tooldata": (("robhold", "bool"), ("tframe", "pose"), ("tload", "loaddata")),
+    "wobjdata": (("robhold", "bool"), ("ufprog", "bool"), ("ufmec", "string"), ("uframe", "pose"), ("oframe", "pose")),
+}
+LITERAL = {"num": float, "bool": bool, "string": str}
+UNUSED = 9e9  # an external axis that is not there
+NO_TURN = (1.0, 0.0, 0.0, 0.0)
+_ZERO = (0.0, 0.0, 0.0)
+IDENTITY = (_ZERO, NO_TURN)
+
+_SPEEDS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800,
+           1000, 1500, 2000, 2500, 3000, 4000, 5000, 6000, 7000)  # fmt: skip
+#: Radius at the TCP; the other components of a zone do not shape the path of the TCP.
+_ZONES = {"z0": 0.3} | {f"z{r}": float(r) for r in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+PREDEFINED: dict[str, tuple[str, Value]] = (
+    {f"v{v}": ("speeddata", (float(v), 500.0, 5000.0, 1000.0)) for v in _SPEEDS}
+    | {name: ("zonedata", (False, r, r, r, r, r, r)) for name, r in _ZONES.items()}
+    | {
+        "fine": ("zonedata", (True, *(0.0,) * 6)),
+        "high": ("num", 1.0),
+        "low": ("num", 0.0),
+        "tool0": ("tooldata", (True, IDENTITY, (0.001, (0.0, 0.0, 0.001), NO_TURN, 0.0, 0.0, 0.0))),
+        "wobj0": ("wobjdata", (False, True, "", IDENTITY, IDENTITY)),
+    }
+)
+
+
+#: Modules that are always there on older controllers, and what they declare (RAPID overview, system modules).
+RESIDENT = frozenset("base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low edge".split())  # noqa: SIM905
+
+#: Those that a program may name and that the read-back of our own programs does not need.
+MORE_TYPES: dict[str, tuple[tuple[str, str], ...]] = {
+    "stoppointdata": (
+        ("type", "num"), ("progsynch", "bool"), ("inpos", "inposdata"), ("stop", "stopdata"), ("follow", "followdata"),
+        ("signal", "string"), ("relation", "num"), ("checkvalue", "num"),
+    ),
+    "inposdata": (("position", "num"), ("speed", "num"), ("mintime", "num"), ("maxtime", "num")),
+    "stopdata": (("stoptime", "num"),),
+    "followdata": (("followtime", "num"),),
+    "tasks": (("taskname", "string"),),
+    "confsupdata": (),
+    "progdisp": (("pdisp", "pose"), ("eoffs", "extjoint")),
+    "welddata": (("weld_speed", "num"), ("org_weld_speed", "num"), ("main_arc", "arcdata"), ("org_arc", "arcdata")),
+}  # fmt: skip
+#: Data types that are numbers or texts.
+NUMBERS = frozenset(
+    """num dnum byte intnum errnum dionum opnum symnum tpnum triggflag stoppoint icondata buttondata listitem
+    handler_type""".split()  # noqa: SIM905
+)
+TEXTS = frozenset(("string", "mecunit", "errstr", "taskid"))
+#: Predefined beside those; what the robot decides has a usual value here.
+MORE: dict[str, tuple[str, Value]] = {
+    "vmax": ("speeddata", (5000.0, 500.0, 5000.0, 1000.0)),
+    "load0": ("loaddata", (0.001, (0.0, 0.0, 0.001), NO_TURN, 0.0, 0.0, 0.0)),
+    "pi": ("num", 3.1415927),
+    "stempty": ("string", ""),
+    "edge": ("num", 2.0),
+    "diskhome": ("string", "HOME:"),
+    **{f"vrot{v}": ("speeddata", (0.01, 0.01, 0.01, float(v))) for v in (1, 2, 5, 10, 20, 50, 100)},
+    **{f"vlin{v}": ("speeddata", (0.01, 0.01, float(v), 0.01)) for v in (10, 20, 50, 100, 200, 500, 1000)},
+}
+#: Variables of the system module ``user`` of older controllers.
+USER = {**{f"reg{k}": "num" for k in range(1, 6)}, "clock1": "clock", "wobj1": "wobjdata"}
