@@ -109,10 +109,9 @@ class Calls:
                 options.append(self.option(depth))
             else:
                 value = self.expression(depth)
-                if self.whole and isinstance(value, Ref) and self.accept(":="):
-                    options.append((value.name.lower(), self.expression(depth)))
-                else:
-                    args.append(value)
+                if self.whole and isinstance(value, Ref) and self.accept(":="):  # with the name of the parameter
+                    value = self.expression(depth)
+                args.append(value)
             if not self.accept(",") and self.token[1] != "\\":
                 return tuple(args), tuple(options)
 

@@ -27,6 +27,10 @@ class Ended(Exception):
     """The program has ended, as it says."""
 
 
+class CycleEnded(Ended):
+    """The program begins anew, with the data that it has."""
+
+
 # Outputs --------------------------------------------------------------------------------------------------------
 
 
@@ -233,6 +237,10 @@ def _end(_machine: Machine, _call: Call) -> None:
     raise Ended
 
 
+def _end_cycle(_machine: Machine, _call: Call) -> None:
+    raise CycleEnded
+
+
 def _ask_operator(machine: Machine, call: Call) -> None:
     """TPReadNum, TPReadFK, TPReadDnum: the answer is not known unless the user gives it."""
     _receive(machine, call)
@@ -357,7 +365,7 @@ EFFECTS: dict[str, Effect] = {
     "singarea": _supervise, "cirpathmode": _tell_settings, "motionsup": _tell_settings,
     "triggio": _define_trigger, "triggequip": _define_trigger,
     **dict.fromkeys(("triggint", "triggcheckio", "triggspeed", "triggrampao"), _define_interrupt),
-    "stop": _stop, "break": _stop, "exitcycle": _end, "exit": _end, "systemstop": _end,
+    "stop": _stop, "break": _stop, "exitcycle": _end_cycle, "exit": _end, "systemstop": _end,
     **dict.fromkeys(("tpreadfk", "tpreadnum", "tpreaddnum"), _ask_operator),
     **dict.fromkeys((name for name in _RECEIVES if not name.startswith("tpread")), _receive),
     **dict.fromkeys(("incr", "decr", "add", "clear"), _increase), "gripload": _use_tool, "fcdeact": _force_off,

@@ -107,7 +107,7 @@ def _first_of(machine: Machine, modules: Sequence[Module], ready: list[Routine])
     }
     free = [routine for routine in ready if routine.name.lower() not in called] or ready
     ways = Ways(machine)
-    chosen = next((routine for routine in free if ways.moves(routine.body)), free[0])
+    chosen = next((routine for routine in (*free, *ready) if ways.moves(routine.body)), free[0])
     machine.tell("entry", f"{chosen.name}, as there is no main")
     others = [routine.name for routine in free if routine is not chosen]
     for name in others[:20]:

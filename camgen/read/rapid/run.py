@@ -12,7 +12,7 @@ from camgen.model.instructions import Force, Output, ToolChange, Wait
 
 from .branches import Ways, hint
 from .functions import call_function, name_of
-from .instructions import EFFECTS, Ended
+from .instructions import EFFECTS, CycleEnded, Ended
 from .machine import Frame, Home, Machine
 from .motions import form_of, inline, move
 from .tokens import Wrong
@@ -46,7 +46,7 @@ from .values import NOTHING, Unknown, Value, Variable, find_unknown
 _DEEPEST = 70
 #: So often a loop is run that has a way out, before it is taken to have none.
 _MOST_PASSES = 200
-_MOST_RETRIES = 3
+_MOST_CYCLES = 3
 
 
 class _Returned(Exception):
@@ -544,7 +544,7 @@ def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | 
     runner = Runner(machine, Ways(machine), most)
     machine.call, machine.function = runner.call, call_function
     try:
-        runner.call(entry, Call(entry.line, entry.name.lower()))
+        _run_cycles(runner, entry)
     except Ended:
         pass
     except Stopped as stopped:
@@ -556,6 +556,20 @@ def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | 
     except RecursionError:
         return machine.line, "statements within each other, too deep"
     return None
+
+
+def _run_cycles(runner: Runner, entry: Routine) -> None:
+    """The entry; again where it ends a cycle before it has moved, since data tell it what to do next."""
+    machine = runner.machine
+    for _ in range(_MOST_CYCLES):
+        changes = machine.changes
+        try:
+            runner.call(entry, Call(entry.line, entry.name.lower()))
+        except CycleEnded:
+            if machine.body or machine.changes == changes:
+                raise
+            continue
+        return
 
 
 def judge_end(machine: Machine, line: int) -> None:

@@ -81,6 +81,8 @@ MORE: dict[str, tuple[str, Value]] = {
     "stempty": ("string", ""),
     "edge": ("num", 2.0),
     "diskhome": ("string", "HOME:"),
+    **{name: ("num", float(k)) for k, name in enumerate(("op_undef", "op_auto", "op_man_prog", "op_man_test"))},
+    **{name: ("num", float(k)) for k, name in enumerate(("run_undef", "run_cont_cycle", "run_instr_fwd"))},
     **{f"vrot{v}": ("speeddata", (0.01, 0.01, 0.01, float(v))) for v in (1, 2, 5, 10, 20, 50, 100)},
     **{f"vlin{v}": ("speeddata", (0.01, 0.01, float(v), 0.01)) for v in (10, 20, 50, 100, 200, 500, 1000)},
 }
