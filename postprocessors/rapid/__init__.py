@@ -29,6 +29,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
+    Stop,
     Wait,
     motions,
 )
@@ -258,6 +259,12 @@ class Rapid(RapidOptions):
     def wait(self, item: Wait) -> Sequence[str]:
         """WaitTime, s."""
         return (f"{_IN2}WaitTime {short(item.seconds, DIGITS)};",)
+
+    def stop(self, item: Stop) -> Sequence[str]:
+        """Stop. RAPID has none that a switch of the operator decides on."""
+        if item.optional:
+            raise Refused(self.name, -1, "RAPID has no optional stop", "leave it out, or make it a stop")
+        return (f"{_IN2}Stop;",)
 
     def comment(self, text: str) -> str:
         """A line of its own, as the manual asks."""

@@ -39,6 +39,7 @@ from camgen.model.program import (
     Output,
     Posture,
     Program,
+    Stop,
     Wait,
 )
 from camgen.post import Reading, Remark, Tolerance
@@ -235,6 +236,24 @@ def test_tool_and_work_may_be_on_the_controller() -> None:
     assert reading.faults == ()
     assert reading.tool is None
     assert [fault.what for fault in read(files, {}).faults] == ["tSpindle is not declared"] * 2
+
+
+def test_a_stop_waits_for_the_operator_and_is_read_back() -> None:
+    planned = program(HOME, MoveJ(at(0, 0, 5), 50.0), Stop(), MoveL(at(5, 0, 5), 20.0))
+    post = make_post(Rapid, {})
+    prepared = post.prepare(planned, 0.01)
+    (file,) = post.render(prepared)
+    assert "        Stop;\n" in file.text
+    reading = read({file.name: file.text}, {})
+    assert reading.faults == ()
+    assert [type(item) for item in reading.body if isinstance(item, Stop)] == [Stop]
+    compare(prepared, reading, post.tolerance, post.carries)
+
+
+def test_rapid_has_no_optional_stop() -> None:
+    post = make_post(Rapid, {})
+    with pytest.raises(Refused, match="no optional stop"):
+        post.render(post.prepare(program(HOME, MoveJ(at(0, 0, 5), 50.0), Stop(optional=True)), 0.01))
 
 
 def test_spindle_is_an_analog_output() -> None:
@@ -984,7 +1003,8 @@ def test_reads_what_people_write() -> None:
          [(6, "external axes are not read")]),
         (f"MoveC {POINT},{POINT},v5,fine,t1;\nMoveC {POINT},{POINT},v5,fine,t1;",
          [(7, "the points of an arc are on one line")]),
-        ('TPWrite "MoveL";\nStop;', [(6, "the statement tpwrite is not read"), (7, "the statement stop is not read")]),
+        ('TPWrite "MoveL";\nStop 1;', [(6, "the statement tpwrite is not read"),
+                                     (7, "stop is read without arguments")]),
         ("FOR i FROM 1 TO 2 DO\nSetDO do1,1;\nENDFOR", [(6, "FOR is a statement that is not read")]),
         ("x:=5;", [(6, "x:= is a statement that is not read")]),
         ("SetDO do1,2;", [(6, "a digital output is 0 or 1")]),

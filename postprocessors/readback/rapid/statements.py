@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from camgen.model.pose import Pose, Vec3
-from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Wait
+from camgen.model.program import Force, Joints, Motion, MoveC, MoveJ, MoveL, Output, Posture, Stop, Wait
 from camgen.model.text import counted
 from camgen.post import Fault, Remark
 from camgen.read.rapid.types import Value
@@ -96,6 +96,15 @@ def _wait(state: State, call: Call) -> None:
         state.add(Wait(seconds), call.line)
 
 
+def _stop(state: State, call: Call) -> None:
+    """Stop: until the operator goes on."""
+    if call.args or call.options:
+        raise Wrong(call.line, "stop is read without arguments")
+    state.stopped("stop")
+    state.settled = False
+    state.add(Stop(), call.line)
+
+
 def _configuration(state: State, call: Call) -> None:
     """ConfL, ConfJ: switch the supervision of the posture, which no instruction holds."""
     if call.args or call.options not in ((("on", None),), (("off", None),)):
@@ -170,6 +179,7 @@ SWITCHES = ("setdo", "setao", "set", "reset")
 DEACTIVATIONS = ("fcdeact", DEACT_WHERE_ON)
 STATEMENTS: dict[str, Callable[[State, Call], None]] = {
     **dict.fromkeys(SWITCHES, _switch_signal), "waittime": _wait,
+    "stop": _stop,
     "confl": _configuration, "confj": _configuration, "fccalib": _calibrate,
     **dict.fromkeys(DEACTIVATIONS, _deactivate), "singarea": _singularity, "accset": _acceleration,
 }  # fmt: skip
