@@ -5,9 +5,9 @@ from unittest.mock import patch
 
 import pytest
 from camgen_posts.readback.vplus import read
-from camgen_posts.readback.vplus import text as vplus_text
+from camgen.read.vplus import text as vplus_text
 from camgen_posts.readback.vplus.robot import RobotState
-from camgen_posts.readback.vplus.text import PIECE
+from camgen.read.vplus.text import PIECE
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from unittest.mock import patch
 
 from camgen_posts.readback.vplus import read
-from camgen_posts.readback.vplus.text import PIECE
+from camgen.read.vplus.text import PIECE
 from camgen_posts.vplus import VPlus
 
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about

@@ -20,13 +20,9 @@ from camgen.model.errors import one_line
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, MoveJ, MoveL, splice
 from camgen.post import Fault, Reading, Remark
-
-from .datafile import read_data
-from .expressions import Expression, variable
-from .names import canonical
-from .robot import POSTURES, RobotState, same
-from .scara import check_scara
-from .text import (
+from camgen.read.vplus.locations import Expression
+from camgen.read.vplus.names import canonical
+from camgen.read.vplus.text import (
     BASE,
     NULL,
     Frame,
@@ -39,6 +35,11 @@ from .text import (
     one_by_one,
     routines,
 )
+from camgen.read.vplus.variables import variable
+
+from .datafile import read_data
+from .robot import POSTURES, RobotState, same
+from .scara import check_scara
 
 # V+ programs carried out, line by line. For the read-back ``vplus``.
 

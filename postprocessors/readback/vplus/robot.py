@@ -17,11 +17,12 @@ from msgspec.structs import replace
 
 from camgen.model.pose import Pose, translation
 from camgen.model.program import Joints, MoveJ, MoveL, Output, Posture, Wait
+from camgen.read.vplus import words
+from camgen.read.vplus.locations import Expression
+from camgen.read.vplus.names import canonical
+from camgen.read.vplus.text import Frame, Location, Pace, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
+from camgen.read.vplus.variables import Variables, variable
 
-from . import words
-from .expressions import Expression, Variables, variable
-from .names import canonical
-from .text import Frame, Location, Pace, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
 
 #: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
 ROUNDED = 1.0

@@ -1,4 +1,4 @@
-"""V+ text as routines: lines, labels, comments, blocks, names. For the read-back ``vplus``.
+"""V+ text as routines: lines, labels, comments, blocks, names, and the locations that stand in it.
 
 Sources: V+ Language User's Guide (program structure, names of at most 15 characters), as far as docs/posts/vplus.md
 quotes them.
@@ -20,7 +20,7 @@ from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, translation
 
 from .names import NAME, TAKEN, canonical
 
-# V+ locations: what is given in what. For the read-back ``vplus``.
+# V+ locations: what is given in what.
 
 NULL = translation(0, 0, 0)
 
@@ -31,12 +31,13 @@ class Unreadable(Exception):
 
 class Frame(Struct, frozen=True, eq=False, gc=False):
     """What a location is given in, the first component of a compound. external: the name of that component where only
-    the controller knows it; then ``pose`` means nothing.
+    the controller knows it; then ``pose`` means nothing. name: of the component, where it is a variable.
     """
 
     pose: Pose = NULL
     external: str = ""
     compound: bool = False
+    name: str = ""
 
 
 #: The frame of what is no compound.
@@ -44,10 +45,11 @@ BASE = Frame()
 
 
 class Location(Struct, frozen=True, eq=False, gc=False):
-    """``local`` in ``frame``."""
+    """``local`` in ``frame``. name: of the variable that holds it."""
 
     local: Pose
     frame: Frame = BASE
+    name: str = ""
 
     def in_base(self) -> Pose:
         """The location in the base frame."""

@@ -1,4 +1,4 @@
-"""V+ names: what counts of them, and which words are taken. For the read-back ``vplus``.
+"""V+ names: what counts of them, and which words are taken.
 
 Source: V+ Language User's Guide (names of at most 15 characters, no keywords), as far as docs/posts/vplus.md quotes it.
 """
@@ -24,6 +24,8 @@ TAKEN = frozenset(
 
 @lru_cache(maxsize=4096)
 def canonical(name: str) -> str:
-    """The name as V+ keeps it: case does not count, nor what follows the 15th character. A ``#`` or ``$`` stays."""
-    bare = name.lstrip("#$")
-    return name[: len(name) - len(bare)] + bare[:NAME].lower()
+    """The name as V+ keeps it: case does not count, nor what follows the 15th character. A ``#`` or ``$`` stays, and so
+    do subscripts.
+    """
+    bare, bracket, subscripts = name.lstrip("#$").partition("[")
+    return f"{name[: len(name) - len(name.lstrip('#$'))]}{bare[:NAME].lower()}{bracket}{subscripts}"

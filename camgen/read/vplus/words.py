@@ -1,11 +1,11 @@
-"""What V+ instructions that are no motions say: speeds, outputs, dwells. For the read-back ``vplus``.
+"""What V+ instructions that are no motions say: speeds, outputs, dwells.
 
-Each function reads a whole text; Unreadable where it does not fit. Sources: as ``vplus_robot``.
+Each function reads a whole text; Unreadable where it does not fit.
 """
 
 from __future__ import annotations
 
-from .expressions import Expression
+from .locations import Expression
 from .text import Unreadable
 
 _INCH = 25.4

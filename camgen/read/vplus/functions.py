@@ -1,0 +1,213 @@
+"""The functions of V+ that text alone decides: of numbers, bits and strings.
+
+Sources: V+ Language Reference Guide and User's Guide, version 17 (docs/languages/vplus.md). Angles are degrees.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping, Sequence
+
+from .text import Unreadable
+
+#: V+ integers have 32 bits.
+_MASK = 0xFFFFFFFF
+#: A string of V+ has at most 128 characters; more is a program that runs away.
+LONGEST = 1000
+
+
+def whole(value: float) -> int:
+    """``value`` without its fraction, for operations of bits."""
+    if not abs(value) < 2**53:
+        raise Unreadable("a number too large for its bits")
+    return int(value)
+
+
+def signed(bits: int) -> float:
+    """32 bits as the integer that they stand for."""
+    bits &= _MASK
+    return float(bits - (_MASK + 1) if bits > _MASK >> 1 else bits)
+
+
+def remainder(a: float, b: float) -> float:
+    """``a MOD b``: it has the sign of ``a``."""
+    if b == 0:
+        raise Unreadable("a division by zero")
+    return math.fmod(a, b)
+
+
+def truth(value: bool) -> float:
+    """TRUE is -1."""
+    return -1.0 if value else 0.0
+
+
+def _root(value: float) -> float:
+    if value < 0:
+        raise Unreadable("the root of a negative number")
+    return math.sqrt(value)
+
+
+def _angle(y: float, x: float) -> float:
+    return math.degrees(math.atan2(y, x))
+
+
+def _packed(value: float) -> float:
+    """BCD: a decimal digit in every four bits."""
+    return float(int(str(abs(whole(value))), 16))
+
+
+def _unpacked(value: float) -> float:
+    digits = f"{abs(whole(value)):x}"
+    return float(int(digits)) if digits.isdigit() else 0.0
+
+
+def _mask(*bits: float) -> float:
+    total = 0
+    for bit in bits:
+        if not 1 <= bit <= 32:
+            raise Unreadable("BMASK has bits 1 to 32")
+        total |= 1 << (int(bit) - 1)
+    return signed(total)
+
+
+def _tangent(degrees: float) -> float:
+    return math.tan(math.radians(degrees))
+
+
+#: Name: how many arguments at least and at most, and what it does.
+NUMBERS: Mapping[str, tuple[int, int, Callable[..., float]]] = {
+    "ABS": (1, 1, abs),
+    "ATAN2": (2, 2, _angle),
+    "BCD": (1, 1, _packed),
+    "BMASK": (1, 32, _mask),
+    "COS": (1, 1, lambda deg: math.cos(math.radians(deg))),
+    "DCB": (1, 1, _unpacked),
+    "FRACT": (1, 1, lambda x: math.fmod(x, 1.0)),
+    "INT": (1, 2, lambda x, _=0.0: float(math.trunc(x))),
+    "MAX": (1, 32, max),
+    "MIN": (1, 32, min),
+    "OUTSIDE": (3, 3, lambda low, x, high: truth(not low <= x <= high)),
+    "SIGN": (1, 1, lambda x: -1.0 if x < 0 else 1.0),
+    "SIN": (1, 1, lambda deg: math.sin(math.radians(deg))),
+    "SQR": (1, 1, lambda x: x * x),
+    "SQRT": (1, 1, _root),
+    "TAN": (1, 1, _tangent),
+}  # fmt: skip
+
+
+def _bytes(code: str, text: str, first: float = 1.0) -> float:
+    size = struct.calcsize(code)
+    start = max(0, int(first) - 1)
+    raw = bytes(ord(c) & 0xFF for c in text[start : start + size]).ljust(size, b"\0")
+    value = float(struct.unpack(code, raw)[0])
+    return value if math.isfinite(value) else 0.0
+
+
+def _number(text: str) -> float:
+    """VAL: the number that a text begins with, 0 where it begins with none."""
+    digits = text.strip()
+    for end in range(min(len(digits), 40), 0, -1):
+        try:
+            value = float(digits[:end])
+        except ValueError:
+            continue
+        return value if math.isfinite(value) and "_" not in digits[:end] else 0.0
+    return 0.0
+
+
+def _code(text: str, index: float = 1.0) -> float:
+    place = int(index) - 1
+    return float(ord(text[place])) if 0 <= place < len(text) else -1.0
+
+
+def _place(text: str, part: str, start: float = 1.0) -> float:
+    return float(text.lower().find(part.lower(), max(0, int(start) - 1)) + 1)
+
+
+def _differ(a: str, b: str) -> float:
+    return float((a > b) - (a < b))
+
+
+#: Numbers made of strings. The kinds of the arguments: $ a string, a dot a number.
+OF_STRINGS: Mapping[str, tuple[str, int, Callable[..., float]]] = {
+    "ASC": ("$.", 1, _code),
+    "DBLB": ("$.", 1, lambda s, first=1.0: _bytes(">d", s, first)),
+    "FLTB": ("$.", 1, lambda s, first=1.0: _bytes(">f", s, first)),
+    "INTB": ("$.", 1, lambda s, first=1.0: _bytes(">h", s, first)),
+    "LEN": ("$", 1, lambda s: float(len(s))),
+    "LNGB": ("$.", 1, lambda s, first=1.0: _bytes(">i", s, first)),
+    "POS": ("$$.", 2, _place),
+    "STRDIF": ("$$", 2, _differ),
+    "VAL": ("$", 1, _number),
+}
+
+
+def _character(value: float) -> str:
+    return chr(whole(value) & 0xFF)
+
+
+def _to_bytes(code: str, value: float) -> str:
+    if code in ("i", "h"):
+        bits = 8 * struct.calcsize(">" + code)
+        number = whole(value) & ((1 << bits) - 1)
+        return "".join(map(chr, number.to_bytes(bits // 8, "big")))
+    try:
+        return "".join(map(chr, struct.pack(">" + code, value)))
+    except OverflowError:
+        raise Unreadable("a number too large for four bytes") from None
+
+
+def _middle(text: str, first: float = 1.0, count: float = float(LONGEST)) -> str:
+    start = max(0, int(first) - 1)
+    return text[start : start + max(0, int(count))]
+
+
+#: Strings, likewise.
+TEXTS: Mapping[str, tuple[str, int, Callable[..., str]]] = {
+    "$CHR": (".", 1, _character),
+    "$DBLB": (".", 1, lambda x: _to_bytes("d", x)),
+    "$FLTB": (".", 1, lambda x: _to_bytes("f", x)),
+    "$INTB": (".", 1, lambda x: _to_bytes("h", x)),
+    "$LNGB": (".", 1, lambda x: _to_bytes("i", x)),
+    "$MID": ("$..", 1, _middle),
+    "$TRUNCATE": ("$", 1, lambda s: s.split("\0")[0]),
+}
+
+#: What the controller, its files or its surroundings say; no text holds it. Key, and what is taken: the way on.
+ASKED: Mapping[str, float] = {
+    "AIO.IN": 0.0, "BELT": 0.0, "BSTAT": 0.0, "CONFIG": 0.0, "DEVICE": 0.0, "DIN": 0.0, "DURATION": 0.0,
+    "ERROR": 0.0, "FREE": 1.0, "GETC": 0.0, "GETEVENT": 0.0, "HAND": -1.0, "HOUR.METER": 0.0, "ID": 1.0,
+    "INRANGE": 0.0, "INTEGRATE": 0.0, "IOSTAT": 1.0, "IOTAS": 0.0, "KEYMODE": 0.0, "LASTERR": 0.0, "LATCHED": 0.0,
+    "MSG": 0.0, "NETWORK": 1.0, "PENDANT": 0.0, "PRIORITY": 0.0, "RANDOM": 0.5, "ROBOT": 1.0, "SELECT": 1.0,
+    "SIG.INS": 1.0, "SOLVE.FLAGS": 0.0, "SPEED": 100.0, "STATE": 0.0, "STATUS": 0.0, "STRUCT": 0.0,
+    "SWITCH": -1.0, "SYSTEM": 1.0, "TAS": 0.0, "TASK": 0.0, "TIME": 0.0, "TPS": 62.5, "VFEATURE": 1.0,
+    "VLAST": 0.0, "VQUEUE": 0.0, "VRESULT": 1.0, "VSTATE": 0.0, "WINDOW": 0.0,
+}  # fmt: skip
+
+
+def format_number(value: float, form: str = "") -> str:
+    """A number as TYPE and $ENCODE write it. form: such as F0.3 or I5; V+ writes a blank in front of a free one."""
+    if form[:1] == "F" and "." in form:
+        width, _, digits = form[1:].partition(".")
+        if width.isdigit() and digits.isdigit():
+            return f"{value:{min(int(width), 80)}.{min(int(digits), 20)}f}" if int(width) else f"{value:.{min(int(digits), 20)}f}"
+    if form[:1] == "I":
+        width = form[1:]
+        return f"{whole(value):{min(int(width), 80)}d}" if width.isdigit() and int(width) else f"{whole(value)}"
+    return f" {value:.7g}" if not form else f"{value:.7g}"
+
+
+def decode(text: str, delimiters: str, mode: float) -> tuple[str, str]:
+    """What $DECODE takes from the front of ``text``, and what it leaves. mode: 0 or less up to a delimiter, above 0 the
+    delimiters that it begins with.
+    """
+    at = 0
+    while at < len(text) and (text[at] in delimiters) == (mode > 0):
+        at += 1
+    return text[:at], text[at:]
+
+
+def join(parts: Sequence[str]) -> str:
+    """Strings in a row, within what a program can hold."""
+    return "".join(parts)[:LONGEST]
