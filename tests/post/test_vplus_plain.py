@@ -5,15 +5,15 @@ from unittest.mock import patch
 
 import pytest
 from camgen_posts.readback.vplus import read
-from camgen.read.vplus import text as vplus_text
 from camgen_posts.readback.vplus.robot import RobotState
-from camgen.read.vplus.text import PIECE
 from hypothesis import given
 from hypothesis import strategies as st
 
 from camgen.model.pose import Pose
 from camgen.model.program import MoveJ, MoveL, Output
 from camgen.post import Reading, Remark
+from camgen.read.vplus import text as vplus_text
+from camgen.read.vplus.text import PIECE
 from tests.support.vplus_ways import BY_HAND, LINES, PARTS, TEXTS, check, stretches, the_long_way
 
 

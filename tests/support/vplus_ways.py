@@ -10,13 +10,13 @@ from contextlib import ExitStack, contextmanager
 from unittest.mock import patch
 
 from camgen_posts.readback.vplus import read
-from camgen.read.vplus.text import PIECE
 from camgen_posts.vplus import VPlus
 
 from camgen.model.pose import TOOL_DOWN, Pose, frozen, rotation_about
 from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Output, Program, Wait
 from camgen.post import Reading
 from camgen.post.plugins import make_post
+from camgen.read.vplus.text import PIECE
 from tests.support.whole import whole
 
 PARTS = "camgen_posts.readback."
@@ -28,13 +28,13 @@ CELL = VPlus.cell()
 def the_long_way() -> Iterator[None]:
     with ExitStack() as stack:
         for name, value in (
-            ("vplus.text.PIECE", LINES),
-            ("vplus.text._REMEMBERED", 0),
-            ("vplus.robot._KEPT", 0),
-            ("vplus.robot.RobotState.plain", lambda *_: False),
-            ("vplus.robot.pace", lambda _: None),
+            ("camgen.read.vplus.text.PIECE", LINES),
+            ("camgen.read.vplus.text._REMEMBERED", 0),
+            (PARTS + "vplus.robot._KEPT", 0),
+            (PARTS + "vplus.robot.RobotState.plain", lambda *_: False),
+            (PARTS + "vplus.robot.pace", lambda _: None),
         ):
-            stack.enter_context(patch(PARTS + name, value))
+            stack.enter_context(patch(name, value))
         yield
 
 

@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Mapping
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, ClassVar, Protocol
 
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
 from .functions import ASKED, NUMBERS, OF_STRINGS, TEXTS, decode, format_number, join, remainder, signed, truth, whole
-from .text import Location, Unreadable
+from .text import Impossible, Location, Unreadable
 
 #: Brackets deeper than this are no program that somebody wrote.
 _DEPTH = 40
@@ -28,11 +29,11 @@ _TOKEN = re.compile(
 _DIGITS = frozenset("0123456789.")
 _CONSTANTS = {"TRUE": -1.0, "ON": -1.0, "FALSE": 0.0, "OFF": 0.0, "PI": math.pi}
 _BASES = {"H": 16, "B": 2, "D": 10}
-_COMPARED = {
+_COMPARED: Mapping[str, Callable[[Any, Any], bool]] = {
     "==": lambda a, b: a == b, "<>": lambda a, b: a != b, "<": lambda a, b: a < b, ">": lambda a, b: a > b,
     "<=": lambda a, b: a <= b, ">=": lambda a, b: a >= b, "=<": lambda a, b: a <= b, "=>": lambda a, b: a >= b,
 }  # fmt: skip
-_JOINED = {
+_JOINED: Mapping[str, Callable[[float, float], float]] = {
     "AND": lambda a, b: truth(a != 0 and b != 0), "OR": lambda a, b: truth(a != 0 or b != 0),
     "XOR": lambda a, b: truth((a != 0) != (b != 0)),
 }  # fmt: skip
@@ -49,7 +50,7 @@ _OF_LOCATIONS = frozenset({"DX", "DY", "DZ", "DISTANCE", "IDENTICAL"})
 class Scope(Protocol):
     """Where names get their values. strict: what only the surroundings know is Unreadable, not assumed."""
 
-    strict: bool
+    strict: ClassVar[bool]
 
     def real(self, name: str) -> float:
         """The value of a real variable; names come with their subscripts, as ``A[1,2]``."""
@@ -75,10 +76,10 @@ class Scope(Protocol):
     def signals(self, numbers: list[float]) -> float:
         """SIG: whether all of these signals are as their signs say."""
 
-    def asked(self, word: str, arguments: str, value: float) -> float:
+    def answer(self, word: str, arguments: str, value: float) -> float:
         """What a function of the surroundings says; ``value`` where nobody knows."""
 
-    def asked_text(self, word: str) -> str:
+    def answer_text(self, word: str) -> str:
         """The same of a string."""
 
     def last(self, name: str) -> float:
@@ -86,6 +87,9 @@ class Scope(Protocol):
 
     def defined(self, name: str) -> bool:
         """Whether a variable has a value."""
+
+    def says_defined(self, name: str) -> bool:
+        """What the function DEFINED says of it."""
 
 
 @lru_cache(maxsize=16384)
@@ -225,7 +229,7 @@ class Numbers(Reader):
                 a, b = whole(value), whole(other)
                 value = signed(a | b if sign == "BOR" else a ^ b)
         if not abs(value) <= _LARGEST * 4.3:
-            raise Unreadable("a number is not finite or beyond any machine")
+            raise Impossible("a number is not finite or beyond any machine")
         return value
 
     def _product(self) -> float:
@@ -236,14 +240,14 @@ class Numbers(Reader):
                 value *= other
             elif sign == "/":
                 if other == 0:
-                    raise Unreadable("a division by zero")
+                    raise Impossible("a division by zero")
                 value /= other
             elif sign == "MOD":
                 value = remainder(value, other)
             else:
                 value = signed(whole(value) & whole(other))
             if not abs(value) < 1e30:
-                raise Unreadable("a number is not finite or beyond any machine")
+                raise Impossible("a number is not finite or beyond any machine")
         return value
 
     def _factor(self) -> float:
@@ -266,7 +270,7 @@ class Numbers(Reader):
     def _literal(self, token: str) -> float:
         value = float(token)
         if not abs(value) < 1e30:
-            raise Unreadable("a number is not finite or beyond any machine")
+            raise Impossible("a number is not finite or beyond any machine")
         return value
 
     def _word(self, token: str) -> float:
@@ -277,7 +281,7 @@ class Numbers(Reader):
         if self.peek() == "(":
             return self._function(token)
         if token in ASKED and not self._scope.strict and self.peek() != "[" and not self._scope.defined(token):
-            return self._named().asked(token, "", ASKED[token])
+            return self._named().answer(token, "", ASKED[token])
         return self._named().real(token + self.subscripts())
 
     def subscripts(self) -> str:
@@ -292,7 +296,7 @@ class Numbers(Reader):
             # An empty place is 0, and so is what stands in front of the last comma of a[i,].
             value = self.logic() if self.peek() not in (",", "]") else 0.0
             if not 0 <= value < 2**31:
-                raise Unreadable(f"{value:g} is no index of an array")
+                raise Impossible(f"{value:g} is no index of an array")
             found.append(str(int(value)))
             if not self.accept(","):
                 break
@@ -372,12 +376,12 @@ class Numbers(Reader):
         if word in ("LAST", "DEFINED"):
             name = self.take() + self.subscripts()
             self.rest_of_brackets()
-            return scope.last(name) if word == "LAST" else truth(scope.defined(name))
+            return scope.last(name) if word == "LAST" else truth(scope.says_defined(name))
         if word in _NUMBERED:
             values = self.numbers()
             self.expect(")")
-            return scope.asked(word, ",".join(f"{v:g}" for v in values), ASKED.get(word, 0.0))
-        return scope.asked(word, self.skip(), ASKED.get(word, 1.0))
+            return scope.answer(word, ",".join(f"{v:g}" for v in values), ASKED.get(word, 0.0))
+        return scope.answer(word, self.skip(), ASKED.get(word, 1.0))
 
     def rest_of_brackets(self) -> None:
         """Up to the closing bracket, where nothing but more of a name may stand."""
@@ -435,7 +439,7 @@ class Numbers(Reader):
         if token == "$DECODE":
             return self._decode()
         self.skip()
-        return self._named().asked_text(token)
+        return self._named().answer_text(token)
 
     def _encode(self) -> str:
         parts, form = [], ""

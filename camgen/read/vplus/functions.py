@@ -9,7 +9,7 @@ import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 
-from .text import Unreadable
+from .text import Impossible
 
 #: V+ integers have 32 bits.
 _MASK = 0xFFFFFFFF
@@ -20,7 +20,7 @@ LONGEST = 1000
 def whole(value: float) -> int:
     """``value`` without its fraction, for operations of bits."""
     if not abs(value) < 2**53:
-        raise Unreadable("a number too large for its bits")
+        raise Impossible("a number too large for its bits")
     return int(value)
 
 
@@ -33,7 +33,7 @@ def signed(bits: int) -> float:
 def remainder(a: float, b: float) -> float:
     """``a MOD b``: it has the sign of ``a``."""
     if b == 0:
-        raise Unreadable("a division by zero")
+        raise Impossible("a division by zero")
     return math.fmod(a, b)
 
 
@@ -44,7 +44,7 @@ def truth(value: bool) -> float:
 
 def _root(value: float) -> float:
     if value < 0:
-        raise Unreadable("the root of a negative number")
+        raise Impossible("the root of a negative number")
     return math.sqrt(value)
 
 
@@ -66,7 +66,7 @@ def _mask(*bits: float) -> float:
     total = 0
     for bit in bits:
         if not 1 <= bit <= 32:
-            raise Unreadable("BMASK has bits 1 to 32")
+            raise Impossible("BMASK has bits 1 to 32")
         total |= 1 << (int(bit) - 1)
     return signed(total)
 
@@ -155,7 +155,7 @@ def _to_bytes(code: str, value: float) -> str:
     try:
         return "".join(map(chr, struct.pack(">" + code, value)))
     except OverflowError:
-        raise Unreadable("a number too large for four bytes") from None
+        raise Impossible("a number too large for four bytes") from None
 
 
 def _middle(text: str, first: float = 1.0, count: float = float(LONGEST)) -> str:
@@ -191,7 +191,11 @@ def format_number(value: float, form: str = "") -> str:
     if form[:1] == "F" and "." in form:
         width, _, digits = form[1:].partition(".")
         if width.isdigit() and digits.isdigit():
-            return f"{value:{min(int(width), 80)}.{min(int(digits), 20)}f}" if int(width) else f"{value:.{min(int(digits), 20)}f}"
+            return (
+                f"{value:{min(int(width), 80)}.{min(int(digits), 20)}f}"
+                if int(width)
+                else f"{value:.{min(int(digits), 20)}f}"
+            )
     if form[:1] == "I":
         width = form[1:]
         return f"{whole(value):{min(int(width), 80)}d}" if width.isdigit() and int(width) else f"{whole(value)}"

@@ -16,7 +16,7 @@ from camgen.model.text import counted
 
 from .expressions import Numbers
 from .functions import truth
-from .text import NULL, Frame, Location, Unreadable, rotation_zyz
+from .text import NULL, Frame, Impossible, Location, Unreadable, rotation_zyz
 
 _TURNS = {"RX": 0, "RY": 1, "RZ": 2}
 _PARTS = {"DX": 0, "DY": 1, "DZ": 2}
@@ -80,21 +80,26 @@ class Expression(Numbers):
             return Location(NULL)
         if token in ("HERE", "DEST"):
             return self._named().here(token)
-        strict = self._scope.strict
-        if strict and token in ("FRAME", "TRANSB"):
+        if self._scope.strict and token in ("FRAME", "TRANSB"):
             raise Unreadable(f"{token} is not evaluated")
-        if not strict and token == "(":
-            return self._inner()
-        if not strict and token in _MORE:
-            return _MORE[token](self)
-        if not strict and token in ("TOOL", "BASE"):
-            return self._named().here(token)
+        more = None if self._scope.strict else self._foreign(token)
+        if more is not None:
+            return more
         if not token[0].isalpha():
             raise Unreadable(f"a location expected instead of {token!r}")
-        if not strict and self.peek() == "(":
-            self.take()
-            return self._function_of(token)
         return self._named().location(token + self.subscripts())
+
+    def _foreign(self, token: str) -> Location | None:
+        """What the post does not write; nothing where the token is a name."""
+        if token == "(":
+            return self._inner()
+        if token in _MORE:
+            return _MORE[token](self)
+        if token in ("TOOL", "BASE"):
+            return self._named().here(token)
+        if token[0].isalpha() and self.accept("("):
+            return self._function_of(token)
+        return None
 
     def _function_of(self, token: str) -> Location:
         """A function that no text answers, such as those of a camera."""
@@ -156,7 +161,7 @@ class Expression(Numbers):
         along, aside = b - a, c - a
         up = np.cross(along, aside)
         if min(float(np.linalg.norm(along)), float(np.linalg.norm(up))) < _SMALL:
-            raise Unreadable("FRAME of points on one line")
+            raise Impossible("FRAME of points on one line")
         return Location(Pose(_square(along, up), (float(o[0]), float(o[1]), float(o[2]))))
 
     def _several(self, count: int) -> list[Location]:
@@ -201,12 +206,12 @@ class Expression(Numbers):
         if word in _PARTS:
             inner = self._inner()
             if inner.frame.external and not self._scope.strict:
-                return self._named().asked(f"{word}({describe(inner)})", "", 0.0)
+                return self._named().answer(f"{word}({describe(inner)})", "", 0.0)
             return inner.in_base().origin[_PARTS[word]]
         self._at -= 1
         a, b = self._several(2)
         if a.frame.external or b.frame.external:
-            return self._named().asked(f"{word}({self._name(a)}, {self._name(b)})", "", 0.0)
+            return self._named().answer(f"{word}({self._name(a)}, {self._name(b)})", "", 0.0)
         p, q = a.in_base(), b.in_base()
         distance = math.dist(p.origin, q.origin)
         if word == "DISTANCE":
@@ -228,6 +233,8 @@ class Expression(Numbers):
         if token in ("#DEST", "#HERE", "#PDEST", "#PHERE") and not self._scope.strict:
             return self._named().point_here(token[-4:])
         if token != "#PPOINT":
+            if token[0] != "#" and not self._scope.strict:
+                raise Unreadable(f"a precision point expected instead of {token[:20]!r}")
             if self.peek() == "(" and not self._scope.strict:
                 self.take()
                 return unknown(f"{token}({self.skip()})")
@@ -244,7 +251,9 @@ class Expression(Numbers):
 
 
 #: Functions of locations of options and cameras.
-_ASKED = frozenset({"VLOC", "VISION.LOC", "VTRANS", "BELT", "LATCH", "DEST", "HERE", "SOLVE.TRANS", "NOMINAL", "VFRAME"})
+_ASKED = frozenset(
+    {"VLOC", "VISION.LOC", "VTRANS", "BELT", "LATCH", "DEST", "HERE", "SOLVE.TRANS", "NOMINAL", "VFRAME"}
+)
 _BUILDS = {"TRANS": Expression._trans, "SHIFT": Expression._shift, "INVERSE": Expression._inverse}
 _MORE = {
     "FRAME": Expression._frame, "SCALE": Expression._scale, "NORMAL": Expression._normal,

@@ -29,6 +29,10 @@ class Unreadable(Exception):
     """A statement that cannot be evaluated; the message says why."""
 
 
+class Impossible(Unreadable):
+    """A statement that is one of V+, and that its values make impossible."""
+
+
 class Frame(Struct, frozen=True, eq=False, gc=False):
     """What a location is given in, the first component of a compound. external: the name of that component where only
     the controller knows it; then ``pose`` means nothing. name: of the component, where it is a variable.
@@ -151,9 +155,22 @@ def pace(rest: str) -> tuple[float, str, float, bool] | None:
 
 
 _LABEL = re.compile(r"\s*(\d+)(?:\s+|$)", re.ASCII)
-_WORD = re.compile(r"\s*([A-Za-z][A-Za-z0-9._]*)\s*(.*)", re.DOTALL)
+_WORD = re.compile(r"\s*([#$]?[A-Za-z][A-Za-z0-9._]*)\s*(.*)", re.DOTALL)
+_ELEMENT = re.compile(r"\[[^\"=]*\]\s*=(?!=)")
 _LONG_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9._]{{{NAME - 1},}}")
 _HEADER = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(([^()]*)\)\s*")
+#: The list of arguments may be missing (User's Guide, program organization).
+_BARE_HEADER = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(?:\(([^()]*)\))?\s*")
+_HAS_PROGRAM = re.compile(r"^\s*\.PROGRAM\b", re.IGNORECASE | re.MULTILINE)
+_STEM = re.compile(r"[^A-Za-z0-9._]+")
+_THEN = re.compile(r"\bTHEN\s*$", re.IGNORECASE)
+_GOTO = re.compile(r"\bGOTO\b", re.IGNORECASE)
+#: What a file may hold besides programs.
+SECTIONS = frozenset({".LOCATIONS", ".REALS", ".DOUBLES", ".STRINGS"})
+_LOOPS = frozenset({"FOR", "WHILE", "DO"})
+#: Loops around an EXIT or a NEXT that can be meant.
+_DEEPEST = 40
+_BRANCHES = {"ELSE": "IF", "VALUE": "CASE", "ANY": "CASE"}
 _STRING = re.compile(r'"[^"]*"')
 _DECLARE = frozenset({"AUTO", "LOCAL", "GLOBAL"})
 #: Words that open a block which END closes, with the word that has to stand in the line, too.
@@ -174,8 +191,9 @@ class Statement(Struct, frozen=True, gc=False):
 
 @dataclass(slots=True)
 class Routine:
-    """One ``.PROGRAM``. partner: by the index of an opening statement the index of its END (or UNTIL). labels: those
-    that its lines have.
+    """One ``.PROGRAM``. partner: by the index of an opening statement the index of its END (or UNTIL). opener: the
+    other way round, and of ELSE, VALUE and ANY. branches: these by the index of their IF or CASE. loops: around EXIT
+    and NEXT, from within. labels: the index of the statement behind each.
     """
 
     name: str
@@ -183,7 +201,10 @@ class Routine:
     arguments: str
     statements: list[Statement | Stretch] = field(default_factory=list)
     partner: dict[int, int] = field(default_factory=dict)
-    labels: set[int] = field(default_factory=set)
+    opener: dict[int, int] = field(default_factory=dict)
+    branches: dict[int, list[int]] = field(default_factory=dict)
+    loops: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    labels: dict[int, int] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -191,11 +212,16 @@ class _File:
     """A file while it is read. first: what its lines are counted from. reports: how often something was reported.
 
     long_names: by their first ``NAME`` characters. usual: word and rest by line, of lines with nothing to report.
+    strict: as the read-back wants it, with no more than what the post writes. name: of a program that has no .PROGRAM
+    line. data: what stands in other sections, by line.
     """
 
     first: int
     tell: Report
     remark: Report
+    strict: bool = True
+    name: str = ""
+    data: list[tuple[int, str, str]] = field(default_factory=list)
     reports: int = 0
     found: list[Routine] = field(default_factory=list)
     current: Routine | None = None
@@ -217,12 +243,33 @@ def routines(files: Mapping[str, str], report: Report, remark: Report) -> list[R
         file = _File(number, report, remark)
         number = _read(text, file)
         found += file.found
+    _match(found, report, True)
+    return found
+
+
+def read_files(
+    files: Mapping[str, str], report: Report, remark: Report
+) -> tuple[list[Routine], list[tuple[int, str, str]]]:
+    """The programs of foreign files, and the lines of their other sections: line, section, text."""
+    found: list[Routine] = []
+    data: list[tuple[int, str, str]] = []
+    number = 1
+    for name, text in files.items():
+        bare = "" if _HAS_PROGRAM.search(text) else _STEM.sub("_", name.rpartition("/")[2].partition(".")[0]) or "main"
+        file = _File(number, report, remark, strict=False, name=bare)
+        number = _read(text, file)
+        found += file.found
+        data += file.data
+    _match(found, report, False)
+    return found, data
+
+
+def _match(found: list[Routine], report: Report, strict: bool) -> None:
     seen: dict[str, Routine] = {}
     for routine in found:
         if seen.setdefault(canonical(routine.name), routine) is not routine:
             report(routine.line, f"program {routine.name} is there twice")
-        routine.partner = _partners(routine, report)
-    return found
+        _Blocks(routine, report, strict).match()
 
 
 def _read(text: str, file: _File) -> int:
@@ -241,7 +288,9 @@ def _read(text: str, file: _File) -> int:
         number += 1
     if file.current is not None or file.section:
         name = file.current.name if file.current is not None else file.section
-        file.report(number - 1, f"{name} has no .END")
+        tell = file.report if file.strict else file.remark
+        if file.current is None or not file.name:
+            tell(number - 1, f"{name} has no .END")
     return number
 
 
@@ -260,12 +309,14 @@ def _stretch(plain: Stretch, file: _File) -> int:
 def _line(raw: str, number: int, file: _File) -> None:
     """Reads any line."""
     before = file.reports
-    code = _code(raw, number, file.report)
+    code = _code(raw, number, file.report, file.strict)
     for name in _LONG_NAME.findall(_STRING.sub("", code) if '"' in code else code):
         _check_long(name.lower(), number, file)
     if not code:
         return
-    if code[0] == ".":
+    if file.section in SECTIONS and not file.strict and not code.upper().startswith(".END"):
+        file.data.append((number, file.section, code))
+    elif code[0] == ".":
         if file.current is not None and not code.upper().startswith(".END"):
             file.report(number, f"{code.split()[0]} before the .END of {file.current.name}")
         file.current, file.section = _dot(code, number, file)
@@ -276,14 +327,27 @@ def _line(raw: str, number: int, file: _File) -> None:
         # A declaration may be wrong further down; all else means the same in every place.
         if said and said[0] not in _DECLARE and file.reports == before and len(file.usual) < _REMEMBERED:
             file.usual[raw] = said
+    else:
+        _outside(code, number, file)
+
+
+def _outside(code: str, number: int, file: _File) -> None:
+    """Reads a line that stands in no program."""
+    if file.name and not file.found:
+        file.report(number, f"the text has no .PROGRAM line: taken for a program {file.name}")
+        file.current = Routine(file.name, number, "")
+        file.found.append(file.current)
+        _add(file.current, code, number, file.report)
     elif not file.section:
         file.report(number, "an instruction outside of a .PROGRAM")
 
 
-def _code(raw: str, number: int, report: Report) -> str:
+def _code(raw: str, number: int, report: Report, strict: bool) -> str:
     """The line without its comment and outer blanks."""
-    if not raw.isascii():
+    if not raw.isascii() and strict:
         report(number, "a character that is not ASCII")
+    if "\x1a" in raw:  # the end of a file on a disk of the controller
+        raw = raw.replace("\x1a", "")
     if '"' not in raw:
         return raw.partition(";")[0].strip()
     quoted = False
@@ -318,13 +382,15 @@ def _dot(code: str, number: int, file: _File) -> tuple[Routine | None, str]:
             file.remark(number, f"{rest[:20]!r} after .END, of which V+ reads no more")
         return None, ""
     if word == ".PROGRAM":
-        header = _HEADER.fullmatch(rest.strip())
+        header = (_HEADER if file.strict else _BARE_HEADER).fullmatch(rest.strip())
         if header is None:
             report(number, "a .PROGRAM line is .PROGRAM name(arguments)")
             return Routine("", number, ""), ""
-        if header[1].upper() in TAKEN:
+        if header[1].upper() in TAKEN and file.strict:
             report(number, f"{header[1]} is a word of V+, not the name of a program")
-        return Routine(header[1], number, header[2].strip()), ""
+        return Routine(header[1], number, (header[2] or "").strip()), ""
+    if word in SECTIONS and not file.strict:
+        return None, word
     report(number, f"{word} is not evaluated")
     return None, word
 
@@ -338,7 +404,7 @@ def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str,
         elif int(label[1]) in routine.labels:
             report(number, f"label {int(label[1])} is there twice")
         else:
-            routine.labels.add(int(label[1]))
+            routine.labels[int(label[1])] = len(routine.statements)
         code = code[label.end() :]
         if not code:
             return None
@@ -349,6 +415,8 @@ def _add(routine: Routine, code: str, number: int, report: Report) -> tuple[str,
     word, rest = match[1], match[2]
     if rest[:1] == "=":
         word, rest = "=", f"{word} {rest}"
+    elif rest[:1] == "[" and _ELEMENT.match(rest):
+        word, rest = "=", f"{word}{rest}"
     word = word.upper()
     if word in _DECLARE and any(s.word not in _DECLARE for s in routine.statements):
         report(number, f"{word} after the first instruction")
@@ -361,21 +429,63 @@ def one_by_one(plain: Stretch) -> list[Statement]:
     return [Statement(number, plain.word, raw.split()[1]) for number, raw in enumerate(plain.lines, start=plain.line)]
 
 
-def _partners(routine: Routine, report: Report) -> dict[int, int]:
-    partner: dict[int, int] = {}
-    open_blocks: list[int] = []
-    for index, statement in enumerate(routine.statements):
-        if isinstance(statement, Stretch):
-            continue
-        word = statement.word
-        if word == "DO" or (word in _OPENS and _OPENS[word] in statement.rest.upper()):
-            open_blocks.append(index)
+class _Blocks:
+    """The blocks of a program. strict: as of the read-back, which evaluates none but FOR."""
+
+    def __init__(self, routine: Routine, report: Report, strict: bool) -> None:
+        self._routine, self._report, self._strict = routine, report, strict
+        self._open: list[int] = []
+        self._around: list[int] = []
+
+    def match(self) -> None:
+        """Finds what belongs together; what does not is reported."""
+        for index, statement in enumerate(self._routine.statements):
+            if isinstance(statement, Statement):
+                self._see(index, statement)
+        for index in self._open:
+            opener = self._routine.statements[index]
+            if isinstance(opener, Statement):
+                self._report(opener.line, f"{opener.word} is not closed")
+
+    def _see(self, index: int, statement: Statement) -> None:
+        word, routine = statement.word, self._routine
+        if self._opens(statement):
+            self._open.append(index)
+            if word in _LOOPS:
+                self._around.append(index)
         elif word in ("END", "UNTIL"):
-            opener = routine.statements[open_blocks[-1]].word if open_blocks else ""
+            opener = self._word(-1)
             if not opener or (opener == "DO") != (word == "UNTIL"):
-                report(statement.line, f"{word} closes nothing")
+                self._report(statement.line, f"{word} closes nothing")
             else:
-                partner[open_blocks.pop()] = index
-    for index in open_blocks:
-        report(routine.statements[index].line, f"{routine.statements[index].word} is not closed")
-    return partner
+                start = self._open.pop()
+                if self._around and self._around[-1] == start:
+                    self._around.pop()
+                routine.partner[start], routine.opener[index] = index, start
+        elif word in _BRANCHES and not self._strict:
+            if self._word(-1) != _BRANCHES[word]:
+                self._report(statement.line, f"{word} outside of a {_BRANCHES[word]}")
+            else:
+                routine.branches.setdefault(self._open[-1], []).append(index)
+                routine.opener[index] = self._open[-1]
+        elif word in ("EXIT", "NEXT"):
+            routine.loops[index] = tuple(reversed(self._around[-_DEEPEST:]))
+
+    def _opens(self, statement: Statement) -> bool:
+        word, rest = statement.word, statement.rest
+        if word == "DO":
+            return True
+        if word == "IF" and not self._strict:
+            then = _THEN.search(rest) is not None
+            if not then and not _GOTO.search(rest):
+                self._report(statement.line, "IF wants THEN or GOTO")
+            return then or not _GOTO.search(rest)
+        return word in _OPENS and _OPENS[word] in rest.upper()
+
+    def _at(self, index: int) -> Statement:
+        statement = self._routine.statements[index]
+        assert isinstance(statement, Statement)
+        return statement
+
+    def _word(self, place: int) -> str:
+        return self._at(self._open[place]).word if self._open else ""

@@ -31,7 +31,7 @@ class Cell(NamedTuple):
 class _Scope:
     """What a program sees beside the globals: its own variables, and others by the names of its arguments."""
 
-    __slots__ = ("own", "kept", "others")
+    __slots__ = ("kept", "others", "own")
 
     def __init__(self, kept: Table | None = None) -> None:
         self.own: Table = {}
@@ -154,7 +154,7 @@ class Variables:
             return value
         return self.no_point(name, value)
 
-    def no_point(self, name: str, value: Value | None) -> Joints | Location:
+    def no_point(self, name: str, value: Value | None) -> Joints | Location:  # noqa: ARG002 (for others)
         """What stands for a precision point that has no value."""
         raise Unreadable(f"precision point {name} is not defined")
 
@@ -162,15 +162,15 @@ class Variables:
         """Where the robot is, as joint values."""
         raise Unreadable(f"#{word} is not evaluated")
 
-    def signals(self, numbers: list[float]) -> float:
+    def signals(self, numbers: list[float]) -> float:  # noqa: ARG002 (for others)
         """SIG."""
         raise Unreadable("SIG is not evaluated")
 
-    def asked(self, word: str, arguments: str, value: float) -> float:
+    def answer(self, word: str, arguments: str, value: float) -> float:  # noqa: ARG002 (for others)
         """What a function of the surroundings says."""
         raise Unreadable(f"{word} is not evaluated")
 
-    def asked_text(self, word: str) -> str:
+    def answer_text(self, word: str) -> str:
         """The same of a string."""
         raise Unreadable(f"{word} is not evaluated")
 
@@ -178,12 +178,20 @@ class Variables:
         """The last index of an array that has a value, -1 where none has."""
         table, key = self.cell(name)
         prefix = f"{key}[" if not key.endswith("]") else f"{key[:-1]},"
-        found = [k[len(prefix) :].rstrip("]").split(",")[0] for k, v in table.items() if k.startswith(prefix) and v is not None]
+        found = [
+            k[len(prefix) :].rstrip("]").split(",")[0]
+            for k, v in table.items()
+            if k.startswith(prefix) and v is not None
+        ]
         return float(max(map(int, found), default=-1))
 
     def defined(self, name: str) -> bool:
         """Whether a variable has a value."""
         return self._value(canonical(name)) is not None
+
+    def says_defined(self, name: str) -> bool:
+        """DEFINED."""
+        return self.defined(name)
 
     def assign(self, name: str, value: Value) -> None:
         """Gives a variable a value; it keeps its kind."""

@@ -6,7 +6,7 @@ Each function reads a whole text; Unreadable where it does not fit.
 from __future__ import annotations
 
 from .locations import Expression
-from .text import Unreadable
+from .text import Impossible, Unreadable
 
 _INCH = 25.4
 
@@ -32,7 +32,7 @@ def speed(text: Expression) -> tuple[float, str, float, bool]:
     value = text.real()
     turning = text.real() if text.accept(",") else 100.0
     if turning <= 0:
-        raise Unreadable("a rotational speed must be positive")
+        raise Impossible("a rotational speed must be positive")
     words = []
     while text.peek():
         words.append(text.take())
@@ -40,7 +40,7 @@ def speed(text: Expression) -> tuple[float, str, float, bool]:
     if len(units) > 1 or len(set(words)) < len(words) or not set(words) <= {"ALWAYS", "MMPS", "IPS", "MONITOR"}:
         raise Unreadable(f"SPEED cannot end with {' '.join(words)[:40]}")
     if value <= 0:
-        raise Unreadable("a speed must be positive")
+        raise Impossible("a speed must be positive")
     scale, unit = _UNITS[units[0] if units else ""]
     return value * scale, unit, turning, "ALWAYS" in words
 
@@ -58,7 +58,7 @@ def outputs(text: Expression) -> list[float]:
     for value in values:
         number = abs(value)
         if number != int(number) or number == 0 or 1000 < number <= 2000 or number > _MOST_SIGNAL:
-            raise Unreadable(f"{value:g} is no output")
+            raise Impossible(f"{value:g} is no output")
     return values
 
 
@@ -66,7 +66,7 @@ def dwell(text: Expression) -> float:
     """Seconds."""
     seconds = real(text)
     if seconds <= 0:
-        raise Unreadable("a dwell must be positive")
+        raise Impossible("a dwell must be positive")
     return seconds
 
 

@@ -21,8 +21,7 @@ from camgen.read.vplus import words
 from camgen.read.vplus.locations import Expression
 from camgen.read.vplus.names import canonical
 from camgen.read.vplus.text import Frame, Location, Pace, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
-from camgen.read.vplus.variables import Variables, variable
-
+from camgen.read.vplus.variables import Table, Variables, variable
 
 #: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
 ROUNDED = 1.0
@@ -108,9 +107,9 @@ class RobotState(Variables):
         self._straight: Pace | None = None
         self._shares = False
 
-    def enter(self) -> None:
+    def enter(self, kept: Table | None = None) -> None:
         """A program starts."""
-        super().enter()
+        super().enter(kept)
         if self.depth > 1:
             self._cross()
 

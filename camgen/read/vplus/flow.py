@@ -1,0 +1,484 @@
+"""The control of V+: tests, loops, jumps and calls, followed once from the entry to the end or to a bound.
+
+A loop that runs for ever, or that waits for what no text holds, is told for one round (``--assume rounds=3``: for
+three). Of a test on an input that nobody has set, the way that leads on is taken: an input that would end the program
+is as it must be for the program to go on.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from msgspec import Struct
+
+from camgen.model.program import Joints, MoveC, MoveJ, MoveL
+from camgen.read.programs import Ask
+
+from .asked import Notes
+from .instructions import MOTIONS
+from .locations import Expression
+from .names import canonical
+from .statements import ENDS, Statements, split, unwrap
+from .text import Impossible, Location, Routine, Statement, Stretch, Unreadable, one_by_one
+from .variables import Cell, Table, Value
+
+#: So many programs may call each other: V+ has a stack, too.
+_DEEPEST = 60
+_TIMER = re.compile(r"TIMER\s*\(([^()]*)\)\s*>=?\s*([^<>=]+)", re.IGNORECASE)
+_CALLED = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(\(.*\))?", re.DOTALL)
+GOES = re.compile(r"\bGOTO\s+(\d+)\s*$", re.IGNORECASE)
+#: So many rounds of a loop are compared with the one before, and then those whose number is a power of two.
+_FIRST_ROUNDS = 4
+_MOST_STATE = 3000
+_LEAVES = frozenset({"GOTO", "RETURN", "RETURNE", "PAUSE"}) | ENDS
+
+
+class _For(Struct, gc=False):
+    """A FOR that runs."""
+
+    name: str
+    last: float
+    step: float
+
+
+class _Running:
+    """A program that runs: its FOR loops by the index of their beginning, and by place how often it was passed, with
+    what state and after how many instructions.
+    """
+
+    __slots__ = ("counting", "rounds", "routine", "seen")
+
+    def __init__(self, routine: Routine) -> None:
+        self.routine = routine
+        self.counting: dict[int, _For] = {}
+        self.rounds: dict[int, int] = {}
+        self.seen: dict[int, tuple[object, int]] = {}
+
+
+class Ended(Exception):
+    """The program has come to its end."""
+
+
+class Exhausted(Exception):
+    """The program does not come to an end."""
+
+
+class Machine(Statements):
+    """The controller, with the programs that it has. stopped: where and why the run broke off. ran,
+    done: the programs and the lines that were carried out.
+    """
+
+    def __init__(self, programs: Sequence[Routine], ask: Ask, notes: Notes) -> None:
+        super().__init__(ask, notes)
+        self._programs: dict[str, Routine] = {}
+        for routine in programs:
+            self._programs.setdefault(canonical(routine.name), routine)
+        self._kept: dict[str, Table] = {}
+        self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
+        self._budget = int(ask.limits.vplus_steps) + sum(len(one.statements) for one in programs)
+        self.stopped: tuple[int, str] | None = None
+        self.ran: set[str] = set()
+        self.done: set[int] = set()
+
+    def give(self, values: Mapping[str, Value]) -> None:
+        """Globals that have a value before the program starts."""
+        self._globals.update(values)
+
+    def run(self, routine: Routine) -> None:
+        """Carries out ``routine`` and what it calls."""
+        try:
+            self._run(routine, {})
+        except Ended:
+            pass
+        except Exhausted as error:
+            self.stopped = self.line, str(error)
+        self.finish()
+
+    def _run(self, routine: Routine, arguments: Mapping[str, Cell]) -> None:
+        key = canonical(routine.name)
+        self.ran.add(key)
+        self.enter(self._kept.setdefault(key, {}))
+        self._scopes[-1].others.update(arguments)
+        running = _Running(routine)
+        statements = routine.statements
+        index = 0
+        while index < len(statements):
+            statement = statements[index]
+            if isinstance(statement, Stretch):
+                self._stretch(statement)
+                index += 1
+                continue
+            self.line = statement.line
+            self.doubt = False
+            self.done.add(statement.line)
+            self._budget -= 1
+            if self._budget < 0:
+                raise Exhausted("the program does not come to an end within what is run of it")
+            try:
+                index = self._next(running, index, statement)
+            except Unreadable as error:
+                self._unreadable(statement, error)
+                index = routine.partner.get(index, index) + 1
+            if self.consulted:
+                self.tell_inputs()
+        self.leave()
+
+    def _stretch(self, plain: Stretch) -> None:
+        self.line = plain.line
+        if self.stretch(plain):
+            self.line = plain.line + len(plain.poses) - 1
+            return
+        for statement in one_by_one(plain):
+            self.line = statement.line
+            self.do(statement)
+
+    def _unreadable(self, statement: Statement, error: Unreadable) -> None:
+        if self.doubt and isinstance(error, Impossible):
+            self.notes.odd(statement.line, f"not evaluated: {error} (with what is assumed)")
+        else:
+            self.notes.refuse(statement.line, str(error))
+        if statement.word in MOTIONS:
+            self.lost(statement.word)
+
+    # -- control -------------------------------------------------------------------------------------------------
+
+    def _next(self, running: _Running, index: int, statement: Statement) -> int:
+        """Carries out one instruction; the index of the one after it."""
+        word, routine = statement.word, running.routine
+        if word in _CONTROL:
+            return _CONTROL[word](self, running, index, statement)
+        if word in ("RETURN", "RETURNE"):
+            return len(routine.statements)
+        if word in ENDS:
+            raise Ended
+        if word == "CALL":
+            self._call(statement.rest)
+        elif word == "CALLS":
+            self._call_by_text(statement.rest)
+        elif word == "WAIT":
+            self._wait(statement.rest)
+        elif word == "WAIT.EVENT":
+            self._wait_event(statement.rest)
+        else:
+            self.do(statement)
+        return index + 1
+
+    def _condition(self, rest: str, ends: tuple[str, ...]) -> tuple[bool, bool, str]:
+        """Whether a condition holds, whether that rests on nothing but constants or on an assumption, and the word
+        that ends it.
+        """
+        text = Expression(rest, self)
+        value = text.logic()
+        self.warn(text)
+        word = text.peek()
+        if ends and word not in ends:
+            raise Unreadable(f"{' or '.join(e or 'nothing' for e in ends)} expected before {word[:20] or 'the end'}")
+        return value != 0, text.constant or self.doubt, word
+
+    def _wish(self, rest: str, wanted: bool, fresh: bool) -> bool:
+        """Sets inputs so that a condition is as wanted; whether that works. fresh: only those not heard before."""
+        asked = [n for n in self.consulted if not (fresh and n in self.inputs)][:16]
+        tries = [[n] for n in asked] + ([asked] if len(asked) > 1 else [])
+        for flipped in tries:
+            before = {n: self.inputs.get(n) for n in flipped}
+            for n in flipped:
+                self.inputs[n] = not before[n]
+            if (Expression(rest, self).logic() != 0) == wanted:
+                return True
+            for n, value in before.items():
+                if value is None:
+                    del self.inputs[n]
+                else:
+                    self.inputs[n] = value
+        return False
+
+    def _if(self, running: _Running, index: int, statement: Statement) -> int:
+        routine, rest = running.routine, statement.rest
+        jump = GOES.search(rest)
+        if jump and index not in routine.partner:
+            holds, _, _ = self._condition(rest[: jump.start()], ("",))
+            if holds and self.consulted and self._leads_out(routine, int(jump[1]), index):
+                holds = not self._wish(rest[: jump.start()], False, fresh=True)
+            return self._jump(running, index, int(jump[1])) if holds else index + 1
+        if index not in routine.partner:
+            raise Unreadable("IF wants THEN or GOTO")
+        holds, _, _ = self._condition(rest, ("THEN",) if rest[-4:].upper() == "THEN" else ())
+        branches, end = routine.branches.get(index, ()), routine.partner[index]
+        first_end = branches[0] if branches else end
+        if holds and self.consulted and not branches and self._leaves(routine, index + 1, first_end):
+            holds = not self._wish(rest, False, fresh=True)
+        return index + 1 if holds else first_end + 1
+
+    def _leaves(self, routine: Routine, start: int, end: int) -> bool:
+        """Whether what stands there ends the program or jumps out."""
+        found = routine.statements[start:end][-3:]
+        return any(isinstance(s, Statement) and s.word in _LEAVES for s in found)
+
+    def _leads_out(self, routine: Routine, label: int, index: int) -> bool:
+        """Whether a jump ahead leads to the last lines of the program."""
+        place = routine.labels.get(label, -1)
+        return place > index and len(routine.statements) - place <= 8
+
+    def _else(self, running: _Running, index: int, _: Statement) -> int:
+        """The end of a branch that was carried out."""
+        opener = running.routine.opener.get(index)
+        return index + 1 if opener is None else running.routine.partner.get(opener, index) + 1
+
+    def _while(self, running: _Running, index: int, statement: Statement) -> int:
+        end = running.routine.partner.get(index)
+        if end is None:
+            raise Unreadable("WHILE is not closed")
+        holds, open_, _ = self._condition(statement.rest, ("DO", ""))
+        if statement.rest[-2:].upper() != "DO":
+            self.notes.refuse(statement.line, "WHILE wants DO")
+        if holds and not self._again(running, index, open_):
+            self._wish(statement.rest[:-2], False, fresh=False)
+            holds = False
+        if not holds:
+            running.rounds.pop(index, None)
+            running.seen.pop(index, None)
+            return end + 1
+        return index + 1
+
+    def _until(self, running: _Running, index: int, statement: Statement) -> int:
+        start = running.routine.opener.get(index)
+        if start is None:
+            return index + 1
+        holds, open_, _ = self._condition(statement.rest, ("",))
+        if not holds and (not self.consulted or not self._wish(statement.rest, True, fresh=False)):
+            # The body of a DO has run once by now.
+            running.rounds.setdefault(index, 1 if open_ else 0)
+            if self._again(running, index, open_):
+                return start + 1
+        running.rounds.pop(index, None)
+        running.seen.pop(index, None)
+        return index + 1
+
+    def _again(self, running: _Running, index: int, open_: bool) -> bool:
+        """Whether a loop is told for one more round. open_: nothing that is known ends it."""
+        count = running.rounds[index] = running.rounds.get(index, 0) + 1
+        if open_ and count > self._rounds:
+            what = "a loop that nothing known ends is run for"
+            self.notes.assume(
+                self.line, f"{what} {self._rounds} round{'s'[: self._rounds > 1]}", "rounds", self._rounds
+            )
+            return False
+        if count > _FIRST_ROUNDS and count & (count - 1):
+            return True
+        state = self._state()
+        before = running.seen.get(index)
+        if state is not None and before is not None and before[0] == state and count & (count - 1) == 0:
+            self._cut(before[1])
+            self.notes.assume(self.line, "a loop that repeats itself for ever is told for one of its rounds")
+            return False
+        running.seen[index] = state, len(self.body)
+        return True
+
+    def _state(self) -> object:
+        """What the next round depends on; None where that is too much to keep."""
+        tables = [self._globals]
+        for scope in self._scopes:
+            tables += [scope.own, scope.kept]
+        if sum(map(len, tables)) > _MOST_STATE:
+            return None
+        values = tuple(tuple((k, _plain(v)) for k, v in table.items()) for table in tables)
+        return values, _plain(self._at), tuple(self.outputs.items()), self._always, self._once
+
+    def _cut(self, length: int) -> None:
+        """Takes back what the repeated round has added."""
+        del self.body[length:], self.lines[length:], self.places[length:], self.tool[length:]
+        found = (k for k in reversed(range(length)) if isinstance(self.body[k], (MoveJ, MoveL, MoveC)))
+        self._last = next(found, None)
+
+    def _for(self, running: _Running, index: int, statement: Statement) -> int:
+        end = running.routine.partner.get(index)
+        if end is None:
+            raise Unreadable("FOR is not closed")
+        text = Expression(statement.rest, self)
+        name = text.take()
+        if not name[0].isalpha():
+            raise Unreadable(f"{name[:20]!r} is no name")
+        name += text.subscripts()
+        text.expect("=")
+        first = text.real()
+        text.expect("TO")
+        last = text.real()
+        step = text.real() if text.accept("STEP") else 1.0
+        text.finish()
+        if step == 0:
+            raise Impossible("a loop with step 0")
+        self.assign(name, first)
+        if (first - last) * step > 0:
+            return end + 1
+        running.counting[index] = _For(name, last, step)
+        return index + 1
+
+    def _end(self, running: _Running, index: int, _: Statement) -> int:
+        start = running.routine.opener.get(index)
+        if start is None:
+            return index + 1
+        opener = running.routine.statements[start]
+        assert isinstance(opener, Statement)
+        if opener.word == "WHILE":
+            return start
+        loop = running.counting.get(start)
+        if opener.word != "FOR" or loop is None:
+            return index + 1
+        value = self.real(loop.name) + loop.step
+        self.assign(loop.name, value)
+        # A step of 0.1 does not add up exactly, nor does it on the controller: half a millionth of it is no round.
+        if (value - loop.last) * loop.step > 0:
+            del running.counting[start]
+            return index + 1
+        return start + 1
+
+    def _case(self, running: _Running, index: int, statement: Statement) -> int:
+        routine = running.routine
+        if index not in routine.partner:
+            raise Unreadable("CASE is not closed")
+        text = Expression(statement.rest, self)
+        wanted: float | str = text.string() if text.is_string() else text.logic()
+        text.expect("OF")
+        text.finish()
+        for place in routine.branches.get(index, ()):
+            branch = routine.statements[place]
+            assert isinstance(branch, Statement)
+            if branch.word == "ANY" or self._is_one_of(wanted, branch):
+                return place + 1
+        return routine.partner[index] + 1
+
+    def _is_one_of(self, wanted: float | str, branch: Statement) -> bool:
+        if branch.rest[-1:] != ":":
+            raise Unreadable("VALUE wants a colon at its end")
+        for item in split(branch.rest[:-1]):
+            text = Expression(item, self)
+            value: float | str = text.string() if text.is_string() else text.logic()
+            text.finish()
+            if value == wanted:
+                return True
+        return False
+
+    def _goto(self, running: _Running, index: int, statement: Statement) -> int:
+        text = Expression(statement.rest, self)
+        label = text.real()
+        if text.peek() not in ("", "IN"):
+            text.finish()
+        return self._jump(running, index, int(label))
+
+    def _jump(self, running: _Running, index: int, label: int) -> int:
+        place = running.routine.labels.get(label)
+        if place is None:
+            raise Unreadable(f"there is no label {label} in this program")
+        if place <= index and not self._again(running, index, open_=False):
+            return index + 1
+        return place
+
+    def _exit(self, running: _Running, index: int, statement: Statement) -> int:
+        text = Expression(statement.rest or "1", self)
+        count = text.logic()
+        text.finish()
+        loops = running.routine.loops.get(index, ())
+        if not 1 <= count <= len(loops) or count != int(count):
+            raise Unreadable(f"{statement.word} outside of a loop")
+        start = loops[int(count) - 1]
+        end = running.routine.partner.get(start, index)
+        if statement.word == "NEXT":
+            return end
+        for inner in loops[: int(count)]:
+            running.counting.pop(inner, None)
+            for place in (inner, running.routine.partner.get(inner, inner)):
+                running.rounds.pop(place, None)
+                running.seen.pop(place, None)
+        return end + 1
+
+    def _do_loop(self, _: _Running, index: int, statement: Statement) -> int:
+        if statement.rest:
+            raise Unreadable("DO stands alone")
+        return index + 1
+
+    # -- waiting -------------------------------------------------------------------------------------------------
+
+    def _wait(self, rest: str) -> None:
+        if not rest:
+            return
+        timer = _TIMER.fullmatch(rest)
+        if timer:
+            number, until = Expression(timer[1], self).logic(), Expression(timer[2], self).logic()
+            self.pause(max(0.0, until - (self.clock - self.timers.get(number, 0.0))))
+            return
+        holds, open_, _ = self._condition(rest, ("",))
+        if holds and not open_ and not self.consulted:
+            return
+        if holds and not self.doubt:
+            self.notes.odd(self.line, f"WAIT takes a condition, and {rest} is one that always holds: it does not wait")
+            return
+        self.rest()
+        if not holds and not self._wish(rest, True, fresh=False):
+            self.notes.assume(self.line, f"WAIT {rest} is over at once")
+
+    def _wait_event(self, rest: str) -> None:
+        text = Expression(rest, self)
+        if text.peek() not in (",", ""):
+            text.logic()
+        if text.accept(","):
+            seconds = text.logic()
+            text.finish()
+            self.pause(seconds)
+            return
+        text.finish()
+        self.rest()
+        self.notes.assume(self.line, "WAIT.EVENT is over at once")
+
+    # -- calls ---------------------------------------------------------------------------------------------------
+
+    def _call(self, rest: str) -> None:
+        match = _CALLED.fullmatch(rest)
+        if match is None:
+            raise Unreadable("CALL wants the name of a program and its arguments")
+        self._enter(match[1], match[2] or "()")
+
+    def _call_by_text(self, rest: str) -> None:
+        text = Expression(rest, self)
+        name = text.string()
+        left = text.rest()
+        if not name:
+            self.notes.assume(self.line, f"CALLS {rest}: which program, is not known: left out")
+            return
+        self._enter(name, left or "()")
+
+    def _enter(self, name: str, brackets: str) -> None:
+        routine = self._programs.get(canonical(name))
+        if routine is None:
+            self.notes.assume(self.line, f"program {name} is not in these files: left out")
+            return
+        if self.depth > _DEEPEST:
+            raise Exhausted(f"more than {_DEEPEST} programs call each other")
+        given = list(split(unwrap(brackets)[0]))
+        formals = [part.removesuffix("[]").strip() for part in split(routine.arguments)]
+        if len([g for g in given if g]) > len([f for f in formals if f]):
+            self.notes.odd(self.line, f"more arguments than program {routine.name} has")
+        given += [""] * (len(formals) - len(given))
+        cells = {
+            canonical(formal.lstrip("&")): self.argument(formal.lstrip("&"), text)
+            for formal, text in zip(formals, given, strict=False)
+            if formal
+        }
+        line = self.line
+        self.tell_inputs()
+        self._run(routine, cells)
+        self.line = line
+
+
+def _plain(value: object) -> object:
+    """Something that can be compared."""
+    if isinstance(value, Location):
+        return value.local.origin, value.local.rotation.tobytes(), value.frame.external, value.frame.pose.origin
+    return value.values if isinstance(value, Joints) else value
+
+
+_CONTROL = {
+    "ANY": Machine._else, "CASE": Machine._case, "DO": Machine._do_loop, "ELSE": Machine._else, "END": Machine._end,
+    "EXIT": Machine._exit, "FOR": Machine._for, "GOTO": Machine._goto, "IF": Machine._if, "NEXT": Machine._exit,
+    "UNTIL": Machine._until, "VALUE": Machine._else, "WHILE": Machine._while,
+}  # fmt: skip

@@ -1,0 +1,89 @@
+"""Values that stand beside V+ programs: the sections .LOCATIONS, .REALS and .STRINGS, and files of taught locations.
+
+STORE writes such sections: a name, and behind it the values. A transformation has x, y, z, yaw, pitch and roll, a
+precision point (``#``) its joints; blanks or commas stand between them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+from camgen.model.pose import Pose
+from camgen.model.program import Joints
+
+from .asked import Notes
+from .locations import to_joints
+from .names import canonical
+from .text import SECTIONS, Location, Unreadable, rotation_zyz
+from .variables import Value
+
+_NAME = re.compile(r"(?:SET\s+)?([#$]?[A-Za-z][A-Za-z0-9._]*)\s*((?:\[[0-9,\s]*\])?)\s*=?\s*(.*)", re.IGNORECASE)
+_CALL = re.compile(r"#?(?:TRANS|PPOINT)\s*\((.*)\)", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+
+
+def read_values(lines: Iterable[tuple[int, str, str]], notes: Notes) -> dict[str, Value]:
+    """By name. lines: line, section, text; a line that says nothing is told."""
+    found: dict[str, Value] = {}
+    for line, section, text in lines:
+        try:
+            name, value = _read(section, text)
+        except Unreadable as error:
+            notes.refuse(line, str(error))
+        else:
+            found[name] = value
+    return found
+
+
+def read_points(files: Mapping[str, str], notes: Notes) -> dict[str, Value]:
+    """The same of files that the user names; their sections may be missing."""
+    found: dict[str, Value] = {}
+    for name, text in files.items():
+        section, wrong = ".LOCATIONS", 0
+        for raw in text.splitlines():
+            code = raw.partition(";")[0].strip(" \t\f\x1a") if '"' not in raw else raw.strip()
+            if not code or code.upper().startswith(".END"):
+                continue
+            if code.upper() in SECTIONS:
+                section = code.upper()
+                continue
+            try:
+                key, value = _read(section, code)
+            except Unreadable:
+                wrong += 1
+            else:
+                found[key] = value
+        if wrong:
+            lines = "line is" if wrong == 1 else "lines are"
+            notes.fact(f"of {name}", f"{wrong} {lines} no locations")
+    return found
+
+
+def _read(section: str, text: str) -> tuple[str, Value]:
+    match = _NAME.fullmatch(text)
+    if match is None:
+        raise Unreadable(f"not a name and its values: {text[:40]}")
+    key = canonical(match[1] + "".join(match[2].split()))
+    rest = match[3].strip()
+    if key[0] == "$":
+        return key, rest[1:-1] if len(rest) > 1 and rest[0] == rest[-1] == '"' else rest
+    inner = _CALL.fullmatch(rest)
+    parts = [part for part in re.split(r"[\s,]+", inner[1] if inner else rest) if part]
+    if not parts or len(parts) > 12 or not all(_NUMBER.fullmatch(part) for part in parts):
+        raise Unreadable(f"not a name and its values: {text[:40]}")
+    values = [float(part) for part in parts]
+    if not all(abs(value) <= 1e9 for value in values):
+        raise Unreadable(f"a number beyond any machine: {text[:40]}")
+    if key[0] == "#":
+        return key, _joints(values)
+    if len(values) == 1 and (section != ".LOCATIONS" or not inner):
+        return key, values[0]
+    if section in (".REALS", ".DOUBLES") or len(values) > 6:
+        raise Unreadable(f"{len(values)} values of one real: {text[:40]}")
+    x, y, z, yaw, pitch, roll = values + [0.0] * (6 - len(values))
+    return key, Location(Pose(rotation_zyz(yaw, pitch, roll), (x, y, z)), name=key)
+
+
+def _joints(values: list[float]) -> Joints:
+    return to_joints(values if len(values) in (4, 6) else values + [0.0] * (6 - len(values)))

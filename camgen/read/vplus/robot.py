@@ -1,0 +1,504 @@
+"""The robot of a foreign V+ program: where it goes, how fast, with which tool, and what it switches.
+
+Sources: V+ Language Reference and User's Guide as docs/posts/vplus.md and docs/languages/vplus.md quote them. Motions
+do not block and run into each other unless BREAK stands between them; SPEED without ALWAYS is for one motion; 100 % at
+the start; OPEN and CLOSE act with the next motion, OPENI and CLOSEI after the last one.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from itertools import repeat
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from camgen.model.pose import Pose, translation, zyz
+from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Output, Posture, Stop, Wait
+from camgen.read.programs import Ask
+
+from . import words
+from .asked import MOST_SIGNAL, Notes, Surroundings
+from .locations import Expression, describe, to_joints, to_values, unknown
+from .text import NULL, Frame, Impossible, Location, Pace, Statement, Stretch, Unreadable, pace, rotation_zyz
+
+#: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
+ROUNDED = 1.0
+#: What SPEED 100 is taken to be, mm/s of the TCP: V+ counts in percent of the arm's own speed.
+RATED = 7500.0
+#: What 100 % rotational speed is taken to be, deg/s.
+RATED_TURN = 1200.0
+#: The output of the hand: its numbers are set on the controller.
+HAND = "hand.open"
+_PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"), ("OVERLAP", "NOOVERLAP"))
+POSTURES = frozenset(word for pair in _PAIRS for word in pair)
+_START = "HERE at the start"
+
+
+class Tool(NamedTuple):
+    """A tool by the name that the text gives it. pose: None where only the controller knows it."""
+
+    name: str
+    pose: Pose | None
+
+
+class Robot(Surroundings):
+    """What the robot does, while a text is carried out. body: in order. lines: of each. places: what its target is
+    given in, with the base that was in force, None where it has no pose. tools, tool: those used, and by instruction
+    the place of the one in force. turning: the rotational speeds, % of the rated one, each with the place in the body
+    from which on it holds. Methods with a ``Statement`` carry it out; Unreadable when they cannot.
+    """
+
+    def __init__(self, ask: Ask, notes: Notes) -> None:
+        super().__init__(ask, notes)
+        self.body: list[Instruction] = []
+        self.lines: list[int] = []
+        self.places: list[tuple[Frame, Pose | None] | None] = []
+        self.tools: list[Tool] = [Tool("", None)]
+        self.tool: list[int] = []
+        self._held = 0
+        self._base: Pose | None = None
+        self._at: Location | Joints | None = None
+        self._last: int | None = None
+        self._moving = False
+        self._path = True
+        self._once_exact = False
+        self._always: Pace = (100.0, "%", 100.0)
+        self._once: Pace | None = None
+        self._monitor = 1.0
+        self._posture: Posture | None = None
+        self._hand: float | None = None
+        self.turning: list[tuple[int, float]] = [(0, 100.0)]
+
+    # -- where it is ---------------------------------------------------------------------------------------------
+
+    def here(self, word: str) -> Location:
+        """HERE and DEST: where the last motion goes; TOOL and BASE."""
+        if word == "TOOL":
+            tool = self.tools[self._held]
+            return unknown(f"TOOL {tool.name}".strip()) if tool.pose is None else Location(tool.pose)
+        if word == "BASE":
+            return Location(self._base or NULL)
+        if isinstance(self._at, Joints):
+            return unknown(_spell(self._at))
+        if self._at is None:
+            self._from_start()
+            return unknown(_START)
+        return self._at
+
+    def point_here(self, word: str) -> Joints | Location:
+        """The same as joint values."""
+        return self._at if isinstance(self._at, Joints) else unknown(f"#{describe_any(self.here(word))}")
+
+    def _from_start(self) -> None:
+        what = "where the robot stands at the start is not known: what refers to it is given in a frame of that name"
+        self.notes.assume(self.line, what)
+
+    # -- motions -------------------------------------------------------------------------------------------------
+
+    def target(self, text: Expression) -> Location | Joints:
+        """The target of a motion."""
+        return text.any_point() if text.peek()[:1] == "#" else text.location()
+
+    def move(self, statement: Statement) -> None:
+        """``MOVE``, ``MOVES``, and with the hand ``MOVET``, ``MOVEST``."""
+        text = Expression(statement.rest, self)
+        target = self.target(text)
+        if "T" in statement.word:
+            text.expect(",")
+            self._hand = 1.0 if text.logic() != 0 else 0.0
+        text.finish()
+        self.go(target, "S" in statement.word)
+
+    def jmove(self, statement: Statement) -> None:
+        """``JMOVE``: joint values."""
+        text = Expression(statement.rest, self)
+        values = text.numbers()
+        text.finish()
+        if len(values) > 12:
+            raise Unreadable(f"JMOVE to {len(values)} joints")
+        self.go(to_joints(values), straight=False)
+
+    def appro(self, statement: Statement) -> None:
+        """To the point so many mm back along the tool z of a location."""
+        text = Expression(statement.rest, self)
+        target = self.target(text)
+        text.expect(",")
+        distance = text.logic()
+        text.finish()
+        place = unknown(_spell(target)) if isinstance(target, Joints) else target
+        self.go(place.moved(translation(0, 0, -distance)), statement.word == "APPROS")
+
+    def depart(self, statement: Statement) -> None:
+        """Back along the tool z from where the last motion went."""
+        text = Expression(statement.rest, self)
+        distance = text.logic()
+        text.finish()
+        self.go(self.here("DEST").moved(translation(0, 0, -distance)), statement.word == "DEPARTS")
+
+    def drive(self, statement: Statement) -> None:
+        """``DRIVE joint, change, speed``: one joint."""
+        text = Expression(statement.rest, self)
+        joint = text.logic()
+        text.expect(",")
+        change = text.logic()
+        speed = text.logic() if text.accept(",") else 100.0
+        text.finish()
+        if not (1 <= joint <= 12 and joint == int(joint)):
+            raise Impossible(f"DRIVE of joint {joint:g}")
+        if not 0 < speed <= 1000:
+            raise Impossible(f"DRIVE at {speed:g} %")
+        self._once = (speed, "%", 100.0)
+        where = self._at
+        if isinstance(where, Joints) and joint <= len(where.values):
+            values = to_values(where)
+            values[int(joint) - 1] += change
+            self.go(to_joints(values), straight=False)
+        else:
+            self._somewhere(f"{describe_any(self.here('DEST'))}, joint {joint:g} by {change:g}")
+
+    def elsewhere(self, statement: Statement) -> None:
+        """``READY``, ``NEST``, ``ALIGN``: to a place that the controller works out."""
+        if statement.word == "ALIGN":
+            self._somewhere(f"ALIGN of {describe_any(self.here('DEST'))}")
+        else:
+            self._somewhere(statement.word)
+
+    def _somewhere(self, name: str) -> None:
+        self.notes.assume(self.line, f"{name}: a place that only the controller works out")
+        self.go(unknown(name), straight=False)
+
+    def lost(self, name: str) -> None:
+        """A motion that is not evaluated: nobody knows where the robot is."""
+        self._at, self._moving = unknown(f"after {name}"), True
+
+    def go(self, target: Location | Joints, straight: bool) -> None:
+        """A motion to a place."""
+        if self._hand is not None:
+            self._switch_hand(self._hand)
+        setting, self._once = self._once or self._always, None
+        blend = ROUNDED if self._path and not self._once_exact else 0.0
+        self._once_exact = False
+        self._turn(setting)
+        speed, share = self._mm_per_second(setting), self._share(setting)
+        if isinstance(target, Joints):
+            self.add(MoveJ(target, speed, blend, share=share))
+        elif straight:
+            self.add(MoveL(target.local, speed, blend, posture=self._posture, turn=0.0), target.frame)
+        else:
+            self.add(MoveJ(target.local, speed, blend, posture=self._posture, share=share), target.frame)
+        self._at, self._moving, self._last = target, True, len(self.body) - 1
+
+    def stretch(self, plain: Stretch) -> bool:
+        """The motions of a stretch at once, if the state is the usual one; else nothing is done."""
+        frame = self.frame(plain.name)
+        unusual = self._hand is not None or self._once is not None or self._once_exact
+        if frame is None or unusual:
+            return False
+        straight, count = plain.word == "MOVES", len(plain.poses)
+        blend, speed = ROUNDED if self._path else 0.0, self._mm_per_second(self._always)
+        swing = partial(MoveJ, posture=self._posture, share=self._share(self._always))
+        made = partial(MoveL, posture=self._posture) if straight else swing
+        self._turn(self._always)
+        self.body += map(made, plain.poses, repeat(speed), repeat(blend))
+        self.lines += range(plain.line, plain.line + count)
+        self.places += repeat((frame, self._base), count)
+        self.tool += repeat(self._held, count)
+        self._at, self._moving, self._last = Location(plain.poses[-1], frame), True, len(self.body) - 1
+        return True
+
+    def _turn(self, setting: Pace) -> None:
+        rate = min(setting[2], 100.0) * self._monitor
+        if rate != self.turning[-1][1]:
+            self.turning.append((len(self.body), rate))
+
+    def _mm_per_second(self, setting: Pace) -> float:
+        speed, unit, _ = setting
+        return speed * (RATED / 100 if unit == "%" else 1.0) * self._monitor
+
+    def _share(self, setting: Pace) -> float:
+        return min(1.0, setting[0] / 100 * self._monitor) if setting[1] == "%" else 0.0
+
+    def add(self, item: Instruction, frame: Frame | None = None) -> None:
+        """One more instruction."""
+        self.body.append(item)
+        self.lines.append(self.line)
+        self.places.append(None if frame is None else (frame, self._base))
+        self.tool.append(self._held)
+
+    # -- standing still ------------------------------------------------------------------------------------------
+
+    def rest(self) -> None:
+        """The motion comes to its end."""
+        if self._last is not None:
+            motion = self.body[self._last]
+            if isinstance(motion, (MoveJ, MoveL)) and motion.blend:
+                self.body[self._last] = replace(motion, blend=0.0)
+        self._moving = False
+
+    def brake(self, statement: Statement) -> None:
+        """``BREAK``, and ``BRAKE``, which ends a motion where it is."""
+        if statement.rest:
+            self.notes.odd(self.line, f"{statement.word} stands alone")
+        self.rest()
+
+    def pause(self, seconds: float) -> None:
+        """A dwell."""
+        if not 0 <= seconds <= 1e7:
+            raise Impossible(f"{seconds:g} s is no time to wait")
+        self.rest()
+        self.clock += seconds
+        if seconds:
+            self.add(Wait(seconds))
+
+    def delay(self, statement: Statement) -> None:
+        """``DELAY``: the robot stands for so long."""
+        text = Expression(statement.rest, self)
+        seconds = text.logic()
+        text.finish()
+        self.pause(seconds)
+
+    def stop(self, _: Statement) -> None:
+        """``PAUSE``: until the operator lets it proceed."""
+        self.rest()
+        self.add(Stop())
+
+    # -- settings ------------------------------------------------------------------------------------------------
+
+    def speed(self, statement: Statement) -> None:
+        """All forms of ``SPEED``."""
+        value, unit, turning, always = pace(statement.rest) or self._read_speed(statement.rest)
+        if unit == "MONITOR":
+            self._monitor = min(value, 100.0) / 100
+            self.notes.fact("monitor speed", f"{min(value, 100.0):g} %")
+        elif always:
+            self._always, self._once = (value, unit, turning), None
+        else:
+            self._once = (value, unit, turning)
+        if unit == "%":
+            self.notes.fact("speed", f"100 % is taken for {RATED:g} mm/s of the TCP")
+
+    def _read_speed(self, rest: str) -> tuple[float, str, float, bool]:
+        try:
+            return words.speed(Expression(rest, self))
+        except Impossible:
+            if self.doubt:  # an assumed value that is no speed
+                return 100.0, "%", 100.0, "ALWAYS" in rest.upper()
+            raise
+
+    def speed_now(self, which: float) -> float | None:
+        """SPEED(n): the monitor's, or the one in force."""
+        if which == 1:
+            return 100.0 * self._monitor
+        setting = (self._once or self._always) if which == 3 else self._always
+        return setting[0] if setting[1] == "%" else None
+
+    def configure(self, statement: Statement) -> None:
+        """A posture word: in force from the next motion on, and instead of the one that it excludes."""
+        if statement.rest and statement.rest.upper() != "ALWAYS":
+            raise Unreadable(f"{statement.word} stands alone or with ALWAYS")
+        pair = next(pair for pair in _PAIRS if statement.word in pair)
+        if "OVERLAP" in pair:
+            return
+        said = {*(self._posture.switches if self._posture else ()), statement.word}
+        said -= {*pair} - {statement.word}
+        self._posture = Posture(switches=tuple(word for both in _PAIRS for word in both if word in said))
+
+    def settle(self, statement: Statement) -> None:
+        """``COARSE``, ``FINE``, ``NULL``, ``NONULL``: how exactly a motion stops, which no instruction tells."""
+        text = Expression(statement.rest, self)
+        if text.peek() not in ("", "ALWAYS"):
+            text.logic()
+        text.accept("ALWAYS")
+        text.finish()
+        self.notes.fact("stops", statement.word)
+
+    def path(self, statement: Statement) -> None:
+        """``CPON`` and ``CPOFF``."""
+        if statement.rest.upper() not in ("", "ALWAYS"):
+            raise Unreadable(f"{statement.word} stands alone or with ALWAYS")
+        if statement.rest:
+            self._path = statement.word == "CPON"
+        else:
+            self._once_exact = statement.word == "CPOFF"
+
+    def switch(self, statement: Statement) -> None:
+        """``ENABLE`` and ``DISABLE``; ``CP`` is the path."""
+        on = statement.word == "ENABLE"
+        for part in statement.rest.split(","):
+            name = "".join(part.split()).lower()
+            if not name:
+                raise Unreadable(f"{statement.word} wants the name of a switch")
+            self.set_switch(name, on)
+
+    def set_switch(self, name: str, on: bool) -> None:
+        """One switch."""
+        self.switches[name] = -1.0 if on else 0.0
+        if name == "cp":
+            self._path = on
+        elif name == "dry.run" and on:
+            self.notes.odd(self.line, "DRY.RUN: the robot does not move while it is on")
+        if name == "power":
+            self.rest()
+
+    def accel(self, statement: Statement) -> None:
+        """``ACCEL``: a fact, no instruction."""
+        self.notes.fact("ACCEL", statement.rest)
+
+    def set_tool(self, statement: Statement) -> None:
+        """``TOOL``; without a location there is none."""
+        text = Expression(statement.rest or "NULL", self)
+        location = text.location()
+        text.finish()
+        name = statement.rest.lower() if statement.rest.replace(".", "").replace("_", "").isalnum() else ""
+        name = "" if name == "null" else name
+        tool = Tool(location.frame.external or name, None if location.frame.external else location.in_base())
+        self.rest()
+        for place, known in enumerate(self.tools):
+            if known.name == tool.name and _alike(known.pose, tool.pose):
+                self._held = place
+                return
+        self.tools.append(tool)
+        self._held = len(self.tools) - 1
+
+    def base(self, statement: Statement) -> None:
+        """``BASE dx, dy, dz, turn``: where the world frame is; it stops the path."""
+        self.rest()
+        if statement.rest.upper() in ("", "NULL"):
+            self._base = None
+            return
+        text = Expression(statement.rest, self)
+        values = text.reals()
+        text.finish()
+        if len(values) > 4:
+            raise Unreadable(f"BASE has {len(values)} values, at most four")
+        x, y, z, turn = values + [0.0] * (4 - len(values))
+        # The base of the robot is moved: the world frame the other way.
+        self._base = Pose(rotation_zyz(turn, 0.0, 0.0), (x, y, z)).inverse() if any(values) else None
+
+    # -- signals and hand ----------------------------------------------------------------------------------------
+
+    def signal(self, statement: Statement) -> None:
+        """``SIGNAL``: each number one output."""
+        text = Expression(statement.rest, self)
+        values = text.numbers()
+        text.finish()
+        for value in values:
+            number = abs(value)
+            if number != int(number) or number > MOST_SIGNAL:
+                if self.doubt:
+                    continue
+                raise Impossible(f"{value:g} is no output")
+            if number:
+                self._output(int(number), value > 0)
+
+    def _output(self, number: int, on: bool) -> None:
+        if 1000 < number <= 2000:
+            self.notes.odd(self.line, f"SIGNAL {number}: numbers 1001 to 2000 are inputs")
+        elif self._moving and number <= 1000:
+            what = f"signal {number} switches while the motion before it still runs: BREAK is missing"
+            self.notes.find("dangerous", self.line, what)
+        self.outputs[number] = on
+        self.rest_for_output()
+        self.add(Output(str(number), 1.0 if on else 0.0))
+
+    def rest_for_output(self) -> None:
+        """The corner before an output is not rounded in what is told: an instruction switches where it stands."""
+        moving = self._moving
+        self.rest()
+        self._moving = moving
+
+    def set_bits(self, statement: Statement) -> None:
+        """``BITS first, count = value``."""
+        text = Expression(statement.rest, self)
+        first = text.logic()
+        count = text.logic() if text.accept(",") else 1.0
+        text.expect("=")
+        value = text.logic()
+        text.finish()
+        if not (0 < first <= MOST_SIGNAL and 0 < count <= 32 and abs(value) < 2**32):
+            raise Impossible("BITS of signals that there are none of")
+        for k in range(int(count)):
+            self._output(int(first) + k, bool(int(value) >> k & 1))
+
+    def reset(self, _: Statement) -> None:
+        """``RESET``: all outputs off; those that the text names."""
+        for number in [n for n, on in self.outputs.items() if on and n <= 1000]:
+            self._output(number, on=False)
+
+    def hand(self, statement: Statement) -> None:
+        """``OPEN`` and ``CLOSE`` with the next motion, ``OPENI`` and ``CLOSEI`` at once, after the last one."""
+        word = statement.word
+        if statement.rest:
+            Expression(statement.rest, self).logic()
+        value = 1.0 if word.startswith("OPEN") else 0.0
+        if word.startswith("RELAX"):
+            self.notes.fact("hand", f"{word}: neither opened nor closed")
+        elif word.endswith("I"):
+            self.rest()
+            self._switch_hand(value)
+            if seconds := self.parameters.get("hand.time", 0.0):
+                self.pause(min(abs(seconds), 1e4))
+        else:
+            self._hand = value
+
+    def _switch_hand(self, value: float) -> None:
+        self._hand = None
+        self.rest_for_output()
+        self.add(Output(HAND, value))
+
+    def forget(self) -> None:
+        """As if nothing had been done."""
+        del self.body[:], self.lines[:], self.places[:], self.tool[:], self.tools[1:]
+        self._last, self._moving, self._hand, self._held = None, False, None, 0
+
+    def finish(self) -> None:
+        """The program ends: the robot stops, and a hand that waits for a motion acts no more."""
+        self.rest()
+
+    def decompose(self, statement: Statement) -> None:
+        """``DECOMPOSE array[first] = location``: its parts, from an element on."""
+        name, sign, rest = statement.rest.partition("=")
+        if not sign:
+            raise Unreadable("DECOMPOSE wants array[] = location")
+        left = Expression(name, self)
+        array = left.take()
+        start = left.subscripts() or "[0]"
+        left.finish()
+        text = Expression(rest, self)
+        found = self.target(text)
+        text.finish()
+        *front, first = start[1:-1].split(",")
+        for k, value in enumerate(self._parts(found)):
+            where = ",".join([*front, str(int(first) + k)])
+            self.doubt = value is None
+            taken = 0.0 if value is None else value
+            self.assign(f"{array}[{where}]", taken)
+
+    def _parts(self, found: Location | Joints) -> list[float | None]:
+        if isinstance(found, Joints):
+            return [*to_values(found)]
+        if found.frame.external:
+            self.notes.assume(self.line, f"the values of {describe(found)} are taken for 0")
+            return [None] * 6
+        pose = found.in_base()
+        yaw, pitch, roll = (math.degrees(v) + 0.0 for v in zyz(pose.rotation))
+        return [*pose.origin, yaw, pitch, roll]
+
+
+def _spell(joints: Joints) -> str:
+    return f"#PPOINT({','.join(f'{v:.6g}' for v in to_values(joints))})"
+
+
+def describe_any(location: Location) -> str:
+    """A location as a short text."""
+    if location.frame.external:
+        return describe(location)
+    return location.name or "TRANS({:.6g},{:.6g},{:.6g},..)".format(*location.in_base().origin)
+
+
+def _alike(a: Pose | None, b: Pose | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return a.origin == b.origin and bool((a.rotation == b.rotation).all())
