@@ -340,7 +340,7 @@ def _header(
         *(f"part: {one.name}" for one in sources),
         f"post: {post.name} - cell: {cell.name.replace(',', ' -')}",
         f"units: mm - drawing: {part.units}",
-        *(["what it does once; its routines and loops are not carried over"] if _is_taught(part) else []),
+        *(["motion as executed - routines and loops are not carried over"] if _is_taught(part) else []),
         *_tool_lines(job, cell),
         f"work frame: {tell_frame(cell.base_from_work)}",
     )

@@ -77,8 +77,8 @@ def rows_of(executed: Executed, place: Places) -> list[Row]:
 
 
 def _frames(frames: Sequence[Frames]) -> list[Row]:
-    tools = {one.tool: one.flange_from_tool for one in frames if one.tool or one.flange_from_tool}
-    works = {one.work: one.base_from_work for one in frames if one.work or one.base_from_work}
+    tools = {one.tool: one.flange_from_tool for one in frames if one.tool}
+    works = {one.work: one.base_from_work for one in frames if one.work}
     found = [("tool", name, pose) for name, pose in tools.items()]
     found += [("frame", name, pose) for name, pose in works.items()]
     return [

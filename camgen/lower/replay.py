@@ -7,6 +7,8 @@ asks for an exact path (G61, G61.1).
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 import numpy as np
 from msgspec.structs import replace
 
@@ -69,14 +71,19 @@ def lower_taught(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", hea
     last = [high for _, high in stretches(moves)]
     owner = np.append(np.arange(len(last)), -1)[np.searchsorted(last, np.arange(len(moves)), side="right")]
     following = iter(zip(moves, owner.tolist(), strict=True))
-    out: list[Instruction] = [MoveJ(cell.home, job.process.travel_speed)]
-    for item in body:
+    off = list(takewhile(_is_off, body))
+    out: list[Instruction] = [*off, MoveJ(cell.home, job.process.travel_speed)]
+    for item in body[len(off) :]:
         if isinstance(item, MoveJ | MoveL | MoveC):
             _, path = next(following)
             out.append(replace(item, path=path, work=path >= 0 and not isinstance(item, MoveJ)))
         else:
             out.append(item)
     return finish([*out, *_left_on(out)], tour.paths, cell, job, name, header)
+
+
+def _is_off(item: Instruction) -> bool:
+    return isinstance(item, Output) and item.value == 0
 
 
 def _left_on(body: list[Instruction]) -> list[Instruction]:

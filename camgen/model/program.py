@@ -466,11 +466,14 @@ def _switched(item: Instruction) -> tuple[str, float]:
 
 
 def put_off_first(body: Sequence[Instruction]) -> Sequence[Instruction]:
-    """The body after instructions that switch off every output and the force control that it uses: where it is run
-    again after an abort, nothing moves with the tool on.
+    """The body after instructions that switch off every output and the force control that it uses, but for outputs that
+    it switches off itself before it moves: where it is run again after an abort, nothing moves with the tool on.
     """
     columns = Columns(body)
-    names = dict.fromkeys(item.signal for item in columns.of(Output))
+    first = int(columns.at[0]) if len(columns.at) else len(body)
+    # As the last instruction before the first motion has it.
+    before = {item.signal: item.value for item in body[:first] if isinstance(item, Output)}
+    names = {item.signal: None for item in columns.of(Output) if before.get(item.signal, 1.0) != 0}
     force = [Force(0.0)] if columns.are(Force).any() else []
     off: list[Instruction] = [*(Output(name, 0.0) for name in names), *force]
     return join(pack(off), body) if isinstance(body, Body) else (*off, *body)

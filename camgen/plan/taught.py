@@ -1,8 +1,8 @@
 """Robot programs anew: what an old one does, as tool paths for another arm.
 
 Joint values mean nothing to another arm. With ``operation.taught_on``, the arm that the program was written for, they
-become the pose that they gave there; without it they stand for that arm's home, and only before the first motion to a
-pose and after the last.
+become the pose that they gave there. Those with which the program begins and ends are that arm's home, for which the
+home of the cell stands.
 """
 
 from __future__ import annotations
@@ -63,40 +63,45 @@ def _tell_frames(part: Taught, job: Job) -> list[Note]:
 
 
 def _without_joints(part: Taught, job: Job, cell: Cell | None) -> tuple[list[Instruction], list[int], list[Note]]:
-    """The body with poses for the joint values of the arm that it was taught on."""
+    """The body with the home of the cell for the joint values with which it begins and ends, which it may go to in
+    between as well, and with poses for all others.
+    """
     items = list(zip(part.run.body, part.run.lines, strict=True))
-    at = [k for k, (item, _) in enumerate(items) if isinstance(item, MoveJ) and isinstance(item.target, Joints)]
-    if not at:
+    at = {k: values for k, (item, _) in enumerate(items) if (values := _joints_of(item)) is not None}
+    arm = _find_arm(job.operation.taught_on) if job.operation.taught_on else None
+    own = cell.arm if isinstance(cell, Workcell) else None
+    if not at or (arm is not None and own is not None and own.name == arm.name):
         return list(part.run.body), list(part.run.lines), []
-    if job.operation.taught_on:
-        arm = _find_arm(job.operation.taught_on)
-        own = cell.arm if isinstance(cell, Workcell) else None
-        if own is not None and own.name == arm.name:
-            return list(part.run.body), list(part.run.lines), []
-        for k in at:
-            item, line = items[k]
-            if isinstance(item, MoveJ) and isinstance(item.target, Joints):
-                items[k] = (replace(item, target=_pose_of(item.target, arm, part, cell, line)), line)
-        what = f"{counted(len(at), 'motion')} to joint values of {arm.name} become motions to where these put the tool"
-        return [i for i, _ in items], [n for _, n in items], [Note("assumed", what, "another arm has other joints")]
-    posed = [k for k, (item, _) in enumerate(items) if _is_posed(item)]
-    inner = [k for k in at if posed and posed[0] < k < posed[-1]]
-    if inner or not posed:
-        what = "goes to joint values, which say nothing to another arm"
-        remedy = 'name the arm that it was written for: operation.taught_on = "abb_irb120"'
-        raise InputError(part.source, what, f"line {items[(inner or at)[0]][1]}", remedy)
-    last = at[-1] if at[-1] > posed[-1] else -1
-    if last >= 0:
-        if cell is None:
-            raise JobError("cell", "is not given", remedy="the program ends at home, which is that of a cell")
-        items[last] = (replace(items[last][0], target=cell.home), items[last][1])
-    kept = [pair for k, pair in enumerate(items) if k == last or k not in set(at)]
-    what = f"{counted(len(at), 'motion')} to joint values at the start and the end: the home of this cell stands for it"
-    return [i for i, _ in kept], [n for _, n in kept], [Note("assumed", what, "or name operation.taught_on")]
+    moves = [k for k, (item, _) in enumerate(items) if isinstance(item, MoveJ | MoveL | MoveC)]
+    homes = {at[k] for k in (moves[0], moves[-1]) if k in at}
+    inner = 0
+    for k, values in at.items():
+        item, line = items[k]
+        if values in homes:
+            items[k] = (MoveJ(_home_of(cell), item.speed), line)  # type: ignore[union-attr]  # a motion of the joints
+        else:
+            items[k] = (replace(item, target=_pose_of(values, arm, part, cell, line)), line)
+            inner += 1
+    # The program begins at home anyway.
+    kept = [pair for k, pair in enumerate(items) if k != moves[0] or k not in at]
+    notes = [_told(len(at) - inner, "values", "the home of this cell is meant")] if len(at) > inner else []
+    if arm is not None and inner:
+        notes.append(_told(inner, f"values of {arm.name}", "it goes to where these put the tool"))
+    return [item for item, _ in kept], [line for _, line in kept], notes
 
 
-def _is_posed(item: Instruction) -> bool:
-    return isinstance(item, MoveJ | MoveL | MoveC) and isinstance(item.target, Pose)
+def _told(count: int, values: str, what: str) -> Note:
+    return Note("assumed", f"{counted(count, 'motion')} to joint {values}: {what}", "another arm has other joints")
+
+
+def _joints_of(item: Instruction) -> tuple[float, ...] | None:
+    return item.target.values if isinstance(item, MoveJ) and isinstance(item.target, Joints) else None
+
+
+def _home_of(cell: Cell | None) -> Pose | Joints:
+    if cell is None:
+        raise JobError("cell", "is not given", remedy="the program goes home, which is that of a cell")
+    return cell.home
 
 
 def _find_arm(name: str) -> Robot:
@@ -108,18 +113,22 @@ def _find_arm(name: str) -> Robot:
         raise JobError("job", error.what, "operation.taught_on", error.remedy) from error
 
 
-def _pose_of(target: Joints, arm: Robot, part: Taught, cell: Cell | None, line: int) -> Pose:
-    """Where ``arm`` puts the tool, in the work frame."""
+def _pose_of(values: tuple[float, ...], arm: Robot | None, part: Taught, cell: Cell | None, line: int) -> Pose:
+    """Where ``arm`` puts the tool, in the work frame. InputError where no arm is known, or it has other joints."""
     from camgen.robots.kinematics.forward import flange  # noqa: PLC0415 (only for what needs it)
 
-    if len(target.values) != len(arm.joints):
-        what = f"{counted(len(target.values), 'joint value')}, and {arm.name} has {len(arm.joints)}"
+    if arm is None:
+        what = "goes to joint values, which say nothing to another arm"
+        remedy = 'name the arm that it was written for: operation.taught_on = "abb_irb120"'
+        raise InputError(part.source, what, f"line {line}", remedy)
+    if len(values) != len(arm.joints):
+        what = f"{counted(len(values), 'joint value')}, and {arm.name} has {len(arm.joints)}"
         raise InputError(part.source, what, f"line {line}", "name another arm: operation.taught_on")
     tool = part.frames.flange_from_tool or (cell.flange_from_tool if cell else None)
     work = part.frames.base_from_work or (cell.base_from_work if cell else None)
     if tool is None or work is None:
         raise JobError("cell", "is not given", remedy="joint values become poses in a cell")
-    rotation, origin = flange(arm, np.array([target.values]))
+    rotation, origin = flange(arm, np.array([values]))
     return work.inverse() @ Pose(frozen(rotation[0]), _point(origin[0].tolist())) @ tool
 
 
@@ -147,6 +156,8 @@ def stretches(moves: Sequence[Motion]) -> list[tuple[int, int]]:
     """What is run in lines and arcs: from the motion of the joints before, if that goes to a pose, to before the next
     one.
     """
+    if not moves:
+        return []
     cuts = [0, *(k for k, move in enumerate(moves) if k and isinstance(move, MoveJ)), len(moves)]
     found = [(low if isinstance(moves[low].target, Pose) else low + 1, high) for low, high in pairwise(cuts)]
     return [(low, high) for low, high in found if high - low > 1]

@@ -8,14 +8,14 @@ import numpy as np
 
 from camgen.check.report import clean, motion_lengths, path_sums
 from camgen.model.errors import InputError
-from camgen.model.pose import IDENTITY, Pose
-from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL
+from camgen.model.pose import IDENTITY, FloatArray, Pose
+from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Wait
 from camgen.plan.taught import paths_of, stretches
 from camgen.preview.curves import SpaceChains
 from camgen.preview.listing import list_texts
 from camgen.preview.notes import ViewNote
 from camgen.preview.stock import Cutter
-from camgen.preview.track import IntArray, events, find_ends, way_of
+from camgen.preview.track import IntArray, events, find_ends, switches_of, way_of
 from camgen.preview.view import Row, View
 from camgen.read.programs import LEVELS, Executed
 from camgen.read.taught import in_one_frame
@@ -25,12 +25,16 @@ from camgen.read.taught import in_one_frame
 _THIN, _FINE, _LEAST = 2.0, 2e-5, 1e-4
 #: mm that a line may be off where another tool turns.
 _CHORD = 0.02
+#: A program that is so low against its width is looked at from above, where its tool stands upright.
+_FLAT, _UPRIGHT = 0.2, 1e-9
 _HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
 def view_program(title: str, texts: Mapping[str, str], executed: Executed, facts: Sequence[tuple[str, str]]) -> View:
     """The view of a program that was run. facts: labels and texts of what the page tells first."""
     body, lines, more = _in_one_frame(executed)
+    if not any(isinstance(item, MoveJ | MoveL | MoveC | Wait) for item in body):
+        body, lines = (Wait(0.0), *body), (1, *lines)  # a page shows a moment at least
     columns = Columns(body)
     lengths = motion_lengths(columns)
     paths, _ = paths_of(body, lines)
@@ -51,7 +55,7 @@ def view_program(title: str, texts: Mapping[str, str], executed: Executed, facts
         lines=(),
         chains=SpaceChains(np.zeros((0, 3)), np.zeros(0, dtype=np.int64)),
         solid=None,
-        flat=bool(len(ends)) and bool((found.last_axis[:, 2] < -1 + 1e-9).all()),
+        flat=_is_flat(ends) and bool((found.last_axis[:, 2] < -1 + _UPRIGHT).all()),
         rows=tuple(rows),
         track=way,
         arm=None,
@@ -66,7 +70,14 @@ def view_program(title: str, texts: Mapping[str, str], executed: Executed, facts
         tools=(tool,),
         tool_of=np.zeros(len(found.kind), dtype=np.int64),
         stock=None,
+        switches=switches_of(columns, found),
     )
+
+
+def _is_flat(ends: FloatArray) -> bool:
+    """Whether a program is best looked at from above."""
+    size = np.ptp(ends, axis=0) if len(ends) else np.zeros(3)
+    return bool(size[2] < _FLAT * size[:2].max())
 
 
 def _in_one_frame(

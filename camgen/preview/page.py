@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from camgen.check.report import clean
 from camgen.model.errors import one_line
 from camgen.model.part import Solid
 from camgen.model.pose import FloatArray, Pose
@@ -133,6 +134,7 @@ def _plain(view: View) -> dict[str, object]:
             "feed": _pack(motions.feed),
             "force": _pack(motions.force),
         },
+        "switches": [[one.time, clean(one.signal), one.value] for one in view.switches],
         "tool": {
             "diameter": view.diameter,
             "flange_from_tool": _pose(view.flange_from_tool),

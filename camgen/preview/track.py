@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from camgen.check.time import assign_paths, time_motions
 from camgen.geometry.ragged import ramp
 from camgen.model.pose import FloatArray, Pose
-from camgen.model.program import Columns, Joints, MoveC, MoveJ, MoveL, Program, ToolChange, Wait, column
+from camgen.model.program import Columns, Joints, MoveC, MoveJ, MoveL, Output, Program, ToolChange, Wait, column
 from camgen.post.plugins import dynamics_of
 from camgen.preview import Built
 from camgen.preview.curves import draw_spans
@@ -167,6 +167,23 @@ def track(result: Built, sag: float) -> tuple[Track, Arm | None]:
         arm = Arm(robot, reach.joints, _begins(seconds)[owner] + seconds[owner] * share)
     time = _begins(seconds)[stations.event] + seconds[stations.event] * stations.fraction
     return Track(stations.points, stations.axis, time, stations.event, found), arm
+
+
+class Switch(Struct, frozen=True):
+    """An output from a time on, s."""
+
+    time: float
+    signal: str
+    value: float
+
+
+def switches_of(columns: Columns, found: Events) -> tuple[Switch, ...]:
+    """When a program switches its outputs."""
+    places = np.flatnonzero(columns.are(Output))
+    begin = np.append(0.0, np.cumsum(found.seconds))[np.searchsorted(found.instruction, places)]
+    return tuple(
+        Switch(time, item.signal, item.value) for time, item in zip(begin.tolist(), columns.of(Output), strict=True)
+    )
 
 
 def _begins(seconds: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ from camgen.preview.stock import (
     tell_stock,
     tools_of_events,
 )
-from camgen.preview.track import Arm, IntArray, Track, track
+from camgen.preview.track import Arm, IntArray, Switch, Track, switches_of, track
 from camgen.robots.models import Box, Link
 
 # What stands around a part and what the robot holds, as the test for collisions has it.
@@ -145,6 +145,7 @@ class View(Struct, frozen=True, eq=False):
     meshes. notes: all of the build, in their order. listing: the program's text. tools: of the program, in the order of
     their use. tool_of: (E,) the one of each of the events. stock: what is cut, None where no material is taken away
     from above. marks: what a proof on the stock found, drawn over it. photo: what the part was read from.
+    switches: the outputs in the order of time.
     """
 
     title: str
@@ -169,6 +170,7 @@ class View(Struct, frozen=True, eq=False):
     stock: Stock | None
     marks: tuple[Mark, ...] = ()
     photo: Photo | None = None
+    switches: tuple[Switch, ...] = ()
 
     @property
     def skipped(self) -> tuple[ViewNote, ...]:
@@ -210,6 +212,7 @@ def view(result: Built) -> View:
         stock=stock,
         marks=marks_of(result),
         photo=photo_of(result),
+        switches=switches_of(program.columns, way.events),
     )
 
 

@@ -90,8 +90,7 @@ class Executed(Struct, frozen=True, eq=False):
 class Language(Struct, frozen=True):
     """One language of controllers. suffixes: in small letters, with the dot. dialects: the names that ``Ask.dialect``
     takes. recognise: whether the beginning of a text is surely in this language. run: what its files say, by name in
-    order, LF line ends; never raises for a text. signals: by the name of an output, in small letters, the signal that
-    the post of this language calls so where nobody says otherwise.
+    order, LF line ends; never raises for a text.
     """
 
     name: str
@@ -100,7 +99,6 @@ class Language(Struct, frozen=True):
     recognise: Callable[[str], bool]
     run: Callable[[Mapping[str, str], Ask], Executed]
     dialects: tuple[str, ...] = ()
-    signals: Mapping[str, str] = {}
 
 
 def find_language(name: str) -> Language:

@@ -7,7 +7,7 @@ work objects are told anew for the first ones; nothing of their way changes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -61,8 +61,7 @@ def read(source: Source, job: Job, language: str) -> Taught:
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
         raise InputError(source.name, "holds no motion", remedy="give a program that moves")
     told = in_one_frame(executed, source.name, job.tolerance.chord)
-    body = tuple(_call(item, found.signals) for item in told.body)
-    run = ProgramRun(body, told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
+    run = ProgramRun(told.body, told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
     notes = (
         *(Note("assumed", f"line {one.line}: {one.what}") for one in executed.assumed),
         *(Note("warning", f"line {one.line}: {one.what}") for one in executed.findings if one.level == "dangerous"),
@@ -70,13 +69,6 @@ def read(source: Source, job: Job, language: str) -> Taught:
     )
     named = source.stem, source.name, "mm", ()
     return Taught(*named, notes=notes, run=run, language=language, frames=told.frames)
-
-
-def _call(item: Instruction, signals: Mapping[str, str]) -> Instruction:
-    """An output by the name of its signal, where it is one that posts of this language name by themselves."""
-    if not isinstance(item, Output):
-        return item
-    return replace(item, signal=signals.get(item.signal.lower(), item.signal))
 
 
 class TaughtFacts(Struct, frozen=True):
@@ -184,8 +176,9 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
     tool or work object is not known. file: for messages.
     """
     places = executed.frame or (0,) * len(executed.body)
-    moving = [isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body]
-    first = next(place for place, moves in zip(places, moving, strict=True) if moves)
+    moves = [(m, p) for m, p in zip(executed.body, places, strict=True) if isinstance(m, MoveJ | MoveL | MoveC)]
+    # Joint values are in no work object.
+    first = next((place for move, place in moves if isinstance(move.target, Pose)), moves[0][1])
     own = executed.frames[first] if executed.frames else Frames()
     changes: dict[int, _Change] = {}
     body: list[Instruction] = []
@@ -194,14 +187,14 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
     pieces = 0
     for item, line, place in zip(executed.body, executed.lines, places, strict=True):
         made: Sequence[Instruction] = (item,)
-        if isinstance(item, MoveJ | MoveL | MoveC | Force):
+        if isinstance(item, Force) or (isinstance(item, MoveJ | MoveL | MoveC) and isinstance(item.target, Pose)):
             if place not in changes:
                 changes[place] = _find_change(executed.frames[place] if executed.frames else own, own, file, line)
             change = changes[place]
         if isinstance(item, Force):
             made = (replace(item, force_direction=change.turn(item.force_direction)),)
         elif isinstance(item, MoveJ | MoveL | MoveC):
-            if not change.same and isinstance(item.target, Pose):
+            if isinstance(item.target, Pose) and not change.same:
                 made = list(_carry(item, here, change, chord))
                 pieces += len(made) - 1
             last = made[-1]

@@ -32,8 +32,9 @@ _WORDS = """
     time timer to tool trans transb true type until value wait wait.event while world xor
 """
 _TAKEN = frozenset(_WORDS.split())
-#: Half the last digit of a printed angle (4 digits, deg) in rad: a pitch nearer to 0 or 180 deg prints as exactly that.
-_UPRIGHT = math.radians(0.5e-4)
+#: rad: a pitch nearer to 0 or 180 deg prints as exactly that. It is what joint values with four digits (deg) say of a
+#: tool that stands upright, and within what a read-back must agree.
+_UPRIGHT = math.radians(5e-4)
 #: V+ reals are single precision: beyond 8192 mm (2**13) their step is larger than 0.0005 mm.
 _RANGE = 8192.0
 #: Speeds have 4 digits, so that 0.05 is the least that is still within 0.1 %.

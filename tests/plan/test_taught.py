@@ -136,6 +136,14 @@ def test_joint_values_between_need_their_arm(tmp_path, monkeypatch):
         build(tmp_path, monkeypatch, body)
 
 
+def test_a_second_motion_to_joint_values_is_not_home(tmp_path, monkeypatch):
+    """The way down to a path begins where it leads, not at home."""
+    zero, high = Joints((0.0,) * 6), Joints((0.1, 0.0, 0.0, 0.0, math.pi / 4, 0.0))
+    body = [MoveJ(zero, 200.0), MoveJ(high, 200.0), MoveL(at(LOW), 50.0), MoveJ(zero, 200.0)]
+    with pytest.raises(InputError, match=r"line 2.*operation.taught_on"):
+        build(tmp_path, monkeypatch, body)
+
+
 def test_joint_values_are_where_their_arm_puts_the_tool(tmp_path, monkeypatch):
     # IRB 120 at zero but axis 5 at 90 deg: its flange looks down, 374 mm out and 630 mm up less 72 (its data sheet).
     down = Joints((0.0, 0.0, 0.0, 0.0, math.pi / 2, 0.0))

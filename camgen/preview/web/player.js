@@ -42,6 +42,19 @@ function step(direction) {
   player.to(track.time[s]);
 }
 
+// What is on from each switch on, as text.
+const switchTimes = data.switches.map(([time]) => time);
+const onAfter = [];
+{
+  const on = new Map();
+  for (const [, signal, value] of data.switches) {
+    if (value) on.set(signal, value);
+    else on.delete(signal);
+    onAfter.push(on.size ? `, on: ${[...on].map(([name, v]) => (v === 1 ? name : `${name} ${number(v, 3).replace(/\.?0+$/, "")}`)).join(", ")}` : "");
+  }
+}
+const onAt = (time) => (switchTimes.length && switchTimes[0] <= time ? onAfter[indexAt(switchTimes, time)] : "");
+
 function showTime() {
   const { station, at } = poseAt(player.time);
   const event = track.event[station];
@@ -55,7 +68,7 @@ function showTime() {
   const place = at.toArray().map((v, k) => number(v + origin[k], 2)).join("  ");
   const force = track.force[event] > 0 ? `, ${number(track.force[event])} N` : "";
   const speed = track.kind[event] === 3 ? "" : `, ${number(track.feed[event])} mm/s${force}`;
-  $("what").textContent = `${KINDS[track.kind[event]]}, instruction ${track.instruction[event]}${lineOfEvent[event] ? `, line ${lineOfEvent[event]}` : ""}${speed}, at ${place} mm${cutting.stock?.met.has(event) ? "; a rapid through material" : ""}`;
+  $("what").textContent = `${KINDS[track.kind[event]]}, instruction ${track.instruction[event]}${lineOfEvent[event] ? `, line ${lineOfEvent[event]}` : ""}${speed}, at ${place} mm${onAt(player.time)}${cutting.stock?.met.has(event) ? "; a rapid through material" : ""}`;
   cutting.stock?.to(player.time);
   cutting.tool?.(toolOf[event]);
   running(path);

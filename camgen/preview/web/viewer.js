@@ -260,7 +260,7 @@ setList();
 setListing();
 addTab("facts", "Summary");
 for (const [label, text] of data.facts) $("facts").append(make("dt", label), make("dd", text));
-openTab(grave ? "notes" : "paths");
+openTab(grave ? "notes" : data.lines.rows.length || data.listing.files.length === 0 ? "paths" : "text");
 setLegend();
 setLayers();
 setKeys();

@@ -8,8 +8,9 @@ from camgen.geometry.rotations import turns_about_z
 from camgen.model.pose import FloatArray
 from camgen.robots.kinematics.arms import Gantry, Scara
 
-#: The tool can lean by so much (rad) against what the robot holds, and be so far (mm) out of reach: rounding.
-LEAN, _REACH = 1e-9, 1e-9
+#: The tool can lean by so much (rad) against what the robot holds: the digits of a quaternion, or of joint values, that
+#: a program states. It can be so far (mm) out of reach: rounding.
+LEAN, _REACH = 1e-5, 1e-9
 
 
 def scara_angles(arm: Scara, rotations: FloatArray, origins: FloatArray) -> FloatArray:

@@ -1,0 +1,159 @@
+"""``camgen verify`` on programs of others: three levels, what is assumed, what the user says, the page."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from camgen.cli import main
+
+RAPID = """\
+MODULE shop
+  PERS tooldata tGun:=[TRUE,[[0,0,200],[1,0,0,0]],[2,[0,0,80],[1,0,0,0],0,0,0]];
+  CONST robtarget p1:=[[600,0,400],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  PROC main()
+    MoveJ p1,v500,fine,tGun;
+    MoveL Offs(p1,0,100,0),v100,fine,tGun;
+    SetDO doGun,1;
+    IF diReady=1 THEN
+      MoveL Offs(p1,0,200,0),v100,fine,tGun;
+    ELSE
+      MoveL Offs(p1,50,100,0),v100,fine,tGun;
+    ENDIF
+    SetDO doGun,0;
+  ENDPROC
+  PROC other()
+    MoveJ p1,v500,fine,tGun;
+  ENDPROC
+ENDMODULE
+"""
+SQUARE = "G21 G90\nG0 X0 Y0 Z5\nM3 S1000\nG1 Z-1 F100\nX10\nY10\nX0\nY0\nG0 Z5\nM5\nM2\n"
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def write(name, text):
+    Path(name).write_text(text, encoding="latin-1")
+    return name
+
+
+def judged(capsys, *words):
+    """Exit code, the page by its labels, the lines about lines, and the error."""
+    code = main(["verify", *words])
+    shown = capsys.readouterr()
+    lines = shown.out.splitlines()
+    page = {line[:10].strip(): line[10:].strip() for line in lines if not re.match(r"\S+ line ", line)}
+    return code, page, [line for line in lines if re.match(r"\S+ line ", line)], shown.err
+
+
+def test_a_sound_program_has_no_finding_and_needs_no_post(capsys):
+    code, page, told, error = judged(capsys, write("shop.mod", RAPID))
+    assert (code, told, error) == (0, [], "")
+    assert page["straight"] == "200.0 mm"
+    assert page["output"] == "doGun: 1, 0"
+    assert "diReady" in page["assumed"]
+    assert page["language"].startswith("ABB RAPID")
+
+
+def test_what_the_user_says_leads_elsewhere(capsys):
+    write("shop.mod", RAPID)
+    assert judged(capsys, "shop.mod", "--assume", "diReady=0")[1]["straight"] == "150.0 mm"
+    assert judged(capsys, "shop.mod", "--entry", "other")[1]["program"].endswith("1 joint motion")
+
+
+def test_an_output_in_a_corner_is_dangerous(capsys):
+    text = RAPID.replace("Offs(p1,0,100,0),v100,fine", "Offs(p1,0,100,0),v100,z10")
+    code, _, told, error = judged(capsys, write("shop.mod", text))
+    assert code == 3
+    assert [line.split(": ")[:2] for line in told] == [["shop.mod line 7", "dangerous"]]
+    assert "1 line is dangerous, first: doGun" in error
+
+
+def test_what_the_controller_refuses_comes_first(capsys):
+    text = RAPID.replace("[0,0,1,0],[0,0,0,0]", "[0,0,0.9,0],[0,0,0,0]").replace("v100,fine", "v100,z10", 1)
+    code, _, told, error = judged(capsys, write("shop.mod", text))
+    assert code == 2
+    assert any(": refused: " in line for line in told)
+    assert "refused, first:" in error
+
+
+def test_the_place_is_that_of_the_file(capsys):
+    bad = "MoveL [[0,0,0],[0.9,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,fine,tGun;"
+    other = f"MODULE more\n  PROC extra()\n    {bad}\n  ENDPROC\nENDMODULE\n"
+    text = RAPID.replace("    SetDO doGun,0;\n", "    extra;\n    SetDO doGun,0;\n")
+    code, _, told, _ = judged(capsys, write("shop.mod", text), write("more.mod", other))
+    assert code == 2
+    assert any(line.startswith("more.mod line 3: refused") for line in told)
+
+
+def test_it_is_said_as_data(capsys):
+    write("shop.mod", RAPID.replace("Offs(p1,0,100,0),v100,fine", "Offs(p1,0,100,0),v100,z10"))
+    assert main(["verify", "shop.mod", "--json"]) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert [(one["place"], one["level"]) for one in found["faults"]] == [("shop.mod line 7", "dangerous")]
+    assert found["assumed"][0]["key"] == "diready"
+    assert found["stopped"] is None
+
+
+def test_the_page_shows_motion_text_and_findings(capsys):
+    text = RAPID.replace("Offs(p1,0,100,0),v100,fine", "Offs(p1,0,100,0),v100,z10")
+    assert main(["verify", write("shop.mod", text), "--report", "out.html"]) == 3
+    capsys.readouterr()
+    page = Path("out.html").read_text()
+    data = json.loads(re.search(r'<script[^>]* id="data"[^>]*>(.*?)</script>', page, re.S)[1])
+    assert data["listing"]["files"] == [["shop.mod", text]]
+    assert [(note[0], note[7]) for note in data["notes"]] == [("dangerous", 7), ("assumed", 8)]
+    assert [one[1:] for one in data["switches"]] == [["doGun", 1.0], ["doGun", 0.0]]
+    # 600 mm from above: 100 mm at 100 mm/s from the first target on.
+    assert data["switches"][0][0] == pytest.approx(1.0)
+    assert len(data["paths"]) == 1
+    assert ["Tool", "tGun: 0 0 200 0 0 0"] in data["facts"]
+
+
+def test_a_program_without_a_motion_has_a_page_too(capsys):
+    text = "MODULE a\n  PROC main()\n    SetDO doGun,1;\n    SetDO doGun,0;\n  ENDPROC\nENDMODULE\n"
+    assert main(["verify", write("a.mod", text), "--report", "a.html"]) == 0
+    assert Path("a.html").stat().st_size > 100_000
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--assume", "di1"], "'di1' is no name with its value"),
+        (["--assume", "=1"], "'=1' is no name with its value"),
+        (["--dialect", "fanuc"], "rapid has no dialect fanuc"),
+        (["--report", "out.pdf"], "the report of a program is a page"),
+        (["--report", "shop.mod.html/x.html"], "shop.mod.html"),
+        (["--points", "none.txt"], "none.txt: cannot be read"),
+        (["--entry", "nowhere"], "nowhere"),
+        (["--post", "rapid", "--job", "job.toml", "--assume", "di1=1"], "is for programs that camgen did not plan"),
+        (["--job", "job.toml"], "--post: is not given"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(capsys, words, said):
+    write("job.toml", "")
+    write("shop.mod", RAPID)
+    code, _, _, error = judged(capsys, "shop.mod", *words)
+    assert code == 2
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_a_text_of_no_language_is_told_what_there_is(capsys):
+    code, _, _, error = judged(capsys, write("a.bin", "hello there\n"))
+    assert code == 2
+    assert "--post" in error
+    assert "rapid" in error
+
+
+def test_twenty_thousand_findings_take_no_quadratic_time(capsys):
+    bad = "    MoveL [[1,2,3],[0.9,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v5,fine,tGun;\n"
+    text = RAPID.replace("    SetDO doGun,0;\n", bad * 20_000)
+    code, _, told, _ = judged(capsys, write("shop.mod", text))
+    assert code == 2
+    assert len(told) >= 20_000
