@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
 from camgen.cli.judge import as_data, ask_of, check_page, find_own, rows_of, tell_findings, verdict
@@ -25,6 +27,7 @@ from camgen.post.verify import compare
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
 from camgen.read.programs import LANGUAGES, Executed
+from camgen.read.taught import Carried, as_far_as_known
 
 _NAMES = {
     "MoveJ": "joint motion",
@@ -80,13 +83,17 @@ def _judge(asked: _Asked, says: Voice) -> int:
     says.stage("running")
     executed = language.run(texts, ask)
     says.clear()
-    motions = sum_up(Columns(executed.body))
+    told = as_far_as_known(executed)
+    motions = sum_up(Columns(told.body))
+    if told.body is not executed.body:
+        motions = replace(motions, counts=sum_up(Columns(executed.body)).counts)
     rows = [("language", language.about), *_rows(motions, _lines(texts)), *rows_of(executed, place)]
+    rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
     error = verdict(executed, paths[0], place)
     if error is None and not executed.body:
         error = InputError(str(paths[0]), f"does nothing, read as {language.about}", remedy="name its --post")
     if arguments.report:
-        _report(Path(arguments.report), asked, executed, rows, says)
+        _report(Path(arguments.report), asked, executed, told, rows, says)
     more: list[Row] = []
     also = ""
     if drawing is not None and error is None:
@@ -169,13 +176,13 @@ def _prove(
     return list(stock.rows), stock.told, stock.error
 
 
-def _report(target: Path, asked: _Asked, executed: Executed, rows: Sequence[Row], says: Voice) -> None:
+def _report(target: Path, asked: _Asked, executed: Executed, told: Carried, rows: Sequence[Row], says: Voice) -> None:
     """The page of a program. JobError for a name that is none of a page, or a file that is not to be replaced."""
     from camgen.preview.foreign import view_program  # noqa: PLC0415 (only where a page is asked for)
     from camgen.preview.page import page  # noqa: PLC0415
 
     says.stage("drawing")
-    drawn = page(view_program(", ".join(asked.texts), asked.texts, executed, rows))
+    drawn = page(view_program(", ".join(asked.texts), asked.texts, executed, told, rows))
     says.clear()
     write_all([(target, drawn.encode("utf-8"))], asked.files.opened)
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from camgen.check.report import clean, motion_lengths, path_sums
-from camgen.model.errors import InputError
 from camgen.model.pose import IDENTITY, FloatArray, Pose
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Wait
 from camgen.plan.taught import paths_of, stretches
@@ -18,21 +17,23 @@ from camgen.preview.stock import Cutter
 from camgen.preview.track import IntArray, events, find_ends, switches_of, way_of
 from camgen.preview.view import Row, View
 from camgen.read.programs import LEVELS, Executed
-from camgen.read.taught import in_one_frame
+from camgen.read.taught import Carried
 
 #: mm: the tool as it is drawn, which nobody knows. Arcs are drawn to this part of the size of what is shown, and to so
 #: many mm at least.
 _THIN, _FINE, _LEAST = 2.0, 2e-5, 1e-4
-#: mm that a line may be off where another tool turns.
-_CHORD = 0.02
 #: A program that is so low against its width is looked at from above, where its tool stands upright.
 _FLAT, _UPRIGHT = 0.2, 1e-9
 _HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
-def view_program(title: str, texts: Mapping[str, str], executed: Executed, facts: Sequence[tuple[str, str]]) -> View:
-    """The view of a program that was run. facts: labels and texts of what the page tells first."""
-    body, lines, more = _in_one_frame(executed)
+def view_program(
+    title: str, texts: Mapping[str, str], executed: Executed, told: Carried, facts: Sequence[tuple[str, str]]
+) -> View:
+    """The view of a program that was run. told: its body in one frame. facts: labels and texts of what the page tells
+    first.
+    """
+    body, lines = told.body, told.lines
     if not any(isinstance(item, MoveJ | MoveL | MoveC | Wait) for item in body):
         body, lines = (Wait(0.0), *body), (1, *lines)  # a page shows a moment at least
     columns = Columns(body)
@@ -51,7 +52,7 @@ def view_program(title: str, texts: Mapping[str, str], executed: Executed, facts
     tool = Cutter("tool", "end mill", _THIN, (), _HERE)
     return View(
         title=clean(title),
-        facts=tuple((label[:1].upper() + label[1:], clean(text)) for label, text in [*facts, *more]),
+        facts=tuple((label[:1].upper() + label[1:], clean(text)) for label, text in facts),
         lines=(),
         chains=SpaceChains(np.zeros((0, 3)), np.zeros(0, dtype=np.int64)),
         solid=None,
@@ -78,20 +79,6 @@ def _is_flat(ends: FloatArray) -> bool:
     """Whether a program is best looked at from above."""
     size = np.ptp(ends, axis=0) if len(ends) else np.zeros(3)
     return bool(size[2] < _FLAT * size[:2].max())
-
-
-def _in_one_frame(
-    executed: Executed,
-) -> tuple[Sequence[Instruction], Sequence[int], list[tuple[str, str]]]:
-    """The body with its lines in one work frame and with one tool, where the text says how they lie to each other."""
-    moves = any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body)
-    if not moves or len(executed.frames) < 2:
-        return executed.body, executed.lines, []
-    try:
-        told = in_one_frame(executed, "", _CHORD)
-    except InputError as error:
-        return executed.body, executed.lines, [("drawn", f"each motion in its own frame: the program {error.what}")]
-    return told.body, told.lines, [("drawn", note.what) for note in told.notes]
 
 
 def _owners(body: Sequence[Instruction]) -> IntArray:

@@ -7,6 +7,7 @@ work objects are told anew for the first ones; nothing of their way changes.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -38,6 +39,10 @@ from camgen.read.programs import Ask, Executed, Frames, find_language
 
 #: Two frames are one where they differ by less, mm and rad.
 _SAME = 1e-6
+#: What a text that names no tool or work object means.
+_NO_TOOL, _NO_WORK = "no tool", "the base of the robot"
+#: mm that a line may be off where another tool turns, where no job says it.
+_CHORD = 0.01
 #: rad: a piece of a motion along which the tool turns is at most so long.
 _MOST_TURN = math.radians(5.0)
 
@@ -61,7 +66,7 @@ def read(source: Source, job: Job, language: str) -> Taught:
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
         raise InputError(source.name, "holds no motion", remedy="give a program that moves")
     told = in_one_frame(executed, source.name, job.tolerance.chord)
-    run = ProgramRun(told.body, told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
+    run = ProgramRun(tuple(told.body), told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
     notes = (
         *(Note("assumed", f"line {one.line}: {one.what}") for one in executed.assumed),
         *(Note("warning", f"line {one.line}: {one.what}") for one in executed.findings if one.level == "dangerous"),
@@ -149,7 +154,7 @@ def text_of(source: Source) -> str:
 class Carried(Struct, frozen=True, eq=False):
     """A body in one work object and with one tool, and what is to be said of that."""
 
-    body: tuple[Instruction, ...]
+    body: Sequence[Instruction]
     lines: tuple[int, ...]
     frames: Frames
     notes: tuple[Note, ...]
@@ -169,17 +174,28 @@ class _Change(Struct, frozen=True, eq=False):
         return _point(self.to_work.rotation @ direction)
 
 
+def as_far_as_known(executed: Executed) -> Carried:
+    """What a program does in one work object and with one tool, or each motion in its own where nobody knows how they
+    lie to each other.
+    """
+    whole = Carried(executed.body, executed.lines, executed.frames[0] if executed.frames else Frames(), ())
+    if len(executed.frames) < 2 or not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
+        return whole
+    try:
+        return in_one_frame(executed, "", _CHORD)
+    except InputError as error:
+        note = Note("assumed", "each motion is told in its own frame", f"the program {error.what}")
+        return Carried(whole.body, whole.lines, whole.frames, (note,))
+
+
 def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
-    """What a program does in the work object and with the tool of its first motion.
+    """What a program does in the work object and with the tool of most of its motions.
 
     chord: mm that a tool's centre may be off its line where it turns and another's is told. InputError where a second
     tool or work object is not known. file: for messages.
     """
     places = executed.frame or (0,) * len(executed.body)
-    moves = [(m, p) for m, p in zip(executed.body, places, strict=True) if isinstance(m, MoveJ | MoveL | MoveC)]
-    # Joint values are in no work object.
-    first = next((place for move, place in moves if isinstance(move.target, Pose)), moves[0][1])
-    own = executed.frames[first] if executed.frames else Frames()
+    own = executed.frames[_find_own(executed, places)] if executed.frames else Frames()
     changes: dict[int, _Change] = {}
     body: list[Instruction] = []
     lines: list[int] = []
@@ -205,15 +221,22 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
     return Carried(tuple(body), tuple(lines), own, _tell(executed.frames, own, changes, pieces))
 
 
+def _find_own(executed: Executed, places: Sequence[int]) -> int:
+    """The place of the frames that most motions have, of several the first; joint values are in no work object."""
+    every = zip(executed.body, places, strict=True)
+    count = Counter(place for move, place in every if isinstance(getattr(move, "target", None), Pose))
+    return count.most_common(1)[0][0] if count else 0
+
+
 def _tell(frames: Sequence[Frames], own: Frames, changes: dict[int, _Change], pieces: int) -> tuple[Note, ...]:
     others = [frames[place] for place, change in changes.items() if not change.same]
     if not others:
         return ()
-    tools = ", ".join(dict.fromkeys(one.tool for one in others if one.tool != own.tool))
-    works = ", ".join(dict.fromkeys(one.work for one in others if one.work != own.work))
+    tools = dict.fromkeys(one.tool or _NO_TOOL for one in others if one.tool != own.tool)
+    works = dict.fromkeys(one.work or _NO_WORK for one in others if one.work != own.work)
     what = "; ".join(
-        f"motions {word} {names} are told {word} {first}"
-        for word, names, first in (("with", tools, own.tool), ("in", works, own.work))
+        f"motions {word} {', '.join(names)} are told {word} {first}"
+        for word, names, first in (("with", tools, own.tool or _NO_TOOL), ("in", works, own.work or _NO_WORK))
         if names
     )
     more = f"; {counted(pieces, 'piece')} more, where the tool turns" if pieces else ""

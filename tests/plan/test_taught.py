@@ -28,6 +28,10 @@ def pose(x, y, z, turn=0.0):
     return Pose(DOWN @ rotation_about(1, turn), (float(x), float(y), float(z)))
 
 
+#: Most motions are with the first tool in the first work object.
+OWN = [MoveJ(pose(0, 0, 90 - k), 100.0) for k in range(3)]
+
+
 def flange_of(target, frames):
     """base_from_flange where the tool of ``frames`` is at ``target``: independent of what is tested."""
     return frames.base_from_work @ target @ frames.flange_from_tool.inverse()
@@ -38,11 +42,11 @@ def close(a, b, mm=1e-6, rad=1e-6):
 
 
 def test_targets_keep_the_flange_where_it_was():
-    body = [MoveJ(pose(0, 0, 50), 100.0), MoveJ(pose(10, 20, 30, 0.5), 100.0), MoveL(pose(10, 80, 30, 0.5), 50.0)]
-    places = (0, 3, 3)
-    told = in_one_frame(Executed(body, (1, 2, 3), FRAMES, places), "a.mod", 0.02)
+    body = [*OWN, MoveJ(pose(10, 20, 30, 0.5), 100.0), MoveL(pose(10, 80, 30, 0.5), 50.0)]
+    places = (0, 0, 0, 3, 3)
+    told = in_one_frame(Executed(body, (1, 2, 3, 4, 5), FRAMES, places), "a.mod", 0.02)
     assert told.frames is FRAMES[0]
-    assert len(told.body) == 3  # the tool does not turn along the line
+    assert len(told.body) == 5  # the tool does not turn along the line
     for before, after, place in zip(body, told.body, places, strict=True):
         assert close(flange_of(before.target, FRAMES[place]), flange_of(after.target, FRAMES[0]))
     assert "motions with t1 are told with t0; motions in w1 are told in w0" in told.notes[0].what
@@ -50,11 +54,11 @@ def test_targets_keep_the_flange_where_it_was():
 
 def test_another_tool_that_turns_keeps_to_its_line():
     start, end = pose(0, 0, 50), pose(100, 0, 50, 0.8)
-    own = [MoveJ(pose(0, 0, 90), 100.0), MoveJ(start, 50.0), MoveL(end, 50.0)]
-    told = in_one_frame(Executed(own, (1, 2, 3), FRAMES, (0, 1, 1)), "a.mod", 0.02)
-    pieces = told.body[2:]
+    own = [*OWN, MoveJ(start, 50.0), MoveL(end, 50.0)]
+    told = in_one_frame(Executed(own, (1, 2, 3, 4, 5), FRAMES, (0, 0, 0, 1, 1)), "a.mod", 0.02)
+    pieces = told.body[4:]
     assert len(pieces) > 5
-    at = told.body[1].target
+    at = told.body[3].target
     back = TOOLS[0].inverse() @ TOOLS[1]  # tool 0 from tool 1
     for piece in pieces:
         for share in (0.25, 0.5, 0.75, 1.0):
@@ -65,16 +69,16 @@ def test_another_tool_that_turns_keeps_to_its_line():
         at = piece.target
     assert close(at @ back, end)
     # The same time: 100 mm at 50 mm/s.
-    length = [math.dist(a.target.origin, b.target.origin) for a, b in zip(told.body[1:], pieces, strict=False)]
+    length = [math.dist(a.target.origin, b.target.origin) for a, b in zip(told.body[3:], pieces, strict=False)]
     assert sum(s / p.speed for s, p in zip(length, pieces, strict=True)) == pytest.approx(2.0, rel=1e-3)
 
 
 def test_another_tool_that_turns_keeps_to_its_arc():
     via, end = pose(50, 50, 50, 0.3), pose(100, 0, 50, 0.6)
-    own = [MoveJ(pose(0, 0, 90), 100.0), MoveJ(pose(0, 0, 50), 50.0), MoveC(via, end, 50.0)]
-    told = in_one_frame(Executed(own, (1, 2, 3), FRAMES, (0, 1, 1)), "a.mod", 0.02)
+    own = [*OWN, MoveJ(pose(0, 0, 50), 50.0), MoveC(via, end, 50.0)]
+    told = in_one_frame(Executed(own, (1, 2, 3, 4, 5), FRAMES, (0, 0, 0, 1, 1)), "a.mod", 0.02)
     back = TOOLS[0].inverse() @ TOOLS[1]
-    tips = [(piece.target @ back).origin for piece in told.body[2:]]
+    tips = [(piece.target @ back).origin for piece in told.body[4:]]
     assert all(math.dist(tip, (50.0, 0.0, 50.0)) == pytest.approx(50, abs=1e-6) for tip in tips)
     assert close(told.body[-1].target @ back, end)
     assert any(math.dist(tip, via.origin) < 5 for tip in tips)
