@@ -204,7 +204,9 @@ class Numbers(Reader):
     def _relation(self) -> tuple[float, bool]:
         """A number or a comparison, and whether it compares."""
         if self.accept("NOT"):
+            self.deeper()
             value, compared = self._relation()
+            self._depth -= 1
             return truth(value == 0), compared
         if self.is_string():
             left = self.string()
@@ -274,10 +276,11 @@ class Numbers(Reader):
         return value
 
     def _word(self, token: str) -> float:
-        if token == "COM":
-            return signed(~whole(self._factor()))
-        if token == "NOT":
-            return truth(self._factor() == 0)
+        if token in ("COM", "NOT"):
+            self.deeper()
+            value = self._factor()
+            self._depth -= 1
+            return signed(~whole(value)) if token == "COM" else truth(value == 0)
         if self.peek() == "(":
             return self._function(token)
         if token in ASKED and not self._scope.strict and self.peek() != "[" and not self._scope.defined(token):

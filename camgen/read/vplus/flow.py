@@ -31,6 +31,8 @@ GOES = re.compile(r"\bGOTO\s+(\d+)\s*$", re.IGNORECASE)
 #: So many rounds of a loop are compared with the one before, and then those whose number is a power of two.
 _FIRST_ROUNDS = 4
 _MOST_STATE = 3000
+#: So many characters of a line, or values that are looked through, count as an instruction.
+_LONG = 60
 _LEAVES = frozenset({"GOTO", "RETURN", "RETURNE", "PAUSE"}) | ENDS
 
 
@@ -76,10 +78,21 @@ class Machine(Statements):
             self._programs.setdefault(canonical(routine.name), routine)
         self._kept: dict[str, Table] = {}
         self._rounds = max(1, int(min(self._assume.get("rounds", 1.0), 1e6)))
-        self._budget = int(ask.limits.vplus_steps) + sum(len(one.statements) for one in programs)
+        self._budget = int(ask.limits.vplus_steps) + sum(map(_cost, (s for one in programs for s in one.statements)))
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
         self.done: set[int] = set()
+
+    def spend(self, count: int) -> None:
+        """The bound of the run pays for so many instructions."""
+        self._budget -= count
+        if self._budget < 0:
+            raise Exhausted("the program does not come to an end within what is run of it")
+
+    def last(self, name: str) -> float:
+        """The last index of an array."""
+        self.spend(len(self.cell(name).table) // _LONG)
+        return super().last(name)
 
     def give(self, values: Mapping[str, Value]) -> None:
         """Globals that have a value before the program starts."""
@@ -112,9 +125,7 @@ class Machine(Statements):
             self.line = statement.line
             self.doubt = False
             self.done.add(statement.line)
-            self._budget -= 1
-            if self._budget < 0:
-                raise Exhausted("the program does not come to an end within what is run of it")
+            self.spend(1 + len(statement.rest) // _LONG)
             try:
                 index = self._next(running, index, statement)
             except Unreadable as error:
@@ -126,6 +137,7 @@ class Machine(Statements):
 
     def _stretch(self, plain: Stretch) -> None:
         self.line = plain.line
+        self.spend(len(plain.poses))
         if self.stretch(plain):
             self.line = plain.line + len(plain.poses) - 1
             return
@@ -280,8 +292,10 @@ class Machine(Statements):
         tables = [self._globals]
         for scope in self._scopes:
             tables += [scope.own, scope.kept]
-        if sum(map(len, tables)) > _MOST_STATE:
+        size = sum(map(len, tables))
+        if size > _MOST_STATE:
             return None
+        self.spend(size // _LONG)
         values = tuple(tuple((k, _plain(v)) for k, v in table.items()) for table in tables)
         return values, _plain(self._at), tuple(self.outputs.items()), self._always, self._once
 
@@ -344,6 +358,7 @@ class Machine(Statements):
         for place in routine.branches.get(index, ()):
             branch = routine.statements[place]
             assert isinstance(branch, Statement)
+            self.spend(1)
             if branch.word == "ANY" or self._is_one_of(wanted, branch):
                 return place + 1
         return routine.partner[index] + 1
@@ -468,6 +483,10 @@ class Machine(Statements):
         self.tell_inputs()
         self._run(routine, cells)
         self.line = line
+
+
+def _cost(statement: Statement | Stretch) -> int:
+    return len(statement.poses) if isinstance(statement, Stretch) else 1 + len(statement.rest) // _LONG
 
 
 def _plain(value: object) -> object:
