@@ -280,7 +280,7 @@ class Machine(Statements):
             return True
         state = self._state()
         before = running.seen.get(index)
-        if state is not None and before is not None and before[0] == state and count & (count - 1) == 0:
+        if state is not None and before is not None and before[0] == state:
             self._cut(before[1])
             self.notes.assume(self.line, "a loop that repeats itself for ever is told for one of its rounds")
             return False
