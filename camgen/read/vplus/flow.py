@@ -270,7 +270,9 @@ class Machine(Statements):
     def _again(self, running: _Running, index: int, open_: bool) -> bool:
         """Whether a loop is told for one more round. open_: nothing that is known ends it."""
         count = running.rounds[index] = running.rounds.get(index, 0) + 1
-        if open_ and count > self._rounds:
+        if open_ and count <= self._rounds:
+            return True
+        if open_:
             what = "a loop that nothing known ends is run for"
             self.notes.assume(
                 self.line, f"{what} {self._rounds} round{'s'[: self._rounds > 1]}", "rounds", self._rounds

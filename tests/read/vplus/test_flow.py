@@ -47,10 +47,11 @@ def test_the_language_is_found():
         (["FOR p[1] = 1 TO 2", "MOVE TRANS(p[1])", "END"], [1, 2]),
         (["FOR i = 1 TO 5", "IF i == 2 THEN", "NEXT", "END", "IF i == 4 THEN", "EXIT", "END", "MOVE TRANS(i)", "END"],
          [1, 3]),
-        (["FOR i = 1 TO 3", "FOR j = 1 TO 3", "IF j == 2 THEN", "EXIT 2", "END", "MOVE TRANS(10*i+j)", "END", "END"], [11]),
+        (["FOR i = 1 TO 3", "FOR j = 1 TO 3", "IF j == 2 THEN", "EXIT 2", "END", "MOVE TRANS(10*i+j)", "END", "END"],
+         [11]),
         (["i = 0", "WHILE i < 3 DO", "i = i+1", "MOVE TRANS(i)", "END"], [1, 2, 3]),
         (["i = 0", "DO", "i = i+1", "MOVE TRANS(i)", "UNTIL i >= 2"], [1, 2]),
-        (["x = 2", "CASE x OF", "VALUE 1, 3:", "MOVE TRANS(1)", "VALUE 2:", "MOVE TRANS(2)", "ANY", "MOVE TRANS(3)", "END"], [2]),
+        (["x = 2", "CASE x OF", "VALUE 1, 3:", "MOVE TRANS(1)", "VALUE 2:", "MOVE TRANS(2)", "ANY", "HALT", "END"], [2]),
         (["CASE 5 OF", "VALUE 1, 3:", "MOVE TRANS(1)", "ANY", "MOVE TRANS(3)", "END"], [3]),
         (["CASE 5 OF", "VALUE 1:", "MOVE TRANS(1)", "END", "MOVE TRANS(9)"], [9]),
         (['$s = "b"', "CASE $s OF", 'VALUE "a":', "MOVE TRANS(1)", 'VALUE "b":', "MOVE TRANS(2)", "END"], [2]),
@@ -102,13 +103,15 @@ def test_arguments_are_names_for_variables_and_values_in_brackets_are_not():
 
 
 def test_what_local_keeps_and_auto_does_not():
-    counted = ".PROGRAM main()\nCALL one()\nCALL one()\n.END\n.PROGRAM one()\n{} n\nIF DEFINED(n) THEN\nn = n+1\nELSE\nn = 1\nEND\nMOVE TRANS(n)\n.END\n"
+    main = ".PROGRAM main()\nCALL one()\nCALL one()\n.END\n"
+    counted = main + ".PROGRAM one()\n{} n\nIF DEFINED(n) THEN\nn = n+1\nELSE\nn = 1\nEND\nMOVE TRANS(n)\n.END\n"
     assert places(run({"a": counted.format("LOCAL")}, Ask())) == [1, 2]
     assert places(run({"a": counted.format("AUTO")}, Ask())) == [1, 1]
 
 
 def test_recursion_and_what_is_left_out_of_a_list():
-    text = ".PROGRAM main()\nCALL down(3)\n.END\n.PROGRAM down(n, m)\nMOVE TRANS(n)\nIF DEFINED(m) THEN\nMOVE TRANS(99)\nEND\nIF n > 1 THEN\nCALL down(n-1)\nEND\n.END\n"
+    down = ["MOVE TRANS(n)", "IF DEFINED(m) THEN", "MOVE TRANS(99)", "END", "IF n > 1 THEN", "CALL down(n-1)", "END"]
+    text = "\n".join([".PROGRAM main()", "CALL down(3)", ".END", ".PROGRAM down(n, m)", *down, ".END"])
     assert places(run({"a": text}, Ask())) == [3, 2, 1]
 
 
@@ -125,7 +128,8 @@ def test_programs_that_are_not_there_are_named():
 
 
 def test_the_program_that_is_run():
-    text = ".PROGRAM sub()\nMOVE TRANS(2)\n.END\n.PROGRAM first()\nCALL sub()\n.END\n.PROGRAM other()\nMOVE TRANS(3)\n.END\n"
+    text = ".PROGRAM sub()\nMOVE TRANS(2)\n.END\n.PROGRAM first()\nCALL sub()\n.END\n"
+    text += ".PROGRAM other()\nMOVE TRANS(3)\n.END\n"
     found = run({"a": text}, Ask())
     assert places(found) == [2]
     assert ("programs not run", "other") in found.facts

@@ -1,4 +1,4 @@
-"""Motions, speeds, tools, frames and outputs of V+ programs of other hands, and what is taken for what no text holds."""
+"""Motions, speeds, tools, frames and outputs of foreign V+ programs, and what is taken for what no text holds."""
 
 import math
 
