@@ -91,7 +91,7 @@ class Machine(Statements):
 
     def last(self, name: str) -> float:
         """The last index of an array."""
-        self.spend(len(self.cell(name).table) // _LONG)
+        self.spend(len(self.cell(name).table) // 8)
         return super().last(name)
 
     def give(self, values: Mapping[str, Value]) -> None:

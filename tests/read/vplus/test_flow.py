@@ -51,7 +51,7 @@ def test_the_language_is_found():
          [11]),
         (["i = 0", "WHILE i < 3 DO", "i = i+1", "MOVE TRANS(i)", "END"], [1, 2, 3]),
         (["i = 0", "DO", "i = i+1", "MOVE TRANS(i)", "UNTIL i >= 2"], [1, 2]),
-        (["x = 2", "CASE x OF", "VALUE 1, 3:", "MOVE TRANS(1)", "VALUE 2:", "MOVE TRANS(2)", "ANY", "HALT", "END"], [2]),
+        (["CASE 2 OF", "VALUE 1, 3:", "MOVE TRANS(1)", "VALUE 2:", "MOVE TRANS(2)", "ANY", "HALT", "END"], [2]),
         (["CASE 5 OF", "VALUE 1, 3:", "MOVE TRANS(1)", "ANY", "MOVE TRANS(3)", "END"], [3]),
         (["CASE 5 OF", "VALUE 1:", "MOVE TRANS(1)", "END", "MOVE TRANS(9)"], [9]),
         (['$s = "b"', "CASE $s OF", 'VALUE "a":', "MOVE TRANS(1)", 'VALUE "b":', "MOVE TRANS(2)", "END"], [2]),
