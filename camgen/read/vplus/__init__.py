@@ -104,15 +104,14 @@ def _place(machine: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...], Seque
     flat = _is_flat(machine)
     frames: list[Frames] = []
     places: dict[object, int] = {}
-    known: dict[tuple[int, int, int], tuple[int, Frame | None]] = {}
+    known: dict[tuple[int, int, int], int] = {}
     found: list[int] = []
     changed: dict[int, Sequence[Instruction]] = {}
-    current = -1
+    # What stands before the first pose is counted to its frame.
+    last = next((place for place in machine.places if place is not None), (Frame(), None))
     for index, (place, tool) in enumerate(zip(machine.places, machine.tool, strict=True)):
-        if place is None and current >= 0 and machine.tools[tool].name == frames[current].tool:
-            found.append(current)
-            continue
-        frame, base = place if place is not None else (Frame(), None)
+        last = place or last
+        frame, base = last
         short = id(frame), id(base), tool
         if short not in known:
             one = _frames(machine.tools[tool], frame, base, flat)
@@ -120,10 +119,9 @@ def _place(machine: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...], Seque
             if key not in places:
                 places[key] = len(frames)
                 frames.append(one)
-            known[short] = places[key], frame
-        current = known[short][0]
-        found.append(current)
-        if flat and frame.compound and not frame.external:
+            known[short] = places[key]
+        found.append(known[short])
+        if place is not None and flat and frame.compound and not frame.external:
             item = machine.body[index]
             moved = replace(item, target=frame.pose @ item.target)  # type: ignore[union-attr, operator]
             changed[index] = (moved,)
