@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import FloatArray, Pose, translation
-from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Comment, Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Program, Stop, Wait
 from camgen.model.text import short
 from camgen.post import OutputFile, Post, Tolerance, pose_of
 from camgen.post.passes import without_force
@@ -183,9 +183,8 @@ class VPlus(Post):
                 return rules.bad_speed(item, self.rated) or self._bad_turn(item) or self._bad_target(item.target)
             case Output():
                 return self._bad_output(item)
-            case Wait():
-                if item.seconds < 0.001:
-                    return f"a wait of {item.seconds:g} s cannot be written; leave it out or wait 0.001 s or more"
+            case Wait() | Stop():
+                return rules.bad_pause(item)
             case Force():
                 return self._bad_force()
             case Comment():
@@ -312,6 +311,10 @@ class VPlus(Post):
     def wait(self, item: Wait) -> Sequence[str]:
         """WAIT.EVENT without an event: a dwell in seconds."""
         return (self._spelled.wait(item.seconds),)
+
+    def stop(self, item: Stop) -> Sequence[str]:  # noqa: ARG002 (an optional one is refused)
+        """PAUSE: until the operator lets the task proceed; the motion before it has printed its BREAK."""
+        return (f"{IN}PAUSE",)
 
     def comment(self, text: str) -> str:
         """A line of its own."""

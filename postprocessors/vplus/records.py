@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from zlib import crc32
 
 from camgen.model.pose import Pose
-from camgen.model.program import Instruction, Joints, MoveJ, Wait
+from camgen.model.program import Instruction, Joints, MoveJ, Stop, Wait
 from camgen.model.text import short
 
 from . import rules
@@ -110,6 +110,8 @@ def too_large(item: Instruction) -> str:
             values[2] = item.target.values[2] / 10
         if any(abs(v) > most for v in values):
             return f"a joint beyond {most:g} deg or {10 * most:g} mm has no room in a record; {remedy}"
+    if isinstance(item, Stop):
+        return f"a stop for the operator has no record; {remedy}"
     if isinstance(item, Wait) and item.seconds > _LARGEST:
         return f"a wait beyond {_LARGEST} s has no room in a record; {remedy}"
     return ""

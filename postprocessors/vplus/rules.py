@@ -11,7 +11,7 @@ import numpy as np
 
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import FloatArray, Pose, Vec3, zyz
-from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, motions
+from camgen.model.program import Force, Joints, MoveC, MoveJ, MoveL, Output, Program, Stop, Wait, motions
 from camgen.model.text import counted
 
 Posture = Literal["LEFTY", "RIGHTY", "ABOVE", "BELOW", "FLIP", "NOFLIP", "SINGLE", "MULTIPLE"]
@@ -189,6 +189,15 @@ def bad_speed(motion: MoveJ | MoveL, rated: float) -> str:
         return (
             f"{said}, below the least that prints exactly, {_LEAST_SPEED} %; raise process.travel or lower post.rated"
         )
+    return ""
+
+
+def bad_pause(item: Wait | Stop) -> str:
+    """Why V+ cannot stand still so; empty when it can."""
+    if isinstance(item, Stop):
+        return "V+ has no optional stop; leave it out, or make it a stop" if item.optional else ""
+    if item.seconds < 0.001:
+        return f"a wait of {item.seconds:g} s cannot be written; leave it out or wait 0.001 s or more"
     return ""
 
 

@@ -27,6 +27,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
+    Stop,
     Wait,
     splice,
 )
@@ -998,3 +999,31 @@ def test_programs_of_other_controllers_are_faults(name: str) -> None:
         pytest.skip(f"{name}: the folder shared/data/robot is not there")
     found = read({name: paths[0].read_text(encoding="utf-8")}, {})
     assert any("unknown statement" in f.what or "outside of a .PROGRAM" in f.what for f in found.faults)
+
+
+def test_a_stop_waits_for_the_operator_and_is_read_back() -> None:
+    source = program(HOME, MoveJ(down(10, 20, 20), 125), Stop(), MoveL(down(10, 20, 0), 20), HOME)
+    prepared, text = render(source)
+    assert "    BREAK\n    PAUSE\n" in text
+    found = read({"a": text}, {})
+    assert found.faults == ()
+    assert [type(item) for item in found.body] == [MoveJ, MoveJ, Stop, MoveL, MoveJ]
+    compare(prepared, found, make_post(VPlus, {}).tolerance(), VPlus.verified_fields, "a")
+    lost = text.replace("    PAUSE\n", "")
+    with pytest.raises(VerifyError):
+        compare(prepared, read({"a": lost}, {}), make_post(VPlus, {}).tolerance(), VPlus.verified_fields, "a")
+    early = text.replace("    BREAK\n    PAUSE\n", "    PAUSE\n")
+    what = "PAUSE while the robot may still move: BREAK is missing before it"
+    assert what in [fault.what for fault in read({"a": early}, {}).faults]
+
+
+@pytest.mark.parametrize(
+    ("stop", "options", "message"),
+    [
+        (Stop(optional=True), {}, "V+ has no optional stop"),
+        (Stop(), {"points": "file"}, "a stop for the operator has no record"),
+    ],
+)
+def test_stops_that_it_lacks(stop: Stop, options: dict[str, object], message: str) -> None:
+    with pytest.raises(Refused, match=re.escape(message)):
+        render(program(HOME, MoveJ(down(10, 20, 20), 125), stop, HOME), options)

@@ -49,7 +49,7 @@ _CALLS = 20
 _CALL = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(\s*(.*?)\s*\)")
 _OTHERS = frozenset(
     """ABORT ANY CALIBRATE CASE CLOSEI CPOFF CPON DECOMPOSE DO DURATION ELSE EXECUTE EXIT FCLOSE FOPEN FOPENR GOTO HALT
-    HERE IF MC OPENI PARAMETER PAUSE REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
+    HERE IF MC OPENI PARAMETER REACT REACTI READ RESET RETURNE STOP TIMER UNTIL VALUE WAIT WHILE WRITE
     """.split()  # noqa: SIM905 (a table)
 )
 #: After these, and after a motion that cannot be read, nobody knows where the robot is.
@@ -231,8 +231,8 @@ _DOES: dict[str, Callable[[Machine, Statement], None]] = {
     "ATTACH": Machine.attach, "AUTO": Machine.declares, "BASE": Machine.base, "BREAK": Machine.brake,
     "CALL": Machine.call, "DELAY": Machine.delay, "DEPART": Machine.depart, "DEPARTS": Machine.depart,
     "DETACH": Machine.detach, "DISABLE": Machine.switch, "ENABLE": Machine.switch, "GLOBAL": Machine.declares,
-    "LOCAL": Machine.declares, "MOVE": Machine.move, "MOVES": Machine.move, "SELECT": Machine.select,
-    "SET": Machine.set, "SIGNAL": Machine.signal, "SPEED": Machine.speed, "TOOL": Machine.set_tool,
+    "LOCAL": Machine.declares, "MOVE": Machine.move, "MOVES": Machine.move, "PAUSE": Machine.stop,
+    "SELECT": Machine.select, "SET": Machine.set, "SIGNAL": Machine.signal, "SPEED": Machine.speed, "TOOL": Machine.set_tool,
     "WAIT.EVENT": Machine.wait_event,
     **dict.fromkeys(POSTURES, Machine.configure),
     **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), Machine.settle),

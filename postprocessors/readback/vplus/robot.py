@@ -16,7 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from camgen.model.pose import Pose, translation
-from camgen.model.program import Joints, MoveJ, MoveL, Output, Posture, Wait
+from camgen.model.program import Joints, MoveJ, MoveL, Output, Posture, Stop, Wait
 from camgen.read.vplus import words
 from camgen.read.vplus.locations import Expression
 from camgen.read.vplus.names import canonical
@@ -73,7 +73,7 @@ class RobotState(Variables):
         super().__init__(known)
         self._accel = accel
         self.report, self.remark = report, remark
-        self.body: list[MoveJ | MoveL | Output | Wait] = []
+        self.body: list[MoveJ | MoveL | Output | Wait | Stop] = []
         self.lines: list[int] = []
         self.frames: list[Frame | None] = []
         self.tool: Pose | None = None
@@ -331,7 +331,9 @@ class RobotState(Variables):
             speed *= self._rated / 100
         return speed * self._monitor
 
-    def _add(self, statement: Statement, item: MoveJ | MoveL | Output | Wait, frame: Frame | None = None) -> None:
+    def _add(
+        self, statement: Statement, item: MoveJ | MoveL | Output | Wait | Stop, frame: Frame | None = None
+    ) -> None:
         self.body.append(item)
         self.lines.append(statement.line)
         self.frames.append(frame)
@@ -460,6 +462,13 @@ class RobotState(Variables):
     def wait_event(self, statement: Statement) -> None:
         """``WAIT.EVENT , s``: a dwell."""
         self._pause(statement, words.event)
+
+    def stop(self, statement: Statement) -> None:
+        """``PAUSE``: until the operator lets the program proceed."""
+        if statement.rest:
+            raise Unreadable("PAUSE stands alone")
+        self._standing(statement, "PAUSE")
+        self._add(statement, Stop())
 
     def delay(self, statement: Statement) -> None:
         """``DELAY``: read as a dwell and reported."""
