@@ -87,7 +87,7 @@ class Machine(Statements):
         """The bound of the run pays for so many instructions."""
         self._budget -= count
         if self._budget < 0:
-            raise Exhausted("the program does not come to an end within what is run of it")
+            raise Exhausted("the program has not ended after what is run of it (limits.vplus_steps)")
 
     def last(self, name: str) -> float:
         """The last index of an array."""
@@ -185,7 +185,12 @@ class Machine(Statements):
         self.warn(text)
         word = text.peek()
         if ends and word not in ends:
-            raise Unreadable(f"{' or '.join(e or 'nothing' for e in ends)} expected before {word[:20] or 'the end'}")
+            wanted = " or ".join(filter(None, ends))
+            raise Unreadable(
+                f"{wanted} expected before {word[:20] or 'the end of the line'}"
+                if wanted
+                else f"{word[:20]!r} is not expected here"
+            )
         return value != 0, text.constant or self.doubt, word
 
     def _wish(self, rest: str, wanted: bool, fresh: bool) -> bool:

@@ -232,8 +232,8 @@ _DOES: dict[str, Callable[[Machine, Statement], None]] = {
     "CALL": Machine.call, "DELAY": Machine.delay, "DEPART": Machine.depart, "DEPARTS": Machine.depart,
     "DETACH": Machine.detach, "DISABLE": Machine.switch, "ENABLE": Machine.switch, "GLOBAL": Machine.declares,
     "LOCAL": Machine.declares, "MOVE": Machine.move, "MOVES": Machine.move, "PAUSE": Machine.stop,
-    "SELECT": Machine.select, "SET": Machine.set, "SIGNAL": Machine.signal, "SPEED": Machine.speed, "TOOL": Machine.set_tool,
-    "WAIT.EVENT": Machine.wait_event,
+    "SELECT": Machine.select, "SET": Machine.set, "SIGNAL": Machine.signal, "SPEED": Machine.speed,
+    "TOOL": Machine.set_tool, "WAIT.EVENT": Machine.wait_event,
     **dict.fromkeys(POSTURES, Machine.configure),
     **dict.fromkeys(("COARSE", "FINE", "NULL", "NONULL"), Machine.settle),
 }  # fmt: skip

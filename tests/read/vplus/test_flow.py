@@ -175,7 +175,7 @@ def test_more_rounds():
 def test_the_bound_of_a_run():
     found = execute("i = 0", "WHILE i < 1E6 DO", "i = i+1", "MOVE TRANS(i)", "END", limits=Limits(vplus_steps=300))
     assert found.stopped is not None
-    assert found.stopped[1] == "the program does not come to an end within what is run of it"
+    assert found.stopped[1] == "the program has not ended after what is run of it (limits.vplus_steps)"
     assert 70 < len(found.body) < 80  # four instructions a round
     deep = run({"a": ".PROGRAM a()\nCALL a()\n.END\n"}, Ask())
     assert deep.stopped == (2, "more than 60 programs call each other")
