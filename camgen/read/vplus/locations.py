@@ -147,6 +147,8 @@ class Expression(Numbers):
             raise Unreadable(f"SHIFT by {len(values)} values")
         dx, dy, dz = values + [0.0] * (3 - len(values))
         if location.frame.external and not self._scope.strict:
+            if not (dx or dy or dz):
+                return location
             return unknown(f"SHIFT({describe(location)} BY {dx:.6g},{dy:.6g},{dz:.6g})")
         pose = location.in_base()
         x, y, z = pose.origin
