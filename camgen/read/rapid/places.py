@@ -12,6 +12,8 @@ from .values import Unknown, Value, find_unknown
 
 #: Of an orientation: so far its squares may differ from 1 at most (manual, NOrient).
 WORST_NORM = 0.1
+#: kg: what tool0 weighs, which says nothing.
+_NO_MASS = 0.0011
 
 
 def pose_of(machine: Machine, value: Value) -> Pose:
@@ -75,16 +77,17 @@ def _tool_frame(machine: Machine, name: str, value: Value) -> Pose | None:
     if not isinstance(value, tuple) or find_unknown(value[:2]) is not None or len(value) < 3:
         machine.assume(f"the tool {name} is in none of the files: its frame is not known")
         return None
-    machine.tell("tool", f"{name}{_tell_mass(value)}")
+    _tell_mass(machine, name, value)
     if value[0] is False:
-        machine.tell("tool", f"{name} stands still, the robot holds the work")
+        machine.tell("held", f"{name} stands still, the robot holds the work")
         return None
     return pose_of(machine, value[1])
 
 
-def _tell_mass(value: Value) -> str:
+def _tell_mass(machine: Machine, name: str, value: Value) -> None:
     mass = value[2][0] if isinstance(value[2], tuple) and value[2] else None
-    return f", {mass:g} kg" if type(mass) is float and mass > 0.0011 else ""
+    if type(mass) is float and mass > _NO_MASS:
+        machine.tell("load", f"{name} {mass:g} kg")
 
 
 def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
@@ -93,10 +96,10 @@ def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:
         return None
     held, fixed, unit, user, part = value
     if held is True:
-        machine.tell("work object", f"{name} is held by the robot")
+        machine.tell("held", f"{name} is held by the robot")
         return None
     if fixed is False or unit:
-        machine.tell("work object", f"{name} is moved by {unit or 'another unit'}")
+        machine.tell("moved", f"{name} is moved by {unit or 'another unit'}")
         return None
     return pose_of(machine, user) @ pose_of(machine, part)
 
