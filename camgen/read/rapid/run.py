@@ -40,13 +40,15 @@ from .tree import (
     While,
     Word,
 )
-from .values import NOTHING, Unknown, Value, Variable, find_unknown
+from .values import NOTHING, Unknown, Value, Variable, copied, find_unknown
 
 #: Routines and blocks within each other.
 _DEEPEST = 70
 #: So often a loop is run that has a way out, before it is taken to have none.
 _MOST_PASSES = 200
 _MOST_CYCLES = 3
+#: Passes after which all data are compared.
+_LOOKED_AT = 16
 
 
 class _Returned(Exception):
@@ -92,6 +94,7 @@ class Loop:
     passes: int = 0
     after_first: int = 0
     changes: int = -1
+    seen: list[Value] = field(default_factory=list)  # what all data were worth after a pass
 
 
 @dataclass(eq=False)
@@ -101,6 +104,7 @@ class Runner:
     machine: Machine
     ways: Ways
     most: int
+    entry: Routine
     steps: int = 0
     depth: int = 0
     handling: bool = False
@@ -232,15 +236,23 @@ class Runner:
         machine.line = item.line
         if self._repeats(loop) and endless:
             self._end_loop(loop, "WHILE TRUE")
-        if machine.changes != before[0] and loop.passes <= _MOST_PASSES:
+        if machine.changes != before[0] and not self._stands_still(loop):
             return False
         waits = before[1] == len(machine.body)
         what = "waits for what nothing in it changes: it ends at once" if waits else "repeats: it is shown once"
         machine.assume(f"the loop in line {item.line} {what}")
-        if loop.passes > _MOST_PASSES:
-            for kept in (machine.body, machine.lines, machine.frame_of):
-                del kept[loop.after_first :]
         return True
+
+    def _stands_still(self, loop: Loop) -> bool:
+        """Whether a pass left all data as the one before it did; looked at now and then, since it takes its time."""
+        if loop.passes < _LOOKED_AT or (loop.passes & (loop.passes - 1) and (loop.passes - 1) & (loop.passes - 2)):
+            return False
+        machine = self.machine
+        levels = (machine.scope.data, machine.scope.home.data, machine.data)
+        now = [copied(variable.value) for level in levels for variable in level.values()]
+        same = now == loop.seen
+        loop.seen = now
+        return same and bool(loop.passes & (loop.passes - 1))
 
     def _repeat_unknown(self, item: While, value: Unknown) -> None:
         """A loop whose condition is not known: one that moves is run once, one that waits ends."""
@@ -342,6 +354,9 @@ class Runner:
     def call(self, routine: Routine, call: Call) -> Value:
         """Runs a routine with its arguments; what a FUNC gives."""
         machine = self.machine
+        if routine is self.entry and self.depth > 0:
+            machine.assume(f"{routine.name} calls itself in line {call.line}: it is shown once")
+            raise Ended
         data = self._bind(routine, call)
         home = machine.homes[routine]
         outer, line = machine.scope, machine.line
@@ -541,7 +556,7 @@ _RUN: dict[type, Callable[[Runner, Value], None]] = {
 
 def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | None:
     """Runs a program from its entry; line and reason where it is not run to its end."""
-    runner = Runner(machine, Ways(machine), most)
+    runner = Runner(machine, Ways(machine), most, entry)
     machine.call, machine.function = runner.call, call_function
     try:
         _run_cycles(runner, entry)

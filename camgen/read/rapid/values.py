@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .tokens import Wrong
+from .tokens import LONGEST_STRING, Wrong
 from .tree import Expr
 
 #: What an expression is worth: float, bool, str, tuple (record), list (array), Unknown, or what an instruction made.
@@ -27,6 +27,12 @@ class Unknown:
 
     def __repr__(self) -> str:
         return f"Unknown({self.what!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Unknown) and (self.what, self.key) == (other.what, other.key)
+
+    def __hash__(self) -> int:
+        return hash((self.what, self.key))
 
 
 NOTHING = Unknown("")
@@ -100,6 +106,8 @@ def operate(sign: str, a: Value, b: Value, line: int) -> Value:
     if type(a) is float and type(b) is float:
         return _calculate(sign, a, b, line)
     if sign == "+" and isinstance(a, str) and isinstance(b, str):
+        if len(a) + len(b) > LONGEST_STRING:
+            raise Wrong(line, f"a string becomes longer than {LONGEST_STRING} characters")
         return a + b
     if sign == "*" and _is_turn(a) and _is_turn(b):
         return multiply_turns(a, b)
