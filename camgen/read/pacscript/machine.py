@@ -1,0 +1,287 @@
+"""What a controller knows while it runs a PacScript program, and what the program has done so far."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from camgen.model.pose import IDENTITY, Pose, Vec3
+from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Stop, Wait
+from camgen.model.text import counted
+from camgen.read.pacscript.values import Array, Figured, Rate, Unknown, Value, Vector
+from camgen.read.programs import Assumption, Executed, Finding, Frames, Level
+
+#: mm/s at 100 %, and deg/s of a turn on the spot, where the user says nothing else.
+RATED, RATED_TURN = 1000.0, 500.0
+#: The blend of ``@P`` and ``@C``, mm: how near they pass their target is the controller's choice.
+PASS_MM = 1.0
+#: A program may do so many things.
+_MOST_MOTIONS = 2_000_000
+
+
+class Stopped(Exception):
+    """The run cannot go on; its text says why."""
+
+
+class Raised(Exception):
+    """The program raises an error of its own."""
+
+
+class Ended(Exception):
+    """The program has ended."""
+
+
+@dataclass(slots=True)
+class Scope:
+    """The names of a procedure that runs. kinds: their types in small letters; ios: those of DefIO."""
+
+    names: dict[str, Value] = field(default_factory=dict)
+    kinds: dict[str, str] = field(default_factory=dict)
+    ios: dict[str, tuple[str, int]] = field(default_factory=dict)
+
+
+class Machine:
+    """State of a run. here: where the TCP is in the work frame in force, joints: where the axes are, both None where
+    the text does not say it.
+    """
+
+    def __init__(self, assume: Mapping[str, float], points: Mapping[tuple[str, int], Value]) -> None:
+        self.assume, self.points = assume, points
+        self.line = 0
+        self.body: list[Instruction] = []
+        self.lines: list[int] = []
+        self.frame: list[int] = []
+        self.frames: list[Frames] = []
+        self.findings: dict[tuple[int, str], Finding] = {}
+        self.assumed: dict[str, Assumption] = {}
+        self.facts: dict[str, dict[str, None]] = {}
+        self.steps = 0
+        self.globals: dict[tuple[str, int], Value] = {}
+        self.outputs: dict[str, Value] = {}
+        self.here: Pose | None = None
+        self.joints: Joints | None = None
+        self.figure: int | None = None
+        self.internal: float = 100.0
+        self.external: float = 100.0
+        self.numbers = {"tool": 0, "work": 0}
+        self.defined: dict[tuple[str, int], Pose] = {}
+        self.armed = False
+        #: Whether somebody whom the text does not show may have taken the arm.
+        self.trusting = False
+        self.motor = True
+        self.passing = False
+        self.left_out = 0
+        self.home: Value | None = None
+        self.forces: dict[int, tuple[int, Vec3]] = {}
+        self.pressing: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
+        self.rated = self._given("rated", RATED)
+        self.rated_turn = self._given("rated_turn", RATED_TURN)
+        self._frame_now = -1
+        self._told = 0.0
+
+    def _given(self, key: str, default: float) -> float:
+        value = self.assume.get(key, default)
+        return value if value > 0 and math.isfinite(value) else default
+
+    # What is said about the program.
+
+    def find(self, level: Level, what: str, line: int = 0) -> None:
+        """Notes something about a line, the present one unless another is given."""
+        line = line or self.line
+        self.findings.setdefault((line, what[:160]), Finding(level, line, what[:160]))
+
+    def suppose(self, what: str, key: str = "", value: float = 0.0) -> None:
+        """Notes once what was taken for something that no text holds."""
+        if what not in self.assumed:
+            self.assumed[what] = Assumption(self.line, what[:160], key, value)
+
+    def state(self, label: str, text: str) -> None:
+        """Notes a fact."""
+        self.facts.setdefault(label, {}).setdefault(text)
+
+    def unknown(self, what: str, key: str = "") -> Value:
+        """A value that no text holds: the user's where he gives one."""
+        if key and (given := self.given(key)) is not None:
+            self.suppose(f"{what} is {given:g}, as given", key, given)
+            return given
+        return Unknown(what, key)
+
+    def given(self, key: str) -> float | None:
+        """What the user says of a key, with or without its brackets."""
+        found = self.assume.get(key)
+        return self.assume.get(key.replace("[", "").replace("]", "")) if found is None else found
+
+    # What the program does.
+
+    def emit(self, item: Instruction) -> None:
+        """Adds an instruction of the present line."""
+        if len(self.body) >= _MOST_MOTIONS:
+            raise Stopped("more motions than a program can have")
+        self.body.append(item)
+        self.lines.append(self.line)
+        if self._frame_now < 0:
+            self._frame_now = self._find_frame()
+        self.frame.append(self._frame_now)
+
+    def _find_frame(self) -> int:
+        tool, work = self.numbers["tool"], self.numbers["work"]
+        frames = Frames(f"{tool}", f"{work}", self.pose_of("tool", tool), self.pose_of("work", work))
+        for at, one in enumerate(self.frames):
+            if (one.tool, one.work) == (frames.tool, frames.work) and (
+                one.flange_from_tool is frames.flange_from_tool and one.base_from_work is frames.base_from_work
+            ):
+                return at
+        self.frames.append(frames)
+        return len(self.frames) - 1
+
+    def pose_of(self, kind: str, number: int) -> Pose | None:
+        """A tool or a work frame; 0 is the flange or the base."""
+        return self.defined.get((kind, number), _ORIGIN if number == 0 else None)
+
+    def change_frame(self, kind: str, number: int) -> None:
+        """Takes another tool or work frame; where the TCP is in it is only known of two work frames that are known."""
+        if number == self.numbers[kind]:
+            return
+        old, new = self.pose_of(kind, self.numbers[kind]), self.pose_of(kind, number)
+        self.numbers[kind] = number
+        self._frame_now = -1
+        if self.here is None or old is None or new is None:
+            self.here = None
+        elif kind == "work":
+            self.here = new.inverse() @ old @ self.here
+        else:
+            self.here = self.here @ old.inverse() @ new
+
+    def define_frame(self, kind: str, number: int, pose: Pose) -> None:
+        """Writes the definition of a tool or a work frame."""
+        self.defined[(kind, number)] = pose
+        self._frame_now = -1
+        if self.numbers[kind] == number:
+            self.here = None
+
+    def own(self) -> None:
+        """A motion needs the arm and its power."""
+        if not self.armed and not self.trusting:
+            self.find("refused", "a motion without TakeArm: the controller stops with an error")
+            self.trusting = True
+        if not self.motor:
+            self.find("refused", "a motion with the motor off")
+
+    def leave_out(self, what: str, target: Value | None = None) -> None:
+        """Notes a motion that cannot be shown; where the arm is afterwards is known if its target is."""
+        self.left_out += 1
+        self.own()
+        self.suppose(f"{what}: motions there are left out")
+        self.here = target if isinstance(target, Pose) else None
+        self.joints = target if isinstance(target, Joints) else None
+        self.passing = False
+
+    def speed(self, value: float) -> tuple[float, float]:
+        """mm/s, and the share of the joints' greatest speeds, 0 where the speed is one of the TCP."""
+        if isinstance(value, Rate):
+            return value.mm_s * self.external / 100, 0.0
+        if value != self._told:
+            self._told = value
+            self.suppose("100 % is taken for", "rated", self.rated)
+        return value / 100 * self.rated * self.external / 100, min(1.0, value / 100 * self.external / 100)
+
+    def move(self, item: MoveJ | MoveL | MoveC, passing: bool) -> None:
+        """Adds a motion. passing: what follows may happen before the arm is there."""
+        self.own()
+        self.emit(item)
+        self.passing = passing
+        target = item.target
+        self.here, self.joints = (target, None) if isinstance(target, Pose) else (None, target)
+
+    def go_joints(self, target: Joints, speed: float, blend: float, at_once: bool = False) -> None:
+        """Moves the axes to values of their own."""
+        if len(target.values) > 6:
+            target = Joints(target.values[:6])
+        mm_s, share = self.speed(speed)
+        self.move(MoveJ(target, mm_s, blend, share=share), blend > 0 or at_once)
+        self.figure = None
+
+    def go(self, linear: bool, target: Pose, speed: float, blend: float, at_once: bool = False) -> None:
+        """Moves the TCP to a place, straight or as the axes run."""
+        posture, said = posture_of(target)
+        place = Pose(target.rotation, target.origin) if posture else target
+        passing = blend > 0 or at_once
+        mm_s, share = self.speed(speed)
+        if not linear:
+            self.move(MoveJ(place, mm_s, blend, posture=posture, share=share), passing)
+            self.figure = said
+            return
+        turn = 0.0
+        if self.here is not None and self.here.origin == place.origin and not isinstance(speed, Rate):
+            turn = math.radians(share * self.rated_turn)
+        self.move(MoveL(place, mm_s, blend, *self.pressing, posture=posture, turn=turn), passing)
+        self.figure = self.figure if said is None else said
+
+    def switch(self, signal: str, value: float) -> None:
+        """Sets an output."""
+        if self.passing:
+            what = "an output after a motion that passes its target: it switches before the arm is there"
+            self.find("dangerous", what)
+            self.passing = False
+        self.emit(Output(signal, value))
+
+    def wait(self, seconds: float) -> None:
+        """Stands still."""
+        if seconds > 0:
+            self.emit(Wait(seconds))
+
+    def stop(self) -> None:
+        """Stands still until the operator lets it go on."""
+        self.emit(Stop())
+
+    def press(self, newtons: float, direction: Vec3) -> None:
+        """Force control on, or off with 0 N."""
+        self.pressing = (newtons, direction) if newtons else (0.0, (0.0, 0.0, 0.0))
+        self.emit(Force(newtons, direction))
+
+    def finish(self, stopped: tuple[int, str] | None) -> Executed:
+        """All that was found."""
+        if self.left_out:
+            self.state("left out", counted(self.left_out, "motion"))
+        several = len(self.frames) > 1
+        facts = tuple((label, ", ".join(list(texts)[:20])) for label, texts in self.facts.items())
+        return Executed(
+            tuple(self.body),
+            tuple(self.lines),
+            tuple(self.frames),
+            tuple(self.frame) if several else (),
+            tuple(sorted(self.findings.values(), key=lambda one: (one.line, one.level, one.what))),
+            tuple(sorted(self.assumed.values(), key=lambda one: one.line)),
+            facts,
+            stopped,
+        )
+
+
+_ORIGIN = Pose(IDENTITY, (0.0, 0.0, 0.0))
+
+
+def posture_of(place: Pose) -> tuple[Posture | None, int | None]:
+    """What a position says of the posture of the arm, and its figure."""
+    if isinstance(place, Figured):
+        return Posture(figure=place.figure), place.figure
+    return None, None
+
+
+def blank(kind: str) -> Value:
+    """The value of a name of a type, in small letters, before anything is assigned to it."""
+    return _BLANKS.get(kind, 0.0)
+
+
+_BLANKS: dict[str, Value] = {
+    "string": "",
+    "position": _ORIGIN,
+    "trans": _ORIGIN,
+    "vector": Vector((0.0, 0.0, 0.0)),
+    "joint": Joints((0.0,) * 6),
+}
+
+
+def copy_value(value: Value) -> Value:
+    """``value`` for another name: arrays are copied."""
+    return value.copy() if isinstance(value, Array) else value

@@ -1,0 +1,196 @@
+"""The values that PacScript calculates with: numbers, texts, places, vectors, arrays, and what no text holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from msgspec import Struct
+
+from camgen.model.pose import FloatArray, Pose, Vec3, fixed_xyz, frozen, rotation_from_fixed_xyz
+from camgen.model.program import Joints
+
+
+class Unreadable(ValueError):
+    """Something that cannot be evaluated; its text says what."""
+
+
+class Wrong(Unreadable):
+    """Something at which the controller stops with an error."""
+
+
+class Figured(Pose, frozen=True, eq=False, gc=False):
+    """A position with a figure that is not -1."""
+
+    figure: int
+
+
+class Vector(Struct, frozen=True, gc=False):
+    """``V(x, y, z)``, mm."""
+
+    values: Vec3
+
+
+class Unknown(Struct, frozen=True, gc=False):
+    """A value that the text does not hold. what: it, in words; key: what the user sets it by, "" where he cannot."""
+
+    what: str
+    key: str = ""
+
+
+class Rate(float):
+    """A percentage by ``Mps``, whose mm/s are known whatever 100 % is."""
+
+    mm_s: float
+
+    def __new__(cls, mm_s: float, rated: float) -> Rate:
+        """mm_s, and the mm/s that 100 % is."""
+        made = super().__new__(cls, 100 * mm_s / rated)
+        made.mm_s = mm_s
+        return made
+
+
+class Array:
+    """An array or what ``Array()`` and ``Split()`` give. tops: the highest index of each dimension, none where it grows
+    as it is used; items: those that were set.
+    """
+
+    __slots__ = ("fill", "items", "tops")
+
+    def __init__(self, tops: tuple[int, ...], fill: Value, items: dict[tuple[int, ...], Value] | None = None) -> None:
+        self.tops, self.fill, self.items = tops, fill, items or {}
+
+    def copy(self) -> Array:
+        """Another array of the same values."""
+        return Array(self.tops, self.fill, dict(self.items))
+
+    def check(self, at: tuple[int, ...]) -> None:
+        """Raises Wrong where the array has no such element."""
+        if self.tops and (
+            len(at) != len(self.tops) or any(k < 0 or k > top for k, top in zip(at, self.tops, strict=True))
+        ):
+            said = ", ".join(map(str, at))
+            raise Wrong(f"there is no element ({said}): the array ends at ({', '.join(map(str, self.tops))})")
+
+    def get(self, at: tuple[int, ...]) -> Value:
+        """The element at ``at``."""
+        self.check(at)
+        return self.items.get(at, self.fill)
+
+
+#: A tuple is what stands in brackets without a name before them: a place in the older dialect.
+Value = float | str | bool | Pose | Joints | Vector | Array | Unknown | tuple["Value", ...]
+
+#: The figure of a position that leaves it open (RC8 manual 456).
+UNDEFINED = -1
+#: No number of a program is larger: delays are in ms.
+LARGEST = 1e10
+#: How far the axes of a homogeneous position may be from unit vectors at right angles.
+_SQUARE = 1e-3
+_rotations: dict[tuple[float, float, float], FloatArray] = {}
+
+
+def finite(value: float) -> float:
+    """``value``, which is no larger than a controller's numbers. Unreadable."""
+    if not abs(value) <= LARGEST:
+        raise Unreadable("a number is too large")
+    return value
+
+
+def index(value: float) -> int:
+    """``value`` as an array index or number of a thing."""
+    if not 0 <= value <= 1e9 or value != int(value):
+        raise Unreadable(f"{value:g} is not an index")
+    return int(value)
+
+
+def position(values: Sequence[float]) -> Pose:
+    """``P(x, y, z, rx, ry, rz, fig)`` in mm and degrees, what is left out 0, and -1 for the figure; one below 0 leaves
+    it open.
+    """
+    if len(values) > 7:
+        raise Unreadable("P() has more than seven values")
+    x, y, z, rx, ry, rz = values[:6] if len(values) > 5 else [*values, *[0.0] * (6 - len(values))]
+    if not math.isfinite(x + y + z + rx + ry + rz):
+        raise Unreadable("a number is too large")
+    key = (rx, ry, rz)
+    if key not in _rotations:
+        if len(_rotations) > 100_000:
+            _rotations.clear()
+        _rotations[key] = rotation_from_fixed_xyz(math.radians(rx), math.radians(ry), math.radians(rz))
+    if len(values) < 7 or values[6] < 0:
+        return Pose(_rotations[key], (x, y, z))
+    return Figured(_rotations[key], (x, y, z), index(values[6]))
+
+
+def vector(values: Sequence[float]) -> Vector:
+    """``V(x, y, z)``, what is left out 0."""
+    x, y, z = ([*values, 0.0, 0.0, 0.0])[:3]
+    return Vector((x, y, z))
+
+
+def joints(values: Sequence[float]) -> Joints:
+    """``J(j1, j2, ...)`` in degrees."""
+    if len(values) > 8:
+        raise Unreadable("J() has more than eight values")
+    return Joints(tuple(math.radians(v) for v in values))
+
+
+def homogeneous(values: Sequence[float]) -> Pose:
+    """``T(p, orient, approach, fig)``: orient is the y axis, approach the z axis (RC8 manual 458)."""
+    if len(values) < 9:
+        raise Unreadable("T() has fewer than nine values")
+    y, z = np.array(values[3:6]), np.array(values[6:9])
+    if max(abs(float(y @ y) - 1), abs(float(z @ z) - 1), abs(float(y @ z))) > _SQUARE:
+        raise Unreadable("the axes of T() are not unit vectors at right angles")
+    z = z / np.linalg.norm(z)
+    y = y - z * float(y @ z)
+    y = y / np.linalg.norm(y)
+    return Pose(frozen(np.column_stack([np.cross(y, z), y, z])), (values[0], values[1], values[2]))
+
+
+def figure_of(place: object) -> int:
+    """The figure of a position, -1 where it is open."""
+    return place.figure if isinstance(place, Figured) else UNDEFINED
+
+
+def with_figure(place: Pose, figure: int) -> Pose:
+    """The same place in another figure, open below 0."""
+    if figure < 0:
+        return Pose(place.rotation, place.origin)
+    return Figured(place.rotation, place.origin, figure)
+
+
+def components(place: Pose) -> list[float]:
+    """x, y, z in mm and rx, ry, rz in degrees."""
+    return [*place.origin, *map(math.degrees, fixed_xyz(place.rotation))]
+
+
+def number(value: Value, what: str = "a number") -> float:
+    """``value`` as a number. Unreadable, also where the text does not hold it."""
+    if isinstance(value, (float, bool)):
+        return float(value)
+    if isinstance(value, Unknown):
+        raise Unreadable(f"{value.what} is not known")
+    raise Unreadable(f"{tell(value)} is not {what}")
+
+
+def tell(value: Value) -> str:
+    """A value in words, for a message."""
+    if isinstance(value, (float, bool)):
+        return f"{float(value):g}"
+    if isinstance(value, str):
+        return f'"{value[:40]}"'
+    return _NOUNS.get(type(value), "a value")
+
+
+_NOUNS: dict[type, str] = {
+    Pose: "a position",
+    Figured: "a position",
+    Joints: "a joint value",
+    Vector: "a vector",
+    Array: "an array",
+    Unknown: "a value that the text does not hold",
+    tuple: "a list of values",
+}
