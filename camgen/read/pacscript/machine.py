@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from camgen.model.pose import IDENTITY, Pose, Vec3
+from camgen.model.pose import IDENTITY, Pose, Vec3, frozen
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Stop, Wait
 from camgen.model.text import counted
 from camgen.read.pacscript.values import Array, Figured, Rate, Unknown, Value, Vector
@@ -74,6 +74,8 @@ class Machine:
         self.left_out = 0
         self.home: Value | None = None
         self.forces: dict[int, tuple[int, Vec3]] = {}
+        #: The force table that is on.
+        self.table: int | None = None
         self.pressing: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
         self.rated = self._given("rated", RATED)
         self.rated_turn = self._given("rated_turn", RATED_TURN)
@@ -235,10 +237,24 @@ class Machine:
         """Stands still until the operator lets it go on."""
         self.emit(Stop())
 
-    def press(self, newtons: float, direction: Vec3) -> None:
-        """Force control on, or off with 0 N."""
-        self.pressing = (newtons, direction) if newtons else (0.0, (0.0, 0.0, 0.0))
-        self.emit(Force(newtons, direction))
+    def press(self, table: int | None) -> bool:
+        """Presses as a force table says from the next motion on, None: not at all. Whether its force is known."""
+        self.table, self.pressing = table, (0.0, (0.0, 0.0, 0.0))
+        if table is None:
+            return True
+        frame, force = self.forces.get(table, (0, (0.0, 0.0, 0.0)))
+        size = math.hypot(*force)
+        if not size or frame not in (1, 2) or (frame == 1 and self.here is None):
+            return False
+        if frame == 1 and self.here is not None:
+            force = tuple((self.here.rotation @ frozen(force)).tolist())
+        x, y, z = force
+        self.pressing = (size, (x / size, y / size, z / size))
+        return True
+
+    def tell_force(self) -> None:
+        """Adds the force that is on, 0 N: none."""
+        self.emit(Force(*self.pressing))
 
     def finish(self, stopped: tuple[int, str] | None) -> Executed:
         """All that was found."""

@@ -23,6 +23,7 @@ from camgen.read.pacscript.source import (
     stem,
 )
 from camgen.read.pacscript.values import Array, Unknown, Unreadable, Value, Wrong, index, number
+from camgen.read.pacscript.words import RESERVED
 from camgen.read.programs import Ask, Executed
 
 #: Procedures may call each other so deep.
@@ -167,7 +168,7 @@ class Run:
         """A procedure of this file, or the start of another one."""
         if (found := self.module.procedures.get(name)) and name != "main":
             return self.module, found
-        if name in self.stems:
+        if name in self.stems and name not in RESERVED:
             module = self.read(self.stems[name])
             if main := module.procedures.get("main"):
                 return module, main

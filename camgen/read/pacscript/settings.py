@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-from camgen.model.pose import Pose, frozen
+from camgen.model.pose import Pose
 from camgen.read.pacscript.code import Op
 from camgen.read.pacscript.evaluate import evaluate, fit
 from camgen.read.pacscript.running import Running
@@ -117,13 +116,16 @@ def delay(run: Running, op: Op) -> None:
 
 
 def force_parameter(run: Running, op: Op) -> None:
-    """``ForceParam table, frame, P(fx, fy, fz, ...)``."""
+    """``ForceParam table, frame, P(fx, fy, fz, ...)``; a table that is on presses so from now on."""
     if len(op.a) < 3:
         raise Wrong("ForceParam needs a table, a frame and a force")
     values: list[Any] = [evaluate(run, node) for node in op.a[:3]]
-    force = fit(values[2], "position")
+    force, machine = fit(values[2], "position"), run.machine
     if isinstance(force, Pose) and not any(isinstance(one, Unknown) for one in values):
-        run.machine.forces[int(number(values[0]))] = (int(number(values[1])), force.origin)
+        table = int(number(values[0]))
+        machine.forces[table] = (int(number(values[1])), force.origin)
+        if machine.table == table and not machine.press(table):
+            machine.suppose("a force in a frame that the text does not give is left out")
 
 
 def force_control(run: Running, op: Op) -> None:
@@ -133,21 +135,11 @@ def force_control(run: Running, op: Op) -> None:
     if any(isinstance(one, Unknown) for one in values) or not values:
         machine.suppose("force control by values that the text does not hold is left out")
         return
-    if not number(values[0]):
-        machine.press(0.0, (0.0, 0.0, 0.0))
-        return
-    table = machine.forces.get(int(number(values[1])) if len(values) > 1 else 1)
-    if table is None:
-        machine.suppose("a force table that the controller stores: its force is left out")
-        return
-    frame, force = table
-    size = math.hypot(*force)
-    if frame == 0 or (frame == 1 and machine.here is None) or not size:
-        machine.suppose("a force in a frame that the text does not give is left out")
-        return
-    if frame == 1 and machine.here is not None:
-        force = tuple((machine.here.rotation @ frozen(force)).tolist())
-    machine.press(size, tuple(one / size for one in force))  # type: ignore[arg-type]
+    on = bool(number(values[0]))
+    if machine.press((int(number(values[1])) if len(values) > 1 else 1) if on else None):
+        machine.tell_force()
+    else:
+        machine.suppose("a force that the text does not give is left out")
 
 
 def hold(run: Running, _op: Op) -> None:

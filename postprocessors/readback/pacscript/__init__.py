@@ -13,6 +13,7 @@ from camgen.model.pose import Pose
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
 from camgen.model.text import counted
 from camgen.post import Fault, Reading, Remark
+from camgen.read.pacscript.words import name_fault
 
 from . import force, motion
 from .asked import read_asked
@@ -22,7 +23,6 @@ from .motion import Plain, carry_out
 from .spelling import find_unusual
 from .text import Procedure, SourceText, Statement, read_source
 from .values import Unreadable, Value, arguments, evaluate, index, number
-from .words import name_fault
 
 #: Calls may nest so deep; so many statements are carried out before the program counts as endless.
 _CALLS, _STEPS = 20, 2_000_000

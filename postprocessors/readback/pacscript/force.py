@@ -12,10 +12,11 @@ import numpy as np
 
 from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Force
+from camgen.read.pacscript.lines import without_comment
 
 from .machine import Machine
 from .motion import Plain
-from .text import Statement, without_comment
+from .text import Statement
 from .values import Unreadable, arguments, evaluate, index, number
 
 _NUMBER = r"([-+]?\d+(?:\.\d+)?)"

@@ -7,16 +7,16 @@ import re
 from functools import lru_cache
 
 from msgspec import Struct
-from msgspec.json import Decoder
 
-from camgen.model.pose import FloatArray, Pose, Vec3
+from camgen.model.pose import Pose, Vec3
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Posture
 from camgen.model.text import counted
+from camgen.read.pacscript.motion import EXTENDED, LINEAR, OPTION, split_mark
+from camgen.read.pacscript.plain import LINE, PIECE, Plain
+from camgen.read.pacscript.plain import plain as read_plain
 
 from .machine import Machine
-from .spelling import find_unusual
 from .values import (
-    UNDEFINED,
     Figured,
     Mps,
     Unreadable,
@@ -28,12 +28,7 @@ from .values import (
 )
 from .values import speed as checked_speed
 
-_MARK = re.compile(r"@\s*(0|P|E|C|\[?\s*\d+\s*\]?)(?![\d.])\s*", re.IGNORECASE)
-_MARKS = frozenset(("@0", "@P", "@E", "@C"))
 _NAMED = re.compile(r"\* [A-Za-z]")
-_OPTION = re.compile(r"(speed|s|accel|decel)\s*=\s*(.*)", re.IGNORECASE)
-_EXTENDED = re.compile(r"\bExA?\s*\(", re.IGNORECASE)
-_LINEAR = {"l": True, "p": False, "ptp": False}
 
 
 class Manner(Struct, frozen=True, gc=False):
@@ -50,7 +45,7 @@ def move(machine: Machine, rest: str) -> None:
     """``Move P|L, [@mark] target, ... [, options]`` or ``Move C, via, [@mark] target [, options]``."""
     parts = arguments(rest)
     kind = parts[0].lower()
-    if kind != "c" and kind not in _LINEAR:
+    if kind != "c" and kind not in LINEAR:
         raise Unreadable(f"Move {parts[0]} is not evaluated")
     targets, speed, at_once = _options(machine, parts[1:])
     if kind == "c":
@@ -59,8 +54,8 @@ def move(machine: Machine, rest: str) -> None:
     if not targets:
         raise Unreadable("a motion without a target")
     for text in targets:
-        mark, expression = _mark(text)
-        go(machine, _LINEAR[kind], _place(machine, expression), machine.blend(mark), speed, at_once)
+        mark, expression = split_mark(text)
+        go(machine, LINEAR[kind], _place(machine, expression), machine.blend(mark), speed, at_once)
 
 
 def manner_of(kind: str, mark: str, speed: str) -> Manner:
@@ -69,11 +64,11 @@ def manner_of(kind: str, mark: str, speed: str) -> Manner:
     """
     said: float | Mps | str | None = None
     for part in arguments(speed)[1:]:
-        option = _OPTION.fullmatch(part)
+        option = OPTION.fullmatch(part)
         if option is None:
             raise Unreadable(f"{part} is no speed")
         said = option[2] if _NAMED.search(option[2]) else checked_speed(evaluate(option[2], nothing))
-    return Manner(_LINEAR.get(kind.lower(), True), _mark(f"{mark}P()")[0], said)
+    return Manner(LINEAR.get(kind.lower(), True), split_mark(f"{mark}P()")[0], said)
 
 
 def nothing(key: str | tuple[str, int]) -> Value:
@@ -87,7 +82,7 @@ def approach(machine: Machine, rest: str) -> None:
     linear = _interpolation(parts)
     (reference, length), speed, at_once = _exactly(machine, parts[1:], 2)
     pose = _place(machine, reference)
-    mark, expression = _mark(length)
+    mark, expression = split_mark(length)
     if isinstance(pose, Joints):
         raise Unreadable("an approach to joints is not evaluated")
     go(machine, linear, _back(pose, number(expression, machine.lookup)), machine.blend(mark), speed, at_once)
@@ -98,7 +93,7 @@ def depart(machine: Machine, rest: str) -> None:
     parts = arguments(rest)
     linear = _interpolation(parts)
     (length,), speed, at_once = _exactly(machine, parts[1:], 1)
-    mark, expression = _mark(length)
+    mark, expression = split_mark(length)
     go(machine, linear, _back(_here(machine), number(expression, machine.lookup)), machine.blend(mark), speed, at_once)
 
 
@@ -107,7 +102,7 @@ def draw(machine: Machine, rest: str) -> None:
     parts = arguments(rest)
     linear = _interpolation(parts)
     (way,), speed, at_once = _exactly(machine, parts[1:], 1)
-    mark, expression = _mark(way)
+    mark, expression = split_mark(way)
     value, here = evaluate(expression, machine.lookup), _here(machine)
     if not isinstance(value, Vector):
         raise Unreadable("Draw needs a vector")
@@ -162,15 +157,17 @@ def _options(machine: Machine, parts: list[str]) -> tuple[list[str], float | Mps
     speed: Value | None = None
     at_once = False
     for part in parts:
-        if "=" in part and (option := _OPTION.fullmatch(part)):
+        if "=" in part and (option := OPTION.fullmatch(part)):
             value = evaluate(option[2], machine.lookup)
             if option[1].lower() in ("speed", "s"):
                 speed = value
-            else:
+            elif option[1].lower() in ("accel", "decel"):
                 machine.remark(f"a motion with an {option[1].capitalize()} of its own, which no option asks for")
+            else:
+                raise Unreadable(f"the option {option[1]} of a motion is not evaluated")
         elif part.lower() == "next":
             at_once = True
-        elif ("x" in part or "X" in part) and _EXTENDED.search(part):
+        elif ("x" in part or "X" in part) and EXTENDED.search(part):
             raise Unreadable("extended axes are not evaluated")
         else:
             targets.append(part)
@@ -185,22 +182,9 @@ def _exactly(machine: Machine, parts: list[str], count: int) -> tuple[list[str],
 
 
 def _interpolation(parts: list[str]) -> bool:
-    if parts[0].lower() not in _LINEAR:
+    if parts[0].lower() not in LINEAR:
         raise Unreadable(f"{parts[0] or 'no'} interpolation")
-    return _LINEAR[parts[0].lower()]
-
-
-def _mark(text: str) -> tuple[str, str]:
-    """The pass mark before a target, @ and 0, P, E, C or mm, and the target. Without a mark it is @0."""
-    if not text.startswith("@"):
-        return "@0", text
-    head, _, place = text.partition(" ")
-    if head in _MARKS:
-        return head, place.strip()
-    match = _MARK.match(text)
-    if match is None:
-        raise Unreadable(f"the pass mark of {text} is not understood")
-    return "@" + match[1].strip("[] \t").upper(), text[match.end() :]
+    return LINEAR[parts[0].lower()]
 
 
 def _place(machine: Machine, expression: str) -> Pose | Joints:
@@ -243,7 +227,7 @@ def go(machine: Machine, linear: bool, target: Pose | Joints, blend: float, spee
 def _arc(machine: Machine, targets: list[str], speed: float | Mps, at_once: bool) -> None:
     if len(targets) != 2:
         raise Unreadable(f"Move C has {counted(len(targets), 'point')} instead of two")
-    mark, expression = _mark(targets[1])
+    mark, expression = split_mark(targets[1])
     via, end = _place(machine, targets[0]), _place(machine, expression)
     if isinstance(via, Joints) or isinstance(end, Joints):
         raise Unreadable("an arc through joints is not evaluated")
@@ -299,64 +283,16 @@ def _shape(start: Vec3, via: Vec3, end: Vec3) -> str:
 
 # The motion lines that most of a PacScript program consists of, read without an expression.
 
-#: As in JSON, whose reader is several times as fast as ``float`` and as exact. With a point: JSON's -0 has no sign.
-_NUMBER = r"-?(?:0|[1-9][0-9]{0,8})\.[0-9]{1,9}"
-_PLACE = rf"({_NUMBER}, {_NUMBER}, {_NUMBER})((?:, [-0-9., ]{{1,90}})?)"
-_RATE = r"[0-9]{1,6}(?:\.[0-9]{1,9})?"
-_MOTION = (
-    rf" {{0,16}}Move (?:([LP])|C, P\({_PLACE}\)), ((?:@(?:[0PE]|[0-9]{{1,6}}) )?)P\({_PLACE}\)"
-    rf"((?:, Speed = (?:Mps\({_RATE}(?: \* [A-Za-z][A-Za-z0-9_]{{0,63}})?\)|{_RATE}))?)\r?(?:\n|\Z)"
-)
-#: One line of any kind with its end.
-LINE = re.compile(r"[^\n]*+\n|[^\n]++")
-#: The same; a motion in the usual spelling has groups: L or P, else of via x, y, z and the rest; pass mark; of the
-#: target x, y, z and the rest; speed.
-PIECE = re.compile(f"{_MOTION}|{LINE.pattern}")
-_numbers = Decoder(Vec3)
-
-
-class Plain(Struct, frozen=True, gc=False):
-    """A motion of one line, 1-based through all files. via: of an arc."""
-
-    line: int
-    manner: Manner
-    via: Pose | None
-    target: Pose
+_manner = lru_cache(maxsize=1024)(manner_of)
 
 
 def plain(piece: re.Match[str], line: int) -> Plain | None:
     """What a match of ``PIECE`` with groups says; nothing where the long way has to say what is wrong with it."""
-    kind, via, via_turn, mark, target, turn, speed = piece.groups()
-    try:
-        manner, end = _manner(kind or "C", mark, speed), _place_plain(target, turn)
-        middle = None if kind else _place_plain(via, via_turn)
-    except Unreadable:
-        return None
-    return Plain(line, manner, middle, end)
-
-
-_manner = lru_cache(maxsize=1024)(manner_of)
-
-
-def _place_plain(position: str, turn: str) -> Pose:
-    """``P()`` with x, y, z and the rest."""
-    rotation, figure = _read_turn(turn)
-    origin = _numbers.decode(f"[{position}]")
-    return Pose(rotation, origin) if figure == UNDEFINED else Figured(rotation, origin, figure)
-
-
-@lru_cache(maxsize=1024)
-def _read_turn(turn: str) -> tuple[FloatArray, int]:
-    """The rotation and the figure that follow x, y, z in the brackets of ``P()``, as the long way reads them."""
-    position = f"P(0, 0, 0{turn})"
-    value = evaluate(position, nothing)
-    if not isinstance(value, Pose) or find_unusual(position):
-        raise Unreadable(f"{turn} is no rotation")
-    return value.rotation, value.figure if isinstance(value, Figured) else UNDEFINED
+    return read_plain(piece, line, _manner)
 
 
 def carry_out(machine: Machine, item: Plain) -> None:
-    """Does what ``pacscript_motion.move`` does with the same line."""
+    """Does what ``move`` does with the same line."""
     manner = item.manner
     speed = machine.lean() if manner.speed is None else manner.speed
     if isinstance(speed, str):
@@ -366,3 +302,6 @@ def carry_out(machine: Machine, item: Plain) -> None:
         arc(machine, item.via, item.target, blend, speed, False)
     else:
         go(machine, manner.linear, item.target, blend, speed, False)
+
+
+__all__ = ["LINE", "PIECE", "Plain", "plain"]

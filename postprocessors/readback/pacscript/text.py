@@ -8,19 +8,23 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 
 from camgen.post import Fault, Remark
+from camgen.read.pacscript.lines import (
+    CLOSING,
+    DEFINE,
+    GOES_ON,
+    LONGEST_GROWN,
+    LONGEST_LINE,
+    PARAMETER,
+    expand,
+    too_long,
+    without_comment,
+)
+from camgen.read.pacscript.words import name_fault
 
 from .motion import LINE, PIECE, Plain, plain
-from .words import TYPES, name_fault
+from .words import TYPES
 
-#: A line may hold so many bytes; macros may nest so deep and a line may grow so long before it is given up.
-_LONGEST_LINE, _DEEPEST_MACRO, _LONGEST_GROWN = 1024, 10, 8192
-#: What makes the next line a part of this one.
-_GOES_ON = re.compile(r"(?:^|\s)_$")
-_QUOTED = re.compile(r'"[^"]*"|\'')
-_DEFINE = re.compile(r"#define\s+([a-z]\w*)\s*(.*)", re.IGNORECASE | re.ASCII)
 _OPENING = re.compile(r"(sub|function)\s+(\w+)\s*(?:\(([^()]*)\))?\s*(?:as\s+\w+)?", re.IGNORECASE)
-_CLOSING = re.compile(r"end\s+(sub|function)", re.IGNORECASE)
-_PARAMETER = re.compile(r"\s*(?:byval\s+|byref\s+)?([a-z]\w*)\s*(?:as\s+(\w+))?\s*", re.IGNORECASE)
 
 #: A statement: its line counted through all files, and its text without comment, macros replaced.
 Statement = tuple[int, str] | Plain
@@ -58,15 +62,6 @@ def read_source(files: Mapping[str, str], short: bool) -> SourceText:
     return source
 
 
-def without_comment(text: str) -> str:
-    """``text`` up to a comment, stripped; empty for ``Rem``."""
-    if "'" in text:
-        quote = next((m for m in _QUOTED.finditer(text) if m.group() == "'"), None)
-        text = text[: quote.start()] if quote else text
-    text = text.strip()
-    return "" if text[:3].lower() == "rem" and text[3:4] in ("", " ", "\t") else text
-
-
 @dataclass(slots=True)
 class _Macros:
     """``#Define`` names in lower case with their text, and what finds them."""
@@ -85,7 +80,7 @@ def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: 
             continue
         text = begun + _read_row(piece[0].removesuffix("\n"), number, source)
         first = first if begun else number
-        begun = text[:-1] if _GOES_ON.search(text) and len(text) < _LONGEST_GROWN else ""
+        begun = text[:-1] if GOES_ON.search(text[-2:]) and len(text) < LONGEST_GROWN else ""
         if not begun:
             current = _read_statement(text, first, macros, current, main, source)
     if begun:
@@ -97,8 +92,8 @@ def _read_file(pieces: Iterator[re.Match[str]], before: int, main: str, source: 
 
 def _read_row(row: str, number: int, source: SourceText) -> str:
     """A line without its comment."""
-    if len(row) > _LONGEST_LINE // 4 and len(row.rstrip("\r").encode("utf-8", "replace")) > _LONGEST_LINE:
-        source.faults.append(Fault(number, f"a line of more than {_LONGEST_LINE} bytes"))
+    if too_long(row):
+        source.faults.append(Fault(number, f"a line of more than {LONGEST_LINE} bytes"))
     text = without_comment(row)
     if row.rstrip().endswith(" _") and not text.endswith("_"):
         source.faults.append(Remark(number, "a comment that ends in _: the next line may be taken for a part of it"))
@@ -113,7 +108,7 @@ def _read_statement(
         _directive(text, number, macros, source)
         return current
     if macros.pattern:
-        text = _expand(text, number, macros, macros.pattern, source)
+        text = _expand(text, number, macros, source)
     return _statement(text, number, current, main, source) if text else current
 
 
@@ -130,7 +125,7 @@ def _is_plain(piece: re.Match[str], number: int, macros: _Macros, current: Proce
 
 def _statement(text: str, number: int, current: Procedure | None, main: str, source: SourceText) -> Procedure | None:
     """Files a statement; returns the procedure that the next one belongs to."""
-    if _CLOSING.fullmatch(text):
+    if CLOSING.fullmatch(text):
         if current is None:
             source.faults.append(Fault(number, f"{text} closes nothing"))
         return None
@@ -146,23 +141,20 @@ def _statement(text: str, number: int, current: Procedure | None, main: str, sou
 
 
 def _directive(text: str, number: int, macros: _Macros, source: SourceText) -> None:
-    if define := _DEFINE.fullmatch(text):
+    if define := DEFINE.fullmatch(text):
         _check_names(source, number, define[1])
-        macros.texts[define[1].lower()] = define[2]
+        macros.texts[define[1].lower()] = define[2] or ""
         macros.pattern = re.compile(rf"\b(?:{'|'.join(macros.texts)})\b", re.IGNORECASE | re.ASCII)
     else:
         source.faults.append(Fault(number, f"{text.split(maxsplit=1)[0]} is not evaluated"))
 
 
-def _expand(text: str, number: int, macros: _Macros, pattern: re.Pattern[str], source: SourceText) -> str:
-    for _ in range(_DEEPEST_MACRO):
-        if not pattern.search(text):
-            return text
-        text = pattern.sub(lambda m: macros.texts[m.group().lower()], text)
-        if len(text) > _LONGEST_GROWN:
-            break
-    source.faults.append(Fault(number, "a macro that refers to itself or grows without end"))
-    return ""
+def _expand(text: str, number: int, macros: _Macros, source: SourceText) -> str:
+    try:
+        return expand(text, macros.texts)
+    except ValueError as error:
+        source.faults.append(Fault(number, str(error)))
+        return ""
 
 
 def _check_names(source: SourceText, number: int, *names: str) -> None:
@@ -173,8 +165,8 @@ def _check_names(source: SourceText, number: int, *names: str) -> None:
 def _open(opening: re.Match[str], number: int, main: str, source: SourceText) -> Procedure:
     given = opening[2].lower()
     name = main if given == "main" else given
-    matches = [_PARAMETER.fullmatch(p) for p in (opening[3] or "").split(",") if p.strip()]
-    parameters = {m[1].lower(): (m[2] or "variant").lower() for m in matches if m}
+    matches = [PARAMETER.fullmatch(p) for p in (opening[3] or "").split(",") if p.strip()]
+    parameters = {m[2].lower(): (m[4] or "variant").lower() for m in matches if m and not m[3]}
     if len(parameters) < len(matches) or not TYPES.keys() >= set(parameters.values()):
         source.faults.append(Fault(number, "parameters that cannot be read"))
         parameters = {name: kind if kind in TYPES else "variant" for name, kind in parameters.items()}
