@@ -62,6 +62,8 @@ class Code(Struct):
     labels: dict[str, int]
     #: By step, how many of those before it move the arm or switch an output.
     acting: list[int]
+    #: The names that are given a value.
+    assigned: frozenset[str]
 
 
 class _Block(Struct):
@@ -96,8 +98,10 @@ def compile_procedure(procedure: Procedure, say: Say, pac: bool) -> Code:
                 say(op.line, f"there is no label {op.a}")
     acting = [0]
     for op in compiler.ops:
-        acting.append(acting[-1] + (op.do in _ACTING))
-    return Code(compiler.ops, compiler.labels, acting)
+        speaks = op.do == "call" and op.a.said == "msgbox"
+        acting.append(acting[-1] + (op.do in _ACTING and not speaks))
+    assigned = frozenset(str(op.a.said) for op in compiler.ops if op.do == "assign" and op.a.kind == "name")
+    return Code(compiler.ops, compiler.labels, acting, assigned)
 
 
 _OPENS = {"if": "If", "for": "For", "do": "Do", "while": "While", "select": "Select Case", "repeat": "Repeat"}

@@ -6,7 +6,9 @@ import math
 import re
 from collections.abc import Callable
 
-from camgen.model.pose import Pose
+import numpy as np
+
+from camgen.model.pose import IDENTITY, Pose
 from camgen.model.program import Joints
 from camgen.read.pacscript.expressions import OPERATORS, Node
 from camgen.read.pacscript.functions import ASKED, FUNCTIONS, calculate, call, numbers, place, turned
@@ -179,7 +181,7 @@ def called(run: Running, said: str, parts: tuple[Node, ...]) -> Value:
         return element(held, [evaluate(run, part) for part in parts])
     if procedure := run.find_procedure(said):
         return run.call(procedure, parts)
-    if held is not None:
+    if held is not None and said not in FUNCTIONS:
         return held if isinstance(held, Unknown) else Unknown(f"an element of {said}")
     if said in _OWN:
         return _OWN[said](run, [evaluate(run, part) for part in parts])
@@ -189,8 +191,12 @@ def called(run: Running, said: str, parts: tuple[Node, ...]) -> Value:
     values = [evaluate(run, part) for part in parts]
     if said in FUNCTIONS:
         return _constructed(said, values) if said in _MADE else call(said, values)
+    if said == "outrange":
+        run.machine.suppose("places that OutRange asks for are within reach", said)
+        given = run.machine.given(said)
+        return given if given is not None else 0.0
     if said in ASKED:
-        return run.machine.unknown(said)
+        return run.machine.unknown(said, said)
     return run.left_out(said)
 
 
@@ -233,9 +239,7 @@ def _mps(run: Running, values: list[Value]) -> Value:
     (said,) = numbers(values, 1) or (0.0,)
     machine = run.machine
     unit = machine.given("mps")
-    machine.suppose(
-        "Mps(1) is taken for so many mm/s" if unit is None else "Mps(1) is so many mm/s", "mps", unit or 1.0
-    )
+    machine.suppose(f"Mps(1) is taken for {unit or 1.0:g} mm/s", "mps", unit or 1.0)
     return Rate(finite(said * (unit or 1.0)), machine.rated)
 
 
@@ -247,6 +251,15 @@ def _to_joints(_run: Running, values: list[Value]) -> Value:
     if not isinstance(value, Joints):
         return Unknown("a position of joint values")
     return value
+
+
+def _shifted(run: Running, values: list[Value]) -> Value:
+    """``Dev``, where the reference does not say about which axes it turns."""
+    by = values[1] if len(values) > 1 else 0.0
+    by = fit(by, "position") if isinstance(by, tuple) else by
+    if isinstance(by, Pose) and not np.array_equal(by.rotation, IDENTITY):
+        run.machine.suppose("the angles of Dev are taken for turns about the axes of the work frame")
+    return call("dev", values)
 
 
 def _current(kind: str) -> Callable[[Running, list[Value]], Value]:
@@ -265,6 +278,7 @@ _OWN: dict[str, Callable[[Running, list[Value]], Value]] = {
     "mps": _mps,
     "j2p": _to_joints,
     "j2t": _to_joints,
+    "dev": _shifted,
     "curtool": _current("tool"),
     "curwork": _current("work"),
     "curspd": _internal,
@@ -332,7 +346,7 @@ def _assign_element(run: Running, target: Node, value: Value) -> None:
         return
     place_of = tuple(int(number(one)) for one in at)
     if of is None or not isinstance(of, Array):
-        of = Array((), 0.0)
+        of = Array((), of if isinstance(of, Unknown) else 0.0)
         run.scope.names[said] = of
     of.check(place_of)
     of.items[place_of] = copy_value(fit(value, run.scope.kinds.get(said, run.module_scope.kinds.get(said, "variant"))))
@@ -342,6 +356,8 @@ def fit(value: Value, kind: str) -> Value:
     """``value`` as a type holds it: lists of values become places, whole numbers are rounded."""
     if isinstance(value, Unknown) or kind == "variant":
         return value
+    if isinstance(value, tuple) and (unknown := next((one for one in value if isinstance(one, Unknown)), None)):
+        return unknown
     if kind in ("position", "trans"):
         return value if isinstance(value, (Pose, Joints, Array)) else place(value)
     if kind == "joint":

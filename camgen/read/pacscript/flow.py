@@ -23,14 +23,14 @@ _LEAVING = frozenset(("exit", "end", "return", "halt", "stop", "stopend", "raise
 
 class Frame(Struct, gc=False):
     """A procedure that runs. loops: by step, the end and the step of For; rounds: by step, how often a loop was gone
-    round and the values of all names then; leaving: steps at which an unknown condition could have left, and where
-    to; handler: the label of On Error.
+    round and the values of all names then; leaving: steps at which an unknown condition could have left, and the
+    steps on that way; handler: the label of On Error.
     """
 
     code: Code
     loops: dict[int, tuple[float, float]]
     rounds: dict[int, tuple[int, Any]]
-    leaving: dict[int, int]
+    leaving: dict[int, tuple[int, int]]
     returns: list[int]
     handler: str = ""
 
@@ -69,7 +69,7 @@ def _choose(frame: Frame, at: int, op: Op) -> bool:
     then = (at + 1, op.to - (other[1] > other[0]))
     leaves = [_leaves(ops, *span) for span in (then, other)]
     if leaves[0] != leaves[1]:
-        frame.leaving[at] = then[0] if leaves[0] else other[0]
+        frame.leaving[at] = then if leaves[0] else other
         return leaves[1]
     acting = frame.code.acting
     acts = [acting[end] - acting[start] > 0 for start, end in (then, other)]
@@ -95,12 +95,12 @@ def _round(run: Running, frame: Frame, at: int, start: int, after: int) -> int:
     """Goes round a loop again that has no condition: from ``start``; or leaves it where an unknown condition could
     have; or ends the program where nothing does.
     """
-    ways = [where for step, where in frame.leaving.items() if start <= step < after]
-    if ways:
+    ways = [way for step, way in frame.leaving.items() if start <= step < after]
+    if ways:  # The one on which most is done: an error does little.
         run.machine.suppose(f"the loop from line {frame.code.ops[start].line} is left after one round")
         for step in [step for step in frame.leaving if start <= step < after]:
             del frame.leaving[step]
-        return ways[0]
+        return max(ways, key=lambda way: way[1] - way[0])[0]
     count, before = frame.rounds.get(at, (0, None))
     now = snapshot(run)
     if not _has_way_out(frame.code.ops, start, after) or (before is not None and same(before, now)):
@@ -115,7 +115,7 @@ def _round(run: Running, frame: Frame, at: int, start: int, after: int) -> int:
 
 def _has_way_out(ops: list[Op], start: int, after: int) -> bool:
     return any(
-        op.do in _LEAVING or (op.do in ("goto", "gosub") and not start <= op.to < after and op.to != -1)
+        op.do in _LEAVING or (op.to != -1 and not start <= op.to < after and (op.do != "do" or op.a is not None))
         for op in ops[start : after - 1]
     )
 
@@ -328,7 +328,7 @@ def take_input(run: Running, op: Op) -> None:
     for node in nodes:
         if node.kind in ("name", "index", "call"):
             said = str(node.said)
-            assign(run, node, run.machine.unknown(f"what {op.b.capitalize()} brings for {said}", said))
+            assign(run, node, run.machine.unknown(f"{said} from {op.b}", said))
 
 
 __all__ = ["assign_name"]

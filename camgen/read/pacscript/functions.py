@@ -274,94 +274,16 @@ FUNCTIONS: dict[str, Callable[[list[Value]], Value]] = {
 }  # fmt: skip
 
 #: What a controller alone answers: time, its state, kinematics, other tasks.
-ASKED = frozenset(
-    [
-        "timer",
-        "now",
-        "time",
-        "date",
-        "synctime",
-        "rnd",
-        "status",
-        "statusbyname",
-        "sysstate",
-        "sysinfo",
-        "robinfo",
-        "ver",
-        "motorstate",
-        "curerr",
-        "errlvl",
-        "errmsg",
-        "curtrn",
-        "j2t",
-        "t2j",
-        "p2j",
-        "desttrn",
-        "detecton",
-        "detectoff",
-        "forcevalue",
-        "getareadetected",
-        "getcollisionstatus",
-        "gethandio",
-        "getlanguage",
-        "getpathpoint",
-        "getpathpointcount",
-        "getpriority",
-        "getsrvdata",
-        "getsrvjntdata",
-        "lockstate",
-        "motioncomplete",
-        "mutexid",
-        "mutexstate",
-        "createmutex",
-        "takearmstate",
-        "vartype",
-        "outrange",
-        "curoptmode",
-        "curlmt",
-        "curacc",
-        "curdec",
-        "curextacc",
-        "curextdec",
-        "curcpmode",
-        "curspeedmode",
-        "curpayload",
-        "curexj",
-        "deadmanstate",
-        "workattribute",
-        "virtualfence",
-        "vis",
-        "realpath",
-        "format",
-        "varchangetype",
-        "normalvector",
-        "pallet",
-        "comm",
-        "hand",
-        "sprintfs",
-        "err",
-        "syslog",
-        "msgbox",
-        "inrange",
-        "waitmotion",
-        "takemutex",
-        "com_state",
-        "statustime",
-        "curpathpoint",
-        "curforcesensorpayload",
-        "curfig",
-        "calcworkpos",
-        "toolpos",
-        "workpos",
-        "areasize",
-        "areapos",
-        "area",
-        "rpm",
-        "dps",
-        "timetotick",
-        "j2p",
-    ]
-)
+_ASKED = """
+    area areapos areasize calcworkpos com_state comm createmultiarray createmutex curacc curcpmode curdec curerr
+    curexj curextacc curextdec curfig curforcesensorpayload curlmt curoptmode curpathpoint curpayload
+    curspeedmode curtrn date deadmanstate desttrn detectoff detecton dps err errlvl errmsg forcevalue format
+    getareadetected getcollisionstatus gethandio getlanguage getpathpoint getpathpointcount getpriority
+    getsrvdata getsrvjntdata hand inrange instrrev j2p j2t lockstate motioncomplete motorstate msgbox mutexid
+    mutexstate normalvector now outrange p2j pallet realpath rnd robinfo rpm sprintfs status statusbyname
+    statustime synctime sysinfo syslog sysstate t2j takearmstate takemutex time timer timetotick toolpos
+    varchangetype vartype ver virtualfence vis waitmotion workattribute workpos"""
+ASKED = frozenset(_ASKED.split())
 
 
 def call(name: str, values: list[Value]) -> Value:

@@ -17,6 +17,10 @@ RATED, RATED_TURN = 1000.0, 500.0
 #: The blend of ``@P`` and ``@C``, mm: how near they pass their target is the controller's choice.
 PASS_MM = 1.0
 #: A program may do so many things.
+#: A delay below was rather meant in another unit, s.
+_SHORT_DELAY = 0.01
+_MOVING = frozenset(("plain", "move", "approach", "depart", "draw", "drive", "drivea", "archmove", "rotate", "rotateh",
+                     "gohome"))  # fmt: skip
 _MOST_MOTIONS = 2_000_000
 
 
@@ -34,11 +38,14 @@ class Ended(Exception):
 
 @dataclass(slots=True)
 class Scope:
-    """The names of a procedure that runs. kinds: their types in small letters; ios: those of DefIO."""
+    """The names of a procedure that runs. kinds: their types in small letters; ios: those of DefIO; assigned: names
+    that it gives a value somewhere.
+    """
 
     names: dict[str, Value] = field(default_factory=dict)
     kinds: dict[str, str] = field(default_factory=dict)
     ios: dict[str, tuple[str, int]] = field(default_factory=dict)
+    assigned: frozenset[str] = frozenset()
 
 
 class Machine:
@@ -70,6 +77,7 @@ class Machine:
         #: Whether somebody whom the text does not show may have taken the arm.
         self.trusting = False
         self.motor = True
+        self.moved = False
         self.passing = False
         self.left_out = 0
         self.home: Value | None = None
@@ -173,11 +181,19 @@ class Machine:
     def leave_out(self, what: str, target: Value | None = None) -> None:
         """Notes a motion that cannot be shown; where the arm is afterwards is known if its target is."""
         self.left_out += 1
+        self.moved = True
         self.own()
         self.suppose(f"{what}: motions there are left out")
         self.here = target if isinstance(target, Pose) else None
         self.joints = target if isinstance(target, Joints) else None
         self.passing = False
+
+    def lose(self, do: str) -> None:
+        """A step that could not be done: after a motion it is not known where the arm stands."""
+        if do in _MOVING:
+            self.left_out += 1
+            self.moved = True
+            self.here = self.joints = None
 
     def speed(self, value: float) -> tuple[float, float]:
         """mm/s, and the share of the joints' greatest speeds, 0 where the speed is one of the TCP."""
@@ -185,14 +201,16 @@ class Machine:
             return value.mm_s * self.external / 100, 0.0
         if value != self._told:
             self._told = value
-            self.suppose("100 % is taken for", "rated", self.rated)
+            self.suppose(f"100 % is taken for {self.rated:g} mm/s", "rated", self.rated)
         return value / 100 * self.rated * self.external / 100, min(1.0, value / 100 * self.external / 100)
 
     def move(self, item: MoveJ | MoveL | MoveC, passing: bool) -> None:
         """Adds a motion. passing: what follows may happen before the arm is there."""
         self.own()
+        if not self.moved and not isinstance(item, MoveJ):
+            self.find("unusual", "the first motion is a straight line or an arc from wherever the arm stands")
         self.emit(item)
-        self.passing = passing
+        self.moved, self.passing = True, passing
         target = item.target
         self.here, self.joints = (target, None) if isinstance(target, Pose) else (None, target)
 
@@ -201,14 +219,14 @@ class Machine:
         if len(target.values) > 6:
             target = Joints(target.values[:6])
         mm_s, share = self.speed(speed)
-        self.move(MoveJ(target, mm_s, blend, share=share), blend > 0 or at_once)
+        self.move(MoveJ(target, mm_s, blend, share=share), blend > 0 and not at_once)
         self.figure = None
 
     def go(self, linear: bool, target: Pose, speed: float, blend: float, at_once: bool = False) -> None:
         """Moves the TCP to a place, straight or as the axes run."""
         posture, said = posture_of(target)
         place = Pose(target.rotation, target.origin) if posture else target
-        passing = blend > 0 or at_once
+        passing = blend > 0 and not at_once
         mm_s, share = self.speed(speed)
         if not linear:
             self.move(MoveJ(place, mm_s, blend, posture=posture, share=share), passing)
@@ -232,6 +250,9 @@ class Machine:
         """Stands still."""
         if seconds > 0:
             self.emit(Wait(seconds))
+            self.passing = False
+        if 0 < seconds < _SHORT_DELAY:
+            self.find("unusual", f"a delay of {seconds * 1000:g} ms: it is counted in milliseconds")
 
     def stop(self) -> None:
         """Stands still until the operator lets it go on."""
@@ -258,6 +279,8 @@ class Machine:
 
     def finish(self, stopped: tuple[int, str] | None) -> Executed:
         """All that was found."""
+        if self.table is not None:
+            self.find("dangerous", "force control is on at the end", self.lines[-1] if self.lines else 1)
         if self.left_out:
             self.state("left out", counted(self.left_out, "motion"))
         several = len(self.frames) > 1

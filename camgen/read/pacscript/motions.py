@@ -202,7 +202,7 @@ def arc(run: Running, via: Value, end: Value, speed: float, blend: float, at_onc
     if sweep <= _PIECE and math.dist(middle, via.origin) <= _HALF_WAY:
         item = MoveC(Pose(via.rotation, via.origin), Pose(end.rotation, end.origin), machine.speed(speed)[0], blend,
                      *machine.pressing, posture=posture_of(end)[0])  # fmt: skip
-        machine.move(item, blend > 0 or at_once)
+        machine.move(item, blend > 0 and not at_once)
     else:
         _turn(run, start, end, center, axis, sweep, (speed, blend, at_once))
     machine.figure = machine.figure if said is None else said
@@ -235,7 +235,7 @@ def _turn(
         goal = Pose(end.rotation, end.origin) if last else at((k + 1) / pieces)
         item = MoveC(at((k + 0.5) / pieces), goal, mm_s, blend if last else 0.0, *machine.pressing,
                      posture=posture if last else None)  # fmt: skip
-        machine.move(item, last and (blend > 0 or at_once))
+        machine.move(item, last and blend > 0 and not at_once)
 
 
 def rotate(run: Running, op: Op) -> None:

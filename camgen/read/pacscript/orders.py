@@ -41,10 +41,13 @@ def _define_port(run: Running, op: Op) -> None:
 
 
 def _assign(run: Running, op: Op) -> None:
-    value = evaluate(run, op.b)
-    if isinstance(value, Array) and op.a.kind in ("name", "call", "index"):
-        value = value.copy()
-    assign(run, op.a, value)
+    try:
+        value = evaluate(run, op.b)
+        assign(run, op.a, value.copy() if isinstance(value, Array) else value)
+    except Unreadable as error:
+        if op.a.kind in ("name", "index", "call"):  # What it held before would be a lie.
+            assign(run, op.a, Unknown(f"{op.a.said} ({error})"))
+        raise
 
 
 def _call(run: Running, op: Op) -> None:

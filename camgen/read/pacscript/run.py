@@ -38,7 +38,7 @@ class Run:
 
     def __init__(self, files: Mapping[str, str], ask: Ask) -> None:
         points, faulty = read_points(ask.points)
-        self.machine = Machine({key.lower(): value for key, value in ask.assume.items()}, points)
+        self.machine = Machine({key.lower(): float(value) for key, value in ask.assume.items()}, points)
         for what in faulty:
             self.machine.suppose(what)
         self.ask = ask
@@ -87,10 +87,8 @@ class Run:
         self.module, self.module_scope = module, self._scope_of(module)
         values: list[Value] = []
         for parameter in procedure.parameters:
-            values.append(self.machine.unknown(f"the value of {parameter.name}", parameter.name))
-            self.machine.suppose(
-                f"the value of {parameter.name}, which who calls {procedure.name} gives", parameter.name
-            )
+            what = f"{parameter.name}, a parameter of {procedure.name}"
+            values.append(self.machine.unknown(what, parameter.name))
         self._execute(procedure, values)
         return None
 
@@ -189,14 +187,15 @@ class Run:
             self.machine.find(
                 "refused", f"{procedure.name} takes {len(procedure.parameters)} values, not {len(values)}"
             )
-        before = self.module, self.scope, self.module_scope, self.machine.line
+        before, line = (self.module, self.scope, self.module_scope), self.machine.line
         self.depth += 1
         self.module, self.module_scope = module, self._scope_of(module)
         try:
             scope = self._execute(procedure, values)
         finally:
             self.depth -= 1
-            self.module, self.scope, self.module_scope, self.machine.line = before
+            self.module, self.scope, self.module_scope = before
+        self.machine.line = line
         for parameter, part in zip(procedure.parameters, parts, strict=False):
             self._give_back(parameter, part, scope)
         return scope.names.get(procedure.name, 0.0)
@@ -225,8 +224,9 @@ class Run:
         if procedure.returns not in ("", "program"):
             scope.names[procedure.name] = blank(procedure.returns) if procedure.returns != "variant" else 0.0
             scope.kinds[procedure.name] = procedure.returns
-        self.scope = scope
-        self._run(flow.Frame(self._code(procedure), {}, {}, {}, []), procedure)
+        self.scope, code = scope, self._code(procedure)
+        scope.assigned = code.assigned
+        self._run(flow.Frame(code, {}, {}, {}, []), procedure)
         return scope
 
     def _fit(self, value: Value, parameter: Parameter) -> Value:
@@ -256,8 +256,10 @@ class Run:
                 continue
             except Wrong as error:
                 machine.find("refused", str(error))
+                machine.lose(op.do)
             except Unreadable as error:
                 machine.suppose(f"{error}: left out")
+                machine.lose(op.do)
             at += 1
 
     def _step(self, frame: flow.Frame, at: int, op: Op, pac: bool) -> int | None:
@@ -334,7 +336,10 @@ class Run:
     # What the text does not have.
 
     def undeclared(self, name: str) -> Value:
-        """A name that nobody has given a value."""
+        """A name that nobody has given a value: what the program counts with begins at 0."""
+        if name in self.scope.assigned and self.machine.given(name) is None:
+            self.machine.suppose(f"{name} begins at 0", name)
+            return 0.0
         value = self.machine.unknown(name, name)
         if isinstance(value, Unknown):
             self.machine.suppose(f"{name} has no value in the text", name)

@@ -34,7 +34,8 @@ SILENT = frozenset("""
     pagechangebyname kill killall killbyname suspend suspendall suspendbyname resetarea posclr srvunlock forcesensor
     forcesensorpayload forcechangetable setpublicvalue syslog st_aspchange st_setcomplinit keep option disp_screen
     st_seteralw st_setcurlmt st_reseteralw st_resetcurlmt st_resetcurlimit st_gravity st_grvoffset area date
-    clearlog startlog stoplog pc_screen pendant_screen writebytearray swapbytearray semid giveSem takesem deletesem
+    sethandio clearlog startlog stoplog
+    pc_screen pendant_screen writebytearray swapbytearray semid giveSem takesem deletesem
     ontimer interruptvision
 """.lower().split())  # fmt: skip
 #: Statements with an ordinary list of values, which are read as they stand.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -88,6 +89,7 @@ UNDEFINED = -1
 LARGEST = 1e10
 #: How far the axes of a homogeneous position may be from unit vectors at right angles.
 _SQUARE = 1e-3
+_NUMERAL = re.compile(r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?\s*")
 _rotations: dict[tuple[float, float, float], FloatArray] = {}
 
 
@@ -173,6 +175,8 @@ def number(value: Value, what: str = "a number") -> float:
         return float(value)
     if isinstance(value, Unknown):
         raise Unreadable(f"{value.what} is not known")
+    if isinstance(value, str) and (said := _NUMERAL.fullmatch(value)):
+        return finite(float(said[0]))
     raise Unreadable(f"{tell(value)} is not {what}")
 
 
