@@ -600,7 +600,7 @@ def _read_foreign(lines: Sequence[str], m: Strict) -> Reading | None:
 
     m: the machine that met those words. That they are there is a remark, so that a program of our own never passes.
     """
-    found = interpret(lines)
+    found = interpret(lines, narrow=True)
     if found.stopped and found.unread and found.stopped[0] <= m.unread:
         return None
     what = "a word that camgen does not write; the program is read as LinuxCNC runs it"

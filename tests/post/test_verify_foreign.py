@@ -88,7 +88,7 @@ def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
             "Sub Main\n  TakeArm\n  Move L, @E P1\n  Set IO[24]\n  Approach P, P1, 100\n  GiveArm\nEnd Sub\n",
             {"line 3: P[1] is not set in the text"},
         ),
-        ("grbl", "a.nc", "G21\nG81 X1 Z-1 R1 F9\nG1 X1 F9\nM2\n", {"line 2: G81 is not read: a drilling cycle"}),
+        ("grbl", "a.nc", "G21\nG81 X1 Z-1 R1 F9\nG1 X1 F9\nM2\n", {"line 2: refused: G81 is not a code of grbl"}),
     ],
 )
 def test_what_is_not_known_is_named(capsys, tmp_path, post, name, text, said):
@@ -102,7 +102,7 @@ def test_g_code_with_words_that_no_post_writes_is_run(capsys, tmp_path):
     text = "G21 G90 G64 P0.01\n#1=10\nG0 Z20\nG0 X0 Y0\nG98 G81 X0 Y0 Z-5 R2 F60\nX#1\nY#1\nG80\nM2\n"
     code, page, told, error = verified(capsys, written(tmp_path, "holes.ngc", text), "gcode")
     assert (code, error) == (0, "")
-    assert told == ["line 2: remark: a word that camgen does not write; the program is read as LinuxCNC runs it"]
+    assert told == []
     assert page["straight"] == "21.0 mm"
     assert page["extents"] == "x 0 to 10, y 0 to 10, z -5 to 20 mm"
 
@@ -121,7 +121,6 @@ def test_a_remark_is_a_fault_in_a_program_of_our_own(capsys, tmp_path, monkeypat
     assert main(["verify", "new.ngc", "--post", "gcode", "--plan", "plan.json"]) == 4
 
 
-_RUN = "remark: a word that camgen does not write; the program is read as LinuxCNC runs it"
 #: What the shared programs are found to be: exit code, and a line that must be told.
 FOUND = {
     "Program.mod": (
@@ -130,24 +129,19 @@ FOUND = {
     ),
     "Prog1.pg": ("vplus", 2, "line 5: unknown statement JMOVE"),
     "Kawasaki.pg": ("vplus", 2, "line 7: unknown statement C1MOVE"),
-    "flowsnake.ngc": ("gcode", 0, f"line 5: {_RUN}"),
-    "g17-g98-g81.ngc": ("gcode", 0, f"line 18: {_RUN}"),
+    "flowsnake.ngc": ("gcode", 0, ""),
+    "g17-g98-g81.ngc": ("gcode", 0, ""),
     "bad-arc.small.metric.center-format.ngc": (
         "gcode", 2,
-        "line 6: the radii of the arc differ by 0.0286 mm (start 24.9857, end 25.0143); nothing from here on is read",
+        "line 6: refused: the radii of the arc differ by 0.0286 mm (start 24.9857, end 25.0143)",
     ),
-    "tball-engrave.gcode": (
-        "gcode", 0, "line 3: remark: a feed motion from a position that is not known; read as from 0",
-    ),
-    "helical-thread-milling.gcode": (
-        "gcode", 2,
-        "line 5: G42 is not read: cutter compensation: the controller moves the path by the radius of the tool",
-    ),
+    "tball-engrave.gcode": ("gcode", 0, ""),
+    "helical-thread-milling.gcode": ("gcode", 0, ""),
     "full-circle-without-xyz.gcode": (
-        "gcode", 2, "line 11: arc without a centre or radius (I, J, K or R) in its plane",
+        "gcode", 2, "line 11: refused: arc without a centre or radius (I, J, K or R) in its plane",
     ),
     "Circle_Diamond_Square_Calibration.gcode": (
-        "gcode", 2, "line 624: the radii of the arc differ by 1.4138 mm (start 29.0000, end 27.5862)",
+        "gcode", 2, "line 624: refused: the radii of the arc differ by 1.4138 mm (start 29.0000, end 27.5862)",
     ),
 }  # fmt: skip
 
@@ -159,7 +153,7 @@ def test_shared_programs(capsys, name):
     (path,) = SHARED.rglob(name)
     code, _, told, _ = verified(capsys, path, post)
     assert code == expected
-    assert line in told
+    assert line in told or not (line or told)
 
 
 #: Measured with LinuxCNC's interpreter (shared/data/README.md): mm at feed, straight and in arcs.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 from msgspec import Struct, field
@@ -13,19 +13,20 @@ from camgen.model.limits import tell
 from camgen.model.part import Note, Part
 from camgen.model.program import Instruction
 from camgen.read.gcode.arcs import LINUXCNC, Limits
+from camgen.read.gcode.codes import CODES
+from camgen.read.gcode.foreign import Foreign
 from camgen.read.gcode.machine import (
     HANDLERS,
     Machine,
-    feed,
-    lift,
     speed_and_tool,
-    stop,
-    switch_off,
 )
 from camgen.read.gcode.motion import move, read_plain
-from camgen.read.gcode.words import COMMENT, Line, LineError, Parameters, UnknownWord, bare, value_at, words_of
+from camgen.read.gcode.traced import TRACED
+from camgen.read.gcode.words import COMMENT, Endless, Line, LineError, Parameters, UnknownWord, bare, value_at
 
 _BOUNDS = Bounds()
+_GIVEN: dict[str, float] = {}
+NO_FILES: dict[str, int] = {}
 _KNOWN = 200
 _SPEED = re.compile(r"[sS][ \t]*[-+.0-9\[#]")
 
@@ -53,35 +54,57 @@ class ProgramRun(Struct, frozen=True, eq=False):
     whole: bool = False
 
 
-def interpret(lines: Sequence[str], limits: Limits = LINUXCNC, bounds: Bounds = _BOUNDS) -> ProgramRun:
-    """What the lines of a program do. limits: of its arcs. bounds: what is too much. Never raises for a text."""
-    m = Machine(limits, bounds, on_off=not _has_speed(lines))
-    stopped, unread = None, False
-    try:
-        found = blocks(lines)
-    except LineError as error:
-        what, line = error.args
-        found, stopped = Blocks({}, {}), (line, what)
-    if stopped is None:
-        try:
-            play(m, lines, found)
-            switch_off(m)
-        except LineError as error:
-            stopped, unread = (m.line, str(error)), isinstance(error, UnknownWord)
+def interpret(
+    lines: Sequence[str],
+    limits: Limits = LINUXCNC,
+    bounds: Bounds = _BOUNDS,
+    given: Mapping[str, float] = _GIVEN,
+    narrow: bool = False,
+) -> ProgramRun:
+    """What the lines of a program do, to be replayed. limits: of its arcs. bounds: what is too much. given: what the
+    user says that no text holds. narrow: without what only foreign programs use. Never raises for a text.
+    """
+    on_off = not has_speed(lines)
+    m: Machine
+    if narrow:
+        m = Machine(limits, bounds, on_off)
+    else:
+        m = Foreign(limits, bounds, on_off, given=given, handlers=CODES, traced=TRACED)
+    stopped = perform(m, lines)
     return ProgramRun(
         tuple(m.body),
         tuple(m.lines),
         m.notes(),
         m.held,
         m.entry,
-        stopped,
-        unread,
+        stopped[:2] if stopped else None,
+        bool(stopped and stopped[2]),
         m.ended,
         "mm" if m.scale == 1.0 else "inch",
     )
 
 
-def _has_speed(lines: Sequence[str]) -> bool:
+def perform(
+    m: Machine, lines: Sequence[str], flow: bool = True, files: Mapping[str, int] = NO_FILES
+) -> tuple[int, str, bool] | None:
+    """Lets the machine do what the lines say: where it stopped, why, and whether for a code that is not known.
+
+    flow: whether O-words lead anywhere. files: by name, the line from 0 on which each begins.
+    """
+    try:
+        found = blocks(lines, flow, files)
+    except LineError as error:
+        what, line = error.args
+        return line, what, False
+    try:
+        play(m, lines, found)
+        m.finish()
+    except LineError as error:
+        return m.line, str(error), isinstance(error, UnknownWord)
+    return None
+
+
+def has_speed(lines: Sequence[str]) -> bool:
     """Whether any line has an S word: without one the spindle is a switch. The O-words sub and sin are none."""
     return any(("S" in raw or "s" in raw) and _SPEED.search(COMMENT.sub("", raw)) for raw in lines)
 
@@ -91,22 +114,26 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
 
     Raises LineError unless the machine takes that in (``Machine.refuse``).
     """
-    flow = Flow(found, Parameters(m.value))
+    flow = Flow(found, Parameters(m.value, m.takes), absent=m.miss)
+    m.inside = flow.depth
     remembered: dict[str, Line] = {}
     at, left = 0, len(lines) + m.bounds.gcode_steps
     m.most = len(lines) + m.bounds.gcode_motions
+    end = found.main or len(lines)
     while at < len(lines) and not m.ended:
+        if at >= end and not flow.calls:
+            return
         if m.is_settled():
-            after = read_plain(m, lines, at)
+            after = read_plain(m, lines, at, end if at < end else len(lines))
             left -= after - at
             at = m.line = after
-            if at == len(lines):
-                return
+            if at in (end, len(lines)):
+                continue
         m.line, left = at + 1, left - 1
         try:
             if left < 0:
                 steps = tell(m.bounds.gcode_steps)
-                raise LineError(f"the program has not ended after {steps} lines in loops (limits.gcode_steps)")
+                raise Endless(f"the program has not ended after {steps} lines in loops (limits.gcode_steps)")
             m.insist_on_size()
             at = _step(m, lines[at], at, flow, remembered)
         except LineError as error:
@@ -121,19 +148,23 @@ def _step(m: Machine, raw: str, at: int, flow: Flow, remembered: dict[str, Line]
         if not block.word and block.rest:
             raise LineError(f"cannot read {block.rest[:12]!r} after o{block.label}")
         return flow.after(at, block)
+    went = m.branch(raw)
+    if went:
+        return flow.find_number(went)
     line = remembered.get(raw)
     if line is None:
         text = m.bare(raw)
         if "%" in raw and raw.strip() == "%":
             m.ended, m.opened = m.opened, True
             return at + 1
-        line = words_of(text, flow.known)
+        line = m.words(text, flow.known)
         m.take(*line)
         # Outputs and cycles come again and again; what depends on parameters is read anew.
         if "#" not in text and len(remembered) < _KNOWN:
             remembered[raw] = line
+    m.leap = None
     _execute(m, line[0].copy(), line[1].copy())
-    return at + 1
+    return flow.leap(at, *m.leap) if m.leap else at + 1
 
 
 @lru_cache(maxsize=1000)
@@ -144,8 +175,9 @@ def _in_order(*groups: str) -> tuple[str, ...]:
 
 def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None:
     """The codes and words of one line, in the order of the manual."""
+    m.begin(found, words)
     if "F" in words or "feed mode" in found:
-        feed(m, words, found)
+        m.set_feed(words, found)
     if "S" in words or "T" in words:
         speed_and_tool(m, words, found)
     motion = found.pop("motion", "")
@@ -155,11 +187,12 @@ def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None
         if group in found:
             m.obey(group, found[group], words)
     if "machine coordinates" in found:
-        lift(m, motion, words)
+        m.lift(motion, words)
     if words or motion:
         move(m, motion, words)
     if "stop" in found:
-        stop(m, found["stop"])
+        m.stop(found["stop"])
+    m.end(found, words)
     words.pop("F", None)
     if words:
         letter, value = next(iter(words.items()))
@@ -169,6 +202,9 @@ def _execute(m: Machine, found: dict[str, str], words: dict[str, float]) -> None
 # O-words: which line opens what, and where it ends. Found once, before anything runs.
 
 _START = re.compile(r"[ \t]*/?[ \t]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO]")
+_PROGRAM = re.compile(r"[ \t%]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO][ \t]*([0-9]{1,9})(?![0-9])(?![ \t]*[a-zA-Z])")
+_NUMBERED = re.compile(r"[ \t]*/?[ \t]*[nN][ \t]*([0-9]{1,9})(?![0-9.])")
+_FILE = re.compile(r"[oO]?([0-9]{1,9})(?:\.[A-Za-z]+)?")
 _OWORD = re.compile(
     r"o(?:<([^<>]*)>|([0-9]+))"
     r"(sub|endsub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break|continue)?(.*)"
@@ -189,26 +225,52 @@ class Block(Struct):
 
 
 class Blocks(Struct):
-    """at: the O-words by line, from 0. subs: the line of each sub by its label."""
+    """at: the O-words by line, from 0. subs: the line of each sub by its label. numbers: of each program by its O, as
+    of each line by its N. main: where the first of several files ends, 0: there is one.
+    """
 
     at: dict[int, Block]
     subs: dict[str, int]
+    numbers: dict[str, int] = field(default_factory=dict)
+    main: int = 0
 
 
-def blocks(lines: Sequence[str]) -> Blocks:
-    """The O-words of a program. Raises LineError with ``line`` (1-based) in its arguments."""
+def blocks(lines: Sequence[str], flow: bool = True, files: Mapping[str, int] = NO_FILES) -> Blocks:
+    """The O-words of a program. Raises LineError with ``line`` (1-based) in its arguments.
+
+    flow: whether they lead anywhere, as LinuxCNC's do; else they are numbers of programs. files: by name, the line from
+    0 on which each begins.
+    """
     found = Blocks({}, {})
     opened: list[Block] = []
+    starts = sorted(files.values())
+    found.main = starts[1] if len(starts) > 1 else 0
     for number, raw in enumerate(lines):
         if ("o" in raw or "O" in raw) and _START.match(raw):
-            try:
-                _enter(found, opened, number, raw)
-            except LineError as wrong:
-                raise LineError(str(wrong), number + 1) from wrong
+            if flow:
+                try:
+                    _enter(found, opened, number, raw)
+                except LineError as wrong:
+                    raise LineError(str(wrong), number + 1) from wrong
+            _number(found, number, raw, flow)
+        elif line := _NUMBERED.match(raw):
+            found.numbers.setdefault(f"n{int(line[1])}", number)
+    for name, start in files.items():
+        if digits := _FILE.fullmatch(name):
+            found.numbers.setdefault(f"o{int(digits[1])}", start)
     if opened:
         block = opened[-1]
         raise LineError(f"o{block.label} {block.word} has no end", block.places[0] + 1)
     return found
+
+
+def _number(found: Blocks, number: int, raw: str, flow: bool) -> None:
+    """Keeps the number of a program: O1234 alone, or what follows it."""
+    program = _PROGRAM.match(raw)
+    if program:
+        found.numbers.setdefault(f"o{int(program[1])}", number)
+    if not flow:
+        found.at[number] = Block(program[1] if program else "", "", "")
 
 
 def _enter(found: Blocks, opened: list[Block], number: int, raw: str) -> None:
@@ -260,21 +322,32 @@ _MOST_ARGUMENTS = 30
 
 
 class _Call(Struct):
-    """A subroutine that runs: where it was called from, and what belonged to the caller."""
+    """A subroutine that runs: where it was called from, and what belonged to the caller. start, again: of a subprogram
+    (M98), where it begins and how often it runs once more. last: the line behind which it ends, -1: where it says so.
+    """
 
     back: int
     own: dict[int, float]
     named: dict[str, float]
     counts: dict[int, int]
+    start: int = 0
+    again: int = 0
 
 
 class Flow(Struct):
-    """calls: the subroutines that run. counts: rounds left of the repeats that run, by their line."""
+    """calls: the subroutines that run. counts: rounds left of the repeats that run, by their line. absent: is told of
+    what is called and is in no file.
+    """
 
     blocks: Blocks
     known: Parameters
+    absent: Callable[[str], None]
     calls: list[_Call] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
+
+    def depth(self) -> int:
+        """How many subroutines run."""
+        return len(self.calls)
 
     def after(self, at: int, block: Block) -> int:
         """The line (from 0) that runs after the O-word of line ``at``."""
@@ -342,7 +415,8 @@ class Flow(Struct):
 
     def _call(self, at: int, block: Block) -> int:
         if block.label not in self.blocks.subs:
-            raise LineError(f"o{block.label} call: the subroutine is not in this file")
+            self.absent(f"o{block.label} call: the subroutine is not in this file")
+            return at + 1
         if len(self.calls) >= _LEVELS:
             raise LineError(f"o{block.label} call: more than {_LEVELS} subroutines in each other")
         values = self._values(block, _MOST_ARGUMENTS)
@@ -350,6 +424,38 @@ class Flow(Struct):
         self.known.own = dict(enumerate(values, 1))
         self.known.named, self.counts = {}, {}
         return self.blocks.subs[block.label] + 1
+
+    def leap(self, at: int, code: str, number: float, times: int) -> int:
+        """The line that runs after M97, M98 or M99 in line ``at``. number: of the program or line. times: how often."""
+        if code == "M99":
+            return self._come_back(number)
+        start = self.blocks.numbers.get(f"{'n' if code == 'M97' else 'o'}{number:.0f}")
+        if start is None:
+            self.absent(f"{code} P{number:g}: the subprogram is not in this file")
+            return at + 1
+        if len(self.calls) >= _LEVELS:
+            raise LineError(f"{code} P{number:g}: more than {_LEVELS} subroutines in each other")
+        if times < 1:
+            return at + 1
+        known = self.known
+        self.calls.append(_Call(at + 1, known.own, known.named, self.counts, start + (code == "M98"), times - 1))
+        return self.calls[-1].start
+
+    def _come_back(self, number: float) -> int:
+        if not self.calls:
+            raise LineError("M99 outside a subprogram that was called")
+        call = self.calls[-1]
+        if call.again > 0:
+            call.again -= 1
+            return call.start
+        self.calls.pop()
+        return self.find_number(f"n{number:.0f}") if number else call.back
+
+    def find_number(self, name: str) -> int:
+        """The line (from 0) of a number of a line. LineError if there is none."""
+        if name not in self.blocks.numbers:
+            raise LineError(f"a jump to {name.upper()}, which no line has")
+        return self.blocks.numbers[name]
 
     def _return(self, block: Block) -> int:
         values = self._values(block, 2)

@@ -12,11 +12,18 @@ from camgen.model.part import Note, NoteKind
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Output, Packing, Wait
 from camgen.read.gcode.arcs import LINUXCNC, Limits, Piece
-from camgen.read.gcode.words import LineError, bare, not_read
+from camgen.read.gcode.words import Endless, Line, LineError, Parameters, bare, group_of, not_read, words_of
 
 #: G0 runs at the machine's own speed, which no text tells; an instruction needs a positive one, mm/s.
 RAPID = 100.0
 _BOUNDS = Bounds()
+#: Codes that this machine leaves to the one of foreign programs.
+_WIDER = frozenset(
+    ["G5", "G5.1", "G5.2", "G5.3", "G7", "G28", "G28.1", "G30", "G30.1", "G33", "G33.1", "G38.2", "G38.3", "G38.4",
+     "G38.5", "G41", "G41.1", "G42", "G42.1", "G43.1", "G43.2", "G52", "G74", "G76", "G84", "G87", "G88", "G92.3",
+     "G96", "M0", "M19", "M50", "M51", "M52", "M53", "M60", "M61", "M66", "M70", "M71", "M72", "M73", "M97", "M98",
+     "M99"]
+)  # fmt: skip
 AXES = "XYZ"
 ARCS = ("G2", "G3")
 
@@ -87,6 +94,10 @@ class Machine:
     opened: bool = False
     ended: bool = False
     lifted: bool = False
+    leap: tuple[str, float, int] | None = None  # M97, M98 or M99 of the line, its number, and how often
+    inside: Callable[[], int] = lambda: 0  # how many subroutines run
+    pause: float = 1.0  # seconds in 1 of P
+    fewest_holes: int = 1  # of one line, by L
     exact: Limits | None = None  # of arcs that nothing is said of; None: limits
 
     def bare(self, raw: str) -> str:
@@ -96,8 +107,52 @@ class Machine:
             self.note("assumed", "lines with / are run", "whether they are depends on a switch of the operator")
         return text
 
-    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
+    def words(self, text: str, known: Parameters) -> Line:
+        """The codes by group and the words of a bare line. Raises LineError."""
+        return words_of(text, known, self.group)
+
+    def group(self, code: str) -> str:
+        """The modal group of a code. Raises LineError."""
+        return group_of(code)
+
+    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (for what is stricter)
         """Looks at the words of a line before they act. Raises LineError."""
+        for code in codes.values():
+            if code in _WIDER:
+                raise not_read(code, "")
+
+    def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
+        """Takes out of a line what no modal group of the table decides. Raises LineError."""
+
+    def end(self, codes: Mapping[str, str], words: dict[str, float]) -> None:
+        """After all codes of a line. Raises LineError."""
+
+    def turn_axes(self, words: dict[str, float], code: str) -> None:  # noqa: ARG002 (for what knows more axes)
+        """Takes out the words of the axes that are no coordinates of the tip. Raises LineError."""
+        for letter in self.others:
+            if words.pop(letter, 0.0):
+                raise LineError(f"axis {letter} moves: only X, Y and Z are replayed")
+
+    def trace(self, code: str, words: dict[str, float]) -> bool:  # noqa: ARG002 (for what knows more motions)
+        """Does a motion that is no line, arc or hole; whether it is one. Raises LineError."""
+        return False
+
+    def lift(self, motion: str, words: dict[str, float]) -> None:
+        """G53. Raises LineError."""
+        lift(self, motion, words)
+
+    def stop(self, code: str) -> None:
+        """The codes that stop. Raises LineError."""
+        stop(self, code)
+
+    def set_feed(self, words: dict[str, float], codes: dict[str, str]) -> None:
+        """F, and how it counts. Raises LineError."""
+        feed(self, words, codes)
+
+    def insist_on_feed(self, code: str) -> None:
+        """Before a motion at feed. Raises LineError."""
+        if self.feed <= 0:
+            raise LineError(f"{code} without a feed (F)")
 
     def is_remark(self, raw: str) -> bool:  # noqa: ARG002 (for what is stricter)
         """Whether a line is a remark for sure, so that nothing comes of it."""
@@ -110,6 +165,34 @@ class Machine:
     def refuse(self, error: LineError) -> None:
         """Takes in that the line is wrong: nothing more is read."""
         raise error
+
+    def without_mode(self) -> None:
+        """Axis words stand where no motion code holds. Raises LineError."""
+        raise LineError("axis words without a motion code (G0, G1, G2, G3)")
+
+    def centre(self, absolute: Callable[[], list[Piece]], error: LineError) -> list[Piece]:  # noqa: ARG002
+        """What an arc is whose centre is wrong. absolute: with its centre in absolute coordinates. Raises LineError."""
+        raise error
+
+    def stands(self, what: str) -> None:
+        """The spindle does not turn as a motion needs it. Raises LineError."""
+        raise LineError(what)
+
+    def miss(self, what: str) -> None:
+        """A subroutine is in no file. Raises LineError."""
+        raise LineError(what)
+
+    def takes(self, key: int) -> bool:  # noqa: ARG002 (for what is wider)
+        """Whether a line may set this parameter of the machine."""
+        return False
+
+    def branch(self, raw: str) -> str:  # noqa: ARG002 (for what has macros)
+        """The number of the line, n10, that a line jumps to; "" for none. Raises LineError."""
+        return ""
+
+    def finish(self) -> None:
+        """At the end of the program."""
+        switch_off(self)
 
     def is_settled(self) -> bool:
         """Whether nothing but the words of a line decides what it does."""
@@ -131,7 +214,7 @@ class Machine:
     def insist_on_size(self) -> None:
         """LineError where the program has become longer than any that is meant."""
         if len(self.body) >= self.most:
-            raise LineError(f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)")
+            raise Endless(f"more than {tell(self.most)} instructions cannot be meant (limits.gcode_motions)")
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
         """Notes what the user should know, once, with the first line that it concerns."""
@@ -368,6 +451,10 @@ def speed_and_tool(m: Machine, words: dict[str, float], codes: dict[str, str]) -
             m.turn()
 
 
+def _nothing(m: Machine, code: str, words: dict[str, float]) -> None:
+    """What has no bearing on motions."""
+
+
 def lift(m: Machine, motion: str, words: dict[str, float]) -> None:
     """G53 G0 Z0 before anything else: to the top of the machine, wherever that is in the work frame.
 
@@ -508,8 +595,12 @@ HANDLERS: dict[str, Callable[[Machine, str, dict[str, float]], None]] = {
     "coolant off": _coolant,
     "override": _override,
     "dwell": _dwell,
+    "state": _nothing,
+    "spindle mode": _nothing,
     "plane": _plane,
     "units": _units,
+    "cutter compensation": _nothing,
+    "lathe radius": _nothing,
     "length offset": _length,
     "work offset": work_offset,
     "path": _path,

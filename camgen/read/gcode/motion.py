@@ -10,12 +10,12 @@ import numpy as np
 from camgen.geometry.arcs import span_lengths
 from camgen.model.limits import tell
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3
-from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Wait
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, Stop, Wait
 from camgen.read.gcode.arcs import Piece, pieces
 from camgen.read.gcode.machine import ARCS, AXES, RAPID, Machine, take_axes
 from camgen.read.gcode.words import LineError
 
-CYCLES = frozenset({"G73", "G81", "G82", "G83", "G85", "G86", "G89"})
+CYCLES = frozenset({"G73", "G74", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"})
 _CENTRES = "IJKR"
 
 
@@ -26,17 +26,17 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
         m.motion = code
     if m.motion not in CYCLES:
         m.level = None
-    for letter in m.others:
-        if words.pop(letter, 0.0):
-            raise LineError(f"axis {letter} moves: only X, Y and Z are replayed")
-    _polar(m, words)
+    m.turn_axes(words, code)
+    if m.trace(code, words):
+        return
+    polar(m, words)
     named = [axis for axis in AXES if axis in words]
     around = code in ARCS and any(letter in words for letter in _CENTRES)
     if not named and not around and code not in CYCLES:
         m.stand(code)
         return
     if not m.motion:
-        raise LineError("axis words without a motion code (G0, G1, G2, G3)")
+        m.without_mode()
     m.settle(code, words, m.motion in CYCLES)
     if m.motion in CYCLES:
         drill(m, words)
@@ -48,13 +48,13 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
         _work(m, axes, words)
 
 
-def _polar(m: Machine, words: dict[str, float]) -> None:
+def polar(m: Machine, words: dict[str, float]) -> None:
     """Radius (@) and angle (^, deg) about the origin as X and Y. One that is not given stays; in G91 they add up."""
     radius, angle = words.pop("@", None), words.pop("^", None)
     if radius is None and angle is None:
         return
-    if m.plane != "G17" or m.motion in CYCLES or "X" in words or "Y" in words:
-        raise LineError("a polar word (@, ^) outside G17, in a cycle, or beside X and Y")
+    if m.plane != "G17" or "X" in words or "Y" in words:
+        raise LineError("a polar word (@, ^) outside G17, or beside X and Y")
     x, y = ((m.at[axis] - m.shift[axis]) / m.scale for axis in (0, 1))
     here = math.hypot(x, y), math.degrees(math.atan2(y, x))
     if here[0] == 0 and (radius is None or angle is None or m.incremental):
@@ -81,8 +81,7 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
     if m.feed_mode == "G93" and "F" not in words:
         raise LineError(f"{m.motion} without F: with G93 every motion has its own")
     words.pop("F", None)
-    if m.feed <= 0:
-        raise LineError(f"{m.motion} without a feed (F)")
+    m.insist_on_feed(m.motion)
     m.start()
     start, last = m.here(), (end[0], end[1], end[2])
     m.at[:] = last  # also where the arc is refused and a stricter machine reads on
@@ -93,8 +92,20 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
                 words[letter] *= m.scale
                 if m.absolute_centre and letter != "R":
                     words[letter] += m.shift["IJK".index(letter)]
-        found = pieces(m.plane, m.motion, start, last, words, m.absolute_centre, m.scale != 1.0, m.limits)
+        found = _curve(m, start, last, words)
     m.pieces(found, _rate(m, start, found))
+
+
+def _curve(m: Machine, start: Vec3, end: Vec3, words: dict[str, float]) -> list[Piece]:
+    """An arc, and its words taken out."""
+    kept, inch = dict(words), m.scale != 1.0
+    try:
+        return pieces(m.plane, m.motion, start, end, words, m.absolute_centre, inch, m.limits)
+    except LineError as error:
+        for k, letter in enumerate("IJK"):
+            if letter in kept and not m.absolute_centre:
+                kept[letter] += m.shift[k]
+        return m.centre(lambda: pieces(m.plane, m.motion, start, end, kept, True, inch, m.limits), error)
 
 
 def _rate(m: Machine, start: Vec3, found: Sequence[Piece]) -> float:
@@ -102,10 +113,14 @@ def _rate(m: Machine, start: Vec3, found: Sequence[Piece]) -> float:
     if m.feed_mode == "G94":
         return m.feed
     if m.feed_mode == "G95":
-        if not m.speed or m.spindle == "M5":
-            raise LineError("a feed per turn (G95) while the spindle stands")
-        return m.feed * m.speed / 60.0
+        return _per_turn(m)
     return max(_length(start, found) * m.feed, 1e-6)
+
+
+def _per_turn(m: Machine) -> float:
+    if not m.speed or m.spindle == "M5":
+        m.stands("a feed per turn (G95) while the spindle stands")
+    return m.feed * (m.speed or 60.0) / 60.0
 
 
 def _length(start: Vec3, found: Sequence[Piece]) -> float:
@@ -125,13 +140,23 @@ def drill(m: Machine, words: dict[str, float]) -> None:
     """The holes of one line. Takes out the words used."""
     normal = _NORMAL[m.plane]
     depth = AXES[normal]
-    needed = (depth, "R", *_NEEDS.get(m.motion, ()))
-    for letter in needed:
+    count = _hold(m, (depth, "R", *_NEEDS.get(m.motion, ())), words)
+    m.insist_on_feed(m.motion)
+    if m.feed_mode == "G93":
+        raise LineError(f"{m.motion} with {m.feed_mode}: a cycle has a feed per minute here")
+    m.start()
+    if m.level is None:
+        m.level = m.at[normal]
+    _holes(m, normal, take_axes(m, words), count)
+
+
+def _hold(m: Machine, needed: tuple[str, ...], words: dict[str, float]) -> int:
+    """Takes out the words that hold on, of which those ``needed`` must be there; the number of holes."""
+    for letter in (*needed, *(_OPTIONAL if m.motion in _TAPS else "")):
         if letter in words:
-            scale = 1.0 if letter == "P" else m.scale
-            m.sticky[letter] = words.pop(letter) * scale
+            m.sticky[letter] = words.pop(letter) * (m.pause if letter == "P" else m.scale)
     count = words.pop("L", 1.0)
-    if count < 1 or count != int(count):
+    if count < m.fewest_holes or count != int(count):
         raise LineError(f"L{count:g} is no number of holes")
     if count > m.bounds.gcode_pieces:
         most = tell(m.bounds.gcode_pieces)
@@ -139,16 +164,12 @@ def drill(m: Machine, words: dict[str, float]) -> None:
     for letter in needed:
         if letter not in m.sticky:
             raise LineError(f"{m.motion} without {letter}")
-    if m.feed <= 0:
-        raise LineError(f"{m.motion} without a feed (F)")
-    if m.feed_mode != "G94":
-        raise LineError(f"{m.motion} with {m.feed_mode}: a cycle has a feed per minute here")
-    m.start()
-    if m.level is None:
-        m.level = m.at[normal]
-    _holes(m, normal, take_axes(m, words), int(count))
+    return int(count)
 
 
+#: Cycles that turn the spindle back or stop it, with words that they may have.
+_TAPS = frozenset({"G74", "G84", "G87", "G88"})
+_OPTIONAL = "PQIJK"
 _NEEDS = {"G73": ("Q",), "G83": ("Q",), "G82": ("P",), "G86": ("P",), "G89": ("P",)}
 
 
@@ -191,7 +212,7 @@ def _to(m: Machine, axis: int, value: float) -> None:
 def _in(m: Machine, axis: int, value: float) -> None:
     end = list(m.at)
     end[axis] = value
-    m.pieces([(None, (end[0], end[1], end[2]))], m.feed)
+    m.pieces([(None, (end[0], end[1], end[2]))], m.feed if m.feed_mode == "G94" else _per_turn(m))
 
 
 def _plain(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
@@ -255,9 +276,36 @@ def _seconds(m: Machine) -> float:
     return seconds
 
 
+def _tap(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
+    """In, the spindle turns back, out."""
+    turning = m.spindle
+    if turning != {"G84": "M3", "G74": "M4"}[m.motion]:
+        m.stands(f"{m.motion} while the spindle stands or turns the other way")
+    _in(m, axis, bottom)
+    m.spindle = "M3" if turning == "M4" else "M4"
+    m.turn()
+    if m.sticky.get("P"):
+        m.add(Wait(_seconds(m)))
+    _in(m, axis, retract)
+    m.spindle = turning
+    m.turn()
+    if clear != retract:
+        _to(m, axis, clear)
+
+
+def _by_hand(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
+    """G88 waits for the operator at the bottom, G87 turns its boring bar aside: both are shown as a hole."""
+    _in(m, axis, bottom)
+    if m.sticky.get("P"):
+        m.add(Wait(_seconds(m)))
+    if m.motion == "G88":
+        m.add(Stop())
+    _to(m, axis, clear)
+
+
 _ONE: dict[str, Callable[[Machine, int, float, float, float], None]] = {
     "G73": _peck, "G81": _plain, "G82": _dwelling, "G83": _peck, "G85": _bore, "G86": _stop,
-    "G89": _bore_dwelling,
+    "G89": _bore_dwelling, "G74": _tap, "G84": _tap, "G87": _by_hand, "G88": _by_hand,
 }  # fmt: skip
 
 
@@ -266,8 +314,8 @@ _ONE: dict[str, Callable[[Machine, int, float, float, float], None]] = {
 _ARC_DIGITS = ("2", "3")
 
 
-def read_plain(m: Machine, lines: Sequence[str], at: int) -> int:
-    """Reads the lines from ``at`` (from 0) on, up to one that is not plain; the place of that one.
+def read_plain(m: Machine, lines: Sequence[str], at: int, bound: int) -> int:
+    """Reads the lines from ``at`` (from 0) on, up to one that is not plain or to ``bound``; the place of that one.
 
     For a machine that is settled. What is odd about a line is left to the long way, which says what it is.
     """
@@ -276,7 +324,7 @@ def read_plain(m: Machine, lines: Sequence[str], at: int) -> int:
     unit, (sx, sy, sz), blend, force = m.scale, m.shift, m.blend, m.force
     last, feed, (x, y, z) = m.motion[1:], m.feed, m.at
     cut = False
-    for place in range(at, len(lines)):
+    for place in range(at, bound):
         plain = match(lines[place])
         if plain is None:
             if m.is_remark(lines[place]):
@@ -307,7 +355,7 @@ def read_plain(m: Machine, lines: Sequence[str], at: int) -> int:
         rows.append(place + 1)
         last, feed, (x, y, z) = digit, rate, end
     else:
-        place = len(lines)
+        place = bound
     if body:
         m.body.extend(body)
         m.motion, m.feed, m.at[:] = f"G{last}", feed, (x, y, z)

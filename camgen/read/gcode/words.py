@@ -17,6 +17,10 @@ class UnknownWord(LineError):
     """A line that may be right, but has a word that is not read."""
 
 
+class Endless(LineError):
+    """A program that does not end, or becomes longer than any that is meant."""
+
+
 # Numbers, parameters and expressions of LinuxCNC, as its manual's overview defines them. Angles in degrees.
 
 _OPERATOR = re.compile(r"\*\*|[*/+-]|mod|eq|ne|gt|ge|lt|le|and|or|xor")
@@ -33,9 +37,12 @@ _MOST_GLOBALS = 100_000
 
 @dataclass(slots=True)
 class Parameters:
-    """Values by number and by name. machine: tells those that the state of the machine decides, by number or name."""
+    """Values by number and by name. machine: tells those that the state of the machine decides, by number or name.
+    takes: tells which of its numbers a line may set all the same.
+    """
 
     machine: Callable[[str], float | None]
+    takes: Callable[[int], bool] = lambda _: False
     numbered: dict[int, float] = field(default_factory=dict)
     shared: dict[str, float] = field(default_factory=dict)
     own: dict[int, float] = field(default_factory=dict)
@@ -55,6 +62,8 @@ class Parameters:
             return self.own.get(key, 0.0)
         if key <= GLOBALS:
             return self.numbered.get(key, 0.0)
+        if key in self.numbered:
+            return self.numbered[key]
         value = self.machine(str(key))
         if value is None:
             raise LineError(f"#{key} is a value of the machine, which is not known here")
@@ -66,7 +75,7 @@ class Parameters:
             if self.machine(key) is not None:
                 raise LineError(f"#<{key}> cannot be set")
             (self.shared if key.startswith("_") else self.named)[key] = value
-        elif key < 1 or key > GLOBALS:
+        elif key < 1 or (key > GLOBALS and not self.takes(key)):
             raise LineError(f"#{key} is a value of the machine and is not set here")
         else:
             (self.own if key <= LOCALS else self.numbered)[key] = value
@@ -222,33 +231,36 @@ def _function(name: str, text: str, at: int, known: Parameters, depth: int) -> t
 #: Codes by modal group, as the LinuxCNC manual lists them: two of one group in a line contradict each other.
 _GROUPS = {
     "cycle off": "G80",
-    "motion": "G0 G1 G2 G3 G73 G81 G82 G83 G85 G86 G89",
+    "motion": "G0 G1 G2 G3 G5 G5.1 G5.2 G5.3 G33 G33.1 G38.2 G38.3 G38.4 G38.5 G73 G74 G76 G81 G82 G83 G84 G85 G86 G87 "
+    "G88 G89",
     "plane": "G17 G18 G19",
     "distance": "G90 G91",
     "arc distance": "G90.1 G91.1",
     "feed mode": "G93 G94 G95",
     "units": "G20 G21",
-    "cutter compensation": "G40",
-    "length offset": "G43 G49",
+    "cutter compensation": "G40 G41 G41.1 G42 G42.1",
+    "length offset": "G43 G43.1 G43.2 G49",
     "return level": "G98 G99",
     "work offset": "G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3",
     "path": "G61 G61.1 G64",
-    "spindle mode": "G97",
-    "offsets": "G10 G92 G92.1 G92.2",
+    "spindle mode": "G96 G97",
+    "offsets": "G10 G28 G28.1 G30 G30.1 G52 G92 G92.1 G92.2 G92.3",
     "dwell": "G4",
-    "lathe radius": "G8",
-    "stop": "M1 M2 M30",
-    "outputs": "M62 M63 M64 M65 M67 M68",
-    "tool change": "M6",
-    "spindle": "M3 M4 M5",
-    "override": "M48 M49",
+    "lathe radius": "G7 G8",
+    "stop": "M0 M1 M2 M30 M60",
+    "outputs": "M62 M63 M64 M65 M66 M67 M68",
+    "tool change": "M6 M61",
+    "spindle": "M3 M4 M5 M19",
+    "override": "M48 M49 M50 M51 M52 M53",
     "machine coordinates": "G53",
+    "state": "M70 M71 M72 M73",
+    "subprogram": "M97 M98 M99",
 }
-_GROUP = {code: group for group, codes in _GROUPS.items() for code in codes.split()}
+GROUP = {code: group for group, codes in _GROUPS.items() for code in codes.split()}
 #: M7 and M8 may stand in one line.
-_GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
+GROUP |= {"M7": "mist", "M8": "flood", "M9": "coolant off"}
 
-#: Codes that are not read, by why; in the second part those that only a stricter reader turns down.
+#: Codes that a stricter reader does not take, by why.
 _UNKNOWN = {
     "goes to a position that the machine stores": "G28 G28.1 G30 G30.1",
     "cutter compensation: the controller moves the path by the radius of the tool": "G41 G41.1 G42 G42.1",
@@ -267,19 +279,19 @@ _UNKNOWN = {
     "a subprogram of other controllers": "M97 M98 M99",
     "sets the number of the tool": "M61",
     "keeps or restores the modes": "M70 M71 M72 M73",
-} | {
     "goes to machine coordinates, which are not known here": "G53",
     "a drilling cycle": "G73 G81 G82 G83 G85 G86 G89",
     "shifts the origin": "G10 G92 G92.1 G92.2",
     "a feed mode other than mm/min": "G93 G95",
     "stops where the operator wants it": "M1",
-}  # fmt: skip
+}
 _WHY = {code: why for why, codes in _UNKNOWN.items() for code in codes.split()}
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
 #: A comment in parentheses, or one that runs to the end of the line.
 COMMENT = re.compile(r"\(([^()]*)\)|;.*")
 _NUMBERED = re.compile(r"n[0-9]+(?:\.[0-9]*)?")
-_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^")
+_BLANKS = str.maketrans("", "", " \t\r\f\v")
+_LETTERS = frozenset("abcdefghijklmpqrstuvwxyz@^$")
 #: Numbers beyond this are no machine's. mm, mm/min, rpm.
 _HUGE = 1e7
 
@@ -297,7 +309,7 @@ def bare(raw: str) -> str:
         if re.search(r"\(\s*(?:probeopen|abort)\b", raw, re.IGNORECASE):
             raise LineError("an active comment that stops or probes")
         raw = without_comments(raw)
-    return without_number("".join(raw.split()).lower().removeprefix("/"))
+    return without_number(raw.translate(_BLANKS).lower().removeprefix("/"))
 
 
 def without_comments(raw: str) -> str:
@@ -318,8 +330,19 @@ def without_number(text: str) -> str:
     return text[numbered.end() :]
 
 
-def words_of(text: str, known: Parameters) -> Line:
-    """Codes by group and words by letter of a bare line; parameters are set when all is read. Raises LineError."""
+def group_of(code: str) -> str:
+    """The modal group of a code. UnknownWord for one that is in none."""
+    group = GROUP.get(code)
+    if group is None:
+        raise not_read(code, "not a code that is known")
+    return group
+
+
+def words_of(text: str, known: Parameters, group: Callable[[str], str] = group_of) -> Line:
+    """Codes by group and words by letter of a bare line; parameters are set when all is read. Raises LineError.
+
+    group: tells that of a code.
+    """
     codes: dict[str, str] = {}
     words: dict[str, float] = {}
     setting: list[tuple[int | str, float]] = []
@@ -341,7 +364,7 @@ def words_of(text: str, known: Parameters) -> Line:
             written = number[0][:12] if number else f"{value:g}"
             raise LineError(f"word {letter.upper()}{written} is out of range")
         if letter in "gm":
-            _code(codes, letter.upper(), value)
+            _code(codes, _name(letter.upper(), value), group)
         elif letter.upper() in words:
             raise LineError(f"word {letter.upper()} twice in one line")
         else:
@@ -351,11 +374,8 @@ def words_of(text: str, known: Parameters) -> Line:
     return codes, words
 
 
-def _code(codes: dict[str, str], letter: str, number: float) -> None:
-    code = _name(letter, number)
-    group = _GROUP.get(code)
-    if group is None:
-        raise not_read(code, "not a code that is known")
+def _code(codes: dict[str, str], code: str, group_of: Callable[[str], str]) -> None:
+    group = group_of(code)
     if group in codes:
         raise LineError(f"{codes[group]} and {code} are of one group ({group})")
     codes[group] = code

@@ -1,0 +1,338 @@
+"""What the codes of foreign programs do that are no motions: tools, lengths, stored places, kept modes, waits."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from camgen.model.program import ToolChange, Wait
+from camgen.read.gcode.foreign import Foreign, Handler
+from camgen.read.gcode.machine import AXES, HANDLERS, set_offsets, take_axes, work_offset
+from camgen.read.gcode.motion import target
+from camgen.read.gcode.words import LineError, UnknownWord
+
+_POINTED = re.compile(r"p[ \t]*[0-9]*\.", re.IGNORECASE)
+#: What M70 and M73 keep, and M72 brings back (LinuxCNC manual).
+_MODES = (
+    "unit", "incremental", "absolute_centre", "plane", "blend", "feed_mode", "feed", "to_start", "length", "side",
+)  # fmt: skip
+#: A lathe's spindle turns no faster at the centre than this, where the program names no limit.
+_MOST_TURNS = 3000.0
+
+
+def _change(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """M6, and M61 which only says what tool is in."""
+    if code == "M61":
+        m.changed_to = int(words.pop("Q", 0.0))
+        return
+    if m.tool is None:
+        m.find("refused", "M6 without a tool (T)") if not m.dialect.open else m.tell(
+            "left out", "M6 without a tool (T)"
+        )
+        return
+    if not m.judging:
+        HANDLERS["tool change"](m, code, words)
+        return
+    if m.spindle != "M5":
+        m.spindle = "M5"
+        m.turn()
+    number = m.changed_to = m.tool
+    diameter = m.radii[number] * 2 if number in m.radii else m.given.get(f"tool.{number}.diameter", 0.0)
+    if not m.marks or number not in m.tools:
+        m.tools.append(number)
+    m.marks.append((len(m.body), number, m.work))
+    m.add(ToolChange(number, f"T{number}", diameter, m.given.get(f"tool.{number}.length", 0.0)))
+
+
+def _length(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G43 and its kin: z is that of the tip, whatever the length."""
+    m.length = "G49" if code == "G49" else "G43"
+    if code == "G49":
+        words.pop("H", None)
+        return
+    words.pop("H", None)
+    if code == "G43.1":
+        for letter in "XYZ":
+            words.pop(letter, None)
+    m.reached = True
+    if m.judging:
+        m.assume("z is that of the tip of the tool: its length (G43) is in no program", "", 0.0)
+    else:
+        m.note("assumed", "the length of the tool (G43) is that of the job", "z is that of its tip")
+
+
+def _spindle(m: Foreign, code: str, words: dict[str, float]) -> None:
+    if code == "M19":
+        words.pop("R", None), words.pop("P", None)
+        m.tell("left out", "M19 turns the spindle to an angle")
+        return
+    words.pop("$", None)
+    HANDLERS["spindle"](m, code, words)
+
+
+def _surface(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G96: S is the speed of the surface, m/min or feet/min, at the diameter where the tool is."""
+    if code == "G97":
+        return
+    most = words.pop("D", m.most_turns) or _MOST_TURNS
+    across = 2 * math.pi * max(abs(m.at[0]), 1e-6)
+    surface = (m.speed or 0.0) * (304.8 if m.scale != 1.0 else 1000.0)
+    m.speed = min(most, surface / across)
+    m.assume(f"the spindle turns at {m.speed:.0f} rpm where the surface speed begins (G96)", "", m.speed)
+
+
+def _outputs(m: Foreign, code: str, words: dict[str, float]) -> None:
+    if code != "M66":
+        HANDLERS["outputs"](m, code, words)
+        return
+    name = f"din{words.pop('P'):.0f}" if "P" in words else f"ain{words.pop('E', 0.0):.0f}"
+    waits, _ = words.pop("L", 0.0), words.pop("Q", 0.0)
+    if not m.judging:
+        raise UnknownWord("M66 is not read: waits for an input")
+    default = {3.0: 1.0, 1.0: 1.0}.get(waits, 0.0)
+    value = m.assume(f"{name} is {default:g}" + (", and its wait over at once" if waits else ""), name, default)
+    m.homes["5399"] = value
+
+
+def _dwell(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG001 (as all handlers)
+    """G4: P in the unit of the controller, X and U of Fanuc and S of printers in s."""
+    scale = 1.0 if _POINTED.search(m.raw) and m.dialect.name.startswith("fanuc") else m.dialect.dwell
+    if "P" not in words and m.dialect.open:
+        for letter in "SXU":
+            if letter in words and not (letter == "S" and not m.dialect.extruder):
+                words["P"], scale = words.pop(letter), 1.0
+        if "P" not in words:
+            return
+    seconds = words.pop("P", -1.0) * scale
+    if seconds < 0:
+        raise LineError("G4 without its seconds (P)")
+    if seconds >= 100:
+        m.note(
+            "warning", f"G4 P{seconds / scale:g} waits for {seconds:g} s", "some controllers mean ms; these are seconds"
+        )
+    m.add(Wait(seconds))
+
+
+def _state(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG001 (as all handlers)
+    """M70 and M73 keep the modes, M72 brings them back, M71 forgets them."""
+    if code in ("M70", "M73"):
+        m.saved.append(tuple(getattr(m, name) for name in _MODES))
+        del m.saved[:-50]
+    elif m.saved:
+        kept = m.saved.pop()
+        if code == "M72":
+            for name, value in zip(_MODES, kept, strict=True):
+                setattr(m, name, value)
+
+
+def _override(m: Foreign, code: str, words: dict[str, float]) -> None:
+    words.pop("P", None)
+    if code == "M49" and not m.judging:
+        HANDLERS["override"](m, code, words)
+    m.tell("overrides", code)
+
+
+def _diameter(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG001 (as all handlers)
+    m.lathe = code == "G7"
+
+
+def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
+    if code == "G40":
+        m.side = 0
+        return
+    words.pop("L", None)
+    number, right = words.pop("D", None), code.startswith("G42")
+    if not m.judging:
+        why = "cutter compensation: the controller moves the path by the radius of the tool"
+        raise UnknownWord(f"{code} is not read: {why}")
+    name = m.changed_to or 0 if number is None else int(number)
+    what = f"{code}: the path is run as programmed, the tool on it; the diameter of tool {name}, mm, is in no program"
+    m.assume(what, f"tool.{name}.diameter", 0.0)
+    m.side = -1 if right else 1
+
+
+# Places that the machine stores.
+
+
+def _shift(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G52 and G92.3: the shift of the origin, whatever it was."""
+    given = dict(enumerate(m.suspended)) if code == "G92.3" else take_axes(m, words)
+    for axis, value in given.items():
+        m.shift[axis] += value - (m.shifted[axis] or 0.0)
+        m.shifted[axis] = value
+
+
+def _read_as(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G92: of the axes that turn too; with E alone it counts filament, with S alone it limits the spindle."""
+    for letter in m.others:
+        if letter in words:
+            m.rotary[letter] = words.pop(letter)
+    if any(axis in words for axis in AXES):
+        set_offsets(m, code, words)
+    elif m.dialect.increments and m.speed:
+        m.tell("left out", "G92 S limits the spindle")
+    elif not (m.rotary or m.dialect.extruder):
+        m.find("refused", "G92 without an axis")
+
+
+def _cancel(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G92.1 and G92.2; the second keeps the shift for G92.3."""
+    m.suspended[:] = [by or 0.0 for by in m.shifted]
+    if None in m.shifted and m.judging:
+        m.assume(f"{code} after a G92 at a position that the program does not say: the origin stays", "", 0.0)
+        m.shifted[:] = [by or 0.0 for by in m.shifted]
+    set_offsets(m, code, words)
+
+
+def _set(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G10: work offsets, and the tool table, of which the radius is kept."""
+    if words.get("L") in (2.0, 20.0):
+        if "R" in words and words["R"] == 0:
+            del words["R"]
+        for letter in m.others:
+            words.pop(letter, None)
+        set_offsets(m, code, words)
+        return
+    number = int(words.pop("P", 0.0))
+    if not m.judging:
+        kind = words.get("L", 0.0)
+        raise LineError(f"G10 L{kind:g} changes the tool table, which is not known here")
+    if "R" in words and words.get("L") in (1.0, 10.0, 11.0):
+        m.radii[number] = words["R"] * m.scale
+    m.tell("tables of the machine", f"G10 L{words.get('L', 0.0):g} P{number}")
+    words.clear()
+
+
+def _home(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G28 and G30: by way of the axis words to where the machine stores; the .1 store where the tool is."""
+    name = code.partition(".")[0].lower()
+    if "." in code:
+        for k, axis in enumerate(AXES):
+            if m.known[k]:
+                m.homes[f"{name}.{axis.lower()}"] = m.at[k]
+            words.pop(axis, None)
+        return
+    for letter in [*m.others, *(letter for letter in "ORLPW" if m.dialect.extruder)]:
+        words.pop(letter, None)
+    named = [k for k, axis in enumerate(AXES) if axis in words] or [0, 1, 2]
+    if m.dialect.homes:
+        _zero(m, named, words)
+        return
+    if any(axis in words for axis in AXES):
+        end = target(m, words)
+        if any(m.known[k] for k in named) and end != m.at:
+            m.rapid(end, () if m.incremental else named)
+    go_away(m, name, code, named, m.homes)
+
+
+def _zero(m: Foreign, named: list[int], words: dict[str, float]) -> None:
+    """Homing of a printer: to the origin."""
+    for axis in AXES:
+        words.pop(axis, None)
+    end = list(m.at)
+    for k in named:
+        axis = AXES[k].lower()
+        end[k] = m.assume(f"G28: {axis.upper()} is at home at 0", f"g28.{axis}", 0.0)
+        m.shift[k] = 0.0
+    m.rapid(end, named)
+
+
+def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: dict[str, float]) -> None:
+    """Axes to places that the user says, or the program has stored; else Z goes up, and X and Y are not shown.
+
+    name: what the keys begin with.
+    """
+    end, told = list(m.at), []
+    for k in axes:
+        axis = AXES[k].lower()
+        key = f"{name}.{axis}"
+        if key in stored or key in m.given:
+            end[k] = stored[key] if key in stored else m.assume(f"{code}: {AXES[k]} is at", key, m.given[key])
+            m.known[k] = True
+            m.adrift.discard(k)
+            told.append(k)
+        elif not m.begun or not m.known[k]:
+            m.known[k], m.lifted = False, m.lifted or k == 2
+            m.assume(
+                f"{code}: {AXES[k]} goes to a position that the machine stores; it is shown from the next word on",
+                key,
+                0.0,
+            )
+        elif k == 2:
+            end[k] = m.assume(
+                f"{code}: Z goes up to a position that the machine stores, mm; the highest so far is taken",
+                key,
+                m.top(),
+            )
+            m.adrift.add(k)
+            told.append(k)
+        else:
+            m.assume(f"{code}: {AXES[k]} goes to a position that the machine stores, which is not shown", key, 0.0)
+            m.adrift.add(k)
+    if told and (m.begun or all(m.known)):
+        m.rapid(end, told)
+
+
+def lift(m: Foreign, motion: str, words: dict[str, float]) -> None:
+    """G53: a motion in machine coordinates. Where their zero lies in the work frame the user may say (machine.z)."""
+    if m.incremental and not m.dialect.open:
+        raise LineError("G53 among increments (G91)")
+    if m.dialect.open and not any(axis in words for axis in AXES):
+        return
+    if motion not in ("", "G0", "G1") or (not motion and m.motion not in ("G0", "G1")):
+        raise LineError("G53 without G0 or G1")
+    m.motion = motion or m.motion
+    for letter in m.others:
+        words.pop(letter, None)
+    axes = {k: words.pop(axis) * m.scale for k, axis in enumerate(AXES) if axis in words}
+    if not axes:
+        return
+    known = {f"machine.{AXES[k].lower()}": m.given[f"machine.{AXES[k].lower()}"] + value for k, value in axes.items()
+             if f"machine.{AXES[k].lower()}" in m.given}  # fmt: skip
+    go_away(m, "machine", "G53", list(axes), known)
+
+
+def _work(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G54 to G59.3: another frame, of which only the machine knows where it is."""
+    words.pop("P", None)
+    before = m.work or "G54"
+    known = [
+        None not in (a, b) for a, b in zip(m.works.get(before, [None] * 3), m.works.get(code, [None] * 3), strict=True)
+    ]
+    if not m.judging or code == before or all(known):
+        work_offset(m, code, words)
+    else:
+        m.work = code
+        if any(m.known):
+            m.assume(f"{code} after motions in {before}: each is shown in its own coordinates", "", 0.0)
+            m.adrift.update((0, 1, 2))
+    if m.judging and (not m.marks or m.marks[-1][2] != m.work):
+        m.marks.append((len(m.body), m.changed_to or 0, m.work))
+
+
+_OFFSETS: dict[str, Handler] = {
+    "G10": _set, "G28": _home, "G28.1": _home, "G30": _home, "G30.1": _home, "G52": _shift, "G92": _read_as,
+    "G92.1": _cancel, "G92.2": _cancel, "G92.3": _shift,
+}  # fmt: skip
+
+
+def _move_origin(m: Foreign, code: str, words: dict[str, float]) -> None:
+    _OFFSETS[code](m, code, words)
+
+
+CODES: dict[str, Handler] = {
+    **HANDLERS,
+    "tool change": _change,
+    "length offset": _length,
+    "spindle": _spindle,
+    "spindle mode": _surface,
+    "outputs": _outputs,
+    "dwell": _dwell,
+    "state": _state,
+    "override": _override,
+    "lathe radius": _diameter,
+    "cutter compensation": _compensate,
+    "offsets": _move_origin,
+    "work offset": _work,
+    "machine coordinates": lift,
+}

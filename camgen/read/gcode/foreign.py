@@ -1,0 +1,504 @@
+"""The machine that runs programs of others: all that their controllers take; what no text holds is an assumption.
+
+Replay stops at the first line that cannot be run. Who judges (``judging``) gathers what is wrong, and goes on.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from camgen.model.part import NoteKind
+from camgen.model.pose import TOOL_DOWN, Pose
+from camgen.model.program import MoveL, Stop, Wait
+from camgen.read.gcode.arcs import Piece
+from camgen.read.gcode.dialects import LINUXCNC, Dialect
+from camgen.read.gcode.machine import AXES, Machine, feed, stop
+from camgen.read.gcode.motion import CYCLES
+from camgen.read.gcode.words import Endless, Line, LineError, Parameters, UnknownWord, bare, not_read, without_number
+from camgen.read.programs import Assumption, Finding, Level
+
+#: Feed where a machine has one of its own and the text says none, mm/min.
+FEED = 600.0
+_ROTARY = "ABC"
+#: A wait this long is ms that are read as s, more often than not.
+_LONG = 100.0
+_TEXT = re.compile(r"[ \t]*(?:[nN][0-9]+)?[ \t]*[mM](?:117|118|23|28|30|32|98[ \t]*P\")\b[^;]*[A-Za-z]{3}")
+_MACRO = re.compile(r"[ \t]*[A-Za-z_]{3,}(?![\[#])|[ \t]*\{")
+_BLANKS = str.maketrans("", "", " \t\r\f\v")
+_QUOTED = re.compile(r'"[^"]*"?')
+_TEXTS = re.compile(r"^([ \t]*(?:[nN][0-9]+[ \t]*)?[mM][0-9.]+).*[A-Za-z]{2}.*")
+_FLAG = re.compile(r"([A-Za-z])(?=[ \t]*(?:[A-Za-z]|$))")
+_LOGS = re.compile(r"[ \t]*\([ \t]*(?:probeopen|probeclose)\b", re.IGNORECASE)
+_PARTS = dict(zip("UVW", AXES, strict=True))
+
+#: What needs a probe, a spindle that keeps step, or the radius of the old tool.
+_NOT_REPLAYED = frozenset(
+    ["G7", "G33", "G33.1", "G38.2", "G38.3", "G38.4", "G38.5", "G41", "G41.1", "G42", "G42.1", "G74", "G76", "G84",
+     "G87", "G88", "G96", "M19", "M66"]
+)  # fmt: skip
+
+Handler = Callable[["Foreign", str, dict[str, float]], None]
+
+
+@dataclass(slots=True, kw_only=True)
+class Foreign(Machine):
+    """The machine of a foreign program.
+
+    dialect: of its controller. given: what the user says, by name. judging: see above. handlers: of the codes by modal
+    group. traced: the motions that are no lines, arcs and holes, by code. findings, assumed, facts: as in ``Executed``,
+    the facts by label, what and first line. raw: the line as it stands. homes: places that the program stores (G28.1),
+    by code and axis. adrift: axes that have gone where no text says. tools: those that were changed to. radii: of
+    tools, by the tool table. rotary: where the axes A B C stand, deg. filament: mm. saved: modes that were kept. side:
+    of cutter compensation, 1 left, -1 right, 0 off. marks: how many instructions stood before each frame. lathe: X is
+    a diameter. cutting: at the greatest surface speed. reached: G43 has come.
+    """
+
+    dialect: Dialect = LINUXCNC
+    given: Mapping[str, float] = field(default_factory=dict)
+    judging: bool = False
+    handlers: Mapping[str, Handler] = field(default_factory=dict)
+    traced: Mapping[str, Handler] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    assumed: dict[tuple[str, str], Assumption] = field(default_factory=dict)
+    facts: dict[str, dict[str, int]] = field(default_factory=dict)
+    raw: str = ""
+    homes: dict[str, float] = field(default_factory=dict)
+    adrift: set[int] = field(default_factory=set)
+    tools: list[int] = field(default_factory=list)
+    radii: dict[int, float] = field(default_factory=dict)
+    rotary: dict[str, float] = field(default_factory=dict)
+    filament: float = 0.0
+    at_filament: float = 0.0
+    filament_adds: bool = False
+    saved: list[tuple[object, ...]] = field(default_factory=list)
+    side: int = 0
+    radius: float = 0.0
+    marks: list[tuple[int, int, str]] = field(default_factory=list)
+    lathe: bool = False
+    most_turns: float = 0.0
+    reached: bool = False
+    left_on: list[str] = field(default_factory=list)
+    control: list[tuple[tuple[float, float], float]] = field(default_factory=list)
+    order: int = 3
+    going_on: tuple[float, float] | None = None
+    suspended: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    warned: set[str] = field(default_factory=set)
+
+    # What is told.
+
+    def without_mode(self) -> None:
+        """Axis words before any motion code: controllers begin with G0, but LinuxCNC's own."""
+        if not (self.judging and self.dialect.open):
+            Machine.without_mode(self)
+        self.assume("axis words without a motion code are run as G0", "", 0.0)
+        self.motion = "G0"
+
+    def centre(self, absolute: Callable[[], list[Piece]], error: LineError) -> list[Piece]:
+        """An arc that is none by its centre from the start: some controllers are set to absolute ones."""
+        if not (self.judging and self.dialect.open):
+            raise error
+        try:
+            found = absolute()
+        except LineError:
+            raise error from None
+        self.find(
+            "unusual", "the centre of the arc fits in absolute coordinates alone (G90.1); it is read so", "centre"
+        )
+        return found
+
+    def find(self, level: Level, what: str, once: str = "") -> None:
+        """Says what is wrong with the line. once: the kind of it, of which one is enough. LineError in a replay."""
+        if level == "refused" and not self.judging:
+            raise LineError(what)
+        if once and once in self.warned:
+            return
+        self.warned.add(once)
+        self.findings.append(Finding(level, self.line, what))
+
+    def assume(self, what: str, key: str, value: float, why: str = "") -> float:
+        """What the user says of ``key``, else ``value``; told either way."""
+        taken = self.given.get(key, value)
+        if self.judging:
+            self.assumed.setdefault(
+                (key or what, what), Assumption(self.line, what + (f" ({why})" if why else ""), key, taken)
+            )
+        else:
+            self.note("assumed", what, why)
+        return taken
+
+    def tell(self, label: str, what: str) -> None:
+        """Something that stands in the program and moves nothing."""
+        self.facts.setdefault(label, {}).setdefault(what, self.line)
+
+    def note(self, kind: NoteKind, what: str, why: str = "") -> None:
+        """What a replay notes is an assumption, a fact or a finding to who judges."""
+        if not self.judging:
+            Machine.note(self, kind, what, why)
+        elif kind == "assumed":
+            self.assumed.setdefault((what, what), Assumption(self.line, f"{what} ({why})" if why else what))
+        elif kind == "skipped":
+            self.tell("left out", what)
+        else:
+            self.find("unusual", f"{what}: {why}" if why else what, what)
+
+    def refuse(self, error: LineError) -> None:
+        """Who judges goes on behind a line that the controller refuses, not behind one that is not understood."""
+        if not self.judging or isinstance(error, UnknownWord | Endless):
+            raise error
+        self.find("refused", str(error))
+
+    def stands(self, what: str) -> None:
+        """A spindle that does not turn as it should is refused."""
+        self.find("refused", what)
+
+    def miss(self, what: str) -> None:
+        """A subroutine in another file is left out by who judges."""
+        if not self.judging:
+            raise LineError(what)
+        self.assume(f"{what}; it is left out", "", 0.0)
+
+    # What stands in a line.
+
+    def bare(self, raw: str) -> str:
+        """The line without all that is no word, as its controller reads it."""
+        self.raw, dialect = raw, self.dialect
+        if raw.startswith("\ufeff") or raw.startswith("\xef\xbb\xbf"):
+            raw = raw.lstrip("\ufeff\xef\xbb\xbf")
+        if dialect.name == "grbl" and raw.lstrip()[:1] in ("$", "?", "!", "~"):
+            self.tell("settings of the machine", raw.strip()[:40])
+            return ""
+        if dialect.extruder and (_TEXT.match(raw) or (_MACRO.match(raw) and not raw.lstrip().startswith("("))):
+            self.tell("not evaluated", raw.partition(";")[0].strip()[:40])
+            return ""
+        if dialect.name.startswith("fanuc") and raw.lstrip()[:1] in ("%", ":"):
+            return ""
+        why = "whether they are depends on a switch of the operator"
+        if raw.lstrip().startswith("/") and self.assume("lines with / are run", "block_delete", 0.0, why):
+            return ""
+        if dialect.nested or dialect.name == "grbl":
+            text = _drop_comments(raw, dialect.nested)
+            text = _as_printers_read(text) if dialect.extruder else text
+            return without_number(text.translate(_BLANKS).lower().lstrip("/").removesuffix("%"))
+        if self.judging and _LOGS.match(raw):
+            self.tell("left out", raw.strip()[:40])
+            return ""
+        return bare(raw)
+
+    def words(self, text: str, known: Parameters) -> Line:
+        """What cannot be read may be a macro of its controller, which is not known here."""
+        try:
+            return Machine.words(self, text, known)
+        except UnknownWord:
+            raise
+        except LineError as error:
+            if self.dialect.open and self.judging and str(error).startswith("cannot read"):
+                raise UnknownWord(f"{error}; what follows may depend on it") from error
+            raise
+
+    def group(self, code: str) -> str:
+        """The modal group of a code; one that moves nothing, or that nobody here knows, is in one of its own."""
+        dialect = self.dialect
+        code = dialect.names.get(code, code)
+        if code in dialect.idle:
+            return f"idle {code}"
+        known = dialect.codes.get(code)
+        if known is not None:
+            return known
+        if not self.judging:
+            raise not_read(code, "not a code that is known")
+        if not dialect.open:
+            raise LineError(f"{code} is not a code of {dialect.name}")
+        return f"unknown {code}"
+
+    def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (of all machines)
+        """All that is known is judged; what a robot cannot do as it is meant is not replayed."""
+        for code in () if self.judging else codes.values():
+            if code in _NOT_REPLAYED:
+                raise not_read(code, "")
+
+    def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
+        """Codes by their usual names; words of what moves nothing, and of subprograms."""
+        dialect = self.dialect
+        for group in [group for group in codes if " " in group]:
+            kind, _, code = group.partition(" ")
+            if kind == "idle":
+                del codes[group]
+                self._leave_out(code, codes, words)
+            elif kind == "unknown":
+                del codes[group]
+                self._pass_over(code, codes, words)
+        for group, code in codes.items() if dialect.names else ():
+            codes[group] = dialect.names.get(code, code)
+        if "subprogram" in codes:
+            self._call(codes["subprogram"], words)
+        if dialect.extruder:
+            self._extrude(codes, words)
+        if dialect.increments:
+            self._add_up(codes, words)
+        if dialect.diameter:
+            self._turn(codes, words)
+        if self.lathe and "X" in words:
+            words["X"] /= 2
+
+    def _turn(self, codes: dict[str, str], words: dict[str, float]) -> None:
+        """A lathe: T0102 is tool 1 with offset 2, and X is a diameter."""
+        if words.get("T", 0.0) >= 100:
+            words["T"] = float(int(words["T"]) // 100)
+            codes.setdefault("tool change", "M6")
+        if "X" in words and not self.lathe:
+            self.lathe = bool(self.assume("X is a diameter", "diameter", 1.0, "as on most lathes"))
+
+    def _leave_out(self, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
+        self.tell(self.dialect.idle[code], code)
+        if self.dialect.extruder and code in ("M82", "M83"):
+            self.filament_adds = code == "M83"
+        if code[0] == "G" and "motion" not in codes and code not in ("G15", "G69"):
+            if self.dialect.diameter and code == "G50" and "S" in words:
+                self.most_turns = words["S"]
+            for letter in [letter for letter in words if letter not in "FT"]:
+                del words[letter]
+        elif code[0] == "M" and (self.dialect.extruder or not any(axis in words for axis in "XYZ")):
+            words.clear()
+
+    def _pass_over(self, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
+        """A code that is not known. UnknownWord where it may move something."""
+        if code[0] == "G" and "motion" not in codes and any(axis in words for axis in "XYZIJKR"):
+            raise UnknownWord(f"{code} is not known, and what follows depends on where it leads")
+        self.tell("not evaluated", code)
+        if code[0] == "G":
+            self.find("unusual", f"{code} is not known and not evaluated", code)
+        if "motion" not in codes and (self.dialect.extruder or not any(axis in words for axis in "XYZ")):
+            for letter in [letter for letter in words if letter not in "FST"]:
+                del words[letter]
+
+    def _call(self, code: str, words: dict[str, float]) -> None:
+        number, times = words.pop("P", 0.0), int(words.pop("L", 1.0))
+        if code == "M98" and number >= 10_000 and self.dialect.name.startswith("fanuc"):
+            number, times = number % 10_000, int(number) // 10_000
+        if code == "M99" and self.leaves():
+            return
+        self.leap = (code, number, min(times, 10_000))
+
+    def leaves(self) -> bool:
+        """Whether M99 ends the program: it stands outside a subprogram."""
+        if self.inside():
+            return False
+        self.tell("left out", "M99 begins the program again; it is run once")
+        self.ended = True
+        return True
+
+    def _extrude(self, codes: Mapping[str, str], words: dict[str, float]) -> None:
+        if "E" not in words:
+            return
+        value = words.pop("E")
+        if codes.get("offsets") == "G92":
+            self.at_filament = value
+            return
+        self.filament += value if self.filament_adds else value - self.at_filament
+        self.at_filament = self.at_filament + value if self.filament_adds else value
+        if self.motion == "G0" and "motion" not in codes:
+            self.motion = "G1"
+
+    def _add_up(self, codes: Mapping[str, str], words: dict[str, float]) -> None:
+        """U V W as increments of X Y Z."""
+        for letter, axis in _PARTS.items():
+            if letter in words and axis not in words:
+                by = words.pop(letter) / (2 if letter == "U" and self.dialect.diameter else 1)
+                k = AXES.index(axis)
+                words[axis] = by if self.incremental else (self.at[k] - self.shift[k]) / self.scale + by
+                if self.dialect.diameter and axis == "X":
+                    words[axis] *= 2
+                if "offsets" not in codes:
+                    self.known[k] = True
+
+    def end(self, codes: Mapping[str, str], words: dict[str, float]) -> None:  # noqa: ARG002 (of all machines)
+        """Words that controllers pass over, or that say what no motion shows."""
+        if not words.keys() - {"F"}:
+            return
+        if self.dialect.open and self.judging:
+            for letter in [letter for letter in words if letter != "F"]:
+                words.pop(letter)
+                if letter not in "HD":
+                    self.find("unusual", f"word {letter}: nothing in the line uses it", f"idle {letter}")
+
+    # What moves.
+
+    def set_feed(self, words: dict[str, float], codes: dict[str, str]) -> None:
+        """F in the line that changes the unit counts as its controller counts it."""
+        change = codes.get("units")
+        if change is None or "F" not in words or codes.get("feed mode", self.feed_mode) == "G93":
+            feed(self, words, codes)
+            return
+        before = self.unit
+        unit = 25.4 if change == "G20" else 1.0
+        if self.dialect.unit_first or before is None:
+            self.unit = unit
+        elif unit != before:
+            self.find("unusual", f"F{words['F']:g} counts in the unit before {change}", "unit")
+            if not self.judging:
+                self.note("assumed", f"F in the line of {change} is in the unit before it", "as LinuxCNC takes it")
+        feed(self, words, {group: code for group, code in codes.items() if group != "units"})
+        self.unit = before
+
+    def insist_on_feed(self, code: str) -> None:
+        """A feed of the machine's own where it has one, and where a refused line is to lead on."""
+        if self.feed > 0 or self.feed_mode == "G93":
+            return
+        if self.dialect.default_feed:
+            what = "the feed before the first F is one of the machine's, mm/min"
+            self.feed = self.assume(what, "feed", FEED) / 60.0
+            return
+        if any(key.startswith("#") for key, _ in self.assumed):
+            self.feed = self.assume("a feed that depends on the machine, mm/min", "feed", FEED) / 60.0
+            return
+        self.find("refused", f"{code} without a feed (F)")
+        self.feed = self.given.get("feed", FEED) / 60.0
+
+    def is_settled(self) -> bool:
+        """Nor may anything else decide what a plain line does."""
+        plain = not (self.adrift or self.side or self.lathe or self.dialect.extruder or self.dialect.increments)
+        return plain and Machine.is_settled(self)
+
+    def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
+        """Units that nobody says, axes that have come back, and a length that is no longer on."""
+        if self.unit is None:
+            inch = self.assume("lengths are mm", "inch", 0.0, "neither G20 nor G21 stands before the first motion")
+            self.unit = 25.4 if inch else 1.0
+        if self.adrift:
+            said = {k for k, axis in enumerate(AXES) if axis in words and not self.incremental}
+            self.adrift -= said
+            if self.adrift and code != "G0" and self.motion != "G0":
+                names = " ".join(AXES[k] for k in sorted(self.adrift))
+                self.find(
+                    "unusual",
+                    f"a motion at feed from where no line says: {names} came from a stored position",
+                    "adrift",
+                )
+                self.adrift.clear()
+        if "Z" in words and self.length == "G49" and self.reached and not cycle:
+            what = "Z moves after G49 without the length of the tool: its tip goes lower by as much"
+            self.find("dangerous", what, "G49")
+        self.length_at_z = self.length
+
+    def turn_axes(self, words: dict[str, float], code: str) -> None:
+        """Axes that turn, or lie beside X Y Z: named; a motion of theirs alone takes its time."""
+        turned = 0.0
+        for letter in self.others:
+            if letter not in words:
+                continue
+            value, before = words.pop(letter), self.rotary.get(letter, 0.0)
+            if not self.judging and value != before:
+                raise LineError(f"axis {letter} moves: only X, Y and Z are replayed")
+            self.rotary[letter] = before + value if self.incremental else value
+            turned = max(turned, abs(self.rotary[letter] - before))
+            self.tell("axes that are not shown", letter)
+        if turned and (code or self.motion) != "G0" and self.feed > 0 and not any(axis in words for axis in AXES):
+            seconds = 1 / self.feed if self.feed_mode == "G93" else turned / (self.feed * 60.0 / self.scale) * 60.0
+            self.add(Wait(min(seconds, 1e6)))
+
+    def trace(self, code: str, words: dict[str, float]) -> bool:
+        """Splines, threads, taps, probes."""
+        if self.dialect.increments and self.motion in CYCLES and "K" in words:
+            words["L"] = words.pop("K")
+        act = self.traced.get(self.motion)
+        if act is None or (not code and not any(axis in words for axis in "XYZ")):
+            return False
+        self.settle(code, words, False)
+        act(self, self.motion, words)
+        return True
+
+    def rapid(self, end: Sequence[float], axes: Sequence[int] = ()) -> None:
+        """On a printer G0 runs at the feed."""
+        if self.dialect.extruder and self.feed > 0 and self.begun:
+            self.at[:] = end
+            self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
+            return
+        Machine.rapid(self, end, axes)
+
+    def top(self) -> float:
+        """The highest place of the program so far, mm."""
+        ends = self.body.body().packed.end
+        return max(float(np.nanmax(ends[:, 2])) if len(ends) else self.at[2], self.at[2])
+
+    def obey(self, group: str, code: str, words: dict[str, float]) -> None:
+        """By the handlers of foreign programs."""
+        self.handlers[group](self, code, words)
+
+    def lift(self, motion: str, words: dict[str, float]) -> None:
+        """G53: machine coordinates; LinuxCNC refuses them among increments."""
+        if (
+            not self.begun
+            and motion == "G0"
+            and words.get("Z") == 0
+            and not self.given
+            and not {"X", "Y"} & words.keys()
+        ):
+            Machine.lift(self, motion, words)
+        else:
+            self.handlers["machine coordinates"](self, motion, words)
+
+    def stop(self, code: str) -> None:
+        """M0 and M60 wait for the operator, M1 where a switch says so."""
+        if code in ("M0", "M60"):
+            self.add(Stop())
+        elif code == "M1" and self.judging:
+            self.add(Stop(optional=True))
+        else:
+            stop(self, code)
+
+    def finish(self) -> None:
+        """The end switches off what is on; a file that merely stops does not."""
+        if not self.ended:
+            on = [] if self.spindle == "M5" else ["the spindle"]
+            self.left_on[:] = on + ["a coolant"] * bool(self.coolants)
+        Machine.finish(self)
+
+    def value(self, name: str) -> float | None:
+        """Values of the machine: what the program itself decides, else what is assumed."""
+        known = Machine.value(self, name)
+        if known is not None or not self.judging:
+            return known
+        if name in self.homes:
+            return self.homes[name]
+        if name == "5400":
+            return float(self.changed_to or 0)
+        if name.isdigit():
+            return self.assume(f"#{name} is a value of the machine", f"#{name}", 0.0)
+        if name.startswith(("_hal[", "_ini[")):
+            return self.assume(f"#<{name}> is a value of the machine", f"#<{name}>", 0.0)
+        return None
+
+    def takes(self, key: int) -> bool:
+        """Whether a line may set this parameter of the machine."""
+        return self.judging and not 5400 <= key <= 5428
+
+
+def _as_printers_read(text: str) -> str:
+    """A line without its checksum and texts in quotes; a letter without a number is a flag."""
+    text = _QUOTED.sub("0", text.partition("*")[0])
+    return _FLAG.sub(r"\1 0", _TEXTS.sub(r"\1", text))
+
+
+def _drop_comments(raw: str, nested: bool) -> str:
+    """The line without comments, also within each other and open to its end. nested: else a comment ends with the first
+    closing parenthesis, as in GRBL.
+    """
+    head = raw.partition(";")[0]
+    raw = raw if "(" in head else head
+    kept, depth = [], 0
+    for letter in raw:
+        if letter == "(":
+            depth = depth + 1 if nested else 1
+        elif letter == ")":
+            if not depth and not nested:
+                kept.append(letter)
+            depth = max(0, depth - 1)
+        elif letter == ";" and not depth:
+            break
+        elif not depth:
+            kept.append(letter)
+    return "".join(kept)

@@ -1,0 +1,148 @@
+"""G-code as a language of controllers: what a program of somebody else does when it is run once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import accumulate
+
+from msgspec.structs import replace
+
+from camgen.model.program import Output
+from camgen.read.gcode.codes import CODES
+from camgen.read.gcode.dialects import DIALECTS, GRBL, Dialect, recognise
+from camgen.read.gcode.foreign import Foreign
+from camgen.read.gcode.interpreter import has_speed, perform
+from camgen.read.gcode.traced import TRACED
+from camgen.read.programs import Ask, Executed, Frames, Language
+
+SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".tap", ".cnc", ".eia", ".anc", ".din")
+#: So much of a text is looked at to tell what it is.
+_BEGINNING = 20_000
+_WORD = re.compile(r"[A-Z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+|#[0-9<]|\[)", re.IGNORECASE)
+_MOTION = re.compile(
+    r"^[ \t/]*(?:N[ \t]*\d+[ \t]*)?(?:[GM][ \t]*\d+[ \t]*)*G[ \t]*0*[0-3](?![\d.])", re.IGNORECASE | re.MULTILINE
+)
+_COMMENT = re.compile(r"\([^()\n]*\)|;.*|^%.*|^[ \t]*[$].*|\bO[0-9<].*", re.MULTILINE | re.IGNORECASE)
+
+
+def is_gcode(text: str) -> bool:
+    """Whether the beginning of a text is surely G-code: motions, and nearly nothing but words and comments."""
+    head = text[:_BEGINNING]
+    if "\0" in head or not _MOTION.search(head):
+        return False
+    bare = re.sub(r"\s+", "", _COMMENT.sub("", head.rsplit("\n", 1)[0] if len(head) == _BEGINNING else head))
+    rest = _WORD.sub("", bare)
+    return bool(bare) and len(rest) <= 0.1 * len(bare)
+
+
+def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Executed:
+    """What the first of ``files`` does; the others hold subprograms. usual: the dialect where ``ask`` names none."""
+    texts = {name: text.removeprefix("\ufeff").removesuffix("\n").split("\n") for name, text in files.items()}
+    lines = [line for text in texts.values() for line in text]
+    starts = dict(zip(texts, accumulate((len(text) for text in texts.values()), initial=0), strict=False))
+    dialect, sign = (usual, "") if usual else recognise(*next(((text, name) for name, text in files.items()), ("", "")))
+    if ask.dialect:
+        dialect, sign = DIALECTS.get(ask.dialect, dialect), "given"
+    m = Foreign(
+        replace(dialect.arcs, pieces=ask.limits.gcode_pieces),
+        ask.limits,
+        on_off=not has_speed(lines),
+        dialect=dialect,
+        given=ask.assume,
+        judging=True,
+        handlers=CODES,
+        traced=TRACED,
+        pause=dialect.dwell,
+        to_start=dialect.to_start or None,
+        fewest_holes=0 if dialect.increments else 1,
+    )
+    stopped = perform(m, lines, dialect.flow, starts)
+    if stopped is None:
+        _judge_end(m, lines, len(next(iter(texts.values()), [])))
+    frames, frame = _frames(m)
+    return Executed(
+        body=m.body.body(),
+        lines=tuple(m.lines),
+        frames=frames,
+        frame=frame,
+        findings=tuple(sorted(m.findings, key=lambda one: one.line)),
+        assumed=tuple(sorted(m.assumed.values(), key=lambda one: one.line)),
+        facts=_facts(m, dialect, sign),
+        stopped=stopped[:2] if stopped else None,
+    )
+
+
+def _judge_end(m: Foreign, lines: list[str], main: int) -> None:
+    """What is left on, what follows the end, and whether the text says that it ends."""
+    m.line = min(m.line, len(lines)) or 1
+    if not m.ended and main:
+        m.line = main
+        if m.dialect.needs_end:
+            m.find("unusual", "the program has no end (M2, M30 or per cent signs): LinuxCNC stops here with an error")
+        left = {item.signal: item.value for item in m.body if isinstance(item, Output)}
+        # What the end of the run switched off, the text does not.
+        on = [name for name, value in left.items() if value and name.startswith(("dout", "aout"))]
+        if m.left_on:
+            m.find("dangerous", f"the file ends with {' and '.join(m.left_on)} on, and without M2 or M30")
+        elif on:
+            m.find("unusual", f"the program ends with {', '.join(on)} on")
+    if any(by for by in m.shifted):
+        m.find("unusual", "the shift of the origin by G92 or G52 is still on at the end")
+
+
+def _frames(m: Foreign) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
+    """The tools and work offsets in force, and which of them at each instruction."""
+    if not m.marks:
+        return ((Frames(work=m.work),), ()) if m.work else ((), ())
+    table: dict[tuple[str, str], int] = {}
+    frame: list[int] = []
+    marks = m.marks if m.marks[0][0] == 0 else [(0, 0, ""), *m.marks]
+    for (begin, tool, work), (end, *_) in zip(marks, [*marks[1:], (len(m.body), 0, "")], strict=True):
+        if end > begin:
+            place = table.setdefault((f"T{tool}" if tool else "", work), len(table))
+            frame += [place] * (end - begin)
+    frames = tuple(Frames(tool=tool, work=work) for tool, work in table)
+    return frames, tuple(frame) if len(frames) > 1 else ()
+
+
+def _facts(m: Foreign, dialect: Dialect, sign: str) -> tuple[tuple[str, str], ...]:
+    """What else stands in the program."""
+    told = f"{dialect.name}" + (f" ({sign[:30]})" if sign and sign != "given" else "")
+    facts = [("dialect", told), ("units", "mm" if m.scale == 1.0 else "inch")]
+    if m.tools:
+        facts.append(("tools", ", ".join(f"T{number}" for number in m.tools)))
+    if m.filament:
+        facts.append(("filament", f"{m.filament:.1f} mm"))
+    for label, items in m.facts.items():
+        some = [f"{what} (line {line})" for what, line in list(items.items())[:8]]
+        facts.append((label, ", ".join(some) + (f" and {len(items) - 8} more" if len(items) > 8 else "")))
+    return tuple(facts)
+
+
+def run_gcode(files: Mapping[str, str], ask: Ask) -> Executed:
+    """What G-code does, in the dialect that is asked for, or that it shows."""
+    return run(files, ask)
+
+
+def run_grbl(files: Mapping[str, str], ask: Ask) -> Executed:
+    """What G-code does on GRBL."""
+    return run(files, ask, GRBL)
+
+
+GCODE = Language(
+    name="gcode",
+    about="G-code of LinuxCNC, Fanuc, Mach3, GRBL and Marlin",
+    suffixes=SUFFIXES,
+    recognise=is_gcode,
+    run=run_gcode,
+    dialects=tuple(DIALECTS),
+)
+GRBL_LANGUAGE = Language(
+    name="grbl",
+    about="G-code of GRBL 1.1",
+    suffixes=(),
+    recognise=lambda _: False,
+    run=run_grbl,
+    dialects=tuple(DIALECTS),
+)
