@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 
 from camgen.model.program import ToolChange, Wait
 from camgen.read.gcode.foreign import Foreign, Handler
@@ -12,6 +13,7 @@ from camgen.read.gcode.motion import target
 from camgen.read.gcode.words import LineError, UnknownWord
 
 _POINTED = re.compile(r"p[ \t]*[0-9]*\.", re.IGNORECASE)
+_WORKS = {n: f"G{53 + n}" for n in range(1, 7)} | {n: f"G59.{n - 6}" for n in range(7, 10)}
 #: What M70 and M73 keep, and M72 brings back (LinuxCNC manual).
 _MODES = (
     "unit", "incremental", "absolute_centre", "plane", "blend", "feed_mode", "feed", "to_start", "length", "side",
@@ -25,13 +27,11 @@ def _change(m: Foreign, code: str, words: dict[str, float]) -> None:
     if code == "M61":
         m.changed_to = int(words.pop("Q", 0.0))
         return
-    if m.tool is None:
-        m.find("refused", "M6 without a tool (T)") if not m.dialect.open else m.tell(
-            "left out", "M6 without a tool (T)"
-        )
-        return
     if not m.judging:
         HANDLERS["tool change"](m, code, words)
+        return
+    if m.tool is None:
+        m.tell("left out", "M6 without a tool (T)")
         return
     if m.spindle != "M5":
         m.spindle = "M5"
@@ -118,7 +118,9 @@ def _state(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG
     if code in ("M70", "M73"):
         m.saved.append(tuple(getattr(m, name) for name in _MODES))
         del m.saved[:-50]
-    elif m.saved:
+    elif not m.saved:
+        m.find("refused", f"{code} without M70 or M73 before it")
+    else:
         kept = m.saved.pop()
         if code == "M72":
             for name, value in zip(_MODES, kept, strict=True):
@@ -191,6 +193,8 @@ def _set(m: Foreign, code: str, words: dict[str, float]) -> None:
             del words["R"]
         for letter in m.others:
             words.pop(letter, None)
+        if words["L"] == 2.0:
+            _know(m, int(words.get("P", 0.0)), words)
         set_offsets(m, code, words)
         return
     number = int(words.pop("P", 0.0))
@@ -201,6 +205,18 @@ def _set(m: Foreign, code: str, words: dict[str, float]) -> None:
         m.radii[number] = words["R"] * m.scale
     m.tell("tables of the machine", f"G10 L{words.get('L', 0.0):g} P{number}")
     words.clear()
+
+
+def _know(m: Foreign, number: int, words: dict[str, float]) -> None:
+    """Where the work offset in use was before G10 L2 moves it: at 0, where nobody says it."""
+    work = m.work or "G54"
+    if not m.judging or (number and _WORKS.get(number) != work):
+        return
+    table = m.works.setdefault(work, [None, None, None])
+    for k, axis in enumerate(AXES):
+        if axis in words and m.known[k] and table[k] is None:
+            what = f"G10 L2 moves {work} in {axis} from 0; where it was, mm, is known to the machine alone"
+            table[k] = m.assume(what, f"{work.lower()}.{axis.lower()}", 0.0)
 
 
 def _home(m: Foreign, code: str, words: dict[str, float]) -> None:
@@ -237,10 +253,10 @@ def _zero(m: Foreign, named: list[int], words: dict[str, float]) -> None:
     m.rapid(end, named)
 
 
-def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: dict[str, float]) -> None:
+def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: Mapping[str, float], work: bool = False) -> None:
     """Axes to places that the user says, or the program has stored; else Z goes up, and X and Y are not shown.
 
-    name: what the keys begin with.
+    name: what the keys begin with. work: at feed.
     """
     end, told = list(m.at), []
     for k in axes:
@@ -269,7 +285,11 @@ def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: dict[str,
         else:
             m.assume(f"{code}: {AXES[k]} goes to a position that the machine stores, which is not shown", key, 0.0)
             m.adrift.add(k)
-    if told and (m.begun or all(m.known)):
+    if not told or not (m.begun or all(m.known)):
+        return
+    if work:
+        m.pieces([(None, (end[0], end[1], end[2]))], m.feed)
+    else:
         m.rapid(end, told)
 
 
@@ -289,7 +309,7 @@ def lift(m: Foreign, motion: str, words: dict[str, float]) -> None:
         return
     known = {f"machine.{AXES[k].lower()}": m.given[f"machine.{AXES[k].lower()}"] + value for k, value in axes.items()
              if f"machine.{AXES[k].lower()}" in m.given}  # fmt: skip
-    go_away(m, "machine", "G53", list(axes), known)
+    go_away(m, "machine", "G53", list(axes), known, work=m.motion == "G1" and m.feed > 0)
 
 
 def _work(m: Foreign, code: str, words: dict[str, float]) -> None:

@@ -73,6 +73,7 @@ LINUXCNC = Dialect(
         r"\bm6[78][ \t]*e",
         r"\bm5[0-3][ \t]*p",
     ),
+    codes={code: group for code, group in GROUP.items() if code != "M97"},
     open=False,
     idle=_USER | _ROUGHING,
     nested=False,

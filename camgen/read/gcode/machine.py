@@ -96,6 +96,7 @@ class Machine:
     lifted: bool = False
     leap: tuple[str, float, int] | None = None  # M97, M98 or M99 of the line, its number, and how often
     inside: Callable[[], int] = lambda: 0  # how many subroutines run
+    spun: tuple[float, float] | None = None  # radius and angle of the line
     pause: float = 1.0  # seconds in 1 of P
     fewest_holes: int = 1  # of one line, by L
     exact: Limits | None = None  # of arcs that nothing is said of; None: limits

@@ -51,7 +51,8 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
 def polar(m: Machine, words: dict[str, float]) -> None:
     """Radius (@) and angle (^, deg) about the origin as X and Y. One that is not given stays; in G91 they add up."""
     radius, angle = words.pop("@", None), words.pop("^", None)
-    if radius is None and angle is None:
+    m.spun = None if radius is None and angle is None else (radius or 0.0, angle or 0.0)
+    if m.spun is None:
         return
     if m.plane != "G17" or "X" in words or "Y" in words:
         raise LineError("a polar word (@, ^) outside G17, or beside X and Y")
@@ -192,8 +193,8 @@ def _holes(m: Machine, normal: int, words: dict[int, float], count: int) -> None
         _to(m, normal, retract)
     height = max(m.at[normal], clear)
     for _ in range(count):
-        for axis, value in words.items() if m.incremental else ():
-            place[axis] += value
+        if m.incremental:
+            _go_on(m, place, words)
         place[normal] = height
         if place != m.at:
             m.rapid(place)
@@ -201,6 +202,17 @@ def _holes(m: Machine, normal: int, words: dict[int, float], count: int) -> None
             _to(m, normal, retract)
         _ONE[m.motion](m, normal, retract, bottom, clear)
         height = clear
+
+
+def _go_on(m: Machine, place: list[float], words: dict[int, float]) -> None:
+    """To the next hole in increments, of radius and angle too."""
+    if m.spun is None:
+        for axis, value in words.items():
+            place[axis] += value
+        return
+    x, y = place[0] - m.shift[0], place[1] - m.shift[1]
+    r, turned = math.hypot(x, y) + m.spun[0] * m.scale, math.atan2(y, x) + math.radians(m.spun[1])
+    place[0], place[1] = r * math.cos(turned) + m.shift[0], r * math.sin(turned) + m.shift[1]
 
 
 def _to(m: Machine, axis: int, value: float) -> None:
@@ -276,7 +288,7 @@ def _seconds(m: Machine) -> float:
     return seconds
 
 
-def _tap(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
+def _tap(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
     """In, the spindle turns back, out."""
     turning = m.spindle
     if turning != {"G84": "M3", "G74": "M4"}[m.motion]:
@@ -286,26 +298,44 @@ def _tap(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> 
     m.turn()
     if m.sticky.get("P"):
         m.add(Wait(_seconds(m)))
-    _in(m, axis, retract)
+    _in(m, axis, clear)
     m.spindle = turning
     m.turn()
+
+
+def _by_hand(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
+    """G88 waits for the operator at the bottom, who brings the tool up."""
+    _in(m, axis, bottom)
+    if m.sticky.get("P"):
+        m.add(Wait(_seconds(m)))
+    m.add(Stop())
+    _to(m, axis, clear)
+
+
+def _back_bore(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:
+    """G87: beside the hole down, into it, up to K at feed and back, beside it up."""
+    hole = list(m.at)
+    aside = [a + m.sticky.get(letter, 0.0) * (k != axis) for k, (a, letter) in enumerate(zip(hole, "IJK", strict=True))]
+    middle = m.sticky.get("IJK"[axis], 0.0) + (bottom if m.incremental else m.shift[axis])
+
+    def go(place: list[float], height: float) -> None:
+        m.rapid([height if k == axis else value for k, value in enumerate(place)])
+
+    turning = m.spindle
+    for place, height in ((aside, retract), (aside, bottom), (hole, bottom)):
+        go(place, height)
+    _in(m, axis, middle)
+    _in(m, axis, bottom)
+    for place, height in ((aside, bottom), (aside, retract), (hole, retract)):
+        go(place, height)
+    m.spindle = turning
     if clear != retract:
         _to(m, axis, clear)
 
 
-def _by_hand(m: Machine, axis: int, retract: float, bottom: float, clear: float) -> None:  # noqa: ARG001
-    """G88 waits for the operator at the bottom, G87 turns its boring bar aside: both are shown as a hole."""
-    _in(m, axis, bottom)
-    if m.sticky.get("P"):
-        m.add(Wait(_seconds(m)))
-    if m.motion == "G88":
-        m.add(Stop())
-    _to(m, axis, clear)
-
-
 _ONE: dict[str, Callable[[Machine, int, float, float, float], None]] = {
     "G73": _peck, "G81": _plain, "G82": _dwelling, "G83": _peck, "G85": _bore, "G86": _stop,
-    "G89": _bore_dwelling, "G74": _tap, "G84": _tap, "G87": _by_hand, "G88": _by_hand,
+    "G89": _bore_dwelling, "G74": _tap, "G84": _tap, "G87": _back_bore, "G88": _by_hand,
 }  # fmt: skip
 
 

@@ -85,7 +85,9 @@ def _knots(m: Foreign, code: str, words: dict[str, float]) -> None:
             m.control.append(((m.at[0], m.at[1]), 1.0))
             m.order = int(words.pop("L", 3.0))
         words.pop("L", None)
-        weight = words.pop("P", 1.0)
+        weight = words.pop("P", 0.0)
+        if weight <= 0:
+            raise LineError("G5.2 without a weight (P) above 0")
         if "X" in words or "Y" in words:
             end = target(m, words)
             m.control.append(((end[0], end[1]), weight))

@@ -1,0 +1,117 @@
+"""What programs of others do, against LinuxCNC's own interpreter: threads, taps, stored places, subprograms, tools."""
+
+import pytest
+
+from bench.read.replay import against, judged
+from camgen.read.gcode.interpreter import ProgramRun
+from camgen.read.gcode.language import run_gcode
+from camgen.read.programs import Ask
+from tests.support.rs274 import needs_rs274
+
+#: Two tools without a length, diameters of 0.1 and 0.05 inches: the unit of rs274's machine.
+TOOLS = "T1 P1 Z0 D0.1 ;a\nT2 P2 Z0 D0.05 ;b\n"
+#: Where the machine of rs274 stores its places: all at its zero, which is that of the program.
+ZERO = {f"{name}.{axis}": 0.0 for name in ("g28", "g30", "machine") for axis in "xyz"} | {
+    "tool.1.diameter": 2.54, "tool.2.diameter": 1.27,
+}  # fmt: skip
+LEAD = ("G21 G90 G64 G17", "F100 S100 M3", "G0 X0 Y0 Z30")
+
+#: Programs, their lines by "|".
+WORDS = """
+G28
+G28 X5
+G91 G28 Z3 | G90 G1 X1 Z2
+G30 Y2 Z40
+G1 X3 Y4 Z5 | G28.1 | G0 X9 | G28 Z7 | G28
+G53 G0 Z1
+G53 G1 X5 Y6 | X7
+G92 X5 | G53 G0 X1 | G1 X2
+G52 X5 | G1 X1 | G52 X0 | G1 X2
+G92 X5 Y5 | G92.2 | G1 X1 | G92.3 | G1 X2 | G92.1 | G1 X3
+G10 L2 P1 X5 | G1 X1
+G10 L20 P1 X5 | G1 X1 | G54 | X2
+G10 L2 P2 X5 Y1 Z2 | G10 L2 P1 X0 Y0 Z0 | G55 | G1 X1 | G54 | X1
+G43 H1 | G1 Z5 | G49 | G1 Z6
+T2 M6 | G43 | M3 S100 | G1 Z5 | T1 M6 | G1 X5
+G43 H2 Z5 | G1 X1
+M70 | G91 G20 | G1 X1 | M72 | G1 X1
+M70 | G91 | M71 | M72 | G1 X1
+M72
+G7 | G1 X10 | G8 | X10
+M0 | M1 | G1 X1
+M52 P1 | M50 P0 | M53 P1 | G1 X1
+G33 Z5 K1
+G33 X3 Z5 K1
+M5 | G33 Z5 K1
+G84 X1 Y2 Z-1 R5
+G98 G84 X1 Y2 Z-1 R5 P0.5 | X4
+G84 X1 Z-1 R5 L2 | G80
+M4 | G74 X1 Y1 Z-2 R3
+M4 | G84 X1 Y1 Z-2 R3
+G87 X1 Y1 Z-1 R2 I1 J1 K1
+G18 G0 X30 Z5 | G76 P1 Z-10 I-2 J0.5 K2 R1 Q29 H1 E1 L2
+G18 G0 X30 Z5 | G76 P1.5 Z-10 I2 J0.4 K2 R2 Q29.5 H2 E1 L3
+G18 G0 X30 Z5 | G76 P1.5 Z-10 I-1 J0.4 K1.2 R1.5 Q0 L1 E0.5 | G1 X1
+G18 G0 X30 Z5 | G76 P1 Z-10 I-2 J0.5 K2
+M98 P100 L2 | G1 X9 | M2 | O100 | G91 G1 X1 | G90 | M99
+G91 G81 X1 R-5 Z-2 L3 F60
+G81 @10 ^30 Z-1 R2 | ^60
+G0 X10 | G91 G81 ^60 R-5 Z-1 L6
+G0 @10 ^30 | G91 G81 ^20 Z-1 R-5 L3 | ^10
+F600 | G20 F60 | G1 X1
+G1 X1 D1
+H3
+M5 $0 | G1 X1
+G5 X1
+G5.2 P1 L3 X5 Y5 | X9 Y5 | X9 Y0 | G5.3
+G5.1 X1
+G18 G5.1 X1 I1
+G96 D1000 S100 | G1 X1
+G95 F1 | G1 X5 | G81 X1 Y1 Z-1 R1
+M61 Q2 | G1 X1
+M6
+M20
+G22
+M62 P0 | G1 X1
+#5070=1 | G1 X1
+#5220=1
+#5400=1
+#5161=4 | G1 X#5161
+G54 G55 G1 X1
+G10 L2 P12 X1
+G28.5
+M99
+M97 P1
+G4
+G4 P-1
+G38.6 X1
+G0 I1
+G73 X1 Z-1 R2
+G83 X1 Z-1 R2 Q0.5 P1
+G81 X1 Z-1 R2 Q1
+G81 X1 Z-1 R2 L0
+(a (b) c)
+(open
+""".strip().split("\n")
+
+
+def executed(lines, **assume):
+    found = run_gcode({"a.ngc": "\n".join(lines) + "\n"}, Ask("linuxcnc", ZERO | assume))
+    assert found.stopped is None
+    return found
+
+
+def differ(lines):
+    """Where the motions differ from LinuxCNC's, "" if nowhere; what either refuses must be refused by both."""
+    found, judge = executed(lines), judged("\n".join(lines) + "\n", TOOLS)
+    refused = [one.what for one in found.findings if one.level == "refused"]
+    if refused or judge.error:
+        return "" if refused and judge.error else f"here {refused}, there {judge.error!r}"
+    run = ProgramRun(tuple(found.body), found.lines, (), 0, 0.0, None, False, True, "mm")
+    return against(run, judge).fault
+
+
+@needs_rs274
+@pytest.mark.parametrize("program", WORDS)
+def test_each_word_does_what_linuxcnc_says(program):
+    assert differ([*LEAD, *program.split(" | "), "M2"]) == ""
