@@ -11,7 +11,8 @@ from typing import ClassVar, Literal
 
 from camgen.model.cell import Dynamics
 from camgen.model.errors import JobError, Refused
-from camgen.model.program import Output, Program
+from camgen.model.pose import Pose
+from camgen.model.program import Instruction, Output, Program, Stop
 from camgen.model.text import short
 from camgen.post.passes import without_force
 
@@ -61,6 +62,12 @@ class Grbl(Rs274):
             return (word if item.value else "M9",)
         power = item.value if item.signal == "spindle" else self.power
         return (f"{word} S{short(power, 6)}" if item.value else "M5",)
+
+    def why_not(self, item: Instruction, start: Pose | None) -> str:
+        """Also of a stop that depends on a switch: GRBL reads M1 and passes over it."""
+        if isinstance(item, Stop) and item.optional:
+            return "GRBL passes over M1, the optional stop; leave it out, or make it a stop"
+        return super().why_not(item, start)
 
     def _one_use(self, program: Program) -> None:
         """Refused where M3 S.. or M5 would not say whether the spindle or a signal is meant."""

@@ -33,6 +33,7 @@ from camgen.model.program import (
     MoveL,
     Output,
     Program,
+    Stop,
     Wait,
 )
 from camgen.model.text import short
@@ -262,6 +263,10 @@ class Rs274(Post):
     def wait(self, item: Wait) -> Sequence[str]:
         """G4 takes seconds in both dialects."""
         return (f"G4 P{short(item.seconds, 3)}",)
+
+    def stop(self, item: Stop) -> Sequence[str]:
+        """M0, and M1 where the operator's switch says so."""
+        return ("M1" if item.optional else "M0",)
 
     # -- legality ------------------------------------------------------------------------------------------------
 

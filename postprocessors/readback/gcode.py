@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from camgen.model.errors import JobError
 from camgen.model.part import NoteKind
-from camgen.model.program import Force, Instruction, Output, ToolChange
+from camgen.model.program import Force, Instruction, Output, Stop, ToolChange
 from camgen.model.text import counted
 from camgen.post import Fault, Reading, Remark
 from camgen.read.gcode import arcs
@@ -87,7 +87,7 @@ class Rules:
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G43 G49 G53 G54 G55 G56 G57 G58 G59 G59.1 G59.2 G59.3 G61 G61.1 G64 G80 G81
-    G82 G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
+    G82 G83 G90 G90.1 G91 G91.1 G94 G97 G98 G99 M0 M1 M2 M3 M4 M5 M6 M7 M8 M9 M30 M62 M63 M64 M65 M67 M68
 """
 LINUXCNC = Rules(
     name="LinuxCNC",
@@ -263,6 +263,13 @@ class Strict(Machine):
             return
         self.pressing, self.force, self.following = newtons > 0, newtons, None
         self.add(Force(newtons))
+
+    def stop(self, code: str) -> None:
+        """M0 and M1 stand still until the operator goes on."""
+        if code in ("M0", "M1"):
+            self.add(Stop(optional=code == "M1"))
+        else:
+            Machine.stop(self, code)
 
     def is_settled(self) -> bool:
         """Nor may anything wait for the next motion."""

@@ -18,7 +18,7 @@ from .gcode import Expect, Rules, lines_of, list_written, number, run, signals, 
 
 _CODES = """
     G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G53 G54 G55 G56 G57 G58 G59 G61 G80 G90 G91 G91.1 G94
-    M2 M3 M4 M5 M7 M8 M9 M30
+    M0 M2 M3 M4 M5 M7 M8 M9 M30
 """
 GRBL = Rules(
     name="GRBL",

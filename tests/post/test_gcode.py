@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from camgen.geometry.arcs import circle
 from camgen.model.errors import JobError, Refused
 from camgen.model.pose import Pose, frozen, pose_from_values, rotation_from_fixed_xyz
-from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.model.program import Comment, Force, Joints, MoveC, MoveJ, MoveL, Output, Stop, Wait
 from camgen.post import Fault, Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
@@ -99,6 +99,13 @@ def test_text_of_a_part():
     ready, text = posted(gcode(), PART)
     assert text == TEXT
     assert ready is PART
+
+
+@pytest.mark.parametrize(("stop", "word"), [(Stop(), "M0"), (Stop(optional=True), "M1")])
+def test_a_stop_waits_for_the_operator_and_is_read_back(stop, word):
+    ready, text = posted(gcode(), program(MoveJ(at(5, 5, 10), 100.0), stop, MoveL(at(5, 5, 5), 2.0)))
+    assert f"\n{word}\n" in text
+    assert difference(ready, read(text), gcode().tolerance) == ""
 
 
 def test_options_of_the_preamble():
@@ -567,7 +574,7 @@ FOREIGN = "a word that camgen does not write; the program is read as LinuxCNC ru
             "G41 D1",
             "G41 is not read: cutter compensation: the controller moves the path by the radius of the tool",
         ),
-        ("M0", "M0 is not read: waits for the operator: a program here runs through"),
+        ("M60", "M60 is not read: waits for the operator: a program here runs through"),
         ("M66 P0 L3 Q5", "M66 is not read: waits for an input"),
         ("G77", "G77 is not read: not a code that is known"),
         ("#1 = 5", FOREIGN),

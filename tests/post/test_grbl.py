@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from camgen.model.errors import JobError, Refused
-from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, Wait
+from camgen.model.program import Comment, Force, MoveC, MoveJ, MoveL, Output, Stop, Wait
 from camgen.post import Fault, Remark
 from camgen.post.kit import Case, cases, check_case
 from camgen.post.plugins import find_post, find_readback, make_post
@@ -47,6 +47,17 @@ def assert_takes(text):
         assert len(bare) <= 79
         assert len(line) <= 79
         assert KNOWN.fullmatch(bare), line
+
+
+def test_a_stop_waits_for_the_operator_and_is_read_back():
+    ready, text = posted(grbl(), program(MoveJ(at(5, 5, 10), 100.0), Stop(), MoveL(at(5, 5, 5), 2.0)))
+    assert "\nM0\n" in text
+    assert difference(ready, read(text), grbl().tolerance) == ""
+
+
+def test_grbl_has_no_optional_stop():
+    with pytest.raises(Refused, match="GRBL passes over M1"):
+        posted(grbl(), program(MoveJ(at(5, 5, 10), 100.0), Stop(optional=True)))
 
 
 PART = program(
@@ -272,7 +283,7 @@ def test_arcs_hold_in_32_bits(plan):
         ("G98", "G98 is not read: not a code of GRBL"),
         ("M6", "M6 is not read: not a code of GRBL"),
         ("M64 P0", "M64 is not read: not a code of GRBL"),
-        ("M0", "M0 is not read: waits for the operator: a program here runs through"),
+        ("M1", "M1 is not read: stops where the operator wants it"),
         ("%", "cannot read '%'"),
         ("$H", "cannot read '$H'"),
         ("#1=2", "parameters and expressions are not read"),

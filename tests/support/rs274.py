@@ -18,7 +18,7 @@ import pytest
 from hypothesis import strategies as st
 
 from camgen.model.pose import TOOL_DOWN, Pose, Vec3, translation
-from camgen.model.program import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Wait
+from camgen.model.program import Comment, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, Stop, Wait
 from camgen.post import Post, Reading, Tolerance
 from tests.support.waiting import LONG
 from tests.support.whole import whole
@@ -196,6 +196,8 @@ def _same(item: Instruction, got: Instruction, tolerance: Tolerance) -> bool:
             return abs(item.seconds - got.seconds) <= tolerance.seconds
         case Force(), Force():
             return abs(item.newtons - got.newtons) <= tolerance.force
+        case Stop(), Stop():
+            return item.optional == got.optional
     return False
 
 
