@@ -166,7 +166,7 @@ def _arc(mine: list, k: int, here: Point, end: Point, arc: tuple, offset: Point)
     whole += (abs(turns) - 1) * math.tau
     r0, r1 = math.hypot(here[first] - a, here[second] - b), math.hypot(end[first] - a, end[second] - b)
     done, worst, last = 0.0, 0.0, here
-    while k < len(mine) and done < whole - max(5e-3 / max(r0, r1), 1e-4):
+    while k < len(mine) and done < whole - max(5e-3 / max(r0, r1, 1e-9), 1e-4):
         item = mine[k]
         if isinstance(item, MoveJ):
             return k, last, math.inf

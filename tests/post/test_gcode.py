@@ -105,7 +105,7 @@ def test_text_of_a_part():
 def test_a_stop_waits_for_the_operator_and_is_read_back(stop, word):
     ready, text = posted(gcode(), program(MoveJ(at(5, 5, 10), 100.0), stop, MoveL(at(5, 5, 5), 2.0)))
     assert f"\n{word}\n" in text
-    assert difference(ready, read(text), gcode().tolerance) == ""
+    assert difference(ready, read(text), gcode().tolerance()) == ""
 
 
 def test_options_of_the_preamble():

@@ -52,7 +52,7 @@ def assert_takes(text):
 def test_a_stop_waits_for_the_operator_and_is_read_back():
     ready, text = posted(grbl(), program(MoveJ(at(5, 5, 10), 100.0), Stop(), MoveL(at(5, 5, 5), 2.0)))
     assert "\nM0\n" in text
-    assert difference(ready, read(text), grbl().tolerance) == ""
+    assert difference(ready, read(text), grbl().tolerance()) == ""
 
 
 def test_grbl_has_no_optional_stop():

@@ -119,7 +119,8 @@ def _state(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG
         m.saved.append(tuple(getattr(m, name) for name in _MODES))
         del m.saved[:-50]
     elif not m.saved:
-        m.find("refused", f"{code} without M70 or M73 before it")
+        if code == "M72":
+            m.find("refused", "M72 without M70 or M73 before it")
     else:
         kept = m.saved.pop()
         if code == "M72":
@@ -234,10 +235,13 @@ def _home(m: Foreign, code: str, words: dict[str, float]) -> None:
     if m.dialect.homes:
         _zero(m, named, words)
         return
-    if any(axis in words for axis in AXES):
-        end = target(m, words)
-        if any(m.known[k] for k in named) and end != m.at:
-            m.rapid(end, () if m.incremental else named)
+    if not any(axis in words for axis in AXES):
+        pass
+    elif m.incremental and not all(m.known[k] for k in named):
+        take_axes(m, words)
+        m.held += not m.begun
+    else:
+        m.rapid(target(m, words), () if m.incremental else named)
     go_away(m, name, code, named, m.homes)
 
 
@@ -285,7 +289,10 @@ def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: Mapping[s
         else:
             m.assume(f"{code}: {AXES[k]} goes to a position that the machine stores, which is not shown", key, 0.0)
             m.adrift.add(k)
-    if not told or not (m.begun or all(m.known)):
+    if not (m.begun or all(m.known)):
+        m.held += bool(told)
+        return
+    if not told:
         return
     if work:
         m.pieces([(None, (end[0], end[1], end[2]))], m.feed)

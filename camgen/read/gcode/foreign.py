@@ -41,6 +41,9 @@ _NOT_REPLAYED = frozenset(
      "G87", "G88", "G96", "M19", "M66"]
 )  # fmt: skip
 
+#: Codes that use the axis words of a line for themselves.
+_TAKE_AXES = frozenset(["G10", "G28", "G30", "G52", "G92"])
+
 Handler = Callable[["Foreign", str, dict[str, float]], None]
 
 
@@ -233,6 +236,8 @@ class Foreign(Machine):
                 self._pass_over(code, codes, words)
         for group, code in codes.items() if dialect.names else ():
             codes[group] = dialect.names.get(code, code)
+        if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
+            self.find("refused", f"{codes['motion']} and {codes['offsets']} both use the axis words of the line")
         if "subprogram" in codes:
             self._call(codes["subprogram"], words)
         if dialect.extruder:

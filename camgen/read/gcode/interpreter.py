@@ -414,12 +414,12 @@ class Flow(Struct):
         return block.places[-1] + 1 if block.word == "repeat" else at + 1
 
     def _call(self, at: int, block: Block) -> int:
+        values = self._values(block, _MOST_ARGUMENTS)
         if block.label not in self.blocks.subs:
             self.absent(f"o{block.label} call: the subroutine is not in this file")
             return at + 1
         if len(self.calls) >= _LEVELS:
             raise LineError(f"o{block.label} call: more than {_LEVELS} subroutines in each other")
-        values = self._values(block, _MOST_ARGUMENTS)
         self.calls.append(_Call(at + 1, self.known.own, self.known.named, self.counts))
         self.known.own = dict(enumerate(values, 1))
         self.known.named, self.counts = {}, {}

@@ -36,14 +36,18 @@ def is_gcode(text: str) -> bool:
     return bool(bare) and len(rest) <= 0.1 * len(bare)
 
 
-def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Executed:
-    """What the first of ``files`` does; the others hold subprograms. usual: the dialect where ``ask`` names none."""
+def play(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> tuple[Foreign, tuple[int, str] | None]:
+    """The machine after the first of ``files``; the others hold subprograms. And line and reason where it stopped.
+
+    usual: the dialect where ``ask`` names none, None: what the text shows.
+    """
     texts = {name: text.removeprefix("\ufeff").removesuffix("\n").split("\n") for name, text in files.items()}
     lines = [line for text in texts.values() for line in text]
     starts = dict(zip(texts, accumulate((len(text) for text in texts.values()), initial=0), strict=False))
-    dialect, sign = (usual, "") if usual else recognise(*next(((text, name) for name, text in files.items()), ("", "")))
+    name, text = next(iter(files.items()), ("", ""))
+    dialect, sign = (usual, "") if usual else recognise(text, name)
     if ask.dialect:
-        dialect, sign = DIALECTS.get(ask.dialect, dialect), "given"
+        dialect, sign = DIALECTS.get(ask.dialect, dialect), ""
     m = Foreign(
         replace(dialect.arcs, pieces=ask.limits.gcode_pieces),
         ask.limits,
@@ -57,9 +61,16 @@ def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Exe
         to_start=dialect.to_start or None,
         fewest_holes=0 if dialect.increments else 1,
     )
+    m.tell("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     stopped = perform(m, lines, dialect.flow, starts)
     if stopped is None:
         _judge_end(m, lines, len(next(iter(texts.values()), [])))
+    return m, stopped[:2] if stopped else None
+
+
+def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Executed:
+    """What the first of ``files`` does. usual: as in ``play``."""
+    m, stopped = play(files, ask, usual)
     frames, frame = _frames(m)
     return Executed(
         body=m.body.body(),
@@ -68,8 +79,8 @@ def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Exe
         frame=frame,
         findings=tuple(sorted(m.findings, key=lambda one: one.line)),
         assumed=tuple(sorted(m.assumed.values(), key=lambda one: one.line)),
-        facts=_facts(m, dialect, sign),
-        stopped=stopped[:2] if stopped else None,
+        facts=_facts(m),
+        stopped=stopped,
     )
 
 
@@ -106,10 +117,9 @@ def _frames(m: Foreign) -> tuple[tuple[Frames, ...], tuple[int, ...]]:
     return frames, tuple(frame) if len(frames) > 1 else ()
 
 
-def _facts(m: Foreign, dialect: Dialect, sign: str) -> tuple[tuple[str, str], ...]:
+def _facts(m: Foreign) -> tuple[tuple[str, str], ...]:
     """What else stands in the program."""
-    told = f"{dialect.name}" + (f" ({sign[:30]})" if sign and sign != "given" else "")
-    facts = [("dialect", told), ("units", "mm" if m.scale == 1.0 else "inch")]
+    facts = [("dialect", next(iter(m.facts.pop("dialect")))), ("units", "mm" if m.scale == 1.0 else "inch")]
     if m.tools:
         facts.append(("tools", ", ".join(f"T{number}" for number in m.tools)))
     if m.filament:

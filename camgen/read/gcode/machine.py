@@ -294,7 +294,7 @@ class Machine:
         """Takes in a motion code that leads nowhere. Raises LineError."""
         if code in ARCS:
             raise LineError(f"{code} without an end point or centre")
-        self.held += code == "G0" and not self.begun  # to where the tool stands, as LinuxCNC sees it
+        self.held += code in ("G0", "G1") and not self.begun  # to where the tool stands, as LinuxCNC sees it
 
     def notes(self) -> tuple[tuple[int, Note], ...]:
         """What was noted, each with the first line that it concerns."""

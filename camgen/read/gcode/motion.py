@@ -31,7 +31,7 @@ def move(m: Machine, code: str, words: dict[str, float]) -> None:
         return
     polar(m, words)
     named = [axis for axis in AXES if axis in words]
-    around = code in ARCS and any(letter in words for letter in _CENTRES)
+    around = m.motion in ARCS and any(letter in words for letter in _CENTRES)
     if not named and not around and code not in CYCLES:
         m.stand(code)
         return
