@@ -15,6 +15,7 @@ from camgen.model.job import Job
 from camgen.model.part import Part
 from camgen.read import Reader, is_drawing
 from camgen.read.files import Files
+from camgen.read.gcode_text import SUFFIXES, is_gcode
 
 #: A PGM begins with a letter and a digit, and then a number.
 _PGM = re.compile(rb"P[25](?:\s|#[^\n\r]*[\n\r])+[0-9]")
@@ -92,10 +93,11 @@ SOLID = Reader(
 GCODE = Reader(
     name="gcode",
     about="G-code",
-    suffixes=(".nc", ".ngc", ".gcode", ".tap"),
+    suffixes=SUFFIXES,
     makes="program",
     read=_read_with("camgen.read.gcode"),
     inspect=_inspect_with("camgen.read.gcode"),
+    recognise=lambda head: is_gcode(head.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")),
 )
 
 

@@ -18,8 +18,6 @@ from camgen.read.files import Files
 from camgen.read.gcode.arcs import LINUXCNC
 from camgen.read.gcode.interpreter import ProgramRun, Recorded, interpret
 
-SUFFIXES = (".nc", ".ngc", ".gcode", ".tap")
-
 
 class ProgramFacts(Struct, frozen=True):
     """What is in a program; its ``str`` is a page to print. low, high: the corners of its motions at feed, mm."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from itertools import accumulate
 
@@ -14,26 +13,8 @@ from camgen.read.gcode.dialects import DIALECTS, GRBL, Dialect, recognise
 from camgen.read.gcode.foreign import Foreign
 from camgen.read.gcode.interpreter import has_speed, perform
 from camgen.read.gcode.traced import TRACED
+from camgen.read.gcode_text import SUFFIXES, is_gcode
 from camgen.read.programs import Ask, Executed, Frames, Language
-
-SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".tap", ".cnc", ".eia", ".anc", ".din")
-#: So much of a text is looked at to tell what it is.
-_BEGINNING = 20_000
-_WORD = re.compile(r"[A-Z][ \t]*[-+]?(?:\d+\.?\d*|\.\d+|#[0-9<]|\[)", re.IGNORECASE)
-_MOTION = re.compile(
-    r"^[ \t/]*(?:N[ \t]*\d+[ \t]*)?(?:[GM][ \t]*\d+[ \t]*)*G[ \t]*0*[0-3](?![\d.])", re.IGNORECASE | re.MULTILINE
-)
-_COMMENT = re.compile(r"\([^()\n]*\)|;.*|^%.*|^[ \t]*[$].*|\bO[0-9<].*", re.MULTILINE | re.IGNORECASE)
-
-
-def is_gcode(text: str) -> bool:
-    """Whether the beginning of a text is surely G-code: motions, and nearly nothing but words and comments."""
-    head = text[:_BEGINNING]
-    if "\0" in head or not _MOTION.search(head):
-        return False
-    bare = re.sub(r"\s+", "", _COMMENT.sub("", head.rsplit("\n", 1)[0] if len(head) == _BEGINNING else head))
-    rest = _WORD.sub("", bare)
-    return bool(bare) and len(rest) <= 0.1 * len(bare)
 
 
 def play(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> tuple[Foreign, tuple[int, str] | None]:
