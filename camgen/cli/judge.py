@@ -43,6 +43,10 @@ def ask_of(language: Language, arguments: Namespace, job: Job, files: Files) -> 
     if dialect and dialect not in language.dialects:
         known = f"it has {join_names(language.dialects)}" if language.dialects else "it has none"
         raise JobError("--dialect", f"{language.name} has no dialect {dialect}", remedy=known)
+    for name in ("entry", "points"):
+        if getattr(arguments, name) and name not in language.takes:
+            what = {"entry": "has no routines to begin with", "points": "has its locations in its text"}[name]
+            raise JobError(f"--{name}", f"{language.name} {what}", remedy="leave it out")
     points = read_texts([Path(name) for name in arguments.points], files)
     return Ask(dialect, dict(map(_assumed, arguments.assume)), points, arguments.entry or "", job.limits)
 

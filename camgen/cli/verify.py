@@ -90,7 +90,7 @@ def _judge(asked: _Asked, says: Voice) -> int:
     rows = [("language", language.about), *_rows(motions, _lines(texts)), *rows_of(executed, place)]
     rows += [("told", f"{note.what} ({note.why})") for note in told.notes]
     error = verdict(executed, paths[0], place)
-    if error is None and not executed.body:
+    if error is None and not (executed.body or executed.assumed or executed.facts):
         error = InputError(str(paths[0]), f"does nothing, read as {language.about}", remedy="name its --post")
     if arguments.report:
         _report(Path(arguments.report), asked, executed, told, rows, says)
@@ -210,7 +210,8 @@ def _rows(motions: Motions, lines: int) -> list[tuple[str, str]]:
     rows.append(("arcs", length(motions.arc)))
     rows.append(("joint", f"{length(motions.joint)} between the ends"))
     rows.append(("time", f"about {duration(motions.seconds)}"))
-    rows.append(("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s"))
+    if motions.speeds[1] > 0:
+        rows.append(("speed", " to ".join(dict.fromkeys(short(v, 3) for v in motions.speeds)) + " mm/s"))
     if motions.extents:
         pairs = zip("xyz", *motions.extents, strict=True)
         rows.append(("extents", ", ".join(f"{axis} {short(a, 3)} to {short(b, 3)}" for axis, a, b in pairs) + " mm"))

@@ -90,7 +90,7 @@ class Executed(Struct, frozen=True, eq=False):
 class Language(Struct, frozen=True):
     """One language of controllers. suffixes: in small letters, with the dot. dialects: the names that ``Ask.dialect``
     takes. recognise: whether the beginning of a text is surely in this language. run: what its files say, by name in
-    order, LF line ends; never raises for a text.
+    order, LF line ends; never raises for a text. takes: which of ``entry`` and ``points`` it heeds.
     """
 
     name: str
@@ -99,6 +99,7 @@ class Language(Struct, frozen=True):
     recognise: Callable[[str], bool]
     run: Callable[[Mapping[str, str], Ask], Executed]
     dialects: tuple[str, ...] = ()
+    takes: tuple[str, ...] = ("entry",)
 
 
 def find_language(name: str) -> Language:

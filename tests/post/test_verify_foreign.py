@@ -80,21 +80,21 @@ def test_a_sound_foreign_program_says_what_it_does(capsys, tmp_path):
             "vplus",
             "a.v2",
             ".PROGRAM main()\n    SPEED 100 MMPS ALWAYS\n    MOVES p2\n    SIGNAL 5\n    CLOSEI\n.END\n",
-            {"line 3: location P2 is not defined", "line 5: CLOSEI is not evaluated"},
+            {"line 4: dangerous: signal 5 switches while the motion before it still runs: BREAK is missing"},
         ),
         (
             "pacscript",
             "a.pcs",
-            "Sub Main\n  TakeArm\n  Move L, @E P1\n  Set IO[24]\n  Approach P, P1, 100\n  GiveArm\nEnd Sub\n",
-            {"line 3: P[1] is not set in the text"},
+            "Sub Main\n  TakeArm\n  P1 = P(\n  GiveArm\nEnd Sub\n",
+            {"line 3: refused: a value is missing"},
         ),
         ("grbl", "a.nc", "G21\nG81 X1 Z-1 R1 F9\nG1 X1 F9\nM2\n", {"line 2: refused: G81 is not a code of grbl"}),
     ],
 )
 def test_what_is_not_known_is_named(capsys, tmp_path, post, name, text, said):
     code, _, told, _ = verified(capsys, written(tmp_path, name, text), post)
-    assert code == 2
-    assert said <= set(told)
+    assert all(any(line.startswith(one) for line in told) for one in said)
+    assert code == (3 if post == "vplus" else 2)
 
 
 def test_g_code_with_words_that_no_post_writes_is_run(capsys, tmp_path):
@@ -127,8 +127,8 @@ FOUND = {
         "rapid", 3,
         "line 33: dangerous: D_OUT_5 is switched while the robot is still in a corner: the motion in line 31 blends",
     ),
-    "Prog1.pg": ("vplus", 2, "line 5: unknown statement JMOVE"),
-    "Kawasaki.pg": ("vplus", 2, "line 7: unknown statement C1MOVE"),
+    "Prog1.pg": ("vplus", 2, "line 6: refused: LMOVE is no instruction of V+"),
+    "Kawasaki.pg": ("vplus", 2, "line 7: refused: C1MOVE is no instruction of V+"),
     "flowsnake.ngc": ("gcode", 0, ""),
     "g17-g98-g81.ngc": ("gcode", 0, ""),
     "bad-arc.small.metric.center-format.ngc": (

@@ -128,6 +128,7 @@ GCODE = Language(
     recognise=is_gcode,
     run=run_gcode,
     dialects=tuple(DIALECTS),
+    takes=(),
 )
 GRBL_LANGUAGE = Language(
     name="grbl",
@@ -136,4 +137,5 @@ GRBL_LANGUAGE = Language(
     recognise=lambda _: False,
     run=run_grbl,
     dialects=tuple(DIALECTS),
+    takes=(),
 )

@@ -19,4 +19,6 @@ def recognise(text: str) -> bool:
     return len(_SURE.findall(text[:20_000])) > 1 or text.lstrip("\ufeff")[:8].lower() == "'!title "
 
 
-LANGUAGE = Language("pacscript", "DENSO PacScript and PAC", (".pcs", ".pac", ".pns"), recognise, run_files)
+LANGUAGE = Language(
+    "pacscript", "DENSO PacScript and PAC", (".pcs", ".pac", ".pns"), recognise, run_files, takes=("entry", "points")
+)

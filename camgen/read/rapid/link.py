@@ -80,7 +80,8 @@ def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
     if found is None and wanted:
         found = next((r for m in modules for r in m.routines if r.name.lower() == wanted), None)
         if found is None:
-            machine.find("unusual", f"there is no PROC {machine.ask.entry[:40]}; another one is run", 1)
+            machine.find("refused", f"there is no PROC {machine.ask.entry[:40]}, which is asked for", 1)
+            return None
     if found is not None and found.kind == "proc" and all(one.optional for one in found.parameters):
         machine.tell("entry", found.name)
         return found

@@ -166,5 +166,10 @@ def _turn(body: Sequence[Instruction], turning: Sequence[tuple[int, float]]) -> 
 
 
 VPLUS = Language(
-    "vplus", "Adept V+, of SmartControllers and older Staeubli arms", (".v2", ".pg", ".v+", ".vb1"), recognise, run
-)  # fmt: skip
+    name="vplus",
+    about="Adept V+, of SmartControllers and older Staeubli arms",
+    suffixes=(".v2", ".pg", ".v+", ".vb1"),
+    recognise=recognise,
+    run=run,
+    takes=("entry", "points"),
+)
