@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 import camgen
 from bench.machine import machine
 from camgen.geometry.arcs import circle, turn_about
-from camgen.model.pose import Pose, frozen, translation
+from camgen.model.pose import Pose, fixed_xyz, frozen
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output
 from camgen.read.programs import Ask, find_language
 from camgen.read.taught import in_one_frame
@@ -36,7 +37,7 @@ _STEP = 0.2
 #: mm: nearer ones are one.
 _SAME = 1e-6
 #: So many points are compared at a time.
-_SOME = 500
+_SOME, _FEW = 500, 50
 #: mm: where no arc is printed, chords leave it by so much; digits are rounded twice on top.
 CHORD = 0.02
 WITHIN = CHORD + 0.002
@@ -52,14 +53,23 @@ class Way(NamedTuple):
     outputs: list[tuple[str, float]]
 
 
-def way_of(file: Path, language: str) -> Way:
-    """What a program does between its motions of the joints, but for lines that begin at home."""
+def frames_of(case: Path, post: str) -> tuple[Pose, Pose]:
+    """Base from work and flange from tool of a golden program: PacScript leaves them to the controller."""
+    tables = tomllib.loads((case / "job.toml").read_text())
+    own = {name: dict(tables[name]) for name in ("cell", "tool") if name in tables}
+    cell = camgen.cell(post, own)
+    return cell.base_from_work, cell.flange_from_tool
+
+
+def way_of(file: Path, language: str, frames: tuple[Pose, Pose]) -> Way:
+    """What a program does between its motions of the joints, but for lines that begin at home. frames: where the text
+    says none.
+    """
     executed = find_language(language).run({file.name: file.read_text(encoding="latin-1")}, Ask())
     if executed.stopped or any(one.level == "refused" for one in executed.findings):
         raise ValueError(f"{file.name}: {executed.stopped or executed.findings}")
     told = in_one_frame(executed, file.name, 0.001)
-    base = told.frames.base_from_work or translation(0, 0, 0)
-    tool = told.frames.flange_from_tool or translation(0, 0, 0)
+    base, tool = told.frames.base_from_work or frames[0], told.frames.flange_from_tool or frames[1]
     arm = robot(ARMS[language])
     joints = [item.target.values for item in told.body if isinstance(item, MoveJ) and isinstance(item.target, Joints)]
     homes = {*joints[:1], *joints[-1:]}
@@ -113,8 +123,9 @@ def _farthest(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     beside = np.clip(near[:, None] + [-1, 0], 0, max(len(b) - 2, 0))
     best = _to_lines(a[:, None], b[beside], b[np.minimum(beside + 1, len(b) - 1)]).min(axis=1)
     # Where another line comes by, the nearest point may be on that, and the nearest line not beside it.
-    far = np.flatnonzero(best > CHORD)[:_SOME]
-    best[far] = _to_lines(a[far, None], b[None, :-1], b[None, 1:]).min(axis=1)
+    far = np.flatnonzero(best > CHORD)
+    for some in np.array_split(far, len(far) // _FEW + 1):
+        best[some] = _to_lines(a[some, None], b[None, :-1], b[None, 1:]).min(axis=1)
     return float(best.max())
 
 
@@ -131,18 +142,23 @@ def _nearest(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.int64
     return np.asarray(square.argmin(axis=1))
 
 
-def post_again(file: Path, source: str, target: str, folder: Path) -> Path:
+def post_again(file: Path, source: str, target: str, folder: Path, frames: tuple[Pose, Pose]) -> Path:
     """The program ``file`` of the controller ``source`` for another one; CamgenError where that cannot be."""
     executed = find_language(source).run({file.name: file.read_text(encoding="latin-1")}, Ask())
     names = dict.fromkeys(item.signal for item in executed.body if isinstance(item, Output))
     suffix, name = POSTS[target]
     signals = {one: _number(name.format(_digits(one))) for one in names}
     job: dict[str, object] = {"operation": {"taught_on": ARMS[source]}, "tolerance": {"chord": CHORD}}
+    job["cell"] = {"base_from_work": _values(frames[0]), "flange_from_tool": _values(frames[1])}
     job |= {"post": {"signals": signals}} if signals else {}
     result = camgen.build(file, post=target, job=job, name="part")
     made = folder / f"part{suffix}"
     made.write_text("".join(one.text for one in result.files), encoding="latin-1")
     return made
+
+
+def _values(pose: Pose) -> list[float]:
+    return [*pose.origin, *map(math.degrees, fixed_xyz(pose.rotation))]
 
 
 def _digits(name: str) -> str:
@@ -164,11 +180,12 @@ def tell(file: Path, source: str, target: str) -> str:
     """How far the motion is off after there and back, and how its time differs, or why it cannot be."""
     with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as two:
         try:
-            there = post_again(file, source, target, Path(one))
-            back = post_again(there, target, source, Path(two))
+            frames = frames_of(file.parents[1], source)
+            there = post_again(file, source, target, Path(one), frames)
+            back = post_again(there, target, source, Path(two), frames)
         except camgen.CamgenError as error:
             return f"- | - | {error}"
-        a, b = way_of(file, source), way_of(back, source)
+        a, b = way_of(file, source, frames), way_of(back, source, frames)
         same = [value for _, value in a.outputs] == [value for _, value in b.outputs]
         return f"{apart(a, b):.4f} | {abs(a.seconds - b.seconds):.3f} | {'' if same else 'outputs differ'}"
 

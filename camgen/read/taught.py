@@ -203,12 +203,15 @@ def in_one_frame(executed: Executed, file: str, chord: float) -> Carried:
     pieces = 0
     for item, line, place in zip(executed.body, executed.lines, places, strict=True):
         made: Sequence[Instruction] = (item,)
-        if isinstance(item, Force) or (isinstance(item, MoveJ | MoveL | MoveC) and isinstance(item.target, Pose)):
+        if isinstance(item, Force) and not any(item.force_direction):
+            pass  # off, or along what no text says
+        elif isinstance(item, Force) or (isinstance(item, MoveJ | MoveL | MoveC) and isinstance(item.target, Pose)):
             if place not in changes:
                 changes[place] = _find_change(executed.frames[place] if executed.frames else own, own, file, line)
             change = changes[place]
         if isinstance(item, Force):
-            made = (replace(item, force_direction=change.turn(item.force_direction)),)
+            if any(item.force_direction):
+                made = (replace(item, force_direction=change.turn(item.force_direction)),)
         elif isinstance(item, MoveJ | MoveL | MoveC):
             if isinstance(item.target, Pose) and not change.same:
                 made = list(_carry(item, here, change, chord))

@@ -566,7 +566,7 @@ def test_verify_sums_the_motion_up(capsys: Captured) -> None:
     rows = dict(line.split(maxsplit=1) for line in said.out.splitlines())
     # The plate's outline is 3 mm outside, its corners are quarter circles; the hole is 3 mm inside.
     assert rows["extents"] == "x -3 to 103, y -3 to 53, z 0 to 20 mm"
-    assert rows["output"] == "process: 0, 1"  # in the order in which they come: off first
+    assert rows["output"] == "doProcess: 0, 1"  # in the order in which they come: off first
     assert rows["arcs"] == "62.8 mm"  # 6 pi around the corners, 14 pi in the hole
     assert rows["speed"].endswith("to 100 mm/s")
 
@@ -585,7 +585,7 @@ def test_verify_lists_faults_by_line(built: Path, capsys: Captured) -> None:
     at = next(k for k, line in enumerate(lines) if "MoveL" in line)
     lines[at] = lines[at].replace("MoveL", "MoveQ")
     (built / "plate.mod").write_text("\n".join(lines) + "\n")
-    assert main(["verify", "plate.mod", "--post", "rapid"]) == 2
+    assert main(["verify", "plate.mod", "--post", "rapid", "--plan", "plan.json"]) == 2
     said = capsys.readouterr()
     assert f"plate.mod line {at + 1}: " in said.out
     assert re.match(r"camgen: error: plate\.mod: \d+ faults?, first: ", said.err)

@@ -29,6 +29,7 @@ from docs.make.pages import CONSOLES
 from tests.docs.test_docs import FILES, ROOT, USAGE, commands, name
 from tests.support.benches import open_bench
 from tests.support.clouds import scan
+from tests.support.old_programs import RAPID, VPLUS
 
 FIXTURES = ROOT / "fixtures"
 PARTS = FIXTURES / "parts"
@@ -139,7 +140,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savetxt(
         folder / "bench.ply", scan(trimesh.load_mesh(PARTS / "rfa1.stl"), 2000, 1), fmt="%.4f", header=PLY, comments=""
     )
-    (folder / "old.ngc").write_text(OLD)
+    for name, text in {"old.ngc": OLD, "old.nc": OLD, "old.mod": RAPID, "old.v2": VPLUS}.items():
+        (folder / name).write_text(text)
     (folder / "frame.toml").write_text("[cell]\nbase_from_work = [400, 0, 100, 0, 0, 0]\n")
     words = [str(folder / "part.dxf"), "--post", "rapid", "--plan", str(folder / "part.json"), "-q"]
     assert main(["build", *words, "-o", str(folder)]) == 0
