@@ -176,18 +176,23 @@ def rows(case: Path) -> list[str]:
     return [f"| {case.name} | {a} | {b} | {tell(files[a], a, b)} |" for a, b in pairs if a != b]
 
 
+def there_and_back(file: Path, source: str, target: str) -> tuple[Way, Way]:
+    """What a golden program does, and what it does after there and back. CamgenError where it cannot go there."""
+    with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as two:
+        frames = frames_of(file.parents[1], source)
+        there = post_again(file, source, target, Path(one), frames)
+        back = post_again(there, target, source, Path(two), frames)
+        return way_of(file, source, frames), way_of(back, source, frames)
+
+
 def tell(file: Path, source: str, target: str) -> str:
     """How far the motion is off after there and back, and how its time differs, or why it cannot be."""
-    with tempfile.TemporaryDirectory() as one, tempfile.TemporaryDirectory() as two:
-        try:
-            frames = frames_of(file.parents[1], source)
-            there = post_again(file, source, target, Path(one), frames)
-            back = post_again(there, target, source, Path(two), frames)
-        except camgen.CamgenError as error:
-            return f"- | - | {error}"
-        a, b = way_of(file, source, frames), way_of(back, source, frames)
-        same = [value for _, value in a.outputs] == [value for _, value in b.outputs]
-        return f"{apart(a, b):.4f} | {abs(a.seconds - b.seconds):.3f} | {'' if same else 'outputs differ'}"
+    try:
+        a, b = there_and_back(file, source, target)
+    except camgen.CamgenError as error:
+        return f"- | - | {error}"
+    same = [value for _, value in a.outputs] == [value for _, value in b.outputs]
+    return f"{apart(a, b):.4f} | {abs(a.seconds - b.seconds):.3f} | {'' if same else 'outputs differ'}"
 
 
 def main() -> None:

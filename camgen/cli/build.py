@@ -216,6 +216,10 @@ def _tell_verified(result: Result) -> str:
     return f"read back, {compared} equal, largest deviation {result.deviation.max_mm:.6f} mm"
 
 
+#: Bytes at the beginning of a program among which camgen names itself.
+_HEAD = 4000
+
+
 class _Stages(Struct):
     """Tells the terminal the stage that runs and remembers how long each took."""
 
@@ -264,6 +268,8 @@ def run(arguments: Namespace, says: Voice) -> int:
             raise JobError("-o -", what, remedy="give a folder with -o")
         written = [] if aloud else programs
         check_targets([*(path for path, _ in written), *extra], read)
+        if program is None and written:
+            _spare_others(written[0][0])
         write_all([*written, *_extras(arguments, result, [path.name for path, _ in programs])], files.opened)
     if aloud:
         says.out(programs[0][1].decode("ascii"))
@@ -272,6 +278,15 @@ def run(arguments: Namespace, says: Voice) -> int:
     if says.verbose:
         says.rows([("timing", ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.spent()), "plain")])
     return 0
+
+
+def _spare_others(target: Path) -> None:
+    """JobError where a program of somebody else has the name that this one would get by itself: old.v2 beside old.mod
+    may be all there is of what was taught by hand.
+    """
+    if target.is_file() and b"camgen" not in target.read_bytes()[:_HEAD]:
+        what = "is there already, and camgen did not write it"
+        raise JobError(str(target), what, remedy="name the program with -o, or move that file away")
 
 
 def _place(output: str | None) -> tuple[Path, Path | None]:

@@ -122,7 +122,8 @@ SMOKES = [
     Smoke("read.drawings {here}", (1,), {"used": (9, 9)}),
     Smoke("read.edges {here}", (1,), {"convex mm (measured)": (1390, 1391)}),
     Smoke("read.replay {programs}", (2,), {}, lacking(program="rs274")),
-    Smoke("read.verify {programs}", (5,), {"faults": (0, 0), "arcs mm": (0, 107)}),
+    Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),
+    Smoke("read.translate layers-inside", (6,), {"mm apart": (0, 0.022), "s apart": (0, 0.01)}),
 ]  # fmt: skip
 
 

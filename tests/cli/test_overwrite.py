@@ -205,3 +205,21 @@ def test_sigterm_ends_a_batch_with_its_builders(here: Path) -> None:
         time.sleep(0.05)
     assert not group_lives(batch.pid)
     assert not [path for path in (here / "out").iterdir() if path.name.startswith(".camgen")]
+
+
+def test_a_program_that_somebody_else_wrote_is_not_written_over_by_default(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was taught by hand may be all there is."""
+    (here / "plate.mod").write_text("MODULE plate\n  PROC main()\n  ENDPROC\nENDMODULE\n")
+    before = contents(here)
+    words = ["build", "plate.dxf", "--post", "rapid", "--job", "own.toml", "-q"]
+    (here / "own.toml").write_text("")
+    before = contents(here)
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "plate.mod: is there already, and camgen did not write it; name the program with -o" in said
+    assert contents(here) == before
+    # Who names it means it, and our own is renewed.
+    assert main([*words, "-o", "plate.mod"]) == 0
+    assert main(words) == 0

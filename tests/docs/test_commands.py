@@ -140,8 +140,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savetxt(
         folder / "bench.ply", scan(trimesh.load_mesh(PARTS / "rfa1.stl"), 2000, 1), fmt="%.4f", header=PLY, comments=""
     )
-    for name, text in {"old.ngc": OLD, "old.nc": OLD, "old.mod": RAPID, "old.v2": VPLUS}.items():
-        (folder / name).write_text(text)
+    for file, text in {"old.ngc": OLD, "old.nc": OLD, "old.mod": RAPID, "old.v2": VPLUS}.items():
+        (folder / file).write_text(text)
     (folder / "frame.toml").write_text("[cell]\nbase_from_work = [400, 0, 100, 0, 0, 0]\n")
     words = [str(folder / "part.dxf"), "--post", "rapid", "--plan", str(folder / "part.json"), "-q"]
     assert main(["build", *words, "-o", str(folder)]) == 0

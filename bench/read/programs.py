@@ -1,0 +1,94 @@
+"""Programs that others wrote, run by the interpreters of their languages: python -m bench.read.programs FOLDER...
+
+A row for each folder below FOLDER, which is a project: its programs by language; how many are run to their end, how
+many of these with assumptions, how many cannot be run on, and in how many something is refused by their controller; and
+the time. ``--why`` lists the reasons with their files. What a program needs of others in its folder is not given to it:
+what they hold is assumed, as ``camgen verify FILE`` does.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+from bench.machine import machine
+from camgen.read.programs import Ask, Executed, Language, list_languages
+
+
+class Ran(NamedTuple):
+    """A program and what came of it."""
+
+    file: Path
+    language: str
+    executed: Executed
+    seconds: float
+
+
+def languages_of(file: Path, text: str) -> list[Language]:
+    """The languages that a text looks like, or that its name says."""
+    every = list_languages()
+    return [one for one in every if one.recognise(text)] or [
+        one for one in every if file.suffix.lower() in one.suffixes
+    ]
+
+
+def run_all(folder: Path) -> Iterator[Ran]:
+    """All programs below ``folder``."""
+    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+        data = file.read_bytes()
+        if b"\0" in data or not data.strip():
+            continue
+        text = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
+        for language in languages_of(file, text)[:1]:
+            begin = perf_counter()
+            executed = language.run({file.name: text}, Ask())
+            yield Ran(file, language.name, executed, perf_counter() - begin)
+
+
+def row(name: str, ran: list[Ran]) -> str:
+    """One row of the Markdown table."""
+    stopped = [one for one in ran if one.executed.stopped]
+    whole = [one for one in ran if not one.executed.stopped]
+    assumed = [one for one in whole if one.executed.assumed]
+    refused = [one for one in ran if any(found.level == "refused" for found in one.executed.findings)]
+    kinds = ", ".join(sorted({one.language for one in ran}))
+    seconds = sum(one.seconds for one in ran)
+    cells = (name, kinds, len(ran), len(whole), len(assumed), len(stopped), len(refused), f"{seconds:.1f}")
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def reasons(ran: list[Ran]) -> Iterator[str]:
+    """Why programs cannot be run on, and what is refused first."""
+    for one in ran:
+        if one.executed.stopped:
+            line, what = one.executed.stopped
+            yield f"{one.file}:{line}: stopped: {what}"
+        refused = [found for found in one.executed.findings if found.level == "refused"]
+        for found in refused[:1]:
+            yield f"{one.file}:{found.line}: refused ({len(refused)}): {found.what}"
+
+
+def main() -> None:
+    """The table."""
+    why = "--why" in sys.argv
+    folders = [Path(name) for name in sys.argv[1:] if name != "--why"]
+    print(machine(), end="\n\n")
+    print("| project | language | programs | run to the end | of these with assumptions | stopped | refused | s |")
+    print("|---|---|---|---|---|---|---|---|")
+    every: list[Ran] = []
+    for folder in folders:
+        for project in sorted(path for path in folder.iterdir() if path.is_dir()) or [folder]:
+            ran = list(run_all(project))
+            every += ran
+            if ran:
+                print(row(project.name, ran), flush=True)
+    print(row("all", every))
+    if why:
+        print("\n" + "\n".join(reasons(every)))
+
+
+if __name__ == "__main__":
+    main()
