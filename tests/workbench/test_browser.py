@@ -112,6 +112,30 @@ def test_a_change_is_built_at_once_and_saved_as_the_command_line_does(tab: Tab, 
     assert [url for url in tab.asked if not url.startswith((own, "blob:", "data:"))] == []
 
 
+def test_what_is_looked_at_survives_a_new_program(tab: Tab) -> None:
+    """Camera, chosen path, time, tab and colouring."""
+    frame = tab.shown(tab.rest()["built"]["number"])
+    frame.evaluate(
+        "() => { const { look, player } = camgen; look.turn = 0.7; look.tilt = 0.9; look.height = 55; look.own = true; "
+        "look.target.set(3, 4, 5); player.to(4); }"
+    )
+    rows = frame.locator("#rows > *")
+    rows.nth(1).click()
+    frame.locator("nav button[data-tab=text]").click()
+    frame.locator(".switch button[data-by=feed]").click()
+    before = frame.evaluate("camgen.viewState()")
+    assert before["id"]
+    tab.enter("process.feed", "31")
+    after = tab.shown(tab.rest("s.tables.process")["built"]["number"]).evaluate("camgen.viewState()")
+    for name in ("id", "tab", "colouring", "layers"):
+        assert after[name] == before[name]
+    for name in ("turn", "tilt", "height"):
+        assert after["camera"][name] == pytest.approx(before["camera"][name], abs=1e-6)
+    assert after["camera"]["target"] == pytest.approx(before["camera"]["target"], abs=1e-4)
+    assert after["time"] == pytest.approx(before["time"], abs=1e-6)
+    assert tab.said == []
+
+
 def test_an_error_stands_beside_its_setting_and_the_last_program_stays(tab: Tab) -> None:
     number = tab.rest()["built"]["number"]
     tab.enter("process.force", "-1")
