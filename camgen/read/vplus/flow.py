@@ -436,7 +436,9 @@ class Machine(Statements):
             self.notes.odd(self.line, f"WAIT takes a condition, and {rest} is one that always holds: it does not wait")
             return
         self.rest()
-        if not holds and not self._wish(rest, True, fresh=False):
+        # An input that was heard before has changed meanwhile.
+        again = any(number in self.inputs for number in self.consulted)
+        if not holds and (not self._wish(rest, True, fresh=False) or again):
             self.notes.assume(self.line, f"WAIT {rest} is over at once")
 
     def _wait_event(self, rest: str) -> None:

@@ -8,6 +8,7 @@ the start; OPEN and CLOSE act with the next motion, OPENI and CLOSEI after the l
 from __future__ import annotations
 
 import math
+import re
 from functools import partial
 from itertools import repeat
 from typing import NamedTuple
@@ -33,6 +34,7 @@ RATED_TURN = 1200.0
 HAND = "hand.open"
 _PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"), ("OVERLAP", "NOOVERLAP"))
 POSTURES = frozenset(word for pair in _PAIRS for word in pair)
+_HERE = re.compile(r"(?<![\w.])HERE(?![\w.])", re.IGNORECASE)
 _START = "HERE at the start"
 
 
@@ -89,7 +91,15 @@ class Robot(Surroundings):
 
     def point_here(self, word: str) -> Joints | Location:
         """The same as joint values."""
-        return self._at if isinstance(self._at, Joints) else unknown(f"#{describe_any(self.here(word))}")
+        if not isinstance(self._at, Joints):
+            return unknown(f"#{describe_any(self.here(word))}")
+        return self._at
+
+    def check_here(self, text: str) -> None:
+        """A remark on a place that is taken while the robot moves on."""
+        if self._moving and "HERE" in text.upper() and _HERE.search(text):
+            what = "HERE while the robot may still move: BREAK is missing; the end of that motion is taken"
+            self.notes.odd(self.line, what)
 
     def _from_start(self) -> None:
         what = "where the robot stands at the start is not known: what refers to it is given in a frame of that name"
@@ -103,6 +113,7 @@ class Robot(Surroundings):
 
     def move(self, statement: Statement) -> None:
         """``MOVE``, ``MOVES``, and with the hand ``MOVET``, ``MOVEST``."""
+        self.check_here(statement.rest)
         text = Expression(statement.rest, self)
         target = self.target(text)
         if "T" in statement.word:
@@ -470,6 +481,7 @@ class Robot(Surroundings):
         array = left.take()
         start = left.subscripts() or "[0]"
         left.finish()
+        self.check_here(rest)
         text = Expression(rest, self)
         found = self.target(text)
         text.finish()

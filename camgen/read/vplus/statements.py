@@ -92,6 +92,7 @@ class Statements(Robot):
 
     def set(self, statement: Statement) -> None:
         """``SET name = location``."""
+        self.check_here(statement.rest)
         text = Expression(statement.rest, self)
         name = self._left(text)
         text.expect("=")
@@ -112,6 +113,7 @@ class Statements(Robot):
 
     def define_here(self, statement: Statement) -> None:
         """``HERE name``."""
+        self.check_here("HERE")
         text = Expression(statement.rest, self)
         name = self._left(text)
         text.finish()
@@ -119,6 +121,7 @@ class Statements(Robot):
 
     def joints_here(self, statement: Statement) -> None:
         """``JHERE a, b, ..``: joint values into variables."""
+        self.check_here("HERE")
         where = self.point_here("HERE")
         values = to_values(where) if isinstance(where, Joints) else []
         for k, name in enumerate(split(statement.rest)):

@@ -170,6 +170,8 @@ SECTIONS = frozenset({".LOCATIONS", ".REALS", ".DOUBLES", ".STRINGS"})
 _LOOPS = frozenset({"FOR", "WHILE", "DO"})
 #: Loops around an EXIT or a NEXT that can be meant.
 _DEEPEST = 40
+_A = {"IF": "an IF", "CASE": "a CASE"}
+_ALONE = frozenset({"ELSE", "END", "ANY"})
 _BRANCHES = {"ELSE": "IF", "VALUE": "CASE", "ANY": "CASE"}
 _STRING = re.compile(r'"[^"]*"')
 _DECLARE = frozenset({"AUTO", "LOCAL", "GLOBAL"})
@@ -243,7 +245,7 @@ def routines(files: Mapping[str, str], report: Report, remark: Report) -> list[R
         file = _File(number, report, remark)
         number = _read(text, file)
         found += file.found
-    _match(found, report, True)
+    _match(found, report, None)
     return found
 
 
@@ -260,16 +262,17 @@ def read_files(
         number = _read(text, file)
         found += file.found
         data += file.data
-    _match(found, report, False)
+    _match(found, report, remark)
     return found, data
 
 
-def _match(found: list[Routine], report: Report, strict: bool) -> None:
+def _match(found: list[Routine], report: Report, remark: Report | None) -> None:
+    """remark: for what is no more than odd; None: as strictly as the read-back wants it."""
     seen: dict[str, Routine] = {}
     for routine in found:
         if seen.setdefault(canonical(routine.name), routine) is not routine:
             report(routine.line, f"program {routine.name} is there twice")
-        _Blocks(routine, report, strict).match()
+        _Blocks(routine, report, remark).match()
 
 
 def _read(text: str, file: _File) -> int:
@@ -430,10 +433,10 @@ def one_by_one(plain: Stretch) -> list[Statement]:
 
 
 class _Blocks:
-    """The blocks of a program. strict: as of the read-back, which evaluates none but FOR."""
+    """The blocks of a program. remark: see ``_match``; the read-back evaluates no block but FOR."""
 
-    def __init__(self, routine: Routine, report: Report, strict: bool) -> None:
-        self._routine, self._report, self._strict = routine, report, strict
+    def __init__(self, routine: Routine, report: Report, remark: Report | None) -> None:
+        self._routine, self._report, self._remark, self._strict = routine, report, remark, remark is None
         self._open: list[int] = []
         self._around: list[int] = []
 
@@ -449,6 +452,9 @@ class _Blocks:
 
     def _see(self, index: int, statement: Statement) -> None:
         word, routine = statement.word, self._routine
+        if self._remark is not None and word in _ALONE and statement.rest.strip(": "):
+            tell = self._report if word == "ELSE" else self._remark
+            tell(statement.line, f"{word} stands alone, without {statement.rest[:30]}")
         if self._opens(statement):
             self._open.append(index)
             if word in _LOOPS:
@@ -464,7 +470,7 @@ class _Blocks:
                 routine.partner[start], routine.opener[index] = index, start
         elif word in _BRANCHES and not self._strict:
             if self._word(-1) != _BRANCHES[word]:
-                self._report(statement.line, f"{word} outside of a {_BRANCHES[word]}")
+                self._report(statement.line, f"{word} outside of {_A[_BRANCHES[word]]}")
             else:
                 routine.branches.setdefault(self._open[-1], []).append(index)
                 routine.opener[index] = self._open[-1]

@@ -190,7 +190,8 @@ def test_the_bound_of_a_run():
         ("GOTO 99", "there is no label 99 in this program"),
         ("EXIT", "EXIT outside of a loop"),
         ("END", "END closes nothing"),
-        ("ELSE", "ELSE outside of a IF"),
+        ("ELSE", "ELSE outside of an IF"),
+        ("IF x THEN\nELSE IF y THEN\nEND", "ELSE stands alone, without IF y THEN"),
         ("FOR i = 1 TO 2", "FOR is not closed"),
         ("MOVE TRANS(1", ") expected before the end of the line"),
         ("MOVE TRANS(1) 5", "'5' is not expected here"),
@@ -264,3 +265,7 @@ def test_a_text_without_a_program_line_is_refused_and_run():
 def test_joints_and_names_with_dollar_signs():
     found = execute("SET #p = #PPOINT(10,20,30,40)", "MOVE #p")
     assert found.body[0].target == Joints(pytest.approx((0.17453293, 0.34906585, 30.0, 0.6981317)))
+
+
+def test_more_behind_an_end_is_odd():
+    assert told(execute("IF TRUE THEN", "END l5"), "unusual") == [(3, "END stands alone, without l5")]

@@ -205,3 +205,21 @@ def test_motions_in_place_have_a_speed_of_turning():
 )
 def test_what_is_surely_this_language(text, sure):
     assert recognise(text) is sure
+
+
+def test_here_while_the_robot_moves_is_told():
+    found = execute("MOVE TRANS(1)", "HERE p", "BREAK", "HERE q", "MOVES SHIFT(q BY 1)")
+    what = "HERE while the robot may still move: BREAK is missing; the end of that motion is taken"
+    assert told(found, "unusual") == [(3, what)]
+    assert [m.target.origin[0] for m in moves(found)] == [1, 2]
+
+
+def test_an_input_that_changes_is_told_twice():
+    found = execute("WAIT SIG(1001)", "WAIT SIG(-1001)", "WAIT SIG(1001)")
+    assert [a.what for a in found.assumed] == [
+        "signal 1001 is on", "WAIT SIG(-1001) is over at once", "WAIT SIG(1001) is over at once",
+    ]  # fmt: skip
+
+
+def test_a_shift_by_nothing_is_the_location_itself():
+    assert [f.work for f in execute("MOVES SHIFT(pick BY 0,0,0)").frames] == ["pick"]
