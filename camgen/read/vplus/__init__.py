@@ -108,10 +108,10 @@ def _place(machine: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...], Seque
     found: list[int] = []
     changed: dict[int, Sequence[Instruction]] = {}
     # What stands before the first pose is counted to its frame.
-    last = next((place for place in machine.places if place is not None), (Frame(), None))
-    for index, (place, tool) in enumerate(zip(machine.places, machine.tool, strict=True)):
-        last = place or last
-        frame, base = last
+    frame = next((one for one in machine.frames if one is not None), Frame())
+    given = zip(machine.frames, machine.bases, machine.tool, strict=True)
+    for index, (own, base, tool) in enumerate(given):
+        frame = own or frame
         short = id(frame), id(base), tool
         if short not in known:
             one = _frames(machine.tools[tool], frame, base, flat)
@@ -121,7 +121,7 @@ def _place(machine: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...], Seque
                 frames.append(one)
             known[short] = places[key]
         found.append(known[short])
-        if place is not None and flat and frame.compound and not frame.external:
+        if own is not None and flat and frame.compound and not frame.external:
             item = machine.body[index]
             moved = replace(item, target=frame.pose @ item.target)  # type: ignore[union-attr, operator]
             changed[index] = (moved,)
@@ -132,8 +132,8 @@ def _place(machine: Machine) -> tuple[tuple[Frames, ...], tuple[int, ...], Seque
 def _is_flat(machine: Machine) -> bool:
     """Whether there are too many work frames to name them."""
     seen: dict[tuple[object, ...], None] = {}
-    for place in {id(p[0]): p for p in machine.places if p is not None and p[0].compound}.values():
-        pose = place[0].pose
+    for frame in {id(one): one for one in machine.frames if one is not None and one.compound}.values():
+        pose = frame.pose
         seen[(pose.origin, pose.rotation.tobytes())] = None
     return len(seen) > _FRAMES
 

@@ -13,16 +13,19 @@ from camgen.model.errors import one_line
 from camgen.model.program import Joints
 from camgen.read.programs import Ask, Assumption, Finding, Level
 
+from .arm import Arm
 from .functions import truth
 from .locations import unknown
 from .names import canonical
 from .text import Impossible, Location
-from .variables import Table, Value, Variables
+from .variables import Table, Value
 
 #: Messages are one line of at most so many characters.
 _LONGEST = 160
 #: What a real is taken for that only the controller has, such as a number of parts: loops then run once.
 _REAL = 1.0
+#: What SPEED 100 is taken to be, mm/s of the TCP.
+RATED = 7500.0
 #: The last signal that the controller knows.
 MOST_SIGNAL = 9999
 #: So many of each are told.
@@ -76,7 +79,7 @@ class Notes:
         return tuple((label, ", ".join(texts)) for label, texts in self._facts.items())
 
 
-class Surroundings(Variables):
+class Surroundings(Arm):
     """The variables of a program, and what it hears from outside. line: of the instruction that is carried out. doubt:
     whether what was read since it was last put down rests on an assumption.
     """
@@ -84,7 +87,7 @@ class Surroundings(Variables):
     strict: ClassVar[bool] = False
 
     def __init__(self, ask: Ask, notes: Notes) -> None:
-        super().__init__(frozenset())
+        super().__init__(frozenset(), RATED)
         self.notes = notes
         self.line = 0
         self.doubt = False

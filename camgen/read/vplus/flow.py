@@ -308,7 +308,7 @@ class Machine(Statements):
 
     def _cut(self, length: int) -> None:
         """Takes back what the repeated round has added."""
-        del self.body[length:], self.lines[length:], self.places[length:], self.tool[length:]
+        del self.body[length:], self.lines[length:], self.frames[length:], self.bases[length:], self.tool[length:]
         found = (k for k in reversed(range(length)) if isinstance(self.body[k], (MoveJ, MoveL, MoveC)))
         self._last = next(found, None)
 

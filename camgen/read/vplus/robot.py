@@ -9,31 +9,25 @@ from __future__ import annotations
 
 import math
 import re
-from functools import partial
 from itertools import repeat
 from typing import NamedTuple
 
-from msgspec.structs import replace
-
 from camgen.model.pose import Pose, translation, zyz
-from camgen.model.program import Instruction, Joints, MoveJ, MoveL, Output, Posture, Stop, Wait
+from camgen.model.program import Instruction, Joints, Output, Stop, Wait
 from camgen.read.programs import Ask
 
 from . import words
-from .asked import MOST_SIGNAL, Notes, Surroundings
+from .arm import PAIRS, ROUNDED
+from .asked import MOST_SIGNAL, RATED, Notes, Surroundings
 from .locations import Expression, describe, to_joints, to_values, unknown
 from .text import NULL, Frame, Impossible, Location, Pace, Statement, Stretch, Unreadable, pace, rotation_zyz
 
-#: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
-ROUNDED = 1.0
-#: What SPEED 100 is taken to be, mm/s of the TCP: V+ counts in percent of the arm's own speed.
-RATED = 7500.0
 #: What 100 % rotational speed is taken to be, deg/s.
 RATED_TURN = 1200.0
 #: The output of the hand: its numbers are set on the controller.
 HAND = "hand.open"
-_PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"), ("OVERLAP", "NOOVERLAP"))
-POSTURES = frozenset(word for pair in _PAIRS for word in pair)
+_OVERLAP = frozenset({"OVERLAP", "NOOVERLAP"})
+POSTURES = frozenset(word for pair in PAIRS for word in pair) | _OVERLAP
 _HERE = re.compile(r"(?<![\w.])HERE(?![\w.])", re.IGNORECASE)
 _START = "HERE at the start"
 
@@ -46,32 +40,20 @@ class Tool(NamedTuple):
 
 
 class Robot(Surroundings):
-    """What the robot does, while a text is carried out. body: in order. lines: of each. places: what its target is
-    given in, with the base that was in force, None where it has no pose. tools, tool: those used, and by instruction
-    the place of the one in force. turning: the rotational speeds, % of the rated one, each with the place in the body
-    from which on it holds. Methods with a ``Statement`` carry it out; Unreadable when they cannot.
+    """What the robot does, while a text is carried out. bases: by instruction the base that was in force. tools, tool:
+    those used, and by instruction the place of the one in force. Methods with a ``Statement`` carry it out; Unreadable
+    when they cannot.
     """
 
     def __init__(self, ask: Ask, notes: Notes) -> None:
         super().__init__(ask, notes)
-        self.body: list[Instruction] = []
-        self.lines: list[int] = []
-        self.places: list[tuple[Frame, Pose | None] | None] = []
+        self.bases: list[Pose | None] = []
         self.tools: list[Tool] = [Tool("", None)]
         self.tool: list[int] = []
         self._held = 0
         self._base: Pose | None = None
-        self._at: Location | Joints | None = None
-        self._last: int | None = None
-        self._moving = False
-        self._path = True
         self._once_exact = False
-        self._always: Pace = (100.0, "%", 100.0)
-        self._once: Pace | None = None
-        self._monitor = 1.0
-        self._posture: Posture | None = None
         self._hand: float | None = None
-        self.turning: list[tuple[int, float]] = [(0, 100.0)]
 
     # -- where it is ---------------------------------------------------------------------------------------------
 
@@ -188,65 +170,31 @@ class Robot(Surroundings):
         """A motion to a place."""
         if self._hand is not None:
             self._switch_hand(self._hand)
-        setting, self._once = self._once or self._always, None
         blend = ROUNDED if self._path and not self._once_exact else 0.0
         self._once_exact = False
-        self._turn(setting)
-        speed, share = self._mm_per_second(setting), self._share(setting)
-        if isinstance(target, Joints):
-            self.add(MoveJ(target, speed, blend, share=share))
-        elif straight:
-            self.add(MoveL(target.local, speed, blend, posture=self._posture, turn=0.0), target.frame)
-        else:
-            self.add(MoveJ(target.local, speed, blend, posture=self._posture, share=share), target.frame)
-        self._at, self._moving, self._last = target, True, len(self.body) - 1
+        share = 0.0 if straight and isinstance(target, Location) else self._share(self._once or self._always)
+        self.travel(self.line, target, straight, blend, share)
 
     def stretch(self, plain: Stretch) -> bool:
         """The motions of a stretch at once, if the state is the usual one; else nothing is done."""
         frame = self.frame(plain.name)
-        unusual = self._hand is not None or self._once is not None or self._once_exact
-        if frame is None or unusual:
+        if frame is None or self._hand is not None or self._once is not None or self._once_exact:
             return False
-        straight, count = plain.word == "MOVES", len(plain.poses)
-        blend, speed = ROUNDED if self._path else 0.0, self._mm_per_second(self._always)
-        swing = partial(MoveJ, posture=self._posture, share=self._share(self._always))
-        made = partial(MoveL, posture=self._posture) if straight else swing
-        self._turn(self._always)
-        self.body += map(made, plain.poses, repeat(speed), repeat(blend))
-        self.lines += range(plain.line, plain.line + count)
-        self.places += repeat((frame, self._base), count)
-        self.tool += repeat(self._held, count)
-        self._at, self._moving, self._last = Location(plain.poses[-1], frame), True, len(self.body) - 1
+        self.follow(plain, frame, 0.0 if plain.word == "MOVES" else self._share(self._always))
+        self.bases += repeat(self._base, len(plain.poses))
+        self.tool += repeat(self._held, len(plain.poses))
         return True
-
-    def _turn(self, setting: Pace) -> None:
-        rate = min(setting[2], 100.0) * self._monitor
-        if rate != self.turning[-1][1]:
-            self.turning.append((len(self.body), rate))
-
-    def _mm_per_second(self, setting: Pace) -> float:
-        speed, unit, _ = setting
-        return speed * (RATED / 100 if unit == "%" else 1.0) * self._monitor
 
     def _share(self, setting: Pace) -> float:
         return min(1.0, setting[0] / 100 * self._monitor) if setting[1] == "%" else 0.0
 
-    def add(self, item: Instruction, frame: Frame | None = None) -> None:
+    def add(self, line: int, item: Instruction, frame: Frame | None = None) -> None:
         """One more instruction."""
-        self.body.append(item)
-        self.lines.append(self.line)
-        self.places.append(None if frame is None else (frame, self._base))
+        super().add(line, item, frame)
+        self.bases.append(self._base)
         self.tool.append(self._held)
 
     # -- standing still ------------------------------------------------------------------------------------------
-
-    def rest(self) -> None:
-        """The motion comes to its end."""
-        if self._last is not None:
-            motion = self.body[self._last]
-            if isinstance(motion, (MoveJ, MoveL)) and motion.blend:
-                self.body[self._last] = replace(motion, blend=0.0)
-        self._moving = False
 
     def brake(self, statement: Statement) -> None:
         """``BREAK``, and ``BRAKE``, which ends a motion where it is."""
@@ -261,7 +209,7 @@ class Robot(Surroundings):
         self.rest()
         self.clock += seconds
         if seconds:
-            self.add(Wait(seconds))
+            self.add(self.line, Wait(seconds))
 
     def delay(self, statement: Statement) -> None:
         """``DELAY``: the robot stands for so long."""
@@ -273,20 +221,16 @@ class Robot(Surroundings):
     def stop(self, _: Statement) -> None:
         """``PAUSE``: until the operator lets it proceed."""
         self.rest()
-        self.add(Stop())
+        self.add(self.line, Stop())
 
     # -- settings ------------------------------------------------------------------------------------------------
 
     def speed(self, statement: Statement) -> None:
         """All forms of ``SPEED``."""
         value, unit, turning, always = pace(statement.rest) or self._read_speed(statement.rest)
+        self.set_pace(value, unit, turning, always)
         if unit == "MONITOR":
-            self._monitor = min(value, 100.0) / 100
             self.notes.fact("monitor speed", f"{min(value, 100.0):g} %")
-        elif always:
-            self._always, self._once = (value, unit, turning), None
-        else:
-            self._once = (value, unit, turning)
         if unit == "%":
             self.notes.fact("speed", f"100 % is taken for {RATED:g} mm/s of the TCP")
 
@@ -309,12 +253,8 @@ class Robot(Surroundings):
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""
         if statement.rest and statement.rest.upper() != "ALWAYS":
             raise Unreadable(f"{statement.word} stands alone or with ALWAYS")
-        pair = next(pair for pair in _PAIRS if statement.word in pair)
-        if "OVERLAP" in pair:
-            return
-        said = {*(self._posture.switches if self._posture else ()), statement.word}
-        said -= {*pair} - {statement.word}
-        self._posture = Posture(switches=tuple(word for both in _PAIRS for word in both if word in said))
+        if statement.word not in _OVERLAP:
+            self.set_posture(statement.word)
 
     def settle(self, statement: Statement) -> None:
         """``COARSE``, ``FINE``, ``NULL``, ``NONULL``: how exactly a motion stops, which no instruction tells."""
@@ -416,7 +356,7 @@ class Robot(Surroundings):
             self.notes.find("dangerous", self.line, what)
         self.outputs[number] = on
         self.rest_for_output()
-        self.add(Output(str(number), 1.0 if on else 0.0))
+        self.add(self.line, Output(str(number), 1.0 if on else 0.0))
 
     def rest_for_output(self) -> None:
         """The corner before an output is not rounded in what is told: an instruction switches where it stands."""
@@ -461,11 +401,11 @@ class Robot(Surroundings):
     def _switch_hand(self, value: float) -> None:
         self._hand = None
         self.rest_for_output()
-        self.add(Output(HAND, value))
+        self.add(self.line, Output(HAND, value))
 
     def forget(self) -> None:
         """As if nothing had been done."""
-        del self.body[:], self.lines[:], self.places[:], self.tool[:], self.tools[1:]
+        del self.body[:], self.lines[:], self.frames[:], self.bases[:], self.tool[:], self.tools[1:]
         self._last, self._moving, self._hand, self._held = None, False, None, 0
 
     def finish(self) -> None:

@@ -8,23 +8,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from functools import partial
-from itertools import repeat
 from typing import Any, TypeVar
 
 import numpy as np
-from msgspec.structs import replace
 
 from camgen.model.pose import Pose, translation
-from camgen.model.program import Joints, MoveJ, MoveL, Output, Posture, Stop, Wait
+from camgen.model.program import Joints, Output, Stop, Wait
 from camgen.read.vplus import words
+from camgen.read.vplus.arm import PAIRS, ROUNDED, Arm
 from camgen.read.vplus.locations import Expression
 from camgen.read.vplus.names import canonical
-from camgen.read.vplus.text import Frame, Location, Pace, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
-from camgen.read.vplus.variables import Table, Variables, variable
+from camgen.read.vplus.text import Location, Pace, Report, Statement, Stretch, Unreadable, pace, rotation_zyz
+from camgen.read.vplus.variables import Table, variable
 
-#: What a corner without BREAK is read as, mm: V+ says that it is rounded, not by how much.
-ROUNDED = 1.0
 #: So many texts are kept with what they say.
 _KEPT = 4096
 _NUMBER = r"-?\d{1,9}(?:\.\d{0,9})?"
@@ -33,12 +29,10 @@ _PLAIN = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 T = TypeVar("T")
-#: Posture words that exclude each other.
-_PAIRS = (("LEFTY", "RIGHTY"), ("ABOVE", "BELOW"), ("FLIP", "NOFLIP"), ("SINGLE", "MULTIPLE"))
-POSTURES = frozenset(word for pair in _PAIRS for word in pair)
+POSTURES = frozenset(word for pair in PAIRS for word in pair)
 _PROFILE = re.compile(r"\(\s*(\d{1,9})\s*\)\s*(?=[\d.])")
 #: Postures of the elbow and the wrist: a SCARA has neither.
-_SIX_AXIS_ONLY = frozenset(_PAIRS[1] + _PAIRS[2])
+_SIX_AXIS_ONLY = frozenset(PAIRS[1] + PAIRS[2])
 #: What stands before the first motion of a program that leaves nothing to the one before.
 _SETTINGS = ("SELECT ROBOT", "ATTACH", "ENABLE CP", "ACCEL", "TOOL")
 #: Percentages are printed with 4 digits.
@@ -50,13 +44,11 @@ _DISORDERED = re.compile(r"\bALWAYS\s+\w", re.IGNORECASE)
 _SETTLING = re.compile(r"(\d+(?:\.\d*)?)?\s*(ALWAYS)?", re.IGNORECASE)
 
 
-class RobotState(Variables):
-    """The robot while a text is carried out. body: what it does, in order. lines, frames: for each its line, and what
-    its target is given in, None where it has no pose. tool: None while it is the controller's. turning: the rotational
-    speeds, % of the rated one, each with the place in the body from which on it holds. axes: how many joints the arm
-    has, 0 while no precision point says. bent: the postures that only six axes have, by line. asked: the words of
-    ``post.posture``. tool_name: of a tool that only the controller has. stated: the locations that ``SET`` gave.
-    accel: profile and % that the options ask for.
+class RobotState(Arm):
+    """The robot while a text is carried out, and what is to be said of it. tool: None while it is the controller's.
+    axes: how many joints the arm has, 0 while no precision point says. bent: the postures that only six axes have, by
+    line. asked: the words of ``post.posture``. tool_name: of a tool that only the controller has. stated: the locations
+    that ``SET`` gave. accel: profile and % that the options ask for.
 
     Methods with a ``Statement`` carry it out; Unreadable when they cannot.
     """
@@ -70,31 +62,17 @@ class RobotState(Variables):
         known: frozenset[str],
         accel: tuple[int, float],
     ) -> None:
-        super().__init__(known)
+        super().__init__(known, rated)
         self._accel = accel
         self.report, self.remark = report, remark
-        self.body: list[MoveJ | MoveL | Output | Wait | Stop] = []
-        self.lines: list[int] = []
-        self.frames: list[Frame | None] = []
         self.tool: Pose | None = None
-        self.turning: list[tuple[int, float]] = [(0, 100.0)]
         self.axes = 0
         self.bent: dict[int, str] = {}
         self.asked: frozenset[str] = frozenset()
         self.tool_name = ""
         self.stated: dict[str, Pose] = {}
-        self._rated = rated
         self._signals = signals
-        #: The place of the last motion in the body.
-        self._last: int | None = None
-        self._at: Location | None = None
-        self._moving = False
-        self._path = True
-        self._always: Pace = (100.0, "%", 100.0)
-        self._once: Pace | None = None
-        self._monitor = 1.0
         self._constants: dict[tuple[object, str], Any] = {}
-        self._posture: Posture | None = None
         #: Whether a motion has come, whether the robot is another task's, and which of the settings were said.
         self._begun = False
         self._detached = False
@@ -132,7 +110,7 @@ class RobotState(Variables):
 
     def here(self, word: str) -> Location:
         """Where the last motion went."""
-        if self._at is None:
+        if not isinstance(self._at, Location):
             raise Unreadable(f"{word} is not known here")
         if word == "HERE" and self._moving:
             raise Unreadable("HERE while the robot may still move: BREAK is missing before it")
@@ -197,18 +175,9 @@ class RobotState(Variables):
         if frame is None or not (straight or first[1] == others[1] == "%"):
             return False
         self._begin(plain.line, straight)
-        kind, blend, count = MoveL if straight else MoveJ, ROUNDED if self._path else 0.0, len(plain.poses)
-        made = partial(kind, posture=self._posture) if self._posture else kind
-        self._turn(first)
-        self.body.append(made(plain.poses[0], self._mm_per_second(first), blend))
-        self._once = None
-        if count > 1:
+        self.follow(plain, frame)
+        if len(plain.poses) > 1:
             self._check_speed(plain.line + 1, straight)
-            self._turn(others)
-            self.body += map(made, plain.poses[1:], repeat(self._mm_per_second(others)), repeat(blend))
-        self.lines += range(plain.line, plain.line + count)
-        self.frames += repeat(frame, count)
-        self._at, self._moving, self._last = Location(plain.poses[-1], frame), True, len(self.body) - 1
         return True
 
     def plain(self, statement: Statement) -> bool:
@@ -249,23 +218,14 @@ class RobotState(Variables):
     def _go(self, statement: Statement, target: Location | Joints) -> None:
         straight = statement.word.endswith("S")
         self._begin(statement.line, straight, isinstance(target, Location))
-        setting = self._once or self._always
-        self._once = None
-        self._turn(setting)
-        self._at = target if isinstance(target, Location) else None
-        self._moving = True
-        if setting[1] != "%" and not straight:
-            self.report(statement.line, "a joint motion wants its SPEED in percent")
-        speed, blend = self._mm_per_second(setting), ROUNDED if self._path else 0.0
-        if isinstance(target, Location):
-            kind = MoveL if straight else MoveJ
-            self._add(statement, kind(target.local, speed, blend, posture=self._posture), target.frame)
-        elif straight:
+        if isinstance(target, Joints) and straight:
+            self._once = None
             raise Unreadable("a straight motion to joint values is not evaluated")
-        else:
+        if (self._once or self._always)[1] != "%" and not straight:
+            self.report(statement.line, "a joint motion wants its SPEED in percent")
+        if isinstance(target, Joints):
             self._count_axes(statement.line, target)
-            self._add(statement, MoveJ(target, speed, blend))
-        self._last = len(self.body) - 1
+        self.travel(statement.line, target, straight, ROUNDED if self._path else 0.0)
 
     def _begin(self, line: int, straight: bool, posed: bool = True) -> None:
         """What must hold before a motion. posed: whether its target is a pose."""
@@ -319,37 +279,11 @@ class RobotState(Variables):
             self.report(line, f"a precision point of {count} axes, others have {self.axes}")
         self.axes = self.axes or count
 
-    def _turn(self, setting: Pace) -> None:
-        """Notes the rotational speed of the next motion."""
-        rate = setting[2] * self._monitor
-        if rate != self.turning[-1][1]:
-            self.turning.append((len(self.body), rate))
-
-    def _mm_per_second(self, setting: Pace) -> float:
-        speed, unit, _ = setting
-        if unit == "%":
-            speed *= self._rated / 100
-        return speed * self._monitor
-
-    def _add(
-        self, statement: Statement, item: MoveJ | MoveL | Output | Wait | Stop, frame: Frame | None = None
-    ) -> None:
-        self.body.append(item)
-        self.lines.append(statement.line)
-        self.frames.append(frame)
-
     def brake(self, statement: Statement) -> None:
         """``BREAK``: the motion comes to its end."""
         if statement.rest:
             raise Unreadable("BREAK stands alone")
-        self._stopped()
-
-    def _stopped(self) -> None:
-        if self._last is not None:
-            motion = self.body[self._last]
-            if isinstance(motion, (MoveJ, MoveL)):
-                self.body[self._last] = replace(motion, blend=0.0)
-        self._moving = False
+        self.rest()
 
     def speed(self, statement: Statement) -> None:
         """All forms of ``SPEED``."""
@@ -363,11 +297,7 @@ class RobotState(Variables):
         self._crossed = self._crossed and not (always and unit != "MONITOR")
         if unit == "MONITOR":
             self.remark(statement.line, "SPEED MONITOR sets the operator's speed, for other programs too")
-            self._monitor = min(value, 100.0) / 100
-        elif always:
-            self._always, self._once = (value, unit, turning), None
-        else:
-            self._once = (value, unit, turning)
+        self.set_pace(value, unit, turning, always)
 
     def configure(self, statement: Statement) -> None:
         """A posture word: in force from the next motion on, and instead of the one that it excludes."""
@@ -375,10 +305,7 @@ class RobotState(Variables):
             raise Unreadable(f"{statement.word} {statement.rest[:30]} is not evaluated")
         if statement.word in _SIX_AXIS_ONLY:
             self.bent[statement.line] = statement.word
-        pair = next(pair for pair in _PAIRS if statement.word in pair)
-        words = {*(self._posture.switches if self._posture else ()), statement.word}
-        words -= {*pair} - {statement.word}
-        self._posture = Posture(switches=tuple(word for both in _PAIRS for word in both if word in words))
+        self.set_posture(statement.word)
         self._unused[statement.line] = statement.word
         if self._restated is not None:
             self._restated.add(statement.word)
@@ -444,7 +371,7 @@ class RobotState(Variables):
     def base(self, statement: Statement) -> None:
         """``BASE``: only one that moves nothing; it stops the path."""
         values = self._read(statement.rest, words.reals)
-        self._stopped()
+        self.rest()
         self.remark(statement.line, "BASE sets the world frame, for other programs too")
         if any(values):
             raise Unreadable("BASE moves the world frame, which is not evaluated")
@@ -457,7 +384,7 @@ class RobotState(Variables):
         self._standing(statement, "an output")
         for value in values:
             name = self._signals.get(int(abs(value)), f"signal {abs(value):g}")
-            self._add(statement, Output(name, 1.0 if value > 0 else 0.0))
+            self.add(statement.line, Output(name, 1.0 if value > 0 else 0.0))
 
     def wait_event(self, statement: Statement) -> None:
         """``WAIT.EVENT , s``: a dwell."""
@@ -468,7 +395,7 @@ class RobotState(Variables):
         if statement.rest:
             raise Unreadable("PAUSE stands alone")
         self._standing(statement, "PAUSE")
-        self._add(statement, Stop())
+        self.add(statement.line, Stop())
 
     def delay(self, statement: Statement) -> None:
         """``DELAY``: read as a dwell and reported."""
@@ -478,7 +405,7 @@ class RobotState(Variables):
     def _pause(self, statement: Statement, what: Callable[[Expression], float]) -> None:
         seconds = self._read(statement.rest, what)
         self._standing(statement, "a dwell")
-        self._add(statement, Wait(seconds))
+        self.add(statement.line, Wait(seconds))
 
     def _standing(self, statement: Statement, what: str) -> None:
         if self._moving:

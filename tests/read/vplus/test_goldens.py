@@ -1,4 +1,4 @@
-"""What the post writes: the interpreter of the language and the strict read-back tell the same of it, and find nothing."""
+"""What the post writes: the interpreter of the language and the strict read-back tell the same of it."""
 
 from pathlib import Path
 
