@@ -62,10 +62,10 @@ class _Reader(Machine):
     def _test(self, routine: Routine, index: int, statement: Statement) -> None:
         jump = GOES.search(statement.rest)
         if jump and index not in routine.partner:
-            self._condition(statement.rest[: jump.start()], ("",))
+            self.condition(statement.rest[: jump.start()], ("",))
             self._label(routine, int(jump[1]))
         elif statement.rest[-4:].upper() == "THEN":
-            self._condition(statement.rest, ("THEN",))
+            self.condition(statement.rest, ("THEN",))
 
     def _label(self, routine: Routine, label: int) -> None:
         if label not in routine.labels:
@@ -80,7 +80,7 @@ class _Reader(Machine):
     def _loop(self, _routine: Routine, _index: int, statement: Statement) -> None:
         wanted = ("DO",) if statement.word == "WHILE" else ("",)
         if statement.rest:
-            self._condition(statement.rest, wanted)
+            self.condition(statement.rest, wanted)
         elif statement.word != "WAIT":
             raise Unreadable(f"{statement.word} wants a condition")
 
@@ -123,7 +123,7 @@ class _Reader(Machine):
             Expression(statement.rest, self).string()
 
     def _event(self, _routine: Routine, _index: int, statement: Statement) -> None:
-        self._wait_event(statement.rest)
+        self.wait_event(statement.rest)
 
     def _nothing(self, _routine: Routine, _index: int, _statement: Statement) -> None:
         pass

@@ -16,16 +16,16 @@ from camgen.model.program import Joints, MoveC, MoveJ, MoveL
 from camgen.read.programs import Ask
 
 from .asked import Notes
+from .conditions import Conditions
 from .instructions import MOTIONS
 from .locations import Expression
 from .names import canonical
-from .statements import ENDS, Statements, split, unwrap
+from .statements import ENDS, split, unwrap
 from .text import Impossible, Location, Routine, Statement, Stretch, Unreadable, one_by_one
 from .variables import Cell, Table, Value
 
 #: So many programs may call each other: V+ has a stack, too.
 _DEEPEST = 60
-_TIMER = re.compile(r"TIMER\s*\(([^()]*)\)\s*>=?\s*([^<>=]+)", re.IGNORECASE)
 _CALLED = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(\(.*\))?", re.DOTALL)
 GOES = re.compile(r"\bGOTO\s+(\d+)\s*$", re.IGNORECASE)
 #: So many rounds of a loop are compared with the one before, and then those whose number is a power of two.
@@ -66,7 +66,7 @@ class Exhausted(Exception):
     """The program does not come to an end."""
 
 
-class Machine(Statements):
+class Machine(Conditions):
     """The controller, with the programs that it has. stopped: where and why the run broke off. ran,
     done: the programs and the lines that were carried out.
     """
@@ -169,62 +169,28 @@ class Machine(Statements):
         elif word == "CALLS":
             self._call_by_text(statement.rest)
         elif word == "WAIT":
-            self._wait(statement.rest)
+            self.wait(statement.rest)
         elif word == "WAIT.EVENT":
-            self._wait_event(statement.rest)
+            self.wait_event(statement.rest)
         else:
             self.do(statement)
         return index + 1
-
-    def _condition(self, rest: str, ends: tuple[str, ...]) -> tuple[bool, bool, str]:
-        """Whether a condition holds, whether that rests on nothing but constants or on an assumption, and the word
-        that ends it.
-        """
-        text = Expression(rest, self)
-        value = text.logic()
-        self.warn(text)
-        word = text.peek()
-        if ends and word not in ends:
-            wanted = " or ".join(filter(None, ends))
-            raise Unreadable(
-                f"{wanted} expected before {word[:20] or 'the end of the line'}"
-                if wanted
-                else f"{word[:20]!r} is not expected here"
-            )
-        return value != 0, text.constant or self.doubt, word
-
-    def _wish(self, rest: str, wanted: bool, fresh: bool) -> bool:
-        """Sets inputs so that a condition is as wanted; whether that works. fresh: only those not heard before."""
-        asked = [n for n in self.consulted if not (fresh and n in self.inputs)][:16]
-        tries = [[n] for n in asked] + ([asked] if len(asked) > 1 else [])
-        for flipped in tries:
-            before = {n: self.inputs.get(n) for n in flipped}
-            for n in flipped:
-                self.inputs[n] = not before[n]
-            if (Expression(rest, self).logic() != 0) == wanted:
-                return True
-            for n, value in before.items():
-                if value is None:
-                    del self.inputs[n]
-                else:
-                    self.inputs[n] = value
-        return False
 
     def _if(self, running: _Running, index: int, statement: Statement) -> int:
         routine, rest = running.routine, statement.rest
         jump = GOES.search(rest)
         if jump and index not in routine.partner:
-            holds, _, _ = self._condition(rest[: jump.start()], ("",))
+            holds, _, _ = self.condition(rest[: jump.start()], ("",))
             if holds and self.consulted and self._leads_out(routine, int(jump[1]), index):
-                holds = not self._wish(rest[: jump.start()], False, fresh=True)
+                holds = not self.wish(rest[: jump.start()], False, fresh=True)
             return self._jump(running, index, int(jump[1])) if holds else index + 1
         if index not in routine.partner:
             raise Unreadable("IF wants THEN or GOTO")
-        holds, _, _ = self._condition(rest, ("THEN",) if rest[-4:].upper() == "THEN" else ())
+        holds, _, _ = self.condition(rest, ("THEN",) if rest[-4:].upper() == "THEN" else ())
         branches, end = routine.branches.get(index, ()), routine.partner[index]
         first_end = branches[0] if branches else end
         if holds and self.consulted and not branches and self._leaves(routine, index + 1, first_end):
-            holds = not self._wish(rest, False, fresh=True)
+            holds = not self.wish(rest, False, fresh=True)
         return index + 1 if holds else first_end + 1
 
     def _leaves(self, routine: Routine, start: int, end: int) -> bool:
@@ -246,11 +212,11 @@ class Machine(Statements):
         end = running.routine.partner.get(index)
         if end is None:
             raise Unreadable("WHILE is not closed")
-        holds, open_, _ = self._condition(statement.rest, ("DO", ""))
+        holds, open_, _ = self.condition(statement.rest, ("DO", ""))
         if statement.rest[-2:].upper() != "DO":
             self.notes.refuse(statement.line, "WHILE wants DO")
         if holds and not self._again(running, index, open_):
-            self._wish(statement.rest[:-2], False, fresh=False)
+            self.wish(statement.rest[:-2], False, fresh=False)
             holds = False
         if not holds:
             running.rounds.pop(index, None)
@@ -262,8 +228,8 @@ class Machine(Statements):
         start = running.routine.opener.get(index)
         if start is None:
             return index + 1
-        holds, open_, _ = self._condition(statement.rest, ("",))
-        if not holds and (not self.consulted or not self._wish(statement.rest, True, fresh=False)):
+        holds, open_, _ = self.condition(statement.rest, ("",))
+        if not holds and (not self.consulted or not self.wish(statement.rest, True, fresh=False)):
             # The body of a DO has run once by now.
             running.rounds.setdefault(index, 1 if open_ else 0)
             if self._again(running, index, open_):
@@ -418,41 +384,6 @@ class Machine(Statements):
         if statement.rest:
             raise Unreadable("DO stands alone")
         return index + 1
-
-    # -- waiting -------------------------------------------------------------------------------------------------
-
-    def _wait(self, rest: str) -> None:
-        if not rest:
-            return
-        timer = _TIMER.fullmatch(rest)
-        if timer:
-            number, until = Expression(timer[1], self).logic(), Expression(timer[2], self).logic()
-            self.pause(max(0.0, until - (self.clock - self.timers.get(number, 0.0))))
-            return
-        holds, open_, _ = self._condition(rest, ("",))
-        if holds and not open_ and not self.consulted:
-            return
-        if holds and not self.doubt:
-            self.notes.odd(self.line, f"WAIT takes a condition, and {rest} is one that always holds: it does not wait")
-            return
-        self.rest()
-        # An input that was heard before has changed meanwhile.
-        again = any(number in self.inputs for number in self.consulted)
-        if not holds and (not self._wish(rest, True, fresh=False) or again):
-            self.notes.assume(self.line, f"WAIT {rest} is over at once")
-
-    def _wait_event(self, rest: str) -> None:
-        text = Expression(rest, self)
-        if text.peek() not in (",", ""):
-            text.logic()
-        if text.accept(","):
-            seconds = text.logic()
-            text.finish()
-            self.pause(seconds)
-            return
-        text.finish()
-        self.rest()
-        self.notes.assume(self.line, "WAIT.EVENT is over at once")
 
     # -- calls ---------------------------------------------------------------------------------------------------
 
