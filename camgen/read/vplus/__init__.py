@@ -23,6 +23,7 @@ from .names import canonical
 from .points import read_points, read_values
 from .robot import RATED_TURN, Tool
 from .text import NULL, Frame, Routine, Statement, read_files
+from .units import find_data
 
 #: More work frames than these are no frames that somebody taught: targets in them are told in the base.
 _FRAMES = 8
@@ -49,8 +50,10 @@ def recognise(text: str) -> bool:
 def run(files: Mapping[str, str], ask: Ask) -> Executed:
     """What the programs in ``files`` do from their entry on."""
     notes = Notes()
-    routines, data = read_files(files, notes.refuse, notes.odd)
+    beside = find_data(files)
+    routines, data = read_files(files, beside, notes.refuse, notes.odd)
     machine = Machine(routines, ask, notes)
+    machine.lay_beside(beside)
     machine.give({**read_points(ask.points, notes), **read_values(data, notes)})
     entry = _find_entry(routines, ask.entry)
     if entry is None:

@@ -16,12 +16,12 @@ from camgen.model.program import Joints, MoveC, MoveJ, MoveL
 from camgen.read.programs import Ask
 
 from .asked import Notes
-from .conditions import Conditions
 from .instructions import MOTIONS
 from .locations import Expression
 from .names import canonical
 from .statements import ENDS, split, unwrap
 from .text import Impossible, Location, Routine, Statement, Stretch, Unreadable, one_by_one
+from .units import Units
 from .variables import Cell, Table, Value
 
 #: So many programs may call each other: V+ has a stack, too.
@@ -33,6 +33,8 @@ _FIRST_ROUNDS = 4
 _MOST_STATE = 3000
 #: So many characters of a line, or values that are looked through, count as an instruction.
 _LONG = 60
+#: What the bound of a run gives for each line of a file that the program reads.
+_READS = 100
 _LEAVES = frozenset({"GOTO", "RETURN", "RETURNE", "PAUSE"}) | ENDS
 
 
@@ -66,7 +68,7 @@ class Exhausted(Exception):
     """The program does not come to an end."""
 
 
-class Machine(Conditions):
+class Machine(Units):
     """The controller, with the programs that it has. stopped: where and why the run broke off. ran,
     done: the programs and the lines that were carried out.
     """
@@ -82,6 +84,11 @@ class Machine(Conditions):
         self.stopped: tuple[int, str] | None = None
         self.ran: set[str] = set()
         self.done: set[int] = set()
+
+    def lay_beside(self, files: Mapping[str, str]) -> None:
+        """Files that the programs may read, by name; each line of them may be read and worked with."""
+        super().lay_beside(files)
+        self._budget += _READS * sum(text.count("\n") for text in files.values())
 
     def spend(self, count: int) -> None:
         """The bound of the run pays for so many instructions."""

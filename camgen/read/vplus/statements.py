@@ -126,11 +126,12 @@ class Statements(Robot):
         values = to_values(where) if isinstance(where, Joints) else []
         for k, name in enumerate(split(statement.rest)):
             if k < len(values):
-                self.assign(self._variable(name), values[k])
+                self.assign(self.variable(name), values[k])
             else:
-                self._hear(name)
+                self.hear(name)
 
-    def _variable(self, name: str) -> str:
+    def variable(self, name: str) -> str:
+        """The name of a variable, with its subscripts worked out."""
         text = Expression(name, self)
         found = text.take()
         if not _NAME.fullmatch(found):
@@ -139,11 +140,11 @@ class Statements(Robot):
         text.finish()
         return found
 
-    def _hear(self, name: str) -> None:
+    def hear(self, name: str) -> None:
         """A variable that gets its value from outside."""
         if not name:
             return
-        found = self._variable(name)
+        found = self.variable(name)
         key = canonical(found)
         base = key.partition("[")[0]
         given = self._assume.get(key, self._assume.get(base))
@@ -162,24 +163,7 @@ class Statements(Robot):
         """``PROMPT text, variables``: the operator answers."""
         first, *names = split(statement.rest)
         for name in names if first[:1] in ('"', "$", "/", "") else [first, *names]:
-            self._hear(name)
-
-    def read(self, statement: Statement) -> None:
-        """``READ (lun) variables``."""
-        if not statement.rest.startswith("("):
-            raise Unreadable("READ wants (lun) and variables")
-        for name in split(unwrap(statement.rest)[1]):
-            self._hear(name)
-
-    def attach(self, statement: Statement) -> None:
-        """``ATTACH (lun, mode)``: the unit gets a number."""
-        if not statement.rest.startswith("("):
-            return
-        first, *more = split(unwrap(statement.rest)[0])
-        if more and PLAIN.fullmatch(first):
-            name = self._variable(first)
-            if not self.defined(name):
-                self.assign(name, 5.0)
+            self.hear(name)
 
     def declares(self, statement: Statement) -> None:
         """``AUTO``, ``LOCAL`` and ``GLOBAL``."""
@@ -250,7 +234,7 @@ class Statements(Robot):
         left = statement.rest.partition("=")[0]
         for name in split(left):
             if PLAIN.fullmatch(name):
-                self._hear(name)
+                self.hear(name)
 
     def execute(self, statement: Statement) -> None:
         """``EXECUTE task program``: it runs beside this one."""
@@ -298,10 +282,10 @@ class Statements(Robot):
 
 
 _MORE: Mapping[str, Callable[[Statements, Statement], None]] = {
-    "=": Statements.let, "ATTACH": Statements.attach, "AUTO": Statements.declares, "EXECUTE": Statements.execute,
+    "=": Statements.let, "AUTO": Statements.declares, "EXECUTE": Statements.execute,
     "GLOBAL": Statements.declares, "HERE": Statements.define_here, "JHERE": Statements.joints_here,
     "LOCAL": Statements.declares, "PARAMETER": Statements.parameter, "PROMPT": Statements.prompt,
-    "READ": Statements.read, "SELECT": Statements.select, "SET": Statements.set,
+"SELECT": Statements.select, "SET": Statements.set,
     "SOLVE.ANGLES": Statements.solve, "SOLVE.TRANS": Statements.solve, "SWITCH": Statements.parameter,
     "TIMER": Statements.timer,
 }  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import repeat
@@ -250,13 +250,18 @@ def routines(files: Mapping[str, str], report: Report, remark: Report) -> list[R
 
 
 def read_files(
-    files: Mapping[str, str], report: Report, remark: Report
+    files: Mapping[str, str], beside: Collection[str], report: Report, remark: Report
 ) -> tuple[list[Routine], list[tuple[int, str, str]]]:
-    """The programs of foreign files, and the lines of their other sections: line, section, text."""
+    """The programs of foreign files, and the lines of their other sections: line, section, text. beside: the names of
+    files that hold data, whose lines are counted.
+    """
     found: list[Routine] = []
     data: list[tuple[int, str, str]] = []
     number = 1
     for name, text in files.items():
+        if name in beside:
+            number += len(text.splitlines())
+            continue
         bare = "" if _HAS_PROGRAM.search(text) else _STEM.sub("_", name.rpartition("/")[2].partition(".")[0]) or "main"
         file = _File(number, report, remark, strict=False, name=bare)
         number = _read(text, file)

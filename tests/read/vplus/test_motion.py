@@ -4,10 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from camgen_posts.vplus import VPlus
 
-from camgen.model.program import Joints, MoveJ, MoveL, Output, Wait
+from camgen.model.pose import TOOL_DOWN, Pose
+from camgen.model.program import Joints, MoveJ, MoveL, Output, Program, Wait
+from camgen.post.plugins import make_post
 from camgen.read.programs import Ask
 from camgen.read.vplus import recognise, run
+from tests.support.whole import whole
 
 
 def execute(*lines, **asked):
@@ -223,3 +227,56 @@ def test_an_input_that_changes_is_told_twice():
 
 def test_a_shift_by_nothing_is_the_location_itself():
     assert [f.work for f in execute("MOVES SHIFT(pick BY 0,0,0)").frames] == ["pick"]
+
+
+READER = r""".PROGRAM main()
+AUTO lun, n, i, x, y, $s
+ATTACH (lun, 4) "DISK"
+FOPENR (lun) "D:\\jobs\\way.dat"
+IF IOSTAT(lun) < 0 THEN
+HALT
+END
+READ (lun) n
+FOR i = 1 TO n
+READ (lun) x, y
+MOVES TRANS(x,y)
+END
+READ (lun) $s
+IF $s == "the end" THEN
+MOVES TRANS(7)
+END
+READ (lun) x
+IF IOSTAT(lun) < 0 THEN
+MOVES TRANS(8)
+END
+FCLOSE (lun)
+DETACH (lun)
+.END
+"""
+
+
+def test_a_file_that_the_program_reads_may_stand_beside_it():
+    found = run({"a.v2": READER, "way.dat": "2\n1.5, 2\n 3 4\nthe end\n"}, Ask())
+    assert not found.findings
+    assert not found.assumed
+    assert [m.target.origin[:2] for m in moves(found)] == [(1.5, 2), (3, 4), (7, 0), (8, 0)]
+    alone = run({"a.v2": READER}, Ask())
+    assert [a.key for a in alone.assumed] == ["iostat", "n", "x", "y", ""]
+    assert [m.target.origin[:2] for m in moves(alone)] == [(1, 1)]
+
+
+def test_the_motions_of_a_data_file_of_ours_are_told():
+    post = make_post(VPlus, {"points": "file"})
+    work = [MoveL(Pose(TOOL_DOWN, (x, 5.25, 1)), 20.0, 1.0 if x < 4 else 0.0) for x in range(1, 5)]
+    home = MoveJ(VPlus.cell().home, 100.0)
+    start = MoveJ(Pose(TOOL_DOWN, (0, 0, 20)), 125.0)
+    body = (home, start, *work, Output("process", 1.0), Wait(0.5), home)
+    plan = Program("part", VPlus.cell().base_from_work, VPlus.cell().flange_from_tool, whole(body))
+    files = {file.name: file.text for file in post.render(post.prepare(plan, 0.01))}
+    found = run(files, Ask())
+    assert not told(found, "refused")
+    assert found.stopped is None
+    kinds = [MoveJ, MoveJ, MoveL, MoveL, MoveL, MoveL, Output, Wait, MoveJ]
+    assert [type(i) for i in found.body if not (isinstance(i, Output) and i.value == 0)] == kinds
+    assert [m.target.origin for m in moves(found)[1:-1]] == [(0, 0, 20), *[(x, 5.25, 1) for x in range(1, 5)]]
+    assert [m.blend for m in moves(found)[2:6]] == [1, 1, 1, 0]
