@@ -33,7 +33,8 @@ _SURE = re.compile(
 )
 #: Words that V+ has and that Kawasaki's AS, which looks alike, has not, and the other way round.
 _OURS = re.compile(
-    r"\b(?:MOVES|APPROS?|DEPARTS?|SET|AUTO|LOCAL|GLOBAL|FOPENR?|MMPS|WAIT\.EVENT|ATTACH|CALLS|TYPE)\b", re.IGNORECASE
+    r"\b(?:MOVE[ST]?|APPROS?|DEPARTS?|SET|AUTO|LOCAL|GLOBAL|FOPENR?|MMPS|WAIT\.EVENT|ATTACH|CALLS|TYPE)\b",
+    re.IGNORECASE,
 )
 _THEIRS = re.compile(
     r"\b(?:[JL]MOVE\s*#?\[|LMOVE|[JL]APPRO|LDEPART|ACCURACY|TWAIT|SWAIT|POINT\s+\S+\s*=|C[12]MOVE)", re.IGNORECASE

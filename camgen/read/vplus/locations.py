@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from camgen.model.pose import FloatArray, Pose, frozen, rotation_about
+from camgen.model.pose import FloatArray, Pose, Vec3, frozen, rotation_about
 from camgen.model.program import Joints
 from camgen.model.text import counted
 
@@ -43,6 +43,17 @@ def describe(location: Location) -> str:
 def unknown(name: str) -> Location:
     """A location that only the controller knows."""
     return Location(NULL, Frame(external=name[:120]))
+
+
+def _shift_unknown(location: Location, by: Vec3) -> Location:
+    """A location that only the controller knows, shifted; shifts of shifts are one."""
+    frame = location.frame
+    again = frame.of != "" and describe(location) == frame.external
+    name = frame.of if again else describe(location)
+    x, y, z = (a + b for a, b in zip(frame.by if again else (0.0, 0.0, 0.0), by, strict=True))
+    if max(abs(x), abs(y), abs(z)) < _SMALL:
+        return unknown(name)
+    return Location(NULL, Frame(external=f"SHIFT({name} BY {x:.6g},{y:.6g},{z:.6g})"[:120], of=name, by=(x, y, z)))
 
 
 class Expression(Numbers):
@@ -147,9 +158,7 @@ class Expression(Numbers):
             raise Unreadable(f"SHIFT by {len(values)} values")
         dx, dy, dz = values + [0.0] * (3 - len(values))
         if location.frame.external and not self._scope.strict:
-            if not (dx or dy or dz):
-                return location
-            return unknown(f"SHIFT({describe(location)} BY {dx:.6g},{dy:.6g},{dz:.6g})")
+            return _shift_unknown(location, (dx, dy, dz))
         pose = location.in_base()
         x, y, z = pose.origin
         return Location(Pose(pose.rotation, (x + dx, y + dy, z + dz)))

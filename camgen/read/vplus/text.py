@@ -16,7 +16,7 @@ from itertools import repeat
 from msgspec import Struct
 from msgspec.json import Decoder
 
-from camgen.model.pose import IDENTITY, FloatArray, Pose, frozen, translation
+from camgen.model.pose import IDENTITY, FloatArray, Pose, Vec3, frozen, translation
 
 from .names import NAME, TAKEN, canonical
 
@@ -35,13 +35,16 @@ class Impossible(Unreadable):
 
 class Frame(Struct, frozen=True, eq=False, gc=False):
     """What a location is given in, the first component of a compound. external: the name of that component where only
-    the controller knows it; then ``pose`` means nothing. name: of the component, where it is a variable.
+    the controller knows it; then ``pose`` means nothing. name: of the component, where it is a variable. of, by: what
+    an external one is a SHIFT of, and by how many mm along the axes of the base.
     """
 
     pose: Pose = NULL
     external: str = ""
     compound: bool = False
     name: str = ""
+    of: str = ""
+    by: Vec3 = (0.0, 0.0, 0.0)
 
 
 #: The frame of what is no compound.

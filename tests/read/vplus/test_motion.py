@@ -227,6 +227,8 @@ def test_an_input_that_changes_is_told_twice():
 
 def test_a_shift_by_nothing_is_the_location_itself():
     assert [f.work for f in execute("MOVES SHIFT(pick BY 0,0,0)").frames] == ["pick"]
+    twice = ["SET p = SHIFT(pick BY 1,2,3)", "MOVES SHIFT(p BY 1)", "MOVES SHIFT(p BY -1,-2,-3)"]
+    assert [f.work for f in execute(*twice).frames] == ["SHIFT(pick BY 2,2,3)", "pick"]
 
 
 READER = r""".PROGRAM main()
