@@ -12,7 +12,7 @@ from camgen.model.program import Joints
 from camgen.read.programs import Ask
 
 from .asked import Notes
-from .flow import GOES, Machine
+from .flow import CALLED, GOES, Machine, read_label
 from .locations import Expression, unknown
 from .statements import ENDS, split, unwrap
 from .text import Impossible, Location, Routine, Statement, Unreadable
@@ -72,10 +72,7 @@ class _Reader(Machine):
             raise Unreadable(f"there is no label {label} in this program")
 
     def _leap(self, routine: Routine, _: int, statement: Statement) -> None:
-        text = Expression(statement.rest, self)
-        label = text.real()
-        if text.constant:
-            self._label(routine, int(label))
+        self._label(routine, read_label(statement.rest))
 
     def _loop(self, _routine: Routine, _index: int, statement: Statement) -> None:
         wanted = ("DO",) if statement.word == "WHILE" else ("",)
@@ -86,7 +83,8 @@ class _Reader(Machine):
 
     def _count(self, _routine: Routine, _index: int, statement: Statement) -> None:
         text = Expression(statement.rest, self)
-        text.take()
+        if not text.take()[0].isalpha():
+            raise Unreadable("FOR wants the name of a variable")
         text.subscripts()
         text.expect("=")
         text.real()
@@ -114,10 +112,10 @@ class _Reader(Machine):
 
     def _calls(self, _routine: Routine, _index: int, statement: Statement) -> None:
         if statement.word == "CALL":
-            name, _, rest = statement.rest.partition("(")
-            if not name.strip().replace(".", "").replace("_", "").isalnum():
+            match = CALLED.fullmatch(statement.rest)
+            if match is None:
                 raise Unreadable("CALL wants the name of a program and its arguments")
-            for part in split(unwrap(f"({rest}")[0]) if rest else ():
+            for part in split(unwrap(match[2])[0]) if match[2] else ():
                 self.argument("a", part)
         else:
             Expression(statement.rest, self).string()
@@ -128,6 +126,10 @@ class _Reader(Machine):
     def _nothing(self, _routine: Routine, _index: int, _statement: Statement) -> None:
         pass
 
+    def _begin(self, _routine: Routine, _index: int, statement: Statement) -> None:
+        if statement.rest:
+            raise Unreadable("DO stands alone")
+
     def cell(self, name: str) -> Cell:
         """A place of its own."""
         return Cell({}, name)
@@ -135,7 +137,7 @@ class _Reader(Machine):
 
 _LOOKS: Mapping[str, Callable[[_Reader, Routine, int, Statement], None]] = {
     "ANY": _Reader._nothing, "CALL": _Reader._calls, "CALLS": _Reader._calls, "CASE": _Reader._choose,
-    "DO": _Reader._nothing, "ELSE": _Reader._nothing, "END": _Reader._nothing, "EXIT": _Reader._leave,
+    "DO": _Reader._begin, "ELSE": _Reader._nothing, "END": _Reader._nothing, "EXIT": _Reader._leave,
     "FOR": _Reader._count, "GOTO": _Reader._leap, "IF": _Reader._test, "NEXT": _Reader._leave,
     "UNTIL": _Reader._loop, "VALUE": _Reader._one, "WAIT": _Reader._loop, "WAIT.EVENT": _Reader._event,
     "WHILE": _Reader._loop,

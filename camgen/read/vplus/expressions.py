@@ -39,6 +39,10 @@ _JOINED: Mapping[str, Callable[[float, float], float]] = {
 }  # fmt: skip
 _PRODUCTS = frozenset({"*", "/", "MOD", "BAND"})
 _SUMS = frozenset({"+", "-", "BOR", "BXOR"})
+#: Words between values: none of them is one.
+_JOINING = frozenset(
+    {"THEN", "DO", "OF", "TO", "STEP", "BY", "GOTO", "AND", "OR", "XOR", "MOD", "BAND", "BOR", "BXOR", "ALWAYS"}
+)
 #: Functions of the surroundings that read more than numbers in their brackets.
 _FREE = frozenset({"PARAMETER", "INT.EVENT", "VPARAMETER"})
 #: Functions that the program itself answers, and those of the surroundings with numbers in their brackets.
@@ -281,6 +285,8 @@ class Numbers(Reader):
             value = self._factor()
             self._depth -= 1
             return signed(~whole(value)) if token == "COM" else truth(value == 0)
+        if token in _JOINING:
+            raise Unreadable(f"a number expected instead of {token}")
         if self.peek() == "(":
             return self._function(token)
         if token in ASKED and not self._scope.strict and self.peek() != "[" and not self._scope.defined(token):

@@ -26,7 +26,7 @@ from .variables import Cell, Table, Value
 
 #: So many programs may call each other: V+ has a stack, too.
 _DEEPEST = 60
-_CALLED = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(\(.*\))?", re.DOTALL)
+CALLED = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(\(.*\))?", re.DOTALL)
 GOES = re.compile(r"\bGOTO\s+(\d+)\s*$", re.IGNORECASE)
 #: So many rounds of a loop are compared with the one before, and then those whose number is a power of two.
 _FIRST_ROUNDS = 4
@@ -355,11 +355,7 @@ class Machine(Units):
         return False
 
     def _goto(self, running: _Running, index: int, statement: Statement) -> int:
-        text = Expression(statement.rest, self)
-        label = text.real()
-        if text.peek() not in ("", "IN"):
-            text.finish()
-        return self._jump(running, index, int(label))
+        return self._jump(running, index, read_label(statement.rest))
 
     def _jump(self, running: _Running, index: int, label: int) -> int:
         place = running.routine.labels.get(label)
@@ -395,7 +391,7 @@ class Machine(Units):
     # -- calls ---------------------------------------------------------------------------------------------------
 
     def _call(self, rest: str) -> None:
-        match = _CALLED.fullmatch(rest)
+        match = CALLED.fullmatch(rest)
         if match is None:
             raise Unreadable("CALL wants the name of a program and its arguments")
         self._enter(match[1], match[2] or "()")
@@ -430,6 +426,13 @@ class Machine(Units):
         self.tell_inputs()
         self._run(routine, cells)
         self.line = line
+
+
+def read_label(rest: str) -> int:
+    """The label of a GOTO."""
+    if not (rest.isdigit() and rest.isascii()) or len(rest) > 5:
+        raise Unreadable(f"GOTO wants a label, not {rest[:20] or 'nothing'}")
+    return int(rest)
 
 
 def _cost(statement: Statement | Stretch) -> int:

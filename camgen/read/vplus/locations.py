@@ -254,7 +254,7 @@ class Expression(Numbers):
         values = self.reals()
         self.expect(")")
         if len(values) not in (4, 6):
-            if self._scope.strict or not 1 <= len(values) <= 12:
+            if self._scope.strict or len(values) > 12 or (len(values) == 1 and self.omitted):
                 raise Unreadable(f"#PPOINT has {counted(len(values), 'value')}, not 4 or 6")
             self.omitted = True
             values += [0.0] * (6 - len(values))
