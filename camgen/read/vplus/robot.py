@@ -54,6 +54,7 @@ class Robot(Surroundings):
         self._base: Pose | None = None
         self._once_exact = False
         self._hand: float | None = None
+        self.detached = False
 
     # -- where it is ---------------------------------------------------------------------------------------------
 
@@ -168,6 +169,9 @@ class Robot(Surroundings):
 
     def go(self, target: Location | Joints, straight: bool) -> None:
         """A motion to a place."""
+        if self.detached:
+            self.notes.refuse(self.line, "a motion after DETACH: the robot is not attached to this program")
+            self.detached = False  # told once
         if self._hand is not None:
             self._switch_hand(self._hand)
         blend = ROUNDED if self._path and not self._once_exact else 0.0
@@ -178,7 +182,7 @@ class Robot(Surroundings):
     def stretch(self, plain: Stretch) -> bool:
         """The motions of a stretch at once, if the state is the usual one; else nothing is done."""
         frame = self.frame(plain.name)
-        if frame is None or self._hand is not None or self._once is not None or self._once_exact:
+        if frame is None or self.detached or self._hand is not None or self._once is not None or self._once_exact:
             return False
         self.follow(plain, frame, 0.0 if plain.word == "MOVES" else self._share(self._always))
         self.bases += repeat(self._base, len(plain.poses))
@@ -406,7 +410,7 @@ class Robot(Surroundings):
     def forget(self) -> None:
         """As if nothing had been done."""
         del self.body[:], self.lines[:], self.frames[:], self.bases[:], self.tool[:], self.tools[1:]
-        self._last, self._moving, self._hand, self._held = None, False, None, 0
+        self._last, self._moving, self._hand, self._held, self.detached = None, False, None, 0, False
 
     def finish(self) -> None:
         """The program ends: the robot stops, and a hand that waits for a motion acts no more."""

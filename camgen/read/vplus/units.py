@@ -23,6 +23,8 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?")
 #: What IOSTAT says: success, the end of a file, no such file.
 _FINE, _END_OF_FILE, _NO_FILE = 1.0, -504.0, -514.0
 _FIRST_UNIT = 5.0
+#: What follows ATTACH and DETACH where they mean the robot.
+_ROBOT = frozenset({"", "()", "(0)"})
 
 
 def find_data(files: Mapping[str, str]) -> dict[str, str]:
@@ -66,7 +68,9 @@ class Units(Conditions):
             super().do(statement)
 
     def attach(self, statement: Statement) -> None:
-        """``ATTACH (lun, mode) device``: the unit gets a number."""
+        """``ATTACH (lun, mode) device``: the unit gets a number; without one the robot is this program's."""
+        if statement.rest in _ROBOT:
+            self.detached = False
         if not statement.rest.startswith("("):
             return
         first, *more = split(unwrap(statement.rest)[0])
@@ -76,6 +80,12 @@ class Units(Conditions):
                 self.assign(name, _FIRST_UNIT + len(self._status))
             if self._files:
                 self._status[self.real(name)] = _FINE
+
+    def detach(self, statement: Statement) -> None:
+        """``DETACH``: of the robot, or of a unit."""
+        if statement.rest in _ROBOT:
+            self.rest()
+            self.detached = True
 
     def _unit(self, rest: str) -> tuple[float, str]:
         """The number of the unit in brackets, and what follows them."""
@@ -128,4 +138,10 @@ class Units(Conditions):
             self.assign(variable, float(field) if _NUMBER.fullmatch(field) else 0.0)
 
 
-_DOES = {"ATTACH": Units.attach, "FCLOSE": Units.close, "FOPENR": Units.open, "READ": Units.read}
+_DOES = {
+    "ATTACH": Units.attach,
+    "DETACH": Units.detach,
+    "FCLOSE": Units.close,
+    "FOPENR": Units.open,
+    "READ": Units.read,
+}

@@ -282,3 +282,11 @@ def test_the_motions_of_a_data_file_of_ours_are_told():
     assert [type(i) for i in found.body if not (isinstance(i, Output) and i.value == 0)] == kinds
     assert [m.target.origin for m in moves(found)[1:-1]] == [(0, 0, 20), *[(x, 5.25, 1) for x in range(1, 5)]]
     assert [m.blend for m in moves(found)[2:6]] == [1, 1, 1, 0]
+
+
+def test_a_motion_after_detach_is_refused():
+    found = execute(
+        'ATTACH (lun, 4) "TCP"', "MOVE TRANS(1)", "DETACH (lun)", "MOVE TRANS(2)", "DETACH ()", "MOVE TRANS(3)"
+    )
+    assert told(found, "refused") == [(7, "a motion after DETACH: the robot is not attached to this program")]
+    assert not told(execute("DETACH ()", "ATTACH ()", "MOVE TRANS(3)"), "refused")
