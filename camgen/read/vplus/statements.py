@@ -85,7 +85,9 @@ class Statements(Robot):
             raise Unreadable(f"{name[:20]!r} is no name")
         name += text.subscripts()
         text.expect("=")
-        value: Value = text.string() if name[0] == "$" else text.any_point() if name[0] == "#" else text.logic()
+        if name[0] == "#":
+            raise Unreadable("a precision point is given its value by SET")
+        value: Value = text.string() if name[0] == "$" else text.logic()
         text.finish()
         self.warn(text)
         self.assign(name, value)

@@ -199,7 +199,6 @@ $s = $ENCODE(x, "a", /F8.3, y, /I5, z)
 $s = $DECODE($t, ",", 0)
 $s = $ERROR(x)
 $s = $TIME()
-#p = #q
 """
 #: Blocks, with a slash between their lines.
 BLOCKS = """\
@@ -312,6 +311,7 @@ x = "a"
 x = $s
 x = p:q
 x := 1
+#p = #q
 x + 1
 $s = 1
 $s = "a"+1
