@@ -52,6 +52,9 @@ class _Reader(Machine):
         """No signal is on."""
         return False
 
+    def spend(self, count: int) -> None:
+        """Each line is read once: there is no bound to it."""
+
     def look(self, routine: Routine, index: int, statement: Statement) -> None:
         """Unreadable where the controller would not take the instruction."""
         if statement.word in _LOOKS:

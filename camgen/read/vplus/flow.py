@@ -149,8 +149,11 @@ class Machine(Units):
             self.line = plain.line + len(plain.poses) - 1
             return
         for statement in one_by_one(plain):
-            self.line = statement.line
-            self.do(statement)
+            self.line, self.doubt = statement.line, False
+            try:
+                self.do(statement)
+            except Unreadable as error:
+                self._unreadable(statement, error)
 
     def _unreadable(self, statement: Statement, error: Unreadable) -> None:
         if self.doubt and isinstance(error, Impossible):

@@ -28,6 +28,8 @@ RATED_TURN = 1200.0
 HAND = "hand.open"
 _OVERLAP = frozenset({"OVERLAP", "NOOVERLAP"})
 POSTURES = frozenset(word for pair in PAIRS for word in pair) | _OVERLAP
+#: Speeds, % or mm/s, that somebody can mean.
+_LEAST, _MOST = 1e-6, 1e6
 _HERE = re.compile(r"(?<![\w.])HERE(?![\w.])", re.IGNORECASE)
 _START = "HERE at the start"
 
@@ -232,6 +234,8 @@ class Robot(Surroundings):
     def speed(self, statement: Statement) -> None:
         """All forms of ``SPEED``."""
         value, unit, turning, always = pace(statement.rest) or self._read_speed(statement.rest)
+        if min(value, turning) < _LEAST or max(value, turning) > _MOST:
+            raise Impossible(f"a speed of {value:g} is no arm's")
         self.set_pace(value, unit, turning, always)
         if unit == "MONITOR":
             self.notes.fact("monitor speed", f"{min(value, 100.0):g} %")

@@ -28,6 +28,8 @@ GLOBAL pick
     FOR i = 1 TO 3
         APPRO p[0], 50
         MOVES pick:TRANS(i,0,0,0,180,0)
+        MOVES pick:TRANS(1,2,3,0,180,0)
+        MOVES pick:TRANS(4,2,3,0,180,0)
         CLOSEI
         DEPARTS 30
         IF (i == 2) AND SIG(1001) THEN
@@ -95,7 +97,7 @@ def check(text: str) -> None:
 def test_the_whole_is_carried_out():
     found = run({"a.v2": WHOLE}, Ask())
     assert not [one for one in found.findings if one.level == "refused"]
-    assert len(found.body) == 20
+    assert len(found.body) == 26
 
 
 @settings(max_examples=200, deadline=None)
@@ -128,7 +130,10 @@ def test_damaged_lines(chance: random.Random) -> None:
             place = chance.randrange(len(lines[at]) + 1)
             lines[at] = lines[at][:place] + chance.choice('()[]",:#$^-+.;\\x1a=<>0') + lines[at][place:]
         else:
-            lines[at] = lines[at].replace(chance.choice("1234567890ips"), chance.choice(["", "99", "-1", "1e30", "x"]))
+            lines[at] = lines[at].replace(
+                chance.choice(["1", "2", "3", "0", "i", "p", "s", "pick", "SET ", "("]),
+                chance.choice(["", "99", "-1", "1e30", "x", "i", "#p", "$s"]),
+            )
     check("\n".join(lines) + "\n")
 
 
@@ -143,6 +148,8 @@ def test_damaged_lines(chance: random.Random) -> None:
         ".PROGRAM a()\n" + "WHILE TRUE DO\nEXIT\n" * 10000 + ".END\n",
         ".PROGRAM a()\n" + "FROB 1\n" * 20000 + ".END\n",
         ".PROGRAM a()\n" + "END\n" * 20000 + ".END\n",
+        ".PROGRAM a()\nRETURN\n" + "".join(f"SIGNAL {k % 900 + 1}, x{k}\n" for k in range(120_000)) + ".END\n",
+        ".PROGRAM a()\nSPEED 1E-300 ALWAYS\nSPEED 1E29 MMPS\nMOVE TRANS(1)\nSPEED 1, 1E-300 MMPS\nMOVE TRANS(2)\n.END\n",
         "".join(f".PROGRAM a{k}()\nCALL a{k + 1}()\n.END\n" for k in range(5000)),
         ".PROGRAM a()\nCALL a()\nCALL a()\n.END\n",
         ".PROGRAM a()\nFOR i = 1 TO 1E6\nBITS 1,32 = i\nEND\n.END\n",

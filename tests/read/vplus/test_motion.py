@@ -290,3 +290,17 @@ def test_a_motion_after_detach_is_refused():
     )
     assert told(found, "refused") == [(7, "a motion after DETACH: the robot is not attached to this program")]
     assert not told(execute("DETACH ()", "ATTACH ()", "MOVE TRANS(3)"), "refused")
+
+
+def test_motions_that_stand_alike_one_by_one():
+    """Lines of the form that the post writes are read at once; where that cannot be, each for itself."""
+    lines = ["MOVES wf:TRANS(1,2,3,0,180,180)", "MOVES wf:TRANS(4,2,3,0,180,180)"]
+    wrong = execute("wf = 5", *lines)
+    assert [line for line, _ in told(wrong, "refused")] == [3, 4]
+    assert wrong.lines == ()
+    unknown = execute(*lines)
+    assert (unknown.lines, [f.work for f in unknown.frames]) == ((2, 3), ["wf"])
+    opened = execute("SET wf = NULL", "OPEN", *lines)
+    assert [type(i) for i in opened.body] == [Output, MoveL, MoveL]
+    slow = execute("SET wf = NULL", "SPEED 5 MMPS", *lines)
+    assert [i.speed for i in slow.body] == [5, 7500]
