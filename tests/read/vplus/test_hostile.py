@@ -149,7 +149,7 @@ def test_damaged_lines(chance: random.Random) -> None:
         ".PROGRAM a()\n" + "FROB 1\n" * 20000 + ".END\n",
         ".PROGRAM a()\n" + "END\n" * 20000 + ".END\n",
         ".PROGRAM a()\nRETURN\n" + "".join(f"SIGNAL {k % 900 + 1}, x{k}\n" for k in range(120_000)) + ".END\n",
-        ".PROGRAM a()\nSPEED 1E-300 ALWAYS\nSPEED 1E29 MMPS\nMOVE TRANS(1)\nSPEED 1, 1E-300 MMPS\nMOVE TRANS(2)\n.END\n",
+        ".PROGRAM a()\nSPEED 1E-300 ALWAYS\nSPEED 1E29 MMPS\nMOVE TRANS(1)\nSPEED 1, 1E-300 MMPS\nMOVE NULL\n.END\n",
         "".join(f".PROGRAM a{k}()\nCALL a{k + 1}()\n.END\n" for k in range(5000)),
         ".PROGRAM a()\nCALL a()\nCALL a()\n.END\n",
         ".PROGRAM a()\nFOR i = 1 TO 1E6\nBITS 1,32 = i\nEND\n.END\n",
