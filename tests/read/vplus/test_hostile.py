@@ -160,9 +160,9 @@ def test_damaged_lines(chance: random.Random) -> None:
     ],
 )  # fmt: skip
 def test_texts_that_would_take_long(text: str) -> None:
-    begun = time.perf_counter()
+    begun = time.process_time()  # of this process: others share the machine
     sound(run({"a.v2": text}, Ask()), text.count("\n") + 2)
-    assert time.perf_counter() - begun < 10
+    assert time.process_time() - begun < 10
 
 
 def test_a_megabyte_is_read_in_seconds() -> None:
@@ -173,8 +173,8 @@ def test_a_megabyte_is_read_in_seconds() -> None:
     lines = [line.format(k % 10) for k in range(8000) for line in block]
     text = "\n".join([".PROGRAM a()", "SET wf = TRANS(1,2,3)", *lines, ".END", ""])
     assert len(text) > 1_000_000
-    begun = time.perf_counter()
+    begun = time.process_time()  # of this process: others share the machine
     found = run({"a.v2": text}, Ask())
-    assert time.perf_counter() - begun < 5
+    assert time.process_time() - begun < 5
     assert found.stopped is None
     assert not [one for one in found.findings if one.level == "refused"]
