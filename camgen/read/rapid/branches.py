@@ -7,8 +7,24 @@ from dataclasses import dataclass, field
 
 from .machine import Machine
 from .motions import form_of
-from .tree import Block, Call, Expr, For, Goto, If, Inline, Negation, Operation, Routine, Statement, Test, While, Word
-from .values import Unknown
+from .tree import (
+    Block,
+    Call,
+    Expr,
+    For,
+    Goto,
+    If,
+    Inline,
+    Negation,
+    Operation,
+    Ref,
+    Routine,
+    Statement,
+    Test,
+    While,
+    Word,
+)
+from .values import Unknown, Value
 
 #: Instructions after which a program does not go on as it should.
 _BREAKS = frozenset(("stop", "exitcycle", "break", "systemstop", "systemstopaction", "errraise"))
@@ -24,13 +40,19 @@ class Ways:
 
     def choose(self, blocks: Sequence[Block]) -> int:
         """The place of the block that leads on: the first that moves and does not break off, or else the first that
-        does something and does not break off, or the last.
+        does something and does not break off; of those that all do, the first that only leaves its routine.
         """
         sound = [place for place, block in enumerate(blocks) if self.leads(block)]
+        sound = sound or [place for place, block in enumerate(blocks) if self.survives(block)]
         for place in sound:
             if self.moves(blocks[place]):
                 return place
         return next((place for place in sound if blocks[place]), sound[0] if sound else len(blocks) - 1)
+
+    def survives(self, block: Block) -> bool:
+        """Whether a block leaves its routine at most."""
+        return not any((isinstance(item, Word) and item.name in ("raise", "exit"))
+                       or (isinstance(item, Call) and item.name in _BREAKS) for item in block)  # fmt: skip
 
     def leads(self, block: Block) -> bool:
         """Whether nothing in a block surely breaks the program off."""
@@ -81,24 +103,30 @@ def flat(block: Block) -> Iterator[Statement]:
                 pending += [inner for _, inner in item.cases] + [item.otherwise or ()]
 
 
-def hint(machine: Machine, condition: Expr, holds: bool) -> tuple[str, float]:
+def hint(machine: Machine, condition: Expr, unknown: Unknown, holds: bool) -> tuple[str, float]:
     """What the user may say so that a condition is otherwise: a key, and the value that was taken here."""
-    value = machine.value(condition)
-    key = value.key if isinstance(value, Unknown) else ""
-    wanted = 1.0
     expr = condition
     for _ in range(20):
         if isinstance(expr, Negation):
             holds, expr = not holds, expr.value
         elif isinstance(expr, Operation) and expr.sign in ("and", "or", "xor"):
-            expr = expr.left if isinstance(machine.value(expr.left), Unknown) else expr.right
+            left = _plain(machine, expr.left)
+            expr = expr.right if left is not None and not isinstance(left, Unknown) else expr.left
         else:
             break
-    if isinstance(expr, Operation) and expr.sign in ("=", "<>"):
-        sides = [machine.value(expr.left), machine.value(expr.right)]
-        if any(isinstance(side, (str, tuple)) for side in sides):
-            return "", 0.0
-        number = next((float(v) for v in sides if type(v) in (float, bool)), 1.0)
-        holds, wanted = (holds, number) if expr.sign == "=" else (not holds, number)
-        return key, wanted if holds else (1.0 - wanted if wanted in (0.0, 1.0) else wanted + 1.0)
-    return key, 1.0 if holds else 0.0
+    if not isinstance(expr, Operation) or expr.sign not in ("=", "<>"):
+        return unknown.key, 1.0 if holds else 0.0
+    sides = [_plain(machine, expr.left), _plain(machine, expr.right)]
+    if any(isinstance(side, (str, tuple)) for side in sides):
+        return "", 0.0
+    number = next((float(v) for v in sides if type(v) in (float, bool)), 1.0)
+    if holds == (expr.sign == "="):
+        return unknown.key, number
+    return unknown.key, 1.0 - number if number in (0.0, 1.0) else number + 1.0
+
+
+def _plain(machine: Machine, expr: Expr) -> Value:
+    """What an expression is worth that calls nothing; None for others: to call again might do something again."""
+    if isinstance(expr, (Ref, float, bool, str)):
+        return machine.value(expr)
+    return None

@@ -58,6 +58,7 @@ def _offs(machine: Machine, call: Call) -> Value:
     if len(values) != 4 or not isinstance(values[0], (tuple, Unknown)):
         raise Wrong(machine.line, "Offs has a robtarget and three numbers")
     point, *shift = values
+    machine.fit("robtarget", point)
     if isinstance(point, Unknown) or isinstance(point[0], Unknown):
         return point
     moved = tuple(a if isinstance(a, Unknown) else b if isinstance(b, Unknown) else _add(machine, a, b)
@@ -76,6 +77,7 @@ def _reltool(machine: Machine, call: Call) -> Value:
     if len(values) != 4:
         raise Wrong(machine.line, "RelTool has a robtarget and three numbers")
     turns = {name: machine.value(value) for name, value in call.options if _is_given(machine, value)}
+    machine.fit("robtarget", values[0])
     unknown = find_unknown(values[:1]) or find_unknown(values[1:]) or find_unknown(list(turns.values()))
     if unknown is not None:
         return unknown

@@ -102,7 +102,8 @@ def _wait(machine: Machine, call: Call) -> None:
         seconds = 0.0
     if seconds < 0:
         raise Wrong(machine.line, "a wait must not be negative")
-    machine.add(Wait(seconds))
+    if seconds > 0 or not call.options:
+        machine.add(Wait(seconds))
     machine.blending = 0  # by the end of the wait the arm has come to its point
 
 
@@ -142,12 +143,13 @@ def _displace_off(machine: Machine, _call: Call) -> None:
 
 def _displace_set(machine: Machine, call: Call) -> None:
     """PDispSet: the frame that it says, in the work object."""
-    value = machine.value(call.args[0]) if call.args else None
+    value = machine.value(call.args[0] if call.args else None)
+    machine.fit("pose", value)
     unknown = find_unknown(value)
     if unknown is not None:
         machine.assume(f"a displacement is not known ({unknown.what}): none is taken", unknown.key)
         value = None
-    machine.displaced = pose_of(machine, value) if isinstance(value, tuple) and len(value) == 2 else None
+    machine.displaced = pose_of(machine, value) if isinstance(value, tuple) else None
     machine.tell("displacement", "of the program, PDispSet")
 
 
@@ -160,6 +162,8 @@ def _displace_on(machine: Machine, call: Call) -> None:
     point = machine.value(call.args[0])
     there = options.get("exep")
     at = machine.value(there) if there is not None else see_here(machine, Call(machine.line, "crobt"))
+    machine.fit("robtarget", point)
+    machine.fit("robtarget", at)
     if find_unknown(point) is not None or find_unknown(at) is not None:
         machine.assume("a displacement is not known (PDispOn where the arm is): none is taken")
         return
@@ -300,9 +304,8 @@ def _use_tool(machine: Machine, _call: Call) -> None:
 
 
 def _force_off(machine: Machine, _call: Call) -> None:
-    if machine.pressing is not None or any(isinstance(item, Force) for item in machine.body[-1:]):
-        machine.pressing = None
-        machine.add(Force(0.0))
+    machine.pressing = None
+    machine.add(Force(0.0))
 
 
 def _bit(machine: Machine, call: Call) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from .branches import Ways, flat
 from .machine import Home, Machine
+from .tokens import Wrong
 from .tree import Call, Module, Record, Routine
 from .types import RESIDENT
 
@@ -23,7 +24,19 @@ def link(machine: Machine, modules: Sequence[Module]) -> Routine | None:
         _check_names(machine, module, seen)
     for module in modules:
         _enter(machine, module)
+    _value_all(machine)
     return _find_entry(machine, modules)
+
+
+def _value_all(machine: Machine) -> None:
+    """Works out what all data are worth at first, so that what is wrong is told though nothing uses it."""
+    homes = {id(home): home for home in machine.homes.values()}
+    for level in (machine.data, *(home.data for home in homes.values())):
+        for variable in list(level.values()):
+            try:
+                machine.load(variable)
+            except Wrong as wrong:
+                machine.find("refused", wrong.what, wrong.line)
 
 
 def _enter_record(machine: Machine, record: Record) -> None:

@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from camgen.model.instructions import Instruction, Joints
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
+from camgen.model.text import counted
 from camgen.read.programs import Ask, Assumption, Frames, Level
 
 from .tokens import Wrong
@@ -20,6 +21,7 @@ from .values import NOTHING, Unknown, Value, Variable, copied, find_unknown, neg
 _LONGEST_ARRAY = 100_000
 #: So many findings are told; more say nothing new.
 _MOST_FINDINGS = 100_000
+_ATOMS: dict[str, type] = {**dict.fromkeys(NUMBERS, float), "bool": bool, "string": str}
 #: Constants that are defined by each other, in a chain.
 _LONGEST_CHAIN = 50
 
@@ -167,6 +169,22 @@ class Machine:
     def _parts(self, kind: str) -> Iterable[tuple[str, str]]:
         return [(part, name) for name, part in self.types[kind]]
 
+    def fit(self, kind: str, value: Value, within: str = "") -> None:
+        """Raises Wrong for a value that is no data of the type ``kind``. within: the record that it is part of."""
+        if isinstance(value, Unknown):
+            return
+        kind = self.kind(kind)
+        parts = self.types.get(kind)
+        if parts:
+            if not isinstance(value, tuple):
+                raise Wrong(self.line, f"a {kind} is needed{within and f' in a {within}'}")
+            if len(value) != len(parts):
+                raise Wrong(self.line, f"{kind} has {counted(len(parts), 'component')}, not {len(value)}")
+            for (_, part), item in zip(parts, value, strict=True):
+                self.fit(part, item, kind)
+        elif kind in _ATOMS and type(value) is not _ATOMS[kind]:
+            raise Wrong(self.line, f"a {kind} is needed{within and f' in a {within}'}")
+
     # -- data ------------------------------------------------------------------------------------------------------
 
     def declare(self, data: Data, home: Home) -> Variable:
@@ -225,7 +243,10 @@ class Machine:
         self.line = variable.line
         try:
             assert variable.start is not None
-            variable.value = self.shaped(self.value(variable.start), len(variable.dims))
+            value = self.shaped(self.value(variable.start), len(variable.dims))
+            if not variable.dims:
+                self.fit(variable.type, value)
+            variable.value = value
         except Wrong as wrong:
             variable.value = Unknown(f"{variable.name}, whose value is wrong")
             self.find("refused", wrong.what, wrong.line)
@@ -374,9 +395,11 @@ class Machine:
         if found is None:
             self._blur(target)
             return
-        variable, path, _, dims = found
+        variable, path, kind, dims = found
         if variable.storage == "const":
             raise Wrong(self.line, f"{variable.name} is a constant")
+        if not dims:
+            self.fit(kind, value)
         self.store(variable, path, self.shaped(value, dims))
 
     def _blur(self, target: Expr) -> None:

@@ -166,6 +166,7 @@ def _speed(
     machine: Machine, form: Form, call: Call, value: Value, options: dict[str, Expr | None]
 ) -> tuple[float, float]:
     """mm/s and rad/s."""
+    machine.fit("speeddata", value)
     if "v" in options:
         given = machine.number(options["v"])
         value = (given, 500.0) if type(given) is float else given
@@ -175,8 +176,6 @@ def _speed(
         unknown = find_unknown(value)
         machine.assume(f"a speed is not known ({unknown.what if unknown else ''}): 100 mm/s is taken")
         return 100.0 * machine.speed_override, math.radians(500.0)
-    if not isinstance(value, tuple) or len(value) < 2 or type(value[0]) is not float or type(value[1]) is not float:
-        raise Wrong(machine.line, "a speeddata is needed")
     mm_s = value[0] * machine.speed_override
     if machine.speed_most > 0:
         mm_s = min(mm_s, machine.speed_most)
@@ -196,7 +195,8 @@ def _weld_speed(machine: Machine, call: Call, value: Value) -> Value:
 
 
 def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> float:
-    """Mm."""
+    """The radius in mm, 0 for a stop."""
+    machine.fit("zonedata", value)
     if "z" in options:
         radius = machine.number(options["z"])
         return radius if type(radius) is float and radius > 0 else 0.0
@@ -204,8 +204,6 @@ def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> f
         unknown = find_unknown(value)
         machine.assume(f"a zone is not known ({unknown.what if unknown else ''}): a stop is taken")
         return 0.0
-    if not isinstance(value, tuple) or len(value) < 2 or type(value[0]) is not bool or type(value[1]) is not float:
-        raise Wrong(machine.line, "a zonedata is needed")
     return 0.0 if value[0] else max(value[1], 0.0)
 
 
@@ -213,11 +211,10 @@ def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> f
 
 
 def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
-    if find_unknown(value if isinstance(value, Unknown) or len(value) < 1 else value[0]) is not None:
+    machine.fit("jointtarget", value)
+    if isinstance(value, Unknown) or find_unknown(value[0]) is not None:
         _leave_out(machine, value)
         return
-    if not isinstance(value, tuple) or len(value) != 2 or not isinstance(value[0], tuple) or len(value[0]) != 6:
-        raise Wrong(machine.line, "a jointtarget is needed")
     axes = tuple(0.0 if v > _NINES else v for v in value[0])
     _tell_external(machine, value[1])
     item = MoveJ(Joints(tuple(math.radians(v) for v in axes)), bound.speed, bound.blend)
@@ -228,13 +225,10 @@ def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
 
 def _can_go(machine: Machine, point: Value) -> bool:
     """Whether a target is known; where it is not, the motion is left out. Wrong where it is no target."""
+    machine.fit("robtarget", point)
     if isinstance(point, Unknown) or find_unknown(point[:2] if isinstance(point, tuple) else ()) is not None:
         _leave_out(machine, point)
         return False
-    if not isinstance(point, tuple) or len(point) != 4:
-        raise Wrong(machine.line, "a robtarget is needed")
-    if [len(part) if isinstance(part, tuple) else 0 for part in point[:2]] != [3, 4]:
-        raise Wrong(machine.line, "a robtarget is needed")
     if machine.assumed and not any(point[1]):
         _leave_out(machine, Unknown("it has no value yet"))
         return False
@@ -254,7 +248,7 @@ def _move_pose(machine: Machine, form: Form, call: Call, points: list[Value], bo
         bound = _timed(machine, call, bound, target)
     triggers = _triggers(machine, form, call)
     if form.process == "force":
-        _press(machine, call, bound, via, target)
+        _press(machine, call, bound, via, target, _posture(rest))
         machine.here = Here(target, machine.frame, rest)
         return
     if triggers and via is None and form.kind == "l":
@@ -481,7 +475,7 @@ def _weld(machine: Machine, name: str) -> None:
 # With force -------------------------------------------------------------------------------------------------------
 
 
-def _press(machine: Machine, call: Call, bound: Bound, via: Pose | None, target: Pose) -> None:
+def _press(machine: Machine, call: Call, bound: Bound, via: Pose | None, target: Pose, posture: Posture | None) -> None:
     """FCPress1LStart, FCPressL, FCPressC, FCPressEnd: force along an axis of the tool."""
     if call.name == "fcpress1lstart":
         newtons = _begin_pressing(machine, call, target)
@@ -490,7 +484,7 @@ def _press(machine: Machine, call: Call, bound: Bound, via: Pose | None, target:
     elif call.name == "fcpressend":
         machine.pressing = None
         machine.add(Force(0.0))
-        machine.add(MoveL(target, bound.speed, bound.blend))
+        machine.add(MoveL(target, bound.speed, bound.blend, posture=posture))
         return
     else:
         count = 2 if via is not None else 1
@@ -499,9 +493,9 @@ def _press(machine: Machine, call: Call, bound: Bound, via: Pose | None, target:
     assert machine.pressing is not None
     press = _direction(target, machine.pressing)
     if via is None:
-        machine.add(MoveL(target, bound.speed, bound.blend, newtons, press))
+        machine.add(MoveL(target, bound.speed, bound.blend, newtons, press, posture=posture))
     else:
-        machine.add(MoveC(via, target, bound.speed, bound.blend, newtons, press))
+        machine.add(MoveC(via, target, bound.speed, bound.blend, newtons, press, posture=posture))
     machine.blending = machine.line if bound.blend > 0 else 0
 
 
@@ -513,7 +507,7 @@ def _begin_pressing(machine: Machine, call: Call, target: Pose) -> float:
         machine.assume("the force to press with is not known: 1 N is taken")
         force = 1.0
     machine.pressing = (axis, 1 if force > 0 else -1)
-    machine.add(Force(abs(force), _direction(target, machine.pressing)))
+    machine.add(Force(abs(force), _direction(see_pose(machine) or target, machine.pressing)))
     return abs(force)
 
 

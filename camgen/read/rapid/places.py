@@ -68,8 +68,7 @@ def _persistent(machine: Machine, expr: Expr, kind: str) -> tuple[str, Value]:
         if variable is not None and variable.storage in ("var", "const") and variable.type == kind:
             word = variable.storage.upper()
             machine.find("refused", f"{variable.name} is {word}: the {kind} of a motion must be a persistent (PERS)")
-    if not isinstance(value, (tuple, Unknown)):
-        raise Wrong(machine.line, f"a {kind} is needed")
+    machine.fit(kind, value)
     return name, value
 
 

@@ -47,6 +47,8 @@ _DEEPEST = 70
 #: So often a loop is run that has a way out, before it is taken to have none.
 _MOST_PASSES = 200
 _MOST_CYCLES = 3
+#: Runs of a statement whose error is handled by RETRY; controllers allow four.
+_MOST_TRIES = 5
 #: Passes after which all data are compared.
 _LOOKED_AT = 16
 
@@ -76,7 +78,11 @@ class _Raised(Exception):
 
 
 class _Handled(Exception):
-    """RETRY or TRYNEXT in an error handler."""
+    """RETRY (again) or TRYNEXT in an error handler."""
+
+    def __init__(self, again: bool) -> None:
+        super().__init__(again)
+        self.again = again
 
 
 class Stopped(Exception):
@@ -157,25 +163,29 @@ class Runner:
         self.steps += 1
         if self.steps > self.most:
             raise Stopped(item.line, f"more than {self.most} statements are run")
-        try:
-            _RUN[type(item)](self, item)
-        except Wrong as wrong:
-            machine.find("refused", wrong.what, wrong.line or item.line)
-        except _Raised as raised:
-            self._handle(raised)
+        for _ in range(_MOST_TRIES):
+            try:
+                _RUN[type(item)](self, item)
+            except Wrong as wrong:
+                machine.find("refused", wrong.what, wrong.line or item.line)
+            except _Raised as raised:
+                if self._tries_again(raised):
+                    continue
+            return
+        raise Stopped(item.line, f"an error comes again after {_MOST_TRIES} tries")
 
     # -- errors ----------------------------------------------------------------------------------------------------
 
-    def _handle(self, raised: _Raised) -> None:
-        """Runs the error handler of the routine for an error that was raised in a statement."""
+    def _tries_again(self, raised: _Raised) -> bool:
+        """Runs the error handler of the routine for an error that was raised in a statement; whether it is RETRY."""
         routine = self.machine.scope.routine
         if routine is None or routine.handler is None or self.handling:
             raise raised
         self.handling = True
         try:
             self.run(routine.handler)
-        except _Handled:
-            return
+        except _Handled as handled:
+            return handled.again
         finally:
             self.handling = False
         raise raised
@@ -257,12 +267,12 @@ class Runner:
     def _repeat_unknown(self, item: While, value: Unknown) -> None:
         """A loop whose condition is not known: one that moves is run once, one that waits ends."""
         machine = self.machine
-        key, taken = hint(machine, item.condition, True)
+        key, taken = hint(machine, item.condition, value, True)
         if self.ways.leads(item.body) and self.ways.moves(item.body):
             machine.assume(f"the loop in line {item.line} asks {_tell(value)}: it is run once", key, taken)
             self.run(item.body)
             return
-        key, taken = hint(machine, item.condition, False)
+        key, taken = hint(machine, item.condition, value, False)
         machine.assume(f"the loop in line {item.line} asks {_tell(value)}: it ends at once", key, taken)
 
     def count(self, item: For) -> None:
@@ -321,9 +331,9 @@ class Runner:
         for at, (condition, _) in enumerate(open_ones):
             holds = at == taken
             if at <= taken:
-                key, worth = hint(machine, condition, holds)
                 asked = machine.value(condition) if at else value
                 if isinstance(asked, Unknown):
+                    key, worth = hint(machine, condition, asked, holds)
                     what = "is taken to hold" if holds else "is taken not to hold"
                     machine.assume(f"the IF in line {item.line} asks {_tell(asked)}: it {what}", key, worth)
         self.run(blocks[taken])
@@ -335,18 +345,22 @@ class Runner:
         unknown = find_unknown(value)
         if unknown is None:
             for values, block in item.cases:
-                if any(machine.value(one) == value for one in values):
+                worths = [machine.value(one) for one in values]
+                unknown = unknown or find_unknown(worths)
+                if value in worths:
                     self.run(block)
                     return
-            self.run(item.otherwise or ())
-            return
+            if unknown is None:
+                self.run(item.otherwise or ())
+                return
         blocks = [block for _, block in item.cases] + [item.otherwise or ()]
         taken = self.ways.choose(blocks)
-        key, worth = unknown.key, 0.0
+        case, key, worth = "DEFAULT", "", 0.0
         if taken < len(item.cases):
             found = machine.value(item.cases[taken][0][0])
-            worth = found if type(found) is float else 0.0
-        machine.assume(f"the TEST in line {item.line} asks {_tell(unknown)}: the case {worth:g} is taken", key, worth)
+            case = f"{found:g}" if type(found) is float else ascii(found)[:40]
+            key, worth = (unknown.key, found) if type(found) is float else ("", 0.0)
+        machine.assume(f"the TEST in line {item.line} asks {_tell(unknown)}: the case {case} is taken", key, worth)
         self.run(blocks[taken])
 
     # -- routines --------------------------------------------------------------------------------------------------
@@ -523,7 +537,7 @@ def _run_word(runner: Runner, item: Word) -> None:
     if item.name in ("retry", "trynext"):
         if not runner.handling:
             raise Wrong(item.line, f"{item.name.upper()} outside of an error handler")
-        raise _Handled
+        raise _Handled(item.name == "retry")
     raise Ended
 
 
