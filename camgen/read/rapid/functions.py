@@ -24,7 +24,7 @@ from .machine import Machine
 from .places import pose_of, say_pose, see_here
 from .tokens import Wrong
 from .tree import Call, Element, Expr, Maybe, Ref
-from .values import NOTHING, Unknown, Value, find_unknown, tell_type
+from .values import NOTHING, Unknown, Value, find_unknown, operate, tell_type
 
 
 def call_function(machine: Machine, call: Call) -> Value:
@@ -326,7 +326,12 @@ _PLAIN: dict[str, Callable[..., Value]] = {
     "pow": lambda a, b: float(a**b),
     "sin": _radians(math.sin), "cos": _radians(math.cos), "tan": _radians(math.tan), "asin": _degrees(math.asin),
     "acos": _degrees(math.acos), "atan": _degrees(math.atan), "atan2": lambda y, x: math.degrees(math.atan2(y, x)),
-    "numtodnum": float, "dnumtonum": float, "max": max, "min": min,
+    "sindnum": _radians(math.sin), "cosdnum": _radians(math.cos), "tandnum": _radians(math.tan),
+    "asindnum": _degrees(math.asin), "acosdnum": _degrees(math.acos), "atandnum": _degrees(math.atan),
+    "atan2dnum": lambda y, x: math.degrees(math.atan2(y, x)), "powdnum": lambda a, b: float(a**b),
+    "bitanddnum": _bits(int.__and__), "bitordnum": _bits(int.__or__), "bitxordnum": _bits(int.__xor__),
+    "crossprod": lambda a, b: operate("*", a, b, 0),
+    "numtodnum": float, "dnumtonum": float,
     "posemult": lambda a, b: say_pose(_pose(a) @ _pose(b)), "poseinv": lambda a: say_pose(_pose(a).inverse()),
     "posevect": lambda a, v: _pose(a).apply(v), "orientzyx": _orient_zyx, "norient": _normalise,
     "defframe": _frame_of_points, "distance": _distance, "vectmagn": lambda v: math.sqrt(sum(x * x for x in v)),
@@ -342,13 +347,25 @@ _PLAIN: dict[str, Callable[..., Value]] = {
 }  # fmt: skip
 #: What only a controller, its operator or its surroundings know.
 _UNKNOWN = frozenset(
-    """argname bytetostr calcrotaxframez calcrotaxisframe cdate clkread cnvdist corrread ctime ctool cwobj dectohex
-    defaccframe defdframe egmgetstate eventtype execlevel fcidentload fcisforcemode filesize filetime fssize
-    getaxisangle getmecunitname getmodalpayloadmode getmotortorque getnextsym getserviceinfo getsysinfo
-    gettime gettrapdata gettsistatus getuasuserrights hand_getactualpos hextodec indpos indspeed iounitstate
-    isbrakecheckactive ismechunitactive ismecunitactive ispers isstopmoveact istasksync isvar loadid mirpos
-    motionplannerno nonmotionmode opmode orobt paramnotfound programmode quadr rawbyteslen readbin readcfgdata
-    readmotor readnum readstr readstrbin robname runmode socketgetstatus strdigcalc strdigcmp strtobyte
-    syncmoveison taskrunmec tcplinspeed testandset testsignread textget texttabfreetoread texttabget
-    uialphaentry uiclientexist uidnumentry uilistview uimessagebox uinumentry uinumtune""".split()  # noqa: SIM905 (eighty words read better so)
+    """argname bitneg bytetostr calcrotaxframez calcrotaxisframe camgetexposure camgetloadedjob camgetname
+    camnumberofresults capgetfailsigs cdate clkread cnvdist corrread cspeedoverride ctime ctool cwobj
+    dacheckmmsopt dagetfsttimeevt dagetmp dagetrobotname dagettaskname dectohex defaccframe defdframe
+    egmgetstate eventtype exechandler execlevel fcgetforce fcgetprocessdata fcidentload fcisforcemode filesize
+    filetime filetimednum fssize getaxisangle getaxisdistance getaxismovetime getmaxnumberofcyclicbool
+    getmecunitname getmodalpayloadmode getmotortorque getnextcyclicbool getnextmechunit getnextsym
+    getnumberofcyclicbool getserviceinfo getsignal getsignaldnum getsignalorigin getsysinfo gettime
+    gettrapdata gettsistatus gettspstatus getuasusername getuasuserrights hand_getactualpos hextodec
+    indexlookup indinpos indpos indspeed iounitstate ipscommand ipsgetparam isbrakecheckactive iscyclicbool
+    isleadthrough ismechunitactive ispers isstopmoveact isstopstateevent issyncmoveon issysid istasksync isvar
+    loadid maxextlinearspeed maxextreorientspeed maxrobreorientspeed maxrobspeed mirpos modexist modtime
+    modtimednum motionplannerno orobt paintcommand paridposvalid paridrobvalid pathlengthget pathlevel
+    pathrecvalidbwd pathrecvalidfwd pfrestart pmgratsafe pmgratservice pmgratstate pmgratstation
+    pmgrnextstation pmgrtaskname pmgrtasknumber ppmovedinmanmode progmemfree prxgetmaxrecordpos quadr
+    rawbyteslen readbin readcfgdata readdir readmotor readnum readstr readstrbin readvar remainingretries
+    rmqgetslotname robname safetycontrollergetchecksum safetycontrollergetopmodepincode
+    safetycontrollergetswversion safetycontrollergetuserchecksum socketgetstatus socketpeek stcalcforce
+    stcalctorque stiscalib stisclosed stisindgun stisopen strdigcalc strdigcmp strtobyte syncmoveison
+    taskisactive taskisexecuting taskrunmec tasksinsync testandset testsignread textget texttabfreetoread
+    texttabfreetouse texttabget triggdatavalid type uialphaentry uiclientexist uidnumentry uidnumtune
+    uilistview uimessagebox uinumentry uinumtune""".split()  # noqa: SIM905 (two hundred words read better so)
 )

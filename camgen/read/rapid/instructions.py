@@ -327,33 +327,52 @@ def _nothing(_machine: Machine, _call: Call) -> None:
 
 #: Screen, files, sockets, clocks, interrupts, world zones, other tasks, supervision: they move nothing.
 _NO_EFFECT = """
-    accset activeventbuffer actunit aliasio aliasioreset arckill arcrefresh bookerrno booknerrno camflush camloadjob
-    camreqimage camsetexposure camsetparameter camsetprogrammode camsetrunmode camstartloadjob camwaitloadjob
-    cancelload capaptrsetup capcondsetdo capequidist checkprogref circlepathmode cirpathmode cleariobuff
-    clearpath clearrawbytes clkreset clkstart clkstop close closedir confj confl copyfile copyrawbytes corrclear
-    corrcon corrdiscon corrwrite cyclicbrake cyclicbrakecheck deactiveventbuffer deactunit dropwobj egmactjoint
-    egmactmove egmactpose egmgetid egmmovec egmmovel egmreset egmrunjoint egmrunpose egmsetupai egmsetupltapp
-    egmsetupuc egmstop egmstreamstart egmstreamstop eoffsoff eoffson eoffsset erasemodule errlog errraise
-    errwrite eventlog fcact fccalib fccondforce fccondwaitwhile fcconforce fcrefforce fcreflin fcrefstart
-    fcrefstop fcresetdamping fcsetdamping fcsetsdparam fcspdchgact fcspdchgdeact fcsupvforce fcsupvorient
-    fcsupvpos fcsupvtcpspeed fcsupvtorque getgroupsignalinfo gripload hand_domotorcalibration hand_gripinward
-    hand_gripoutward hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror hand_stop idelete
-    idisable ienable ierror indamove indcmove inddmove indreset indrmove iobusstart iobusstate iodisable
-    ioenable ipers irmqmessage isignalai isignalao isignaldi isignaldo isignalgi isignalgo isleep itimer
-    ivarvalue iwatch jointtrigg keysendstring load makedir mechunitload motionsup open opendir packrawbytes
-    pathacclim pathrecmovebwd pathrecmovefwd pathrecstart pathrecstop pathresol ppadropwobj print
-    procerrrecovery readdir recordprofile recoverymenu recoverypos recoveryposreset recoveryposset recoverytpos
-    removedir removefile renamefile resetpdisp resetretrycount restartsystem restopath rewind rmqemptyqueue
-    rmqfindslot rmqsendmessage rmqsendwait save saveprofile scwrite setalldataval setbrush setbrushfac
-    setdatasearch setdataval setsysdata singarea skipwarn socketaccept socketbind socketclose socketconnect
-    socketcreate socketlisten socketsend socketsendto softact softdeact speedlimaxis speedlimcheckpoint spystart
-    spystop startload startmove startmoveretry stopmove stopmovereset storepath syncmoveoff syncmoveon
-    syncmoveresume syncmovesuspend syncmoveundo sysetmstop systemstopaction testsigndefine testsignreset
-    texttabinstall tperase tpshow tpwrite triggcheckio triggdatacopy triggdatareset triggrampao triggspeed
-    triggstopproc tunereset tuneservo uiclientexist uimsgwrite uimsgwriteabort uishow unload useacceprofile
-    waitload waitsynctask waittestandset waitwobj warmstart worldacclim write writeanybin writebin writeblock
-    writecfgdata writerawbytes writestrbin wzboxdef wzcyldef wzdisable wzdoset wzenable wzfree wzhomejointdef
-    wzlimjointdef wzlimsup wzsphdef""".split()  # noqa: SIM905 (two hundred words read better so)
+    accset acteventbuffer activateprofile actunit aliascamera aliasio aliasioreset arckill arcrefresh arcrepl
+    bookerrno brakecheck calibrate camflush camgetparameter camloadjob camreqimage camsetexposure
+    camsetparameter camsetprogrammode camsetrunmode camstartloadjob camwaitloadjob cancelload capaptrsetup
+    capaptrsetupai capaptrsetupao capaptrsetuppers capcondsetdo capequidist caplatrsetup capnoprocess caprefresh
+    capsetstopmode capweavesync checkprogref circlepathmode cirpathmode cleariobuff clearpath clearrawbytes
+    clkreset clkstart clkstop close closedir closegun cnvgeninstr cnvpredictreach cnvsync confj confl
+    consolewrite copyfile copyrawbytes cornerpathwarning corrclear corrcon corrdiscon corrwrite cssact cssdeact
+    cssforceoffsetact cssforceoffsetdeact cssoffsettune cyclicbrakecheck daactproc dadeactallproc dadeactproc
+    dadefextsig dadefprocdata dadefprocsig dadefuserdata dagetappdescr dagetappindex dagetcurrdata
+    dagetnumofprocs dagetnumofrob dagetprcdescr dasetcurrdata dasetupappbehav dastartmanaction deacteventbuffer
+    deactprofile deactunit ditheract ditherdeact dropsensor dropwobj egmactjoint egmactmove egmactpose egmgetid
+    egmmovec egmmovel egmreset egmrunjoint egmrunpose egmsetupai egmsetupao egmsetupgi egmsetupltapp egmsetupuc
+    egmstop egmstreamstart egmstreamstop eoffsoff eoffson eoffsset erasemodule errlog errraise errwrite fcact
+    fccalib fccondforce fccondorient fccondpos fccondreorispeed fccondtcpspeed fccondtorque fccondwaitwhile
+    fcrefcircle fcrefforce fcrefline fcrefmoveframe fcrefrot fcrefspiral fcrefsprforcecart fcrefstart fcrefstop
+    fcreftorque fcresetdampingtune fcresetlpfiltertune fcsetdampingtune fcsetlpfiltertune fcspdchgact
+    fcspdchgdeact fcspdchgtunreset fcspdchgtunset fcsupvforce fcsupvorient fcsupvpos fcsupvreorispeed
+    fcsupvtcpspeed fcsupvtorque fitcircle fricidevaluate fricidinit fricidsetfriclevels getgroupsignalinfo
+    getmaxusagetime gettorquemargin gripload hand_domotorcalibration hand_gripinward hand_gripoutward
+    hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror hand_stop hollowwristreset icap
+    idelete idisable ienable ierror indamove indcmove indcnvaddobject indcnvdisable indcnvenable indcnvinit
+    indcnvreset inddmove indgunmove indgunmovereset indreset indrmove initsuperv iobusstart iobusstate
+    ioctrlaxis_refsync ioctrlaxis_refsyncoff ioctrlaxis_refsyncon iodisable ioenable ipathpos ipers ipssetparam
+    irmqmessage isignalai isignalao isignaldi isignaldo isignalgi isignalgo isleep itimer ivarvalue iwatch load
+    loadid loadprofile makedir manloadidproc matrixsolve matrixsolveqr matrixsvd mechunitload
+    motionprocessmodeset motionsup open opendir opengun packdnheader packrawbytes pathacclim pathlengthreset
+    pathlengthstart pathlengthstop pathrecmovebwd pathrecmovefwd pathrecstart pathrecstop pathresol
+    procerrrecovery prxactivandstorerecord prxactivrecord prxdbgstorerecord prxdeactrecord prxresetpos
+    prxresetrecords prxsetposoffset prxsetrecordsampletime prxsetsyncalarm prxstartrecord prxstoprecord
+    prxstorerecord prxusefilerecord readdir readerrdata readvararr recalctcp recordprofile recoverymenu
+    recoverymenuwr recoveryposreset recoveryposset removeallcyclicbool removecyclicbool removedir removefile
+    removesuperv renamefile resetaxisdistance resetaxismovetime resetmaxusagetime resetppmoved resetretrycount
+    resettorquemargin restopath rewind rmqemptyqueue rmqfindslot rmqsendmessage rmqsendwait
+    safetycontrollersyncrequest save savecfgdata scwrite setalldataval setbrush setbrushfac setdatasearch
+    setdataval setforce setleadthrough setsysdata settmsignal setupcyclicbool setupsuperv siclose siconnect
+    sigetcyclic singarea sisetcyclic skipwarn socketaccept socketbind socketclose socketconnect socketcreate
+    socketlisten socketsend socketsendto softact softdeact softelbow speedlimaxis speedlimcheckpoint
+    speedrefresh spystart spystop startload startmove startmoveretry stcalib stclose stindgun stindgunreset
+    stopen stopmove stopmovereset storepath storeprofile sttune sttunereset supsyncsensoroff supsyncsensoron
+    syncmoveoff syncmoveon syncmoveresume syncmovesuspend syncmoveundo synctosensor syncwwobj systemstopaction
+    testsigndefine testsignreset texttabinstall tperase tpshow tpwrite triggcheckio triggdatacopy triggdatareset
+    triggrampao triggspeed triggstopproc tryint tunereset tuneservo uiclientexist uimsgwrite uimsgwriteabort
+    uishow unload usereachabletargets waitandrecprof waitload waitsynctask waittestandset waitwobj warmstart
+    worldacclim write writeanybin writebin writeblock writecfgdata writerawbytes writestrbin writevar
+    writevararr wzboxdef wzcyldef wzdisable wzdoset wzenable wzfree wzhomejointdef wzlimjointdef wzlimsup
+    wzsphdef""".split()  # noqa: SIM905 (three hundred words read better so)
 
 EFFECTS: dict[str, Effect] = {
     **dict.fromkeys(_NO_EFFECT, _nothing),
@@ -368,7 +387,7 @@ EFFECTS: dict[str, Effect] = {
     "singarea": _supervise, "cirpathmode": _tell_settings, "motionsup": _tell_settings,
     "triggio": _define_trigger, "triggequip": _define_trigger,
     **dict.fromkeys(("triggint", "triggcheckio", "triggspeed", "triggrampao"), _define_interrupt),
-    "stop": _stop, "break": _stop, "exitcycle": _end_cycle, "exit": _end, "systemstop": _end,
+    "stop": _stop, "break": _stop, "exitcycle": _end_cycle, "exit": _end,
     **dict.fromkeys(("tpreadfk", "tpreadnum", "tpreaddnum"), _ask_operator),
     **dict.fromkeys((name for name in _RECEIVES if not name.startswith("tpread")), _receive),
     **dict.fromkeys(("incr", "decr", "add", "clear"), _increase), "gripload": _use_tool, "fcdeact": _force_off,

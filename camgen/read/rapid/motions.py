@@ -64,7 +64,7 @@ FORMS: dict[str, Form] = {
 }  # fmt: skip
 #: Instructions of packages for processes: the process, the kind of motion, and whether it begins or ends the process.
 _PROCESS = re.compile(
-    r"(arc|cap|spot|spotm|disp|paint|cut|laser|nut|glue|seal|plasma)(move)?(absj|extj|l|c|j)(\d*start|\d*end|\d*)"
+    r"(arc|arcadapt|arccalc|contact|cap|spot|spotm|disp|paint|cut|laser|nut|glue|seal|plasma)(move)?(absj|extj|l|c|j)(\d*start|\d*end|\d*)"
 )
 
 
