@@ -46,6 +46,7 @@ from .values import NOTHING, Unknown, Value, Variable, copied, find_unknown
 _DEEPEST = 70
 #: So often a loop is run that has a way out, before it is taken to have none.
 _MOST_PASSES = 200
+_TOO_LONG = "the program has not ended after what is run of it; limits.rapid_steps lets more run"
 _MOST_CYCLES = 3
 #: Runs of a statement whose error is handled by RETRY; controllers allow four.
 _MOST_TRIES = 5
@@ -162,7 +163,7 @@ class Runner:
         machine.line = item.line
         self.steps += 1
         if self.steps > self.most:
-            raise Stopped(item.line, f"more than {self.most} statements are run")
+            raise Stopped(item.line, _TOO_LONG)
         for _ in range(_MOST_TRIES):
             try:
                 _RUN[type(item)](self, item)
@@ -238,7 +239,7 @@ class Runner:
         """A pass costs a statement, so that empty ones end too."""
         self.steps += 1
         if self.steps > self.most:
-            raise Stopped(line, f"more than {self.most} statements are run")
+            raise Stopped(line, _TOO_LONG)
 
     def _leave(self, item: While, loop: Loop, endless: bool, before: tuple[int, int]) -> bool:
         """Whether a loop is left that nothing in it ends."""

@@ -386,7 +386,7 @@ def test_a_loop_that_waits_for_somebody_else_ends() -> None:
 def test_a_run_has_a_bound() -> None:
     executed = done("WHILE n>=0 DO\nn:=n+1;\nENDWHILE")
     assert executed.stopped is not None
-    assert "statements are run" in executed.stopped[1]
+    assert "limits.rapid_steps" in executed.stopped[1]
     assert done("sub;", "PROC sub()\nsub;\nENDPROC").stopped == (16, "routines call each other more than 70 deep")
 
 
