@@ -28,7 +28,8 @@ DXF = (FIXTURES / "parts" / "plate.dxf").read_bytes()
 SVG = svg('<g id="a"><path d="M9 9h9"/></g><use href="#a"/><use href="#a"/>').encode()
 DEEP = svg('<g id="a"><path d="M9 9h9"/></g><g id="b"><use href="#a"/></g><use href="#b"/>').encode()
 RAPID = b"MODULE m\nPROC main()\nFOR i FROM 1 TO 40 DO\n"
-RAPID += b"MoveL [[300,i,0],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\nENDFOR\nENDPROC\nENDMODULE\n"
+RAPID += b"MoveL [[300,i,0],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n"
+RAPID += b"ENDFOR\nENDPROC\nENDMODULE\n"
 VPLUS = b".PROGRAM a()\nFOR i = 1 TO 40\nMOVE TRANS(300,i,0,0,180,0)\nEND\n.END\n"
 GCODE = b"G21 G90\nG0 X0 Y0 Z5\nF100\no1 repeat [9]\nG1 X9\nG1 X0\no1 endrepeat\nM2\n"
 PECKS = b"G21 G90 G0 X0 Y0 Z5\nF100\nG83 X1 Y1 Z-9 R1 Q1\nM2\n"
