@@ -34,10 +34,11 @@ class CycleEnded(Ended):
 # Outputs --------------------------------------------------------------------------------------------------------
 
 
-def _set_to(machine: Machine, name: str, value: float) -> None:
-    if machine.blending:
+def _set_to(machine: Machine, name: str, value: float, group: bool = False) -> None:
+    """Sets an output. One that has the value already changes nothing in a corner; a group tells somebody a number."""
+    if machine.blending and machine.outputs.get(name.lower()) != value:
         what = f"{name} is switched while the robot is still in a corner: the motion in line {machine.blending} blends"
-        machine.find("dangerous", what)
+        machine.find("unusual" if group else "dangerous", what)
         machine.blending = 0
     machine.add(Output(name, value))
     machine.outputs[name.lower()] = value
@@ -60,7 +61,7 @@ def _set_output(machine: Machine, call: Call) -> None:
         value = machine.given(name) or 1.0
     if call.name == "setdo" and value not in (0, 1, 2):
         raise Wrong(machine.line, f"{name} is set to {value:g}; a digital output is 0 or 1")
-    _set_to(machine, name, float(value == 1) if call.name == "setdo" else value)
+    _set_to(machine, name, float(value == 1) if call.name == "setdo" else value, call.name == "setgo")
 
 
 def _set_one(machine: Machine, call: Call) -> None:

@@ -27,6 +27,8 @@ _SLOWEST = 0.01
 #: An orientation whose square is off by more than this is looked at twice: NOrient takes 1e-5, hands print four digits.
 _LOOSE_NORM = 1e-3
 _NINES = 8.9e9
+#: mm: z0, a corner so small that the tool is where it should be.
+_NO_CORNER = 0.3
 _MOST_REMEMBERED = 10_000
 
 
@@ -220,7 +222,7 @@ def _move_joints(machine: Machine, value: Value, bound: Bound) -> None:
     item = MoveJ(Joints(tuple(math.radians(v) for v in axes)), bound.speed, bound.blend)
     machine.add(item)
     machine.here = Here(None, machine.frame, (), axes)
-    machine.blending = machine.line if bound.blend > 0 else 0
+    machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 
 def _can_go(machine: Machine, point: Value) -> bool:
@@ -295,7 +297,7 @@ def _emit(machine: Machine, form: Form, via: Pose | None, target: Pose, bound: B
     else:
         _emit_arc(machine, start, via, target, bound, posture)
     machine.here = Here(target, machine.frame, rest)
-    machine.blending = machine.line if bound.blend > 0 else 0
+    machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 
 @lru_cache(maxsize=1000)
@@ -496,7 +498,7 @@ def _press(machine: Machine, call: Call, bound: Bound, via: Pose | None, target:
         machine.add(MoveL(target, bound.speed, bound.blend, newtons, press, posture=posture))
     else:
         machine.add(MoveC(via, target, bound.speed, bound.blend, newtons, press, posture=posture))
-    machine.blending = machine.line if bound.blend > 0 else 0
+    machine.blending = machine.line if bound.blend > _NO_CORNER else 0
 
 
 def _begin_pressing(machine: Machine, call: Call, target: Pose) -> float:

@@ -512,3 +512,10 @@ def test_a_burning_arc_at_the_end_is_dangerous() -> None:
     assert [(one.level, one.what) for one in executed.findings] == [
         ("dangerous", "the arc still burns at the end: ArcLEnd is missing")
     ]
+
+
+def test_what_changes_nothing_in_a_corner_is_not_dangerous() -> None:
+    executed = done(
+        "SetDO do1,0;\nMoveL p1,v100,z10,tG;\nReset do1;\nMoveL p0,v100,z0,tG;\nSet do1;\nMoveL p1,v100,z5,tG;\nSetGO go1,3;"
+    )
+    assert [(one.level, one.line) for one in executed.findings] == [("unusual", 19)]
