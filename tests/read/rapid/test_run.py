@@ -516,6 +516,7 @@ def test_a_burning_arc_at_the_end_is_dangerous() -> None:
 
 def test_what_changes_nothing_in_a_corner_is_not_dangerous() -> None:
     executed = done(
-        "SetDO do1,0;\nMoveL p1,v100,z10,tG;\nReset do1;\nMoveL p0,v100,z0,tG;\nSet do1;\nMoveL p1,v100,z5,tG;\nSetGO go1,3;"
+        "SetDO do1,0;\nMoveL p1,v100,z10,tG;\nReset do1;\nMoveL p0,v100,z0,tG;\nSet do1;\n"
+        "MoveL p1,v100,z5,tG;\nSetGO go1,3;"
     )
     assert [(one.level, one.line) for one in executed.findings] == [("unusual", 19)]
