@@ -28,6 +28,7 @@ from .values import Unknown, Value
 
 #: Instructions after which a program does not go on as it should.
 _BREAKS = frozenset(("stop", "exitcycle", "break", "systemstop", "systemstopaction", "errraise"))
+_COMPARES = frozenset(("=", "<>", "<", "<=", ">", ">="))
 _WORDS = frozenset(("raise", "exit", "return"))
 
 
@@ -114,15 +115,19 @@ def hint(machine: Machine, condition: Expr, unknown: Unknown, holds: bool) -> tu
             expr = expr.right if left is not None and not isinstance(left, Unknown) else expr.left
         else:
             break
-    if not isinstance(expr, Operation) or expr.sign not in ("=", "<>"):
+    if not isinstance(expr, Operation) or expr.sign not in _COMPARES:
         return unknown.key, 1.0 if holds else 0.0
     sides = [_plain(machine, expr.left), _plain(machine, expr.right)]
     if any(isinstance(side, (str, tuple)) for side in sides):
         return "", 0.0
     number = next((float(v) for v in sides if type(v) in (float, bool)), 1.0)
-    if holds == (expr.sign == "="):
-        return unknown.key, number
-    return unknown.key, 1.0 - number if number in (0.0, 1.0) else number + 1.0
+    if expr.sign in ("=", "<>"):
+        other = 1.0 - number if number in (0.0, 1.0) else number + 1.0
+        return unknown.key, number if holds == (expr.sign == "=") else other
+    more = (expr.sign in (">", ">=")) == holds
+    if sides[0] is not None and not isinstance(sides[0], Unknown):  # the number stands on the left
+        more = not more
+    return unknown.key, number + 1.0 if more else number - 1.0
 
 
 def _plain(machine: Machine, expr: Expr) -> Value:

@@ -15,7 +15,7 @@ from camgen.read.programs import Ask, Assumption, Frames, Level
 from .tokens import Wrong
 from .tree import Call, Component, Data, Element, Expr, Hole, Maybe, Module, Negation, Operation, Point, Ref, Routine
 from .types import MORE, MORE_TYPES, NUMBERS, PREDEFINED, TEXTS, TYPES, USER
-from .values import NOTHING, Unknown, Value, Variable, copied, find_unknown, negate, operate, put
+from .values import NOTHING, Given, Unknown, Value, Variable, copied, find_unknown, negate, operate, put
 
 #: Longest array that is made: elements.
 _LONGEST_ARRAY = 100_000
@@ -121,7 +121,20 @@ class Machine:
     def ask_for(self, what: str, key: str) -> Value:
         """The value that the user gives to ``key``, or one that is not known."""
         value = self.ask.assume.get(key.lower())
-        return Unknown(what, key.lower()) if value is None else float(value)
+        return Unknown(what, key.lower()) if value is None else Given(value)
+
+    def settled(self, kind: str, value: Value) -> Value:
+        """A value that the user gives as data of the type ``kind``."""
+        return value.meet(self.kind(kind) == "bool" or 0.0) if type(value) is Given else value
+
+    def truth(self, condition: Expr, word: str) -> Value:
+        """A bool, or one that is not known. Wrong where it is neither."""
+        value = self.value(condition)
+        if type(value) is Given:
+            return value != 0.0
+        if type(value) is not bool and not isinstance(value, Unknown):
+            raise Wrong(self.line, f"the condition of {word} is no bool")
+        return value
 
     # -- names -----------------------------------------------------------------------------------------------------
 
@@ -171,7 +184,7 @@ class Machine:
 
     def fit(self, kind: str, value: Value, within: str = "") -> None:
         """Raises Wrong for a value that is no data of the type ``kind``. within: the record that it is part of."""
-        if isinstance(value, Unknown):
+        if isinstance(value, (Unknown, Given)):
             return
         kind = self.kind(kind)
         parts = self.types.get(kind)
@@ -199,7 +212,8 @@ class Machine:
 
     def _begin(self, variable: Variable) -> None:
         if variable.storage == "pers":
-            variable.value = self.ask_for(f"{variable.name}, which has no value here", variable.name)
+            found = self.ask_for(f"{variable.name}, which has no value here", variable.name)
+            variable.value = self.settled(variable.type, found)
             return
         sizes = [self.value(dim) for dim in variable.dims]
         variable.value = self._array(self.zero(variable.type), sizes)
@@ -313,6 +327,8 @@ class Machine:
         found = self.value(expr)
         if type(found) is float or isinstance(found, Unknown):
             return found
+        if type(found) is Given:
+            return float(found)
         if type(found) is bool:
             return float(found)
         raise Wrong(self.line, "a num is needed")
@@ -400,7 +416,7 @@ class Machine:
             raise Wrong(self.line, f"{variable.name} is a constant")
         if not dims:
             self.fit(kind, value)
-        self.store(variable, path, self.shaped(value, dims))
+        self.store(variable, path, self.shaped(self.settled(kind, value), dims))
 
     def _blur(self, target: Expr) -> None:
         """An element whose index is not known: the array is not known from here on."""
@@ -444,7 +460,7 @@ def _operation(machine: Machine, expr: Operation) -> Value:
 
 
 _VALUES: Mapping[type, Callable[[Machine, Value], Value]] = {
-    tuple: lambda machine, expr: tuple(map(machine.value, expr)),
+    tuple: lambda machine, expr: tuple(machine.settled("", value) for value in map(machine.value, expr)),
     Point: lambda _machine, expr: expr.value,
     Operation: _operation,
     Negation: lambda machine, expr: negate(expr.sign, machine.value(expr.value), machine.line),

@@ -208,7 +208,7 @@ class Runner:
         machine = self.machine
         for kept in (machine.body, machine.lines, machine.frame_of):
             del kept[loop.after_first :]
-        machine.assume(f"{name} in line {machine.line} repeats without end: it is shown once")
+        machine.assume(f"{name} repeats without end: it is shown once")
         raise Ended
 
     def repeat(self, item: While) -> None:
@@ -218,12 +218,10 @@ class Runner:
         escapes = self.ways.escapes(item.body)
         while True:
             machine.line = item.line
-            value = machine.value(item.condition)
+            value = machine.truth(item.condition, "WHILE")
             if isinstance(value, Unknown):
                 self._repeat_unknown(item, value)
                 return
-            if type(value) is not bool:
-                raise Wrong(item.line, "the condition of WHILE is no bool")
             if not value:
                 return
             before = machine.changes, len(machine.body)
@@ -251,7 +249,7 @@ class Runner:
             return False
         waits = before[1] == len(machine.body)
         what = "waits for what nothing in it changes: it ends at once" if waits else "repeats: it is shown once"
-        machine.assume(f"the loop in line {item.line} {what}")
+        machine.assume(f"a loop {what}")
         return True
 
     def _stands_still(self, loop: Loop) -> bool:
@@ -270,11 +268,11 @@ class Runner:
         machine = self.machine
         key, taken = hint(machine, item.condition, value, True)
         if self.ways.leads(item.body) and self.ways.moves(item.body):
-            machine.assume(f"the loop in line {item.line} asks {_tell(value)}: it is run once", key, taken)
+            machine.assume(f"a loop asks {_tell(value)}: it is run once", key, taken)
             self.run(item.body)
             return
         key, taken = hint(machine, item.condition, value, False)
-        machine.assume(f"the loop in line {item.line} asks {_tell(value)}: it ends at once", key, taken)
+        machine.assume(f"a loop asks {_tell(value)}: it ends at once", key, taken)
 
     def count(self, item: For) -> None:
         """FOR; its variable is its own."""
@@ -283,7 +281,7 @@ class Runner:
         step = machine.number(item.step) if item.step is not None else None
         unknown = next((v for v in (first, last, step) if isinstance(v, Unknown)), None)
         if unknown is not None:
-            machine.assume(f"the FOR in line {item.line} counts to {_tell(unknown)}: it is run once", unknown.key)
+            machine.assume(f"a FOR counts to {_tell(unknown)}: it is run once", unknown.key)
             first = last = first if type(first) is float else 1.0
             step = 1.0
         if step is None:
@@ -311,12 +309,10 @@ class Runner:
         machine = self.machine
         for place, (condition, block) in enumerate(item.branches):
             machine.line = item.line
-            value = machine.value(condition)
+            value = machine.truth(condition, "IF")
             if isinstance(value, Unknown):
                 self._choose_unknown(item, place, value)
                 return
-            if type(value) is not bool:
-                raise Wrong(item.line, "the condition of IF is no bool")
             if value:
                 self.run(block)
                 return
@@ -336,7 +332,7 @@ class Runner:
                 if isinstance(asked, Unknown):
                     key, worth = hint(machine, condition, asked, holds)
                     what = "is taken to hold" if holds else "is taken not to hold"
-                    machine.assume(f"the IF in line {item.line} asks {_tell(asked)}: it {what}", key, worth)
+                    machine.assume(f"an IF asks {_tell(asked)}: it {what}", key, worth)
         self.run(blocks[taken])
 
     def select(self, item: Test) -> None:
@@ -361,7 +357,7 @@ class Runner:
             found = machine.value(item.cases[taken][0][0])
             case = f"{found:g}" if type(found) is float else ascii(found)[:40]
             key, worth = (unknown.key, found) if type(found) is float else ("", 0.0)
-        machine.assume(f"the TEST in line {item.line} asks {_tell(unknown)}: the case {case} is taken", key, worth)
+        machine.assume(f"a TEST asks {_tell(unknown)}: the case {case} is taken", key, worth)
         self.run(blocks[taken])
 
     # -- routines --------------------------------------------------------------------------------------------------
@@ -370,7 +366,7 @@ class Runner:
         """Runs a routine with its arguments; what a FUNC gives."""
         machine = self.machine
         if routine is self.entry and self.depth > 0:
-            machine.assume(f"{routine.name} calls itself in line {call.line}: it is shown once")
+            machine.assume(f"{routine.name} calls itself: it is shown once")
             raise Ended
         data = self._bind(routine, call)
         home = machine.homes[routine]
@@ -438,7 +434,7 @@ class Runner:
                 return part
         if value is None:
             return Variable(one.name, "switch", "parameter", True)
-        made = Variable(one.name, one.type, "parameter", machine.value(value))
+        made = Variable(one.name, one.type, "parameter", machine.settled(one.type, machine.value(value)))
         made.dims = (0.0,) * one.dims
         return self._named_frame(made, value)
 

@@ -38,6 +38,16 @@ class Unknown:
 NOTHING = Unknown("")
 
 
+class Given(float):
+    """A value that the user gives to what no text holds: a num, or a bool where one is asked for."""
+
+    __slots__ = ()
+
+    def meet(self, other: Value) -> float | bool:
+        """The same as what it is held against is."""
+        return self != 0.0 if type(other) is bool else float(self)
+
+
 class Variable:
     """Data with its value. name: as declared. base: the data and the places within them of a parameter that is part of
     others. start: what it is worth before anything is done, worked out when it is asked for.
@@ -96,6 +106,9 @@ def _is_turn(value: Value) -> bool:
 
 def operate(sign: str, a: Value, b: Value, line: int) -> Value:
     """``a sign b``. Wrong where no controller has such an operation, or it fails."""
+    if type(a) is Given or type(b) is Given:
+        logical = sign in ("and", "or", "xor")
+        a, b = (one.meet(logical or two) if type(one) is Given else one for one, two in ((a, b), (b, a)))
     if sign in ("and", "or", "xor"):
         return _combine(sign, a, b, line)
     unknown = find_unknown(a) or find_unknown(b)
@@ -181,6 +194,8 @@ def negate(sign: str, value: Value, line: int) -> Value:
     """``-value`` or NOT value. Wrong where there is none."""
     if isinstance(value, Unknown):
         return value
+    if type(value) is Given:
+        value = value.meet(sign == "not" or 0.0)
     if sign == "not":
         if type(value) is not bool:
             raise Wrong(line, f"NOT of {tell_type(value)}")

@@ -520,3 +520,24 @@ def test_what_changes_nothing_in_a_corner_is_not_dangerous() -> None:
         "MoveL p1,v100,z5,tG;\nSetGO go1,3;"
     )
     assert [(one.level, one.line) for one in executed.findings] == [("unusual", 19)]
+
+
+@pytest.mark.parametrize(
+    ("condition", "assume"),
+    [
+        ("bReady", {"bready": 1.0}),
+        ("NOT bReady", {"bready": 0.0}),
+        ("bReady AND TRUE", {"bready": 1.0}),
+        ("bReady=TRUE", {"bready": 1.0}),
+        ("giPart>5", {"gipart": 6.0}),
+        ("5>=giPart", {"gipart": 4.0}),
+        ("GInput(giPart)=7", {"gipart": 7.0}),
+        ("f2()=3", {"f2": 3.0}),
+    ],
+)
+def test_what_was_assumed_can_be_given(condition: str, assume: Mapping[str, float]) -> None:
+    body = f"IF {condition} THEN\nMoveL p1,{TAIL}\nELSE\nStop;\nENDIF"
+    executed = done(body)
+    assert [(one.key, one.value) for one in executed.assumed if "asks" in one.what] == list(assume.items())
+    given = done(body, **assume)
+    assert (places(given), given.assumed[1:], given.findings) == ([(100, 0, 0)], (), ())
