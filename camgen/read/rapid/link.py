@@ -8,7 +8,6 @@ from .branches import Ways, flat
 from .machine import Home, Machine
 from .tokens import Wrong
 from .tree import Call, Module, Record, Routine
-from .types import RESIDENT
 
 #: The longest name (kernel manual, identifiers).
 _LONGEST_NAME = 32
@@ -127,6 +126,3 @@ def _first_of(machine: Machine, modules: Sequence[Module], ready: list[Routine])
     for name in others[:20]:
         machine.tell("not run", name)
     return chosen
-
-
-__all__ = ["RESIDENT", "link"]

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 from msgspec import Struct
 
-from camgen.model.instructions import Instruction, Joints
+from camgen.model.instructions import Instruction
 from camgen.model.pose import FloatArray, Pose, rotation_from_quaternion
 from camgen.model.text import counted
 from camgen.read.programs import Ask, Assumption, Frames, Level
 
 from .tokens import Wrong
-from .tree import Call, Component, Data, Element, Expr, Hole, Maybe, Module, Negation, Operation, Point, Ref, Routine
+from .tree import Call, Component, Data, Element, Expr, Hole, Maybe, Negation, Operation, Point, Ref, Routine
 from .types import MORE, MORE_TYPES, NUMBERS, PREDEFINED, TEXTS, TYPES, USER
 from .values import NOTHING, Given, Unknown, Value, Variable, copied, find_unknown, negate, operate, put
 
@@ -471,5 +471,3 @@ _VALUES: Mapping[type, Callable[[Machine, Value], Value]] = {
     Hole: lambda _machine, expr: Unknown(f"{expr.text}, which the text leaves open"),
     type(None): lambda _machine, _expr: NOTHING,
 }
-
-__all__ = ["Frame", "Here", "Home", "Joints", "Machine", "Module"]

@@ -5,10 +5,10 @@ Where nothing in the text decides, the way that goes on is taken and said; a loo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from camgen.model.instructions import Force, Output, ToolChange, Wait
+from camgen.model.instructions import Output
 
 from .branches import Ways, hint
 from .functions import call_function, name_of
@@ -603,13 +603,8 @@ def judge_end(machine: Machine, line: int) -> None:
     machine.line = line
     if machine.welding:
         machine.find("dangerous", "the arc still burns at the end: ArcLEnd is missing")
+    for name in dict.fromkeys(item.signal for item in machine.body if isinstance(item, Output)):
+        if machine.outputs.get(name.lower()):
+            machine.tell("on at the end", name)
     if machine.pressing is not None:
         machine.find("dangerous", "force control is still on at the end: FCPressEnd is missing")
-
-
-def outputs_of(items: Iterable[object]) -> list[str]:
-    """The outputs that instructions switch, each once."""
-    return list(dict.fromkeys(item.signal for item in items if isinstance(item, Output)))
-
-
-__all__ = ["Force", "Runner", "ToolChange", "Wait", "judge_end", "outputs_of", "run_entry"]

@@ -541,3 +541,7 @@ def test_what_was_assumed_can_be_given(condition: str, assume: Mapping[str, floa
     assert [(one.key, one.value) for one in executed.assumed if "asks" in one.what] == list(assume.items())
     given = done(body, **assume)
     assert (places(given), given.assumed[1:], given.findings) == ([(100, 0, 0)], (), ())
+
+
+def test_what_is_left_on_is_a_fact() -> None:
+    assert dict(done("Set do1;\nSet do2;\nReset DO1;").facts)["on at the end"] == "do2"
