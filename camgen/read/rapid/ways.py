@@ -1,4 +1,4 @@
-"""What is wrong with the way of a RAPID motion, or open: the shape of an arc, a half turn, a posture that no arm has.
+"""The way of a RAPID motion, and what is wrong with it or open: the shape of an arc, a half turn, an odd posture.
 
 MoveC: RAPID system data types manual, its limitations; a public quotation of the manual for 240 deg.
 """
@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from camgen.model.pose import Pose, Vec3
+from camgen.model.pose import FloatArray, Pose, Vec3, rotation_between
 
 #: The most that one arc may turn, rad, and how near to its chord, seen from its ends, its circle point may be, rad: it
 #: is 1 deg, less what printed digits lose.
@@ -81,3 +81,45 @@ def joints_remark(axes: tuple[float, ...]) -> str:
     """What only an arm with turns without end takes."""
     far = next((k for k in (3, 5) if abs(axes[k]) > _FARTHEST), None)
     return "" if far is None else f"axis {far + 1} at {axes[far]:g} deg"
+
+
+def split_arc(start: Pose, via: Pose, target: Pose) -> list[Pose]:
+    """The points half-way and at the end of the pieces of an arc, each at most half a circle; the tool turns evenly."""
+    a = start.origin
+    ab, ac = _minus(via.origin, a), _minus(target.origin, a)
+    normal = _cross(ab, ac)
+    square = _dot(normal, normal)
+    one, two = _cross(normal, ab), _cross(ac, normal)
+    p, q = _dot(ac, ac) / (2 * square), _dot(ab, ab) / (2 * square)
+    out = (one[0] * p + two[0] * q, one[1] * p + two[1] * q, one[2] * p + two[2] * q)  # from the start to the centre
+    u = (-out[0], -out[1], -out[2])
+    length = math.sqrt(square)
+    v = _cross((normal[0] / length, normal[1] / length, normal[2] / length), u)
+    end = _minus(ac, out)
+    angle = math.atan2(_dot(end, v), _dot(end, u)) % (2 * math.pi)
+    pieces = 1 if angle <= math.pi * 1.0001 else 2
+    made = []
+    for k in range(1, 2 * pieces + 1):
+        c, s = math.cos(angle * k / (2 * pieces)), math.sin(angle * k / (2 * pieces))
+        x, y, z = (a[i] + out[i] + u[i] * c + v[i] * s for i in range(3))
+        made.append(Pose(_turned(start, target, k / (2 * pieces)), (x, y, z)))
+    return made
+
+
+def _turned(start: Pose, target: Pose, part: float) -> FloatArray:
+    """The rotation of the tool after a part of a motion."""
+    if start.rotation is target.rotation:
+        return target.rotation
+    return rotation_between(start.rotation, target.rotation, part)
+
+
+def _minus(a: Vec3, b: Vec3) -> Vec3:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def _dot(a: Vec3, b: Vec3) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vec3, b: Vec3) -> Vec3:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

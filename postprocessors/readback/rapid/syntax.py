@@ -13,7 +13,8 @@ from typing import Any, ClassVar, cast
 from camgen.post import Fault, Remark
 from camgen.read.rapid import plain
 from camgen.read.rapid.expressions import Calls
-from camgen.read.rapid.grammar import STRUCTURE, Note, Parser
+from camgen.read.rapid.grammar import Parser
+from camgen.read.rapid.statements import STRUCTURE, Note
 from camgen.read.rapid.tokens import BANNER_LINES, Wrong, banner, show_token
 from camgen.read.rapid.tree import Call, Data, Expr, Inline, Module, Parameter, Point, Ref, Routine, Shape, Statement
 

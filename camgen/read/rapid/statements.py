@@ -1,0 +1,311 @@
+"""RAPID statements: the grammar of the kernel manual, chapter 4."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+from msgspec import Struct
+
+from .expressions import Calls
+from .plain import read_plain
+from .tokens import RESERVED, Wrong, banner, show_token
+from .tree import (
+    Assign,
+    Block,
+    Connect,
+    Empty,
+    Expr,
+    For,
+    Goto,
+    Hole,
+    If,
+    Label,
+    Late,
+    Ref,
+    Statement,
+    Test,
+    While,
+    Word,
+)
+
+#: Words at which a statement that lost its semicolon must have ended.
+STRUCTURE = frozenset(("module", "endmodule", "proc", "endproc", "func", "endfunc", "trap", "endtrap"))
+#: Words that close or continue a compound statement, and what opens it.
+_CLOSES = {
+    "endif": "IF", "else": "IF", "elseif": "IF", "then": "IF", "endfor": "FOR", "endwhile": "WHILE", "do": "WHILE",
+    "endtest": "TEST", "case": "TEST", "default": "TEST",
+}  # fmt: skip
+CLAUSES = frozenset(("error", "undo", "backward"))
+#: Compound statements within each other.
+_DEEPEST_BLOCK = 30
+
+
+class Note(Struct, frozen=True):
+    """What is wrong, or odd, in a line. odd: the manual does not have it, and controllers load it."""
+
+    line: int
+    what: str
+    odd: bool = False
+
+
+class Statements(Calls):
+    """Statements. Faults are noted, and reading goes on behind them. calls: the grammar of those read at once."""
+
+    calls: ClassVar[type[Calls]] = Calls
+
+    def __init__(self, text: str, first_line: int, plain: bool = True) -> None:
+        start = banner(text)
+        super().__init__(text, first_line + text.count("\n", 0, start), start)
+        self.plain, self.first_line = plain, first_line
+        self.notes: list[Note] = []
+        self.nested = 0
+
+    def note(self, wrong: Wrong) -> None:
+        """Notes a fault."""
+        self.notes.append(Note(wrong.line, wrong.what))
+
+    def recover(self) -> None:
+        """Skips behind the next semicolon, but never over a word that opens or closes a routine or module."""
+        while self.token[0] != "end" and self.word() not in STRUCTURE:
+            if self.ended():
+                return
+
+    def ended(self) -> bool:
+        """Takes a token and says whether a statement ends with it."""
+        kind, text, _, _ = self.take()
+        return kind == "move" or text == ";"
+
+    def listed(self, item: Callable[[], Expr]) -> tuple[Expr, ...]:
+        """Items with commas between them."""
+        found = [item()]
+        while self.accept(","):
+            found.append(item())
+        return tuple(found)
+
+    def statement(self, body: list[Statement]) -> None:
+        """One statement, or as many as can be read at once."""
+        token = self.token
+        kind, text, line, start = token
+        if kind not in ("name", "move"):
+            self.unnamed(body)
+            return
+        if text.lower() in RESERVED:
+            self.control(body)
+            return
+        if self.plain:
+            end, line = read_plain(self.text, start, line, body, self.calls)
+            if end != start:
+                self.jump(end, line)
+                return
+        body.append(self.statement_call() if kind == "move" else self.named_statement())
+
+    def unnamed(self, body: list[Statement]) -> None:
+        """A statement that begins with no word: a late call, a placeholder, nothing."""
+        token = self.take()
+        line, text = token[2], token[1]
+        if text == "%":
+            name = self.expression()
+            self.expect("%")
+            args, options = ((), ()) if self.token[1] == ";" else self.arguments(0)
+            self.expect(";")
+            body.append(Late(line, name, args, options))
+        elif token[0] == "hole":
+            body.append(self.empty(line, text))
+        elif text == ";":
+            what = "an empty statement, which the kernel manual does not have"
+            self.notes.append(Note(line, what, odd=True))
+        else:
+            raise Wrong(line, f"a statement expected, found {show_token(token)}")
+
+    def empty(self, line: int, text: str) -> Empty:
+        """``<SMT>``, or ``<VAR>:=`` with its value."""
+        if self.accept(":="):
+            self.expression()
+            self.expect(";")
+        else:
+            self.accept(";")
+        return Empty(line, text)
+
+    def named_statement(self) -> Statement:
+        """A label, an assignment or a call."""
+        _, text, line, _ = self.take()
+        mark = self.token[1] if self.token[0] == "mark" else ""
+        if mark == ":":
+            self.take()
+            return Label(line, text.lower())
+        if mark in (":=", ".", "{"):
+            target = self.part(Ref(text), 0)
+            self.expect(":=")
+            value = self.expression()
+            self.expect(";")
+            return Assign(line, target, value)
+        return self.call_of(text, line)
+
+    def control(self, body: list[Statement]) -> None:
+        """A statement that begins with a reserved word."""
+        word, line = self.word(), self.token[2]
+        read = _CONTROL.get(word)
+        if read is not None:
+            body.append(read(self))
+            return
+        token = self.take()
+        if word in _CLOSES:
+            self.notes.append(Note(line, f"{word.upper()} without its {_CLOSES[word]}"))
+            if word in ("case", "elseif"):
+                self.skip_head()
+        else:
+            raise Wrong(line, f"a statement expected, found {show_token(token)}")
+
+    def skip_head(self) -> None:
+        """Skips the rest of a head, in its line."""
+        line = self.token[2]
+        while (
+            self.token[0] != "end" and self.token[2] == line and self.take()[1].lower() not in (":", "then", "do", ";")
+        ):
+            pass
+
+    def block(self, *ends: str) -> Block:
+        """Statements up to one of the words ``ends``, or where they must have ended."""
+        body: list[Statement] = []
+        if self.nested >= _DEEPEST_BLOCK:
+            raise Wrong(self.token[2], "statements nested too deeply")
+        self.nested += 1
+        try:
+            while (word := self.word()) not in ends:
+                if self.token[0] == "end" or word in STRUCTURE or word in CLAUSES:
+                    break
+                try:
+                    self.statement(body)
+                except Wrong as wrong:
+                    self.note(wrong)
+                    self.recover()
+        finally:
+            self.nested -= 1
+        return tuple(body)
+
+    def close(self, word: str, line: int) -> None:
+        """Takes the word that closes a compound statement, or notes that it is missing."""
+        if self.word() == word:
+            self.take()
+        else:
+            self.notes.append(Note(self.token[2], f"{word.upper()} of the statement in line {line} is missing"))
+
+    def head(self, word: str) -> Expr:
+        """A condition and the word behind it; a fault in it is noted, and what follows is read on."""
+        try:
+            value = self.expression()
+            self.expect_word(word)
+        except Wrong as wrong:
+            self.note(wrong)
+            while self.token[0] != "end" and self.word() not in STRUCTURE and self.token[1] != ";":
+                if self.take()[1].lower() == word:
+                    break
+            return Hole("<EXP>")
+        return value
+
+    def expect_word(self, word: str) -> None:
+        """Takes a reserved word or raises Wrong."""
+        if self.word() != word:
+            raise Wrong(self.token[2], f"{word.upper()} expected, found {show_token(self.token)}")
+        self.take()
+
+
+def _read_if(parser: Statements) -> If:
+    line = parser.take()[2]
+    condition = parser.expression()
+    if parser.word() != "then":
+        body: list[Statement] = []
+        plain, parser.plain = parser.plain, False
+        try:
+            parser.statement(body)
+        finally:
+            parser.plain = plain
+        return If(line, ((condition, tuple(body)),))
+    parser.take()
+    branches = [(condition, parser.block("elseif", "else", "endif"))]
+    while parser.word() == "elseif":
+        parser.take()
+        condition = parser.head("then")
+        branches.append((condition, parser.block("elseif", "else", "endif")))
+    otherwise = None
+    if parser.word() == "else":
+        parser.take()
+        otherwise = parser.block("endif")
+    parser.close("endif", line)
+    return If(line, tuple(branches), otherwise)
+
+
+def _read_for(parser: Statements) -> For:
+    line = parser.take()[2]
+    name = parser.name("the name of a loop variable")
+    parser.expect_word("from")
+    first = parser.expression()
+    parser.expect_word("to")
+    last = parser.expression()
+    step = None
+    if parser.word() == "step":
+        parser.take()
+        step = parser.expression()
+    parser.expect_word("do")
+    body = parser.block("endfor")
+    parser.close("endfor", line)
+    return For(line, name, first, last, step, body)
+
+
+def _read_while(parser: Statements) -> While:
+    line = parser.take()[2]
+    condition = parser.head("do")
+    body = parser.block("endwhile")
+    parser.close("endwhile", line)
+    return While(line, condition, body)
+
+
+def _read_test(parser: Statements) -> Test:
+    line = parser.take()[2]
+    value = parser.expression()
+    cases = []
+    while parser.word() == "case":
+        parser.take()
+        values = parser.listed(parser.expression)
+        parser.expect(":")
+        cases.append((values, parser.block("case", "default", "endtest")))
+    otherwise = None
+    if parser.word() == "default":
+        parser.take()
+        parser.expect(":")
+        otherwise = parser.block("endtest", "case")
+    parser.close("endtest", line)
+    return Test(line, value, tuple(cases), otherwise)
+
+
+def _read_goto(parser: Statements) -> Goto:
+    line = parser.take()[2]
+    name = parser.name("a label")
+    parser.expect(";")
+    return Goto(line, name.lower())
+
+
+def _read_word(parser: Statements) -> Word:
+    _, word, line, _ = parser.take()
+    word = word.lower()
+    value = None
+    if word in ("return", "raise") and parser.token[1] != ";":
+        value = parser.expression()
+    parser.expect(";")
+    return Word(line, word, value)
+
+
+def _read_connect(parser: Statements) -> Connect:
+    line = parser.take()[2]
+    target = parser.part(Ref(parser.name("an interrupt")), 0)
+    parser.expect_word("with")
+    trap = parser.name("a TRAP")
+    parser.expect(";")
+    return Connect(line, target, trap)
+
+
+_CONTROL: dict[str, Callable[[Statements], Statement]] = {
+    "if": _read_if, "for": _read_for, "while": _read_while, "test": _read_test, "goto": _read_goto,
+    "connect": _read_connect, **dict.fromkeys(("return", "raise", "retry", "trynext", "exit"), _read_word),
+}  # fmt: skip
