@@ -56,20 +56,17 @@ RESIDENT = frozenset("base user wobj1 reg1 reg2 reg3 reg4 reg5 clock1 high low e
 #: Those that a program may name and that the read-back of our own programs does not need.
 MORE_TYPES: dict[str, tuple[tuple[str, str], ...]] = {
     "stoppointdata": (
-        ("type", "num"), ("progsynch", "bool"), ("inpos", "inposdata"), ("stop", "stopdata"), ("follow", "followdata"),
-        ("signal", "string"), ("relation", "num"), ("checkvalue", "num"),
+        ("type", "num"), ("progsynch", "bool"), ("inpos", "inposdata"), ("stoptime", "num"),
+        ("followtime", "num"), ("signal", "string"), ("relation", "num"), ("checkvalue", "num"),
     ),
     "inposdata": (("position", "num"), ("speed", "num"), ("mintime", "num"), ("maxtime", "num")),
-    "stopdata": (("stoptime", "num"),),
-    "followdata": (("followtime", "num"),),
     "tasks": (("taskname", "string"),),
     "confsupdata": (),
     "progdisp": (("pdisp", "pose"), ("eoffs", "extjoint")),
-    "welddata": (("weld_speed", "num"), ("org_weld_speed", "num"), ("main_arc", "arcdata"), ("org_arc", "arcdata")),
 }  # fmt: skip
 #: Data types that are numbers or texts.
 NUMBERS = frozenset(
-    """num dnum byte intnum errnum dionum opnum symnum tpnum triggflag stoppoint icondata buttondata listitem
+    """num dnum byte intnum errnum errdomain errtype dionum opnum symnum tpnum triggflag stoppoint icondata buttondata
     handler_type""".split()  # noqa: SIM905
 )
 TEXTS = frozenset(("string", "mecunit", "errstr", "taskid"))
