@@ -86,6 +86,7 @@ class Flow:
     steps: int = 0
     depth: int = 0
     handling: bool = False
+    origin: int = 0  # where the error that is handled was raised
     labels: dict[int, dict[str, int]] = field(default_factory=dict)
     jumps: dict[tuple[int, str], Loop] = field(default_factory=dict)
 
@@ -157,7 +158,7 @@ class Flow:
         routine = self.machine.scope.routine
         if routine is None or routine.handler is None or self.handling:
             raise raised
-        self.handling = True
+        self.handling, self.origin = True, raised.line
         try:
             self.run(routine.handler)
         except Handled as handled:

@@ -12,7 +12,7 @@ from camgen.model.instructions import Force, Output, Stop, Wait
 from camgen.model.pose import IDENTITY, Pose
 
 from .functions import name_of
-from .machine import Machine
+from .machine import Here, Machine
 from .motions import Trigger
 from .places import pose_of, see_here
 from .tokens import Wrong
@@ -309,6 +309,12 @@ def _force_off(machine: Machine, _call: Call) -> None:
     machine.add(Force(0.0))
 
 
+def _book_error(machine: Machine, call: Call) -> None:
+    """BookErrNo: the number of an error of the program's own."""
+    if call.args:
+        machine.assign(call.args[0], machine.error_number())
+
+
 def _bit(machine: Machine, call: Call) -> None:
     """BitSet, BitClear."""
     if len(call.args) != 2:
@@ -319,6 +325,13 @@ def _bit(machine: Machine, call: Call) -> None:
         machine.assign(call.args[0], float(int(now) | mask if call.name.startswith("bitset") else int(now) & ~mask))
 
 
+def _move_unseen(machine: Machine, call: Call) -> None:
+    """A motion that no text tells: where the arm is is not known after it."""
+    machine.assume(f"{call.name} moves the arm as no text says: it is not shown")
+    machine.here = Here(None, machine.frame)
+    machine.blending = 0
+
+
 Effect = Callable[[Machine, Call], None]
 
 
@@ -327,47 +340,49 @@ def _nothing(_machine: Machine, _call: Call) -> None:
 
 
 #: Screen, files, sockets, clocks, interrupts, world zones, other tasks, supervision: they move nothing.
+#: What moves the arm as no text says: by an external stream, back along its path, by force, by hand.
+_UNSEEN = ("egmrunpose", "egmrunjoint", "egmmovel", "egmmovec", "pathrecmovebwd", "pathrecmovefwd", "fcrefstart",
+           "setleadthrough")  # fmt: skip
 _NO_EFFECT = """
     accset acteventbuffer activateprofile actunit aliascamera aliasio aliasioreset arckill arcrefresh arcrepl
-    bookerrno brakecheck calibrate camflush camgetparameter camloadjob camreqimage camsetexposure
-    camsetparameter camsetprogrammode camsetrunmode camstartloadjob camwaitloadjob cancelload capaptrsetup
-    capaptrsetupai capaptrsetupao capaptrsetuppers capcondsetdo capequidist caplatrsetup capnoprocess caprefresh
-    capsetstopmode capweavesync checkprogref circlepathmode cirpathmode cleariobuff clearpath clearrawbytes
-    clkreset clkstart clkstop close closedir closegun cnvgeninstr cnvpredictreach cnvsync confj confl
-    consolewrite copyfile copyrawbytes cornerpathwarning corrclear corrcon corrdiscon corrwrite cssact cssdeact
-    cssforceoffsetact cssforceoffsetdeact cssoffsettune cyclicbrakecheck daactproc dadeactallproc dadeactproc
-    dadefextsig dadefprocdata dadefprocsig dadefuserdata dagetappdescr dagetappindex dagetcurrdata
-    dagetnumofprocs dagetnumofrob dagetprcdescr dasetcurrdata dasetupappbehav dastartmanaction deacteventbuffer
-    deactprofile deactunit ditheract ditherdeact dropsensor dropwobj egmactjoint egmactmove egmactpose egmgetid
-    egmmovec egmmovel egmreset egmrunjoint egmrunpose egmsetupai egmsetupao egmsetupgi egmsetupltapp egmsetupuc
-    egmstop egmstreamstart egmstreamstop eoffsoff eoffson eoffsset erasemodule errlog errraise errwrite fcact
-    fccalib fccondforce fccondorient fccondpos fccondreorispeed fccondtcpspeed fccondtorque fccondwaitwhile
-    fcrefcircle fcrefforce fcrefline fcrefmoveframe fcrefrot fcrefspiral fcrefsprforcecart fcrefstart fcrefstop
-    fcreftorque fcresetdampingtune fcresetlpfiltertune fcsetdampingtune fcsetlpfiltertune fcspdchgact
-    fcspdchgdeact fcspdchgtunreset fcspdchgtunset fcsupvforce fcsupvorient fcsupvpos fcsupvreorispeed
-    fcsupvtcpspeed fcsupvtorque fitcircle fricidevaluate fricidinit fricidsetfriclevels getgroupsignalinfo
-    getmaxusagetime gettorquemargin gripload hand_domotorcalibration hand_gripinward hand_gripoutward
-    hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror hand_stop hollowwristreset icap
-    idelete idisable ienable ierror indamove indcmove indcnvaddobject indcnvdisable indcnvenable indcnvinit
-    indcnvreset inddmove indgunmove indgunmovereset indreset indrmove initsuperv iobusstart iobusstate
-    ioctrlaxis_refsync ioctrlaxis_refsyncoff ioctrlaxis_refsyncon iodisable ioenable ipathpos ipers ipssetparam
-    irmqmessage isignalai isignalao isignaldi isignaldo isignalgi isignalgo isleep itimer ivarvalue iwatch load
-    loadid loadprofile makedir manloadidproc matrixsolve matrixsolveqr matrixsvd mechunitload
-    motionprocessmodeset motionsup open opendir opengun packdnheader packrawbytes pathacclim pathlengthreset
-    pathlengthstart pathlengthstop pathrecmovebwd pathrecmovefwd pathrecstart pathrecstop pathresol
-    procerrrecovery prxactivandstorerecord prxactivrecord prxdbgstorerecord prxdeactrecord prxresetpos
-    prxresetrecords prxsetposoffset prxsetrecordsampletime prxsetsyncalarm prxstartrecord prxstoprecord
-    prxstorerecord prxusefilerecord readdir readerrdata readvararr recalctcp recordprofile recoverymenu
-    recoverymenuwr recoveryposreset recoveryposset removeallcyclicbool removecyclicbool removedir removefile
-    removesuperv renamefile resetaxisdistance resetaxismovetime resetmaxusagetime resetppmoved resetretrycount
+    bookerrno brakecheck camflush camgetparameter camloadjob camreqimage camsetexposure camsetparameter
+    camsetprogrammode camsetrunmode camstartloadjob camwaitloadjob cancelload capaptrsetup capaptrsetupai
+    capaptrsetupao capaptrsetuppers capcondsetdo capequidist caplatrsetup capnoprocess caprefresh capsetstopmode
+    capweavesync checkprogref circlepathmode cirpathmode cleariobuff clearpath clearrawbytes clkreset clkstart
+    clkstop close closedir closegun cnvgeninstr cnvpredictreach cnvsync confj confl consolewrite copyfile
+    copyrawbytes cornerpathwarning corrclear corrcon corrdiscon corrwrite cssact cssdeact cssforceoffsetact
+    cssforceoffsetdeact cssoffsettune cyclicbrakecheck daactproc dadeactallproc dadeactproc dadefextsig
+    dadefprocdata dadefprocsig dadefuserdata dagetappdescr dagetappindex dagetcurrdata dagetnumofprocs
+    dagetnumofrob dagetprcdescr dasetcurrdata dasetupappbehav dastartmanaction deacteventbuffer deactprofile
+    deactunit ditheract ditherdeact dropsensor dropwobj egmactjoint egmactmove egmactpose egmgetid egmreset
+    egmsetupai egmsetupao egmsetupgi egmsetupltapp egmsetupuc egmstop egmstreamstart egmstreamstop eoffsoff
+    eoffson eoffsset erasemodule errlog errraise errwrite fcact fccalib fccondforce fccondorient fccondpos
+    fccondreorispeed fccondtcpspeed fccondtorque fccondwaitwhile fcrefcircle fcrefforce fcrefline fcrefmoveframe
+    fcrefrot fcrefspiral fcrefsprforcecart fcrefstop fcreftorque fcresetdampingtune fcresetlpfiltertune
+    fcsetdampingtune fcsetlpfiltertune fcspdchgact fcspdchgdeact fcspdchgtunreset fcspdchgtunset fcsupvforce
+    fcsupvorient fcsupvpos fcsupvreorispeed fcsupvtcpspeed fcsupvtorque fitcircle fricidevaluate fricidinit
+    fricidsetfriclevels getgroupsignalinfo getmaxusagetime gettorquemargin gripload hand_domotorcalibration
+    hand_gripinward hand_gripoutward hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror
+    hand_stop hollowwristreset icap idelete idisable ienable ierror indamove indcmove indcnvaddobject
+    indcnvdisable indcnvenable indcnvinit indcnvreset inddmove indgunmove indgunmovereset indreset indrmove
+    initsuperv iobusstart iobusstate ioctrlaxis_refsync ioctrlaxis_refsyncoff ioctrlaxis_refsyncon iodisable
+    ioenable ipathpos ipers ipssetparam irmqmessage isignalai isignalao isignaldi isignaldo isignalgi isignalgo
+    isleep itimer ivarvalue iwatch load loadid loadprofile makedir manloadidproc matrixsolve matrixsolveqr
+    matrixsvd mechunitload motionprocessmodeset motionsup open opendir opengun packdnheader packrawbytes
+    pathacclim pathlengthreset pathlengthstart pathlengthstop pathrecstart pathrecstop pathresol procerrrecovery
+    prxactivandstorerecord prxactivrecord prxdbgstorerecord prxdeactrecord prxresetpos prxresetrecords
+    prxsetposoffset prxsetrecordsampletime prxsetsyncalarm prxstartrecord prxstoprecord prxstorerecord
+    prxusefilerecord readdir readerrdata readvararr recalctcp recordprofile recoverymenu recoverymenuwr
+    recoveryposreset recoveryposset removeallcyclicbool removecyclicbool removedir removefile removesuperv
+    renamefile resetaxisdistance resetaxismovetime resetmaxusagetime resetppmoved resetretrycount
     resettorquemargin restopath rewind rmqemptyqueue rmqfindslot rmqsendmessage rmqsendwait
     safetycontrollersyncrequest save savecfgdata scwrite setalldataval setbrush setbrushfac setdatasearch
-    setdataval setforce setleadthrough setsysdata settmsignal setupcyclicbool setupsuperv siclose siconnect
-    sigetcyclic singarea sisetcyclic skipwarn socketaccept socketbind socketclose socketconnect socketcreate
-    socketlisten socketsend socketsendto softact softdeact softelbow speedlimaxis speedlimcheckpoint
-    speedrefresh spystart spystop startload startmove startmoveretry stcalib stclose stindgun stindgunreset
-    stopen stopmove stopmovereset storepath storeprofile sttune sttunereset supsyncsensoroff supsyncsensoron
-    syncmoveoff syncmoveon syncmoveresume syncmovesuspend syncmoveundo synctosensor syncwwobj systemstopaction
+    setdataval setforce setsysdata settmsignal setupcyclicbool setupsuperv siclose siconnect sigetcyclic
+    singarea sisetcyclic skipwarn socketaccept socketbind socketclose socketconnect socketcreate socketlisten
+    socketsend socketsendto softact softdeact softelbow speedlimaxis speedlimcheckpoint speedrefresh spystart
+    spystop startload startmove startmoveretry stcalib stclose stindgun stindgunreset stopen stopmove
+    stopmovereset storepath storeprofile sttune sttunereset supsyncsensoroff supsyncsensoron syncmoveoff
+    syncmoveon syncmoveresume syncmovesuspend syncmoveundo synctosensor syncwwobj systemstopaction
     testsigndefine testsignreset texttabinstall tperase tpshow tpwrite triggcheckio triggdatacopy triggdatareset
     triggrampao triggspeed triggstopproc tryint tunereset tuneservo uiclientexist uimsgwrite uimsgwriteabort
     uishow unload usereachabletargets waitandrecprof waitload waitsynctask waittestandset waitwobj warmstart
@@ -377,6 +392,7 @@ _NO_EFFECT = """
 
 EFFECTS: dict[str, Effect] = {
     **dict.fromkeys(_NO_EFFECT, _nothing),
+    **dict.fromkeys(_UNSEEN, _move_unseen),
     **dict.fromkeys(("setdo", "setao", "setgo"), _set_output), "set": _set_one, "reset": _set_one, "invertdo": _invert,
     "pulsedo": _pulse, "waittime": _wait,
     **dict.fromkeys(
@@ -391,7 +407,8 @@ EFFECTS: dict[str, Effect] = {
     "stop": _stop, "break": _stop, "exitcycle": _end_cycle, "exit": _end,
     **dict.fromkeys(("tpreadfk", "tpreadnum", "tpreaddnum"), _ask_operator),
     **dict.fromkeys((name for name in _RECEIVES if not name.startswith("tpread")), _receive),
-    **dict.fromkeys(("incr", "decr", "add", "clear"), _increase), "gripload": _use_tool, "fcdeact": _force_off,
+    **dict.fromkeys(("incr", "decr", "add", "clear"), _increase), "gripload": _use_tool,
+    "bookerrno": _book_error, "fcdeact": _force_off,
     **dict.fromkeys(("bitset", "bitclear"), _bit),
 }  # fmt: skip
 EFFECTS["waitrob"] = _nothing

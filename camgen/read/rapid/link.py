@@ -33,7 +33,8 @@ def _value_all(machine: Machine) -> None:
     for level in (machine.data, *(home.data for home in homes.values())):
         for variable in list(level.values()):
             try:
-                machine.load(variable)
+                if variable.start is not None:
+                    machine.load(variable)
             except Wrong as wrong:
                 machine.find("refused", wrong.what, wrong.line)
 
@@ -94,15 +95,18 @@ def _find_entry(machine: Machine, modules: Sequence[Module]) -> Routine | None:
         if found is None:
             machine.find("refused", f"there is no PROC {machine.ask.entry[:40]}, which is asked for", 1)
             return None
-    if found is not None and found.kind == "proc" and all(one.optional for one in found.parameters):
+    idle = found is not None and not wanted and not found.body
+    if found is not None and not idle and found.kind == "proc" and all(one.optional for one in found.parameters):
         machine.tell("entry", found.name)
         return found
     ready = [
         routine
         for module in modules
         for routine in module.routines
-        if routine.kind == "proc" and all(one.optional for one in routine.parameters)
+        if routine.kind == "proc" and (routine.body or found is None) and all(p.optional for p in routine.parameters)
     ]
+    if not ready and found is not None and found.kind == "proc":
+        ready = [found]
     if not ready:
         machine.tell("entry", "none: no PROC can be run by itself")
         return None
@@ -121,8 +125,6 @@ def _first_of(machine: Machine, modules: Sequence[Module], ready: list[Routine])
     free = [routine for routine in ready if routine.name.lower() not in called] or ready
     ways = Ways(machine)
     chosen = next((routine for routine in (*free, *ready) if ways.moves(routine.body)), free[0])
-    machine.tell("entry", f"{chosen.name}, as there is no main")
-    others = [routine.name for routine in free if routine is not chosen]
-    for name in others[:20]:
-        machine.tell("not run", name)
+    why = "main does nothing" if "main" in machine.routines else "there is no main"
+    machine.tell("entry", f"{chosen.name}, as {why}")
     return chosen

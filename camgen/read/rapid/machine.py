@@ -22,6 +22,7 @@ _LONGEST_ARRAY = 100_000
 #: So many findings are told; more say nothing new.
 _MOST_FINDINGS = 100_000
 _ATOMS: dict[str, type] = {**dict.fromkeys(NUMBERS, float), "bool": bool, "string": str}
+_FIRST_ERROR = 1000
 #: Constants that are defined by each other, in a chain.
 _LONGEST_CHAIN = 50
 
@@ -86,11 +87,17 @@ class Machine:
     version: int = 0  # how often records have
     pressing: tuple[int, int] | None = None
     welding: bool = False
+    errors: int = 0  # numbers of errors that were given
     pending: list[Variable] = field(default_factory=list)
     turns: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
     bound: dict[tuple[Value, ...], Value] = field(default_factory=dict)
     call: Callable[[Routine, Call], Value] = lambda _routine, _call: NOTHING
     function: Callable[[Machine, Call], Value] = lambda _machine, _call: NOTHING
+
+    def error_number(self) -> float:
+        """The number of one more error; each has its own, whichever the controller gives it."""
+        self.errors += 1
+        return float(_FIRST_ERROR + self.errors)
 
     # -- what is said ----------------------------------------------------------------------------------------------
 
@@ -149,6 +156,8 @@ class Machine:
             found = self.data[key] = Variable(
                 name, kind, "pers" if kind in ("tooldata", "wobjdata") else "const", value
             )
+        elif key.startswith("err_"):
+            found = self.data[key] = Variable(name, "errnum", "const", self.error_number())
         elif key in USER:
             found = self.data[key] = Variable(name, USER[key], "var", self.zero(USER[key]))
         return found
@@ -204,10 +213,7 @@ class Machine:
         """A variable whose value is worked out when it is asked for."""
         found = Variable(data.name, data.type, data.storage, None, data.line)
         found.start, found.dims, found.home = data.value, data.dims, home
-        if data.value is None:
-            self._begin(found)
-        else:
-            found.value = found  # not yet known: see ``load``
+        found.value = found  # worked out when it is asked for: see ``load``
         return found
 
     def _begin(self, variable: Variable) -> None:
@@ -242,7 +248,7 @@ class Machine:
                 value = value[place]
             return value
         if variable.value is variable:
-            self._work_out(variable)
+            (self._begin if variable.start is None else self._work_out)(variable)
         return variable.value
 
     def _work_out(self, variable: Variable) -> None:

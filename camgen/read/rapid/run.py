@@ -6,7 +6,7 @@ Where nothing in the text decides, the way that goes on is taken and said; a loo
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from camgen.model.instructions import Output
 
@@ -48,7 +48,9 @@ _MOST_CYCLES = 3
 
 @dataclass(eq=False)
 class Runner(Flow):
-    """What runs statements and routines."""
+    """What runs statements and routines. ran: routines that were run."""
+
+    ran: set[Routine] = field(default_factory=set)
 
     def perform(self, item: Statement) -> None:
         """Does what a statement says."""
@@ -61,6 +63,7 @@ class Runner(Flow):
             machine.assume(f"{routine.name} calls itself: it is shown once")
             raise Ended
         data = self._bind(routine, call)
+        self.ran.add(routine)
         home = machine.homes[routine]
         outer, line = machine.scope, machine.line
         self.enter()
@@ -218,7 +221,10 @@ def _run_word(runner: Runner, item: Word) -> None:
     if item.name == "return":
         raise Returned(NOTHING if item.value is None else runner.machine.value(item.value))
     if item.name == "raise":
-        raise Raised(item.line)
+        if item.value is not None:
+            machine = runner.machine
+            machine.data["errno"] = Variable("ERRNO", "errnum", "var", machine.value(item.value))
+        raise Raised(runner.origin if runner.handling and item.value is None else item.line)
     if item.name in ("retry", "trynext"):
         if not runner.handling:
             raise Wrong(item.line, f"{item.name.upper()} outside of an error handler")
@@ -257,6 +263,15 @@ def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | 
     """Runs a program from its entry; line and reason where it is not run to its end."""
     runner = Runner(machine, Ways(machine), most, entry)
     machine.call, machine.function = runner.call, call_function
+    stopped = _run_whole(runner, entry)
+    for routine in machine.homes:
+        if routine.kind == "proc" and routine not in runner.ran:
+            machine.tell("not run", routine.name)
+    return stopped
+
+
+def _run_whole(runner: Runner, entry: Routine) -> tuple[int, str] | None:
+    machine = runner.machine
     try:
         _run_cycles(runner, entry)
     except Ended:

@@ -545,3 +545,31 @@ def test_what_was_assumed_can_be_given(condition: str, assume: Mapping[str, floa
 
 def test_what_is_left_on_is_a_fact() -> None:
     assert dict(done("Set do1;\nSet do2;\nReset DO1;").facts)["on at the end"] == "do2"
+
+
+def test_a_handler_asks_for_the_error() -> None:
+    more = "PROC sub(num k)\nIF k=1 RAISE mine;\nIF k=2 RAISE ERR_DIVZERO;\nRAISE ERR_OTHER;\nERROR\nRAISE;\nENDPROC"
+    handler = (
+        "ERROR\nIF ERRNO=mine THEN\nWaitTime 7;\nTRYNEXT;\nELSEIF ERRNO=ERR_DIVZERO THEN\nWaitTime 8;\nTRYNEXT;\nENDIF"
+    )
+    text_of = text(f"VAR errnum mine;\nBookErrNo mine;\nsub 1;\nsub 2;\nWaitTime 9;\nsub 3;\n{handler}", more)
+    text_of = text_of.replace("PROC main()\nVAR errnum mine;", "VAR errnum mine;\nPROC main()")
+    executed = run({"m.mod": text_of}, Ask())
+    assert waits(executed) == [7, 8, 9]
+    assert executed.assumed == ()
+    line = text_of.split("\n").index("RAISE ERR_OTHER;") + 1
+    assert executed.stopped == (line, "an error is raised that no handler takes")
+
+
+def test_a_motion_that_no_text_tells_is_said() -> None:
+    executed = done(f"MoveL p1,{TAIL}\nEGMRunPose id,EGM_STOP_HOLD\\X;\nMoveL Offs(CRobT(),0,0,9),{TAIL}")
+    assert places(executed) == [(100, 0, 0)]
+    assert executed.assumed[0].what == "egmrunpose moves the arm as no text says: it is not shown"
+
+
+def test_a_main_that_does_nothing_is_not_the_entry() -> None:
+    executed = done(
+        "! nothing yet", "PROC Path_10()\nWaitTime 3;\nENDPROC\nPROC other()\nPath_10;\nWaitTime 4;\nENDPROC"
+    )
+    assert waits(executed) == [3, 4]
+    assert dict(executed.facts) == {"entry": "other, as main does nothing", "not run": "main"}
