@@ -364,7 +364,7 @@ _UNKNOWN = frozenset(
     rawbyteslen readbin readcfgdata readdir readmotor readnum readstr readstrbin readvar remainingretries
     rmqgetslotname robname safetycontrollergetchecksum safetycontrollergetopmodepincode
     safetycontrollergetswversion safetycontrollergetuserchecksum socketgetstatus socketpeek stcalcforce
-    stcalctorque stiscalib stisclosed stisindgun stisopen strdigcalc strdigcmp strtobyte syncmoveison
+    stcalctorque stiscalib strformat stisclosed stisindgun stisopen strdigcalc strdigcmp strtobyte syncmoveison
     taskisactive taskisexecuting taskrunmec tasksinsync testandset testsignread textget texttabfreetoread
     texttabfreetouse texttabget triggdatavalid type uialphaentry uiclientexist uidnumentry uidnumtune
     uilistview uimessagebox uinumentry uinumtune""".split()  # noqa: SIM905 (two hundred words read better so)

@@ -216,13 +216,31 @@ class Machine:
         found.value = found  # worked out when it is asked for: see ``load``
         return found
 
-    def _begin(self, variable: Variable) -> None:
-        if variable.storage == "pers":
+    def _begun(self, variable: Variable) -> Value:
+        """What a variable is worth at first."""
+        if variable.start is None and variable.storage == "pers":
             found = self.ask_for(f"{variable.name}, which has no value here", variable.name)
-            variable.value = self.settled(variable.type, found)
-            return
+            return self.settled(variable.type, found)
         sizes = [self.value(dim) for dim in variable.dims]
-        variable.value = self._array(self.zero(variable.type), sizes)
+        if variable.start is None:
+            return self._array(self.zero(variable.type), sizes)
+        value = self.shaped(self.value(variable.start), len(variable.dims))
+        if variable.dims:
+            self._fit_array(variable.name, value, sizes)
+        else:
+            self.fit(variable.type, value)
+        return value
+
+    def _fit_array(self, name: str, value: Value, sizes: list[Value]) -> None:
+        """Raises Wrong for an aggregate that has not as many elements as its array."""
+        if not sizes or isinstance(value, Unknown):
+            return
+        if not isinstance(value, list):
+            raise Wrong(self.line, f"{name} is an array")
+        if type(sizes[0]) is float and len(value) != sizes[0]:
+            raise Wrong(self.line, f"{name} has {sizes[0]:g} elements, its value {len(value)}")
+        for item in value:
+            self._fit_array(name, item, sizes[1:])
 
     def _array(self, item: Value, sizes: list[Value]) -> Value:
         count = 1.0
@@ -248,7 +266,7 @@ class Machine:
                 value = value[place]
             return value
         if variable.value is variable:
-            (self._begin if variable.start is None else self._work_out)(variable)
+            self._work_out(variable)
         return variable.value
 
     def _work_out(self, variable: Variable) -> None:
@@ -262,11 +280,7 @@ class Machine:
             self.scope = Frame(None, variable.home)
         self.line = variable.line
         try:
-            assert variable.start is not None
-            value = self.shaped(self.value(variable.start), len(variable.dims))
-            if not variable.dims:
-                self.fit(variable.type, value)
-            variable.value = value
+            variable.value = self._begun(variable)
         except Wrong as wrong:
             variable.value = Unknown(f"{variable.name}, whose value is wrong")
             self.find("refused", wrong.what, wrong.line)
