@@ -30,6 +30,7 @@ _NINES = 8.9e9
 #: mm: z0, a corner so small that the tool is where it should be.
 _NO_CORNER = 0.3
 _MOST_REMEMBERED = 10_000
+_LIKE_PREDEFINED = re.compile(r"[vz][0-9]+", re.IGNORECASE)
 
 
 class Form(Struct, frozen=True):
@@ -176,7 +177,7 @@ def _speed(
         value = _weld_speed(machine, call, value)
     if find_unknown(value) is not None:
         unknown = find_unknown(value)
-        machine.assume(f"a speed is not known ({unknown.what if unknown else ''}): 100 mm/s is taken")
+        machine.assume(f"a speed is not known ({_name_of(machine, unknown)}): 100 mm/s is taken")
         return 100.0 * machine.speed_override, math.radians(500.0)
     mm_s = value[0] * machine.speed_override
     if machine.speed_most > 0:
@@ -196,6 +197,14 @@ def _weld_speed(machine: Machine, call: Call, value: Value) -> Value:
     return value
 
 
+def _name_of(machine: Machine, unknown: Unknown | None) -> str:
+    """What is not known; a name like those that RAPID has itself is looked at twice."""
+    name = unknown.what if unknown is not None else ""
+    if _LIKE_PREDEFINED.fullmatch(name):
+        machine.find_once("unusual", name.lower(), f"{name} is no speed or zone of RAPID's own, and stands in no file")
+    return name
+
+
 def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> float:
     """The radius in mm, 0 for a stop."""
     machine.fit("zonedata", value)
@@ -204,7 +213,7 @@ def _blend(machine: Machine, value: Value, options: dict[str, Expr | None]) -> f
         return radius if type(radius) is float and radius > 0 else 0.0
     if find_unknown(value) is not None:
         unknown = find_unknown(value)
-        machine.assume(f"a zone is not known ({unknown.what if unknown else ''}): a stop is taken")
+        machine.assume(f"a zone is not known ({_name_of(machine, unknown)}): a stop is taken")
         return 0.0
     return 0.0 if value[0] else max(value[1], 0.0)
 

@@ -87,6 +87,8 @@ def _tell_mass(machine: Machine, name: str, value: Value) -> None:
     mass = value[2][0] if isinstance(value[2], tuple) and value[2] else None
     if type(mass) is float and mass > _NO_MASS:
         machine.tell("load", f"{name} {mass:g} kg")
+    if type(mass) is float and mass <= 0:
+        machine.find("unusual", f"the mass of the tool {name} is {mass:g} kg; the manual asks for more than 0")
 
 
 def _work_frame(machine: Machine, name: str, value: Value) -> Pose | None:

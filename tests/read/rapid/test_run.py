@@ -573,3 +573,22 @@ def test_a_main_that_does_nothing_is_not_the_entry() -> None:
     )
     assert waits(executed) == [3, 4]
     assert dict(executed.facts) == {"entry": "other, as main does nothing", "not run": "main"}
+
+
+@pytest.mark.parametrize(
+    ("body", "what"),
+    [
+        ("MoveL p1,v37,fine,tG;", "v37 is no speed or zone of RAPID's own, and stands in no file"),
+        ("MoveL p1,v100,z3,tG;", "z3 is no speed or zone of RAPID's own, and stands in no file"),
+        ("MoveL p1,[0,500,5000,1000],fine,tG;", "a speed of 0 mm/s: the arm hardly moves"),
+        ("MoveL [[0,0,0],[0,0.98,0,0],p1.robconf,p1.extax],v10,fine,tG;",
+         "an orientation that is not normalised (the sum of its squares is off by 0.04)"),
+        (f"MoveL p1,{TAIL}\nMoveL RelTool(p1,0,0,9\\Rx:=180),{TAIL}",
+         "the tool turns by 180 deg in one straight motion; its sense is open"),
+        ("tG.tload.mass:=0;\nMoveL p1,v10,fine,tG;",
+         "the mass of the tool tG is 0 kg; the manual asks for more than 0"),
+        (";", "an empty statement, which the kernel manual does not have"),
+    ],
+)  # fmt: skip
+def test_what_an_expert_would_look_at_twice(body: str, what: str) -> None:
+    assert [(one.level, one.what) for one in done(body).findings] == [("unusual", what)]
