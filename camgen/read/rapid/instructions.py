@@ -325,6 +325,11 @@ def _bit(machine: Machine, call: Call) -> None:
         machine.assign(call.args[0], float(int(now) | mask if call.name.startswith("bitset") else int(now) & ~mask))
 
 
+def _move_alone(machine: Machine, _call: Call) -> None:
+    """IndAMove and its like: an axis beside the arm."""
+    machine.tell("external axes", "move on their own and are not shown")
+
+
 def _move_unseen(machine: Machine, call: Call) -> None:
     """A motion that no text tells: where the arm is is not known after it."""
     machine.assume(f"{call.name} moves the arm as no text says: it is not shown")
@@ -363,36 +368,36 @@ _NO_EFFECT = """
     fcsupvorient fcsupvpos fcsupvreorispeed fcsupvtcpspeed fcsupvtorque fitcircle fricidevaluate fricidinit
     fricidsetfriclevels getgroupsignalinfo getmaxusagetime gettorquemargin gripload hand_domotorcalibration
     hand_gripinward hand_gripoutward hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror
-    hand_stop hollowwristreset icap idelete idisable ienable ierror indamove indcmove indcnvaddobject
-    indcnvdisable indcnvenable indcnvinit indcnvreset inddmove indgunmove indgunmovereset indreset indrmove
-    initsuperv iobusstart iobusstate ioctrlaxis_refsync ioctrlaxis_refsyncoff ioctrlaxis_refsyncon iodisable
-    ioenable ipathpos ipers ipssetparam irmqmessage isignalai isignalao isignaldi isignaldo isignalgi isignalgo
-    isleep itimer ivarvalue iwatch load loadid loadprofile makedir manloadidproc matrixsolve matrixsolveqr
-    matrixsvd mechunitload motionprocessmodeset motionsup open opendir opengun packdnheader packrawbytes
-    pathacclim pathlengthreset pathlengthstart pathlengthstop pathrecstart pathrecstop pathresol procerrrecovery
-    prxactivandstorerecord prxactivrecord prxdbgstorerecord prxdeactrecord prxresetpos prxresetrecords
-    prxsetposoffset prxsetrecordsampletime prxsetsyncalarm prxstartrecord prxstoprecord prxstorerecord
-    prxusefilerecord readdir readerrdata readvararr recalctcp recordprofile recoverymenu recoverymenuwr
-    recoveryposreset recoveryposset removeallcyclicbool removecyclicbool removedir removefile removesuperv
-    renamefile resetaxisdistance resetaxismovetime resetmaxusagetime resetppmoved resetretrycount
-    resettorquemargin restopath rewind rmqemptyqueue rmqfindslot rmqsendmessage rmqsendwait
-    safetycontrollersyncrequest save savecfgdata scwrite setalldataval setbrush setbrushfac setdatasearch
-    setdataval setforce setsysdata settmsignal setupcyclicbool setupsuperv siclose siconnect sigetcyclic
-    singarea sisetcyclic skipwarn socketaccept socketbind socketclose socketconnect socketcreate socketlisten
-    socketsend socketsendto softact softdeact softelbow speedlimaxis speedlimcheckpoint speedrefresh spystart
-    spystop startload startmove startmoveretry stcalib stclose stindgun stindgunreset stopen stopmove
-    stopmovereset storepath storeprofile sttune sttunereset supsyncsensoroff supsyncsensoron syncmoveoff
-    syncmoveon syncmoveresume syncmovesuspend syncmoveundo synctosensor syncwwobj systemstopaction
-    testsigndefine testsignreset texttabinstall tperase tpshow tpwrite triggcheckio triggdatacopy triggdatareset
-    triggrampao triggspeed triggstopproc tryint tunereset tuneservo uiclientexist uimsgwrite uimsgwriteabort
-    uishow unload usereachabletargets waitandrecprof waitload waitsynctask waittestandset waitwobj warmstart
-    worldacclim write writeanybin writebin writeblock writecfgdata writerawbytes writestrbin writevar
-    writevararr wzboxdef wzcyldef wzdisable wzdoset wzenable wzfree wzhomejointdef wzlimjointdef wzlimsup
-    wzsphdef""".split()  # noqa: SIM905 (three hundred words read better so)
+    hand_stop hollowwristreset icap idelete idisable ienable ierror indcnvaddobject indcnvdisable indcnvenable
+    indcnvinit indcnvreset indgunmovereset indreset initsuperv iobusstart iobusstate ioctrlaxis_refsync
+    ioctrlaxis_refsyncoff ioctrlaxis_refsyncon iodisable ioenable ipathpos ipers ipssetparam irmqmessage
+    isignalai isignalao isignaldi isignaldo isignalgi isignalgo isleep itimer ivarvalue iwatch load loadid
+    loadprofile makedir manloadidproc matrixsolve matrixsolveqr matrixsvd mechunitload motionprocessmodeset
+    motionsup open opendir opengun packdnheader packrawbytes pathacclim pathlengthreset pathlengthstart
+    pathlengthstop pathrecstart pathrecstop pathresol procerrrecovery prxactivandstorerecord prxactivrecord
+    prxdbgstorerecord prxdeactrecord prxresetpos prxresetrecords prxsetposoffset prxsetrecordsampletime
+    prxsetsyncalarm prxstartrecord prxstoprecord prxstorerecord prxusefilerecord readdir readerrdata readvararr
+    recalctcp recordprofile recoverymenu recoverymenuwr recoveryposreset recoveryposset removeallcyclicbool
+    removecyclicbool removedir removefile removesuperv renamefile resetaxisdistance resetaxismovetime
+    resetmaxusagetime resetppmoved resetretrycount resettorquemargin restopath rewind rmqemptyqueue rmqfindslot
+    rmqsendmessage rmqsendwait safetycontrollersyncrequest save savecfgdata scwrite setalldataval setbrush
+    setbrushfac setdatasearch setdataval setforce setsysdata settmsignal setupcyclicbool setupsuperv siclose
+    siconnect sigetcyclic singarea sisetcyclic skipwarn socketaccept socketbind socketclose socketconnect
+    socketcreate socketlisten socketsend socketsendto softact softdeact softelbow speedlimaxis
+    speedlimcheckpoint speedrefresh spystart spystop startload startmove startmoveretry stcalib stclose stindgun
+    stindgunreset stopen stopmove stopmovereset storepath storeprofile sttune sttunereset supsyncsensoroff
+    supsyncsensoron syncmoveoff syncmoveon syncmoveresume syncmovesuspend syncmoveundo synctosensor syncwwobj
+    systemstopaction testsigndefine testsignreset texttabinstall tperase tpshow tpwrite triggcheckio
+    triggdatacopy triggdatareset triggrampao triggspeed triggstopproc tryint tunereset tuneservo uiclientexist
+    uimsgwrite uimsgwriteabort uishow unload usereachabletargets waitandrecprof waitload waitsynctask
+    waittestandset waitwobj warmstart worldacclim write writeanybin writebin writeblock writecfgdata
+    writerawbytes writestrbin writevar writevararr wzboxdef wzcyldef wzdisable wzdoset wzenable wzfree
+    wzhomejointdef wzlimjointdef wzlimsup wzsphdef""".split()  # noqa: SIM905 (three hundred words read better so)
 
 EFFECTS: dict[str, Effect] = {
     **dict.fromkeys(_NO_EFFECT, _nothing),
     **dict.fromkeys(_UNSEEN, _move_unseen),
+    **dict.fromkeys(("indamove", "indcmove", "inddmove", "indrmove", "indgunmove"), _move_alone),
     **dict.fromkeys(("setdo", "setao", "setgo"), _set_output), "set": _set_one, "reset": _set_one, "invertdo": _invert,
     "pulsedo": _pulse, "waittime": _wait,
     **dict.fromkeys(

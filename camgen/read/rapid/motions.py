@@ -104,6 +104,10 @@ def move(machine: Machine, call: Call) -> Bound | None:
     points, speed, zone, tool, tail = _arguments(machine, form, call)
     bound = _bind(machine, form, call, speed, zone, tool)
     if form.kind == "abs":
+        if any(name == "t" for name, _ in call.options):
+            machine.tell(
+                "times", "motions to joint values are shown at the speed of their data, not in the time they ask for"
+            )
         _move_joints(machine, machine.value(points[-1]), bound)
     else:
         _move_pose(machine, form, call, [machine.value(point) for point in points], bound)
