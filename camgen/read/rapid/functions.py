@@ -44,9 +44,24 @@ def call_function(machine: Machine, call: Call) -> Value:
     unknown = find_unknown(values)
     if unknown is not None:
         return unknown
+    if call.options:
+        known = _WITH_OPTION.get((call.name, *sorted(name for name, _ in call.options)))
+        values += [machine.value(value) for name, value in call.options if value is not None]
+    if known is None or find_unknown(values) is not None:
+        machine.assume(f"{call.name} with \\{call.options[0][0]} is not evaluated: what it gives is not known")
+        return Unknown(f"{call.name}()")
     try:
         return known(*values)
-    except (TypeError, ValueError, IndexError, OverflowError, ZeroDivisionError, AttributeError, np.linalg.LinAlgError):
+    except (
+        TypeError,
+        ValueError,
+        IndexError,
+        KeyError,
+        OverflowError,
+        ZeroDivisionError,
+        AttributeError,
+        np.linalg.LinAlgError,
+    ):
         raise Wrong(machine.line, f"{call.name} of {', '.join(map(tell_type, values)) or 'nothing'}") from None
 
 
@@ -118,14 +133,17 @@ def _of_arm(machine: Machine, call: Call) -> Value:
     return Unknown(f"{call.name}()")
 
 
-def _frame_of_points(p1: Value, p2: Value, p3: Value, *_: Value) -> Value:
-    """DefFrame: through three positions, the first its origin, the second on its x axis."""
+def _frame_of_points(p1: Value, p2: Value, p3: Value, origin: float = 1.0) -> Value:
+    """DefFrame: its x axis leads from the first position to the second. origin: 1 the first, 2 the second, 3 where the
+    y axis through the third meets the x axis.
+    """
     a, b, c = (np.array(p[0] if isinstance(p[0], tuple) else p, dtype=np.float64) for p in (p1, p2, p3))
     x = (b - a) / np.linalg.norm(b - a)
     z = np.cross(x, c - a)
     z = z / np.linalg.norm(z)
     rotation = frozen(np.column_stack([x, np.cross(z, x), z]))
-    return say_pose(Pose(rotation, (float(a[0]), float(a[1]), float(a[2]))))
+    place = {1.0: a, 2.0: b, 3.0: a + x * float(x @ (c - a))}[origin]
+    return say_pose(Pose(rotation, (float(place[0]), float(place[1]), float(place[2]))))
 
 
 def _pose(value: Value) -> Pose:
@@ -212,12 +230,17 @@ def _part_of(text: str, start: float, length: float) -> str:
     return text[int(start) - 1 : int(start) - 1 + int(length)]
 
 
-def _find(text: str, start: float, wanted: str, *_: Value) -> float:
+def _find(text: str, start: float, wanted: str) -> float:
     """StrFind: the first character that is one of ``wanted``; behind the end where there is none."""
     for place in range(int(start) - 1, len(text)):
         if text[place] in wanted:
             return float(place + 1)
     return float(len(text) + 1)
+
+
+def _find_other(text: str, start: float, wanted: str) -> float:
+    """StrFind with NotInSet: the first character that is none of ``wanted``."""
+    return next((float(k + 1) for k in range(int(start) - 1, len(text)) if text[k] not in wanted), float(len(text) + 1))
 
 
 def _match(text: str, start: float, pattern: str) -> float:
@@ -344,6 +367,11 @@ _PLAIN: dict[str, Callable[..., Value]] = {
     "bitcheck": lambda a, b: bool(int(a) >> (min(int(b), 64) - 1) & 1),
     "gettaskname": lambda: "T_ROB1", "robos": lambda: False, "taskrunrob": lambda: True, "validio": lambda *_: True,
     "isfile": lambda *_: False, "opmode": lambda: 1.0, "runmode": lambda *_: 1.0,
+}  # fmt: skip
+#: Those with an optional argument.
+_WITH_OPTION: dict[tuple[str, ...], Callable[..., Value]] = {
+    ("defframe", "origin"): _frame_of_points, ("strfind", "notinset"): _find_other,
+    ("numtostr", "exp"): lambda value, digits: f"{value:.{max(0, min(15, int(digits)))}E}",
 }  # fmt: skip
 #: What only a controller, its operator or its surroundings know.
 _UNKNOWN = frozenset(

@@ -248,7 +248,9 @@ def test_a_wait_is_over_at_once_and_said() -> None:
         ("VectMagn([3,4,0])", 5), ("DotProd([1,2,3],[1,1,1])", 6), ("StrLen(\"abc\")", 3),
         ("StrFind(\"abc\",1,\"c\")", 3),
         ("StrMatch(\"abcabc\",2,\"ab\")", 4), ("BitAnd(6,3)", 2), ("EulerZYX(\\X,OrientZYX(10,20,30))", 30),
-        ("EulerZYX(\\Z,OrientZYX(10,20,30))", 10),
+        ("EulerZYX(\\Z,OrientZYX(10,20,30))", 10), ("StrFind(\"aab\",1,\"a\"\\NotInSet)", 3), 
+        ("ATan(1)", 45), ("-(7 DIV -2)", 3),
+        ("StrLen(NumToStr(12345,1\\Exp))", 7),
     ],
 )  # fmt: skip
 def test_numbers(expression: str, worth: float) -> None:
@@ -267,6 +269,16 @@ def test_numbers(expression: str, worth: float) -> None:
 )  # fmt: skip
 def test_conditions(condition: str) -> None:
     assert waits(done(f"IF {condition} WaitTime 1;")) == [1]
+
+
+@pytest.mark.parametrize(
+    ("origin", "place"), [("", (0, 0, 0)), ("\\Origin:=2", (100, 0, 0)), ("\\Origin:=3", (30, 0, 0))]
+)
+def test_a_frame_through_three_points(origin: str, place: tuple[float, float, float]) -> None:
+    body = (
+        f"VAR pose f;\nf:=DefFrame(p0,p1,Offs(p0,30,40,0){origin});\nMoveL [f.trans,f.rot,p1.robconf,p1.extax],{TAIL}"
+    )
+    assert places(sound(body)) == [place]
 
 
 def test_parts_of_data_are_assigned() -> None:
