@@ -54,6 +54,8 @@ def _set_output(machine: Machine, call: Call) -> None:
     """SetDO, SetAO, SetGO."""
     options = dict(call.options)
     given = options.get("dvalue")
+    if "sdelay" in options:
+        machine.tell("delays", "SetDO with SDelay is shown without it")
     name = _signal_of(machine, call, 1 if given is not None else 2)
     value = machine.number(given if given is not None else call.args[1])
     if isinstance(value, Unknown):

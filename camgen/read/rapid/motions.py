@@ -30,6 +30,7 @@ _NINES = 8.9e9
 #: mm: z0, a corner so small that the tool is where it should be.
 _NO_CORNER = 0.3
 _MOST_REMEMBERED = 10_000
+_SENSED = frozenset(("corr", "track"))
 _LIKE_PREDEFINED = re.compile(r"[vz][0-9]+", re.IGNORECASE)
 
 
@@ -165,6 +166,8 @@ def _bind(machine: Machine, form: Form, call: Call, speed: Expr, zone: Expr | No
     options = dict(call.options)
     machine.frame = choose_frame(machine, tool, options.get("wobj"), form.kind == "abs")
     mm_s, rad_s = _speed(machine, form, call, machine.value(speed), options)
+    for name in _SENSED & options.keys():
+        machine.tell("sensor", f"corrects the path where \\{name} says so; shown as programmed")
     blend = 0.0 if zone is None or "inpos" in options else _blend(machine, machine.value(zone), options)
     return Bound(mm_s, rad_s, blend, machine.frame)
 

@@ -248,7 +248,7 @@ def test_a_wait_is_over_at_once_and_said() -> None:
         ("VectMagn([3,4,0])", 5), ("DotProd([1,2,3],[1,1,1])", 6), ("StrLen(\"abc\")", 3),
         ("StrFind(\"abc\",1,\"c\")", 3),
         ("StrMatch(\"abcabc\",2,\"ab\")", 4), ("BitAnd(6,3)", 2), ("EulerZYX(\\X,OrientZYX(10,20,30))", 30),
-        ("EulerZYX(\\Z,OrientZYX(10,20,30))", 10), ("StrFind(\"aab\",1,\"a\"\\NotInSet)", 3), 
+        ("EulerZYX(\\Z,OrientZYX(10,20,30))", 10), ("StrFind(\"aab\",1,\"a\"\\NotInSet)", 3),
         ("ATan(1)", 45), ("-(7 DIV -2)", 3),
         ("StrLen(NumToStr(12345,1\\Exp))", 7),
     ],
@@ -604,3 +604,14 @@ def test_a_main_that_does_nothing_is_not_the_entry() -> None:
 )  # fmt: skip
 def test_what_an_expert_would_look_at_twice(body: str, what: str) -> None:
     assert [(one.level, one.what) for one in done(body).findings] == [("unusual", what)]
+
+
+def test_what_is_shown_otherwise_is_a_fact() -> None:
+    facts = dict(
+        done(
+            "SetDO\\SDelay:=0.5,do1,0;\nMoveL\\Conc,p1,v100,fine,tG\\Corr;\nMoveExtJ [p1.extax,p1.extax],v9,fine;"
+        ).facts
+    )
+    assert facts["delays"] == "SetDO with SDelay is shown without it"
+    assert facts["sensor"] == "corrects the path where \\corr says so; shown as programmed"
+    assert facts["external axes"] == "move on their own and are not shown"
