@@ -17,6 +17,7 @@ from camgen.read.pacscript.running import Running
 from camgen.read.pacscript.values import (
     Array,
     Figured,
+    Placed,
     Rate,
     Unknown,
     Unreadable,
@@ -26,6 +27,7 @@ from camgen.read.pacscript.values import (
     finite,
     index,
     joints,
+    name_place,
     number,
     position,
     vector,
@@ -145,6 +147,8 @@ def stored(run: Running, letter: str, at: int) -> Value:
         return machine.globals[key]
     if key in machine.points:
         return machine.points[key]
+    if letter in "pt":
+        return name_place(f"{letter.upper()}[{at}]")
     return machine.unknown(f"{letter.upper()}[{at}]", f"{letter}[{at}]")
 
 
@@ -186,8 +190,7 @@ def called(run: Running, said: str, parts: tuple[Node, ...]) -> Value:
     if said in _OWN:
         return _OWN[said](run, [evaluate(run, part) for part in parts])
     if said in _PLACES:
-        where = run.machine.here if _PLACES[said] == "pose" else run.machine.joints
-        return where if where is not None else Unknown("where the arm stands")
+        return _tell_place(run, said)
     values = [evaluate(run, part) for part in parts]
     if said in FUNCTIONS:
         return _constructed(said, values) if said in _MADE else call(said, values)
@@ -198,6 +201,13 @@ def called(run: Running, said: str, parts: tuple[Node, ...]) -> Value:
     if said in ASKED:
         return run.machine.unknown(said, said)
     return run.left_out(said)
+
+
+def _tell_place(run: Running, said: str) -> Value:
+    """Where the arm is when the motions so far are done."""
+    if _PLACES[said] == "pose":
+        return run.machine.here
+    return run.machine.joints or Unknown(f"the joint values in line {run.machine.line}")
 
 
 _MADE = frozenset(("p", "j", "v"))
@@ -365,6 +375,8 @@ def fit(value: Value, kind: str) -> Value:
     if kind == "vector":
         if isinstance(value, tuple):
             return vector(numbers(list(value)))
+        if isinstance(value, Placed):
+            return Unknown(value.base)
         return Vector(value.origin) if isinstance(value, Pose) else value
     if isinstance(value, str) and kind in _NUMBERS:
         return call("val", [value])
@@ -383,7 +395,13 @@ def let(run: Running, which: str, target: Node, value: Value) -> None:
         if which in ("x", "y", "z", "rx", "ry", "rz", "f", "fig"):
             return
         raise Unreadable(f"{old.what} is not known")
-    if isinstance(value, Unknown):
+    if isinstance(old, Placed):
+        assign(
+            run,
+            target,
+            old if which in ("f", "fig") else name_place(f"{old.base} as changed in line {run.machine.line}"),
+        )
+    elif isinstance(value, Unknown):
         assign(run, target, value)
     elif isinstance(old, Vector) and which in "xyz":
         at = "xyz".index(which)

@@ -13,6 +13,7 @@ from camgen.model.pose import Pose, Vec3, frozen, rotation_from_fixed_xyz
 from camgen.model.program import Joints
 from camgen.read.pacscript.values import (
     Array,
+    Placed,
     Unknown,
     Unreadable,
     Value,
@@ -23,6 +24,7 @@ from camgen.read.pacscript.values import (
     finite,
     homogeneous,
     joints,
+    keep_frame,
     number,
     position,
     tell,
@@ -81,7 +83,9 @@ def _shift(values: list[Value]) -> Value:
 def _shift_hand(values: list[Value]) -> Value:
     """``DevH(p, by)``: along and about the axes of the tool."""
     base, by = place(values[0]), place(values[1])
-    return with_figure(base @ by, figure_of(base))
+    if isinstance(by, Placed):
+        return Unknown(f"a place by {by.base}")
+    return keep_frame(with_figure(base @ by, figure_of(base)), base)
 
 
 def _joint(values: list[Value]) -> Value:
@@ -291,6 +295,8 @@ def call(name: str, values: list[Value]) -> Value:
     for value in values:
         if isinstance(value, Unknown):
             return Unknown(value.what, value.key)
+        if isinstance(value, Placed) and name not in _TAKING_PLACED:
+            return Unknown(f"{name} of {value.base}")
     try:
         return FUNCTIONS[name](values)
     except (IndexError, TypeError):
@@ -301,11 +307,18 @@ def call(name: str, values: list[Value]) -> Value:
         raise Unreadable(f"{name} of these values is not evaluated") from None
 
 
+#: Functions for which it is enough to know a place by the frame of another one.
+_TAKING_PLACED = frozenset(("devh", "p2t", "t2p", "tnorm", "array"))
+
+
 def calculate(sign: str, a: Value, b: Value) -> Value:
     """``a`` and ``b`` by an operator. Unreadable."""
     if isinstance(a, Unknown) or isinstance(b, Unknown):
         unknown: Any = a if isinstance(a, Unknown) else b
         return Unknown(unknown.what, unknown.key)
+    if isinstance(a, Placed) or isinstance(b, Placed):
+        stored: Any = a if isinstance(a, Placed) else b
+        return Unknown(stored.base)
     if sign in _COMPARISONS:
         return _compare(sign, a, b)
     if sign == "&" or (sign == "+" and isinstance(a, str)):

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 
 from camgen.model.pose import IDENTITY, Pose, Vec3, frozen
 from camgen.model.program import Force, Instruction, Joints, MoveC, MoveJ, MoveL, Output, Posture, Stop, Wait
-from camgen.model.text import counted
-from camgen.read.pacscript.values import Array, Figured, Rate, Unknown, Value, Vector
+from camgen.read.pacscript.values import Array, Figured, Placed, Rate, Unknown, Value, Vector, name_place
 from camgen.read.programs import Assumption, Executed, Finding, Frames, Level
 
 #: mm/s at 100 %, and deg/s of a turn on the spot, where the user says nothing else.
@@ -49,8 +48,8 @@ class Scope:
 
 
 class Machine:
-    """State of a run. here: where the TCP is in the work frame in force, joints: where the axes are, both None where
-    the text does not say it.
+    """State of a run. here: where the TCP is in the work frame in force, or a ``Placed`` where no text holds that;
+    joints: where the axes are, None where the text does not say it.
     """
 
     def __init__(self, assume: Mapping[str, float], points: Mapping[tuple[str, int], Value]) -> None:
@@ -66,7 +65,7 @@ class Machine:
         self.steps = 0
         self.globals: dict[tuple[str, int], Value] = {}
         self.outputs: dict[str, Value] = {}
-        self.here: Pose | None = None
+        self.here: Pose = name_place("where the arm stands at the start")
         self.joints: Joints | None = None
         self.figure: int | None = None
         self.internal: float = 100.0
@@ -79,7 +78,6 @@ class Machine:
         self.motor = True
         self.moved = False
         self.passing = False
-        self.left_out = 0
         self.home: Value | None = None
         self.forces: dict[int, tuple[int, Vec3]] = {}
         #: The force table that is on.
@@ -87,7 +85,9 @@ class Machine:
         self.pressing: tuple[float, Vec3] = (0.0, (0.0, 0.0, 0.0))
         self.rated = self._given("rated", RATED)
         self.rated_turn = self._given("rated_turn", RATED_TURN)
-        self._frame_now = -1
+        #: The place in ``frames`` by base, with the tool and the work frame in force; and of all so far.
+        self._frame_now: dict[str, int] = {}
+        self._frames: dict[tuple[str, str, int, int], int] = {}
         self._told = 0.0
 
     def _given(self, key: str, default: float) -> float:
@@ -124,26 +124,26 @@ class Machine:
 
     # What the program does.
 
-    def emit(self, item: Instruction) -> None:
-        """Adds an instruction of the present line."""
+    def emit(self, item: Instruction, base: str = "") -> None:
+        """Adds an instruction of the present line. base: of a motion in the frame of a place that no text holds."""
         if len(self.body) >= _MOST_MOTIONS:
             raise Stopped("more motions than a program can have")
         self.body.append(item)
         self.lines.append(self.line)
-        if self._frame_now < 0:
-            self._frame_now = self._find_frame()
-        self.frame.append(self._frame_now)
+        if base not in self._frame_now:
+            self._frame_now[base] = self._find_frame(base)
+        self.frame.append(self._frame_now[base])
 
-    def _find_frame(self) -> int:
+    def _find_frame(self, base: str) -> int:
         tool, work = self.numbers["tool"], self.numbers["work"]
-        frames = Frames(f"{tool}", f"{work}", self.pose_of("tool", tool), self.pose_of("work", work))
-        for at, one in enumerate(self.frames):
-            if (one.tool, one.work) == (frames.tool, frames.work) and (
-                one.flange_from_tool is frames.flange_from_tool and one.base_from_work is frames.base_from_work
-            ):
-                return at
-        self.frames.append(frames)
-        return len(self.frames) - 1
+        frames = Frames(f"{tool}", base or f"{work}", self.pose_of("tool", tool), self.pose_of("work", work))
+        if base:
+            frames = Frames(frames.tool, base, frames.flange_from_tool)
+        key = (frames.tool, frames.work, id(frames.flange_from_tool), id(frames.base_from_work))
+        if key not in self._frames:
+            self._frames[key] = len(self.frames)
+            self.frames.append(frames)
+        return self._frames[key]
 
     def pose_of(self, kind: str, number: int) -> Pose | None:
         """A tool or a work frame; 0 is the flange or the base."""
@@ -155,9 +155,10 @@ class Machine:
             return
         old, new = self.pose_of(kind, self.numbers[kind]), self.pose_of(kind, number)
         self.numbers[kind] = number
-        self._frame_now = -1
-        if self.here is None or old is None or new is None:
-            self.here = None
+        self._frame_now.clear()
+        if isinstance(self.here, Placed) or old is None or new is None:
+            if self.moved:
+                self.here = name_place(f"where the arm stands in line {self.line}")
         elif kind == "work":
             self.here = new.inverse() @ old @ self.here
         else:
@@ -166,9 +167,9 @@ class Machine:
     def define_frame(self, kind: str, number: int, pose: Pose) -> None:
         """Writes the definition of a tool or a work frame."""
         self.defined[(kind, number)] = pose
-        self._frame_now = -1
-        if self.numbers[kind] == number:
-            self.here = None
+        self._frame_now.clear()
+        if self.numbers[kind] == number and self.moved:
+            self.here = name_place(f"where the arm stands in line {self.line}")
 
     def own(self) -> None:
         """A motion needs the arm and its power."""
@@ -178,22 +179,13 @@ class Machine:
         if not self.motor:
             self.find("refused", "a motion with the motor off")
 
-    def leave_out(self, what: str, target: Value | None = None) -> None:
-        """Notes a motion that cannot be shown; where the arm is afterwards is known if its target is."""
-        self.left_out += 1
-        self.moved = True
-        self.own()
-        self.suppose(f"{what}: motions there are left out")
-        self.here = target if isinstance(target, Pose) else None
-        self.joints = target if isinstance(target, Joints) else None
-        self.passing = False
-
     def lose(self, do: str) -> None:
-        """A step that could not be done: after a motion it is not known where the arm stands."""
+        """A step that could not be done: a motion leads to where nobody knows."""
         if do in _MOVING:
-            self.left_out += 1
-            self.moved = True
-            self.here = self.joints = None
+            speed, _ = self.speed(self.internal)
+            base = f"where line {self.line} leads"
+            self.suppose(f"{base} is not evaluated: it is told in a frame of that name")
+            self.move(MoveL(Pose(IDENTITY, (0.0, 0.0, 0.0)), speed), False, base)
 
     def speed(self, value: float) -> tuple[float, float]:
         """mm/s, and the share of the joints' greatest speeds, 0 where the speed is one of the TCP."""
@@ -204,15 +196,18 @@ class Machine:
             self.suppose(f"100 % is taken for {self.rated:g} mm/s", "rated", self.rated)
         return value / 100 * self.rated * self.external / 100, min(1.0, value / 100 * self.external / 100)
 
-    def move(self, item: MoveJ | MoveL | MoveC, passing: bool) -> None:
-        """Adds a motion. passing: what follows may happen before the arm is there."""
+    def move(self, item: MoveJ | MoveL | MoveC, passing: bool, base: str = "") -> None:
+        """Adds a motion. passing: what follows may happen before the arm is there. base: of ``Placed``."""
         self.own()
         if not self.moved and not isinstance(item, MoveJ):
             self.find("unusual", "the first motion is a straight line or an arc from wherever the arm stands")
-        self.emit(item)
+        self.emit(item, base)
         self.moved, self.passing = True, passing
         target = item.target
-        self.here, self.joints = (target, None) if isinstance(target, Pose) else (None, target)
+        if isinstance(target, Joints):
+            self.here, self.joints = name_place(f"where the joint values of line {self.line} lead"), target
+        else:
+            self.here, self.joints = (Placed(target.rotation, target.origin, base) if base else target), None
 
     def go_joints(self, target: Joints, speed: float, blend: float, at_once: bool = False) -> None:
         """Moves the axes to values of their own."""
@@ -225,17 +220,21 @@ class Machine:
     def go(self, linear: bool, target: Pose, speed: float, blend: float, at_once: bool = False) -> None:
         """Moves the TCP to a place, straight or as the axes run."""
         posture, said = posture_of(target)
-        place = Pose(target.rotation, target.origin) if posture else target
+        base = target.base if isinstance(target, Placed) else ""
+        if base:
+            self.suppose(f"{base} is not in the text: motions to it are told in a frame of that name")
+        place = Pose(target.rotation, target.origin) if posture or base else target
         passing = blend > 0 and not at_once
         mm_s, share = self.speed(speed)
         if not linear:
-            self.move(MoveJ(place, mm_s, blend, posture=posture, share=share), passing)
+            self.move(MoveJ(place, mm_s, blend, posture=posture, share=share), passing, base)
             self.figure = said
             return
         turn = 0.0
-        if self.here is not None and self.here.origin == place.origin and not isinstance(speed, Rate):
+        stands = self.here.base if isinstance(self.here, Placed) else ""
+        if stands == base and self.here.origin == place.origin and not isinstance(speed, Rate):
             turn = math.radians(share * self.rated_turn)
-        self.move(MoveL(place, mm_s, blend, *self.pressing, posture=posture, turn=turn), passing)
+        self.move(MoveL(place, mm_s, blend, *self.pressing, posture=posture, turn=turn), passing, base)
         self.figure = self.figure if said is None else said
 
     def switch(self, signal: str, value: float) -> None:
@@ -265,9 +264,9 @@ class Machine:
             return True
         frame, force = self.forces.get(table, (0, (0.0, 0.0, 0.0)))
         size = math.hypot(*force)
-        if not size or frame not in (1, 2) or (frame == 1 and self.here is None):
+        if not size or frame not in (1, 2) or (frame == 1 and isinstance(self.here, Placed)):
             return False
-        if frame == 1 and self.here is not None:
+        if frame == 1:
             force = tuple((self.here.rotation @ frozen(force)).tolist())
         x, y, z = force
         self.pressing = (size, (x / size, y / size, z / size))
@@ -281,8 +280,6 @@ class Machine:
         """All that was found."""
         if self.table is not None:
             self.find("dangerous", "force control is on at the end", self.lines[-1] if self.lines else 1)
-        if self.left_out:
-            self.state("left out", counted(self.left_out, "motion"))
         several = len(self.frames) > 1
         facts = tuple((label, ", ".join(list(texts)[:20])) for label, texts in self.facts.items())
         return Executed(

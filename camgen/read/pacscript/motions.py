@@ -18,11 +18,14 @@ from camgen.read.pacscript.running import Running
 from camgen.read.pacscript.settings import checked
 from camgen.read.pacscript.values import (
     Figured,
+    Placed,
     Unknown,
     Value,
     Vector,
     Wrong,
     index,
+    keep_frame,
+    name_place,
     number,
     tell,
     vector,
@@ -77,7 +80,8 @@ def move(run: Running, op: Op) -> None:
     motion: Motion = op.a
     speed = speed_of(run, motion.options.get("speed"))
     if motion.kind == "s":
-        run.machine.leave_out("a free curve through points that the controller stores")
+        place = name_place(f"the end of the free curve of line {op.line}")
+        run.machine.go(True, place, speed, 0.0, motion.at_once)
         return
     if motion.kind == "c":
         if len(motion.goals) != 2:
@@ -110,9 +114,12 @@ def go(run: Running, linear: bool, target: Value, speed: float, blend: float, at
     """Moves to ``target``."""
     machine = run.machine
     if isinstance(target, Unknown):
-        machine.leave_out(target.what)
+        stored = target.what.startswith(("J[", "where", "the end"))
+        where = target.what if stored else f"{target.what} of line {machine.line}"
+        machine.go(linear, name_place(where), speed, blend, at_once)
     elif isinstance(target, Joints) and linear:
-        machine.leave_out("a straight line to joint values", target)
+        machine.go(True, name_place(f"where the joint values of line {machine.line} lead"), speed, blend, at_once)
+        machine.joints = target
     elif isinstance(target, Joints):
         machine.go_joints(target, speed, blend, at_once)
     elif isinstance(target, Pose):
@@ -126,9 +133,9 @@ def approach(run: Running, op: Op) -> None:
     target, back = place_of(run, reference.value), evaluate(run, length.value)
     speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, length.mark)
     if isinstance(target, Joints):
-        target = Unknown("a place above joint values")
+        target = Unknown("a place before joint values")
     if isinstance(target, Pose):
-        target = Unknown(f"{back.what} above a place") if isinstance(back, Unknown) else behind(target, number(back))
+        target = Unknown(f"{back.what} before a place") if isinstance(back, Unknown) else behind(target, number(back))
     go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
@@ -137,12 +144,11 @@ def depart(run: Running, op: Op) -> None:
     motion: Motion = op.a
     (length,) = _exactly(motion, 1)
     back = evaluate(run, length.value)
-    here = run.machine.here
     speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, length.mark)
-    if here is None or isinstance(back, Unknown):
-        target: Value = Unknown("a place above where the arm stands")
+    if isinstance(back, Unknown):
+        target: Value = Unknown(f"{back.what} before where the arm stands")
     else:
-        target = behind(here, number(back))
+        target = behind(run.machine.here, number(back))
     go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
@@ -159,7 +165,7 @@ def draw(run: Running, op: Op) -> None:
         raise Wrong(f"Draw needs a vector, not {tell(value)}")
     here = run.machine.here
     speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, way.mark)
-    if here is None or isinstance(value, Unknown):
+    if isinstance(here, Placed) or isinstance(value, Unknown):
         target: Value = Unknown("a place beside where the arm stands")
     else:
         x, y, z = (a + b for a, b in zip(here.origin, value.values, strict=True))
@@ -176,24 +182,26 @@ def _exactly(motion: Motion, count: int) -> tuple[Goal, ...]:
 def behind(pose: Pose, length: float) -> Pose:
     """A place so far back along the tool z."""
     origin = pose.apply((0.0, 0.0, -length))
-    return Figured(pose.rotation, origin, pose.figure) if isinstance(pose, Figured) else Pose(pose.rotation, origin)
+    if isinstance(pose, Figured):
+        return Figured(pose.rotation, origin, pose.figure)
+    return keep_frame(Pose(pose.rotation, origin), pose)
 
 
 def arc(run: Running, via: Value, end: Value, speed: float, blend: float, at_once: bool = False) -> None:
     """Moves through ``via`` to ``end``, in arcs of at most half a circle with their via point half-way."""
     machine = run.machine
-    if isinstance(end, Unknown) or isinstance(via, Unknown):
-        machine.leave_out((end if isinstance(end, Unknown) else via).what, end)  # type: ignore[union-attr]
-        return
-    if not (isinstance(via, Pose) and isinstance(end, Pose)) or machine.here is None:
-        machine.leave_out("an arc from or to a place that the text does not give", end)
-        return
     start = machine.here
+    bases = {place.base if isinstance(place, Placed) else "" for place in (start, via, end) if isinstance(place, Pose)}
+    if not (isinstance(via, Pose) and isinstance(end, Pose)) or len(bases) > 1:
+        goal = end if isinstance(end, Pose) else name_place(f"the end of the arc of line {machine.line}")
+        machine.suppose(f"the arc of line {machine.line} is told as a line: the text does not hold its three points")
+        machine.go(True, goal, speed, blend, at_once)
+        return
     try:
         center, _, axis, sweep = circle(start.origin, via.origin, end.origin)
     except ValueError:
         machine.find("refused", "the three points of the arc are on one line")
-        machine.here = Pose(end.rotation, end.origin)
+        machine.here = keep_frame(Pose(end.rotation, end.origin), end)
         return
     said = posture_of(end)[1]
     if said is not None and machine.figure not in (None, said):
@@ -202,7 +210,7 @@ def arc(run: Running, via: Value, end: Value, speed: float, blend: float, at_onc
     if sweep <= _PIECE and math.dist(middle, via.origin) <= _HALF_WAY:
         item = MoveC(Pose(via.rotation, via.origin), Pose(end.rotation, end.origin), machine.speed(speed)[0], blend,
                      *machine.pressing, posture=posture_of(end)[0])  # fmt: skip
-        machine.move(item, blend > 0 and not at_once)
+        machine.move(item, blend > 0 and not at_once, *bases)
     else:
         _turn(run, start, end, center, axis, sweep, (speed, blend, at_once))
     machine.figure = machine.figure if said is None else said
@@ -219,6 +227,7 @@ def _turn(
 ) -> None:
     """The pieces of an arc about ``axis`` through ``center``; the tool turns evenly from its start to its end."""
     machine = run.machine
+    base = start.base if isinstance(start, Placed) else ""
     speed, blend, at_once = manner
     mm_s, _ = machine.speed(speed)
     pieces = max(1, math.ceil(abs(sweep) / _PIECE))
@@ -235,7 +244,7 @@ def _turn(
         goal = Pose(end.rotation, end.origin) if last else at((k + 1) / pieces)
         item = MoveC(at((k + 0.5) / pieces), goal, mm_s, blend if last else 0.0, *machine.pressing,
                      posture=posture if last else None)  # fmt: skip
-        machine.move(item, last and blend > 0 and not at_once)
+        machine.move(item, last and blend > 0 and not at_once, base)
 
 
 def rotate(run: Running, op: Op) -> None:
@@ -250,8 +259,8 @@ def rotate(run: Running, op: Op) -> None:
     about = evaluate(run, motion.goals[2].value) if len(motion.goals) > 2 else Vector((0.0, 0.0, 0.0))
     speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, motion.goals[1].mark)
     start = machine.here
-    if normal is None or start is None or not isinstance(about, Vector) or isinstance(angle, Unknown):
-        machine.leave_out("a turn about an axis that the text does not give")
+    if normal is None or isinstance(start, Placed) or not isinstance(about, Vector) or isinstance(angle, Unknown):
+        machine.go(True, name_place(f"the end of the turn of line {op.line}"), speed, blend, motion.at_once)
         return
     towards = start.rotation[:, 2].tolist()
     if not number(evaluate(run, motion.options.get("static", Node("number", 0.0)))):
@@ -282,11 +291,12 @@ def rotate_hand(run: Running, op: Op) -> None:
     (goal,) = _exactly(motion, 1)
     angle, here = evaluate(run, goal.value), run.machine.here
     speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, goal.mark)
-    if here is None or isinstance(angle, Unknown):
-        run.machine.leave_out("a turn from where the arm stands")
-        return
-    rotation = frozen(here.rotation @ rotation_about(2, math.radians(number(angle))))
-    run.machine.go(True, Pose(rotation, here.origin), speed, blend, motion.at_once)
+    if isinstance(angle, Unknown):
+        target: Pose = name_place(f"the end of the turn of line {op.line}")
+    else:
+        rotation = frozen(here.rotation @ rotation_about(2, math.radians(number(angle))))
+        target = keep_frame(Pose(rotation, here.origin), here)
+    run.machine.go(True, target, speed, blend, motion.at_once)
 
 
 def arch(run: Running, op: Op) -> None:
@@ -296,8 +306,10 @@ def arch(run: Running, op: Op) -> None:
         raise Wrong("ArchMove needs a target and a height")
     target, height = place_of(run, motion.goals[0].value), evaluate(run, motion.goals[1].value)
     here, speed = run.machine.here, speed_of(run, motion.options.get("speed"))
-    if not isinstance(target, Pose) or here is None or isinstance(height, Unknown):
-        run.machine.leave_out("an arch from or to a place that the text does not give", target)
+    stored = isinstance(target, Placed) or isinstance(here, Placed)
+    if not isinstance(target, Pose) or stored or isinstance(height, Unknown):
+        run.machine.suppose(f"the arch of line {op.line} is told without its height: the text does not hold it")
+        go(run, False, target, speed, 0.0)
         return
     top = min(here.origin[2], target.origin[2]) + number(height)
     for place in (Pose(here.rotation, (*here.origin[:2], top)), Pose(target.rotation, (*target.origin[:2], top))):
@@ -308,7 +320,6 @@ def arch(run: Running, op: Op) -> None:
 def drive(run: Running, op: Op) -> None:
     """``Drive`` by and ``DriveA`` to joint values of single axes."""
     mark, axes, motion = op.a
-    machine = run.machine
     speed, blend = speed_of(run, motion.options.get("speed")), blend_of(run, mark)
     relative = op.do == "drive"
     if isinstance(axes, Node):
@@ -316,7 +327,7 @@ def drive(run: Running, op: Op) -> None:
         if isinstance(value, Joints):
             said: dict[int, Value] = {k + 1: math.degrees(one) for k, one in enumerate(value.values[:6])}
         elif isinstance(value, Unknown):
-            machine.leave_out(value.what)
+            go(run, False, value, speed, blend, motion.at_once)
             return
         else:
             raise Wrong(f"{tell(value)} is no joint value")
@@ -346,7 +357,7 @@ def _drive(run: Running, said: dict[int, Value], relative: bool, manner: tuple[f
     unknown = next((value for value in said.values() if isinstance(value, Unknown)), None)
     whole = not relative and set(said) >= set(range(1, 7))
     if unknown is not None or not (now or whole):
-        machine.leave_out(unknown.what if unknown else "single axes from where the arm stands")
+        go(run, False, name_place(f"where the axes of line {machine.line} lead"), *manner)
         return
     made = [*now, *[0.0] * (max(6 if whole else 0, *said) - len(now))]
     for axis, value in said.items():
@@ -358,6 +369,5 @@ def go_home(run: Running, _op: Op) -> None:
     """``GoHome``."""
     home = run.machine.home
     if not isinstance(home, (Pose, Joints)):
-        run.machine.leave_out("the home position of the controller")
-        return
+        home = name_place("the home position of the controller")
     go(run, False, home, run.machine.internal, 0.0)

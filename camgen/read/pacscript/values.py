@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
-from camgen.model.pose import FloatArray, Pose, Vec3, fixed_xyz, frozen, rotation_from_fixed_xyz
+from camgen.model.pose import IDENTITY, FloatArray, Pose, Vec3, fixed_xyz, frozen, rotation_from_fixed_xyz
 from camgen.model.program import Joints
 
 
@@ -25,6 +25,12 @@ class Figured(Pose, frozen=True, eq=False, gc=False):
     """A position with a figure that is not -1."""
 
     figure: int
+
+
+class Placed(Pose, frozen=True, eq=False, gc=False):
+    """A place in the frame of another one that no text holds. base: what that is called."""
+
+    base: str
 
 
 class Vector(Struct, frozen=True, gc=False):
@@ -152,6 +158,16 @@ def homogeneous(values: Sequence[float]) -> Pose:
     return Pose(frozen(np.column_stack([np.cross(y, z), y, z])), (values[0], values[1], values[2]))
 
 
+def name_place(base: str) -> Placed:
+    """A place that no text holds."""
+    return Placed(IDENTITY, (0.0, 0.0, 0.0), base)
+
+
+def keep_frame(pose: Pose, other: Pose) -> Pose:
+    """``pose`` in whatever frame ``other`` is given in."""
+    return Placed(pose.rotation, pose.origin, other.base) if isinstance(other, Placed) else pose
+
+
 def figure_of(place: object) -> int:
     """The figure of a position, -1 where it is open."""
     return place.figure if isinstance(place, Figured) else UNDEFINED
@@ -195,6 +211,7 @@ _NOUNS: dict[type, str] = {
     Joints: "a joint value",
     Vector: "a vector",
     Array: "an array",
+    Placed: "a position that the text does not hold",
     Unknown: "a value that the text does not hold",
     tuple: "a list of values",
 }

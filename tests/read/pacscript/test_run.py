@@ -375,14 +375,41 @@ def test_what_the_user_says_decides() -> None:
     assert [item.signal for item in found.body if isinstance(item, Output)] == ["1", "3"]
 
 
-def test_motions_to_places_that_no_text_holds_are_left_out() -> None:
-    found = run("Move P, P[1]", "Depart L, 50", "Set IO[1]", HOME, "Depart L, 50")
-    assert origins(found) == [(400, 0, 300), (400, 0, 350)]
-    assert [one.what for one in found.assumed][:2] == [
-        "P[1]: motions there are left out",
-        "a place above where the arm stands: motions there are left out",
+def test_places_that_no_text_holds_are_frames_of_their_names() -> None:
+    """An approach lies along the tool of the place, so its frame tells it; a way along the work frame is unknown."""
+    found = run("Approach P, P[1], 50", "Move L, P[1]", "Depart L, 20", "Draw L, V(1, 2, 3)", "Set IO[1]", HOME)
+    assert origins(found) == [(0, 0, -50), (0, 0, 0), (0, 0, -20), (0, 0, 0), (400, 0, 300)]
+    assert [one.work for one in found.frames] == ["P[1]", "a place beside where the arm stands of line 6", "0"]
+    assert [one.base_from_work is None for one in found.frames] == [True, True, False]
+    assert found.frame == (0, 0, 0, 1, 2, 2)
+    assert "P[1] is not in the text: motions to it are told in a frame of that name" in [
+        one.what for one in found.assumed
     ]
-    assert ("left out", "2 motions") in found.facts
+
+
+@pytest.mark.parametrize(
+    ("text", "works"),
+    [
+        ("Depart L, 5", ["where the arm stands at the start"]),
+        ("Move P, J(0, 0, 90)\nDepart L, 5", ["0", "where the joint values of line 3 lead"]),
+        ("Move P, Dev(P[1], P(0, 0, 5))", ["dev of P[1] of line 3"]),
+        ("p = P[1]\nLetZ p = 5\nMove P, p", ["P[1] as changed in line 4"]),
+        ("Move P, DevH(P[1], P(0, 0, 5))", ["P[1]"]),
+        ("Move P, P[I[2]]", ["P[...] at a place that is not known of line 3"]),
+        ("Drive (1, 10)", ["where the axes of line 3 lead"]),
+        ("Move P, J[3]", ["J[3]"]),
+        ("Move L, J(1, 2, 3)", ["where the joint values of line 3 lead"]),
+        ("Move S, 1", ["the end of the free curve of line 3"]),
+        (HOME + "\nMove C, P[1], P[2]", ["0", "P[2]"]),
+        (HOME + "\nRotate XYH, 30, V(0, 0, 0)", ["0", "the end of the turn of line 4"]),
+        ("GoHome", ["the home position of the controller"]),
+        ("Move P, 5 + P(1, 2)", ["where line 3 leads"]),
+    ],
+)
+def test_where_the_arm_goes_if_no_text_says_it(text: str, works: list[str]) -> None:
+    found = run(*text.split("\n"))
+    assert [one.work for one in found.frames] == works
+    assert found.assumed
 
 
 POINTS = {
