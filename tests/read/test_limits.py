@@ -30,6 +30,7 @@ DEEP = svg('<g id="a"><path d="M9 9h9"/></g><g id="b"><use href="#a"/></g><use h
 RAPID = b"MODULE m\nPROC main()\nFOR i FROM 1 TO 40 DO\n"
 RAPID += b"MoveL [[300,i,0],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n"
 RAPID += b"ENDFOR\nENDPROC\nENDMODULE\n"
+PACSCRIPT = b"Sub Main\nTakeArm\nFor i = 1 To 40\nMove P, P(300, i, 0, 180)\nNext\nEnd Sub\n"
 VPLUS = b".PROGRAM a()\nFOR i = 1 TO 40\nMOVE TRANS(300,i,0,0,180,0)\nEND\n.END\n"
 GCODE = b"G21 G90\nG0 X0 Y0 Z5\nF100\no1 repeat [9]\nG1 X9\nG1 X0\no1 endrepeat\nM2\n"
 PECKS = b"G21 G90 G0 X0 Y0 Z5\nF100\nG83 X1 Y1 Z-9 R1 Q1\nM2\n"
@@ -96,6 +97,7 @@ CASES = {
     "gcode_motions": Case("a.nc", GCODE.replace(b"9]", b"99]"), 5, "instructions cannot be meant"),
     "gcode_pieces": Case("a.nc", PECKS, 5, "G83 with more than 5 pecks cannot be meant"),
     "rapid_steps": Case("a.mod", RAPID, 5, "the program has not ended after what is run of it"),
+    "pacscript_steps": Case("a.pcs", PACSCRIPT, 5, "the program has not ended after 5 statements in loops"),
     "vplus_steps": Case("a.v2", VPLUS, 5, "the program has not ended after what is run of it"),
     "urdf_bytes": Case("a.stl", STL, 100, "has more than 100 bytes: no description of a robot", (ARM,)),
     "urdf_joints": Case("a.stl", STL, 5, "has 6 joints between", (ARM,)),

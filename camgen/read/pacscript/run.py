@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from camgen.model.limits import tell
 from camgen.read.pacscript import flow
 from camgen.read.pacscript.code import Code, Op, compile_procedure
 from camgen.read.pacscript.evaluate import assign, blank, evaluate, fit
@@ -29,8 +30,6 @@ from camgen.read.programs import Ask, Executed
 #: Procedures may call each other so deep.
 _DEEPEST = 40
 _MOST_IO = 24063
-#: A program may run so many statements.
-_MOST_STEPS = 1_000_000
 
 
 class Run:
@@ -43,6 +42,7 @@ class Run:
             self.machine.suppose(what)
         self.ask = ask
         self.files: dict[str, File] = read_files(files, self.say)
+        self.most = ask.limits.pacscript_steps + sum(len(file.statements) for file in self.files.values())
         self.modules: dict[str, Module] = {}
         self.scopes: dict[str, Scope] = {}
         self.stems = {stem(name): name for name in reversed(list(self.files))}
@@ -238,13 +238,13 @@ class Run:
     def _run(self, frame: flow.Frame, procedure: Procedure) -> None:
         """The steps of a procedure to its end."""
         ops, machine, at = frame.code.ops, self.machine, 0
-        most = _MOST_STEPS
         while at < len(ops):
             op = ops[at]
             machine.line = op.line
             machine.steps += 1
-            if machine.steps > most:
-                raise Stopped(f"more than {most:,.0f} statements")
+            if machine.steps > self.most:
+                bound = f"{tell(self.ask.limits.pacscript_steps)} statements in loops and procedures"
+                raise Stopped(f"the program has not ended after {bound} (limits.pacscript_steps)")
             try:
                 to = self._step(frame, at, op, procedure.returns == "program")
                 at = at + 1 if to is None else to
