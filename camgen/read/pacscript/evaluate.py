@@ -137,6 +137,11 @@ def name(run: Running, said: str) -> Value:
     return run.undeclared(said)
 
 
+def is_stored(said: str) -> bool:
+    """Whether a name is the short form of a variable of the controller, ``I10``."""
+    return _SHORT.fullmatch(said) is not None
+
+
 def stored(run: Running, letter: str, at: int) -> Value:
     """A variable of the controller, or an input or output."""
     machine = run.machine
@@ -169,7 +174,9 @@ def element_of_letter(run: Running, letter: str, parts: tuple[Node, ...]) -> Val
 
 
 def element(of: Array, values: list[Value]) -> Value:
-    """An element of an array."""
+    """An element of an array, all of it with empty brackets."""
+    if not values:
+        return of
     for value in values:
         if isinstance(value, Unknown):
             return Unknown(value.what)

@@ -15,7 +15,7 @@ _SEPARATOR = re.compile(r'"[^"]*"?|[(),\[\]]')
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?!\w|\.\d))(?:[!#%](?!\w))?|&b(?P<binary>[01]+)(?!\w)"
     r"|&h(?P<hex>[\da-f]+)(?!\w)"
-    r'|"(?P<text>[^"]*)"|(?P<name>[a-z_]\w*[!#%$]?)|(?P<sign><<|>>|<>|><|<=|>=|=>|=<|==|[-+*/\\^&=<>(),\[\].]))',
+    r'|"(?P<text>[^"]*)"|(?P<name>[a-z_]\w*)[!#%$]?|(?P<sign><<|>>|<>|><|<=|>=|=>|=<|==|[-+*/\\^&=<>(),\[\].]))',
     re.IGNORECASE,
 )
 #: Operators by how closely they bind, the loosest first; words stand for themselves.

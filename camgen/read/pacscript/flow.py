@@ -18,7 +18,7 @@ from camgen.read.pacscript.values import Array, Unknown, Unreadable, Value, numb
 
 #: A loop that nothing in the text ends is gone round so often at most.
 _MOST_ROUNDS = 1000
-_LEAVING = frozenset(("exit", "end", "return", "halt", "stop", "stopend", "raise"))
+_LEAVING = frozenset(("exit", "end", "return", "halt", "stop", "stopend", "raise", "givearm"))
 
 
 class Frame(Struct, gc=False):
@@ -46,7 +46,7 @@ def branch(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     if isinstance(found, Unknown):
         found = _choose(frame, at, op)
         taken = "the branch is gone into" if found else "the branch is passed by"
-        run.machine.suppose(f"{found_name(op, run)} is not known: {taken}", _key(op.a, run))
+        run.machine.guess(f"{found_name(op, run)} is not known: {taken}", _key(op.a, run))
     return None if found else op.to
 
 
@@ -97,7 +97,7 @@ def _round(run: Running, frame: Frame, at: int, start: int, after: int) -> int:
     """
     ways = [way for step, way in frame.leaving.items() if start <= step < after]
     if ways:  # The one on which most is done: an error does little.
-        run.machine.suppose(f"the loop from line {frame.code.ops[start].line} is left after one round")
+        run.machine.guess(f"the loop from line {frame.code.ops[start].line} is left after one round")
         for step in [step for step in frame.leaving if start <= step < after]:
             del frame.leaving[step]
         return max(ways, key=lambda way: way[1] - way[0])[0]
@@ -149,7 +149,7 @@ def start_for(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     begin, end, by = (evaluate(run, node) for node in (first, last, step))
     for value in (begin, end, by):
         if isinstance(value, Unknown):
-            run.machine.suppose(f"{value.what} is not known: the loop is gone through once", value.key)
+            run.machine.guess(f"{value.what} is not known: the loop is gone through once", value.key)
             assign(run, target, begin if not isinstance(begin, Unknown) else Unknown(begin.what))
             frame.loops.pop(at, None)
             return None
@@ -187,7 +187,7 @@ def enter(run: Running, frame: Frame, at: int, op: Op) -> int | None:
         frame.rounds[at] = (-1, None)
         acting = frame.code.acting
         acts = acting[op.to] - acting[at] > 0
-        run.machine.suppose(
+        run.machine.guess(
             f"{found.what} is not known: the loop {'is gone through once' if acts else 'ends'}", found.key
         )
         return None if acts else op.to
@@ -200,7 +200,7 @@ def repeat(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     if op.a is not None:
         found = truth(evaluate(run, op.a))
         if isinstance(found, Unknown):
-            run.machine.suppose(f"{found.what} is not known: the loop ends", found.key)
+            run.machine.guess(f"{found.what} is not known: the loop ends", found.key)
             return None
         if found != op.b:
             return None
@@ -222,7 +222,7 @@ def _again(run: Running, frame: Frame, at: int, start: int, head: Op) -> int | N
     _, before = frame.rounds.get(at, (0, None))
     now = snapshot(run)
     if before is not None and same(before, now):
-        run.machine.suppose(f"the condition of the loop from line {head.line} never changes here: the loop is left")
+        run.machine.guess(f"the condition of the loop from line {head.line} never changes here: the loop is left")
         frame.rounds.pop(at, None)
         return None
     frame.rounds[at] = (0, now)
@@ -233,7 +233,7 @@ def select(run: Running, frame: Frame, _at: int, op: Op) -> int | None:
     """``Select Case``."""
     value = evaluate(run, op.a)
     if isinstance(value, Unknown):
-        run.machine.suppose(f"{value.what} is not known: the first Case that does something is taken", value.key)
+        run.machine.guess(f"{value.what} is not known: the first Case that does something is taken", value.key)
         return _first_case(frame, op)
     for tests, where in op.b:
         if tests is None or any(_matches(run, value, test) for test in tests):
@@ -276,9 +276,8 @@ def on_value(run: Running, frame: Frame, at: int, op: Op) -> int | None:
     word, goals = op.b
     value = evaluate(run, op.a)
     if isinstance(value, Unknown):
-        run.machine.suppose(f"{value.what} is not known: On is passed by", value.key)
-        return None
-    which = int(number(value)) - 1
+        run.machine.guess(f"{value.what} is not known: the first way of On is taken", value.key)
+    which = 0 if isinstance(value, Unknown) else int(number(value)) - 1
     if not 0 <= which < len(goals) or goals[which] not in frame.code.labels:
         return None
     if word == "gosub":
@@ -299,7 +298,7 @@ def wait_for(run: Running, op: Op) -> None:
         if found is False and asked:
             raise Stopped(f"waits for ever: {asked} is given otherwise")
         what = found.what if isinstance(found, Unknown) else "a condition of others"
-        run.machine.suppose(f"Wait for {what} is over at once", found.key if isinstance(found, Unknown) else "")
+        run.machine.guess(f"Wait for {what} is over at once", found.key if isinstance(found, Unknown) else "")
         _learn(run, op.a)
     run.machine.passing = False
     if len(op.b) > 1 and op.b[1].kind in ("name", "index"):
@@ -324,7 +323,7 @@ def _learn(run: Running, node: Node) -> None:
 
 def take_input(run: Running, op: Op) -> None:
     """``Input`` and what else fills variables from outside."""
-    nodes = op.a if op.b in ("input", "lineinput") else op.a[:1]
+    nodes = op.a if op.b in ("input", "lineinput", "com_state") else op.a[:1]
     for node in nodes:
         if node.kind in ("name", "index", "call"):
             said = str(node.said)

@@ -77,6 +77,7 @@ class Machine:
         self.trusting = False
         self.motor = True
         self.moved = False
+        self.guessed = False
         self.passing = False
         self.home: Value | None = None
         self.forces: dict[int, tuple[int, Vec3]] = {}
@@ -97,7 +98,11 @@ class Machine:
     # What is said about the program.
 
     def find(self, level: Level, what: str, line: int = 0) -> None:
-        """Notes something about a line, the present one unless another is given."""
+        """Notes something about a line, the present one unless another is given; an error on a way that was guessed
+        is not sure.
+        """
+        if self.guessed and level == "refused" and not line:
+            level, what = "unusual", f"{what}, if the program comes here like this"
         line = line or self.line
         self.findings.setdefault((line, what[:160]), Finding(level, line, what[:160]))
 
@@ -105,6 +110,11 @@ class Machine:
         """Notes once what was taken for something that no text holds."""
         if what not in self.assumed:
             self.assumed[what] = Assumption(self.line, what[:160], key, value)
+
+    def guess(self, what: str, key: str = "", value: float = 0.0) -> None:
+        """Notes once which way was taken where no text decides: what stops the controller behind it is not sure."""
+        self.guessed = True
+        self.suppose(what, key, value)
 
     def state(self, label: str, text: str) -> None:
         """Notes a fact."""

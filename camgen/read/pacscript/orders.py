@@ -13,7 +13,7 @@ from camgen.read.pacscript.expressions import Node
 from camgen.read.pacscript.functions import ASKED, FUNCTIONS
 from camgen.read.pacscript.machine import Ended, Raised, copy_value
 from camgen.read.pacscript.running import Running
-from camgen.read.pacscript.values import Array, Unknown, Unreadable, index, number
+from camgen.read.pacscript.values import Array, Unknown, Unreadable, Value, index, number
 
 
 def _declare(run: Running, op: Op) -> None:
@@ -65,13 +65,27 @@ def _call(run: Running, op: Op) -> None:
     if found_here := run.find_procedure(name):
         run.call(found_here, op.b)
         return
-    for part in op.b:
-        evaluate(run, part)
+    values = [evaluate(run, part) for part in op.b]
     if name == "msgbox":
         run.machine.stop()
         run.machine.passing = False
     elif name not in FUNCTIONS and name not in ASKED:
         run.left_out(name)
+        for part, value in zip(op.b, values, strict=True):
+            _fill(run, name, part, value)
+
+
+def _fill(run: Running, name: str, part: Node, value: Value) -> None:
+    """A variable without a value that a procedure which is not given takes: it may be there to fill it."""
+    said = str(part.said)
+    scope = run.scope if said in run.scope.names else run.module_scope
+    if part.kind not in ("name", "call") or said not in scope.names:
+        return
+    filled = Unknown(f"{said} from {name}")
+    if isinstance(value, Array) and not value.items:
+        scope.names[said] = Array(value.tops, filled)
+    elif value == blank(scope.kinds.get(said, "variant")):
+        scope.names[said] = filled
 
 
 def _start_task(run: Running, op: Op) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from camgen.model.limits import tell
 from camgen.read.pacscript import flow
 from camgen.read.pacscript.code import Code, Op, compile_procedure
-from camgen.read.pacscript.evaluate import assign, blank, evaluate, fit
+from camgen.read.pacscript.evaluate import assign, blank, evaluate, fit, is_stored
 from camgen.read.pacscript.expressions import Node
 from camgen.read.pacscript.machine import Ended, Machine, Raised, Scope, Stopped, copy_value
 from camgen.read.pacscript.orders import ACTIONS, WAYS
@@ -321,7 +321,7 @@ class Run:
                 self.learned[index(number(at))] = value
         elif node.kind == "name" and said.startswith("io") and said[2:].isdecimal():
             self.learned[int(said[2:9])] = value
-        elif node.kind == "index" or said in self.scope.names or said in self.module_scope.names:
+        elif node.kind == "index" or said in self.scope.names or said in self.module_scope.names or is_stored(said):
             assign(self, node, value)
 
     def told_by_user(self, node: Node) -> str:

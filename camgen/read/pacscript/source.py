@@ -285,7 +285,11 @@ def _parameters(inside: str) -> list[Parameter]:
         match = PARAMETER.fullmatch(part)
         if match is None:
             raise Unreadable("parameters that cannot be read")
-        found.append(Parameter(match[2].lower(), (match[4] or "variant").lower(), (match[1] or "").lower() == "byval"))
+        found.append(
+            Parameter(
+                match[2].lower().rstrip("!#%$"), (match[4] or "variant").lower(), (match[1] or "").lower() == "byval"
+            )
+        )
     return found
 
 

@@ -26,7 +26,7 @@ _TYPED = {"defint": "integer", "defsng": "single", "defdbl": "double", "defstr":
 DECLARE = frozenset(("dim", "public", "static", "private", "extern", *_TYPED))
 #: Statements that say something to somebody, or set what the arm's way does not depend on.
 SILENT = frozenset("""
-    print printdbg printmsg printlbl write flush com_encom com_discom com_state comclose beep buzzer randomize rem
+    print printdbg printmsg printlbl write flush com_encom com_discom comclose beep buzzer randomize rem
     cpmode eralw grvctrl grvoffset highpathaccuracy curlmt speedmode singularavoid motiontimeout payload aspacle
     setarea resetarea takemutex givemutex deletemutex resetmutex setpriority clrerr clearservolog startservolog
     stopservolog setcollisiondetection exclusivearea setexclusivearea resetexclusivearea clearareadetected
@@ -146,7 +146,7 @@ def read_declarations(word: str, rest: str, pac: bool) -> list[tuple[str, str, t
         inside = (match[2] or "")[1:-1]
         tops = tuple(parse(one) for one in arguments(inside) if one) if match[2] else None
         kind = _TYPED.get(word) or (match[3] or _SUFFIXES.get(match[1][-1], "variant")).lower()
-        found.append((match[1].lower(), kind, tops, parse(match[4]) if match[4] else None))
+        found.append((match[1].lower().rstrip("!#%$"), kind, tops, parse(match[4]) if match[4] else None))
     return found
 
 
@@ -214,7 +214,7 @@ def _read_defio(_word: str, rest: str) -> Read:
     match = _DEFIO.fullmatch(rest)
     if match is None:
         raise Unreadable("DefIO needs a name, a type and a number")
-    return "defio", match[1].lower(), (match[2].lower(), parse(arguments(match[3])[0]))
+    return "defio", match[1].lower().rstrip("!#%$"), (match[2].lower(), parse(arguments(match[3])[0]))
 
 
 def _read_run(_word: str, rest: str) -> Read:
@@ -251,6 +251,6 @@ READERS: dict[str, Callable[[str, str], Read]] = {
     "runbyname": _read_run,
     "call": _read_callee,
     "callbyname": _read_callee,
-    **dict.fromkeys(("input", "lineinput", "getpublicvalue", "readbytearray"), _read_input),
+    **dict.fromkeys(("input", "lineinput", "com_state", "getpublicvalue", "readbytearray"), _read_input),
     **dict.fromkeys(("in", "out"), _read_in_out),
 }

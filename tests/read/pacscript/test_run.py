@@ -529,3 +529,39 @@ def test_the_older_dialect() -> None:
     assert [item.signal for item in found.body if isinstance(item, Output)] == ["2", "3", "7"]
     assert found.stopped is None
     assert levels(found) == [("dangerous", 14)]
+
+
+OLDER = """PROGRAM old
+#DEFINE PART I10
+DEFINT n% = 1, st = -1
+DIM data#(3)
+DEFSTR text$
+TAKEARM 0 keep=0
+CALL Fill(data())
+text = STR$(n) + CHR$(65)
+IF text = "1A" THEN SET IO[1]
+IF data(2) = 5 THEN SET IO[2]
+COM_STATE #8, st
+PRINT #8, text
+WAIT PART = 2
+ON PART GOSUB *a, *b
+END
+*a:
+SET IO[3]
+RETURN
+*b:
+SET IO[4]
+RETURN
+"""
+
+
+def test_what_the_older_dialect_writes_otherwise() -> None:
+    found = LANGUAGE.run({"old.pac": OLDER}, Ask())
+    assert [item.signal for item in found.body if isinstance(item, Output)] == ["1", "2", "4"]
+    assert not found.findings
+    assert "data from fill is not known: the branch is gone into" in [one.what for one in found.assumed]
+
+
+def test_an_error_on_a_way_that_was_guessed_is_not_refused() -> None:
+    assert levels(run("If I[3] = 0 Then\nMotor Off\nEnd If", HOME)) == [("unusual", 6)]
+    assert levels(run("Motor Off", HOME)) == [("refused", 4)]
