@@ -270,6 +270,12 @@ def _to_joints(_run: Running, values: list[Value]) -> Value:
     return value
 
 
+def _ask_operator(run: Running, _values: list[Value]) -> Value:
+    """``MsgBox``: stands still until the operator answers."""
+    run.machine.stop()
+    return run.machine.unknown("the answer to MsgBox", "msgbox")
+
+
 def _shifted(run: Running, values: list[Value]) -> Value:
     """``Dev``, where the reference does not say about which axes it turns."""
     by = values[1] if len(values) > 1 else 0.0
@@ -295,6 +301,7 @@ _OWN: dict[str, Callable[[Running, list[Value]], Value]] = {
     "mps": _mps,
     "j2p": _to_joints,
     "j2t": _to_joints,
+    "msgbox": _ask_operator,
     "dev": _shifted,
     "curtool": _current("tool"),
     "curwork": _current("work"),

@@ -16,8 +16,8 @@ from camgen.read.pacscript.machine import Ended, Stopped
 from camgen.read.pacscript.running import Running
 from camgen.read.pacscript.values import Array, Unknown, Unreadable, Value, number
 
-#: A loop that nothing in the text ends is gone round so often at most.
-_MOST_ROUNDS = 1000
+#: In so many rounds of a loop all names are compared, afterwards after 16, 32, 64 and so on.
+_LOOKED_AT = 8
 _LEAVING = frozenset(("exit", "end", "return", "halt", "stop", "stopend", "raise", "givearm"))
 
 
@@ -101,16 +101,21 @@ def _round(run: Running, frame: Frame, at: int, start: int, after: int) -> int:
         for step in [step for step in frame.leaving if start <= step < after]:
             del frame.leaving[step]
         return max(ways, key=lambda way: way[1] - way[0])[0]
-    count, before = frame.rounds.get(at, (0, None))
-    now = snapshot(run)
-    if not _has_way_out(frame.code.ops, start, after) or (before is not None and same(before, now)):
+    if not _has_way_out(frame.code.ops, start, after) or _stands_still(run, frame, at):
         line = frame.code.ops[start].line if start < len(frame.code.ops) else run.machine.line
         run.machine.state("goes round for ever", f"from line {line}: shown once")
         raise Ended
-    if count >= _MOST_ROUNDS:
-        raise Stopped(f"a loop of more than {_MOST_ROUNDS} rounds")
-    frame.rounds[at] = (count + 1, now)
     return start
+
+
+def _stands_still(run: Running, frame: Frame, at: int) -> bool:
+    """Whether nothing has changed since a loop was gone round before; looked at in the first rounds, then seldom."""
+    count, before = frame.rounds.get(at, (0, None))
+    still = before is not None and same(before, _names(run))
+    count += 1
+    keep = count < _LOOKED_AT or count & (count - 1) == 0
+    frame.rounds[at] = (count, [dict(one) for one in _names(run)] if keep else None)
+    return still
 
 
 def _has_way_out(ops: list[Op], start: int, after: int) -> bool:
@@ -120,10 +125,9 @@ def _has_way_out(ops: list[Op], start: int, after: int) -> bool:
     )
 
 
-def snapshot(run: Running) -> list[dict[Any, Value]]:
-    """The values of all names, to be compared."""
-    machine = run.machine
-    return [dict(run.scope.names), dict(run.module_scope.names), dict(machine.globals), dict(machine.outputs)]
+def _names(run: Running) -> list[dict[Any, Value]]:
+    """The values of all names."""
+    return [run.scope.names, run.module_scope.names, run.machine.globals, run.machine.outputs]
 
 
 def same(one: list[dict[Any, Value]], other: list[dict[Any, Value]]) -> bool:
@@ -219,13 +223,10 @@ def _constant(node: Node) -> bool:
 
 def _again(run: Running, frame: Frame, at: int, start: int, head: Op) -> int | None:
     """Round again where a condition holds; where nothing changes it, something outside does, after one round."""
-    _, before = frame.rounds.get(at, (0, None))
-    now = snapshot(run)
-    if before is not None and same(before, now):
+    if _stands_still(run, frame, at):
         run.machine.guess(f"the condition of the loop from line {head.line} never changes here: the loop is left")
         frame.rounds.pop(at, None)
         return None
-    frame.rounds[at] = (0, now)
     return start
 
 
@@ -297,7 +298,7 @@ def wait_for(run: Running, op: Op) -> None:
         asked = run.told_by_user(op.a)
         if found is False and asked:
             raise Stopped(f"waits for ever: {asked} is given otherwise")
-        what = found.what if isinstance(found, Unknown) else "a condition of others"
+        what = found.what if isinstance(found, Unknown) else "what others set"
         run.machine.guess(f"Wait for {what} is over at once", found.key if isinstance(found, Unknown) else "")
         _learn(run, op.a)
     run.machine.passing = False

@@ -87,7 +87,7 @@ class Run:
         self.module, self.module_scope = module, self._scope_of(module)
         values: list[Value] = []
         for parameter in procedure.parameters:
-            what = f"{parameter.name}, a parameter of {procedure.name}"
+            what = f"{parameter.name} (a parameter of {procedure.name})"
             values.append(self.machine.unknown(what, parameter.name))
         self._execute(procedure, values)
         return None
