@@ -36,6 +36,8 @@ _MARKS = {"0": 0.0, "E": 0.0, "P": PASS_MM, "C": PASS_MM}
 _PIECE = math.pi + 0.02
 #: A via point so near to the middle of its arc is it, mm.
 _HALF_WAY = 0.05
+#: What says that the arm has four axes; a tool whose z has so much of the vertical points up.
+_SCARA, _UP = "__scara_robot__", 0.999
 
 
 def blend_of(run: Running, mark: str | Node) -> float:
@@ -135,7 +137,9 @@ def approach(run: Running, op: Op) -> None:
     if isinstance(target, Joints):
         target = Unknown("a place before joint values")
     if isinstance(target, Pose):
-        target = Unknown(f"{back.what} before a place") if isinstance(back, Unknown) else behind(target, number(back))
+        target = (
+            Unknown(f"{back.what} before a place") if isinstance(back, Unknown) else behind(run, target, number(back))
+        )
     go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
@@ -148,7 +152,7 @@ def depart(run: Running, op: Op) -> None:
     if isinstance(back, Unknown):
         target: Value = Unknown(f"{back.what} before where the arm stands")
     else:
-        target = behind(run.machine.here, number(back))
+        target = behind(run, run.machine.here, number(back))
     go(run, LINEAR[motion.kind], target, speed, blend, motion.at_once)
 
 
@@ -179,9 +183,13 @@ def _exactly(motion: Motion, count: int) -> tuple[Goal, ...]:
     return motion.goals
 
 
-def behind(pose: Pose, length: float) -> Pose:
-    """A place so far back along the tool z."""
-    origin = pose.apply((0.0, 0.0, -length))
+def behind(run: Running, pose: Pose, length: float) -> Pose:
+    """A place so far back along the tool z; above along z with an arm of four axes, whose tool z points up."""
+    scara = bool(run.machine.given(_SCARA))
+    if pose.rotation[2, 2] > _UP and not isinstance(pose, Placed) and not scara:
+        what = "a tool that points up is taken for that of an arm of six axes: back of it is below"
+        run.machine.suppose(what, _SCARA)
+    origin = pose.apply((0.0, 0.0, length if scara else -length))
     if isinstance(pose, Figured):
         return Figured(pose.rotation, origin, pose.figure)
     return keep_frame(Pose(pose.rotation, origin), pose)

@@ -45,7 +45,8 @@ class Run:
         self.most = ask.limits.pacscript_steps + sum(len(file.statements) for file in self.files.values())
         self.modules: dict[str, Module] = {}
         self.scopes: dict[str, Scope] = {}
-        self.stems = {stem(name): name for name in reversed(list(self.files))}
+        ranked = sorted(self.files, key=lambda name: name.endswith(".h"))
+        self.stems = {stem(name): name for name in reversed(ranked)}
         self.module = Module("")
         self.scope = self.module_scope = Scope()
         self.depth = 0
@@ -99,7 +100,7 @@ class Run:
         if wanted:
             if called := self.find_procedure(wanted):
                 return called
-            for module in own:
+            for module in [*own, *map(self.read, self.files)]:
                 if named := module.procedures.get(wanted):
                     return module, named
             return f"there is no procedure {self.ask.entry[:60]}"

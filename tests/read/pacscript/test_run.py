@@ -566,3 +566,20 @@ def test_what_the_older_dialect_writes_otherwise() -> None:
 def test_an_error_on_a_way_that_was_guessed_is_not_refused() -> None:
     assert levels(run("If I[3] = 0 Then\nMotor Off\nEnd If", HOME)) == [("unusual", 6)]
     assert levels(run("Motor Off", HOME)) == [("refused", 4)]
+
+
+def test_a_program_beside_a_header_of_the_same_name_and_a_procedure_of_an_included_file() -> None:
+    files = {"a.h": "#Define PEN 24\n", "a.pcs": '#Include "a.h"\nSub Main\nSet IO[PEN]\nEnd Sub\n', "b.pcs": OTHER}
+    assert LANGUAGE.run(files, Ask(entry="a")).body == (Output("24", 1),)
+    files = {"m.pcs": '#Include "n.pcs"\nSub Main\nEnd Sub\n', "n.pcs": "Sub Inner\nSet IO[3]\nEnd Sub\n"}
+    assert LANGUAGE.run(files, Ask(entry="inner")).body == (Output("3", 1),)
+
+
+@pytest.mark.parametrize(("scara", "above"), [(0.0, -30), (1.0, 30)])
+def test_an_arm_of_four_axes_departs_upwards(scara: float, above: float) -> None:
+    found = run(
+        "Move P, P(400, 0, 0, 0, 0, 90)", "Depart L, 30", "Approach P, P(0, 0, 0), 30", **{"__scara_robot__": scara}
+    )
+    assert origins(found) == [(400, 0, 0), (400, 0, above), (0, 0, above)]
+    key = [one.key for one in found.assumed if "points up" in one.what]
+    assert key == ([] if scara else ["__scara_robot__"])
