@@ -15,7 +15,7 @@ _SEPARATOR = re.compile(r'"[^"]*"?|[(),\[\]]')
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?(?!\w|\.\d))(?:[!#%](?!\w))?|&b(?P<binary>[01]+)(?!\w)"
     r"|&h(?P<hex>[\da-f]+)(?!\w)"
-    r'|"(?P<text>[^"]*)"|(?P<name>[a-z_]\w*)[!#%$]?|(?P<sign><<|>>|<>|><|<=|>=|=>|=<|==|[-+*/\\^&=<>(),\[\].]))',
+    r'|"(?P<text>(?:[^"]|"")*)"|(?P<name>[a-z_]\w*)[!#%$]?|(?P<sign><<|>>|<>|><|<=|>=|=>|=<|==|[-+*/\\^&=<>(),\[\].]))',
     re.IGNORECASE,
 )
 #: Operators by how closely they bind, the loosest first; words stand for themselves.
@@ -108,8 +108,21 @@ class _Parser:
         node = self.prefixed()
         while (operator := self.operator()) and _BINDS[operator] > least:
             self.at += 1
-            node = Node(_SAME.get(operator, operator), 0.0, (node, self.expression(_BINDS[operator])))
+            other = self.expression(_BINDS[operator])
+            if operator == "+" and self.take_word("h"):  # Of the older dialect: along the axes of the hand.
+                node = Node("call", "devh", (node, other))
+            else:
+                node = Node(_SAME.get(operator, operator), 0.0, (node, other))
         return node
+
+    def take_word(self, word: str) -> bool:
+        """Takes the next token if it is a word, in whatever letters, right behind a bracket."""
+        if self.at >= len(self.tokens) or self.tokens[self.at - 1] != ("sign", ")"):
+            return False
+        kind, said = self.tokens[self.at]
+        taken = kind == "name" and said.lower() == word
+        self.at += taken
+        return taken
 
     def prefixed(self) -> Node:
         """A value with its signs."""
@@ -139,7 +152,7 @@ class _Parser:
         if kind in ("binary", "hex"):
             return Node("number", float(int(said[:300], 2 if kind == "binary" else 16)))
         if kind == "text":
-            return Node("text", said)
+            return Node("text", said.replace('""', '"'))
         if said == "(":
             return Node("tuple", 0.0, self.inside(")"))
         if kind != "name" or (lower := said.lower()) in _BINDS:

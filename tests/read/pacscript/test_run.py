@@ -288,6 +288,7 @@ COUNTED = [
     ('If Sprintf("%d-%.1f-%s", 3, 2.25, "z") = "3-2.2-z" Then Set IO[1]', "1"),
     ("Set IO[Int(2.9)]\nSet IO[Abs(-3)]\nSet IO[Sqr(16)]\nSet IO[Sin(90)]", "2341"),
     ("I[5] = 4\nSet IO[I5]", "4"),
+    ('If "a""b" = "a" & Chr(34) & "b" Then Set IO[1]', "1"),
     ("On Error GoTo h\nErr.Raise 5\nSet IO[1]\nh:\nSet IO[2]", "2"),
 ]  # fmt: skip
 
@@ -505,7 +506,7 @@ DEFPOS top, low
 DIM array(3) AS SINGLE
 TAKEARM
 top = (400, 0, 300, 180, 0, 180, 5)
-low = top + (0, 0, -50)
+low = top + (0, 0, 50)H
 HOME top
 GOHOME
 array(1) = 7
