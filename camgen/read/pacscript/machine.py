@@ -238,14 +238,14 @@ class Machine:
         mm_s, share = self.speed(speed)
         if not linear:
             self.move(MoveJ(place, mm_s, blend, posture=posture, share=share), passing, base)
-            self.figure = said
+            self.figure = self.figure if said is None else said  # -1 keeps the one that the arm has.
             return
         turn = 0.0
         stands = self.here.base if isinstance(self.here, Placed) else ""
         if stands == base and self.here.origin == place.origin and not isinstance(speed, Rate):
             turn = math.radians(share * self.rated_turn)
         self.move(MoveL(place, mm_s, blend, *self.pressing, posture=posture, turn=turn), passing, base)
-        self.figure = self.figure if said is None else said
+        self.figure = said
 
     def switch(self, signal: str, value: float) -> None:
         """Sets an output."""

@@ -221,7 +221,7 @@ def arc(run: Running, via: Value, end: Value, speed: float, blend: float, at_onc
         machine.move(item, blend > 0 and not at_once, *bases)
     else:
         _turn(run, start, end, center, axis, sweep, (speed, blend, at_once))
-    machine.figure = machine.figure if said is None else said
+    machine.figure = said
 
 
 def _half_way(start: Vec3, center: Vec3, axis: Vec3, sweep: float) -> Vec3:

@@ -131,6 +131,15 @@ def test_an_arc_through_points_on_a_line_is_refused() -> None:
     assert len(found.body) == 2
 
 
+def test_an_arc_between_two_figures_is_unusual() -> None:
+    """A line to a place whose figure is open may end in any."""
+    arc = "Move C, P(500, 100, 300, 180, 0, 180, 13), P(600, 0, 300, 180, 0, 180, 13)"
+    start = "P(400, 0, 300, 180, 0, 180, 5)"
+    assert levels(run(f"Move P, {start}", arc)) == [("unusual", 4)]
+    assert levels(run(f"Move P, {start}", "Move P, P(400, 0, 300, 180, 0, 180)", arc)) == [("unusual", 5)]
+    assert levels(run(f"Move P, {start}", "Move L, P(400, 0, 300, 180, 0, 180, -1)", arc)) == []
+
+
 def test_rotations() -> None:
     """The tool points down, so that a positive turn in XY is one about -z; RotateH turns about the tool's own z."""
     found = run(
