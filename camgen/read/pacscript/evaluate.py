@@ -323,12 +323,18 @@ def _frame(run: Running, kind: str, values: list[Value]) -> Value:
 # Assignments.
 
 
+def _held(run: Running, said: str) -> Value | None:
+    """The value of a variable of the program, None where it has none of that name."""
+    found = run.scope.names.get(said)
+    return run.module_scope.names.get(said) if found is None else found
+
+
 def assign(run: Running, target: Node, value: Value) -> None:
     """Gives a variable, an element or an output its value."""
     said = str(target.said)
     if target.kind == "name":
         assign_name(run, said, value)
-    elif target.kind == "index" and not (said in run.scope.names or said in run.module_scope.names):
+    elif target.kind == "index" and not isinstance(_held(run, said), Array):
         at = [evaluate(run, part) for part in target.parts]
         if at and not isinstance(at[0], Unknown):
             _assign_stored(run, said, index(number(at[0])), value)

@@ -133,17 +133,18 @@ def _names(run: Running) -> list[dict[Any, Value]]:
 def same(one: list[dict[Any, Value]], other: list[dict[Any, Value]]) -> bool:
     """Whether two snapshots hold the same."""
     return all(
-        a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a) for a, b in zip(one, other, strict=True)
+        a.keys() == b.keys() and all(same_value(a[key], b[key]) for key in a) for a, b in zip(one, other, strict=True)
     )
 
 
-def _same(a: Value, b: Value) -> bool:
+def same_value(a: Value | None, b: Value | None) -> bool:
+    """Whether two values are the same."""
     if a is b:
         return True
     if isinstance(a, Pose) and isinstance(b, Pose):
         return a.origin == b.origin and np.array_equal(a.rotation, b.rotation)
     if isinstance(a, Array) and isinstance(b, Array):
-        return a.items.keys() == b.items.keys() and all(_same(a.items[key], b.items[key]) for key in a.items)
+        return a.items.keys() == b.items.keys() and all(same_value(a.items[key], b.items[key]) for key in a.items)
     return type(a) is type(b) and a == b
 
 

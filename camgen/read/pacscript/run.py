@@ -197,8 +197,9 @@ class Run:
             self.depth -= 1
             self.module, self.scope, self.module_scope = before
         self.machine.line = line
-        for parameter, part in zip(procedure.parameters, parts, strict=False):
-            self._give_back(parameter, part, scope)
+        for parameter, part, value in zip(procedure.parameters, parts, values, strict=False):
+            if not flow.same_value(scope.names.get(parameter.name), self._fit(value, parameter)):
+                self._give_back(parameter, part, scope)
         return scope.names.get(procedure.name, 0.0)
 
     def _give_back(self, parameter: Parameter, part: Node, scope: Scope) -> None:

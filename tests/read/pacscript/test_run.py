@@ -297,6 +297,7 @@ COUNTED = [
     ('If Sprintf("%d-%.1f-%s", 3, 2.25, "z") = "3-2.2-z" Then Set IO[1]', "1"),
     ("Set IO[Int(2.9)]\nSet IO[Abs(-3)]\nSet IO[Sqr(16)]\nSet IO[Sin(90)]", "2341"),
     ("I[5] = 4\nSet IO[I5]", "4"),
+    ("For i = 1 To 2\nI[i] = i + 4\nNext\nSet IO[I[2]]\nSet IO[i]", "63"),
     ('If "a""b" = "a" & Chr(34) & "b" Then Set IO[1]', "1"),
     ("On Error GoTo h\nErr.Raise 5\nSet IO[1]\nh:\nSet IO[2]", "2"),
 ]  # fmt: skip
@@ -318,6 +319,13 @@ def test_procedures_with_values_and_references() -> None:
         "Sub Keep(ByVal a)\na = 100\nEnd Sub\nFunction Nine As Integer\nNine = 9\nEnd Function",
     )  # fmt: skip
     assert [item.signal for item in found.body if isinstance(item, Output)] == ["5", "10", "5", "9"]
+
+
+def test_a_variable_is_given_back_only_if_it_changed() -> None:
+    found = run(
+        "Dim x As Single = 2.6", "Call Look(x)", "Set IO[Int(x * 10)]", tail="Sub Look(n As Integer)\ny = n\nEnd Sub"
+    )
+    assert found.body == (Output("26", 1),)
 
 
 def test_too_many_values_are_refused_and_endless_calls_stop() -> None:
