@@ -1,5 +1,6 @@
 """The read-back and the interpreter of the language say the same of the programs of the post."""
 
+import time
 from pathlib import Path
 
 import pytest
@@ -44,3 +45,10 @@ def _round(part: object) -> str:
 
 def _flat(value: object) -> list[float]:
     return [one for part in value for one in _flat(part)] if isinstance(value, tuple) else [float(value)]  # type: ignore[arg-type]
+
+
+def test_procedures_that_call_each_other_twice_end_at_once() -> None:
+    began = time.process_time()
+    reading = read({"part.pcs": "Sub Main\nCall Main\nCall Main\nEnd Sub\n"}, {})
+    assert [(one.line, one.what) for one in reading.faults] == [(2, "procedures that call each other without end")]
+    assert time.process_time() - began < 1

@@ -112,11 +112,13 @@ class _Run:
     def __init__(self, machine: Machine, source: SourceText, templates: list[force.Template]) -> None:
         self.machine, self.source, self.templates = machine, source, templates
         self.steps = 0
+        #: Procedures have called each other too deep: what follows would be run over and over.
+        self.ended = False
 
     def procedure(self, procedure: Procedure) -> None:
         """Carries out the statements of a procedure to its end or ``Exit Sub``."""
         statements, at = procedure.statements, 0
-        while at < len(statements):
+        while at < len(statements) and not self.ended:
             statement = statements[at]
             self.machine.line = statement.line if isinstance(statement, Plain) else statement[0]
             self.steps += 1
@@ -195,6 +197,7 @@ class _Run:
         if len(values) != len(called.parameters):
             raise Unreadable(f"{match[1]} takes {counted(len(called.parameters), 'value')}, not {len(values)}")
         if len(machine.scopes) > _CALLS:
+            self.ended = True
             raise Unreadable("procedures that call each other without end")
         machine.enter(called.parameters, values)
         here = machine.line

@@ -76,17 +76,21 @@ class Machine:
     #: Speeds that have been worked out with the present values of the names, by their text.
     speeds: dict[str, float | Mps] = field(default_factory=dict)
     _open_unit: bool = False
+    #: What faults and remarks say.
+    _said: set[str] = field(default_factory=set)
     #: A speed by ``Mps`` and its mm/s: most motions have the one of the motion before.
     _last: tuple[Mps | None, float] = (None, 0.0)
 
     def fault(self, what: str) -> None:
         """Notes a fault of the current line; what it quotes is cut short."""
         self.faults.append(Fault(self.line, what[:160]))
+        self._said.add(what[:160])
 
     def remark(self, what: str) -> None:
         """Notes once what a controller takes and a program of ours does not say."""
-        if all(what != fault.what for fault in self.faults):
+        if what not in self._said:
             self.faults.append(Remark(self.line, what))
+            self._said.add(what)
 
     def judge_settings(self) -> None:
         """Holds what has been set against the options."""
