@@ -51,11 +51,10 @@ class Limits(Struct, frozen=True, forbid_unknown_fields=True):
     ] = 500_000
     gcode_motions: Annotated[float, _most("instructions of a G-code program beyond its lines")] = 3_000_000
     gcode_pieces: Annotated[float, _most("holes of one line of G-code, pecks of a hole, pieces of an arc")] = 20_000
-    rapid_steps: Annotated[float, _most("statements that a RAPID program runs beyond the lines of its text")] = 200_000
     pacscript_steps: Annotated[float, _most("statements that a PacScript program runs beyond those of its text")] = (
         500_000
     )
-    rapid_steps: Annotated[float, _most("statements that a RAPID program runs beyond the lines of its text")] = 300_000
+    rapid_steps: Annotated[float, _most("statements that a RAPID program runs beyond the lines of its text")] = 200_000
     vplus_steps: Annotated[
         float, _most("instructions that a V+ program runs in loops and subroutines, beyond those of its text")
     ] = 200_000
