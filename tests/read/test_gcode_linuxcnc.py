@@ -12,7 +12,7 @@ from tests.support.rs274 import needs_rs274
 TOOLS = "T1 P1 Z0 D0.1 ;a\nT2 P2 Z0 D0.05 ;b\n"
 #: Where the machine of rs274 stores its places: all at its zero, which is that of the program.
 ZERO = {f"{name}.{axis}": 0.0 for name in ("g28", "g30", "machine") for axis in "xyz"} | {
-    "tool.1.diameter": 2.54, "tool.2.diameter": 1.27,
+    "t1.diameter": 2.54, "t2.diameter": 1.27,
 }  # fmt: skip
 LEAD = ("G21 G90 G64 G17", "F100 S100 M3", "G0 X0 Y0 Z30")
 

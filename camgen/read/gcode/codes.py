@@ -37,11 +37,11 @@ def _change(m: Foreign, code: str, words: dict[str, float]) -> None:
         m.spindle = "M5"
         m.turn()
     number = m.changed_to = m.tool
-    diameter = m.radii[number] * 2 if number in m.radii else m.given.get(f"tool.{number}.diameter", 0.0)
+    diameter = m.radii[number] * 2 if number in m.radii else m.given.get(f"t{number}.diameter", 0.0)
     if not m.marks or number not in m.tools:
         m.tools.append(number)
     m.marks.append((len(m.body), number, m.work))
-    m.add(ToolChange(number, f"T{number}", diameter, m.given.get(f"tool.{number}.length", 0.0)))
+    m.add(ToolChange(number, f"T{number}", diameter, m.given.get(f"t{number}.length", 0.0)))
 
 
 def _length(m: Foreign, code: str, words: dict[str, float]) -> None:
@@ -150,7 +150,7 @@ def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
         raise UnknownWord(f"{code} is not read: {why}")
     name = m.changed_to or 0 if number is None else int(number)
     what = f"{code}: the path is run as programmed, the tool on it; the diameter of tool {name}, mm, is in no program"
-    m.assume(what, f"tool.{name}.diameter", 0.0)
+    m.assume(what, f"t{name}.diameter", 0.0)
     m.side = -1 if right else 1
 
 

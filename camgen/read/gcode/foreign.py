@@ -158,6 +158,10 @@ class Foreign(Machine):
         """A spindle that does not turn as it should is refused."""
         self.find("refused", what)
 
+    def numbers_programs(self) -> bool:
+        """All but GRBL do."""
+        return self.dialect.open or self.dialect.flow
+
     def miss(self, what: str) -> None:
         """A subroutine in another file is left out by who judges."""
         if not self.judging:
@@ -226,14 +230,11 @@ class Foreign(Machine):
     def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """Codes by their usual names; words of what moves nothing, and of subprograms."""
         dialect = self.dialect
-        for group in [group for group in codes if " " in group]:
+        for group in [group for group in codes if group.startswith(("idle ", "unknown "))]:
             kind, _, code = group.partition(" ")
-            if kind == "idle":
-                del codes[group]
-                self._leave_out(code, codes, words)
-            elif kind == "unknown":
-                del codes[group]
-                self._pass_over(code, codes, words)
+            del codes[group]
+            act = self._leave_out if kind == "idle" else self._pass_over
+            act(code, codes, words)
         for group, code in codes.items() if dialect.names else ():
             codes[group] = dialect.names.get(code, code)
         if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:

@@ -92,7 +92,7 @@ def perform(
     flow: whether O-words lead anywhere. files: by name, the line from 0 on which each begins.
     """
     try:
-        found = blocks(lines, flow, files)
+        found = blocks(lines, flow, files, m.numbers_programs())
     except LineError as error:
         what, line = error.args
         return line, what, False
@@ -235,10 +235,13 @@ class Blocks(Struct):
     main: int = 0
 
 
-def blocks(lines: Sequence[str], flow: bool = True, files: Mapping[str, int] = NO_FILES) -> Blocks:
+def blocks(
+    lines: Sequence[str], flow: bool = True, files: Mapping[str, int] = NO_FILES, numbers: bool = True
+) -> Blocks:
     """The O-words of a program. Raises LineError with ``line`` (1-based) in its arguments.
 
-    flow: whether they lead anywhere, as LinuxCNC's do; else they are numbers of programs. files: by name, the line from
+    flow: whether they lead anywhere, as LinuxCNC's do; else they are numbers of programs where there are ``numbers``.
+    files: by name, the line from
     0 on which each begins.
     """
     found = Blocks({}, {})
@@ -252,7 +255,7 @@ def blocks(lines: Sequence[str], flow: bool = True, files: Mapping[str, int] = N
                     _enter(found, opened, number, raw)
                 except LineError as wrong:
                     raise LineError(str(wrong), number + 1) from wrong
-            _number(found, number, raw, flow)
+            _number(found, number, raw, flow, numbers)
         elif line := _NUMBERED.match(raw):
             found.numbers.setdefault(f"n{int(line[1])}", number)
     for name, start in files.items():
@@ -264,12 +267,12 @@ def blocks(lines: Sequence[str], flow: bool = True, files: Mapping[str, int] = N
     return found
 
 
-def _number(found: Blocks, number: int, raw: str, flow: bool) -> None:
+def _number(found: Blocks, number: int, raw: str, flow: bool, numbers: bool) -> None:
     """Keeps the number of a program: O1234 alone, or what follows it."""
     program = _PROGRAM.match(raw)
     if program:
         found.numbers.setdefault(f"o{int(program[1])}", number)
-    if not flow:
+    if not flow and numbers:
         found.at[number] = Block(program[1] if program else "", "", "")
 
 

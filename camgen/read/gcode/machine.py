@@ -179,6 +179,10 @@ class Machine:
         """The spindle does not turn as a motion needs it. Raises LineError."""
         raise LineError(what)
 
+    def numbers_programs(self) -> bool:
+        """Whether an O-word may be the number of a program."""
+        return True
+
     def miss(self, what: str) -> None:
         """A subroutine is in no file. Raises LineError."""
         raise LineError(what)
