@@ -1,5 +1,7 @@
 """What programs of others do, against LinuxCNC's own interpreter: threads, taps, stored places, subprograms, tools."""
 
+import random
+
 import pytest
 
 from bench.read.replay import against, judged
@@ -97,6 +99,37 @@ G81 X1 Z-1 R2 Q1
 G81 X1 Z-1 R2 L0
 (a (b) c)
 (open
+G42 D1 G1 X10 Y0 | X20 | Y10 | X0 | Y-10 | G40 G1 X0 Y0
+G41 D1 G1 X10 Y0 | X20 | Y10 | X0 | Y-10 | G40 G1 X0 Y0
+G41 D1 G1 X10 Y0 | X20 | Z5 | Y10 | G1 X0 Z3 | G40 G1 X0 Y-5
+G42 D1 G1 X10 Y0 | X20 | Z5 | Y10 | G1 X0 Z3 | G40 G1 X0 Y-5
+G41 D1 G1 X10 | G2 X20 Y0 I5 J0 | G1 X30 | G40 X35
+G42 D1 G1 X10 | G2 X20 Y0 I5 J0 | G1 X30 | G40 X35
+G41 D1 G1 X10 | G3 X20 Y0 I5 J0 | G1 X30 | G40 X35
+G41 D1 G1 X10 | X20 | G3 X30 Y10 I0 J10 | G1 Y20 | G40 Y25
+G42 D1 G1 X10 | X20 | G3 X30 Y10 I0 J10 | G1 Y20 | G40 Y25
+G42 D1 G1 X10 | X20 | G2 X20 Y0 I0 J-5 | G1 X30 | G40 X35
+G41 D1 G1 X10 | G3 X20 Y0 R6 | G3 X30 Y0 R7 | G1 X40 | G40 X45
+G42 D1 G1 X10 | G3 X20 Y0 R6 | G3 X30 Y0 R7 | G1 X40 | G40 X45
+G41 D1 G0 X10 | G0 X20 Y5 | G1 X30 Y3 | G40 X35
+G41.1 D3 G1 X10 | X20 | Y10 | G40 X35
+G41 D1 G1 X1 | X20
+G41 D1 G1 X10 | G3 X12 Y0 I1 J0
+G41 D1 G1 X10 | X20 | X20 Y0.5 | X10 | G40 X5
+G41 D1 G1 X10 | X20 | X30 Y0.3 | X40 Y0 | X50 Y-0.3 | G40 X55
+G41 D1 G1 X10 | X20 Y0 | X10 Y0 | G40 X0
+G18 G41 D1 G1 X10 | Z20 | X0 | Z30 | G40 X5
+G18 G42 D1 G1 X10 | Z20 | G2 X0 Z10 I-5 K-5 | G1 X-10 | G40 X-15
+G19 G41 D1 G1 Y10 | Y20
+G41 D1 G1 X10 | X20 | G40 | G2 X30 Y0 I5 J0
+G41 D1 G1 X10 | G91 X10 | Y10 | X-20 | G90 G40 X5
+G41 D1 G1 X10 | X20 | G42 D1 | X30
+G41 D1 G1 X10 | X20 | G41 D2 | X30
+G41 D1 G1 X10 | M62 P0 | X20 | G4 P1 | Y10 | M0 | X0 | G40 X-5 Y-5
+G41 D1 G1 X10 | X20 | M2
+G41 D1 G1 X10 | X20 | G81 X5 Y5 Z-1 R1
+G41 D1 | G1 Z5 | X10 | X20 | G40 | Z30 | X0
+G41 D1 G1 X10 | X20 Y10 | X30 Y0 | G2 X40 Y0 I5 J0 Z5 | G1 X50 | G40 X55
 """.strip().split("\n")
 
 
@@ -120,3 +153,64 @@ def differ(lines):
 @pytest.mark.parametrize("program", WORDS)
 def test_each_word_does_what_linuxcnc_says(program):
     assert differ([*LEAD, *program.split(" | "), "M2"]) == ""
+
+
+def _axes(chance, letters="XYZ"):
+    return " ".join(f"{a}{chance.uniform(-20, 20):.3f}" for a in letters if chance.random() < 0.6) or letters[0] + "1"
+
+
+def _stored(chance):
+    return [chance.choice(["G28 ", "G30 ", "G53 G0 ", "G53 G1 ", "G52 ", "G10 L2 P1 ", "G92 "]) + _axes(chance)]
+
+
+def _modes(chance):
+    line = chance.choice(
+        ["M70", "M72", "M71", "G92.1", "G92.2", "G92.3", "G28.1", "G91", "G90", "G98", "G99", "M0", "G43", "G49"]
+    )
+    return [line, "G1 " + _axes(chance)]
+
+
+def _tap(chance):
+    high, pause = chance.uniform(-5, 30), chance.choice(["", " P0.5"])
+    return ["G90", f"G84 {_axes(chance, 'XY')} Z{high - 5:.3f} R{high:.3f}{pause}", _axes(chance, "XY"), "G80"]
+
+
+def _thread(chance):
+    code, pitch = chance.choice(["G33", "G33"]), chance.uniform(0.2, 2)
+    return [f"{code} {_axes(chance, 'XZ')} K{pitch:.3f}"]
+
+
+def _passes(chance):
+    taper = f" L{chance.randint(0, 3)} E{chance.uniform(0.1, 2):.2f}" if chance.random() < 0.6 else ""
+    depths = f"I{chance.choice([-1, 1]) * chance.uniform(0.5, 2):.3f} J{chance.uniform(0.2, 0.5):.3f} K{chance.uniform(0.6, 2):.3f}"
+    more = f"R{chance.uniform(1, 2.5):.2f} Q{chance.uniform(0, 30):.1f} H{chance.randint(0, 2)}"
+    return [
+        "G90 G18 G0 X30 Y0 Z5",
+        f"G76 P{chance.uniform(0.3, 2):.2f} Z{chance.uniform(-20, 0):.3f} {depths} {more}{taper}",
+        "G17",
+    ]
+
+
+def _beside(chance):
+    """A path of lines and arcs with G41 or G42: corners of all kinds, also such that the tool does not reach."""
+    lines = ["G90 G40 G0 X0 Y0", f"{chance.choice(['G41', 'G42'])} D{chance.randint(1, 2)} G1 X10 Y0"]
+    x, y = 10.0, 0.0
+    for _ in range(chance.randint(2, 8)):
+        u, v = x + chance.uniform(-15, 15), y + chance.uniform(-15, 15)
+        if chance.random() < 0.6:
+            lines.append(f"G{chance.choice('011')} X{u:.3f} Y{v:.3f}" + (" Z3" if chance.random() < 0.2 else ""))
+        else:
+            lines.append(
+                f"G{chance.choice('23')} X{u:.3f} Y{v:.3f} R{chance.uniform(0.6, 3) * abs(complex(u - x, v - y)):.3f}"
+            )
+        x, y = u, v
+    return [*lines, "G40 G0 X-30 Y-30"]
+
+
+@needs_rs274
+@pytest.mark.parametrize("seed", range(60))
+def test_random_programs_do_what_linuxcnc_says(seed):
+    chance = random.Random(seed)
+    makers = [_stored, _modes, _tap, _thread, _passes, _beside, _beside]
+    lines = [line for _ in range(chance.randint(1, 5)) for line in chance.choice(makers)(chance)]
+    assert differ([*LEAD, "M70", *lines, "M2"]) == "", lines

@@ -77,6 +77,15 @@ def pieces(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float
     return [((point[0], point[1], point[2]), end)]
 
 
+def find_centre(plane: str, code: str, start: Vec3, end: Vec3, words: dict[str, float], absolute: bool,
+                limits: Limits) -> tuple[float, float]:  # fmt: skip
+    """The centre of the arc of ``pieces``, in its plane. Raises LineError."""
+    first, second, _ = _PLANES[plane]
+    if "R" in words:
+        return _centre_of(code, start[first], start[second], end[first], end[second], words["R"], limits)
+    return _centre((words.get("IJK"[first]), words.get("IJK"[second])), (start[first], start[second]), absolute)
+
+
 def _centre(offsets: tuple[float | None, float | None], start: tuple[float, float], absolute: bool) -> Vec2:
     first, second = offsets
     if first is None and second is None:

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from functools import partial
 
-from camgen.model.program import ToolChange, Wait
+from camgen.model.pose import TOOL_DOWN, Pose
+from camgen.model.program import Instruction, MoveC, MoveJ, MoveL, ToolChange, Wait
+from camgen.read.gcode.arcs import pieces
+from camgen.read.gcode.compensation import Beside, Segment, place
 from camgen.read.gcode.foreign import Foreign, Handler
-from camgen.read.gcode.machine import AXES, HANDLERS, set_offsets, take_axes, work_offset
+from camgen.read.gcode.machine import AXES, HANDLERS, RAPID, set_offsets, take_axes, work_offset
 from camgen.read.gcode.motion import target
 from camgen.read.gcode.words import LineError, UnknownWord
 
@@ -82,6 +86,8 @@ def _surface(m: Foreign, code: str, words: dict[str, float]) -> None:
 
 
 def _outputs(m: Foreign, code: str, words: dict[str, float]) -> None:
+    if m.side and code in ("M62", "M63", "M67") and not m.dialect.open:
+        m.find("refused", f"{code} with cutter compensation on")
     if code != "M66":
         HANDLERS["outputs"](m, code, words)
         return
@@ -140,18 +146,80 @@ def _diameter(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: 
 
 
 def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
+    """G41 and G42: beside the path by the radius of the tool, where that is known. G40: no more."""
+    if m.path is not None:
+        if code != "G40" and not m.dialect.open:
+            m.find("refused", f"{code} while the path is compensated already")
+        m.path.flush()
+        m.path, m.left_path = None, True
     if code == "G40":
         m.side = 0
         return
     words.pop("L", None)
-    number, right = words.pop("D", None), code.startswith("G42")
-    if not m.judging:
-        why = "cutter compensation: the controller moves the path by the radius of the tool"
-        raise UnknownWord(f"{code} is not read: {why}")
+    if m.plane not in _BESIDE:
+        m.find("refused", f"{code} in the plane of Y and Z (G19)")
+        return
+    m.side = -1 if code.startswith("G42") else 1
+    radius = _find_radius(m, code, words.pop("D", None))
+    if radius > 0:
+        m.start()
+        first, second, normal = _BESIDE[m.plane]
+        here = complex(m.at[first], m.at[second])
+        m.height = m.at[normal]
+        m.path = Beside(m.side, radius, (first, second, normal), here, partial(_write, m), partial(_keep, m))
+
+
+#: The axes of compensation by plane, and its normal.
+_BESIDE = {"G17": (0, 1, 2), "G18": (2, 0, 1)}
+
+
+def _find_radius(m: Foreign, code: str, number: float | None) -> float:
+    """Of the tool, mm; 0 where nobody says it, and that is told."""
+    if code.endswith(".1"):
+        return (number or 0.0) * m.scale / 2
+    if number is not None and number != int(number):
+        m.find("refused" if not m.dialect.open else "unusual", f"{code} with D{number:g}, which is no number of a tool")
+        return 0.0
     name = m.changed_to or 0 if number is None else int(number)
+    key = f"t{name}.diameter"
+    if name in m.radii:
+        return m.radii[name]
+    if key in m.given:
+        return m.assume(f"{code}: the diameter of tool {name}, mm", key, m.given[key]) / 2
     what = f"{code}: the path is run as programmed, the tool on it; the diameter of tool {name}, mm, is in no program"
-    m.assume(what, f"t{name}.diameter", 0.0)
-    m.side = -1 if right else 1
+    m.assume(what, key, 0.0)
+    return 0.0
+
+
+def _write(m: Foreign, one: Segment) -> None:
+    """A motion beside the path, from where the tool is."""
+    assert m.path is not None
+    axes, line = m.path.axes, m.line
+    m.line, waiting, m.path.last = one.line, m.path.last, None
+    end = place(one.stop, one.height, axes)
+    if one.centre is None or one.speed is None:
+        pose = Pose(TOOL_DOWN, end)
+        m.add(MoveJ(pose, RAPID) if one.speed is None else MoveL(pose, one.speed, m.blend))
+    else:
+        start = place(one.start, m.height, axes)
+        offset = place(one.centre - one.start, 0.0, axes)
+        words = {letter: offset[k] for k, letter in enumerate("IJK") if k != axes[2]}
+        code = "G3" if one.turn > 0 else "G2"
+        for via, point in pieces(m.plane, code, start, end, words, False, m.scale != 1.0, m.limits):
+            pose = Pose(TOOL_DOWN, point)
+            m.add(
+                MoveL(pose, one.speed, m.blend)
+                if via is None
+                else MoveC(Pose(TOOL_DOWN, via), pose, one.speed, m.blend)
+            )
+    m.line, m.path.last, m.height = line, waiting, one.height
+
+
+def _keep(m: Foreign, item: Instruction, line: int) -> None:
+    assert m.path is not None
+    now, m.line, waiting, m.path.last = m.line, line, m.path.last, None
+    m.add(item)
+    m.line, m.path.last = now, waiting
 
 
 # Places that the machine stores.

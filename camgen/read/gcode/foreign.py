@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from camgen.model.part import NoteKind
-from camgen.model.pose import TOOL_DOWN, Pose
-from camgen.model.program import MoveL, Stop, Wait
-from camgen.read.gcode.arcs import Piece
+from camgen.model.pose import TOOL_DOWN, Pose, Vec3
+from camgen.model.program import Instruction, MoveL, Stop, Wait
+from camgen.read.gcode.arcs import Piece, find_centre
+from camgen.read.gcode.compensation import Beside
 from camgen.read.gcode.dialects import LINUXCNC, Dialect
-from camgen.read.gcode.machine import AXES, Machine, feed, stop
+from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
 from camgen.read.gcode.motion import CYCLES
 from camgen.read.gcode.words import Endless, Line, LineError, Parameters, UnknownWord, bare, not_read, without_number
 from camgen.read.programs import Assumption, Finding, Level
@@ -56,7 +57,8 @@ class Foreign(Machine):
     the facts by label, what and first line. raw: the line as it stands. homes: places that the program stores (G28.1),
     by code and axis. adrift: axes that have gone where no text says. tools: those that were changed to. radii: of
     tools, by the tool table. rotary: where the axes A B C stand, deg. filament: mm. saved: modes that were kept. side:
-    of cutter compensation, 1 left, -1 right, 0 off. marks: how many instructions stood before each frame. lathe: X is
+    of cutter compensation, 1 left, -1 right, 0 off; path: of the tool beside the programmed one, None where that runs
+    as programmed. marks: how many instructions stood before each frame. lathe: X is
     a diameter. cutting: at the greatest surface speed. reached: G43 has come.
     """
 
@@ -79,7 +81,9 @@ class Foreign(Machine):
     filament_adds: bool = False
     saved: list[tuple[object, ...]] = field(default_factory=list)
     side: int = 0
-    radius: float = 0.0
+    path: Beside | None = None
+    left_path: bool = False  # no motion since G40
+    height: float = 0.0  # of the tool along the normal, beside the path
     marks: list[tuple[int, int, str]] = field(default_factory=list)
     lathe: bool = False
     most_turns: float = 0.0
@@ -366,7 +370,7 @@ class Foreign(Machine):
 
     def is_settled(self) -> bool:
         """Nor may anything else decide what a plain line does."""
-        plain = not (self.adrift or self.side or self.lathe or self.dialect.extruder or self.dialect.increments)
+        plain = not (self.adrift or self.side or self.left_path or self.lathe or self.dialect.extruder or self.dialect.increments)
         return plain and Machine.is_settled(self)
 
     def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
@@ -385,6 +389,11 @@ class Foreign(Machine):
                     "adrift",
                 )
                 self.adrift.clear()
+        if cycle and self.side and not self.dialect.open:
+            self.find("refused", f"{self.motion} with cutter compensation on")
+        if self.left_path and self.motion in ARCS and not self.dialect.open:
+            self.find("refused", f"{self.motion} right after G40: the way off the path is straight")
+        self.left_path = False
         if "Z" in words and self.length == "G49" and self.reached and not cycle:
             what = "Z moves after G49 without the length of the tool: its tip goes lower by as much"
             self.find("dangerous", what, "G49")
@@ -419,11 +428,44 @@ class Foreign(Machine):
 
     def rapid(self, end: Sequence[float], axes: Sequence[int] = ()) -> None:
         """On a printer G0 runs at the feed."""
+        if self.path is not None:
+            start = self.here()
+            self.at[:] = end
+            self.follow(start, self.here(), None)
+            return
         if self.dialect.extruder and self.feed > 0 and self.begun:
             self.at[:] = end
             self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
             return
         Machine.rapid(self, end, axes)
+
+    def beside(self, start: Vec3, end: Vec3, words: dict[str, float]) -> tuple[float, ...]:
+        """The centre of an arc beside which the tool runs, or (0,) for a line."""
+        if self.path is None:
+            return ()
+        if self.motion not in ARCS:
+            return (0.0,)
+        if self.path.last is None:
+            self.assume("the first motion with G41 or G42 is an arc: the path is run as programmed", "", 0.0)
+            self.path = None
+            return ()
+        return find_centre(self.plane, self.motion, start, end, words, self.absolute_centre, self.limits)
+
+    def follow(self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()) -> None:
+        """A motion beside which the tool runs."""
+        assert self.path is not None
+        first, second, normal = self.path.axes
+        turn = 1 if self.motion == "G3" else -1
+        middle = complex(*centre) if len(centre) > 1 else None
+        a, b = complex(start[first], start[second]), complex(end[first], end[second])
+        self.path.move(a, b, middle, turn, end[normal], speed, self.line)
+
+    def add(self, item: Instruction) -> None:
+        """What comes while a motion beside the path waits comes behind it."""
+        if self.path is not None and self.path.last is not None:
+            self.path.behind.append((item, self.line))
+        else:
+            Machine.add(self, item)
 
     def top(self) -> float:
         """The highest place of the program so far, mm."""
@@ -458,6 +500,8 @@ class Foreign(Machine):
 
     def finish(self) -> None:
         """The end switches off what is on; a file that merely stops does not."""
+        if self.path is not None:
+            self.path.flush()
         if not self.ended:
             on = [] if self.spindle == "M5" else ["the spindle"]
             self.left_on[:] = on + ["a coolant"] * bool(self.coolants)

@@ -179,6 +179,13 @@ class Machine:
         """The spindle does not turn as a motion needs it. Raises LineError."""
         raise LineError(what)
 
+    def beside(self, start: Vec3, end: Vec3, words: dict[str, float]) -> tuple[float, ...]:  # noqa: ARG002
+        """Where the tool runs beside the path: the centre of an arc, or anything for a line; else nothing."""
+        return ()
+
+    def follow(self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()) -> None:
+        """A motion beside which the tool runs. centre: of an arc in its plane."""
+
     def numbers_programs(self) -> bool:
         """Whether an O-word may be the number of a program."""
         return True

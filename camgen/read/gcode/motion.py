@@ -93,7 +93,14 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
                 words[letter] *= m.scale
                 if m.absolute_centre and letter != "R":
                     words[letter] += m.shift["IJK".index(letter)]
+        centre = m.beside(start, last, words)
         found = _curve(m, start, last, words)
+        if centre:
+            m.follow(start, last, _rate(m, start, found), centre)
+            return
+    elif m.beside(start, last, words):
+        m.follow(start, last, _rate(m, start, found))
+        return
     m.pieces(found, _rate(m, start, found))
 
 
