@@ -15,7 +15,7 @@ from camgen.model.pose import Vec3
 from camgen.model.program import Instruction
 from camgen.read.gcode.words import LineError
 
-#: Corners inside that turn by less are none, as in LinuxCNC. rad.
+#: Corners that turn by less are none, as in LinuxCNC, and so are those inside that turn nearly back. rad.
 _STRAIGHT = 0.05
 _SAME = 1e-9
 
@@ -103,10 +103,10 @@ class Beside:
         """From one motion to the next: about the corner, or cut at the crossing."""
         before, after = old.heading(True), new.heading(False)
         turned = cmath.phase(after / before) * self.side
-        if _STRAIGHT < turned < math.pi - _SAME:
+        if _STRAIGHT < turned < math.pi - _STRAIGHT:
             old.stop = new.start = self._cross(old, new)
             self.flush()
-        elif (turned < 0 or turned > 1) and abs(new.start - old.stop) > _SAME:
+        elif not -_STRAIGHT <= turned <= _STRAIGHT and abs(new.start - old.stop) > _SAME:
             height = self._height(old)
             self.flush()
             around = Segment(old.end, old.end, self.here, new.start, old.end, -self.side, height, new.speed, new.line)
@@ -127,10 +127,12 @@ class Beside:
         if not found:
             raise LineError("a corner inside that the tool does not reach")
         best = min(found, key=lambda p: abs(p - corner))
-        for one, other_end, ahead in ((old, old.start, -1), (new, new.stop, 1)):
-            way = (other_end - best) * ahead
-            if one.centre is None and (way * one.heading(False).conjugate()).real < -_SAME:
-                raise LineError("a corner inside that the tool cannot reach without cutting into the path")
+        if old.centre is None:
+            reached = ((best - old.start) * old.heading(False).conjugate()).real >= -_SAME
+        else:
+            reached = _swept(old, best) <= _swept(old, old.stop) + _SAME
+        if not reached:
+            raise LineError("a corner inside that the tool cannot reach without cutting into the path")
         return best
 
     def flush(self) -> None:
@@ -147,6 +149,12 @@ class Beside:
                 self.keep(*item)
         self.behind.clear()
         self.last = None
+
+
+def _swept(arc: Segment, end: complex) -> float:
+    """The angle along an arc from its start to ``end``, rad."""
+    assert arc.centre is not None
+    return cmath.phase((end - arc.centre) / (arc.start - arc.centre)) * arc.turn % math.tau
 
 
 def _crossings(old: Segment, new: Segment) -> list[complex]:

@@ -370,7 +370,9 @@ class Foreign(Machine):
 
     def is_settled(self) -> bool:
         """Nor may anything else decide what a plain line does."""
-        plain = not (self.adrift or self.side or self.left_path or self.lathe or self.dialect.extruder or self.dialect.increments)
+        plain = not (
+            self.adrift or self.side or self.left_path or self.lathe or self.dialect.extruder or self.dialect.increments
+        )
         return plain and Machine.is_settled(self)
 
     def settle(self, code: str, words: Mapping[str, float], cycle: bool) -> None:
