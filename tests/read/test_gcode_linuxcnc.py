@@ -182,7 +182,12 @@ def _thread(chance):
 
 def _passes(chance):
     taper = f" L{chance.randint(0, 3)} E{chance.uniform(0.1, 2):.2f}" if chance.random() < 0.6 else ""
-    depths = f"I{chance.choice([-1, 1]) * chance.uniform(0.5, 2):.3f} J{chance.uniform(0.2, 0.5):.3f} K{chance.uniform(0.6, 2):.3f}"
+    peak, first, last = (
+        chance.choice([-1, 1]) * chance.uniform(0.5, 2),
+        chance.uniform(0.2, 0.5),
+        chance.uniform(0.6, 2),
+    )
+    depths = f"I{peak:.3f} J{first:.3f} K{last:.3f}"
     more = f"R{chance.uniform(1, 2.5):.2f} Q{chance.uniform(0, 30):.1f} H{chance.randint(0, 2)}"
     return [
         "G90 G18 G0 X30 Y0 Z5",

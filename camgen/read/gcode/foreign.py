@@ -302,6 +302,8 @@ class Foreign(Machine):
         return True
 
     def _extrude(self, codes: Mapping[str, str], words: dict[str, float]) -> None:
+        if "dwell" in codes and "S" in words:
+            words["P"] = words.pop("S") * 1000.0
         if "E" not in words:
             return
         value = words.pop("E")

@@ -127,8 +127,8 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
             after = read_plain(m, lines, at, end if at < end else len(lines))
             left -= after - at
             at = m.line = after
-            if at in (end, len(lines)):
-                continue
+            if at == len(lines) or (at == end and not flow.calls):
+                return
         m.line, left = at + 1, left - 1
         try:
             if left < 0:
@@ -260,7 +260,7 @@ def blocks(
             found.numbers.setdefault(f"n{int(line[1])}", number)
     for name, start in files.items():
         if digits := _FILE.fullmatch(name):
-            found.numbers.setdefault(f"o{int(digits[1])}", start)
+            found.numbers.setdefault(f"o{int(digits[1])}", start - 1)  # a program begins behind its number
     if opened:
         block = opened[-1]
         raise LineError(f"o{block.label} {block.word} has no end", block.places[0] + 1)

@@ -81,18 +81,16 @@ def _divide(m: Foreign, curve: Callable[[float], Vec2], low: float, high: float)
 def _knots(m: Foreign, code: str, words: dict[str, float]) -> None:
     """G5.2 begins a NURBS and gathers its control points with their weights P; G5.3 draws it."""
     if code == "G5.2":
-        if not m.control:
-            m.control.append(((m.at[0], m.at[1]), 1.0))
-            m.order = int(words.pop("L", 3.0))
-        words.pop("L", None)
         weight = words.pop("P", 0.0)
         if weight <= 0:
             raise LineError("G5.2 without a weight (P) above 0")
+        order = int(words.pop("L", 3.0))
+        if not m.control:
+            m.control.append(((m.at[0], m.at[1]), weight))
+            m.order = max(order, 3)
         if "X" in words or "Y" in words:
             end = target(m, words)
             m.control.append(((end[0], end[1]), weight))
-            if len(m.control) == 2:
-                m.control[0] = (m.control[0][0], weight)
         return
     if len(m.control) < m.order:
         m.control.clear()
