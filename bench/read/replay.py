@@ -1,4 +1,4 @@
-"""Replay of G-code against LinuxCNC's own interpreter: python -m bench.read.replay FILE_OR_FOLDER...
+"""G-code of others against LinuxCNC's own interpreter: python -m bench.read.replay FILE_OR_FOLDER...
 
 For every file: how many motions agree and by how much they differ at most, or the reason for which it is refused. The
 judge is ``rs274 -g`` (Debian package linuxcnc-uspace), which prints the canonical calls of a program with 4 decimals of
@@ -19,7 +19,9 @@ from time import perf_counter
 
 from bench.machine import machine
 from camgen.model.program import MoveC, MoveJ, MoveL
-from camgen.read.gcode.interpreter import ProgramRun, interpret
+from camgen.read.gcode.interpreter import ProgramRun
+from camgen.read.gcode.language import play
+from camgen.read.programs import Ask
 
 _CALL = re.compile(r"\s*\d+ N\S+\s+(\w+)\((.*)\)\s*$")
 _NUMBER = re.compile(r"-?\d+\.?\d*")
@@ -27,6 +29,9 @@ _PLANES = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}
 #: mm between replay and judge, on top of what the judge's print hides.
 WITHIN = 0.001
 Point = tuple[float, float, float]
+#: Where the machine of rs274 stores its places: at its zero, which is that of the programs. Tools without a length.
+_ZERO = {f"{name}.{axis}": 0.0 for name in ("g28", "g30", "machine") for axis in "xyz"}
+_TOOLS = "".join(f"T{n} P{n} Z0 D0.0001 ;cutter\n" for n in range(1, 100))
 
 
 @dataclass
@@ -183,21 +188,22 @@ def _arc(mine: list, k: int, here: Point, end: Point, arc: tuple, offset: Point)
 
 
 def row(path: Path) -> tuple[str, str]:
-    """What became of one file: a kind and a sentence."""
-    text = path.read_text(encoding="latin-1").replace("\r\n", "\n")
+    """What became of one file, run as LinuxCNC's: a kind and a sentence."""
+    text = path.read_text(encoding="latin-1").replace("\r\n", "\n").replace("\r", "\n")
     begin = perf_counter()
-    run = interpret(text.split("\n"))
+    m, stopped = play({path.name: text}, Ask("linuxcnc", _ZERO))
     seconds = perf_counter() - begin
-    judge = judged(text)
-    theirs = judge.error.splitlines()[0][:70] if judge.error else ""
-    if run.stopped:
-        line, why = run.stopped
-        return ("refused both" if theirs else "refused"), f"line {line}: {why}" + (
-            f"; rs274: {theirs}" if theirs else ""
-        )
+    judge = judged(text, _TOOLS)
+    theirs = judge.error.splitlines()[0][:70] if judge.error and "percent" not in judge.error else ""
+    refused = [(one.line, one.what) for one in m.findings if one.level == "refused"]
+    if stopped or refused:
+        line, why = (refused or [stopped])[0]
+        more = f"; rs274: {theirs}" if theirs else ""
+        return ("refused both" if theirs else "refused"), f"line {line}: {why}{more}"
+    run = ProgramRun(tuple(m.body), tuple(m.lines), (), m.held, m.entry, None, False, True, "mm")
     found = against(run, judge)
     told = f"{found.moves} motions, largest difference {found.deviation:.4f} mm, {seconds:.2f} s"
-    if theirs and "percent" not in theirs:
+    if theirs:
         return "accepted alone", f"{told}; rs274: {theirs}"
     if found.fault:
         return "DIFFERS", found.fault

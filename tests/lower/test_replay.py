@@ -168,6 +168,21 @@ def test_a_program_of_our_own_replays_as_itself(tmp_path):
     assert new.speed[work[1]] == pytest.approx(old.speed[work[0]], rel=1e-3)
 
 
+def test_a_stop_for_the_operator_is_one_on_the_new_machine(tmp_path):
+    text = built(tmp_path, "G21 G90\nG0 X0 Y0 Z5\nG1 X9 F60\nM0\nG1 X5\nM2\n", "gcode").text
+    lines = text.split("\n")
+    assert lines[lines.index("M0") - 1].startswith("G1 X9")
+    assert lines[lines.index("M0") + 1].startswith("G1 X5")
+
+
+def test_stored_places_are_left_upwards(tmp_path):
+    """G28 between two cuts: up to the highest place so far, not along the low line."""
+    old = "G21 G90\nG0 X0 Y0 Z9\nG1 Z-1 F60\nX9\nG91 G28 Z0\nG90 G0 X20 Y5\nZ2\nG1 Z-1\nX25\nM2\n"
+    found = built(tmp_path, old, "gcode")
+    assert "G0 Z9\nG0 X20 Y5\nG0 Z2\n" in found.text
+    assert any("G28: Z goes up" in note.what for note in found.notes)
+
+
 @needs_rs274
 @needs_shared
 @pytest.mark.parametrize("path", sorted([*SHARED.rglob("*.ngc"), *SHARED.rglob("*.gcode")]), ids=lambda p: p.name)

@@ -173,6 +173,7 @@ COMMON = Dialect(
     signs=_signs("(?!)"),
     idle=_MACHINING | {"G28.2": "homing", "G28.3": "homing"},
     names={"G31": "G38.2"},
+    default_feed=True,
     to_start=False,
 )
 DIALECTS = {one.name: one for one in (LINUXCNC, GRBL, FANUC, LATHE, MACH3, MARLIN, COMMON)}

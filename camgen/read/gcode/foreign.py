@@ -360,6 +360,8 @@ class Foreign(Machine):
         """A feed of the machine's own where it has one, and where a refused line is to lead on."""
         if self.feed > 0 or self.feed_mode == "G93":
             return
+        if self.dialect.name == "iso":
+            self.find("unusual", f"{code} without a feed (F), which LinuxCNC and GRBL refuse", "feed")
         if self.dialect.default_feed:
             what = "the feed before the first F is one of the machine's, mm/min"
             self.feed = self.assume(what, "feed", FEED) / 60.0
