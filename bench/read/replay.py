@@ -31,7 +31,8 @@ WITHIN = 0.001
 Point = tuple[float, float, float]
 #: Where the machine of rs274 stores its places: at its zero, which is that of the programs. Tools without a length.
 _ZERO = {f"{name}.{axis}": 0.0 for name in ("g28", "g30", "machine") for axis in "xyz"}
-_TOOLS = "".join(f"T{n} P{n} Z0 D0.0001 ;cutter\n" for n in range(1, 100))
+_ZERO |= {f"t{n}.diameter": 0.1 for n in range(100)}
+_TOOLS = "".join(f"T{n} P{n} Z0 D0.003937008 ;cutter\n" for n in range(1, 100))
 
 
 @dataclass

@@ -114,6 +114,10 @@ G42 D1 G1 X10 | G3 X20 Y0 R6 | G3 X30 Y0 R7 | G1 X40 | G40 X45
 G41 D1 G0 X10 | G0 X20 Y5 | G1 X30 Y3 | G40 X35
 G41.1 D3 G1 X10 | X20 | Y10 | G40 X35
 G41 D1 G1 X1 | X20
+G41 D1 G2 X10 Y0 I5 J0 | G1 X20
+G42 D1 G2 X10 Y0 I5 J0 | G1 X20 | G40 X30
+G41 D1 G3 X10 Y0 R6 | G3 I-3 | G1 X20
+G41 D1 G3 X1 Y0 I0.5
 G41 D1 G1 X10 | G3 X12 Y0 I1 J0
 G41 D1 G1 X10 | X20 | X20 Y0.5 | X10 | G40 X5
 G41 D1 G1 X10 | X20 | X30 Y0.3 | X40 Y0 | X50 Y-0.3 | G40 X55
@@ -198,7 +202,8 @@ def _passes(chance):
 
 def _beside(chance):
     """A path of lines and arcs with G41 or G42: corners of all kinds, also such that the tool does not reach."""
-    lines = ["G90 G40 G0 X0 Y0", f"{chance.choice(['G41', 'G42'])} D{chance.randint(1, 2)} G1 X10 Y0"]
+    entry = chance.choice(["G1 X10 Y0", "G2 X10 Y0 I5 J0", "G3 X10 Y0 R7", "G0 X10 Y0"])
+    lines = ["G90 G40 G0 X0 Y0", f"{chance.choice(['G41', 'G42'])} D{chance.randint(1, 2)} {entry}"]
     x, y = 10.0, 0.0
     for _ in range(chance.randint(2, 8)):
         u, v = x + chance.uniform(-15, 15), y + chance.uniform(-15, 15)

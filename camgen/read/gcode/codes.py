@@ -358,7 +358,7 @@ def go_away(m: Foreign, name: str, code: str, axes: list[int], stored: Mapping[s
             m.assume(f"{code}: {AXES[k]} goes to a position that the machine stores, which is not shown", key, 0.0)
             m.adrift.add(k)
     if not (m.begun or all(m.known)):
-        m.held += bool(told)
+        m.held += bool(told) and name != "machine"  # the G0 beside G53 counts by itself
         return
     if not told:
         return

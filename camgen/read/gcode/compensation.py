@@ -47,9 +47,9 @@ class Segment:
 
 @dataclass(slots=True)
 class Beside:
-    """A path beside the programmed one. side: 1 left, -1 right. axes: of the plane and its normal. write: takes a
-    segment from where the tool is, or None and a height. keep: takes any other instruction and its line. last: the
-    motion that is not written yet; behind: what comes at its end, heights with speed and line, or instructions.
+    """A path beside the programmed one. side: 1 left, -1 right. axes: of the plane and its normal. here: of the tool.
+    write: takes a segment. keep: takes any other instruction and its line. last: the motion that is not written yet;
+    entering: it is the first; behind: what comes at its end, ways along the normal or instructions with their line.
     """
 
     side: int
@@ -59,6 +59,7 @@ class Beside:
     write: Callable[[Segment], None]
     keep: Callable[[Instruction, int], None]
     last: Segment | None = None
+    entering: bool = True
     behind: list[tuple[Instruction, int] | Segment] = field(default_factory=list)
 
     def move(self, begin: complex, end: complex, centre: complex | None, turn: int, height: float,
@@ -95,9 +96,19 @@ class Beside:
 
     def _enter(self, one: Segment) -> None:
         """The first motion comes from where the tool is to beside its end."""
-        if abs(one.end - one.begin) <= self.radius:
+        reach = abs(one.end - one.begin) if one.centre is None else abs(one.begin - one.centre)
+        if reach <= self.radius:
             raise LineError("the first motion with G41 or G42 is not longer than the radius of the tool")
         one.start = self.here
+        if one.centre is None:
+            return
+        # About a point on the line from its end to its centre, as far from where the tool is as from that end.
+        inward = (one.centre - one.stop) / abs(one.centre - one.stop)
+        chord = self.here - one.stop
+        along = (chord * inward.conjugate()).real
+        if along <= _SAME:
+            raise LineError("the first motion with G41 or G42 is an arc that the tool cannot come to")
+        one.centre = one.stop + inward * (abs(chord) ** 2 / (2 * along))
 
     def _join(self, old: Segment, new: Segment) -> None:
         """From one motion to the next: about the corner, or cut at the crossing."""
@@ -127,10 +138,12 @@ class Beside:
         if not found:
             raise LineError("a corner inside that the tool does not reach")
         best = min(found, key=lambda p: abs(p - corner))
+        if self.entering:
+            return best  # LinuxCNC asks nothing of the way onto the path
         if old.centre is None:
             reached = ((best - old.start) * old.heading(False).conjugate()).real >= -_SAME
         else:
-            reached = _swept(old, best) <= _swept(old, old.stop) + _SAME
+            reached = _swept(old, best) <= (_swept(old, old.stop) or math.tau) + _SAME
         if not reached:
             raise LineError("a corner inside that the tool cannot reach without cutting into the path")
         return best
@@ -140,7 +153,7 @@ class Beside:
         if self.last is None:
             return
         self.write(self.last)
-        self.here = self.last.stop
+        self.here, self.entering = self.last.stop, False
         for item in self.behind:
             if isinstance(item, Segment):
                 item.start = item.stop = self.here

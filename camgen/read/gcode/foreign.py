@@ -451,10 +451,6 @@ class Foreign(Machine):
             return ()
         if self.motion not in ARCS:
             return (0.0,)
-        if self.path.last is None:
-            self.assume("the first motion with G41 or G42 is an arc: the path is run as programmed", "", 0.0)
-            self.path = None
-            return ()
         return find_centre(self.plane, self.motion, start, end, words, self.absolute_centre, self.limits)
 
     def follow(self, start: Vec3, end: Vec3, speed: float | None, centre: tuple[float, ...] = ()) -> None:
