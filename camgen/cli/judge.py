@@ -18,6 +18,8 @@ from camgen.read.programs import Ask, Executed, Frames, Language, find_language,
 Row = tuple[str, str]
 #: So many assumptions are told; --json has all of them.
 _TOLD = 40
+#: So many tools and frames are listed.
+_FRAMES = 20
 _WORDS = {"true": 1.0, "on": 1.0, "false": 0.0, "off": 0.0}
 
 
@@ -85,10 +87,9 @@ def _frames(frames: Sequence[Frames]) -> list[Row]:
     works = {one.work: one.base_from_work for one in frames if one.work}
     found = [("tool", name, pose) for name, pose in tools.items()]
     found += [("frame", name, pose) for name, pose in works.items()]
-    return [
-        (label, f"{name + ': ' if name else ''}{tell_frame(pose) if pose else 'not in the text'}")
-        for label, name, pose in found
-    ]
+    rows = [(label, f"{name}: {tell_frame(pose) if pose else 'not in the text'}") for label, name, pose in found]
+    more = [("frame", f"and {counted(len(rows) - _FRAMES, 'frame')} more")] if len(rows) > _FRAMES else []
+    return rows[:_FRAMES] + more
 
 
 def tell_findings(executed: Executed, place: Places) -> str:

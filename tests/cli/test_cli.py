@@ -401,17 +401,17 @@ def test_a_stage_is_shown_on_a_terminal_only(capsys: Captured, monkeypatch: pyte
 
 
 def test_a_failed_build_spoils_no_old_file(here: Path, capsys: Captured) -> None:
-    (here / "plate.ngc").write_text("old")
+    (here / "plate.ngc").write_text("(camgen old)")
     assert main(["build", "plate.dxf", "--post", "gcode", "--set", "tool.diameter=x"]) == 2
     assert main(["build", "plate.dxf", "--post", "gcode", "--report", "/proc/r.json"]) == 2
     assert "/proc/r.json: cannot be written" in capsys.readouterr().err
     assert files(here) == {"plate.dxf", "plate.ngc"}
-    assert (here / "plate.ngc").read_text() == "old"
+    assert (here / "plate.ngc").read_text() == "(camgen old)"
 
 
 def test_a_full_disk_spoils_nothing(here: Path) -> None:
     (here / "plate.svg").write_text("old")
-    (here / "plate.ngc").write_text("old program")
+    (here / "plate.ngc").write_text("(camgen old program)")
 
     def small_disk() -> None:
         # The program (about 1 kB) fits, the preview does not. Python ignores SIGXFSZ, so the write fails.
@@ -423,7 +423,7 @@ def test_a_full_disk_spoils_nothing(here: Path) -> None:
     assert done.stderr == "camgen: error: plate.svg: cannot be written: File too large\n"
     assert files(here) == {"plate.dxf", "plate.svg", "plate.ngc"}
     assert (here / "plate.svg").read_text() == "old"
-    assert (here / "plate.ngc").read_text() == "old program"
+    assert (here / "plate.ngc").read_text() == "(camgen old program)"
 
 
 @pytest.mark.parametrize("stop", [0, 1, 2])

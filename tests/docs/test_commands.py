@@ -29,7 +29,7 @@ from docs.make.pages import CONSOLES
 from tests.docs.test_docs import FILES, ROOT, USAGE, commands, name
 from tests.support.benches import open_bench
 from tests.support.clouds import scan
-from tests.support.old_programs import RAPID, VPLUS
+from tests.support.old_programs import PACSCRIPT, RAPID, VPLUS
 
 FIXTURES = ROOT / "fixtures"
 PARTS = FIXTURES / "parts"
@@ -64,6 +64,7 @@ NOT_RUN = {
     "tcp://host:8786": "needs a cluster, see tests/batch/test_batch_dask.py",
     "--post krl": "needs the example post installed, see tests/docs/test_writing_a_post.py",
     "slot.xy": "needs the example reader installed, see tests/read/test_example_reader.py",
+    "one.mod par": "a line that a shell completes, see tests/cli/test_completion.py",
     "capture 0": "needs a camera, see tests/cli/test_capture.py",
     "build camera:0": "needs a camera, see tests/cli/test_capture.py",
     "inspect camera:0": "needs a camera, see tests/cli/test_capture.py",
@@ -75,6 +76,7 @@ JOB_FILE = re.compile(r"^`(\w+\.toml)`:.*?^```toml\n(.*?)^```", re.S | re.M)
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.S | re.M)
 MODULE = re.compile(r"python -m ((?:bench|docs|camgen)[\w.]*\w)")
 OLD = "G21 G90\nG0 X0 Y0 Z10\nG1 Z0 F300\nG2 X20 I10 J0\nG1 X0\nG0 Z10\nM2\n"
+SUB = "O9000\nG1 X5 F100\nM99\n"
 PLY = "ply\nformat ascii 1.0\nelement vertex 2000\n" + "".join(f"property float {k}\n" for k in "xyz") + "end_header"
 
 
@@ -140,7 +142,8 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savetxt(
         folder / "bench.ply", scan(trimesh.load_mesh(PARTS / "rfa1.stl"), 2000, 1), fmt="%.4f", header=PLY, comments=""
     )
-    for file, text in {"old.ngc": OLD, "old.nc": OLD, "old.mod": RAPID, "old.v2": VPLUS}.items():
+    texts = {"old.ngc": OLD, "old.nc": OLD, "sub.nc": SUB, "glue.mod": RAPID, "square.v2": VPLUS, "old.pcs": PACSCRIPT}
+    for file, text in (texts | {"old.v2": VPLUS}).items():
         (folder / file).write_text(text)
     (folder / "frame.toml").write_text("[cell]\nbase_from_work = [400, 0, 100, 0, 0, 0]\n")
     words = [str(folder / "part.dxf"), "--post", "rapid", "--plan", str(folder / "part.json"), "-q"]

@@ -54,3 +54,20 @@ VPLUS = """\
     END
 .END
 """
+#: Two holes above which a nut is turned, in PacScript.
+PACSCRIPT = """\
+Sub Main
+    Dim i As Integer
+    TakeArm Keep = 0
+    Speed 50
+    For i = 0 To 1
+        Move P, @E P(300 + 40 * i, 0, 250, 180, 0, 180, -1)
+        Move L, @0 P(300 + 40 * i, 0, 200, 180, 0, 180, -1)
+        Set IO[24]
+        Delay 200
+        Reset IO[24]
+        Move L, @E P(300 + 40 * i, 0, 250, 180, 0, 180, -1)
+    Next i
+    GiveArm
+End Sub
+"""
