@@ -260,10 +260,13 @@ def test_a_program_that_never_ends_is_stopped():
     assert found.stopped[1] == "the program has not ended after 1,000 lines in loops (limits.gcode_steps)"
 
 
-@pytest.mark.parametrize("line", ["G1 X1 X2", "G77 X1", "G28", "(a", "G41 D3", "M98 P5", "G92.1", "T3 M6"])
-def test_twenty_thousand_faults_take_seconds(line):
+@pytest.mark.parametrize(
+    "line", ["G1 X1 X2", "G77 X1", "G28", "(a", "G41 D3", "M98 P5", "G92.1", "T3 M6", "WHILE[0 EQ 1]DO1", "GOTO 5"]
+)
+@pytest.mark.parametrize("dialect", ["linuxcnc", "fanuc"])
+def test_twenty_thousand_faults_take_seconds(line, dialect):
     begin = perf_counter()
-    run_gcode({"a.ngc": "\n".join([*LEAD, *[line] * 20_000])}, Ask("linuxcnc"))
+    run_gcode({"a.ngc": "\n".join([*LEAD, *[line] * 20_000])}, Ask(dialect))
     assert perf_counter() - begin < 20
 
 
@@ -298,3 +301,39 @@ def test_any_text_is_executed_or_stops(lines, dialect):
 def test_random_characters_never_raise(text, dialect):
     run_gcode({"a.nc": text}, Ask(dialect))
     GCODE.recognise(text)
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (("#100=2", "IF[#100 GT 1]GOTO 20", "G1 X9", "N20 G1 X3"), [(3, 0, 5)]),
+        (("#100=0", "IF[#100 GT 1]GOTO20", "G1 X9", "N20 G1 X3"), [(9, 0, 5), (3, 0, 5)]),
+        (("GOTO 20", "G1 X9", "N20 G1 X3"), [(3, 0, 5)]),
+        (
+            ("#1=0", "WHILE[#1 LT 3]DO1", "G1 X#1", "#1=#1+1", "END1", "G1 Y1"),
+            [(0, 0, 5), (1, 0, 5), (2, 0, 5), (2, 1, 5)],
+        ),
+        (("IF[1 EQ 1]THEN #5=7", "G1 X#5"), [(7, 0, 5)]),
+        (("WHILE[0 EQ 1]DO2", "G1 X9", "END2", "G1 Y1"), [(0, 1, 5)]),
+    ],
+)
+def test_macros_of_fanuc(lines, expected):
+    assert ends(run(*(line.replace("#1+1", "[#1+1]") for line in lines), dialect="fanuc")) == expected
+
+
+def test_a_macro_with_arguments():
+    end = ("M30", "O900", "G1 X#24 Y#2", "M99")
+    assert ends(run("#2=5", "G65 P900 X4 B6", "G1 Z#2", end=end, dialect="fanuc")) == [(4, 6, 5), (4, 6, 5)]
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("GOTO 77", "a jump to N77, which no line has"),
+        ("END1", "END1 has no WHILE or DO before it"),
+        ("WHILE[1]DO1", "WHILE DO1 has no END1"),
+    ],
+)
+def test_macros_that_lead_nowhere(line, what):
+    found = run(*(["#1=0", "WHILE[#1]DO1"] if line.startswith("WHILE") else [line]), dialect="fanuc")
+    assert [one.what for one in found.findings] == [what]

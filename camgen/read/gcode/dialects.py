@@ -118,6 +118,7 @@ FANUC = Dialect(
         r"\bg187\b",
     ),
     idle=_MACHINING,
+    codes=GROUP | {"G65": "subprogram"},
     names={"G31": "G38.2"},
     dwell=0.001,
     arcs=_LOOSE,
@@ -147,7 +148,7 @@ MACH3 = Dialect(
 )  # fmt: skip
 _PRINTER = (
     "M17 M18 M20 M21 M22 M23 M24 M25 M26 M27 M28 M29 M31 M42 M70 M71 M72 M73 M74 M75 M76 M77 M78 M80 M81 M82 M83 M84 "
-    "M85 M92 G10 G11 G12 G29 G42 G60 G61 G76 G80 G81 G26 G27 G32 G34 G35 G5.1"
+    "M85 M92 G130 G161 G162 G10 G11 G12 G29 G42 G60 G61 G76 G80 G81 G26 G27 G32 G34 G35 G5.1"
 )
 MARLIN = Dialect(
     name="marlin",

@@ -18,6 +18,7 @@ from camgen.read.gcode.arcs import Piece, find_centre
 from camgen.read.gcode.compensation import Beside
 from camgen.read.gcode.dialects import LINUXCNC, Dialect
 from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
+from camgen.read.gcode.macros import ARGUMENTS, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
 from camgen.read.gcode.words import Endless, Line, LineError, Parameters, UnknownWord, bare, not_read, without_number
 from camgen.read.programs import Assumption, Finding, Level
@@ -82,6 +83,8 @@ class Foreign(Machine):
     saved: list[tuple[object, ...]] = field(default_factory=list)
     side: int = 0
     path: Beside | None = None
+    loops: dict[int, int] = field(default_factory=dict)
+    ends: dict[int, list[int]] | None = None
     left_path: bool = False  # no motion since G40
     height: float = 0.0  # of the tool along the normal, beside the path
     marks: list[tuple[int, int, str]] = field(default_factory=list)
@@ -177,6 +180,8 @@ class Foreign(Machine):
     def bare(self, raw: str) -> str:
         """The line without all that is no word, as its controller reads it."""
         self.raw, dialect = raw, self.dialect
+        if dialect.name == "iso" and raw.lstrip().startswith("["):
+            return ""  # a remark of WinCNC
         if raw.startswith("\ufeff") or raw.startswith("\xef\xbb\xbf"):
             raw = raw.lstrip("\ufeff\xef\xbb\xbf")
         if dialect.name == "grbl" and raw.lstrip()[:1] in ("$", "?", "!", "~"):
@@ -224,6 +229,15 @@ class Foreign(Machine):
         if not dialect.open:
             raise LineError(f"{code} is not a code of {dialect.name}")
         return f"unknown {code}"
+
+    def branch(self, raw: str, at: int, lines: Sequence[str], known: Parameters) -> int | str | None:
+        """Of Fanuc's macros."""
+        if not self.dialect.increments:
+            return None
+        text = self.bare(raw)
+        if self.ends is None and text.startswith("while"):
+            self.ends = find_ends(lines)
+        return jump(text, at, self.ends or {}, known, self.loops)
 
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (of all machines)
         """All that is known is judged; what a robot cannot do as it is meant is not replayed."""
@@ -291,7 +305,10 @@ class Foreign(Machine):
             number, times = number % 10_000, int(number) // 10_000
         if code == "M99" and self.leaves():
             return
-        self.leap = (code, number, min(times, 10_000))
+        given = None
+        if code == "G65":
+            given = {ARGUMENTS[letter]: words.pop(letter) for letter in [*words] if letter in ARGUMENTS}
+        self.leap = (code, number, min(times, 10_000), given)
 
     def leaves(self) -> bool:
         """Whether M99 ends the program: it stands outside a subprogram."""

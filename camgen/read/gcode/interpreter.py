@@ -135,22 +135,23 @@ def play(m: Machine, lines: Sequence[str], found: Blocks) -> None:
                 steps = tell(m.bounds.gcode_steps)
                 raise Endless(f"the program has not ended after {steps} lines in loops (limits.gcode_steps)")
             m.insist_on_size()
-            at = _step(m, lines[at], at, flow, remembered)
+            at = _step(m, lines, at, flow, remembered)
         except LineError as error:
             m.refuse(error)
             at += 1
 
 
-def _step(m: Machine, raw: str, at: int, flow: Flow, remembered: dict[str, Line]) -> int:
+def _step(m: Machine, lines: Sequence[str], at: int, flow: Flow, remembered: dict[str, Line]) -> int:
     """Does what line ``at`` (from 0) says; the line that is next."""
+    raw = lines[at]
     block = flow.blocks.at.get(at)
     if block is not None:
         if not block.word and block.rest:
             raise LineError(f"cannot read {block.rest[:12]!r} after o{block.label}")
         return flow.after(at, block)
-    went = m.branch(raw)
-    if went:
-        return flow.find_number(went)
+    went = m.branch(raw, at, lines, flow.known)
+    if went is not None:
+        return went if isinstance(went, int) else flow.find_number(went)
     line = remembered.get(raw)
     if line is None:
         text = m.bare(raw)
@@ -428,8 +429,10 @@ class Flow(Struct):
         self.known.named, self.counts = {}, {}
         return self.blocks.subs[block.label] + 1
 
-    def leap(self, at: int, code: str, number: float, times: int) -> int:
-        """The line that runs after M97, M98 or M99 in line ``at``. number: of the program or line. times: how often."""
+    def leap(self, at: int, code: str, number: float, times: int, given: Mapping[int, float] | None = None) -> int:
+        """The line that runs after M97, M98, M99 or G65 in line ``at``. number: of the program or line. times: how
+        often. given: parameters of its own.
+        """
         if code == "M99":
             return self._come_back(number)
         start = self.blocks.numbers.get(f"{'n' if code == 'M97' else 'o'}{number:.0f}")
@@ -441,7 +444,10 @@ class Flow(Struct):
         if times < 1:
             return at + 1
         known = self.known
-        self.calls.append(_Call(at + 1, known.own, known.named, self.counts, start + (code == "M98"), times - 1))
+        first = start + (code != "M97")
+        self.calls.append(_Call(at + 1, known.own, known.named, self.counts, first, times - 1))
+        if given is not None:
+            known.own, known.named = dict(given), {}
         return self.calls[-1].start
 
     def _come_back(self, number: float) -> int:
@@ -452,6 +458,7 @@ class Flow(Struct):
             call.again -= 1
             return call.start
         self.calls.pop()
+        self.known.own, self.known.named = call.own, call.named
         return self.find_number(f"n{number:.0f}") if number else call.back
 
     def find_number(self, name: str) -> int:

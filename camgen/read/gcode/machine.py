@@ -94,7 +94,9 @@ class Machine:
     opened: bool = False
     ended: bool = False
     lifted: bool = False
-    leap: tuple[str, float, int] | None = None  # M97, M98 or M99 of the line, its number, and how often
+    leap: tuple[str, float, int, Mapping[int, float] | None] | None = (
+        None  # M97, M98 or M99 of the line, its number, and how often
+    )
     inside: Callable[[], int] = lambda: 0  # how many subroutines run
     spun: tuple[float, float] | None = None  # radius and angle of the line
     pause: float = 1.0  # seconds in 1 of P
@@ -198,9 +200,9 @@ class Machine:
         """Whether a line may set this parameter of the machine."""
         return False
 
-    def branch(self, raw: str) -> str:  # noqa: ARG002 (for what has macros)
-        """The number of the line, n10, that a line jumps to; "" for none. Raises LineError."""
-        return ""
+    def branch(self, raw: str, at: int, lines: Sequence[str], known: Parameters) -> int | str | None:  # noqa: ARG002
+        """The place, or the number, n10, of the line that a macro jumps to; None: it is none. Raises LineError."""
+        return None
 
     def finish(self) -> None:
         """At the end of the program."""
