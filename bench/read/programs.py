@@ -1,9 +1,10 @@
 """Programs that others wrote, run by the interpreters of their languages: python -m bench.read.programs FOLDER...
 
-A row for each folder below FOLDER, which is a project: its programs by language; how many are run to their end, how
-many of these with assumptions, how many cannot be run on, and in how many something is refused by their controller; and
-the time. ``--why`` lists the reasons with their files. What a program needs of others in its folder is not given to it:
-what they hold is assumed, as ``camgen verify FILE`` does.
+A row for each folder below FOLDER, which is a project: its programs by language, each text once; how many have nothing
+to begin with (libraries and headers), how many are run to their end, how many of these with assumptions, how many cannot
+be run on, and in how many something is refused by their controller; and the time. ``--why`` lists the reasons with their
+files. What a program needs of others in its folder is not given to it: what they hold is assumed, as ``camgen verify``
+does with one file.
 """
 
 from __future__ import annotations
@@ -35,12 +36,13 @@ def languages_of(file: Path, text: str) -> list[Language]:
     ]
 
 
-def run_all(folder: Path) -> Iterator[Ran]:
-    """All programs below ``folder``."""
+def run_all(folder: Path, seen: set[bytes]) -> Iterator[Ran]:
+    """All programs below ``folder`` whose text is not among those seen."""
     for file in sorted(path for path in folder.rglob("*") if path.is_file()):
         data = file.read_bytes()
-        if b"\0" in data or not data.strip():
+        if b"\0" in data or not data.strip() or data in seen:
             continue
+        seen.add(data)
         text = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
         for language in languages_of(file, text)[:1]:
             begin = perf_counter()
@@ -50,20 +52,36 @@ def run_all(folder: Path) -> Iterator[Ran]:
 
 def row(name: str, ran: list[Ran]) -> str:
     """One row of the Markdown table."""
-    stopped = [one for one in ran if one.executed.stopped]
+    library = [one for one in ran if is_library(one)]
+    stopped = [one for one in ran if one.executed.stopped and not is_library(one)]
     whole = [one for one in ran if not one.executed.stopped]
     assumed = [one for one in whole if one.executed.assumed]
     refused = [one for one in ran if any(found.level == "refused" for found in one.executed.findings)]
     kinds = ", ".join(sorted({one.language for one in ran}))
     seconds = sum(one.seconds for one in ran)
-    cells = (name, kinds, len(ran), len(whole), len(assumed), len(stopped), len(refused), f"{seconds:.1f}")
+    cells = (
+        name,
+        kinds,
+        len(ran),
+        len(library),
+        len(whole),
+        len(assumed),
+        len(stopped),
+        len(refused),
+        f"{seconds:.1f}",
+    )
     return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def is_library(one: Ran) -> bool:
+    """Whether nothing says where a program begins: it holds no routine, or several and no main one."""
+    return one.executed.stopped is not None and one.executed.stopped[1].startswith("there is no")
 
 
 def reasons(ran: list[Ran]) -> Iterator[str]:
     """Why programs cannot be run on, and what is refused first."""
     for one in ran:
-        if one.executed.stopped:
+        if one.executed.stopped and not is_library(one):
             line, what = one.executed.stopped
             yield f"{one.file}:{line}: stopped: {what}"
         refused = [found for found in one.executed.findings if found.level == "refused"]
@@ -76,12 +94,13 @@ def main() -> None:
     why = "--why" in sys.argv
     folders = [Path(name) for name in sys.argv[1:] if name != "--why"]
     print(machine(), end="\n\n")
-    print("| project | language | programs | run to the end | of these with assumptions | stopped | refused | s |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("| project | language | programs | no start | to the end | assumptions | stopped | refused | s |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    seen: set[bytes] = set()
     every: list[Ran] = []
     for folder in folders:
         for project in sorted(path for path in folder.iterdir() if path.is_dir()) or [folder]:
-            ran = list(run_all(project))
+            ran = list(run_all(project, seen))
             every += ran
             if ran:
                 print(row(project.name, ran), flush=True)
