@@ -1,10 +1,10 @@
 """Programs that others wrote, run by the interpreters of their languages: python -m bench.read.programs FOLDER...
 
 A row for each folder below FOLDER, which is a project: its programs by language, each text once; how many have nothing
-to begin with (libraries and headers), how many are run to their end, how many of these with assumptions, how many cannot
-be run on, and in how many something is refused by their controller; and the time. ``--why`` lists the reasons with their
-files. What a program needs of others in its folder is not given to it: what they hold is assumed, as ``camgen verify``
-does with one file.
+to begin with (libraries and headers), how many are run to their end, how many of these with assumptions, how many
+cannot be run on, and in how many something is refused by their controller; and the time. ``--why`` lists the reasons
+with their files. What a program needs of others in its folder is not given to it: what they hold is assumed, as
+``camgen verify`` does with one file.
 """
 
 from __future__ import annotations
