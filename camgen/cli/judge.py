@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+from msgspec.structs import replace
 
 from camgen.cli.program_texts import Places, read_texts
 from camgen.cli.say import join_names
@@ -16,6 +19,7 @@ from camgen.read.files import Files
 from camgen.read.programs import Ask, Executed, Frames, Language, find_language, list_languages
 
 Row = tuple[str, str]
+_LINE = re.compile(r"\bline (\d{1,9})\b")
 #: So many assumptions are told; --json has all of them.
 _TOLD = 40
 #: So many tools and frames are listed.
@@ -64,6 +68,20 @@ def _assumed(given: str) -> tuple[str, float]:
     if number is None or not name.strip():
         raise JobError("--assume", f"{given!r} is no name with its value", remedy="say for example --assume di1=1")
     return name.strip().lower(), number
+
+
+def name_files(executed: Executed, place: Places) -> Executed:
+    """``executed`` with the file beside each line that its texts speak of, for programs of several files."""
+
+    def told(what: str) -> str:
+        return _LINE.sub(lambda found: place(int(found[1])), what)
+
+    return replace(
+        executed,
+        findings=tuple(replace(one, what=told(one.what)) for one in executed.findings),
+        assumed=tuple(replace(one, what=told(one.what)) for one in executed.assumed),
+        stopped=executed.stopped and (executed.stopped[0], told(executed.stopped[1])),
+    )
 
 
 def check_page(name: str) -> None:

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
-from camgen.cli.judge import as_data, ask_of, check_page, find_own, rows_of, tell_findings, verdict
+from camgen.cli.judge import as_data, ask_of, check_page, find_own, name_files, rows_of, tell_findings, verdict
 from camgen.cli.motion_file import load as load_plan
 from camgen.cli.program_texts import Places, read_texts
 from camgen.cli.say import Voice, length, table
@@ -83,6 +83,8 @@ def _judge(asked: _Asked, says: Voice) -> int:
     says.stage("running")
     executed = language.run(texts, ask)
     says.clear()
+    if len(texts) > 1:
+        executed = name_files(executed, place)
     told = as_far_as_known(executed)
     motions = sum_up(Columns(told.body))
     if told.body is not executed.body:
@@ -182,7 +184,7 @@ def _report(target: Path, asked: _Asked, executed: Executed, told: Carried, rows
     from camgen.preview.page import page  # noqa: PLC0415
 
     says.stage("drawing")
-    drawn = page(view_program(", ".join(asked.texts), asked.texts, executed, told, rows))
+    drawn = page(view_program(", ".join(asked.texts), asked.texts, executed, told, rows, Places(asked.texts)))
     says.clear()
     write_all([(target, drawn.encode("utf-8"))], asked.files.opened)
 

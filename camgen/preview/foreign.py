@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -28,10 +28,15 @@ _HERE = Pose(IDENTITY, (0.0, 0.0, 0.0))
 
 
 def view_program(
-    title: str, texts: Mapping[str, str], executed: Executed, told: Carried, facts: Sequence[tuple[str, str]]
+    title: str,
+    texts: Mapping[str, str],
+    executed: Executed,
+    told: Carried,
+    facts: Sequence[tuple[str, str]],
+    place: Callable[[int], str],
 ) -> View:
     """The view of a program that was run. told: its body in one frame. facts: labels and texts of what the page tells
-    first.
+    first. place: file and line of a line counted through all files.
     """
     body, lines = told.body, told.lines
     if not any(isinstance(item, MoveJ | MoveL | MoveC | Wait) for item in body):
@@ -66,7 +71,7 @@ def view_program(
         bodies=(),
         standing=(),
         meshes=(),
-        notes=tuple(_notes(executed)),
+        notes=tuple(_notes(executed, place)),
         listing=list_texts(list(texts.items()), np.array(lines, dtype=np.int64)[found.instruction]),
         tools=(tool,),
         tool_of=np.zeros(len(found.kind), dtype=np.int64),
@@ -90,18 +95,19 @@ def _owners(body: Sequence[Instruction]) -> IntArray:
     return owner
 
 
-def _notes(executed: Executed) -> list[ViewNote]:
+def _notes(executed: Executed, place: Callable[[int], str]) -> list[ViewNote]:
     """Why it could not be run on, the findings, the gravest first, and what was assumed."""
     found = []
     if executed.stopped:
         line, what = executed.stopped
-        found.append(ViewNote("refused", f"line {line}: cannot be run on", clean(what), True, text=line))
+        found.append(ViewNote("refused", f"{clean(place(line))}: cannot be run on", clean(what), True, text=line))
     for level in LEVELS:
         own = [one for one in executed.findings if one.level == level]
-        found += [
-            ViewNote(level, f"line {one.line}", clean(one.what), level != "unusual", text=one.line) for one in own
-        ]
+        strict = level != "unusual"
+        found += [ViewNote(level, clean(place(one.line)), clean(one.what), strict, text=one.line) for one in own]
     for one in executed.assumed:
         key = f"--assume {one.key}=VALUE says it otherwise" if one.key else ""
-        found.append(ViewNote("assumed", f"line {one.line}: {clean(one.what)}", clean(key), False, text=one.line))
+        found.append(
+            ViewNote("assumed", f"{clean(place(one.line))}: {clean(one.what)}", clean(key), False, text=one.line)
+        )
     return found

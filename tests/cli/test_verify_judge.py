@@ -90,6 +90,15 @@ def test_the_place_is_that_of_the_file(capsys):
     assert any(line.startswith("more.mod line 3: refused") for line in told)
 
 
+def test_lines_in_texts_name_their_file_too(capsys):
+    late = "  PROC later()\n    SetDO doLate,1;\n    SetDO doLate,0;\n  ENDPROC\n"
+    text = RAPID.replace("  PROC other()", f"{late}  PROC other()").replace("    SetDO doGun,0;\n", "    extra;\n", 1)
+    move = "MoveL Offs(p1,0,0,9),v50,z50,tGun;"
+    other = f"MODULE more\n  PROC extra()\n    {move}\n    later;\n  ENDPROC\nENDMODULE\n"
+    _, _, told, _ = judged(capsys, write("shop.mod", text), write("more.mod", other))
+    assert any("the motion in more.mod line 3 blends" in line for line in told)
+
+
 def test_it_is_said_as_data(capsys):
     write("shop.mod", RAPID.replace("Offs(p1,0,100,0),v100,fine", "Offs(p1,0,100,0),v100,z10"))
     assert main(["verify", "shop.mod", "--json"]) == 3
