@@ -1,10 +1,15 @@
 """Robot programs posted for another controller and back: the same motion (docs/translate.md)."""
 
 from itertools import permutations
+from pathlib import Path
 
 import pytest
 
+import camgen
 from bench.read.translate import CASES, POSTS, WITHIN, apart, there_and_back
+from camgen.model.errors import InputError
+from camgen.model.program import MoveC, Output
+from tests.support.old_programs import RAPID
 
 
 @pytest.mark.parametrize("case", ["bracket-robot", "layers-inside", "space-trace"])
@@ -18,3 +23,29 @@ def test_there_and_back_is_the_same_motion(case: str, source: str, target: str) 
     assert apart(before, after) < WITHIN
     assert before.seconds == pytest.approx(after.seconds, rel=2e-3, abs=2e-3)
     assert [value for _, value in before.outputs] == [value for _, value in after.outputs]
+
+
+def split(tmp_path: Path) -> list[Path]:
+    """The program in two modules: what it does, and its data."""
+    head, _, rest = RAPID.partition("  PERS tooldata")
+    data, _, routines = rest.partition("\n\n")
+    (tmp_path / "glue.mod").write_text(f"{head}{routines}")
+    (tmp_path / "data.mod").write_text(f"MODULE Data\n  PERS tooldata{data}\nENDMODULE\n")
+    return [tmp_path / "glue.mod", tmp_path / "data.mod"]
+
+
+def test_several_modules_are_one_program(tmp_path: Path) -> None:
+    job = {"post": {"signals": {"doGun": 24}}}
+    result = camgen.build(split(tmp_path), post="pacscript", job=job)
+    assert result.part.source == "glue.mod + data.mod"
+    (tmp_path / "whole.mod").write_text(RAPID)
+    whole = camgen.build(tmp_path / "whole.mod", post="pacscript", job=job)
+    assert [type(one) for one in result.program.body] == [type(one) for one in whole.program.body]
+    # Three beads, each with an arc at its end, pressed on and off.
+    assert sum(isinstance(one, MoveC) for one in result.program.body) == 3
+    assert [one.value for one in result.program.body if isinstance(one, Output)] == [0, 1, 0, 1, 0, 1, 0]
+
+
+def test_without_its_data_it_is_refused_by_the_name_of_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"glue\.mod: holds no motion"):
+        camgen.build(split(tmp_path)[0], post="pacscript")

@@ -21,7 +21,7 @@ from camgen.model.job_tables import ROWS, split_name
 from camgen.model.part import Note, Part, Solid
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
-from camgen.read import read
+from camgen.read import find_reader, read
 from camgen.read.files import Files, identity
 from camgen.read.gcode.interpreter import Recorded
 from camgen.read.programs import Frames
@@ -40,7 +40,7 @@ class Inputs(Struct, frozen=True, eq=False):
 def read_inputs(sources: Sequence[Path | Part], job: Job, cell: Cell, files: Files) -> Inputs:
     """All that ``job`` needs. cell: of the post; 3-D parts have its robot where the job names none."""
     digest = digest_of(job, sources, files)
-    part = join_parts([one if isinstance(one, Part) else _read(one, job, files) for one in sources])
+    part = read_parts(sources, job, files)
     return Inputs(digest, part, read_cell(part, job, cell, files))
 
 
@@ -67,6 +67,29 @@ def _frames_of(part: Part | None) -> Frames | None:
     from camgen.read.taught import Taught  # noqa: PLC0415 (only for what needs it)
 
     return part.frames if isinstance(part, Taught) else None
+
+
+def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
+    """The part in one or several inputs. Files of one robot's language are one program."""
+    paths = [one for one in sources if isinstance(one, Path)]
+    if len(paths) == len(sources) > 1:
+        language = _find_language(paths, job, files)
+        if language:
+            from camgen.read.taught import read_files  # noqa: PLC0415 (only for what needs it)
+
+            return read_files([files.within(job.limits).read(path) for path in paths], job, language)
+    return join_parts([one if isinstance(one, Part) else _read(one, job, files) for one in sources])
+
+
+def _find_language(paths: Sequence[Path], job: Job, files: Files) -> str:
+    """The language of a robot that all files are in, "" where they are not."""
+    try:
+        readers = [find_reader(files.within(job.limits).read(path)) for path in paths]
+    except InputError:
+        return ""  # told when it is read
+    names = {reader.name for reader in readers if reader.makes == "program"}
+    # Programs of G-code are each one by itself.
+    return names.pop() if len(names) == 1 and all(r.makes == "program" and r.name != "gcode" for r in readers) else ""
 
 
 def join_parts(parts: Sequence[Part]) -> Part:

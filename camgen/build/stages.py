@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from camgen.build import Input, JobLike, Result, path_or_part, poster_of, settings_of
-from camgen.build.inputs import join_parts, read_cell
+from camgen.build.inputs import read_cell, read_parts
 from camgen.check import Checks
 from camgen.check import check as check_program
 from camgen.lower import lower as lower_tour
@@ -29,7 +29,6 @@ from camgen.post import OutputFile, Reading
 from camgen.post.plugins import cell_of, fill_tables, find_post, find_readback
 from camgen.post.verify import Deviation, compare
 from camgen.preview.drawings import draw
-from camgen.read import read as read_file
 from camgen.read.files import Files
 from camgen.read.made import make_part
 from camgen.robots.workcell import Workcell
@@ -58,7 +57,7 @@ def read(inputs: Input | Sequence[Input], job: JobLike = None) -> Part:
     """The part in one file, or in several in one work frame. InputError where there is none."""
     settings, files = settings_of(job, Files()), Files()
     sources = path_or_part(inputs)
-    return join_parts([one if isinstance(one, Part) else read_file(one, settings, files) for one in sources])
+    return read_parts(sources, settings, files)
 
 
 def cell(post: str, job: JobLike = None, part: Part | None = None) -> Workcell:

@@ -9,14 +9,14 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from camgen.cli.program_texts import Places, read_texts
+from camgen.cli.program_texts import read_texts
 from camgen.cli.say import join_names
 from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
 from camgen.model.job import Job
 from camgen.model.pose import tell_frame
 from camgen.model.text import counted
 from camgen.read.files import Files
-from camgen.read.programs import Ask, Executed, Frames, Language, find_language, list_languages
+from camgen.read.programs import Ask, Executed, Frames, Language, Places, find_language, list_languages
 
 Row = tuple[str, str]
 _LINE = re.compile(r"\bline (\d{1,9})\b")

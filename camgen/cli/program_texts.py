@@ -1,14 +1,11 @@
-"""The files of a program as text, and where in them a line is."""
+"""The files of a program as text."""
 
 from __future__ import annotations
 
-import itertools
-from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from camgen.model.errors import InputError
-from camgen.model.text import grouped
 from camgen.read.files import Files, reason
 
 
@@ -27,18 +24,3 @@ def read_texts(paths: Sequence[Path], files: Files) -> Mapping[str, str]:
         # Comments of other programs may hold any byte; nothing else in a program does, so each byte is a character.
         texts[path.name] = data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")
     return texts
-
-
-class Places:
-    """Where the lines of a program are, which are counted from 1 through all its files."""
-
-    def __init__(self, texts: Mapping[str, str]) -> None:
-        self._names = list(texts)
-        self._last = list(itertools.accumulate(text.count("\n") + (not text.endswith("\n")) for text in texts.values()))
-
-    def __call__(self, line: int) -> str:
-        """File and line."""
-        k = bisect_left(self._last, line)
-        if k == len(self._names):
-            return f"line {line}"
-        return f"{self._names[k]} line {grouped(line - (self._last[k - 1] if k else 0))}"

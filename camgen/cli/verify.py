@@ -13,7 +13,7 @@ from camgen.batch.writing import check_targets, write_all
 from camgen.check.report import Motions, sum_up
 from camgen.cli.judge import as_data, ask_of, check_page, find_own, name_files, rows_of, tell_findings, verdict
 from camgen.cli.motion_file import load as load_plan
-from camgen.cli.program_texts import Places, read_texts
+from camgen.cli.program_texts import read_texts
 from camgen.cli.say import Voice, length, table
 from camgen.lower.steps import split_tools
 from camgen.model.errors import CamgenError, InputError, JobError
@@ -26,7 +26,7 @@ from camgen.post.plugins import fill_tables, find_post, find_readback, make_post
 from camgen.post.verify import compare
 from camgen.read.files import Files
 from camgen.read.job_file import beside, load
-from camgen.read.programs import LANGUAGES, Executed
+from camgen.read.programs import LANGUAGES, Executed, Places
 from camgen.read.taught import Carried, as_far_as_known
 
 _NAMES = {

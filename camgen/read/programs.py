@@ -6,6 +6,8 @@ it. ``verify`` judges by it, and ``build`` posts what it says anew for another c
 
 from __future__ import annotations
 
+import itertools
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
@@ -15,6 +17,7 @@ from camgen.model.limits import Limits
 from camgen.model.plugins import entries, find, load
 from camgen.model.pose import Pose
 from camgen.model.program import Instruction
+from camgen.model.text import grouped
 
 LANGUAGES = "camgen.languages"
 
@@ -110,3 +113,18 @@ def find_language(name: str) -> Language:
 def list_languages() -> list[Language]:
     """All that are installed, by name."""
     return [load(entry) for entry in entries(LANGUAGES)]  # type: ignore[misc]
+
+
+class Places:
+    """Where the lines of a program are, which are counted from 1 through all its files."""
+
+    def __init__(self, texts: Mapping[str, str]) -> None:
+        self._names = list(texts)
+        self._last = list(itertools.accumulate(text.count("\n") + (not text.endswith("\n")) for text in texts.values()))
+
+    def __call__(self, line: int) -> str:
+        """File and line."""
+        k = bisect_left(self._last, line)
+        if k == len(self._names):
+            return f"line {line}"
+        return f"{self._names[k]} line {grouped(line - (self._last[k - 1] if k else 0))}"

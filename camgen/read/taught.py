@@ -35,7 +35,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted, short
 from camgen.read.gcode.interpreter import ProgramRun, Recorded
-from camgen.read.programs import Ask, Executed, Frames, find_language
+from camgen.read.programs import Ask, Executed, Frames, Places, find_language
 
 #: Two frames are one where they differ by less, mm and rad.
 _SAME = 1e-6
@@ -58,21 +58,28 @@ class Taught(Recorded, frozen=True, eq=False, kw_only=True):
 
 def read(source: Source, job: Job, language: str) -> Taught:
     """The program in ``source``. InputError where it cannot be run to its end, would be turned down, or never moves."""
-    found = find_language(language)
-    executed = found.run({source.name: text_of(source)}, Ask(limits=source.limits))
+    return read_files([source], job, language)
+
+
+def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
+    """The program in several files, as ``read`` does it. The first gives it its name."""
+    name = " + ".join(source.name for source in sources)
+    texts = {source.name: text_of(source) for source in sources}
+    place = Places(texts) if len(sources) > 1 else "line {}".format
+    executed = find_language(language).run(texts, Ask(limits=sources[0].limits))
     refused = [(one.line, one.what) for one in executed.findings if one.level == "refused"]
     for line, what in [*([executed.stopped] if executed.stopped else []), *refused][:1]:
-        raise InputError(source.name, what, f"line {line}", "camgen verify tells all of it; mend the program")
+        raise InputError(name, what, place(line), "camgen verify tells all of it; mend the program")
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
-        raise InputError(source.name, "holds no motion", remedy="give a program that moves")
-    told = in_one_frame(executed, source.name, job.tolerance.chord)
+        raise InputError(name, "holds no motion", remedy="give a program that moves, with all its files")
+    told = in_one_frame(executed, name, job.tolerance.chord)
     run = ProgramRun(tuple(told.body), told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
     notes = (
-        *(Note("assumed", f"line {one.line}: {one.what}") for one in executed.assumed),
-        *(Note("warning", f"line {one.line}: {one.what}") for one in executed.findings if one.level == "dangerous"),
+        *(Note("assumed", f"{place(one.line)}: {one.what}") for one in executed.assumed),
+        *(Note("warning", f"{place(one.line)}: {one.what}") for one in executed.findings if one.level == "dangerous"),
         *told.notes,
     )
-    named = source.stem, source.name, "mm", ()
+    named = sources[0].stem, name, "mm", ()
     return Taught(*named, notes=notes, run=run, language=language, frames=told.frames)
 
 
