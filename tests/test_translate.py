@@ -9,7 +9,7 @@ import camgen
 from bench.read.translate import CASES, POSTS, WITHIN, apart, there_and_back
 from camgen.model.errors import InputError
 from camgen.model.program import MoveC, Output
-from tests.support.old_programs import RAPID
+from tests.support.old_programs import PACSCRIPT, RAPID
 
 
 @pytest.mark.parametrize("case", ["bracket-robot", "layers-inside", "space-trace"])
@@ -49,3 +49,12 @@ def test_several_modules_are_one_program(tmp_path: Path) -> None:
 def test_without_its_data_it_is_refused_by_the_name_of_what_is_missing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"glue\.mod: holds no motion"):
         camgen.build(split(tmp_path)[0], post="pacscript")
+
+
+def test_a_program_without_a_tool_moves_the_flange(tmp_path: Path) -> None:
+    (tmp_path / "nut.pcs").write_text(PACSCRIPT)
+    result = camgen.build(tmp_path / "nut.pcs", post="rapid", job={"post": {"signals": {"24": "doNut"}}})
+    assert result.program.flange_from_tool.origin == (0, 0, 0)
+    assert result.reach is not None
+    assert result.reach.robot == "IRB 120"
+    assert "[[0.000,0.000,0.000],[1.0000000,0.0000000,0.0000000,0.0000000]]" in result.text

@@ -23,6 +23,8 @@ from camgen.robots.models import Box, Link, Robot
 _TABLE_GAP_MM, _BEYOND, _THICK = 0.5, 200.0, 20.0
 #: mm beside what its geometry asks for that a tool may enter the part: rounding, and a tip that is not a box.
 _TOUCH = 0.1
+#: mm: a tip that is so near to the flange is at it; and how thick what stands for no tool is.
+_NO_TOOL, _PLATE = 1e-6, 1.0
 
 
 #: Two opposite corners of a box, the lower ones first.
@@ -167,13 +169,17 @@ def box_between(frame: Pose, low: FloatArray, high: FloatArray) -> Box:
 
 
 def _shaft(job: Job, cell: Cell, holder: Sequence[Corners]) -> Box:
-    """The tool itself, as wide as its diameter, from its tip back to the holder, or to the flange without one."""
+    """The tool itself, as wide as its diameter, from its tip back to the holder, or to the flange without one. Where
+    the tip is at the flange there is no tool, as in many a program that was taught: a thin plate stands for it.
+    """
     flange_from_tool = cell.flange_from_tool
     tip, back = np.asarray(flange_from_tool.origin), -flange_from_tool.rotation[:, 2]
     lengths = [s for box in holder if (s := _until(tip, back, *box)) is not None]
     if not lengths and back[2] < 0:
         lengths = [float(tip[2] / -back[2])]
     length = min(lengths, default=0.0)
+    if not holder and float(np.linalg.norm(tip)) < _NO_TOOL:
+        length = _PLATE
     if length <= 0:
         what = "the way from the tip along the tool meets neither holder nor flange"
         raise JobError("job", what, "tool.holder", "give the holder's boxes at the flange")
