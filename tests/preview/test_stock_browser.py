@@ -122,8 +122,7 @@ def ways(track: Track, until: float, z: float) -> shapely.Geometry:
     return shapely.union_all([shapely.LineString(at[s - 1 : s + 1, :2]) for s in np.flatnonzero(keep)])
 
 
-@pytest.mark.parametrize(("name", "radius"), [("profile", 3.0), ("pocket", 4.5)])
-@pytest.mark.parametrize("share", [0.5, 1.0])
+@pytest.mark.parametrize(("name", "radius", "share"), [("profile", 3.0, 0.5), ("pocket", 4.5, 1.0)])
 def test_what_is_left_is_the_stock_less_the_swept_tool_level_by_level(
     opened: Any, views: dict[str, View], name: str, radius: float, share: float
 ) -> None:
