@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from camgen.cli.program_texts import read_texts
 from camgen.cli.say import join_names
-from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram
+from camgen.model.errors import CamgenError, InputError, JobError, NoSafeProgram, one_line
 from camgen.model.job import Job
 from camgen.model.pose import tell_frame
 from camgen.model.text import counted
@@ -97,7 +97,9 @@ def rows_of(executed: Executed, place: Places) -> list[Row]:
         more = f" (--assume {one.key}=VALUE)" if one.key else ""
         rows.append(("assumed", f"{place(one.line)}: {one.what}{more}"))
     left = len(executed.assumed) - _TOLD
-    return [*rows, ("assumed", f"and {counted(left, 'thing')} more; --json tells all")] if left > 0 else rows
+    if left > 0:
+        rows.append(("assumed", f"and {counted(left, 'thing')} more; --json tells all"))
+    return [(one_line(label), one_line(text)) for label, text in rows]
 
 
 def _frames(frames: Sequence[Frames]) -> list[Row]:
@@ -112,11 +114,12 @@ def _frames(frames: Sequence[Frames]) -> list[Row]:
 
 def tell_findings(executed: Executed, place: Places) -> str:
     """A line for each finding, in the order of the program."""
-    found = [f"{place(one.line)}: {one.level}: {one.what}\n" for one in executed.findings]
+    found = [f"{place(one.line)}: {one.level}: {one.what}" for one in executed.findings]
     if executed.stopped:
         line, what = executed.stopped
-        found.append(f"{place(line)}: cannot be run on: {what}\n")
-    return "".join(found)
+        found.append(f"{place(line)}: cannot be run on: {what}")
+    # What a file holds may be anything, to a terminal too.
+    return "".join(f"{one_line(text)}\n" for text in found)
 
 
 def as_data(executed: Executed, place: Places) -> dict[str, object]:

@@ -166,3 +166,11 @@ def test_twenty_thousand_findings_take_no_quadratic_time(capsys):
     code, _, told, _ = judged(capsys, write("shop.mod", text))
     assert code == 2
     assert len(told) >= 20_000
+
+
+def test_nothing_in_a_file_reaches_the_terminal_as_an_order(capsys):
+    text = RAPID.replace("SetDO doGun,1;", 'SetDO doGun,1;\n    MoveL \x1b[2J"\x07;\n    \x1b]0;title\x07;')
+    judged_ = judged(capsys, write("shop.mod", text))
+    assert judged_[0] == 2
+    said = "\n".join([*judged_[1].values(), *judged_[2], judged_[3]])
+    assert not any(ord(letter) < 32 and letter != "\n" for letter in said)
