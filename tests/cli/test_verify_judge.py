@@ -169,8 +169,8 @@ def test_twenty_thousand_findings_take_no_quadratic_time(capsys):
 
 
 def test_nothing_in_a_file_reaches_the_terminal_as_an_order(capsys):
-    text = RAPID.replace("SetDO doGun,1;", 'SetDO doGun,1;\n    MoveL \x1b[2J"\x07;\n    \x1b]0;title\x07;')
-    judged_ = judged(capsys, write("shop.mod", text))
-    assert judged_[0] == 2
-    said = "\n".join([*judged_[1].values(), *judged_[2], judged_[3]])
-    assert not any(ord(letter) < 32 and letter != "\n" for letter in said)
+    text = "Sub Main\n  \x1b[2J = 3\n  Move \x07x\nEnd Sub\n"
+    assert main(["verify", write("a.pcs", text)]) == 2
+    shown = capsys.readouterr()
+    assert "[2J = 3 is not understood" in shown.out
+    assert not any(ord(letter) < 32 and letter != "\n" for letter in shown.out + shown.err)
