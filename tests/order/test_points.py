@@ -110,12 +110,12 @@ def test_links_beside_one_that_was_turned_down_are_left(work: Work) -> None:
     first = settle_points(work, order, work.states, {})
     assert first is not None
     barred: Barred = {}
-    bar_links(work, first, [0, 5], barred)
-    bar_links(work, first, [5], barred)
+    for places in ([0, 5], [0, 5], [0, 5], [0, 5], [0, 5], [0, 5], [5]):
+        bar_links(work, first, places, barred)
     again = settle_points(work, order, work.states, {}, barred)
     assert again is not None
     assert again.seconds >= first.seconds
-    # Of the same two states and of those 0.02 rad beside them, the second time 0.04.
+    # After five that were turned down one by one those 0.02 rad beside them too, then 0.04.
     for item, other, near in ((-1, 0, 0.02), (4, 5, 0.04)):
         ends = (
             (found.now.leave[item] if item >= 0 else work.ground.home, found.now.enter[other])

@@ -37,7 +37,9 @@ Known = dict[tuple[int, int], float]
 #: of them, rad or mm, other links are left alone.
 Barred = dict[tuple[int, int], list[tuple[FloatArray, FloatArray, float]]]
 _NO_BARS: Barred = {}
-#: rad or mm: how near that is at first; it doubles whenever another link between the same two is turned down.
+#: So many links between the same two are turned down one by one; then so would those beside them be.
+_PATIENCE = 5
+#: rad or mm: how near that is at first; it doubles whenever one more is turned down.
 _NEAR, _NEAREST = 0.02, 0.5
 
 
@@ -115,7 +117,8 @@ def bar_links(work: Work, found: Found, places: Sequence[int], barred: Barred) -
         one, other = stops[place], stops[place + 1]
         a, b = (work.ground.home if k < 0 else found.now.enter[k] for k in (one, other))
         bars = barred.setdefault((one, other), [])
-        bars.append((a, b, min(_NEAR * 2 ** len(bars), _NEAREST)))
+        more = len(bars) - _PATIENCE
+        bars.append((a, b, min(_NEAR * 2**more, _NEAREST) if more >= 0 else 0.0))
 
 
 def go_round(work: Work, found: Found) -> Found:
