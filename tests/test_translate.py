@@ -58,3 +58,19 @@ def test_a_program_without_a_tool_moves_the_flange(tmp_path: Path) -> None:
     assert result.reach is not None
     assert result.reach.robot == "IRB 120"
     assert "[[0.000,0.000,0.000],[1.0000000,0.0000000,0.0000000,0.0000000]]" in result.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("    Set doGun;\n", "    MoveL pNowhere,v100,fine,tGun;\n    Set doGun;\n", r"left out"),
+        ("    Set doGun;\n", "    elsewhere;\n    Set doGun;\n", r"elsewhere.*left out"),
+        ("[0,0,0,0],[9E9,", "[0,0,0,0],[100,", r"external axes"),
+    ],
+)
+def test_what_cannot_be_carried_over_refuses_the_program(old: str, new: str, said: str, tmp_path: Path) -> None:
+    """A motion that is dropped leaves the next one on another way."""
+    assert old in RAPID
+    (tmp_path / "glue.mod").write_text(RAPID.replace(old, new))
+    with pytest.raises(InputError, match=said):
+        camgen.build(tmp_path / "glue.mod", post="pacscript", job={"post": {"signals": {"doGun": 24}}})

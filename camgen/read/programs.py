@@ -50,13 +50,19 @@ class Frames(Struct, frozen=True, eq=False):
 class Assumption(Struct, frozen=True):
     """What a program asked for that no text holds, and what was taken: an input, a wait, a question to the operator.
 
-    key: what the user says to set it otherwise (``--assume key=value``), "" where it cannot be set.
+    key: what the user says to set it otherwise (``--assume key=value``), "" where it cannot be set. What of a program
+    is not run is told with the words "left out", by all languages.
     """
 
     line: int
     what: str
     key: str = ""
     value: float = 0.0
+
+    @property
+    def is_loss(self) -> bool:
+        """Whether something of the program is not in its body for this."""
+        return "left out" in self.what
 
 
 class Ask(Struct, frozen=True):

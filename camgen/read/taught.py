@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -43,6 +43,8 @@ _SAME = 1e-6
 _NO_TOOL, _NO_WORK = "no tool", "the base of the robot"
 #: mm that a line may be off where another tool turns, where no job says it.
 _CHORD = 0.01
+#: Facts about what a body cannot hold.
+_LOST = ("external axes", "left out")
 #: rad: a piece of a motion along which the tool turns is at most so long.
 _MOST_TURN = math.radians(5.0)
 
@@ -72,6 +74,7 @@ def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
         raise InputError(name, what, place(line), "camgen verify tells all of it; mend the program")
     if not any(isinstance(item, MoveJ | MoveL | MoveC) for item in executed.body):
         raise InputError(name, "holds no motion", remedy="give a program that moves, with all its files")
+    _refuse_losses(executed, name, place)
     told = in_one_frame(executed, name, job.tolerance.chord)
     run = ProgramRun(tuple(told.body), told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
     notes = (
@@ -81,6 +84,17 @@ def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
     )
     named = sources[0].stem, name, "mm", ()
     return Taught(*named, notes=notes, run=run, language=language, frames=told.frames)
+
+
+def _refuse_losses(executed: Executed, name: str, place: Callable[[int], str]) -> None:
+    """InputError where the program does more than its body says: an arm that runs the rest of it goes other ways."""
+    for one in executed.assumed:
+        if one.is_loss:
+            remedy = "give all files of the program; camgen verify tells all that is missing"
+            raise InputError(name, one.what, place(one.line), remedy)
+    for label, text in executed.facts:
+        if label in _LOST:
+            raise InputError(name, f"{label}: {text}", remedy="take it out of the program: no other controller gets it")
 
 
 class TaughtFacts(Struct, frozen=True):
