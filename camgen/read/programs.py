@@ -47,22 +47,21 @@ class Frames(Struct, frozen=True, eq=False):
     base_from_work: Pose | None = None
 
 
+#: By these words all languages tell what is in a program and not in its body.
+LOSSES = ("left out", "not shown", "not evaluated")
+
+
 class Assumption(Struct, frozen=True):
     """What a program asked for that no text holds, and what was taken: an input, a wait, a question to the operator.
 
     key: what the user says to set it otherwise (``--assume key=value``), "" where it cannot be set. What of a program
-    is not run is told with the words "left out", by all languages.
+    is not run is told with one of the words in ``LOSSES``, by all languages, here and in findings.
     """
 
     line: int
     what: str
     key: str = ""
     value: float = 0.0
-
-    @property
-    def is_loss(self) -> bool:
-        """Whether something of the program is not in its body for this."""
-        return "left out" in self.what
 
 
 class Ask(Struct, frozen=True):

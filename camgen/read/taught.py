@@ -35,7 +35,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted, short
 from camgen.read.gcode.interpreter import ProgramRun, Recorded
-from camgen.read.programs import Ask, Executed, Frames, Places, find_language
+from camgen.read.programs import LOSSES, Ask, Executed, Frames, Places, find_language
 
 #: Two frames are one where they differ by less, mm and rad.
 _SAME = 1e-6
@@ -79,7 +79,7 @@ def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
     run = ProgramRun(tuple(told.body), told.lines, (), 0, 0.0, None, unread=False, ended=True, units="mm", whole=True)
     notes = (
         *(Note("assumed", f"{place(one.line)}: {one.what}") for one in executed.assumed),
-        *(Note("warning", f"{place(one.line)}: {one.what}") for one in executed.findings if one.level == "dangerous"),
+        *(Note("warning", f"{place(one.line)}: {one.what}") for one in executed.findings),
         *told.notes,
     )
     named = sources[0].stem, name, "mm", ()
@@ -88,10 +88,11 @@ def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
 
 def _refuse_losses(executed: Executed, name: str, place: Callable[[int], str]) -> None:
     """InputError where the program does more than its body says: an arm that runs the rest of it goes other ways."""
-    for one in executed.assumed:
-        if one.is_loss:
+    said = [(one.line, one.what) for one in executed.assumed] + [(one.line, one.what) for one in executed.findings]
+    for line, what in said:
+        if any(word in what for word in LOSSES):
             remedy = "give all files of the program; camgen verify tells all that is missing"
-            raise InputError(name, one.what, place(one.line), remedy)
+            raise InputError(name, what, place(line), remedy)
     for label, text in executed.facts:
         if label in _LOST:
             raise InputError(name, f"{label}: {text}", remedy="take it out of the program: no other controller gets it")
