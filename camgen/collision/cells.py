@@ -15,43 +15,53 @@ from camgen.model.pose import FloatArray
 _CELLS = 64
 #: mm beside a box, and as a share of a cell, at which the surface counts as within: rounding.
 _SLACK = 1e-6
-#: Of a cell: it is not known, it is outside, it is within.
-_UNKNOWN = -1
+#: Of a cell: it is not known, it is outside, it is within, the surface passes it.
+UNKNOWN, OUTSIDE, WITHIN, PASSED = -1, 0, 1, 2
 
 
 class Cells(Struct, frozen=True, eq=False):
     """low: (3,) the corner of the grid, size: mm of a cell. sums: (X + 1, Y + 1, Z + 1) how many cells before each
-    corner the surface passes. within: (X, Y, Z) whether a cell that it does not pass is in the part, filled in as it is
-    asked for, -1: not known yet.
+    corner the surface passes. state: (X, Y, Z) what is known of each cell; those that the surface does not pass are
+    filled in as they are asked for.
     """
 
     low: FloatArray
     size: float
     sums: NDArray[np.int32]
-    within: NDArray[np.int8]
+    state: NDArray[np.int8]
 
-    def of(self, points: FloatArray) -> tuple[IntArray, BoolArray]:
-        """The cells (N, 3) of ``points`` (N, 3), and which are in the grid and not passed by the surface (N,)."""
-        cell = np.floor((points - self.low) / self.size).astype(np.int64)
-        there = np.flatnonzero(((cell >= 0) & (cell < self.within.shape)).all(axis=1))
-        inner = np.zeros(len(points), dtype=np.bool_)
-        inner[there] = self.count(cell[there], cell[there] + 1) == 0
-        return cell, inner
+    def of(self, points: FloatArray) -> tuple[IntArray, IntArray]:
+        """Which of ``points`` (N, 3) are in the grid (n,), and in which of its cells, counted along it (n,)."""
+        at = [(points[:, axis] - self.low[axis]) / self.size for axis in range(3)]
+        there = np.ones(len(points), dtype=np.bool_)
+        for own, count in zip(at, self.state.shape, strict=True):
+            there &= (own >= 0) & (own < count)
+        rows = np.flatnonzero(there)
+        x, y, z = (own[rows].astype(np.int64) for own in at)
+        _, height, depth = self.state.shape
+        return rows, (x * height + y) * depth + z
 
-    def count(self, first: IntArray, last: IntArray) -> IntArray:
-        """How many cells from ``first`` (N, 3) to before ``last`` (N, 3) the surface passes (N,)."""
-        total = np.zeros(len(first), dtype=np.int64)
-        for corner in itertools.product((0, 1), repeat=3):
-            x, y, z = np.where(corner, last, first).T
-            total += self.sums[x, y, z] * (-1) ** (3 - sum(corner))
-        return total
+    def middles(self, cell: IntArray) -> FloatArray:
+        """The middles (N, 3) of cells (N,), counted along the grid."""
+        return self.low + (np.column_stack(np.unravel_index(cell, self.state.shape)) + 0.5) * self.size
 
     def near(self, centres: FloatArray, reach: FloatArray) -> BoolArray:
         """Which boxes around ``centres`` (N, 3), half as wide as ``reach`` (N, 3), may meet the surface (N,)."""
-        reach = reach + _SLACK * (1 + self.size)
-        ends = (np.floor((centres + side * reach - self.low) / self.size) for side in (-1.0, 1.0))
-        first, last = (np.clip(end, -1, self.within.shape).astype(np.int64) for end in ends)
-        return self.count(np.maximum(first, 0), np.minimum(last + 1, self.within.shape)) > 0
+        slack = _SLACK * (1 + self.size)
+        ends: list[tuple[IntArray, IntArray]] = []
+        for axis, count in enumerate(self.state.shape):
+            at, room = (centres[:, axis] - self.low[axis]) / self.size, (reach[:, axis] + slack) / self.size
+            first, last = np.clip(np.floor(at - room), 0, count), np.clip(np.floor(at + room) + 1, 0, count)
+            ends.append((first.astype(np.int64), last.astype(np.int64)))
+        # Of the sums at the eight corners; a box beside the grid has no room in it, and they cancel.
+        total = np.zeros(len(centres), dtype=np.int64)
+        sums = self.sums.ravel()
+        _, height, depth = self.sums.shape
+        for (i, x), (j, y) in itertools.product(enumerate(ends[0]), enumerate(ends[1])):
+            column = (x * height + y) * depth
+            part = sums[column + ends[2][1]] - sums[column + ends[2][0]]
+            total += part if i == j else -part
+        return total > 0
 
 
 def divide_space(corners: FloatArray) -> Cells:
@@ -72,7 +82,7 @@ def divide_space(corners: FloatArray) -> Cells:
         passed[tuple(np.clip(cell, 0, shape - 1).T)] = True
     sums = np.zeros(shape + 1, dtype=np.int32)
     sums[1:, 1:, 1:] = passed.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
-    return Cells(low, size, sums, np.full(shape, _UNKNOWN, dtype=np.int8))
+    return Cells(low, size, sums, np.where(passed, PASSED, UNKNOWN).astype(np.int8))
 
 
 def _split(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray, FloatArray]:

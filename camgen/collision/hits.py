@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, least_apart, meet
-from camgen.collision.mesh import body, distance, find_struck
+from camgen.collision.mesh import body, distance, find_struck, may_strike
 from camgen.collision.scene import Scene, Target
 from camgen.geometry.ragged import ramp, run_lengths
 from camgen.model.part import BoolArray, IntArray
@@ -96,14 +96,20 @@ def near_pairs(scene: Scene, placed: Boxes) -> tuple[IntArray, IntArray]:
 
 
 def near_mesh(target: Target, placed: Boxes) -> tuple[IntArray, IntArray, Boxes]:
-    """Row and place in ``target.striking`` of boxes (n,), in order, that meet the box around the mesh, and these boxes
-    in the mesh's frame.
+    """Row and place in ``target.striking`` of boxes (n,), in order, that meet the box around the mesh and may strike
+    it, and these boxes in the mesh's frame.
     """
     mesh = target.mesh
     rotation, origin = target.base_from_mesh.rotation, np.asarray(target.base_from_mesh.origin)
     around = Boxes(rotation @ mesh.box.centres + origin, rotation, mesh.box.half)
-    apart = np.abs(placed.centres[:, target.striking] - around.centres)
-    row, which = np.nonzero((apart <= placed.reach[:, target.striking] + around.reach).all(axis=2))
+    room = placed.reach[:, target.striking] + around.reach
+    apart = np.abs(placed.centres[:, target.striking] - around.centres) <= room
+    row, which = np.nonzero(apart[..., 0] & apart[..., 1] & apart[..., 2])
+    # Most are told apart by the ball around them, without the axes.
+    ball = np.sqrt((placed.half**2).sum(axis=-1))
+    box = target.striking[which]
+    close = may_strike(mesh, (placed.centres[row, box] - origin) @ rotation, ball[row, box])
+    row, which = row[close], which[close]
     boxes = placed[row, target.striking[which]].seen_from(rotation, origin)
     count = len(row)
     whole = Boxes(*(np.broadcast_to(a, (count, *a.shape)) for a in (mesh.box.centres, mesh.box.axes, mesh.box.half)))

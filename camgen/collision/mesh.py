@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from camgen.collision.boxes import Boxes, every
-from camgen.collision.cells import Cells, divide_space
+from camgen.collision.cells import OUTSIDE, PASSED, UNKNOWN, WITHIN, Cells, divide_space
 from camgen.collision.tree import BoxTree, ask, grow
 from camgen.model.part import BoolArray, IntArray, Solid
 from camgen.model.pose import FloatArray, frozen
@@ -70,20 +70,30 @@ def find_struck(mesh: Mesh, boxes: Boxes) -> BoolArray:
     return found
 
 
+def may_strike(mesh: Mesh, centres: FloatArray, ball: FloatArray) -> BoolArray:
+    """Which boxes around ``centres`` (N, 3) in the part's frame, in balls (N,) mm, may be those of ``find_struck``."""
+    found = mesh.cells.near(centres, np.broadcast_to(ball[:, None], centres.shape))
+    away = np.flatnonzero(~found)
+    found[away] = _inside_cells(mesh, centres[away])
+    return found
+
+
 def _inside_cells(mesh: Mesh, points: FloatArray) -> BoolArray:
     """``inside``, where it is known by cells: what holds in the middle of one that the surface does not pass holds in
     all of it. Of an open surface, for which rays decide, that is how they are cast.
     """
     cells = mesh.cells
-    cell, plain = cells.of(points)
-    within = cells.within[tuple(cell[plain].T)]
-    new = np.unique(cell[plain][within < 0], axis=0)
+    rows, cell = cells.of(points)
+    known = cells.state.reshape(-1)
+    new = np.unique(cell[known[cell] == UNKNOWN])
     if len(new):
-        cells.within[tuple(new.T)] = inside(mesh, cells.low + (new + 0.5) * cells.size)
-        within = cells.within[tuple(cell[plain].T)]
+        known[new] = np.where(inside(mesh, cells.middles(new)), WITHIN, OUTSIDE)
+    state = known[cell]
     found = np.zeros(len(points), dtype=np.bool_)
-    found[plain] = within > 0
-    found[~plain] = inside(mesh, points[~plain])
+    found[rows[state == WITHIN]] = True
+    passed = rows[state == PASSED]
+    if len(passed):
+        found[passed] = inside(mesh, points[passed])
     return found
 
 

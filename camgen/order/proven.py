@@ -37,8 +37,8 @@ __all__ = ["FEW", "improve_few", "is_proven"]
 #: So many paths are solved: 2^n sets.
 FEW = 12
 #: Stretches of a closed path at first, into how many each is cut, how often, and the most sums of costs in all
-#: sets of paths (as many sets at least), about 0.1 s.
-_STRETCHES, _CUT, _ROUNDS, _MOST, _LEAST_WORK = 8, 2, 16, 400_000_000, 40
+#: sets of paths (as many sets at least), about 0.25 s.
+_STRETCHES, _CUT, _ROUNDS, _MOST, _LEAST_WORK = 8, 2, 16, 1_000_000_000, 40
 #: Orders that are closed in on one by one.
 _ORDERS = 6
 #: So often the starts of what was found are moved to their best places.

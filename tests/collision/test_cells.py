@@ -7,8 +7,8 @@ import pytest
 
 import camgen
 from camgen.collision.boxes import Boxes
-from camgen.collision.cells import divide_space
-from camgen.collision.mesh import _surface, find_struck, inside, make_mesh
+from camgen.collision.cells import PASSED, UNKNOWN, divide_space
+from camgen.collision.mesh import _surface, find_struck, inside, make_mesh, may_strike
 from camgen.geometry.rotations import from_vectors
 from camgen.model.part import Solid
 
@@ -45,11 +45,22 @@ def test_no_box_that_meets_the_surface_is_far_from_its_cells(solid: Solid) -> No
     assert (~near).mean() > 0.2
 
 
+def test_what_strikes_may_strike_by_its_ball(solid: Solid) -> None:
+    mesh, boxes = make_mesh(solid), boxes_around(solid, 4000)
+    close = may_strike(mesh, boxes.centres, np.linalg.norm(boxes.half, axis=1))
+    assert close[find_struck(mesh, boxes)].all()
+    assert (~close).mean() > 0.1
+
+
 def test_points_of_a_plate_are_in_passed_cells() -> None:
     corners = np.array([[[0.0, 0, 0], [100, 0, 0], [0, 100, 0]]])
     cells = divide_space(corners)
     share = np.random.default_rng(1).dirichlet([1, 1, 1], 500)
-    _, plain = cells.of(share @ corners[0])
-    assert not plain.any()
-    _, plain = cells.of(np.array([[90.0, 90.0, 0.0]]))
-    assert plain.all()
+    rows, cell = cells.of(share @ corners[0])
+    assert len(rows) == 500
+    assert (cells.state.ravel()[cell] == PASSED).all()
+    _, cell = cells.of(np.array([[90.0, 90.0, 0.0]]))
+    assert cells.state.ravel()[cell].tolist() == [UNKNOWN]
+    np.testing.assert_allclose(cells.middles(cell), [[90.0, 90.0, 0.0]], atol=cells.size / 2)
+    rows, _ = cells.of(np.array([[90.0, 90.0, 50.0], [np.inf, 0.0, 0.0]]))
+    assert len(rows) == 0

@@ -1,6 +1,6 @@
 """The search compiled, where the extra ``fast`` (numba) is installed and the work is worth the compiler's start.
 
-The functions of ``kernel``, ``moves`` and ``rounds`` are compiled as they stand, and cached beside them. Results do
+The functions of ``kernel``, ``moves`` and ``ring_moves`` are compiled as they stand, and cached beside them. Results do
 not differ.
 """
 
@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any
 
-from camgen.order.solver import kernel, moves
-from camgen.order.solver import moves as rounds
+from camgen.order.solver import kernel, moves, ring_moves
 from camgen.order.solver.kernel import Run, Scene
+from camgen.order.solver.ring_moves import Ring
 
-_MODULES = (kernel, moves, rounds)
 Search = Callable[[Scene, Run, int, int], float]
+Shorten = Callable[[Ring, int], None]
 
 
 def available() -> bool:
@@ -29,13 +29,26 @@ def available() -> bool:
 
 @cache
 def compile_search() -> Search:
-    """``rounds.search`` compiled. Its first call in a new installation takes some seconds."""
+    """``moves.search`` compiled. Its first call in a new installation takes some seconds."""
+    search: Search = _compile((kernel, moves))["search"]
+    return search
+
+
+@cache
+def compile_ring() -> Shorten:
+    """``ring_moves.search`` compiled, in the same way."""
+    search: Shorten = _compile((ring_moves,))["search"]
+    return search
+
+
+def _compile(modules: Sequence[ModuleType]) -> dict[str, Any]:
+    """All functions of ``modules``, of which later ones call earlier ones, by name."""
     import numba  # noqa: PLC0415 (0.3 s, and an extra)
 
-    sources = b"".join(Path(str(module.__file__)).read_bytes() for module in _MODULES)
+    sources = b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
     digest = hashlib.sha256(sources).hexdigest()[:12]
     functions: dict[str, Any] = {}
-    for module in _MODULES:
+    for module in modules:
         own = vars(module).copy() | functions
         for name, value in vars(module).items():
             if isinstance(value, FunctionType) and value.__module__ == module.__name__:
@@ -43,8 +56,7 @@ def compile_search() -> Search:
                 # The cache looks at the file of a function only, not at those of the functions that it calls.
                 copy.__qualname__ = f"{name}_{digest}"
                 own[name] = functions[name] = _cache(numba.njit, copy)
-    search: Search = functions["search"]
-    return search
+    return functions
 
 
 def _cache(compiler: Any, function: FunctionType) -> Any:
