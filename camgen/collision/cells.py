@@ -71,18 +71,31 @@ def divide_space(corners: FloatArray) -> Cells:
     low = low - size / 2
     shape = np.ceil((high - low) / size + 0.5).astype(np.int64)
     a, b, c = _split(corners, size)
-    begin, end = (
-        np.floor((edge(edge(a, b), c) - low + side * _SLACK * (1 + size)) / size).astype(np.int64)
-        for edge, side in ((np.minimum, -1.0), (np.maximum, 1.0))
-    )
     passed = np.zeros(shape, dtype=np.bool_)
-    for step in itertools.product(range(int((end - begin).max()) + 1), repeat=3):
-        cell = begin + step
-        cell = cell[(cell <= end).all(axis=1)]
-        passed[tuple(np.clip(cell, 0, shape - 1).T)] = True
+    edges = ((edge(edge(a, b), c), side) for edge, side in ((np.minimum, -1.0), (np.maximum, 1.0)))
+    begin, end = (_cells_of(corner, low - side * _SLACK * (1 + size), size, shape) for corner, side in edges)
+    # Column by column: a triangle lies in one cell, or in a few beside each other.
+    first = (begin[0] * shape[1] + begin[1]) * shape[2] + begin[2]
+    more = [last - one for one, last in zip(begin, end, strict=True)]
+    marked = passed.reshape(-1)
+    for x in range(int(more[0].max()) + 1):
+        in_x = np.flatnonzero(more[0] >= x)
+        for y in range(int(more[1][in_x].max()) + 1):
+            in_y = in_x[more[1][in_x] >= y]
+            for z in range(int(more[2][in_y].max(initial=0)) + 1):
+                marked[first[in_y[more[2][in_y] >= z]] + (x * shape[1] + y) * shape[2] + z] = True
     sums = np.zeros(shape + 1, dtype=np.int32)
     sums[1:, 1:, 1:] = passed.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     return Cells(low, size, sums, np.where(passed, PASSED, UNKNOWN).astype(np.int8))
+
+
+def _cells_of(corners: FloatArray, low: FloatArray, size: float, shape: IntArray) -> list[IntArray]:
+    """By axis the cells (N,) of points (N, 3), those beside the grid as the nearest in it."""
+    scaled = (corners - low) / size
+    return [
+        np.clip(np.floor(column).astype(np.int64), 0, count - 1)
+        for column, count in zip(scaled.T, shape.tolist(), strict=True)
+    ]
 
 
 def _split(corners: FloatArray, size: float) -> tuple[FloatArray, FloatArray, FloatArray]:
