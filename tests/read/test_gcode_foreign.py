@@ -315,10 +315,35 @@ def test_random_characters_never_raise(text, dialect):
         ),
         (("IF[1 EQ 1]THEN #5=7", "G1 X#5"), [(7, 0, 5)]),
         (("WHILE[0 EQ 1]DO2", "G1 X9", "END2", "G1 Y1"), [(0, 1, 5)]),
+        (("#1=2", "#2=#1*3-1", "G1 X#2"), [(5, 0, 5)]),
+        (("#1=2", "IF[#1 EQ 2]THEN #1=#1+5", "G1 X#1"), [(7, 0, 5)]),
+        (("#1=2 G1 X4", "G1 Y#1"), [(4, 0, 5), (4, 2, 5)]),
     ],
 )
 def test_macros_of_fanuc(lines, expected):
-    assert ends(run(*(line.replace("#1+1", "[#1+1]") for line in lines), dialect="fanuc")) == expected
+    assert ends(run(*lines, dialect="fanuc")) == expected
+
+
+def test_a_subroutine_whose_number_is_worked_out():
+    subs = ("o101 sub", "G1 X1", "o101 endsub", "o102 sub", "G1 X2", "o102 endsub")
+    found = run(*subs, "#3=2", "o[100+#3] call", "o[#3-1+100] call", "o[7] call")
+    assert ends(found) == [(2, 0, 5), (1, 0, 5)]
+    assert found.assumed[-1].what == "o7 call: the subroutine is not in this file; it is left out"
+
+
+@pytest.mark.parametrize(
+    ("line", "what"),
+    [
+        ("#1=2", "cannot read '#1=2': grbl takes letters with plain numbers alone"),
+        ("G1 X[1+2]", "cannot read 'x[1+2]': grbl takes letters with plain numbers alone"),
+        ("G1 X--1", "cannot read 'x--1': grbl takes letters with plain numbers alone"),
+        ("G1 X1 A5", "A is no word of grbl"),
+        ("G2 I5", "G2 names neither X nor Y: grbl turns it down"),
+        ("M7 M8", "M7 and M8 are of one group (coolant)"),
+    ],
+)
+def test_what_grbl_turns_down(line, what):
+    assert told(run(line, dialect="grbl"), "refused")[0][1] == what
 
 
 def test_a_macro_with_arguments():

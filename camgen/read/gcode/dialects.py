@@ -16,13 +16,14 @@ class Dialect(Struct, frozen=True):
     """One kind of controller.
 
     source: whose manual or source tells it. signs: what no other dialect writes. codes: those that it takes; what else
-    it may know is a fact of the program where ``open``, and refused otherwise. names: codes that it spells another
-    way. idle: codes that move nothing, by what they do. dwell: seconds in 1 of P in G4 and in cycles. nested: comments
+    it may know is a fact of the program where ``open``, and refused otherwise. names: codes that it spells another way.
+    idle: codes that move nothing, by what they do. dwell: seconds in 1 of P in G4 and in cycles. nested: comments
     within comments, and those that do not end, are comments. flow: LinuxCNC's O-words. default_feed: a motion at feed
     without F runs at a feed of the machine's. unit_first: F counts in the unit of its own line. needs_end: a text
     without M2, M30 or per cent signs is none. arcs: what it takes as an arc. increments: U V W are increments of X Y Z.
-    homes: G28 goes to the origin. to_start: a cycle retracts to where it began where the text says neither G98 nor G99.
-    diameter: X is a diameter. extruder: E is filament.
+    letters: those of its words, and numbers alone behind them; "" any, and expressions. ends_arcs: an arc names an axis
+    of its plane. homes: G28 goes to the origin. to_start: a cycle retracts to where it began where the text says
+    neither G98 nor G99. diameter: X is a diameter. extruder: E is filament.
     """
 
     name: str
@@ -40,6 +41,8 @@ class Dialect(Struct, frozen=True):
     needs_end: bool = False
     arcs: Limits = LINUXCNC_ARCS
     increments: bool = False
+    letters: str = ""
+    ends_arcs: bool = False
     homes: bool = False
     to_start: bool = True
     diameter: bool = False
@@ -93,6 +96,8 @@ GRBL = Dialect(
     codes=_codes(_GRBL_CODES),
     open=False,
     idle={"M56": "parking override"},
+    letters="fgijklmnprstxyz",
+    ends_arcs=True,
     arcs=Limits(spiral=(0.005, 0.5, 0.005), shorter=0.0, least_radius=1e-6, turns=False),
 )
 #: Of controllers that are told how far the radii of an arc may differ.

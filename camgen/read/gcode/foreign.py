@@ -18,7 +18,7 @@ from camgen.read.gcode.arcs import Piece, find_centre
 from camgen.read.gcode.compensation import Beside
 from camgen.read.gcode.dialects import LINUXCNC, Dialect
 from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
-from camgen.read.gcode.macros import ARGUMENTS, find_ends, jump
+from camgen.read.gcode.macros import ARGUMENTS, assign, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
 from camgen.read.gcode.words import Endless, Line, LineError, Parameters, UnknownWord, bare, not_read, without_number
 from camgen.read.programs import Assumption, Finding, Level
@@ -36,6 +36,8 @@ _TEXTS = re.compile(r"^([ \t]*(?:[nN][0-9]+[ \t]*)?[mM][0-9.]+).*[A-Za-z]{2}.*")
 _FLAG = re.compile(r"([A-Za-z])(?=[ \t]*(?:[A-Za-z]|$))")
 _LOGS = re.compile(r"[ \t]*\([ \t]*(?:probeopen|probeclose)\b", re.IGNORECASE)
 _PARTS = dict(zip("UVW", AXES, strict=True))
+_PLAIN = re.compile(r"(?:[a-z][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))*")
+_PLANES = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 
 #: What needs a probe, a spindle that keeps step, or the radius of the old tool.
 _NOT_REPLAYED = frozenset(
@@ -206,7 +208,11 @@ class Foreign(Machine):
 
     def words(self, text: str, known: Parameters) -> Line:
         """What cannot be read may be a macro of its controller, which is not known here."""
+        if self.dialect.letters:
+            self._insist_on_plain(text)
         try:
+            if self.dialect.increments and self._assign(text, known):
+                return {}, {}
             return Machine.words(self, text, known)
         except UnknownWord:
             raise
@@ -214,6 +220,24 @@ class Foreign(Machine):
             if self.dialect.open and self.judging and str(error).startswith("cannot read"):
                 raise UnknownWord(f"{error}; what follows may depend on it") from error
             raise
+
+    def _assign(self, text: str, known: Parameters) -> bool:
+        """Whether a line sets a parameter and does nothing else, as Fanuc's do."""
+        try:
+            return assign(text, known)
+        except LineError as error:
+            if str(error).startswith("cannot read"):
+                return False  # words may stand behind the value
+            raise
+
+    def _insist_on_plain(self, text: str) -> None:
+        """LineError for a line with more than the words of a controller that takes numbers alone."""
+        odd = _PLAIN.sub("", text, count=1)
+        if odd:
+            raise LineError(f"cannot read {odd[:12]!r}: {self.dialect.name} takes letters with plain numbers alone")
+        odd = next((letter for letter in text if letter.isalpha() and letter not in self.dialect.letters), "")
+        if odd:
+            raise LineError(f"{odd.upper()} is no word of {self.dialect.name}")
 
     def group(self, code: str) -> str:
         """The modal group of a code; one that moves nothing, or that nobody here knows, is in one of its own."""
@@ -255,8 +279,7 @@ class Foreign(Machine):
             act(code, codes, words)
         for group, code in codes.items() if dialect.names else ():
             codes[group] = dialect.names.get(code, code)
-        if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
-            self.find("refused", f"{codes['motion']} and {codes['offsets']} both use the axis words of the line")
+        self._judge(codes, words)
         if "subprogram" in codes:
             self._call(codes["subprogram"], words)
         if dialect.extruder:
@@ -267,6 +290,19 @@ class Foreign(Machine):
             self._turn(codes, words)
         if self.lathe and "X" in words:
             words["X"] /= 2
+
+    def _judge(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:
+        """What controllers of one kind turn down."""
+        dialect = self.dialect
+        if not dialect.open and "motion" in codes and codes.get("offsets") in _TAKE_AXES:
+            self.find("refused", f"{codes['motion']} and {codes['offsets']} both use the axis words of the line")
+        if not dialect.open and "mist" in codes and "flood" in codes:
+            self.find("refused", "M7 and M8 are of one group (coolant)")
+        arc = codes.get("motion", self.motion)
+        if dialect.ends_arcs and arc in ("G2", "G3") and any(letter in words for letter in "IJKR"):
+            plane = _PLANES[codes.get("plane", self.plane)]
+            if not any(axis in words for axis in plane):
+                self.find("refused", f"{arc} names neither {plane[0]} nor {plane[1]}: {dialect.name} turns it down")
 
     def _turn(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """A lathe: T0102 is tool 1 with offset 2, and X is a diameter."""

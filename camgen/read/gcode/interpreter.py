@@ -207,7 +207,7 @@ _PROGRAM = re.compile(r"[ \t%]*(?:[nN][ \t]*[0-9.]+)?[ \t]*[oO][ \t]*([0-9]{1,9}
 _NUMBERED = re.compile(r"[ \t]*/?[ \t]*[nN][ \t]*([0-9]{1,9})(?![0-9.])")
 _FILE = re.compile(r"[oO]?([0-9]{1,9})(?:\.[A-Za-z]+)?")
 _OWORD = re.compile(
-    r"o(?:<([^<>]*)>|([0-9]+))"
+    r"o(?:<([^<>]*)>|([0-9]+)|(\[.*\])(?=call))"
     r"(sub|endsub|call|return|if|elseif|else|endif|while|endwhile|do|repeat|endrepeat|break|continue)?(.*)"
 )
 #: What closes, or goes on with, what.
@@ -215,8 +215,9 @@ _CLOSES = {"endsub": "sub", "endif": "if", "endwhile": "while", "endrepeat": "re
 
 
 class Block(Struct):
-    """One O-word. word: what it does. rest: the text after it. places: lines (from 0) of the parts of its structure,
-    first to last: sub and endsub; if, elseif, else, endif; while and endwhile; do and while; repeat and endrepeat.
+    """One O-word. label: its number, its name in < >, or in [ ] what its number is worked out from. word: what it does.
+    rest: the text after it. places: lines (from 0) of the parts of its structure, first to last: sub and endsub; if,
+    elseif, else, endif; while and endwhile; do and while; repeat and endrepeat.
     """
 
     label: str
@@ -282,8 +283,8 @@ def _enter(found: Blocks, opened: list[Block], number: int, raw: str) -> None:
     match = _OWORD.fullmatch(text)
     if not match:
         raise LineError(f"cannot read the O-word {text[:16]!r}")
-    name, digits, word, rest = match.groups()
-    block = Block(f"<{name}>" if name is not None else str(int(digits)), word or "", rest)
+    name, digits, worked_out, word, rest = match.groups()
+    block = Block(worked_out or (f"<{name}>" if name is not None else str(int(digits))), word or "", rest)
     found.at[number] = block
     top = opened[-1] if opened else None
     if word == "while" and top and top.word == "do" and top.label == block.label:
@@ -418,16 +419,18 @@ class Flow(Struct):
         return block.places[-1] + 1 if block.word == "repeat" else at + 1
 
     def _call(self, at: int, block: Block) -> int:
-        values = self._values(block, _MOST_ARGUMENTS)
-        if block.label not in self.blocks.subs:
-            self.absent(f"o{block.label} call: the subroutine is not in this file")
+        values, label = self._values(block, _MOST_ARGUMENTS), block.label
+        if label.startswith("["):  # o[#1+100] call
+            label = f"{value_at(label, 0, self.known)[0]:.0f}"
+        if label not in self.blocks.subs:
+            self.absent(f"o{label} call: the subroutine is not in this file")
             return at + 1
         if len(self.calls) >= _LEVELS:
-            raise LineError(f"o{block.label} call: more than {_LEVELS} subroutines in each other")
+            raise LineError(f"o{label} call: more than {_LEVELS} subroutines in each other")
         self.calls.append(_Call(at + 1, self.known.own, self.known.named, self.counts))
         self.known.own = dict(enumerate(values, 1))
         self.known.named, self.counts = {}, {}
-        return self.blocks.subs[block.label] + 1
+        return self.blocks.subs[label] + 1
 
     def leap(self, at: int, code: str, number: float, times: int, given: Mapping[int, float] | None = None) -> int:
         """The line that runs after M97, M98, M99 or G65 in line ``at``. number: of the program or line. times: how

@@ -1,4 +1,6 @@
-"""Fanuc's macros: IF, GOTO, THEN, WHILE, DO and END, and the arguments of G65 (operator's manual, custom macro)."""
+"""Fanuc's macros: IF, GOTO, THEN, WHILE, DO and END, ``#1=#2+1``, and the arguments of G65 (operator's manual, custom
+macro).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 
-from camgen.read.gcode.words import LineError, Parameters, UnknownWord, value_at, words_of
+from camgen.read.gcode.words import LineError, Parameters, UnknownWord, key_at, value_at, words_of
 
 _BEGINS = ("if", "goto", "while", "end", "do")
 _END = re.compile(r"[ \t]*(?:[nN][0-9]+)?[ \t]*[eE][nN][dD][ \t]*([0-9]{1,6})")
@@ -64,11 +66,27 @@ def _branch(text: str, at: int, known: Parameters) -> int | str:
         return _number(rest, 4, known) if holds else at + 1
     if not rest.startswith("then"):
         raise UnknownWord(f"cannot read {rest[:12]!r} after IF")
-    if holds:
+    if holds and not assign(rest[4:], known):
         codes, words = words_of(rest[4:], known)
         if codes or words:
             raise UnknownWord(f"cannot read {rest[4:16]!r} after THEN")
     return at + 1
+
+
+def assign(text: str, known: Parameters) -> bool:
+    """Sets the parameter of a line that does nothing else, ``#1=#2+1``: no brackets are needed there. False for any
+    other line. text: bare. Raises LineError for a value that there is none of.
+    """
+    if not text.startswith("#"):
+        return False
+    key, at = key_at(text, 0, known)
+    if text[at : at + 1] != "=" or text.find("=", at + 1) >= 0:
+        return False
+    value, end = value_at(f"[{text[at + 1 :]}]", 0, known)
+    if end < len(text) - at + 1:
+        return False
+    known.put(key, value)
+    return True
 
 
 def _number(text: str, place: int, known: Parameters) -> str:

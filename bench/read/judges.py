@@ -1,0 +1,90 @@
+"""Other judges of the languages that camgen reads: what each says to a form of a language.
+
+None is a part of camgen. A judge says whether it takes a form, None where it cannot judge it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import subprocess
+import tempfile
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from bench.read.productions import Form
+from bench.read.replay import judged
+
+Judge = Callable[[Form], bool | None]
+
+
+def by_tree_sitter(language: Any) -> Judge:
+    """A grammar of tree-sitter: the form without the lines around it, which has no error in its tree."""
+    sitter = importlib.import_module("tree_sitter")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        parser = sitter.Parser(sitter.Language(language))
+    return lambda form: not parser.parse((form.text + "\n").encode()).root_node.has_error
+
+
+def by_tree_sitter_gcode(_path: str) -> Judge:
+    """The grammar of the package tree-sitter-gcode."""
+    return by_tree_sitter(importlib.import_module("tree_sitter_gcode").language())
+
+
+def by_library(path: str) -> Judge:
+    """A compiled grammar of tree-sitter for G-code."""
+    function = ctypes.CDLL(str(Path(path).resolve())).tree_sitter_gcode
+    function.restype = ctypes.c_void_p
+    return by_tree_sitter(function())
+
+
+def by_pygcode(_path: str) -> Judge:
+    """The package pygcode, which reads a line at a time."""
+    line = importlib.import_module("pygcode").Line
+
+    def takes(form: Form) -> bool:
+        try:
+            for text in form.text.split("\n"):
+                line(text)
+        except Exception:  # whatever it raises turns the line down
+            return False
+        return True
+
+    return takes
+
+
+def by_linuxcnc(_path: str) -> Judge:
+    """LinuxCNC's interpreter, rs274: the form in its lines; only forms of its own dialect."""
+    return lambda form: not judged(form.whole).error if "linuxcnc" in form.dialects else None
+
+
+def by_grbl(path: str) -> Judge:
+    """GRBL's own parser, as the program gvalidate of its simulator: only forms of its own dialect."""
+
+    def takes(form: Form) -> bool | None:
+        if "grbl" not in form.dialects:
+            return None
+        with tempfile.NamedTemporaryFile("w", suffix=".nc") as file:
+            file.write(form.whole)
+            file.flush()
+            return subprocess.run([path, "-s", file.name], capture_output=True, timeout=20, check=False).returncode == 0
+
+    return takes
+
+
+#: By language and name; each makes a judge of the path that is given with its name.
+JUDGES: Mapping[str, Mapping[str, Callable[[str], Judge]]] = {
+    "gcode": {
+        "tree-sitter": by_tree_sitter_gcode,
+        "library": by_library,
+        "pygcode": by_pygcode,
+        "rs274": by_linuxcnc,
+        "gvalidate": by_grbl,
+    },
+    "rapid": {},
+    "vplus": {},
+    "pacscript": {},
+}
