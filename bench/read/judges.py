@@ -8,12 +8,14 @@ from __future__ import annotations
 import ctypes
 import importlib
 import subprocess
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from bench.read.bnf import read_grammar
 from bench.read.productions import Form
 from bench.read.replay import judged
 
@@ -75,6 +77,78 @@ def by_grbl(path: str) -> Judge:
     return takes
 
 
+#: What is no literal in the grammar of RAPID of BossyMr/intellij-rapid, as its lexer has it.
+_RAPID_TOKENS = (
+    (
+        "INTEGER_LITERAL",
+        r"0x[0-9a-f]+|0b\d*|0o\d*|\d+\.\d*(?:e[+-]?\d*)?|\.\d+(?:e[+-]?\d*)?|\d+(?:e[+-]?\d*)?",
+    ),
+    ("STRING_LITERAL", r'"(?:[^\r\n"]|"")*"'),
+    ("IDENTIFIER", r"[^\W\d]\w*|_\w*"),
+)
+
+
+def by_bnf(path: str) -> Judge:
+    """The grammar of BossyMr/intellij-rapid, its file Rapid.bnf."""
+    grammar = read_grammar(Path(path).read_text(encoding="utf-8"), _RAPID_TOKENS, "file", "empty_expression")
+    return lambda form: grammar.takes(form.whole)
+
+
+def by_antlr(path: str) -> Judge:
+    """The parser that ANTLR makes for Python of the grammar abb of antlr/grammars-v4, in a folder. It is one of
+    declarations: a form within a routine is none for it.
+    """
+    sys.path.insert(0, path)
+    runtime, lexer, parser = (importlib.import_module(name) for name in ("antlr4", "abbLexer", "abbParser"))
+
+    def takes(form: Form) -> bool | None:
+        if "main()" in form.whole:
+            return None
+        split = lexer.abbLexer(runtime.InputStream(form.whole.rstrip("\n")))
+        made = parser.abbParser(runtime.CommonTokenStream(split))
+        for one in (split, made):
+            one.removeErrorListeners()
+        made._errHandler = runtime.error.ErrorStrategy.BailErrorStrategy()
+        try:
+            made.module_()
+        except runtime.error.Errors.ParseCancellationException:
+            return False
+        return True
+
+    return takes
+
+
+def by_vim(path: str) -> Judge:
+    """The errors that KnoP-01/rapid-for-vim marks, by its file syntax/rapid.vim, in vim. It marks few: a form without
+    a mark is not judged.
+    """
+    commands = [
+        "syntax on", f"source {Path(path).resolve()}", "let found = 0",
+        "for n in range(1, line('$')) | for k in range(1, col([n, '$'])) | "
+        "if synIDattr(synID(n, k, 0), 'name') =~ 'Error' | let found = 1 | endif | endfor | endfor",
+        "execute found ? 'cquit' : 'qall!'",
+    ]  # fmt: skip
+
+    def takes(form: Form) -> bool | None:
+        with tempfile.NamedTemporaryFile("w", suffix=".mod") as file:
+            file.write(form.whole)
+            file.flush()
+            call = [
+                "vim",
+                "-u",
+                "NONE",
+                "-N",
+                "-es",
+                "-n",
+                *(word for one in commands for word in ("-c", one)),
+                file.name,
+            ]
+            marked = subprocess.run(call, capture_output=True, timeout=30, check=False).returncode != 0
+            return False if marked else None
+
+    return takes
+
+
 #: By language and name; each makes a judge of the path that is given with its name.
 JUDGES: Mapping[str, Mapping[str, Callable[[str], Judge]]] = {
     "gcode": {
@@ -84,7 +158,7 @@ JUDGES: Mapping[str, Mapping[str, Callable[[str], Judge]]] = {
         "rs274": by_linuxcnc,
         "gvalidate": by_grbl,
     },
-    "rapid": {},
+    "rapid": {"bnf": by_bnf, "antlr": by_antlr, "vim": by_vim},
     "vplus": {},
     "pacscript": {},
 }

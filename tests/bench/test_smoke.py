@@ -28,7 +28,7 @@ LIBRARIES = {
     "machine", "check.judge", "check.peer", "check.peer_freecad", "check.scenes",
     "photo.paper", "photo.observed", "photo.contact", "photo.pist_figures", "robots.plain_loop",
     "reliability.programs", "reliability.mutations",
-    "reliability.wheel_cases", "read.judges", "read.productions",
+    "reliability.wheel_cases", "read.bnf", "read.judges", "read.productions",
     *(f"reliability.fuzzing.{name}" for name in ("odd", "drawings", "pictures", "solids", "texts", "programs")),
     "reliability.fuzzing.table",
     *(f"reliability.modal.{name}" for name in ("machine", "rs274", "rapid", "pacscript", "vplus", "reader")),
@@ -124,6 +124,7 @@ SMOKES = [
     Smoke("read.replay {programs}", (2,), {}, lacking(program="rs274")),
     Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),
     Smoke("read.syntax gcode", (1,), {"differ": (0, 0)}),
+    Smoke("read.syntax rapid", (1,), {"differ": (0, 0)}),
     Smoke("read.translate layers-inside", (6,), {"mm apart": (0, 0.022), "s apart": (0, 0.01)}),
 ]  # fmt: skip
 

@@ -4,7 +4,7 @@ import pytest
 
 from bench.read.productions import Form, judge_form, read_forms, refusing
 
-LANGUAGES = ("gcode",)
+LANGUAGES = ("gcode", "rapid")
 PRODUCTIONS: dict[str, list[Form]] = {}
 for language in LANGUAGES:
     for form in read_forms(language):

@@ -13,6 +13,7 @@ from .tree import Data, Expr, Hole, Module, Parameter, Record, Routine, Statemen
 
 _DATA = frozenset(("local", "task", "const", "pers", "var"))
 _ATTRIBUTES = ("sysmodule", "noview", "nostepin", "viewonly", "readonly")
+_MOST_DIMENSIONS = 3
 _MODES = frozenset(("var", "pers", "inout", "ref"))
 
 
@@ -70,14 +71,21 @@ class Parser(Statements):
         found: list[str] = []
         if not self.accept("("):
             return ()
-        while not self.accept(")"):
+        while True:
             kind, text, at, _ = self.take()
             if kind == "end":
                 raise Wrong(line, ") of the module's attributes is missing")
-            if kind == "name":
-                found.append(text.lower())
-                self.judge_attribute(at, text, found)
-        return tuple(found)
+            if kind != "name":
+                self.notes.append(Note(at, f"an attribute of the module expected, found {text[:12]!r}"))
+                if text == ")":
+                    return tuple(found)
+                continue
+            found.append(text.lower())
+            self.judge_attribute(at, text, found)
+            if self.accept(")"):
+                return tuple(found)
+            if not self.accept(",") and self.token[0] != "end":
+                self.notes.append(Note(at, f", or ) expected behind {text[:40]}, found {show_token(self.token)}"))
 
     def judge_attribute(self, line: int, text: str, found: list[str]) -> None:
         """Notes an attribute that there is not, or that is given twice."""
@@ -157,10 +165,12 @@ class Parser(Statements):
             raise Wrong(line, f"PERS {name} must have a literal value")
         return Data(line, storage, data_type, name, local, value, task, dims)
 
-    def dimensions(self, _line: int, _name: str) -> tuple[Expr, ...]:
+    def dimensions(self, line: int, name: str) -> tuple[Expr, ...]:
         """Of an array, behind the bracket."""
         dims = self.listed(self.expression)
         self.expect("}")
+        if len(dims) > _MOST_DIMENSIONS:
+            raise Wrong(line, f"{name} has {len(dims)} dimensions; an array has at most {_MOST_DIMENSIONS}")
         return dims
 
     # -- routines ------------------------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ _CLOSES = {
     "endif": "IF", "else": "IF", "elseif": "IF", "then": "IF", "endfor": "FOR", "endwhile": "WHILE", "do": "WHILE",
     "endtest": "TEST", "case": "TEST", "default": "TEST",
 }  # fmt: skip
+_COMPOUND = frozenset(("if", "for", "while", "test"))
 CLAUSES = frozenset(("error", "undo", "backward"))
 #: Compound statements within each other.
 _DEEPEST_BLOCK = 30
@@ -216,6 +217,11 @@ def _read_if(parser: Statements) -> If:
     condition = parser.expression()
     if parser.word() != "then":
         body: list[Statement] = []
+        if parser.word() in _COMPOUND:
+            what = (
+                f"{parser.word().upper()} behind the condition of an IF without THEN: a simple statement stands there"
+            )
+            parser.notes.append(Note(parser.token[2], what))
         plain, parser.plain = parser.plain, False
         try:
             parser.statement(body)

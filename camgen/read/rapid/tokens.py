@@ -87,7 +87,11 @@ def number(text: str, line: int) -> float:
 
 
 def string(text: str, line: int) -> str:
-    """The string that ``text`` writes out. Wrong when it is longer than one can be (RAPID kernel manual, strings)."""
+    """The string that ``text`` writes out. Wrong when it is longer than one can be, or has a backslash that is neither
+    doubled nor stands before two hexadecimal digits (RAPID kernel manual, strings).
+    """
+    if "\\" in text and "\\" in _ESCAPED.sub("", text):
+        raise Wrong(line, "a backslash in a string is written twice, or before two hexadecimal digits")
     value = _ESCAPED.sub(lambda found: chr(int(found[1], 16)) if found[1] else found[0][0], text[1:-1])
     if len(value) > LONGEST_STRING:
         raise Wrong(line, f"a string of {len(value)} characters; a controller takes {LONGEST_STRING}")
