@@ -149,6 +149,31 @@ def by_vim(path: str) -> Judge:
     return takes
 
 
+_TRANSLATE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import v2py
+v2py.switches = ["CP", "DRY.RUN", "POWER", "ROBOT", "SCALE.ACCEL", "UPPER", "AUTO.POWER.OFF", "MONITORS"]
+v2py.params = ["HAND.TIME", "NOT.CALIBRATED", "BELT.MODE"]
+compile(v2py.translate_program(sys.argv[2]), "a", "exec")
+"""
+
+
+def by_translator(path: str) -> Judge:
+    """The translator from V+ to Python of alexdu/robot-sandbox, in the folder with v2py.py: what it makes is Python. It
+    is written in Python 2, which ``python2.7`` runs.
+    """
+
+    def takes(form: Form) -> bool:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder, "a.v2")
+            file.write_text(form.whole, encoding="utf-8")
+            call = ["python2.7", "-c", _TRANSLATE, path, str(file)]
+            return subprocess.run(call, capture_output=True, timeout=30, check=False).returncode == 0
+
+    return takes
+
+
 #: By language and name; each makes a judge of the path that is given with its name.
 JUDGES: Mapping[str, Mapping[str, Callable[[str], Judge]]] = {
     "gcode": {
@@ -159,6 +184,6 @@ JUDGES: Mapping[str, Mapping[str, Callable[[str], Judge]]] = {
         "gvalidate": by_grbl,
     },
     "rapid": {"bnf": by_bnf, "antlr": by_antlr, "vim": by_vim},
-    "vplus": {},
+    "vplus": {"translator": by_translator},
     "pacscript": {},
 }

@@ -124,7 +124,7 @@ SMOKES = [
     Smoke("read.replay {programs}", (2,), {}, lacking(program="rs274")),
     Smoke("read.programs {programs}", (2,), {"stopped": (0, 0), "refused": (0, 0)}),
     Smoke("read.syntax gcode", (1,), {"differ": (0, 0)}),
-    Smoke("read.syntax rapid", (1,), {"differ": (0, 0)}),
+    *(Smoke(f"read.syntax {name}", (1,), {"differ": (0, 0)}) for name in ("rapid", "vplus", "pacscript")),
     Smoke("read.translate layers-inside", (6,), {"mm apart": (0, 0.022), "s apart": (0, 0.01)}),
 ]  # fmt: skip
 

@@ -287,7 +287,7 @@ class _Compiler:
         found = _FOR.fullmatch(rest[at + 1 :]) if at >= 0 else None
         if found is None:
             raise Unreadable("For needs a name, = and To")
-        step = parse(found[3].strip()) if found[3] else Node("number", 1.0)
+        step = parse(found[3].strip()) if found[3] is not None else Node("number", 1.0)
         head = (parse(rest[:at].strip()), parse(found[1].strip()), parse(found[2].strip()), step)
         op = self.add("for", head)
         self.blocks.append(_Block("for", len(self.ops) - 1, self.line, [op]))

@@ -50,7 +50,9 @@ def give_arm(run: Running, _op: Op) -> None:
 
 def motor(run: Running, op: Op) -> None:
     """``Motor On|Off``."""
-    value = evaluate(run, op.a[0]) if op.a else 1.0
+    if not op.a:
+        raise Wrong("Motor needs On or Off")
+    value = evaluate(run, op.a[0])
     if not isinstance(value, Unknown):
         run.machine.motor = bool(number(value))
 

@@ -229,10 +229,8 @@ class _Reader:
     def statement(self, line: int, text: str, start: str) -> None:
         """A statement of one line or several."""
         lower = text[:8].lower()
-        if lower.startswith("end") and CLOSING.fullmatch(text):
-            if self.current is None:
-                self.say(line, f"{text} closes nothing")
-            self.current = None
+        if lower.startswith("end") and (closing := CLOSING.fullmatch(text)):
+            self.close(line, text, closing[1].lower())
         elif lower.startswith(("sub", "function", "public", "private", "static")) and (
             found := _OPENING.fullmatch(text)
         ):
@@ -245,6 +243,15 @@ class _Reader:
             self.module.declarations.append(Statement(line, text))
         else:
             self.say(line, "a statement outside a procedure")
+
+    def close(self, line: int, text: str, kind: str) -> None:
+        """``End Sub`` or ``End Function``."""
+        if self.current is None:
+            self.say(line, f"{text} closes nothing")
+        elif self.current.returns != "program" and bool(self.current.returns) != (kind == "function"):
+            opened = "Function" if self.current.returns else "Sub"
+            self.say(line, f"{text} closes a {opened}, which ends with End {opened}")
+        self.current = None
 
     def program(self, line: int, found: re.Match[str], start: str) -> None:
         """``PROGRAM name`` of the older dialect: to the end of the file."""

@@ -164,6 +164,7 @@ _LONG_NAME = re.compile(rf"[A-Za-z][A-Za-z0-9._]{{{NAME - 1},}}")
 _HEADER = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*\(([^()]*)\)\s*")
 #: The list of arguments may be missing (User's Guide, program organization).
 _BARE_HEADER = re.compile(r"([A-Za-z][A-Za-z0-9._]*)\s*(?:\(([^()]*)\))?\s*")
+_VALUE = re.compile(r"\s*[-+.\d\"'(]")
 _HAS_PROGRAM = re.compile(r"^\s*\.PROGRAM\b", re.IGNORECASE | re.MULTILINE)
 _STEM = re.compile(r"[^A-Za-z0-9._]+")
 _THEN = re.compile(r"\bTHEN\s*$", re.IGNORECASE)
@@ -399,7 +400,11 @@ def _dot(code: str, number: int, file: _File) -> tuple[Routine | None, str]:
             return Routine("", number, ""), ""
         if header[1].upper() in TAKEN and file.strict:
             report(number, f"{header[1]} is a word of V+, not the name of a program")
-        return Routine(header[1], number, (header[2] or "").strip()), ""
+        arguments = (header[2] or "").strip()
+        value = next((one.strip() for one in arguments.split(",") if _VALUE.match(one)), "")
+        if value:
+            report(number, f"{value[:20]} is a value, where the name of a variable belongs")
+        return Routine(header[1], number, arguments), ""
     if word in SECTIONS and not file.strict:
         return None, word
     report(number, f"{word} is not evaluated")
