@@ -174,6 +174,45 @@ def by_translator(path: str) -> Judge:
     return takes
 
 
+_POST = """
+import builtins, contextlib, sys
+folder, name, out = sys.argv[1:]
+sys.path.insert(0, folder)
+builtins.input = lambda *_: ""
+module = __import__(name)
+made = []
+begin = module.RobotPost.__init__
+module.RobotPost.__init__ = lambda self, *a, **k: (made.append(self), begin(self, *a, **k))[1]
+with contextlib.redirect_stdout(sys.stderr):
+    module.test_post()
+    made[0].ProgSave(out, "Program", False, False)
+"""
+#: Posts of ros-industrial-attic/robodk_postprocessors, and why a controller turns the sample down that each writes.
+POSTS: Mapping[str, Mapping[str, str]] = {
+    "gcode": {},
+    "rapid": {
+        "ABB_RAPID_IRC5": "ArcLStart and ArcLEnd without their arguments",
+        "ABB_RAPID_IRC5_Simplified": "WaitTime without its semicolon",
+        "ABB_RAPID_IRC5_clad": "a statement without its semicolon",
+        "ABB_RAPID_S4C": "WaitTime without its semicolon",
+        "ABB_RAPID_custom_PRG": "WaitTime without its semicolon",
+    },
+    "vplus": dict.fromkeys(("Adept_Vplus", "Adept_Staubli_Vplus_custom"), "TCP_On() without CALL"),
+    "pacscript": dict.fromkeys(("Denso_RC8", "Denso_PAC"), "a motion without TakeArm"),
+}
+
+
+def write_samples(language: str, path: str) -> dict[str, str]:
+    """The sample programs that the posts of a language write, by the post. path: the folder with the posts."""
+    found = {}
+    for name in POSTS[language]:
+        with tempfile.TemporaryDirectory() as folder:
+            call = [sys.executable, "-c", _POST, path, name, folder]
+            subprocess.run(call, capture_output=True, timeout=60, check=True)
+            found[name] = "".join(file.read_text(encoding="utf-8") for file in sorted(Path(folder).iterdir()))
+    return found
+
+
 #: By language and name; each makes a judge of the path that is given with its name.
 JUDGES: Mapping[str, Mapping[str, Callable[[str], Judge]]] = {
     "gcode": {

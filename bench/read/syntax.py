@@ -9,11 +9,11 @@ without a reason that is written down.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from time import perf_counter
 
 from bench.machine import machine
-from bench.read.judges import JUDGES, Judge
+from bench.read.judges import JUDGES, POSTS, Judge, write_samples
 from bench.read.productions import Form, judge_form, read_forms, refusing
 from camgen.model.text import counted
 
@@ -59,8 +59,34 @@ def find_judge(language: str, word: str) -> tuple[str, Judge]:
     name, _, path = word.partition("=")
     make: Callable[[str], Judge] | None = JUDGES[language].get(name)
     if make is None:
-        raise SystemExit(f"{name}: no judge of {language}; there are {', '.join(JUDGES[language])}")
+        raise SystemExit(f"{name}: no judge of {language}; there are {', '.join([*JUDGES[language], 'posts'])}")
     return name, make(path)
+
+
+def against_posts(language: str, path: str) -> tuple[int, dict[str, list[str]], list[str]]:
+    """As ``against``, of the programs that the posts in the folder ``path`` write: controllers take them, but those
+    with a reason.
+    """
+    known: dict[str, list[str]] = {}
+    open_ones = []
+    samples = write_samples(language, path)
+    for name, text in samples.items():
+        said, why = judge_form(language, Form("posts", 0, name, text, True)), POSTS[language][name]
+        if said and why:
+            known.setdefault(why, []).append(name)
+        elif said or why:
+            open_ones.append(f"{name}: {said[0] if said else 'taken'}")
+    return len(samples), known, open_ones
+
+
+def judge_all(
+    language: str, word: str, forms: Sequence[Form]
+) -> tuple[str, tuple[int, dict[str, list[str]], list[str]]]:
+    """The name of a judge of the command line and what it says of all forms. posts: what others write, read by us."""
+    if word.startswith("posts="):
+        return "posts", against_posts(language, word.removeprefix("posts="))
+    name, judge = find_judge(language, word)
+    return name, against(name, judge, forms)
 
 
 def main(words: list[str]) -> int:
@@ -77,8 +103,8 @@ def main(words: list[str]) -> int:
     print(f"| camgen, {perf_counter() - begin:.1f} s | {len(forms)} | {len(forms) - len(wrong)} | 0 | {len(wrong)} |")
     rows = {}
     for word in named:
-        name, judge = find_judge(language, word)
-        count, known, rest = rows[name] = against(name, judge, forms)
+        name, result = judge_all(language, word, forms)
+        count, known, rest = rows[name] = result
         told = sum(map(len, known.values()))
         print(f"| {name} | {count} | {count - told - len(rest)} | {told} | {len(rest)} |")
     for name, (_, known, rest) in {"camgen": (0, {}, wrong), **rows}.items():
