@@ -226,12 +226,6 @@ def _define_trigger(machine: Machine, call: Call) -> None:
         machine.assign(call.args[0], Trigger(distance, "start" in options, done))
 
 
-def _define_interrupt(machine: Machine, call: Call) -> None:
-    """TriggInt and the like: they interrupt, which does not happen here."""
-    if call.args:
-        machine.assign(call.args[0], Trigger(0.0, False, ()))
-
-
 # The operator, and data from elsewhere --------------------------------------------------------------------------
 
 
@@ -346,7 +340,7 @@ def _nothing(_machine: Machine, _call: Call) -> None:
     pass
 
 
-#: Screen, files, sockets, clocks, interrupts, world zones, other tasks, supervision: they move nothing.
+#: Screen, files, sockets, clocks, world zones, other tasks, supervision: they move nothing.
 #: What moves the arm as no text says: by an external stream, back along its path, by force, by hand.
 _UNSEEN = ("egmrunpose", "egmrunjoint", "egmmovel", "egmmovec", "pathrecmovebwd", "pathrecmovefwd", "fcrefstart",
            "setleadthrough")  # fmt: skip
@@ -362,39 +356,36 @@ _NO_EFFECT = """
     dadefprocdata dadefprocsig dadefuserdata dagetappdescr dagetappindex dagetcurrdata dagetnumofprocs
     dagetnumofrob dagetprcdescr dasetcurrdata dasetupappbehav dastartmanaction deacteventbuffer deactprofile
     deactunit ditheract ditherdeact dropsensor dropwobj egmactjoint egmactmove egmactpose egmgetid egmreset
-    egmsetupai egmsetupao egmsetupgi egmsetupltapp egmsetupuc egmstop egmstreamstart egmstreamstop eoffsoff
-    eoffson eoffsset erasemodule errlog errraise errwrite fcact fccalib fccondforce fccondorient fccondpos
-    fccondreorispeed fccondtcpspeed fccondtorque fccondwaitwhile fcrefcircle fcrefforce fcrefline fcrefmoveframe
-    fcrefrot fcrefspiral fcrefsprforcecart fcrefstop fcreftorque fcresetdampingtune fcresetlpfiltertune
-    fcsetdampingtune fcsetlpfiltertune fcspdchgact fcspdchgdeact fcspdchgtunreset fcspdchgtunset fcsupvforce
-    fcsupvorient fcsupvpos fcsupvreorispeed fcsupvtcpspeed fcsupvtorque fitcircle fricidevaluate fricidinit
-    fricidsetfriclevels getgroupsignalinfo getmaxusagetime gettorquemargin gripload hand_domotorcalibration
-    hand_gripinward hand_gripoutward hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror
-    hand_stop hollowwristreset icap idelete idisable ienable ierror indcnvaddobject indcnvdisable indcnvenable
-    indcnvinit indcnvreset indgunmovereset indreset initsuperv iobusstart iobusstate ioctrlaxis_refsync
-    ioctrlaxis_refsyncoff ioctrlaxis_refsyncon iodisable ioenable ipathpos ipers ipssetparam irmqmessage
-    isignalai isignalao isignaldi isignaldo isignalgi isignalgo isleep itimer ivarvalue iwatch load loadid
-    loadprofile makedir manloadidproc matrixsolve matrixsolveqr matrixsvd mechunitload motionprocessmodeset
-    motionsup open opendir opengun packdnheader packrawbytes pathacclim pathlengthreset pathlengthstart
-    pathlengthstop pathrecstart pathrecstop pathresol procerrrecovery prxactivandstorerecord prxactivrecord
-    prxdbgstorerecord prxdeactrecord prxresetpos prxresetrecords prxsetposoffset prxsetrecordsampletime
-    prxsetsyncalarm prxstartrecord prxstoprecord prxstorerecord prxusefilerecord readdir readerrdata readvararr
-    recalctcp recordprofile recoverymenu recoverymenuwr recoveryposreset recoveryposset removeallcyclicbool
-    removecyclicbool removedir removefile removesuperv renamefile resetaxisdistance resetaxismovetime
-    resetmaxusagetime resetppmoved resetretrycount resettorquemargin restopath rewind rmqemptyqueue rmqfindslot
-    rmqsendmessage rmqsendwait safetycontrollersyncrequest save savecfgdata scwrite setalldataval setbrush
-    setbrushfac setdatasearch setdataval setforce setsysdata settmsignal setupcyclicbool setupsuperv siclose
-    siconnect sigetcyclic singarea sisetcyclic skipwarn socketaccept socketbind socketclose socketconnect
-    socketcreate socketlisten socketsend socketsendto softact softdeact softelbow speedlimaxis
-    speedlimcheckpoint speedrefresh spystart spystop startload startmove startmoveretry stcalib stclose stindgun
-    stindgunreset stopen stopmove stopmovereset storepath storeprofile sttune sttunereset supsyncsensoroff
-    supsyncsensoron syncmoveoff syncmoveon syncmoveresume syncmovesuspend syncmoveundo synctosensor syncwwobj
-    systemstopaction testsigndefine testsignreset texttabinstall tperase tpshow tpwrite triggcheckio
-    triggdatacopy triggdatareset triggrampao triggspeed triggstopproc tryint tunereset tuneservo uiclientexist
-    uimsgwrite uimsgwriteabort uishow unload usereachabletargets waitandrecprof waitload waitsynctask
-    waittestandset waitwobj warmstart worldacclim write writeanybin writebin writeblock writecfgdata
-    writerawbytes writestrbin writevar writevararr wzboxdef wzcyldef wzdisable wzdoset wzenable wzfree
-    wzhomejointdef wzlimjointdef wzlimsup wzsphdef""".split()  # noqa: SIM905 (three hundred words read better so)
+    egmsetupai egmsetupao egmsetupgi egmsetupltapp egmsetupuc egmstop egmstreamstart egmstreamstop eoffsoff eoffson
+    eoffsset erasemodule errlog errraise errwrite fcact fccalib fccondforce fccondorient fccondpos fccondreorispeed
+    fccondtcpspeed fccondtorque fccondwaitwhile fcrefcircle fcrefforce fcrefline fcrefmoveframe fcrefrot
+    fcrefspiral fcrefsprforcecart fcrefstop fcreftorque fcresetdampingtune fcresetlpfiltertune fcsetdampingtune
+    fcsetlpfiltertune fcspdchgact fcspdchgdeact fcspdchgtunreset fcspdchgtunset fcsupvforce fcsupvorient fcsupvpos
+    fcsupvreorispeed fcsupvtcpspeed fcsupvtorque fitcircle fricidevaluate fricidinit fricidsetfriclevels
+    getgroupsignalinfo getmaxusagetime gettorquemargin gripload hand_domotorcalibration hand_gripinward
+    hand_gripoutward hand_initialize hand_joginward hand_jogoutward hand_moveto hand_seterror hand_stop
+    hollowwristreset indcnvaddobject indcnvdisable indcnvenable indcnvinit indcnvreset indgunmovereset indreset
+    initsuperv iobusstart iobusstate ioctrlaxis_refsync ioctrlaxis_refsyncoff ioctrlaxis_refsyncon iodisable
+    ioenable ipssetparam load loadid loadprofile makedir manloadidproc matrixsolve matrixsolveqr matrixsvd
+    mechunitload motionprocessmodeset motionsup open opendir opengun packdnheader packrawbytes pathacclim
+    pathlengthreset pathlengthstart pathlengthstop pathrecstart pathrecstop pathresol procerrrecovery
+    prxactivandstorerecord prxactivrecord prxdbgstorerecord prxdeactrecord prxresetpos prxresetrecords
+    prxsetposoffset prxsetrecordsampletime prxsetsyncalarm prxstartrecord prxstoprecord prxstorerecord
+    prxusefilerecord readdir readerrdata readvararr recalctcp recordprofile recoverymenu recoverymenuwr
+    recoveryposreset recoveryposset removeallcyclicbool removecyclicbool removedir removefile removesuperv
+    renamefile resetaxisdistance resetaxismovetime resetmaxusagetime resetppmoved resetretrycount resettorquemargin
+    restopath rewind rmqemptyqueue rmqfindslot rmqsendmessage rmqsendwait safetycontrollersyncrequest save
+    savecfgdata scwrite setalldataval setbrush setbrushfac setdatasearch setdataval setforce setsysdata settmsignal
+    setupcyclicbool setupsuperv siclose siconnect sigetcyclic singarea sisetcyclic skipwarn socketaccept socketbind
+    socketclose socketconnect socketcreate socketlisten socketsend socketsendto softact softdeact softelbow
+    speedlimaxis speedlimcheckpoint speedrefresh spystart spystop startload startmove startmoveretry stcalib
+    stclose stindgun stindgunreset stopen stopmove stopmovereset storepath storeprofile sttune sttunereset
+    supsyncsensoroff supsyncsensoron syncmoveoff syncmoveon syncmoveresume syncmovesuspend syncmoveundo
+    synctosensor syncwwobj systemstopaction testsigndefine testsignreset texttabinstall tperase tpshow tpwrite
+    triggdatacopy triggdatareset triggstopproc tryint tunereset tuneservo uiclientexist uimsgwrite uimsgwriteabort
+    uishow unload usereachabletargets waitandrecprof waitload waitsynctask waittestandset waitwobj warmstart
+    worldacclim write writeanybin writebin writeblock writecfgdata writerawbytes writestrbin writevar writevararr
+    wzboxdef wzcyldef wzdisable wzdoset wzenable wzfree wzhomejointdef wzlimjointdef wzlimsup wzsphdef""".split()  # noqa: SIM905 (three hundred words read better so)
 
 EFFECTS: dict[str, Effect] = {
     **dict.fromkeys(_NO_EFFECT, _nothing),
@@ -410,7 +401,6 @@ EFFECTS: dict[str, Effect] = {
     "eoffson": _tell_settings, "pathacclim": _tell_settings, "confj": _supervise, "confl": _supervise,
     "singarea": _supervise, "cirpathmode": _tell_settings, "motionsup": _tell_settings,
     "triggio": _define_trigger, "triggequip": _define_trigger,
-    **dict.fromkeys(("triggint", "triggcheckio", "triggspeed", "triggrampao"), _define_interrupt),
     "stop": _stop, "break": _stop, "exitcycle": _end_cycle, "exit": _end,
     **dict.fromkeys(("tpreadfk", "tpreadnum", "tpreaddnum"), _ask_operator),
     **dict.fromkeys((name for name in _RECEIVES if not name.startswith("tpread")), _receive),

@@ -58,7 +58,9 @@ class Here(Struct, frozen=True, eq=False):
 
 @dataclass(eq=False)
 class Machine:
-    """All of it. line: of the statement that runs. call: runs a FUNC of the text, set by whoever runs routines."""
+    """All of it. line: of the statement that runs. call: runs a FUNC of the text, set by whoever runs routines.
+    interrupt: is told of an interrupt that may come.
+    """
 
     ask: Ask
     body: list[Instruction] = field(default_factory=list)
@@ -91,8 +93,14 @@ class Machine:
     pending: list[Variable] = field(default_factory=list)
     turns: dict[tuple[float, ...], FloatArray] = field(default_factory=dict)
     bound: dict[tuple[Value, ...], Value] = field(default_factory=dict)
+    connected: dict[tuple[int, tuple[int, ...]], Routine] = field(default_factory=dict)  # TRAPs by their interrupt
+    asleep: set[tuple[int, tuple[int, ...]]] = field(default_factory=set)
+    come: set[Routine] = field(default_factory=set)  # TRAPs whose interrupt has come
+    due: list[Routine] = field(default_factory=list)  # those that run next
+    held: bool = False  # interrupts wait
     call: Callable[[Routine, Call], Value] = lambda _routine, _call: NOTHING
     function: Callable[[Machine, Call], Value] = lambda _machine, _call: NOTHING
+    interrupt: Callable[[Machine, Expr], None] = lambda _machine, _interrupt: None
 
     def error_number(self) -> float:
         """The number of one more error; each has its own, whichever the controller gives it."""

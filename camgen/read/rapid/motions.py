@@ -48,11 +48,14 @@ class Form(Struct, frozen=True):
 
 
 class Trigger(Struct, frozen=True):
-    """What TriggIO or TriggEquip defines. distance: mm from the end, or from the start. outputs: name and value."""
+    """What TriggIO, TriggEquip or TriggInt defines. distance: mm from the end, or from the start. outputs: name and
+    value. interrupt: that may come there.
+    """
 
     distance: float
     start: bool
     outputs: tuple[tuple[str, float], ...]
+    interrupt: Expr | None = None
 
 
 FORMS: dict[str, Form] = {
@@ -385,6 +388,8 @@ def _switch(machine: Machine, trigger: Trigger) -> None:
     for name, value in trigger.outputs:
         machine.add(Output(name, value))
         machine.outputs[name.lower()] = value
+    if trigger.interrupt is not None:
+        machine.interrupt(machine, trigger.interrupt)
 
 
 def _trigger_on_line(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 from camgen.model.instructions import Output
 
@@ -14,6 +15,7 @@ from .branches import Ways
 from .flow import Flow, Handled, Jump, Raised, Returned, Stopped
 from .functions import call_function, name_of
 from .instructions import EFFECTS, CycleEnded, Ended
+from .interrupts import come, connect, judge_trap
 from .machine import Frame, Home, Machine
 from .motions import form_of, inline, move
 from .tokens import Wrong
@@ -42,6 +44,8 @@ from .tree import (
 )
 from .values import NOTHING, Unknown, Value, Variable, find_unknown
 
+#: Statements of a TRAP that is looked at beside the program.
+_MOST_OF_A_TRAP = 5_000
 #: Times that a program begins anew without having moved.
 _MOST_CYCLES = 3
 
@@ -53,8 +57,26 @@ class Runner(Flow):
     ran: set[Routine] = field(default_factory=set)
 
     def perform(self, item: Statement) -> None:
-        """Does what a statement says."""
+        """Does what a statement says; behind it run the TRAPs whose interrupts have come."""
         _RUN[type(item)](self, item)
+        if self.machine.due:
+            self.interrupt(self.machine.due)
+
+    def interrupt(self, due: list[Routine]) -> None:
+        """Runs TRAPs whose interrupts have come, unless they wait. They may switch while the arm moves."""
+        machine = self.machine
+        blending, machine.blending = machine.blending, 0
+        while due and not machine.held:
+            trap = due.pop(0)
+            if trap in machine.due:
+                machine.due.remove(trap)
+            self.call(trap, Call(machine.line, trap.name.lower()))
+        machine.blending = blending
+
+    def interrupt_motion(self, machine: Machine, interrupt: Expr) -> None:
+        """An interrupt at a place of a motion: a TRAP that does not move runs there, others behind the motion."""
+        come(machine, interrupt)
+        self.interrupt([trap for trap in machine.due if not self.ways.moves(trap.body)])
 
     def call(self, routine: Routine, call: Call) -> Value:
         """Runs a routine with its arguments; what a FUNC gives."""
@@ -233,7 +255,7 @@ def _run_word(runner: Runner, item: Word) -> None:
 
 
 def _run_connect(runner: Runner, item: Connect) -> None:
-    runner.machine.assume(f"the interrupt {item.trap} does not come")
+    connect(runner.machine, item)
 
 
 def _run_empty(_runner: Runner, item: Empty) -> None:
@@ -262,18 +284,22 @@ _RUN: dict[type, Callable[[Runner, Value], None]] = {
 def run_entry(machine: Machine, entry: Routine, most: int) -> tuple[int, str] | None:
     """Runs a program from its entry; line and reason where it is not run to its end."""
     runner = Runner(machine, Ways(machine), most, entry)
-    machine.call, machine.function = runner.call, call_function
-    stopped = _run_whole(runner, entry)
+    machine.call, machine.function, machine.interrupt = runner.call, call_function, runner.interrupt_motion
+    stopped = _run_whole(runner, lambda: _run_cycles(runner, entry))
     for routine in machine.homes:
         if routine.kind == "proc" and routine not in runner.ran:
             machine.tell("not run", routine.name)
+    for routine in [one for one in machine.homes if one.kind == "trap" and one not in runner.ran]:
+        runner.depth, runner.steps, runner.most = 0, 0, _MOST_OF_A_TRAP
+        call = Call(routine.line, routine.name.lower())
+        judge_trap(machine, routine, partial(_run_whole, runner, partial(runner.call, routine, call)))
     return stopped
 
 
-def _run_whole(runner: Runner, entry: Routine) -> tuple[int, str] | None:
+def _run_whole(runner: Runner, run: Callable[[], object]) -> tuple[int, str] | None:
     machine = runner.machine
     try:
-        _run_cycles(runner, entry)
+        run()
     except Ended:
         pass
     except Stopped as stopped:
