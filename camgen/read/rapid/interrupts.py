@@ -9,15 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from camgen.model.instructions import Output, Stop, Wait
-from camgen.model.text import counted
+from camgen.read.beside import sum_up
 
 from .instructions import EFFECTS
 from .machine import Machine
 from .motions import Trigger
 from .tree import Call, Connect, Expr, Routine
-
-_MOTION = ("MoveJ", "MoveL", "MoveC")
 
 
 def _key(machine: Machine, interrupt: Expr) -> tuple[int, tuple[int, ...]] | None:
@@ -113,14 +110,7 @@ def judge_trap(machine: Machine, routine: Routine, run: Callable[[], object]) ->
         run()
         done = machine.body[begin:]
         findings = list(machine.findings)
-    motions = sum(type(item).__name__ in _MOTION for item in done)
-    said = [f"sets {item.signal} to {item.value:g}" for item in done if isinstance(item, Output)]
-    said += ["stops"] * any(isinstance(item, Stop) for item in done)
-    said += ["waits"] * any(isinstance(item, Wait) for item in done)
-    said += [counted(motions, "motion")] * (motions > 0)
-    machine.tell(
-        "interrupts", f"{routine.name} (line {routine.line}): {', '.join(dict.fromkeys(said)) or 'moves nothing'}"
-    )
+    machine.tell("interrupts", f"{routine.name} (line {routine.line}): {sum_up(done)}")
     for level, line, what in findings:
         known = (level, line, what) in machine.findings or level == "dangerous"
         if not known and not what.startswith("element "):  # an index is worth what the program has done so far

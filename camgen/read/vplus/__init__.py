@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from msgspec.structs import replace
 
 from camgen.model.pose import Pose
 from camgen.model.program import Columns, Instruction, splice
+from camgen.read.beside import sum_up
 from camgen.read.programs import Ask, Executed, Frames, Language
 
 from .asked import Notes
@@ -24,9 +25,12 @@ from .points import read_points, read_values
 from .robot import RATED_TURN, Tool
 from .text import NULL, Frame, Routine, Statement, read_files
 from .units import find_data
+from .variables import Value
 
 #: More work frames than these are no frames that somebody taught: targets in them are told in the base.
 _FRAMES = 8
+#: So many other tasks and reactions are looked at.
+_MOST_BESIDE = 20
 _CALL = re.compile(r"(?:CALL|EXECUTE)\b[^A-Za-z]*([A-Za-z][A-Za-z0-9._]*)", re.IGNORECASE)
 _SURE = re.compile(
     r"^\s*\.PROGRAM\s+[A-Za-z][A-Za-z0-9._]*\s*(?:\([^()]*\))?\s*(?:;.*)?$", re.IGNORECASE | re.MULTILINE
@@ -53,9 +57,8 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
     notes = Notes()
     beside = find_data(files)
     routines, data = read_files(files, beside, notes.refuse, notes.odd)
-    machine = Machine(routines, ask, notes)
-    machine.lay_beside(beside)
-    machine.give({**read_points(ask.points, notes), **read_values(data, notes)})
+    values = {**read_points(ask.points, notes), **read_values(data, notes)}
+    machine = _ready(routines, ask, notes, beside, values)
     entry = _find_entry(routines, ask.entry)
     if entry is None:
         what = f"there is no program {ask.entry}" if ask.entry else "there is no .PROGRAM"
@@ -63,6 +66,7 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
         return Executed((), (), findings=notes.findings(), stopped=(1, what))
     notes.fact("entry", entry.name)
     machine.run(entry)
+    _look_beside(machine, notes, lambda said: _ready(routines, ask, said, beside, values))
     check_rest(routines, machine, notes)
     _tell_programs(routines, machine, notes)
     frames, frame, body = _place(machine)
@@ -70,6 +74,37 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
         _turn(body, machine.turning), tuple(machine.lines), frames, frame,
         notes.findings(), notes.assumed(), notes.facts(), machine.stopped,
     )  # fmt: skip
+
+
+def _ready(
+    routines: Sequence[Routine], ask: Ask, notes: Notes, beside: Mapping[str, str], values: Mapping[str, Value]
+) -> Machine:
+    machine = Machine(routines, ask, notes)
+    machine.lay_beside(beside)
+    machine.give(values)
+    return machine
+
+
+def _look_beside(machine: Machine, notes: Notes, ready: Callable[[Notes], Machine]) -> None:
+    """Runs the other tasks, and what reacts and does not come, each by itself: what it does is told, and what is wrong
+    in it. Where a reaction comes is not known: what it meets there is unusual at most.
+    """
+    waiting = [(key, text, "tasks beside it, not run") for key, text in machine.beside.items()]
+    waiting += [(key, text, "reactions that do not come") for key, text in machine.reactions.items()]
+    for key, text, label in waiting[:_MOST_BESIDE]:
+        routine = machine.find_program(key)
+        if routine is None:
+            notes.fact(label, f"{text}: in none of the files")
+            continue
+        said = Notes()
+        other = ready(said)
+        other.run(routine)
+        notes.fact(label, f"{text}: {sum_up(other.body)}")
+        for one in said.findings():
+            if one.level != "dangerous":
+                notes.find("unusual", one.line, f"in {routine.name}: {one.what}")
+            elif label.startswith("tasks"):
+                notes.find(one.level, one.line, one.what)
 
 
 def _find_entry(routines: Sequence[Routine], name: str) -> Routine | None:

@@ -16,7 +16,7 @@ from camgen.model.program import Joints, MoveC, MoveJ, MoveL
 from camgen.read.programs import Ask
 
 from .asked import Notes
-from .instructions import MOTIONS
+from .instructions import MOTIONS, REACTIONS
 from .locations import Expression
 from .names import canonical
 from .statements import ENDS, split, unwrap
@@ -89,6 +89,10 @@ class Machine(Units):
         """Files that the programs may read, by name; each line of them may be read and worked with."""
         super().lay_beside(files)
         self._budget += _READS * sum(text.count("\n") for text in files.values())
+
+    def find_program(self, key: str) -> Routine | None:
+        """The program of a name in its canonical form."""
+        return self._programs.get(key)
 
     def spend(self, count: int) -> None:
         """The bound of the run pays for so many instructions."""
@@ -178,6 +182,10 @@ class Machine(Units):
             self._call(statement.rest)
         elif word == "CALLS":
             self._call_by_text(statement.rest)
+        elif word in REACTIONS:
+            call = self.react(statement)
+            if call:
+                self._call(call)
         elif word == "WAIT":
             self.wait(statement.rest)
         elif word == "WAIT.EVENT":

@@ -6,7 +6,9 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 
 from camgen.model.program import Joints
+from camgen.read.programs import Ask
 
+from .asked import Notes
 from .instructions import DOES, NOT_EVALUATED, REACTIONS, SILENT
 from .locations import BUILT, Expression, to_values
 from .names import canonical
@@ -58,7 +60,15 @@ def unwrap(text: str) -> tuple[str, str]:
 
 
 class Statements(Robot):
-    """The instructions, one by one; those of control stand above."""
+    """The instructions, one by one; those of control stand above. beside, reactions: the programs that EXECUTE starts
+    and that REACT names, and how they are told. come: reactions that have come.
+    """
+
+    def __init__(self, ask: Ask, notes: Notes) -> None:
+        super().__init__(ask, notes)
+        self.beside: dict[str, str] = {}
+        self.reactions: dict[str, str] = {}
+        self.come: set[str] = set()
 
     def do(self, statement: Statement) -> None:
         """Carries out an instruction that the next one follows."""
@@ -71,7 +81,7 @@ class Statements(Robot):
             self.notes.odd(statement.line, f"{word} is not evaluated")
             self.lost(word)
         elif word in REACTIONS:
-            self.notes.fact("reactions", f"{word} {statement.rest}".strip())
+            self.react(statement)
         elif word not in SILENT:
             raise Unreadable(f"{word[:40]} is no instruction of V+")
 
@@ -246,7 +256,25 @@ class Statements(Robot):
         if match is None:
             raise Unreadable("EXECUTE wants the name of a program")
         number = rest[: len(rest) - len(bare)].strip(" ,()")
-        self.notes.fact("tasks beside it, not run", f"{match[1]}{f' (task {number})' if number else ''}")
+        self.beside.setdefault(canonical(match[1]), f"{match[1]}{f' (task {number})' if number else ''}")
+
+    def react(self, statement: Statement) -> str:
+        """``REACT signal, program(arguments), priority``: the call that may come, "" where it names none."""
+        parts = [one for one in split(statement.rest) if one]
+        call = parts[0] if statement.word == "REACTE" else (parts[1] if len(parts) > 1 else "")
+        match = _PROGRAM.match(call)
+        if match is None:
+            self.notes.fact("reactions", f"{statement.word} {statement.rest}".strip())
+            return ""
+        key = canonical(match[1])
+        comes = bool(self._assume.get(key))
+        what = "comes once, where it first may" if comes else "does not come"
+        self.notes.assume(self.line, f"{statement.word} {match[1]}: it {what}", key, float(comes))
+        if comes and key not in self.come:
+            self.come.add(key)
+            return call
+        self.reactions.setdefault(key, f"{match[1]} ({statement.word}, line {self.line})")
+        return ""
 
     # -- arguments -----------------------------------------------------------------------------------------------
 

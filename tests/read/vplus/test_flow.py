@@ -147,7 +147,39 @@ def test_a_second_task_is_named():
     text = ".PROGRAM main()\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\nSIGNAL 5\n.END\n"
     found = run({"a": text}, Ask())
     assert [type(i) for i in found.body] == [MoveJ]
-    assert ("tasks beside it, not run", "watch (task 2)") in found.facts
+    assert ("tasks beside it, not run", "watch (task 2): sets 5 to 1") in found.facts
+
+
+def test_another_task_is_looked_at_by_itself():
+    text = ".PROGRAM main()\nx = 5\nEXECUTE 2 watch(), 0\nMOVE TRANS(1)\n.END\n.PROGRAM watch()\n{}\n.END\n"
+    task = "MOVE TRANS(9)\nSIGNAL 5\nWAIT SIG(1001)\nWAIT.EVENT , 2\nPAUSE\nSPEED -1\nWHILE TRUE DO\nSIGNAL -6\nEND"
+    found = run({"a": text.format(task)}, Ask())
+    assert places(found) == [1]
+    assert dict(found.facts)["tasks beside it, not run"] == (
+        "watch (task 2): sets 5 to 1, sets 6 to 0, stops, waits, 1 motion"
+    )
+    assert [(one.level, one.line) for one in found.findings] == [("dangerous", 8), ("unusual", 12)]
+    assert found.findings[1].what.startswith("in watch: ")
+    assert not [one for one in found.assumed if "round" in one.what]
+
+
+@pytest.mark.parametrize(
+    ("line", "name"), [("REACT 1001, halt.it(2), 5", "halt.it"), ("REACTI -1002, halt.it(2)", "halt.it")]
+)
+def test_a_reaction_comes_where_the_user_says_so(line, name):
+    text = f".PROGRAM main()\nMOVE TRANS(1)\n{line}\nMOVE TRANS(2)\n{line}\n.END\n"
+    text += ".PROGRAM halt.it(x)\nMOVE TRANS(x*10)\n.END\n"
+    calm = run({"a": text}, Ask())
+    assert places(calm) == [1, 2]
+    assert [(one.line, one.key, one.value) for one in calm.assumed] == [(3, name, 0.0)]
+    assert dict(calm.facts)["reactions that do not come"].startswith("halt.it (REACT")
+    assert places(run({"a": text}, Ask(assume={name: 1.0}))) == [1, 20, 2]
+
+
+def test_reactions_without_a_program_and_with_one_of_another_file():
+    found = run({"a": ".PROGRAM main()\nREACT 1001\nREACTE other\n.END\n"}, Ask())
+    assert dict(found.facts)["reactions"] == "REACT 1001"
+    assert dict(found.facts)["reactions that do not come"] == "other (REACTE, line 3): in none of the files"
 
 
 @pytest.mark.parametrize(
