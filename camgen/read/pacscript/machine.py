@@ -75,6 +75,8 @@ class Machine:
         self.armed = False
         #: Whether somebody whom the text does not show may have taken the arm.
         self.trusting = False
+        # Programs that Run starts beside this one.
+        self.tasks: dict[str, None] = {}
         self.motor = True
         self.moved = False
         self.guessed = False

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from msgspec.structs import replace
+
 from camgen.model.limits import tell
+from camgen.read.beside import sum_up
 from camgen.read.pacscript import flow
 from camgen.read.pacscript.code import Code, Op, compile_procedure
 from camgen.read.pacscript.evaluate import assign, blank, evaluate, fit, is_stored
@@ -30,6 +33,8 @@ from camgen.read.programs import Ask, Executed
 #: Procedures may call each other so deep.
 _DEEPEST = 40
 _MOST_IO = 24063
+#: So many tasks are looked at.
+_MOST_BESIDE = 20
 
 
 class Run:
@@ -40,7 +45,7 @@ class Run:
         self.machine = Machine({key.lower(): float(value) for key, value in ask.assume.items()}, points)
         for what in faulty:
             self.machine.suppose(what)
-        self.ask = ask
+        self.ask, self.given = ask, files
         self.files: dict[str, File] = read_files(files, self.say)
         self.most = ask.limits.pacscript_steps + sum(len(file.statements) for file in self.files.values())
         self.modules: dict[str, Module] = {}
@@ -60,8 +65,8 @@ class Run:
 
     # From its start to its end.
 
-    def whole(self) -> Executed:
-        """What the program does."""
+    def whole(self, beside: bool = True) -> Executed:
+        """What the program does. beside: whether the tasks that it starts are looked at."""
         stopped = None
         try:
             stopped = self._start()
@@ -74,7 +79,24 @@ class Run:
         except RecursionError:
             stopped = (self.machine.line or 1, "procedures and brackets nested too deep")
         self._read_rest()
+        if beside:
+            self._look_beside()
         return self.machine.finish(stopped)
+
+    def _look_beside(self) -> None:
+        """Runs the tasks that this one starts, each by itself: what they do is told, and what is wrong in them."""
+        machine = self.machine
+        for name in list(machine.tasks)[:_MOST_BESIDE]:
+            other = Run(self.given, replace(self.ask, entry=name))
+            if isinstance(other._entry(), str):
+                machine.state("other tasks", f"{name}, not shown")
+                continue
+            done = other.whole(beside=False)
+            machine.state("other tasks", f"{name}: {sum_up(done.body)}, not shown")
+            for one in done.findings:
+                sure = one.level == "dangerous" or (one.line, one.what) in machine.findings
+                machine.line, machine.guessed = one.line, False
+                machine.find(one.level if sure else "unusual", one.what if sure else f"in {name}: {one.what}")
 
     def _start(self) -> tuple[int, str] | None:
         found = self._entry()

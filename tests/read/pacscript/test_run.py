@@ -469,6 +469,22 @@ def test_other_tasks_devices_and_routines_are_named() -> None:
     ]
 
 
+def test_another_task_is_looked_at_by_itself() -> None:
+    task = "Sub Watch\nTakeArm\nMove P, @P P(9, 9, 9)\nSet IO[30]\nDelay 5\nDelay -5\nHold\nEnd Sub\n"
+    found = LANGUAGE.run({"a.pcs": f"Sub Main\nRun Watch\nRun Watch\nEnd Sub\n{task}"}, Ask())
+    assert not found.body
+    assert dict(found.facts)["other tasks"] == "watch: sets 30 to 1, stops, waits, 1 motion, not shown"
+    assert [(one.level, one.line, one.what[:9]) for one in found.findings] == [
+        ("dangerous", 8, found.findings[0].what[:9]), ("unusual", 9, "in watch:"), ("unusual", 10, "in watch:"),
+    ]  # fmt: skip
+
+
+def test_a_task_in_a_file_of_its_own() -> None:
+    other = "Sub Main\nSet IO[30]\nRun Main\nEnd Sub\n"
+    found = LANGUAGE.run({"a.pcs": "Sub Main\nRun Watch\nEnd Sub\n", "Watch.pcs": other}, Ask(entry="a"))
+    assert dict(found.facts)["other tasks"] == "watch: sets 30 to 1, not shown"
+
+
 # -- files -----------------------------------------------------------------------------------------------------------
 
 MAIN = '#Include "..\\lib\\Names.h"\nSub Main\nTakeArm\nCall Grip(PEN)\nCall Other(3)\nEnd Sub\n'
