@@ -47,15 +47,10 @@ class Frames(Struct, frozen=True, eq=False):
     base_from_work: Pose | None = None
 
 
-#: By these words all languages tell what is in a program and not in its body.
-LOSSES = ("left out", "not shown", "not evaluated")
-
-
 class Assumption(Struct, frozen=True):
     """What a program asked for that no text holds, and what was taken: an input, a wait, a question to the operator.
 
-    key: what the user says to set it otherwise (``--assume key=value``), "" where it cannot be set. What of a program
-    is not run is told with one of the words in ``LOSSES``, by all languages, here and in findings.
+    key: what the user says to set it otherwise (``--assume key=value``), "" where it cannot be set.
     """
 
     line: int
@@ -82,7 +77,9 @@ class Executed(Struct, frozen=True, eq=False):
     body: (N) motions to poses in the work frame in force or to joint values, outputs, waits, stops. lines: (N) 1-based,
     counted through all files. frames: those used, in order; frame: (N) the place in ``frames`` of those in force, empty
     where there is at most one. findings: in order of line. assumed: likewise, each told once. facts: label and text
-    of what else stands in the program and moves nothing. stopped: line and reason where it could not be run to its end.
+    of what else stands in the program and moves nothing. lost: line and text of what the program does and the body
+    does not: what was left out, or stands for what nobody knows; no other machine runs such a body. stopped: line and
+    reason where it could not be run to its end.
     """
 
     body: Sequence[Instruction]
@@ -92,6 +89,7 @@ class Executed(Struct, frozen=True, eq=False):
     findings: tuple[Finding, ...] = ()
     assumed: tuple[Assumption, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
+    lost: tuple[tuple[int, str], ...] = ()
     stopped: tuple[int, str] | None = None
 
 

@@ -35,7 +35,7 @@ from camgen.model.program import (
 )
 from camgen.model.text import counted, short
 from camgen.read.gcode.interpreter import ProgramRun, Recorded
-from camgen.read.programs import LOSSES, Ask, Executed, Frames, Places, find_language
+from camgen.read.programs import Ask, Executed, Frames, Places, find_language
 
 #: Two frames are one where they differ by less, mm and rad.
 _SAME = 1e-6
@@ -43,8 +43,6 @@ _SAME = 1e-6
 _NO_TOOL, _NO_WORK = "no tool", "the base of the robot"
 #: mm that a line may be off where another tool turns, where no job says it.
 _CHORD = 0.01
-#: Facts about what a body cannot hold.
-_LOST = ("external axes", "left out")
 #: rad: a piece of a motion along which the tool turns is at most so long.
 _MOST_TURN = math.radians(5.0)
 
@@ -88,14 +86,9 @@ def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
 
 def _refuse_losses(executed: Executed, name: str, place: Callable[[int], str]) -> None:
     """InputError where the program does more than its body says: an arm that runs the rest of it goes other ways."""
-    said = [(one.line, one.what) for one in executed.assumed] + [(one.line, one.what) for one in executed.findings]
-    for line, what in said:
-        if any(word in what for word in LOSSES):
-            remedy = "give all files of the program; camgen verify tells all that is missing"
-            raise InputError(name, what, place(line), remedy)
-    for label, text in executed.facts:
-        if label in _LOST:
-            raise InputError(name, f"{label}: {text}", remedy="take it out of the program: no other controller gets it")
+    for line, what in executed.lost[:1]:
+        remedy = "give all files of the program, or take it out of it; camgen verify tells all that is missing"
+        raise InputError(name, what, place(line), remedy)
 
 
 class TaughtFacts(Struct, frozen=True):

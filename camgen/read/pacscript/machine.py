@@ -62,6 +62,8 @@ class Machine:
         self.findings: dict[tuple[int, str], Finding] = {}
         self.assumed: dict[str, Assumption] = {}
         self.facts: dict[str, dict[str, None]] = {}
+        #: What the program does and the body does not, with its first line.
+        self.lost: dict[str, int] = {}
         self.steps = 0
         self.globals: dict[tuple[str, int], Value] = {}
         self.outputs: dict[str, Value] = {}
@@ -112,6 +114,11 @@ class Machine:
         """Notes once what was taken for something that no text holds."""
         if what not in self.assumed:
             self.assumed[what] = Assumption(self.line, what[:160], key, value)
+
+    def leave_out(self, what: str, key: str = "") -> None:
+        """Notes once what the program does and the body does not."""
+        self.suppose(what, key)
+        self.lost.setdefault(what[:160], self.line)
 
     def guess(self, what: str, key: str = "", value: float = 0.0) -> None:
         """Notes once which way was taken where no text decides: what stops the controller behind it is not sure."""
@@ -196,7 +203,7 @@ class Machine:
         if do in _MOVING:
             speed, _ = self.speed(self.internal)
             base = f"where line {self.line} leads"
-            self.suppose(f"{base} is not evaluated: it is told in a frame of that name")
+            self.leave_out(f"{base} is not evaluated: it is told in a frame of that name")
             self.move(MoveL(Pose(IDENTITY, (0.0, 0.0, 0.0)), speed), False, base)
 
     def speed(self, value: float) -> tuple[float, float]:
@@ -302,6 +309,7 @@ class Machine:
             tuple(sorted(self.findings.values(), key=lambda one: (one.line, one.level, one.what))),
             tuple(sorted(self.assumed.values(), key=lambda one: one.line)),
             facts,
+            tuple((line, what) for what, line in self.lost.items()),
             stopped,
         )
 

@@ -111,14 +111,14 @@ def _signals(run: Running, which: Node, upto: Node | None) -> list[int | str]:
     if upto is not None:
         ends = evaluate(run, which), evaluate(run, upto)
         if any(isinstance(end, Unknown) for end in ends):
-            run.machine.suppose("outputs whose numbers the text does not hold are left out")
+            run.machine.leave_out("outputs whose numbers the text does not hold are left out")
             return []
         first, last = (index(number(end)) for end in ends)
         return list(range(first, min(last, first + 255) + 1))
     if which.kind == "index" and which.said == "io" and which.parts:
         at = evaluate(run, which.parts[0])
         if isinstance(at, Unknown):
-            run.machine.suppose(f"{at.what}, the number of an output, is not known: it is left out", at.key)
+            run.machine.leave_out(f"{at.what}, the number of an output, is not known: it is left out", at.key)
             return []
         return [index(number(at))]
     said = str(which.said)

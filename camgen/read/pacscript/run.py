@@ -282,7 +282,7 @@ class Run:
                 machine.find("refused", str(error))
                 machine.lose(op.do)
             except Unreadable as error:
-                machine.suppose(f"{error}: left out")
+                machine.leave_out(f"{error}: left out")
                 machine.lose(op.do)
             at += 1
 
@@ -372,7 +372,7 @@ class Run:
     def left_out(self, name: str) -> Value:
         """A procedure that is in no file."""
         self.machine.trusting = True
-        self.machine.suppose(f"{name} is in no file that is given: left out, with all that it moves and sets")
+        self.machine.leave_out(f"{name} is in no file that is given: left out, with all that it moves and sets")
         return Unknown(f"what {name} gives")
 
 

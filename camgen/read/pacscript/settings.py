@@ -127,7 +127,7 @@ def force_parameter(run: Running, op: Op) -> None:
         table = int(number(values[0]))
         machine.forces[table] = (int(number(values[1])), force.origin)
         if machine.table == table and not machine.press(table):
-            machine.suppose("a force in a frame that the text does not give is left out")
+            machine.leave_out("a force in a frame that the text does not give is left out")
 
 
 def force_control(run: Running, op: Op) -> None:
@@ -135,13 +135,13 @@ def force_control(run: Running, op: Op) -> None:
     values = [evaluate(run, node) for node in op.a]
     machine = run.machine
     if any(isinstance(one, Unknown) for one in values) or not values:
-        machine.suppose("force control by values that the text does not hold is left out")
+        machine.leave_out("force control by values that the text does not hold is left out")
         return
     on = bool(number(values[0]))
     if machine.press((int(number(values[1])) if len(values) > 1 else 1) if on else None):
         machine.tell_force()
     else:
-        machine.suppose("a force that the text does not give is left out")
+        machine.leave_out("a force that the text does not give is left out")
 
 
 def hold(run: Running, _op: Op) -> None:

@@ -71,6 +71,7 @@ def _answer(machine: Machine, stopped: tuple[int, str] | None) -> Executed:
         findings=tuple(sorted(findings, key=lambda one: (one.line, one.what))),
         assumed=tuple(sorted(machine.assumed.values(), key=lambda one: one.line)),
         facts=tuple((label, _list(texts)) for label, texts in machine.facts.items() if label),
+        lost=tuple((line, what) for what, line in machine.lost.items()),
         stopped=stopped,
     )
 

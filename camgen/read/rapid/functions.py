@@ -48,7 +48,7 @@ def call_function(machine: Machine, call: Call) -> Value:
         known = _WITH_OPTION.get((call.name, *sorted(name for name, _ in call.options)))
         values += [machine.value(value) for name, value in call.options if value is not None]
     if known is None or find_unknown(values) is not None:
-        machine.assume(f"{call.name} with \\{call.options[0][0]} is not evaluated: what it gives is not known")
+        machine.lose(f"{call.name} with \\{call.options[0][0]} is not evaluated: what it gives is not known")
         return Unknown(f"{call.name}()")
     try:
         return known(*values)

@@ -323,12 +323,12 @@ def _bit(machine: Machine, call: Call) -> None:
 
 def _move_alone(machine: Machine, _call: Call) -> None:
     """IndAMove and its like: an axis beside the arm."""
-    machine.tell("external axes", "move on their own and are not shown")
+    machine.lose_axes("move on their own and are not shown")
 
 
 def _move_unseen(machine: Machine, call: Call) -> None:
     """A motion that no text tells: where the arm is is not known after it."""
-    machine.assume(f"{call.name} moves the arm as no text says: it is not shown")
+    machine.lose(f"{call.name} moves the arm as no text says: it is not shown")
     machine.here = Here(None, machine.frame)
     machine.blending = 0
 

@@ -72,6 +72,7 @@ class Machine:
     findings: dict[tuple[Level, int, str], None] = field(default_factory=dict)
     assumed: dict[tuple[str, str], Assumption] = field(default_factory=dict)
     facts: dict[str, dict[str, None]] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)  # with the first line
     data: dict[str, Variable] = field(default_factory=dict)  # what is global
     routines: dict[str, Routine] = field(default_factory=dict)
     homes: dict[Routine, Home] = field(default_factory=dict)
@@ -128,6 +129,16 @@ class Machine:
     def tell(self, label: str, what: str) -> None:
         """Notes a fact, once a program."""
         self.facts.setdefault(label, {})[what] = None
+
+    def lose(self, what: str) -> None:
+        """Assumes that the program does without something that it does, which the body then lacks."""
+        self.assume(what)
+        self.lost.setdefault(what, self.line)
+
+    def lose_axes(self, what: str) -> None:
+        """Notes a fact about external axes, which no body has."""
+        self.tell("external axes", what)
+        self.lost.setdefault(f"external axes: {what}", self.line)
 
     def given(self, name: str) -> float | None:
         """What the user says of ``name``."""

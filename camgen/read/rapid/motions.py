@@ -103,7 +103,7 @@ def move(machine: Machine, call: Call) -> Bound | None:
     form = form_of(call.name)
     assert form is not None
     if form.kind == "ext":
-        machine.tell("external axes", "move on their own and are not shown")
+        machine.lose_axes("move on their own and are not shown")
         return None
     points, speed, zone, tool, tail = _arguments(machine, form, call)
     bound = _bind(machine, form, call, speed, zone, tool)
@@ -284,7 +284,7 @@ def _leave_out(machine: Machine, value: Value) -> None:
     """A motion whose target is not known."""
     unknown = find_unknown(value)
     why = unknown.what if unknown is not None and unknown.what else "it is worked out on the controller"
-    machine.assume(f"a target is not known ({why[:60]}): motions there are left out")
+    machine.lose(f"a target is not known ({why[:60]}): motions there are left out")
     machine.here = Here(None, machine.frame)
 
 
@@ -334,7 +334,7 @@ def _posture(rest: tuple[Value, ...]) -> Posture | None:
 
 def _tell_external(machine: Machine, axes: Value) -> None:
     if isinstance(axes, tuple) and any(type(v) is float and v < _NINES for v in axes):
-        machine.tell("external axes", "have values in the targets; they are not shown")
+        machine.lose_axes("have values in the targets; they are not shown")
 
 
 def _emit_arc(

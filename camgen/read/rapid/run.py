@@ -196,14 +196,14 @@ def _leave_out(runner: Runner, call: Call) -> None:
         if isinstance(name, str) and type(number) is float:
             _call_by_name(runner, f"{name}{number:g}", Call(call.line, "callbyvar"))
             return
-    runner.machine.assume(f"{call.name} is in none of the files: it is left out")
+    runner.machine.lose(f"{call.name} is in none of the files: it is left out")
 
 
 def _call_by_name(runner: Runner, name: Value, call: Call) -> None:
     machine = runner.machine
     if not isinstance(name, str):
         what = find_unknown(name)
-        machine.assume(
+        machine.lose(
             f"a routine is called by a name that is not known{f' ({what.what[:40]})' if what else ''}: left out"
         )
         return
@@ -215,7 +215,7 @@ def _call_by_name(runner: Runner, name: Value, call: Call) -> None:
     if (module and home is None) or (
         machine.routine(plain) is None and plain not in EFFECTS and form_of(plain) is None
     ):
-        machine.assume(f"{plain[:40]} is in none of the files: it is left out")
+        machine.lose(f"{plain[:40]} is in none of the files: it is left out")
         return
     _run_call(runner, Call(call.line, plain, call.args, call.options))
 

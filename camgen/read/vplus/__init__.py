@@ -72,7 +72,7 @@ def run(files: Mapping[str, str], ask: Ask) -> Executed:
     frames, frame, body = _place(machine)
     return Executed(
         _turn(body, machine.turning), tuple(machine.lines), frames, frame,
-        notes.findings(), notes.assumed(), notes.facts(), machine.stopped,
+        notes.findings(), notes.assumed(), notes.facts(), notes.lost(), machine.stopped,
     )  # fmt: skip
 
 

@@ -39,6 +39,7 @@ class Notes:
         self._findings: dict[tuple[int, str], Level] = {}
         self._assumed: dict[str, Assumption] = {}
         self._facts: dict[str, dict[str, None]] = {}
+        self._lost: dict[tuple[int, str], None] = {}
 
     def find(self, level: Level, line: int, what: str) -> None:
         """A finding."""
@@ -59,6 +60,11 @@ class Notes:
             text = one_line(what)[:_LONGEST]
             self._assumed.setdefault(key or text, Assumption(line, text, key, value))
 
+    def lose(self, line: int, what: str) -> None:
+        """What the program does and the motions told do not."""
+        if len(self._lost) < _MOST:
+            self._lost.setdefault((line, one_line(what)[:_LONGEST]))
+
     def fact(self, label: str, text: str) -> None:
         """What else stands in the program."""
         texts = self._facts.setdefault(label, {})
@@ -77,6 +83,10 @@ class Notes:
     def facts(self) -> tuple[tuple[str, str], ...]:
         """Label and text."""
         return tuple((label, ", ".join(texts)) for label, texts in self._facts.items())
+
+    def lost(self) -> tuple[tuple[int, str], ...]:
+        """Line and text."""
+        return tuple(self._lost)
 
 
 class Surroundings(Arm):

@@ -161,7 +161,9 @@ class Machine(Units):
 
     def _unreadable(self, statement: Statement, error: Unreadable) -> None:
         if self.doubt and isinstance(error, Impossible):
-            self.notes.odd(statement.line, f"not evaluated: {error} (with what is assumed)")
+            what = f"not evaluated: {error} (with what is assumed)"
+            self.notes.odd(statement.line, what)
+            self.notes.lose(statement.line, what)
         else:
             self.notes.refuse(statement.line, str(error))
         if statement.word in MOTIONS:
@@ -412,14 +414,18 @@ class Machine(Units):
         name = text.string()
         left = text.rest()
         if not name:
-            self.notes.assume(self.line, f"CALLS {rest}: which program, is not known: left out")
+            self._leave_out(f"CALLS {rest}: which program, is not known: left out")
             return
         self._enter(name, left or "()")
+
+    def _leave_out(self, what: str) -> None:
+        self.notes.assume(self.line, what)
+        self.notes.lose(self.line, what)
 
     def _enter(self, name: str, brackets: str) -> None:
         routine = self._programs.get(canonical(name))
         if routine is None:
-            self.notes.assume(self.line, f"program {name} is not in these files: left out")
+            self._leave_out(f"program {name} is not in these files: left out")
             return
         if self.depth > _DEEPEST:
             raise Exhausted(f"more than {_DEEPEST} programs call each other")

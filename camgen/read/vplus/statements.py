@@ -79,6 +79,7 @@ class Statements(Robot):
             _MORE[word](self, statement)
         elif word in NOT_EVALUATED:
             self.notes.odd(statement.line, f"{word} is not evaluated")
+            self.notes.lose(statement.line, f"{word} is not evaluated")
             self.lost(word)
         elif word in REACTIONS:
             self.react(statement)
