@@ -336,7 +336,8 @@ class GCode(Rs274):
         """M6, up to the top of the machine, since where it stands afterwards is not known, and the new length."""
         first, up = not self._changed, ("G53 G0 Z0",) if self.lift else ()
         self._changed, self._words = True, ()
-        name = f"tool {item.name} diameter {short(item.diameter, 3)} mm length {short(item.length, 3)} mm"
+        size = f"diameter {short(item.diameter, 3)} mm length {short(item.length, 3)} mm" if item.diameter else ""
+        name = f"tool {item.name} {size}"
         return (
             self.note(" ".join(name.split())),
             *(super().ready() if first else ()),

@@ -70,10 +70,14 @@ def _frames_of(part: Part | None) -> Frames | None:
 
 
 def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
-    """The part in one or several inputs. Files of one robot's language are one program."""
+    """The part in one or several inputs. Programs in one language are one program."""
     paths = [one for one in sources if isinstance(one, Path)]
     if len(paths) == len(sources) > 1:
         language = _find_language(paths, job, files)
+        if language == "gcode":
+            from camgen.read.gcode import read_files as read_gcode  # noqa: PLC0415 (only for what needs it)
+
+            return read_gcode([files.within(job.limits).read(path) for path in paths], job)
         if language:
             from camgen.read.taught import read_files  # noqa: PLC0415 (only for what needs it)
 
@@ -82,14 +86,13 @@ def read_parts(sources: Sequence[Path | Part], job: Job, files: Files) -> Part:
 
 
 def _find_language(paths: Sequence[Path], job: Job, files: Files) -> str:
-    """The language of a robot that all files are in, "" where they are not."""
+    """The language of a controller that all files are in, "" where they are not."""
     try:
         readers = [find_reader(files.within(job.limits).read(path)) for path in paths]
     except InputError:
         return ""  # told when it is read
     names = {reader.name for reader in readers if reader.makes == "program"}
-    # Programs of G-code are each one by itself.
-    return names.pop() if len(names) == 1 and all(r.makes == "program" and r.name != "gcode" for r in readers) else ""
+    return names.pop() if len(names) == 1 and all(r.makes == "program" for r in readers) else ""
 
 
 def join_parts(parts: Sequence[Part]) -> Part:

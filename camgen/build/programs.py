@@ -20,7 +20,7 @@ from camgen.model.job import Job, ToolTable
 from camgen.model.part import IntArray
 from camgen.model.path import Tour
 from camgen.model.program import Comment, Instruction, Program, ToolChange, put_off_first
-from camgen.order import ArmTour, JobTour
+from camgen.order import ArmTour, JobTour, ReplayTour
 from camgen.post import OutputFile, Post, Readback, Reading
 from camgen.post.plugins import dynamics_of
 from camgen.post.verify import Deviation, compare
@@ -62,19 +62,19 @@ def check_programs(
     Refused for an instruction that it has not, Blocked where the arm cannot run one. source: the input, for messages.
     """
     parts = (lowered,) if poster.changes_tools else split_tools(lowered)
-    if isinstance(tour, JobTour):
-        job = replace(job, tool=tour.steps[0].tool)  # whose holder is there; with several each is told below
+    tools = _tools(tour)
+    if tools:
+        job = replace(job, tool=tools[0])  # whose holder is there; with several each is told below
     flow = _flow_of(tour, job)
     if len(parts) == 1:
         program = poster.prepare(parts[0], job.tolerance.chord)
         whole = check(program, job, cell, where, source, flow)
         return Checked(((poster, whole.program),), whole, _time(whole, poster, job, cell))
-    assert isinstance(tour, JobTour)
     found: list[Checks] = []
     blocked: list[Blocked] = []
     # A post prints one program; its name is in what it prints.
     posters = [dataclasses.replace(poster, program="") for _ in parts]
-    for part, tool, own in zip(parts, _tools(tour), posters, strict=True):
+    for part, tool, own in zip(parts, tools, posters, strict=True):
         try:
             prepared = own.prepare(part, job.tolerance.chord)
             found.append(check(prepared, replace(job, tool=tool), cell, where, source, flow))
@@ -109,8 +109,12 @@ def _flow_of(tour: Tour, job: Job) -> Flow | None:
     return Flow(slow, room, max(process.least_height for _, process in every))
 
 
-def _tools(tour: JobTour) -> list[ToolTable]:
-    """The tools in the order in which the program changes to them."""
+def _tools(tour: Tour) -> list[ToolTable]:
+    """The tools in the order in which the program changes to them; none where it does not."""
+    if isinstance(tour, ReplayTour):
+        return [part.tool for part in tour.parts if part.tool is not None]
+    if not isinstance(tour, JobTour):
+        return []
     tools: list[ToolTable] = []
     for step, part in zip(tour.steps, tour.tours, strict=True):
         if part.paths and (not tools or tools[-1] != step.tool):

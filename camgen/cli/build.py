@@ -164,7 +164,8 @@ def _programs(result: Result, programs: Sequence[tuple[Path, bytes]]) -> list[Ro
     changes = [item for item in result.program.body if isinstance(item, ToolChange)]
     for place, change in zip(accumulate((0, *result.counts)), changes, strict=False):
         label, text, tone = told[place]
-        told[place] = (label, f"{text}: {change.name or 'tool'}, diameter {change.diameter:g} mm", tone)
+        size = f", diameter {change.diameter:g} mm" if change.diameter else ""
+        told[place] = (label, f"{text}: {change.name or 'tool'}{size}", tone)
     why = f"{result.post.name} changes no tool in a program; run them in this order, each with its tool"
     return [*told, ("programs", f"{len(result.counts)}: {why}", "look")]
 

@@ -7,6 +7,7 @@ asks for an exact path (G61, G61.1).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import takewhile
 
 import numpy as np
@@ -16,28 +17,68 @@ from camgen.geometry.arcs import chain
 from camgen.geometry.vectors import dots
 from camgen.lower.contours import finish
 from camgen.lower.corners import Corners, blend_corners, corner_tolerance
+from camgen.lower.steps import frame_of
 from camgen.model.cell import Cell, Dynamics
 from camgen.model.job import Job
 from camgen.model.pose import TOOL_DOWN, FloatArray, Pose
-from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program
+from camgen.model.program import Columns, Force, Instruction, MoveC, MoveJ, MoveL, Output, Program, ToolChange
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.order import ReplayTour
 from camgen.plan.replay import moving, owners
 from camgen.plan.taught import stretches
+from camgen.plan.tool_parts import ToolPart
 
 
 def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:
     """The program of the machine in ``cell``, whose frames and home hold. name, header: of the program.
 
-    It comes to the first position from above, at the height of travel, and leaves the last one upwards.
+    With each tool it comes to the first position from above, at the height of travel, and leaves the last one upwards.
+    Tools are changed at home, with all outputs off; what was on goes on behind the change.
+    """
+    home = MoveJ(cell.home, job.process.travel_speed)
+    out: list[Instruction] = []
+    before = 0
+    for k, part in enumerate(tour.parts):
+        on = _find_on(out)
+        if k:
+            out += [*(Output(one.signal, 0.0) for one in on), home]
+        if part.tool is not None:
+            out.append(_change(part, job, cell))
+        body = moving(part.body)
+        out += [home, *on]
+        out += _run(body, part.entry, before, cell, job)
+        before += 1 + max(owners(Columns(body)))
+    out += [*_left_on(out), home]
+    frame = None if tour.parts[0].tool is None else _change(tour.parts[0], job, cell).flange_from_tool
+    framed = cell if frame is None else replace(cell, flange_from_tool=frame)
+    return finish(out, tour.paths, framed, job, name, header)
+
+
+def _change(part: ToolPart, job: Job, cell: Cell) -> ToolChange:
+    """To the tool of ``part``: of one that the machine alone knows only the number is told."""
+    tool = part.tool
+    assert tool is not None
+    if not part.known:
+        return ToolChange(tool.number, tool.name, flange_from_tool=cell.flange_from_tool)
+    return ToolChange(tool.number, tool.name, tool.diameter, tool.length, frame_of(replace(job, tool=tool), cell))
+
+
+def _find_on(body: Sequence[Instruction]) -> list[Output]:
+    """The outputs that are on behind ``body``, as they were switched last."""
+    last = {item.signal: item for item in body if isinstance(item, Output)}
+    return [item for item in last.values() if item.value]
+
+
+def _run(body: list[Instruction], entry: float, before: int, cell: Cell, job: Job) -> list[Instruction]:
+    """What is done with one tool, from above its first position to above its last. before: how many paths of the
+    program come before its own.
     """
     cartesian, travel = isinstance(cell.home, Pose), job.process.travel_speed
-    body = moving(tour.run.body)
     first = next(k for k, item in enumerate(body) if isinstance(item, MoveJ))
     columns = Columns(body)
-    path, *following = owners(columns)
-    out: list[Instruction] = [MoveJ(cell.home, travel), *body[:first]]
-    arrival = _arrive(body[first], cartesian, job, tour.run.entry)  # type: ignore[arg-type]  # a MoveJ, found above
+    path, *following = [owner + before if owner >= 0 else -1 for owner in owners(columns)]
+    out: list[Instruction] = list(body[:first])
+    arrival = _arrive(body[first], cartesian, job, entry)  # type: ignore[arg-type]  # a MoveJ, found above
     out += [replace(item, path=path) for item in arrival]
     manner = zip(_blends(columns, corner_tolerance(job, "replay"), cell.pace).tolist()[1:], following, strict=True)
     last: MoveJ | MoveL | MoveC = body[first]  # type: ignore[assignment]
@@ -57,9 +98,7 @@ def lower_replay(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", hea
         else:
             out.append(item)
     out += _leave(last.target, cartesian, job)  # type: ignore[arg-type]
-    out += _left_on(out)
-    out.append(MoveJ(cell.home, travel))
-    return finish(out, tour.paths, cell, job, name, header)
+    return out
 
 
 def lower_taught(tour: ReplayTour, cell: Cell, job: Job, name: str = "part", header: tuple[str, ...] = ()) -> Program:

@@ -92,7 +92,8 @@ def split_tools(program: Program) -> tuple[Program, ...]:
         change = program.body[start]
         assert isinstance(change, ToolChange)
         body = put_off_first(tuple(dropwhile(_is_off, program.body[start + 1 : end])))
-        about = f"tool {k} of {len(changes)}: {change.name or 'diameter'} {change.diameter:g} mm"
+        size = f" {change.diameter:g} mm" if change.diameter else ""
+        about = f"tool {k} of {len(changes)}: {change.name or 'diameter'}{size}"
         frame = change.flange_from_tool or program.flange_from_tool
         own = replace(program, body=body, flange_from_tool=frame, header=(*program.header, about))
         programs.append(own if len(changes) == 1 else replace(own, name=f"{program.name}_{k}"))

@@ -51,6 +51,14 @@ class InputTable(Table, frozen=True):
     select: Annotated[
         str, Meta(description='edges of a 3-D part: convex, all, bottom, ids as inspect prints them; "not" leaves out')
     ] = "convex"
+    dialect: Annotated[
+        Literal["", "linuxcnc", "grbl", "fanuc", "fanuc-lathe", "mach3", "marlin", "iso"],
+        Meta(description='of G-code: the controller that it was written for; "": what its words show'),
+    ] = ""
+    assume: Annotated[
+        dict[str, float],
+        Meta(description="of programs: what no text holds, by the keys that `camgen verify` names, { di1 = 1 }"),
+    ] = field(default_factory=dict)
 
 
 class ImageTable(Table, frozen=True):
@@ -204,6 +212,13 @@ class OperationTable(Table, frozen=True):
             "its joint values become what they are on the arm of the cell"
         ),
     ] = ""
+    compensation: Annotated[
+        Literal["exact", "as-programmed"],
+        Meta(
+            description="replay of G-code: G41 and G42; exact: beside the path by the radius of the tool; "
+            "as-programmed: on it, for programs that hold the path of its centre"
+        ),
+    ] = "exact"
 
 
 class ToolTable(Table, frozen=True):

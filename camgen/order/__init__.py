@@ -28,7 +28,7 @@ def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_
     if isinstance(plan, (EdgePlan, ReplayPlan)) and plan.paths is not plan.made:
         raise changed_paths()
     if isinstance(plan, ReplayPlan):
-        return ReplayTour(plan.paths, plan.travel, "as-drawn", run=plan.run, made=plan.paths)
+        return ReplayTour(plan.paths, plan.travel, "as-drawn", run=plan.run, made=plan.paths, parts=plan.parts)
     if isinstance(plan, EdgePlan):
         from camgen.order.edges import order_edges  # noqa: PLC0415 (fcl is loaded only by what needs it)
 

@@ -12,6 +12,7 @@ from camgen.model.pose import FloatArray
 
 if TYPE_CHECKING:
     from camgen.order.edges.route import Route
+    from camgen.plan.tool_parts import ToolPart
     from camgen.read.gcode.interpreter import ProgramRun
 
 
@@ -43,10 +44,11 @@ class ArmTour(Tour, frozen=True, eq=False, kw_only=True):
 
 
 class ReplayTour(Tour, frozen=True, eq=False, kw_only=True):
-    """The paths of a program that was read, and what it does. made: the paths."""
+    """The paths of a program that was read, and what it does. made: the paths. parts: as in ``ReplayPlan``."""
 
     run: ProgramRun
     made: tuple[ToolPath, ...]
+    parts: tuple[ToolPart, ...] = ()
 
 
 class JobTour(Tour, frozen=True, eq=False, kw_only=True):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from camgen.collision.cell import Surroundings
     from camgen.model.part import Contour, Line
     from camgen.plan.edges.motion import Reached, Unreached
+    from camgen.plan.tool_parts import ToolPart
     from camgen.read.gcode.interpreter import ProgramRun
 
 #: What is called when a stage begins or has got somewhere: what the user is told.
@@ -104,11 +105,14 @@ class EdgePlan(Plan, frozen=True, eq=False, kw_only=True):
 
 
 class ReplayPlan(Plan, frozen=True, eq=False, kw_only=True):
-    """The motions of a program that was read, as they stand in it. travel: mm of its rapid motions. made: the paths."""
+    """The motions of a program that was read, as they stand in it. travel: mm of its rapid motions. made: the paths.
+    parts: of G-code, by its tools, whose paths are the paths, one after the other.
+    """
 
     run: ProgramRun
     travel: float
     made: tuple[ToolPath, ...]
+    parts: tuple[ToolPart, ...] = ()
 
 
 class JobPlan(Plan, frozen=True, eq=False, kw_only=True):

@@ -131,7 +131,7 @@ def _replay(part: Part, job: Job, cell: Cell | None, _watch: Watch) -> Plan:
     from camgen.plan.taught import plan_taught  # noqa: PLC0415
     from camgen.read.taught import Taught  # noqa: PLC0415
 
-    return plan_taught(part, job, cell) if isinstance(part, Taught) else plan_replay(part, job)
+    return plan_taught(part, job, cell) if isinstance(part, Taught) else plan_replay(part, job, cell)
 
 
 FOLLOW = Operation(

@@ -9,15 +9,17 @@ from itertools import pairwise
 import numpy as np
 from msgspec.structs import replace
 
+from camgen.model.cell import Cell
 from camgen.model.errors import InputError
 from camgen.model.job import Job
 from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath
 from camgen.model.pose import FloatArray, frozen
-from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, take
+from camgen.model.program import Columns, Instruction, Joints, MoveC, MoveJ, MoveL, take
 from camgen.model.text import counted, short
 from camgen.model.tolerance import SAME_POINT_MM
 from camgen.plan import ReplayPlan
+from camgen.plan.tool_parts import split_by_tool
 from camgen.plan.unused import no_idle
 from camgen.read.gcode.interpreter import Recorded
 
@@ -25,23 +27,29 @@ from camgen.read.gcode.interpreter import Recorded
 _FASTEST = 7000.0
 
 
-def plan_replay(part: Part, job: Job) -> ReplayPlan:
+def plan_replay(part: Part, job: Job, cell: Cell | None) -> ReplayPlan:
     """The program's motions at feed as paths, from one rapid motion to the next, in its order. JobError for a setting
     that would have no effect, InputError for a feed that no machine runs.
     """
     assert isinstance(part, Recorded)
     no_idle(job, "a replay")
     part = _slow(part, job.process.max_feed)
-    columns = Columns(moving(part.run.body))
-    ends, vias, speed = columns.ends, columns.vias, columns.speed
-    steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-    lines = dict(zip(map(id, part.run.body), part.run.lines, strict=True))
-    paths = tuple(
-        _path(number, lines[id(columns.moves[low + 1])], *(column[low:high] for column in (ends, vias, speed)))
-        for number, (low, high) in enumerate(_stretches(columns), 1)
-    )
-    travel = math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist())
-    return ReplayPlan(part, paths, part.notes, run=part.run, travel=travel, made=paths)
+    on_arm = cell is not None and isinstance(cell.home, Joints)
+    parts, notes = split_by_tool(part, job, on_arm)
+    paths: list[ToolPath] = []
+    travel = 0.0
+    for one in parts:
+        columns = Columns(moving(one.body))
+        ends, vias, speed = columns.ends, columns.vias, columns.speed
+        lines = dict(zip(map(id, one.body), one.lines, strict=True))
+        paths += [
+            _path(number, lines[id(columns.moves[low + 1])], *(column[low:high] for column in (ends, vias, speed)))
+            for number, (low, high) in enumerate(_stretches(columns), len(paths) + 1)
+        ]
+        steps = np.linalg.norm(np.diff(ends, axis=0), axis=1)
+        travel += math.fsum(steps[columns.moves_are(MoveJ)[1:]].tolist())
+    made, every = tuple(paths), (*part.notes, *notes)
+    return ReplayPlan(part, made, every, run=part.run, travel=travel, made=made, parts=parts)
 
 
 def _slow(part: Recorded, most: float | None) -> Recorded:

@@ -13,11 +13,13 @@ from camgen.robots.workcell import Workcell
 
 _ALL = ("*",)
 _SETTING = re.compile(r"\b[a-z]+\.[a-z_]+\b")
+#: Of programs that are read.
+_PROGRAMS = ("dialect", "assume")
 #: How a tool stands along a curve in space.
 _STAND = ("axis", "angles")
 _EDGES = {
-    "input": ("select",),
-    "operation": ("offset", "trim", "offset_along", "last_face", "taught_on"),
+    "input": ("select", *_PROGRAMS),
+    "operation": ("offset", "trim", "offset_along", "last_face", "taught_on", "compensation"),
     "tool": ("axis_tilt", *_STAND),
 }
 _PICTURES = {"image": _ALL, "camera": _ALL}
@@ -25,12 +27,12 @@ _REPLAYS = {"process": ("max_feed",)}
 _CONTOURS = (
     "side", "planner", "waypoint_spacing", "waypoint_turn", "direction", "corner_radius", "inside_first", "stepover",
     "holes", "depth", "passes", "lead_in", "lead_out", "overlap", "width", "finish", "entry", "entry_angle", "tabs",
-    "tab_spacing", "tab_width", "tab_height", "taught_on",
+    "tab_spacing", "tab_width", "tab_height", "taught_on", "compensation",
 )  # fmt: skip
 _CURVES: dict[str, tuple[str, ...]] = {
     **_PICTURES,
     "page": _ALL,
-    "input": ("min_length", "select"),
+    "input": ("min_length", "select", *_PROGRAMS),
     "tool": ("orient",),
     "tolerance": ("arc_fit", "simplify"),
 }
@@ -42,7 +44,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     "a 3-D part": {
         **_PICTURES,
         "page": _ALL,
-        "input": ("layers", "join", "min_length"),
+        "input": ("layers", "join", "min_length", *_PROGRAMS),
         "operation": _CONTOURS,
         "tool": ("orient", *_STAND),
         "tolerance": ("corner",),
@@ -69,7 +71,10 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         **_PICTURES,
         "page": _ALL,
         "input": ("units", "layers", "select", "join", "min_length"),
-        "operation": (*_CONTOURS, "offset", "trim", "offset_along", "last_face"),
+        "operation": (
+            *(name for name in _CONTOURS if name != "compensation"),
+            *("offset", "trim", "offset_along", "last_face"),
+        ),
         "tool": ("orient", "axis_tilt", "symmetric", "turn", *_STAND),
         "process": (
             *("feed", "force", "plunge", "max_feed_factor", "turn", "retract", "stay_down"),
@@ -79,7 +84,8 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
 }
 #: A robot program says more itself, and may name its arm.
 _IDLE["a taught program"] = _IDLE["a replay"] | {
-    "operation": tuple(name for name in _IDLE["a replay"]["operation"] if name != "taught_on"),
+    "input": (*_IDLE["a replay"]["input"], "dialect"),
+    "operation": ("compensation", *(name for name in _IDLE["a replay"]["operation"] if name != "taught_on")),
     "tolerance": ("corner",),
     "process": (*_IDLE["a replay"]["process"], "clearance", *_REPLAYS["process"]),
 }
@@ -164,6 +170,8 @@ def no_idle(job: Job, source: str) -> None:
     """JobError for a setting of ``job`` that is not its default and that nothing reads for ``source``, a key of
     the table: "a drawing", "a 3-D part".
     """
+    if job.tools and not job.operations and source != "a replay":
+        raise JobError("job", "has tools and no operation that names one", "[[tools]]", "write [[operations]]")
     for table, keys in _IDLE[source].items():
         given, default = asdict(getattr(job, table)), asdict(getattr(Job(), table))
         for key in given if keys is _ALL else keys:

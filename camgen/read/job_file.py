@@ -298,8 +298,6 @@ def _several(tree: Tree, job: Job, origins: Origins, source: str) -> dict[str, o
                 raise where.fault(key, f"{key} {_quote_short(value)} is another tool's too", "give each its own")
         tools.append(tool)
     steps = [_step(tree, job, tools, keys, _Where(name, origins, source)) for name, keys in _rows(tree, "operations")]
-    if tools and not steps:
-        raise JobError(source, "has tools and no operation that names one", "[[tools]]", "write [[operations]]")
     return {"tools": tools, "operations": steps}
 
 

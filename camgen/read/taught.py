@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -66,7 +66,7 @@ def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
     name = " + ".join(source.name for source in sources)
     texts = {source.name: text_of(source) for source in sources}
     place = Places(texts) if len(sources) > 1 else "line {}".format
-    executed = find_language(language).run(texts, Ask(limits=sources[0].limits))
+    executed = find_language(language).run(texts, Ask(assume=_lower(job.input.assume), limits=sources[0].limits))
     refused = [(one.line, one.what) for one in executed.findings if one.level == "refused"]
     for line, what in [*([executed.stopped] if executed.stopped else []), *refused][:1]:
         raise InputError(name, what, place(line), "camgen verify tells all of it; mend the program")
@@ -82,6 +82,10 @@ def read_files(sources: Sequence[Source], job: Job, language: str) -> Taught:
     )
     named = sources[0].stem, name, "mm", ()
     return Taught(*named, notes=notes, run=run, language=language, frames=told.frames)
+
+
+def _lower(given: Mapping[str, float]) -> dict[str, float]:
+    return {key.lower(): value for key, value in given.items()}
 
 
 def _refuse_losses(executed: Executed, name: str, place: Callable[[int], str]) -> None:

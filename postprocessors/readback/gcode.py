@@ -21,7 +21,7 @@ from camgen.model.program import Force, Instruction, Output, Stop, ToolChange
 from camgen.model.text import counted
 from camgen.post import Fault, Reading, Remark
 from camgen.read.gcode import arcs
-from camgen.read.gcode.interpreter import Blocks, interpret, play
+from camgen.read.gcode.interpreter import Blocks, interpret_plain, play
 from camgen.read.gcode.machine import AXES, HANDLERS, Machine
 from camgen.read.gcode.words import (
     COMMENT,
@@ -607,7 +607,7 @@ def _read_foreign(lines: Sequence[str], m: Strict) -> Reading | None:
 
     m: the machine that met those words. That they are there is a remark, so that a program of our own never passes.
     """
-    found = interpret(lines, narrow=True)
+    found = interpret_plain(lines)
     if found.stopped and found.unread and found.stopped[0] <= m.unread:
         return None
     what = "a word that camgen does not write; the program is read as LinuxCNC runs it"

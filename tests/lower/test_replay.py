@@ -11,7 +11,7 @@ from bench.read.replay import against, judged
 from camgen.model.errors import InputError, JobError, NoSafeProgram
 from camgen.model.pose import Pose
 from camgen.model.program import Joints, MoveC, MoveJ, MoveL, Output, Wait
-from camgen.read.gcode.interpreter import interpret
+from camgen.read.gcode.replayed import interpret
 from tests.support.rs274 import needs_rs274
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data" / "gcode"

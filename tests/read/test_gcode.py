@@ -12,7 +12,7 @@ from camgen.model.job import Job
 from camgen.model.program import MoveC, MoveJ, MoveL, Output, Wait
 from camgen.read import inspect, read
 from camgen.read.gcode import interpreter
-from camgen.read.gcode.interpreter import interpret
+from camgen.read.gcode.replayed import interpret
 
 
 def run(*lines, lead=("G21 G90", "G0 X0 Y0 Z0", "F600")):
@@ -222,12 +222,27 @@ def test_exact_stop_and_path_allow_no_rounding():
 @pytest.mark.parametrize(
     ("lines", "why"),
     [
-        (["G41 D1"], "G41 is not read: cutter compensation: the controller moves the path by the radius of the tool"),
-        (["G38.2 Z-1"], "G38.2 is not read: a probe"),
-        (["G84 Z-1 R1"], "G84 is not read: a cycle that taps, stops or turns the spindle back"),
+        (
+            ["G41 D1"],
+            "G41: the path depends on the radius of tool 1, which is not known; give tool 1 a row of [[tools]] with "
+            'its number and diameter, or operation.compensation = "as-programmed"',
+        ),
+        (["G38.2 Z-1"], "G38.2 probes: how far it goes is not in the text"),
+        (["G84 Z-1 R1"], "G84 taps: the spindle keeps step with the feed, for which programs here have no word"),
+        (["G74 Z-1 R1"], "G74 taps: the spindle keeps step with the feed, for which programs here have no word"),
+        (
+            ["G33 Z-1 K1"],
+            "G33 cuts a thread: the spindle keeps step with the feed, for which programs here have no word",
+        ),
+        (["G87 X1 Z-1 R1 K1 I1"], "G87 stops the spindle at an angle and goes in beside the hole"),
+        (["G88 X1 Z-1 R1 P1"], "G88 lets the operator bring the tool up"),
+        (["S100 M3", "G96 D9 S9"], "G96 is of a lathe: the spindle turns faster towards the centre"),
+        (["M19 R9"], "M19 turns the spindle to an angle"),
+        (["G7"], "G7 is of a lathe: X is a diameter"),
+        (["M150"], "M150: a program or remap of the user's"),
         (["G5 X1"], "G5 without P and Q"),
-        (["G66"], "G66 is not read: not a code that is known"),
-        (["M66 P0 L3 Q1"], "M66 is not read: waits for an input"),
+        (["G66"], "G66 is not a code of linuxcnc"),
+        (["M66 P0 L3 Q1"], "M66 waits for an input"),
         (["M98 P1"], "M98 P1: the subprogram is not in this file"),
         (["A90"], "axis A moves: only X, Y and Z are replayed"),
         (["G0 G1 X1"], "G0 and G1 are of one group (motion)"),
@@ -236,17 +251,15 @@ def test_exact_stop_and_path_allow_no_rounding():
         (["G80", "X1"], "axis words without a motion code (G0, G1, G2, G3)"),
         (["G1 X1e3"], "word E3: nothing in the line uses it"),
         (["G1 X#<none>"], "#<none> is used before it is set"),
-        (["G1 X#5161"], "#5161 is a value of the machine, which is not known here"),
+        (["G1 X#5161"], "#5161 is a value of the machine"),
         (["G1 X[1/0]"], "1 / 0 has no value"),
         (["G1 X[SQRT[-1]]"], "SQRT[-1] has no value"),
         (["G1 X1 (open"], "a comment that is not closed, or closed twice"),
         (["o9 call"], "o9 call: the subroutine is not in this file"),
-        (["T2 M6", "G1 X1", "T3 M6"], "M6 changes to tool T3: a program has one tool here"),
         (["F0", "G1 X1"], "G1 without a feed (F)"),
         (["G2 X1"], "arc without a centre or radius (I, J, K or R) in its plane"),
         (["G81 X1 Z-1"], "G81 without R"),
         (["G81 X1 Z2 R1"], "G81 begins (R) below its end"),
-        (["G10 L1 P1 Z1"], "G10 L1 changes the tool table, which is not known here"),
         (["G1 X99999999"], "word X99999999 is out of range"),
         ([";py,print(1)"], "a line of Python"),
     ],
@@ -329,7 +342,7 @@ def test_the_reader_names_file_line_and_reason(tmp_path):
     with pytest.raises(InputError) as error:
         read(file(tmp_path, "G21\r\nG0 X0\r\nG38.2 Z0\r\n"), Job())
     assert str(error.value) == (
-        "old.ngc: G38.2 is not read: a probe (line 3); mend the line, or build from the drawing"
+        "old.ngc: G38.2 probes: how far it goes is not in the text (line 3); mend the line, or build from the drawing"
     )
 
 
@@ -351,9 +364,10 @@ def test_inspect_tells_what_is_in_a_program(tmp_path):
     path = file(tmp_path, "G20 G90\nG0 X0 Y0 Z1\nM3 S100\nG1 Z0 F60\nX2\nG2 X0 I-1\nG33 K1\n", "old.tap")
     assert str(inspect(path, Job())).split("\n") == [
         "G-code of 7 lines, units inch",
-        "does: 1 rapid motion, 2 lines, 1 arc, 1 output, 0 waits",
+        "does: 1 rapid motion, 3 lines, 1 arc, 2 outputs, 0 waits",
         "work: x 0 to 50.8, y -25.4 to 0, z 0 to 0 mm",
-        "feeds: 25.4 to 25.4 mm/s",
+        "feeds: 25.4 to 42.333 mm/s",  # the thread: an inch a turn, 100 turns a minute
         "outputs: spindle",
-        "cannot be replayed: line 7: G33 is not read: a thread",
+        "cannot be replayed: line 7: G33 cuts a thread: the spindle keeps step with the feed, for which programs here "
+        "have no word",
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -10,13 +10,14 @@ from msgspec.structs import replace
 
 from camgen.model.errors import InputError
 from camgen.model.files import Source
-from camgen.model.job import Job
+from camgen.model.job import Job, ToolTable
 from camgen.model.part import Note
 from camgen.model.program import Columns, Instruction, MoveC, MoveJ, MoveL, Output, Wait
 from camgen.model.text import counted, short
 from camgen.read.files import Files
-from camgen.read.gcode.arcs import LINUXCNC
-from camgen.read.gcode.interpreter import ProgramRun, Recorded, interpret
+from camgen.read.gcode.interpreter import ProgramRun, Recorded
+from camgen.read.gcode.replayed import replay
+from camgen.read.programs import Ask, Places
 
 
 class ProgramFacts(Struct, frozen=True):
@@ -53,21 +54,29 @@ class ProgramFacts(Struct, frozen=True):
 
 def read(source: Source, job: Job, _files: Files) -> Recorded:
     """The program in ``source``. InputError for a line that is not replayed, and for a program without a motion."""
-    run = _run(_lines(source), source, job)
+    return read_files([source], job)
+
+
+def read_files(sources: Sequence[Source], job: Job) -> Recorded:
+    """The program in the first of several files, as ``read`` does it; the others hold its subprograms."""
+    name = " + ".join(source.name for source in sources)
+    texts = {source.name: _text_of(source) for source in sources}
+    place = Places(texts) if len(sources) > 1 else "line {}".format
+    run = replay(texts, _ask(job, sources[0]), job.tolerance.chord)
     if run.stopped:
-        line, what = run.stopped
-        raise InputError(source.name, what, f"line {line}", "mend the line, or build from the drawing")
+        line, reason = run.stopped
+        what, _, remedy = reason.partition("; ")
+        raise InputError(name, what, place(line), remedy or "mend the line, or build from the drawing")
     if not any(isinstance(item, (MoveL, MoveC)) for item in run.body):
-        raise InputError(
-            source.name, "holds no motion at feed (G1, G2, G3 or a cycle)", remedy="give a program that cuts"
-        )
-    return Recorded(name=source.stem, source=source.name, units=run.units, contours=(), notes=_notes(run), run=run)
+        raise InputError(name, "holds no motion at feed (G1, G2, G3 or a cycle)", remedy="give a program that cuts")
+    notes = _notes(run, place)
+    return Recorded(name=sources[0].stem, source=name, units=run.units, contours=(), notes=notes, run=run)
 
 
 def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
     """What is in the program, also where it cannot be replayed to its end. InputError if it is no text."""
-    lines = _lines(source)
-    run = _run(lines, source, job)
+    text = _text_of(source)
+    run = replay({source.name: text}, _ask(job, source), job.tolerance.chord)
     columns = Columns(run.body)
     working = ~columns.moves_are(MoveJ)
     points = np.concatenate([columns.ends[working], columns.vias[working]]) if working.any() else np.zeros((0, 3))
@@ -77,35 +86,48 @@ def inspect(source: Source, job: Job, _files: Files) -> ProgramFacts:
         MoveJ: "rapid motion", MoveL: "line", MoveC: "arc", Output: "output", Wait: "wait"
     }  # fmt: skip
     return ProgramFacts(
-        lines=len(lines) - (lines[-1] == ""),
+        lines=text.count("\n") + (not text.endswith("\n")),
         units=run.units,
         counts={name: int(columns.are(kind).sum()) for kind, name in names.items()},
         low=tuple(points.min(axis=0).tolist()) if len(points) else (),
         high=tuple(points.max(axis=0).tolist()) if len(points) else (),
         feeds=(float(speeds.min()), float(speeds.max())) if len(speeds) else (0.0, 0.0),
         signals=tuple(dict.fromkeys(item.signal for item in columns.of(Output))),
-        notes=_notes(run),
+        notes=_notes(run, "line {}".format),
         stopped=f"line {run.stopped[0]}: {run.stopped[1]}" if run.stopped else "",
     )
 
 
-def _run(lines: Sequence[str], source: Source, job: Job) -> ProgramRun:
-    limits = source.limits
-    return interpret(lines, replace(LINUXCNC, helix=job.tolerance.chord, pieces=limits.gcode_pieces), limits)
+def _ask(job: Job, source: Source) -> Ask:
+    """What the job says of a program: its dialect, what no text holds, and the tools, whose radii compensation needs.
+
+    [tool] is that of a program with one tool where it is said which: by its number, its name or its diameter.
+    """
+    given = {key.lower(): value for key, value in job.input.assume.items()}
+    for row in job.tools:
+        given |= {f"t{row.number}.diameter": row.diameter, f"t{row.number}.length": row.length}
+    own, usual = job.tool, ToolTable()
+    if own.number:
+        given.setdefault(f"t{own.number}.diameter", own.diameter)
+    elif (own.name, own.diameter) != (usual.name, usual.diameter):
+        given.setdefault("tool.diameter", own.diameter)
+    if job.operation.compensation == "as-programmed":
+        given["compensation"] = 0.0
+    return Ask(job.input.dialect, given, limits=source.limits)
 
 
-def _notes(run: ProgramRun) -> tuple[Note, ...]:
-    notes = tuple(replace(note, what=f"line {line}: {note.what}") for line, note in run.remarks)
+def _notes(run: ProgramRun, place: Callable[[int], str]) -> tuple[Note, ...]:
+    notes = tuple(replace(note, what=f"{place(line)}: {note.what}") for line, note in run.remarks)
     if run.ended or run.stopped:
         return notes
     return (*notes, Note("assumed", "the program ends with its file", "neither M2 nor M30 stands in it"))
 
 
-def _lines(source: Source) -> list[str]:
+def _text_of(source: Source) -> str:
     data = source.data
     if not data.strip() or b"\0" in data:
         raise InputError(
             source.name, "is empty" if not data.strip() else "is not a text", remedy="give a G-code program"
         )
     # Comments may hold any byte; nothing else in a program does, so each byte is a character.
-    return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return data.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n")

@@ -14,7 +14,7 @@ from camgen.read.gcode.compensation import Beside, Segment, place
 from camgen.read.gcode.foreign import Foreign, Handler
 from camgen.read.gcode.machine import AXES, HANDLERS, RAPID, set_offsets, take_axes, work_offset
 from camgen.read.gcode.motion import target
-from camgen.read.gcode.words import LineError, UnknownWord
+from camgen.read.gcode.words import LineError
 
 _POINTED = re.compile(r"p[ \t]*[0-9]*\.", re.IGNORECASE)
 _WORKS = {n: f"G{53 + n}" for n in range(1, 7)} | {n: f"G59.{n - 6}" for n in range(7, 10)}
@@ -29,10 +29,10 @@ _MOST_TURNS = 3000.0
 def _change(m: Foreign, code: str, words: dict[str, float]) -> None:
     """M6, and M61 which only says what tool is in."""
     if code == "M61":
-        m.changed_to = int(words.pop("Q", 0.0))
-        return
-    if not m.judging:
-        HANDLERS["tool change"](m, code, words)
+        number = int(words.pop("Q", 0.0))
+        if m.cut and number != m.changed_to:
+            m.lose(f"M61 says that tool T{number} is in, after a cut with another one")
+        m.changed_to = number
         return
     if m.tool is None:
         m.tell("left out", "M6 without a tool (T)")
@@ -59,10 +59,7 @@ def _length(m: Foreign, code: str, words: dict[str, float]) -> None:
         for letter in "XYZ":
             words.pop(letter, None)
     m.reached = True
-    if m.judging:
-        m.assume("z is that of the tip of the tool: its length (G43) is in no program", "", 0.0)
-    else:
-        m.note("assumed", "the length of the tool (G43) is that of the job", "z is that of its tip")
+    m.assume("z is that of the tip of the tool: its length (G43) is in no program", "", 0.0)
 
 
 def _spindle(m: Foreign, code: str, words: dict[str, float]) -> None:
@@ -93,8 +90,6 @@ def _outputs(m: Foreign, code: str, words: dict[str, float]) -> None:
         return
     name = f"din{words.pop('P'):.0f}" if "P" in words else f"ain{words.pop('E', 0.0):.0f}"
     waits, _ = words.pop("L", 0.0), words.pop("Q", 0.0)
-    if not m.judging:
-        raise UnknownWord("M66 is not read: waits for an input")
     default = {3.0: 1.0, 1.0: 1.0}.get(waits, 0.0)
     value = m.assume(f"{name} is {default:g}" + (", and its wait over at once" if waits else ""), name, default)
     m.homes["5399"] = value
@@ -136,7 +131,7 @@ def _state(m: Foreign, code: str, words: dict[str, float]) -> None:  # noqa: ARG
 
 def _override(m: Foreign, code: str, words: dict[str, float]) -> None:
     words.pop("P", None)
-    if code == "M49" and not m.judging:
+    if code == "M49":
         HANDLERS["override"](m, code, words)
     m.tell("overrides", code)
 
@@ -182,12 +177,21 @@ def _find_radius(m: Foreign, code: str, number: float | None) -> float:
         return 0.0
     name = m.changed_to or 0 if number is None else int(number)
     key = f"t{name}.diameter"
+    if "compensation" in m.given and not m.given["compensation"]:
+        m.assume(f"{code}: the path is run as programmed, the tool on it", "compensation", 0.0)
+        return 0.0
     if name in m.radii:
         return m.radii[name]
     if key in m.given:
-        return m.assume(f"{code}: the diameter of tool {name}, mm", key, m.given[key]) / 2
+        return m.assume(f"{code}: tool {name} has a diameter of {m.given[key]:g} mm", key, m.given[key]) / 2
+    if "tool.diameter" in m.given and len(m.tools) < 2:
+        known = m.given["tool.diameter"]
+        return m.assume(f"{code}: the tool has a diameter of {known:g} mm", "tool.diameter", known) / 2
     what = f"{code}: the path is run as programmed, the tool on it; the diameter of tool {name}, mm, is in no program"
     m.assume(what, key, 0.0)
+    ways = f"give tool {name} a row of [[tools]] with its number and diameter" if name else "set tool.diameter"
+    what = f"{code}: the path depends on the radius of {f'tool {name}' if name else 'the tool'}, which is not known"
+    m.lose(f'{what}; {ways}, or operation.compensation = "as-programmed"')
     return 0.0
 
 
@@ -249,7 +253,7 @@ def _read_as(m: Foreign, code: str, words: dict[str, float]) -> None:
 def _cancel(m: Foreign, code: str, words: dict[str, float]) -> None:
     """G92.1 and G92.2; the second keeps the shift for G92.3."""
     m.suspended[:] = [by or 0.0 for by in m.shifted]
-    if None in m.shifted and m.judging:
+    if None in m.shifted:
         m.assume(f"{code} after a G92 at a position that the program does not say: the origin stays", "", 0.0)
         m.shifted[:] = [by or 0.0 for by in m.shifted]
     set_offsets(m, code, words)
@@ -267,9 +271,6 @@ def _set(m: Foreign, code: str, words: dict[str, float]) -> None:
         set_offsets(m, code, words)
         return
     number = int(words.pop("P", 0.0))
-    if not m.judging:
-        kind = words.get("L", 0.0)
-        raise LineError(f"G10 L{kind:g} changes the tool table, which is not known here")
     if "R" in words and words.get("L") in (1.0, 10.0, 11.0):
         m.radii[number] = words["R"] * m.scale
     m.tell("tables of the machine", f"G10 L{words.get('L', 0.0):g} P{number}")
@@ -279,13 +280,13 @@ def _set(m: Foreign, code: str, words: dict[str, float]) -> None:
 def _know(m: Foreign, number: int, words: dict[str, float]) -> None:
     """Where the work offset in use was before G10 L2 moves it: at 0, where nobody says it."""
     work = m.work or "G54"
-    if not m.judging or (number and _WORKS.get(number) != work):
+    if number and _WORKS.get(number) != work:
         return
     table = m.works.setdefault(work, [None, None, None])
     for k, axis in enumerate(AXES):
         if axis in words and m.known[k] and table[k] is None:
             what = f"G10 L2 moves {work} in {axis} from 0; where it was, mm, is known to the machine alone"
-            table[k] = m.assume(what, f"{work.lower()}.{axis.lower()}", 0.0)
+            table[k] = m.guess(what, f"{work.lower()}.{axis.lower()}", 0.0)
 
 
 def _home(m: Foreign, code: str, words: dict[str, float]) -> None:
@@ -394,14 +395,15 @@ def _work(m: Foreign, code: str, words: dict[str, float]) -> None:
     known = [
         None not in (a, b) for a, b in zip(m.works.get(before, [None] * 3), m.works.get(code, [None] * 3), strict=True)
     ]
-    if not m.judging or code == before or all(known):
+    if code == before or all(known):
         work_offset(m, code, words)
     else:
         m.work = code
         if any(m.known):
             m.assume(f"{code} after motions in {before}: each is shown in its own coordinates", "", 0.0)
+            m.lose(f"{code} after motions in {before}: how far apart they are is known to the machine alone")
             m.adrift.update((0, 1, 2))
-    if m.judging and (not m.marks or m.marks[-1][2] != m.work):
+    if not m.marks or m.marks[-1][2] != m.work:
         m.marks.append((len(m.body), m.changed_to or 0, m.work))
 
 

@@ -57,12 +57,13 @@ def _signs(*patterns: str) -> re.Pattern[str]:
     return re.compile("|".join(patterns), re.IGNORECASE | re.MULTILINE)
 
 
-_USER = dict.fromkeys((f"M{n}" for n in range(100, 200)), "a program or remap of the user's")
+_REMAP, _PASSES = "a program or remap of the user's", "the passes of a lathe cycle are not shown, its profile is"
+_LATHE, _FUNCTION, _HOMING = "a lathe cycle", "a function of a printer", "homing"
+#: What other machines must not go without, of what moves nothing here.
+LOSSES = frozenset([_REMAP, _PASSES, _LATHE, _FUNCTION, _HOMING])
+_USER = dict.fromkeys((f"M{n}" for n in range(100, 200)), _REMAP)
 #: Lathe cycles of LinuxCNC 2.9 and of Fanuc: the profile is shown, the passes are not.
-_ROUGHING = dict.fromkeys(
-    ("G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2"),
-    "the passes of a lathe cycle are not shown, its profile is",
-)
+_ROUGHING = dict.fromkeys(("G70", "G71", "G71.1", "G71.2", "G72", "G72.1", "G72.2"), _PASSES)
 
 LINUXCNC = Dialect(
     name="linuxcnc",
@@ -134,7 +135,7 @@ LATHE = Dialect(
     source="Fanuc Series 0i-TF operator's manual (B-64694), G-code system A; Haas lathe operator's manual",
     signs=_signs(r"\bg50[ \t]*s\d", r"\bt\d{4}\b(?![\s\S]{0,40}\bm0?6\b)"),
     names={"G98": "G94", "G99": "G95", "G32": "G33"},
-    idle=_MACHINING | _ROUGHING | {f"G{n}": "a lathe cycle" for n in (73, 74, 75, 76, 90, 92, 94)},
+    idle=_MACHINING | _ROUGHING | {f"G{n}": _LATHE for n in (73, 74, 75, 76, 90, 92, 94)},
     codes={k: v for k, v in GROUP.items() if k not in ("G73", "G74", "G76", "G90", "G92", "G94")},
     dwell=0.001,
     arcs=_LOOSE,
@@ -165,7 +166,9 @@ MARLIN = Dialect(
         r"^[ \t]*g[01][^(;\n]*\be-?\d",
     ),
     codes={k: v for k, v in GROUP.items() if k not in [*_PRINTER.split(), "G5"]},
-    idle=dict.fromkeys([*_PRINTER.split(), "G5"], "a function of a printer") | {"M9": "coolant off"},
+    idle=dict.fromkeys([*_PRINTER.split(), "G5"], _FUNCTION)
+    | dict.fromkeys(("M17", "M18", "M82", "M83", "M84"), "motors, and how filament counts")
+    | {"M9": "coolant off"},
     dwell=0.001,
     default_feed=True,
     arcs=Limits(spiral=(5.0, 50.0, 5.0), shorter=0.5, least_radius=1e-6, turns=True),
@@ -177,7 +180,7 @@ COMMON = Dialect(
     name="iso",
     source="ISO 6983-1; RS274/NGC, version 3 (NIST IR 6556)",
     signs=_signs("(?!)"),
-    idle=_MACHINING | {"G28.2": "homing", "G28.3": "homing"},
+    idle=_MACHINING | {"G28.2": _HOMING, "G28.3": _HOMING},
     names={"G31": "G38.2"},
     default_feed=True,
     to_start=False,

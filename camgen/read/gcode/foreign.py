@@ -1,6 +1,6 @@
 """The machine that runs programs of others: all that their controllers take; what no text holds is an assumption.
 
-Replay stops at the first line that cannot be run. Who judges (``judging``) gathers what is wrong, and goes on.
+What is wrong is gathered, and the run goes on; so is what no other machine can do as it is meant (``lose``).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from camgen.model.pose import TOOL_DOWN, Pose, Vec3
 from camgen.model.program import Instruction, MoveL, Stop, Wait
 from camgen.read.gcode.arcs import Piece, find_centre
 from camgen.read.gcode.compensation import Beside
-from camgen.read.gcode.dialects import LINUXCNC, Dialect
+from camgen.read.gcode.dialects import LINUXCNC, LOSSES, Dialect
 from camgen.read.gcode.machine import ARCS, AXES, Machine, feed, stop
 from camgen.read.gcode.macros import ARGUMENTS, assign, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
-from camgen.read.gcode.words import Endless, Line, LineError, Parameters, UnknownWord, bare, not_read, without_number
+from camgen.read.gcode.words import Endless, Line, LineError, Parameters, UnknownWord, bare, without_number
 from camgen.read.programs import Assumption, Finding, Level
 
 #: Feed where a machine has one of its own and the text says none, mm/min.
@@ -39,11 +39,20 @@ _PARTS = dict(zip("UVW", AXES, strict=True))
 _PLAIN = re.compile(r"(?:[a-z][+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))*")
 _PLANES = {"G17": "XY", "G18": "ZX", "G19": "YZ"}
 
-#: What needs a probe, a spindle that keeps step, or the radius of the old tool.
-_NOT_REPLAYED = frozenset(
-    ["G7", "G33", "G33.1", "G38.2", "G38.3", "G38.4", "G38.5", "G41", "G41.1", "G42", "G42.1", "G74", "G76", "G84",
-     "G87", "G88", "G96", "M19", "M66"]
-)  # fmt: skip
+_IN_STEP = "the spindle keeps step with the feed, for which programs here have no word"
+_PROBES = "probes: how far it goes is not in the text"
+#: What depends on its own machine, and why: a probe, a spindle that keeps step, an operator, a part that turns.
+_OF_ITS_MACHINE = {
+    **dict.fromkeys(("G33", "G33.1", "G76"), f"cuts a thread: {_IN_STEP}"),
+    **dict.fromkeys(("G74", "G84"), f"taps: {_IN_STEP}"),
+    **dict.fromkeys(("G38.2", "G38.3", "G38.4", "G38.5"), _PROBES),
+    "G7": "is of a lathe: X is a diameter",
+    "G87": "stops the spindle at an angle and goes in beside the hole",
+    "G88": "lets the operator bring the tool up",
+    "G96": "is of a lathe: the spindle turns faster towards the centre",
+    "M19": "turns the spindle to an angle",
+    "M66": "waits for an input",
+}
 
 #: Codes that use the axis words of a line for themselves.
 _TAKE_AXES = frozenset(["G10", "G28", "G30", "G52", "G92"])
@@ -55,24 +64,24 @@ Handler = Callable[["Foreign", str, dict[str, float]], None]
 class Foreign(Machine):
     """The machine of a foreign program.
 
-    dialect: of its controller. given: what the user says, by name. judging: see above. handlers: of the codes by modal
-    group. traced: the motions that are no lines, arcs and holes, by code. findings, assumed, facts: as in ``Executed``,
-    the facts by label, what and first line. raw: the line as it stands. homes: places that the program stores (G28.1),
-    by code and axis. adrift: axes that have gone where no text says. tools: those that were changed to. radii: of
-    tools, by the tool table. rotary: where the axes A B C stand, deg. filament: mm. saved: modes that were kept. side:
-    of cutter compensation, 1 left, -1 right, 0 off; path: of the tool beside the programmed one, None where that runs
-    as programmed. marks: how many instructions stood before each frame. lathe: X is
-    a diameter. cutting: at the greatest surface speed. reached: G43 has come.
+    dialect: of its controller. given: what the user says, by name. handlers: of the codes by modal group. traced:
+    the motions that are no lines, arcs and holes, by code. findings, assumed, facts, lost: as in ``Executed``, the
+    facts by label, what and first line, the losses with their first line. raw: the line as it stands. homes: places
+    that the program stores (G28.1), by code and axis. adrift: axes that have gone where no text says. tools: those
+    that were changed to. radii: of tools, by the tool table. rotary: where the axes A B C stand, deg. filament: mm.
+    saved: modes that were kept. side: of cutter compensation, 1 left, -1 right, 0 off; path: of the tool beside the
+    programmed one, None where that runs as programmed. marks: how many instructions stood before each frame. lathe:
+    X is a diameter. cutting: at the greatest surface speed. reached: G43 has come.
     """
 
     dialect: Dialect = LINUXCNC
     given: Mapping[str, float] = field(default_factory=dict)
-    judging: bool = False
     handlers: Mapping[str, Handler] = field(default_factory=dict)
     traced: Mapping[str, Handler] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     assumed: dict[tuple[str, str], Assumption] = field(default_factory=dict)
     facts: dict[str, dict[str, int]] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)
     raw: str = ""
     homes: dict[str, float] = field(default_factory=dict)
     adrift: set[int] = field(default_factory=set)
@@ -104,28 +113,26 @@ class Foreign(Machine):
 
     def without_mode(self) -> None:
         """Axis words before any motion code: controllers begin with G0, but LinuxCNC's own."""
-        if not (self.judging and self.dialect.open):
+        if not self.dialect.open:
             Machine.without_mode(self)
         self.assume("axis words without a motion code are run as G0", "", 0.0)
         self.motion = "G0"
 
     def centre(self, absolute: Callable[[], list[Piece]], error: LineError) -> list[Piece]:
         """An arc that is none by its centre from the start: some controllers are set to absolute ones."""
-        if not (self.judging and self.dialect.open):
+        if not self.dialect.open:
             raise error
         try:
             found = absolute()
         except LineError:
             raise error from None
-        self.find(
-            "unusual", "the centre of the arc fits in absolute coordinates alone (G90.1); it is read so", "centre"
-        )
+        what = "the centre of the arc fits in absolute coordinates alone (G90.1); it is read so"
+        self.find("unusual", what, "centre")
+        self.lose(what.partition(";")[0])
         return found
 
     def find(self, level: Level, what: str, once: str = "") -> None:
-        """Says what is wrong with the line. once: the kind of it, of which one is enough. LineError in a replay."""
-        if level == "refused" and not self.judging:
-            raise LineError(what)
+        """Says what is wrong with the line. once: the kind of it, of which one is enough."""
         if once and once in self.warned:
             return
         self.warned.add(once)
@@ -134,23 +141,27 @@ class Foreign(Machine):
     def assume(self, what: str, key: str, value: float, why: str = "") -> float:
         """What the user says of ``key``, else ``value``; told either way."""
         taken = self.given.get(key, value)
-        if self.judging:
-            self.assumed.setdefault(
-                (key or what, what), Assumption(self.line, what + (f" ({why})" if why else ""), key, taken)
-            )
-        else:
-            self.note("assumed", what, why)
+        told = what + (f" ({why})" if why else "")
+        self.assumed.setdefault((key or what, what), Assumption(self.line, told, key, taken))
         return taken
+
+    def guess(self, what: str, key: str, value: float, why: str = "") -> float:
+        """The same of what no other machine should run by: it is lost where the user does not say it."""
+        if key not in self.given:
+            self.lose(what)
+        return self.assume(what, key, value, why)
+
+    def lose(self, what: str) -> None:
+        """What the program does and the motions do not."""
+        self.lost.setdefault(what, self.line)
 
     def tell(self, label: str, what: str) -> None:
         """Something that stands in the program and moves nothing."""
         self.facts.setdefault(label, {}).setdefault(what, self.line)
 
     def note(self, kind: NoteKind, what: str, why: str = "") -> None:
-        """What a replay notes is an assumption, a fact or a finding to who judges."""
-        if not self.judging:
-            Machine.note(self, kind, what, why)
-        elif kind == "assumed":
+        """What the plain machine notes is an assumption, a fact or a finding."""
+        if kind == "assumed":
             self.assumed.setdefault((what, what), Assumption(self.line, f"{what} ({why})" if why else what))
         elif kind == "skipped":
             self.tell("left out", what)
@@ -158,8 +169,8 @@ class Foreign(Machine):
             self.find("unusual", f"{what}: {why}" if why else what, what)
 
     def refuse(self, error: LineError) -> None:
-        """Who judges goes on behind a line that the controller refuses, not behind one that is not understood."""
-        if not self.judging or isinstance(error, UnknownWord | Endless):
+        """The run goes on behind a line that the controller refuses, not behind one that is not understood."""
+        if isinstance(error, UnknownWord | Endless):
             raise error
         self.find("refused", str(error))
 
@@ -172,10 +183,9 @@ class Foreign(Machine):
         return self.dialect.open or self.dialect.flow
 
     def miss(self, what: str) -> None:
-        """A subroutine in another file is left out by who judges."""
-        if not self.judging:
-            raise LineError(what)
+        """A subroutine in another file is left out."""
         self.assume(f"{what}; it is left out", "", 0.0)
+        self.lose(what)
 
     # What stands in a line.
 
@@ -188,9 +198,12 @@ class Foreign(Machine):
             raw = raw.lstrip("\ufeff\xef\xbb\xbf")
         if dialect.name == "grbl" and raw.lstrip()[:1] in ("$", "?", "!", "~"):
             self.tell("settings of the machine", raw.strip()[:40])
+            if raw.lstrip()[:2].upper() in ("$J", "$H"):
+                self.lose(f"{raw.strip()[:40]}: a motion of GRBL beside the program")
             return ""
         if dialect.extruder and (_TEXT.match(raw) or (_MACRO.match(raw) and not raw.lstrip().startswith("("))):
             self.tell("not evaluated", raw.partition(";")[0].strip()[:40])
+            self.lose(f"{raw.partition(';')[0].strip()[:40]} is not evaluated")
             return ""
         if dialect.name.startswith("fanuc") and raw.lstrip()[:1] in ("%", ":"):
             return ""
@@ -201,7 +214,7 @@ class Foreign(Machine):
             text = _drop_comments(raw, dialect.nested)
             text = _as_printers_read(text) if dialect.extruder else text
             return without_number(text.translate(_BLANKS).lower().lstrip("/").removesuffix("%"))
-        if self.judging and _LOGS.match(raw):
+        if _LOGS.match(raw):
             self.tell("left out", raw.strip()[:40])
             return ""
         return bare(raw)
@@ -217,7 +230,7 @@ class Foreign(Machine):
         except UnknownWord:
             raise
         except LineError as error:
-            if self.dialect.open and self.judging and str(error).startswith("cannot read"):
+            if self.dialect.open and str(error).startswith("cannot read"):
                 raise UnknownWord(f"{error}; what follows may depend on it") from error
             raise
 
@@ -248,8 +261,6 @@ class Foreign(Machine):
         known = dialect.codes.get(code)
         if known is not None:
             return known
-        if not self.judging:
-            raise not_read(code, "not a code that is known")
         if not dialect.open:
             raise LineError(f"{code} is not a code of {dialect.name}")
         return f"unknown {code}"
@@ -264,10 +275,11 @@ class Foreign(Machine):
         return jump(text, at, self.ends or {}, known, self.loops)
 
     def take(self, codes: Mapping[str, str], words: Mapping[str, float]) -> None:  # noqa: ARG002 (of all machines)
-        """All that is known is judged; what a robot cannot do as it is meant is not replayed."""
-        for code in () if self.judging else codes.values():
-            if code in _NOT_REPLAYED:
-                raise not_read(code, "")
+        """All that is known is taken; what no other machine can do as it is meant is lost."""
+        for code in codes.values():
+            own = self.dialect.names.get(code, code)
+            if own in _OF_ITS_MACHINE:
+                self.lose(f"{code} {_OF_ITS_MACHINE[own]}")
 
     def begin(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """Codes by their usual names; words of what moves nothing, and of subprograms."""
@@ -314,6 +326,8 @@ class Foreign(Machine):
 
     def _leave_out(self, code: str, codes: Mapping[str, str], words: dict[str, float]) -> None:
         self.tell(self.dialect.idle[code], code)
+        if self.dialect.idle[code] in LOSSES:
+            self.lose(f"{code}: {self.dialect.idle[code]}")
         if self.dialect.extruder and code in ("M82", "M83"):
             self.filament_adds = code == "M83"
         if code[0] == "G" and "motion" not in codes and code not in ("G15", "G69"):
@@ -329,6 +343,7 @@ class Foreign(Machine):
         if code[0] == "G" and "motion" not in codes and any(axis in words for axis in "XYZIJKR"):
             raise UnknownWord(f"{code} is not known, and what follows depends on where it leads")
         self.tell("not evaluated", code)
+        self.lose(f"{code} is not known and not evaluated")
         if code[0] == "G":
             self.find("unusual", f"{code} is not known and not evaluated", code)
         if "motion" not in codes and (self.dialect.extruder or not any(axis in words for axis in "XYZ")):
@@ -364,6 +379,8 @@ class Foreign(Machine):
             self.at_filament = value
             return
         self.filament += value if self.filament_adds else value - self.at_filament
+        if value != (0.0 if self.filament_adds else self.at_filament):
+            self.lose("E feeds filament: only X, Y and Z are replayed")
         self.at_filament = self.at_filament + value if self.filament_adds else value
         if self.motion == "G0" and "motion" not in codes:
             self.motion = "G1"
@@ -384,11 +401,13 @@ class Foreign(Machine):
         """Words that controllers pass over, or that say what no motion shows."""
         if not words.keys() - {"F"}:
             return
-        if self.dialect.open and self.judging:
+        if self.dialect.open:
             for letter in [letter for letter in words if letter != "F"]:
                 words.pop(letter)
                 if letter not in "HD":
-                    self.find("unusual", f"word {letter}: nothing in the line uses it", f"idle {letter}")
+                    what = f"word {letter}: nothing in the line uses it"
+                    self.find("unusual", what, f"idle {letter}")
+                    self.lose(what)
 
     # What moves.
 
@@ -404,8 +423,6 @@ class Foreign(Machine):
             self.unit = unit
         elif unit != before:
             self.find("unusual", f"F{words['F']:g} counts in the unit before {change}", "unit")
-            if not self.judging:
-                self.note("assumed", f"F in the line of {change} is in the unit before it", "as LinuxCNC takes it")
         feed(self, words, {group: code for group, code in codes.items() if group != "units"})
         self.unit = before
 
@@ -417,10 +434,10 @@ class Foreign(Machine):
             self.find("unusual", f"{code} without a feed (F), which LinuxCNC and GRBL refuse", "feed")
         if self.dialect.default_feed:
             what = "the feed before the first F is one of the machine's, mm/min"
-            self.feed = self.assume(what, "feed", FEED) / 60.0
+            self.feed = self.guess(what, "feed", FEED) / 60.0
             return
         if any(key.startswith("#") for key, _ in self.assumed):
-            self.feed = self.assume("a feed that depends on the machine, mm/min", "feed", FEED) / 60.0
+            self.feed = self.guess("a feed that depends on the machine, mm/min", "feed", FEED) / 60.0
             return
         self.find("refused", f"{code} without a feed (F)")
         self.feed = self.given.get("feed", FEED) / 60.0
@@ -465,8 +482,8 @@ class Foreign(Machine):
             if letter not in words:
                 continue
             value, before = words.pop(letter), self.rotary.get(letter, 0.0)
-            if not self.judging and value != before:
-                raise LineError(f"axis {letter} moves: only X, Y and Z are replayed")
+            if value != (0.0 if self.incremental else before):
+                self.lose(f"axis {letter} moves: only X, Y and Z are replayed")
             self.rotary[letter] = before + value if self.incremental else value
             turned = max(turned, abs(self.rotary[letter] - before))
             self.tell("axes that are not shown", letter)
@@ -548,7 +565,7 @@ class Foreign(Machine):
         """M0 and M60 wait for the operator, M1 where a switch says so."""
         if code in ("M0", "M60"):
             self.add(Stop())
-        elif code == "M1" and self.judging:
+        elif code == "M1":
             self.add(Stop(optional=True))
         else:
             stop(self, code)
@@ -565,21 +582,21 @@ class Foreign(Machine):
     def value(self, name: str) -> float | None:
         """Values of the machine: what the program itself decides, else what is assumed."""
         known = Machine.value(self, name)
-        if known is not None or not self.judging:
+        if known is not None:
             return known
         if name in self.homes:
             return self.homes[name]
         if name == "5400":
             return float(self.changed_to or 0)
         if name.isdigit():
-            return self.assume(f"#{name} is a value of the machine", f"#{name}", 0.0)
+            return self.guess(f"#{name} is a value of the machine", f"#{name}", 0.0)
         if name.startswith(("_hal[", "_ini[")):
-            return self.assume(f"#<{name}> is a value of the machine", f"#<{name}>", 0.0)
+            return self.guess(f"#<{name}> is a value of the machine", f"#<{name}>", 0.0)
         return None
 
     def takes(self, key: int) -> bool:
         """Whether a line may set this parameter of the machine."""
-        return self.judging and not 5400 <= key <= 5428
+        return not 5400 <= key <= 5428
 
 
 def _as_printers_read(text: str) -> str:

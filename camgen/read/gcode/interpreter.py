@@ -12,20 +12,16 @@ from camgen.model.limits import Limits as Bounds
 from camgen.model.limits import tell
 from camgen.model.part import Note, Part
 from camgen.model.program import Instruction
-from camgen.read.gcode.arcs import LINUXCNC, Limits
-from camgen.read.gcode.codes import CODES
-from camgen.read.gcode.foreign import Foreign
+from camgen.read.gcode.arcs import LINUXCNC
 from camgen.read.gcode.machine import (
     HANDLERS,
     Machine,
     speed_and_tool,
 )
 from camgen.read.gcode.motion import move, read_plain
-from camgen.read.gcode.traced import TRACED
 from camgen.read.gcode.words import COMMENT, Endless, Line, LineError, Parameters, UnknownWord, bare, value_at
 
 _BOUNDS = Bounds()
-_GIVEN: dict[str, float] = {}
 NO_FILES: dict[str, int] = {}
 _KNOWN = 200
 _SPEED = re.compile(r"[sS][ \t]*[-+.0-9\[#]")
@@ -54,22 +50,9 @@ class ProgramRun(Struct, frozen=True, eq=False):
     whole: bool = False
 
 
-def interpret(
-    lines: Sequence[str],
-    limits: Limits = LINUXCNC,
-    bounds: Bounds = _BOUNDS,
-    given: Mapping[str, float] = _GIVEN,
-    narrow: bool = False,
-) -> ProgramRun:
-    """What the lines of a program do, to be replayed. limits: of its arcs. bounds: what is too much. given: what the
-    user says that no text holds. narrow: without what only foreign programs use. Never raises for a text.
-    """
-    on_off = not has_speed(lines)
-    m: Machine
-    if narrow:
-        m = Machine(limits, bounds, on_off)
-    else:
-        m = Foreign(limits, bounds, on_off, given=given, handlers=CODES, traced=TRACED)
+def interpret_plain(lines: Sequence[str]) -> ProgramRun:
+    """What the lines of a program do, without what only programs of others use. Never raises for a text."""
+    m = Machine(LINUXCNC, _BOUNDS, not has_speed(lines))
     stopped = perform(m, lines)
     return ProgramRun(
         tuple(m.body),

@@ -17,12 +17,15 @@ from camgen.read.gcode_text import SUFFIXES, is_gcode
 from camgen.read.programs import Ask, Executed, Frames, Language
 
 
-def play(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> tuple[Foreign, tuple[int, str] | None]:
+def play(
+    files: Mapping[str, str], ask: Ask, usual: Dialect | None = None, chord: float | None = None
+) -> tuple[Foreign, tuple[int, str] | None]:
     """The machine after the first of ``files``; the others hold subprograms. And line and reason where it stopped.
 
-    usual: the dialect where ``ask`` names none, None: what the text shows.
+    usual: the dialect where ``ask`` names none, None: what the text shows. chord: of the lines of helices and splines,
+    mm.
     """
-    texts = {name: text.removeprefix("\ufeff").removesuffix("\n").split("\n") for name, text in files.items()}
+    texts = {name: _lines_of(text) for name, text in files.items()}
     lines = [line for text in texts.values() for line in text]
     starts = dict(zip(texts, accumulate((len(text) for text in texts.values()), initial=0), strict=False))
     name, text = next(iter(files.items()), ("", ""))
@@ -30,12 +33,11 @@ def play(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> tu
     if ask.dialect:
         dialect, sign = DIALECTS.get(ask.dialect, dialect), ""
     m = Foreign(
-        replace(dialect.arcs, pieces=ask.limits.gcode_pieces),
+        replace(dialect.arcs, pieces=ask.limits.gcode_pieces, helix=dialect.arcs.helix if chord is None else chord),
         ask.limits,
         on_off=not has_speed(lines),
         dialect=dialect,
         given=ask.assume,
-        judging=True,
         handlers=CODES,
         traced=TRACED,
         pause=dialect.dwell,
@@ -44,14 +46,14 @@ def play(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> tu
     )
     m.tell("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
     stopped = perform(m, lines, dialect.flow, starts)
-    if stopped is None:
-        _judge_end(m, lines, len(next(iter(texts.values()), [])))
     return m, stopped[:2] if stopped else None
 
 
 def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Executed:
     """What the first of ``files`` does. usual: as in ``play``."""
     m, stopped = play(files, ask, usual)
+    if stopped is None:
+        _judge_end(m, [_lines_of(text) for text in files.values()])
     frames, frame = _frames(m)
     return Executed(
         body=m.body.body(),
@@ -61,15 +63,20 @@ def run(files: Mapping[str, str], ask: Ask, usual: Dialect | None = None) -> Exe
         findings=tuple(sorted(m.findings, key=lambda one: one.line)),
         assumed=tuple(sorted(m.assumed.values(), key=lambda one: one.line)),
         facts=_facts(m),
+        lost=tuple((line, what) for what, line in m.lost.items()),
         stopped=stopped,
     )
 
 
-def _judge_end(m: Foreign, lines: list[str], main: int) -> None:
-    """What is left on, what follows the end, and whether the text says that it ends."""
-    m.line = min(m.line, len(lines)) or 1
-    if not m.ended and main:
-        m.line = main
+def _lines_of(text: str) -> list[str]:
+    return text.removeprefix("\ufeff").removesuffix("\n").split("\n")
+
+
+def _judge_end(m: Foreign, texts: list[list[str]]) -> None:
+    """What is left on, what follows the end, and whether the text says that it ends. texts: the lines of the files."""
+    m.line = min(m.line, sum(map(len, texts))) or 1
+    if not m.ended and texts:
+        m.line = len(texts[0])
         if m.dialect.needs_end:
             m.find("unusual", "the program has no end (M2, M30 or per cent signs): LinuxCNC stops here with an error")
         left = {item.signal: item.value for item in m.body if isinstance(item, Output)}
