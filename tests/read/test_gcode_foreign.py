@@ -242,8 +242,8 @@ def test_levels_of_findings():
 
 
 def test_a_code_that_may_move_something_stops_the_run():
-    found = run("G1 X1", "G68 X0 Y0 R30", "G1 X2", dialect="fanuc")
-    assert found.stopped == (5, "G68 is not known, and what follows depends on where it leads")
+    found = run("G1 X1", "G51 X0 Y0 P2", "G1 X2", dialect="fanuc")
+    assert found.stopped == (5, "G51 is not known, and what follows depends on where it leads")
     assert found.lines[-1] == 4
 
 
@@ -272,7 +272,8 @@ def test_twenty_thousand_faults_take_seconds(line, dialect):
 
 _WORDS = st.sampled_from(
     ["G0", "G1", "G2", "G3", "G5", "G5.1", "G5.2", "G5.3", "G7", "G10", "G18", "G20", "G28", "G28.1", "G30",
-     "G33", "G33.1", "G38.2", "G40", "G41", "G42.1", "G43", "G43.1", "G49", "G52", "G53", "G54", "G55", "G68",
+     "G33", "G33.1", "G38.2", "G40", "G41", "G42.1", "G43", "G43.1", "G49", "G52", "G53", "G54", "G55", "G66",
+     "G67", "G68", "G69", "G12", "G13",
      "G71", "G73", "G74", "G76", "G80", "G81", "G83", "G84", "G87", "G88", "G90", "G91", "G92", "G92.2",
      "G92.3", "G93", "G95", "G96", "G99", "M0", "M6", "M19", "M61", "M66", "M70", "M72", "M73", "M97", "M98",
      "M99", "M104", "M117 hi", "L2", "L20", "P1", "P100", "X1", "X", "Y[2]", "Z-1", "I1", "J", "J2", "K1",

@@ -13,6 +13,7 @@ from camgen.read.gcode.arcs import pieces
 from camgen.read.gcode.compensation import Beside, Segment, place
 from camgen.read.gcode.foreign import Foreign, Handler
 from camgen.read.gcode.machine import AXES, HANDLERS, RAPID, set_offsets, take_axes, work_offset
+from camgen.read.gcode.milling import MILLING
 from camgen.read.gcode.motion import target
 from camgen.read.gcode.words import LineError
 
@@ -155,7 +156,7 @@ def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
         m.find("refused", f"{code} in the plane of Y and Z (G19)")
         return
     m.side = -1 if code.startswith("G42") else 1
-    radius = _find_radius(m, code, words.pop("D", None))
+    radius = find_radius(m, code, words.pop("D", None))
     if radius > 0:
         m.start()
         first, second, normal = _BESIDE[m.plane]
@@ -168,7 +169,7 @@ def _compensate(m: Foreign, code: str, words: dict[str, float]) -> None:
 _BESIDE = {"G17": (0, 1, 2), "G18": (2, 0, 1)}
 
 
-def _find_radius(m: Foreign, code: str, number: float | None) -> float:
+def find_radius(m: Foreign, code: str, number: float | None) -> float:
     """Of the tool, mm; 0 where nobody says it, and that is told."""
     if code.endswith(".1"):
         return (number or 0.0) * m.scale / 2
@@ -182,6 +183,8 @@ def _find_radius(m: Foreign, code: str, number: float | None) -> float:
         return 0.0
     if name in m.radii:
         return m.radii[name]
+    if number == 0 and m.dialect.increments:
+        return 0.0  # no offset at all
     if key in m.given:
         return m.assume(f"{code}: tool {name} has a diameter of {m.given[key]:g} mm", key, m.given[key]) / 2
     if "tool.diameter" in m.given and len(m.tools) < 2:
@@ -432,4 +435,5 @@ CODES: dict[str, Handler] = {
     "offsets": _move_origin,
     "work offset": _work,
     "machine coordinates": lift,
+    **MILLING,
 }

@@ -107,9 +107,11 @@ _MACHINING = {
     "G5.1": "a look-ahead mode", "G8": "a look-ahead mode", "G15": "polar coordinates off", "G22": "stroke check on",
     "G23": "stroke check off", "G50": "scaling off, or the greatest spindle speed", "G50.1": "mirroring off",
     "G60": "positioning from one side", "G62": "corners slowed down", "G63": "tapping mode", "G64": "cutting mode",
-    "G67": "macro off", "G69": "rotation off", "G9": "exact stop",
+    "G9": "exact stop",
     "G103": "look-ahead limit", "G187": "smoothness",
 }  # fmt: skip
+_ROTATION = dict.fromkeys(("G68", "G69"), "rotation")
+_POCKETS = dict.fromkeys(("G12", "G13"), "circular pocket")
 FANUC = Dialect(
     name="fanuc",
     source="Fanuc Series 0i-MF operator's manual (B-64694); Haas mill operator's manual",
@@ -124,7 +126,7 @@ FANUC = Dialect(
         r"\bg187\b",
     ),
     idle=_MACHINING,
-    codes=GROUP | {"G65": "subprogram"},
+    codes=GROUP | _ROTATION | {"G65": "subprogram", "G66": "modal macro", "G67": "modal macro"} | _POCKETS,
     names={"G31": "G38.2"},
     dwell=0.001,
     arcs=_LOOSE,
@@ -148,7 +150,8 @@ MACH3 = Dialect(
     signs=_signs(r"\bmach[ -]?[23]\b", r"\bm98[ \t]*p\d+[ \t]*l", r"\bg7[01][ \t]*g91\.1", r"\bg7[01][ \t]*$"),
     names={"G70": "G20", "G71": "G21", "G40.1": "G40", "G31": "G38.2"},
     idle={
-        "G15": "polar mode off", "G50": "scaling off", "G69": "rotation off", "G48": "slow feeds",    },
+        "G15": "polar mode off", "G50": "scaling off", "G48": "slow feeds", },
+    codes=GROUP | _ROTATION,
     arcs=_LOOSE,
     default_feed=True,
 )  # fmt: skip
@@ -180,6 +183,7 @@ COMMON = Dialect(
     name="iso",
     source="ISO 6983-1; RS274/NGC, version 3 (NIST IR 6556)",
     signs=_signs("(?!)"),
+    codes=GROUP | _ROTATION,
     idle=_MACHINING | {"G28.2": _HOMING, "G28.3": _HOMING},
     names={"G31": "G38.2"},
     default_feed=True,
@@ -189,6 +193,23 @@ DIALECTS = {one.name: one for one in (LINUXCNC, GRBL, FANUC, LATHE, MACH3, MARLI
 #: In the order in which their signs decide.
 _ORDER = (MARLIN, GRBL, LATHE, MACH3, FANUC)
 _AXES = re.compile(r"\by[ \t]*[-+.\d]", re.IGNORECASE)
+
+#: Languages of controllers that look like G-code, by what no G-code has.
+_OTHERS = (
+    ("Siemens' Sinumerik", _signs(r"^[ \t]*%_N_\w", r"^[ \t]*;\$PATH=", r"\bMCALL\b", r"\bCYCLE[89]\d+[ \t]*\(")),
+    ("Okuma's OSP", _signs(r"^\$\S+\.(?:MIN|SSB|LIB|SUB)\b", r"^[ \t]*CALL[ \t]+O[A-Z]", r"\bVC\d+[ \t]*=")),
+    ("Philips' CNC 3000", _signs(r"^[ \t]*%P[MC]\b")),
+    ("Heidenhain's TNC", _signs(r"^\d*[ \t]*BEGIN PGM\b", r"^\d+[ \t]+TOOL CALL\b")),
+)
+
+
+def find_other(text: str) -> tuple[int, str] | None:
+    """The line, from 1, and the name of the controller whose language a text is in, where that is no G-code."""
+    for name, signs in _OTHERS:
+        found = signs.search(text)
+        if found:
+            return text.count("\n", 0, found.start()) + 1, name
+    return None
 
 
 def recognise(text: str, name: str = "") -> tuple[Dialect, str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from camgen.read.gcode.macros import ARGUMENTS, assign, find_ends, jump
 from camgen.read.gcode.motion import CYCLES
 from camgen.read.gcode.words import Endless, Line, LineError, Parameters, UnknownWord, bare, without_number
 from camgen.read.programs import Assumption, Finding, Level
+
+if TYPE_CHECKING:
+    from camgen.read.gcode.milling import Rotation
 
 #: Feed where a machine has one of its own and the text says none, mm/min.
 FEED = 600.0
@@ -54,6 +58,8 @@ _OF_ITS_MACHINE = {
     "M66": "waits for an input",
 }
 
+#: Codes that must not come while the coordinates are rotated.
+_SHIFTS = frozenset(["G52", "G92", *(f"G{n}" for n in range(54, 60))])
 #: Codes that use the axis words of a line for themselves.
 _TAKE_AXES = frozenset(["G10", "G28", "G30", "G52", "G92"])
 
@@ -71,7 +77,9 @@ class Foreign(Machine):
     that were changed to. radii: of tools, by the tool table. rotary: where the axes A B C stand, deg. filament: mm.
     saved: modes that were kept. side: of cutter compensation, 1 left, -1 right, 0 off; path: of the tool beside the
     programmed one, None where that runs as programmed. marks: how many instructions stood before each frame. lathe:
-    X is a diameter. cutting: at the greatest surface speed. reached: G43 has come.
+    X is a diameter. rotation: of the coordinates (G68). modal: the macro that runs behind every motion (G66), at the
+    depth of subprograms modal_depth; moving: the line moves. pocket: a circular one of the line (G12, G13). radius_of:
+    finds that of a tool. cutting: at the greatest surface speed. reached: G43 has come.
     """
 
     dialect: Dialect = LINUXCNC
@@ -108,6 +116,12 @@ class Foreign(Machine):
     going_on: tuple[float, float] | None = None
     suspended: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     warned: set[str] = field(default_factory=set)
+    rotation: Rotation | None = None
+    modal: tuple[str, float, int, Mapping[int, float] | None] | None = None
+    modal_depth: int = 0
+    moving: bool = False
+    pocket: tuple[str, dict[str, float]] | None = None
+    radius_of: Callable[[str, float | None], float] = lambda _code, _number: 0.0
 
     # What is told.
 
@@ -292,6 +306,7 @@ class Foreign(Machine):
         for group, code in codes.items() if dialect.names else ():
             codes[group] = dialect.names.get(code, code)
         self._judge(codes, words)
+        self._begin_wider(codes, words)
         if "subprogram" in codes:
             self._call(codes["subprogram"], words)
         if dialect.extruder:
@@ -316,6 +331,20 @@ class Foreign(Machine):
             if not any(axis in words for axis in plane):
                 self.find("refused", f"{arc} names neither {plane[0]} nor {plane[1]}: {dialect.name} turns it down")
 
+    def _begin_wider(self, codes: dict[str, str], words: dict[str, float]) -> None:
+        """The words of mills that not all controllers have."""
+        self.pocket = None
+        for group in ("rotation", "modal macro"):
+            if group in codes:
+                self.plane = codes.get("plane", self.plane)
+                self.handlers[group](self, codes.pop(group), words)
+        if "circular pocket" in codes:
+            self.pocket = codes.pop("circular pocket"), {x: words.pop(x) for x in [*words] if x in "DIKLQXYZ"}
+        self.moving = any(letter in words for letter in "XYZUVW") and "offsets" not in codes
+        if self.rotation is not None and _SHIFTS & set(codes.values()):
+            self.find("unusual", "the origin is moved while the coordinates are rotated (G68)", "rotated")
+            self.lose("the origin is moved while the coordinates are rotated (G68)")
+
     def _turn(self, codes: dict[str, str], words: dict[str, float]) -> None:
         """A lathe: T0102 is tool 1 with offset 2, and X is a diameter."""
         if words.get("T", 0.0) >= 100:
@@ -330,7 +359,7 @@ class Foreign(Machine):
             self.lose(f"{code}: {self.dialect.idle[code]}")
         if self.dialect.extruder and code in ("M82", "M83"):
             self.filament_adds = code == "M83"
-        if code[0] == "G" and "motion" not in codes and code not in ("G15", "G69"):
+        if code[0] == "G" and "motion" not in codes and code != "G15":
             if self.dialect.diameter and code == "G50" and "S" in words:
                 self.most_turns = words["S"]
             for letter in [letter for letter in words if letter not in "FT"]:
@@ -391,7 +420,8 @@ class Foreign(Machine):
             if letter in words and axis not in words:
                 by = words.pop(letter) / (2 if letter == "U" and self.dialect.diameter else 1)
                 k = AXES.index(axis)
-                words[axis] = by if self.incremental else (self.at[k] - self.shift[k]) / self.scale + by
+                here = self.turned(list(self.at), True)[k]
+                words[axis] = by if self.incremental else (here - self.shift[k]) / self.scale + by
                 if self.dialect.diameter and axis == "X":
                     words[axis] *= 2
                 if "offsets" not in codes:
@@ -399,6 +429,10 @@ class Foreign(Machine):
 
     def end(self, codes: Mapping[str, str], words: dict[str, float]) -> None:  # noqa: ARG002 (of all machines)
         """Words that controllers pass over, or that say what no motion shows."""
+        if self.pocket is not None:
+            self.handlers["circular pocket"](self, *self.pocket)
+        if self.modal is not None and self.moving and self.leap is None and self.inside() == self.modal_depth:
+            self.leap = self.modal
         if not words.keys() - {"F"}:
             return
         if self.dialect.open:
@@ -445,7 +479,13 @@ class Foreign(Machine):
     def is_settled(self) -> bool:
         """Nor may anything else decide what a plain line does."""
         plain = not (
-            self.adrift or self.side or self.left_path or self.lathe or self.dialect.extruder or self.dialect.increments
+            self.adrift
+            or self.side
+            or self.left_path
+            or self.lathe
+            or self.rotation
+            or self.dialect.extruder
+            or self.dialect.increments
         )
         return plain and Machine.is_settled(self)
 
@@ -514,6 +554,15 @@ class Foreign(Machine):
             self.add(MoveL(Pose(TOOL_DOWN, self.here()), self.feed))
             return
         Machine.rapid(self, end, axes)
+
+    def turned(self, point: list[float], back: bool = False) -> list[float]:
+        """By G68."""
+        return point if self.rotation is None else self.rotation.turn(point, back)
+
+    def turn_centre(self, words: dict[str, float]) -> None:
+        """By G68."""
+        if self.rotation is not None:
+            self.rotation.turn_offset(words, self.absolute_centre)
 
     def beside(self, start: Vec3, end: Vec3, words: dict[str, float]) -> tuple[float, ...]:
         """The centre of an arc beside which the tool runs, or (0,) for a line."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from itertools import accumulate
 
 from msgspec.structs import replace
 
 from camgen.model.program import Output
-from camgen.read.gcode.codes import CODES
-from camgen.read.gcode.dialects import DIALECTS, GRBL, Dialect, recognise
+from camgen.read.gcode.codes import CODES, find_radius
+from camgen.read.gcode.dialects import DIALECTS, GRBL, Dialect, find_other, recognise
 from camgen.read.gcode.foreign import Foreign
 from camgen.read.gcode.interpreter import has_speed, perform
 from camgen.read.gcode.traced import TRACED
@@ -44,7 +45,11 @@ def play(
         to_start=dialect.to_start or None,
         fewest_holes=0 if dialect.increments else 1,
     )
+    m.radius_of = partial(find_radius, m)
     m.tell("dialect", f"{dialect.name} ({sign[:30]})" if sign else dialect.name)
+    other = find_other(text)
+    if other is not None and not ask.dialect:
+        return m, (other[0], f"a program of {other[1]}: its language is not read")
     stopped = perform(m, lines, dialect.flow, starts)
     return m, stopped[:2] if stopped else None
 

@@ -181,6 +181,13 @@ class Machine:
         """The spindle does not turn as a motion needs it. Raises LineError."""
         raise LineError(what)
 
+    def turned(self, point: list[float], back: bool = False) -> list[float]:  # noqa: ARG002 (for what turns them)
+        """A point of the program as one of the machine, absolute; back: the other way round. It may change the list."""
+        return point
+
+    def turn_centre(self, words: dict[str, float]) -> None:
+        """The words of the centre of an arc, mm, as those of the machine."""
+
     def beside(self, start: Vec3, end: Vec3, words: dict[str, float]) -> tuple[float, ...]:  # noqa: ARG002
         """Where the tool runs beside the path: the centre of an arc, or anything for a line; else nothing."""
         return ()

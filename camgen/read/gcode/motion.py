@@ -69,13 +69,13 @@ def polar(m: Machine, words: dict[str, float]) -> None:
 
 def target(m: Machine, words: dict[str, float]) -> list[float]:
     """Where the axis words lead, absolute, mm; taken out."""
-    end = list(m.at)
+    end = m.turned(list(m.at), True)
     for axis, value in take_axes(m, words).items():
         if m.incremental and not m.known[axis]:
             m.known[axis] = True
             m.note("assumed", f"{AXES[axis]} begins at 0", "an incremental motion does not say from where")
         end[axis] = end[axis] + value if m.incremental else value + m.shift[axis]
-    return end
+    return m.turned(end)
 
 
 def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
@@ -93,6 +93,7 @@ def _work(m: Machine, end: Sequence[float], words: dict[str, float]) -> None:
                 words[letter] *= m.scale
                 if m.absolute_centre and letter != "R":
                     words[letter] += m.shift["IJK".index(letter)]
+        m.turn_centre(words)
         centre = m.beside(start, last, words)
         found = _curve(m, start, last, words)
         if centre:
@@ -182,7 +183,7 @@ _NEEDS = {"G73": ("Q",), "G83": ("Q",), "G82": ("P",), "G86": ("P",), "G89": ("P
 
 
 def _holes(m: Machine, normal: int, words: dict[int, float], count: int) -> None:
-    place, level = list(m.at), m.level or 0.0
+    place, level = m.turned(list(m.at), True), m.level or 0.0
     retract, bottom = m.sticky["R"], m.sticky[AXES[normal]]
     if m.incremental:
         retract += level
@@ -203,8 +204,9 @@ def _holes(m: Machine, normal: int, words: dict[int, float], count: int) -> None
         if m.incremental:
             _go_on(m, place, words)
         place[normal] = height
-        if place != m.at:
-            m.rapid(place)
+        there = m.turned(list(place))
+        if there != m.at:
+            m.rapid(there)
         if height != retract:
             _to(m, normal, retract)
         _ONE[m.motion](m, normal, retract, bottom, clear)
