@@ -402,6 +402,17 @@ class TourTable(Table, frozen=True):
     seam: Annotated[
         Literal["any", "smooth"], Meta(description="where closed contours may begin; smooth: off their corners")
     ] = "any"
+    seams: Annotated[
+        Points,
+        Meta(
+            description="or where some begin: [[x, y], ...], mm of the work frame; each is for the closed path that it "
+            "is nearest to, or for all of the contour that it is nearest to"
+        ),
+    ] = field(default_factory=list)
+    order: Annotated[
+        list[str],
+        Meta(description="contours that are run first, in this order, by their ids as inspect prints them"),
+    ] = field(default_factory=list)
 
 
 class PageTable(Table, frozen=True):

@@ -29,6 +29,7 @@ class ToolPath(Struct, frozen=True, eq=False):
     that it works on, or of one edge. operation: what it does there. floor: (N,) z, work frame, mm, below which no pass
     goes at each waypoint, over the tabs, straight from one to the next; None: nothing holds it up. entry_radius: mm,
     so far around the first point the tool's centre may go on its way down, on a helix; 0: there is no room for one.
+    pinned: the job says where the closed path begins, and it does there.
     """
 
     id: str
@@ -47,6 +48,7 @@ class ToolPath(Struct, frozen=True, eq=False):
     operation: str = ""
     floor: FloatArray | None = None
     entry_radius: float = 0.0
+    pinned: bool = False
 
     def reversed(self) -> ToolPath:
         """The same path run backwards."""

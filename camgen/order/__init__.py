@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 from msgspec.structs import replace
 
 from camgen.model.cell import Cell
@@ -81,11 +84,27 @@ def _order_steps(plan: JobPlan, job: Job, cell: Cell | None, watch: Watch, ways:
         frozenset(down),
         any(tour.stopped for tour in tours),
         any(tour.timed for tour in tours),
-        tuple(note for tour in tours for note in tour.notes),
+        (*(note for tour in tours for note in tour.notes), *_note_later(plan, paths, job)),
         steps=plan.steps,
         numbers=plan.numbers,
         tours=tuple(tours),
     )
+
+
+def _note_later(plan: JobPlan, paths: Sequence[ToolPath], job: Job) -> list[Note]:
+    """A note where contours of ``tour.order`` are not run as they stand there: operations keep their own order."""
+    first: dict[str, int] = {}
+    for place, path in enumerate(paths):
+        for name in path.contours:
+            first.setdefault(name, place)
+    named = [name for name in job.tour.order if name in first]
+    late = next(((one, two) for one, two in pairwise(named) if first[two] < first[one]), None)
+    if late is None:
+        return []
+    owner = [number for number, one in zip(plan.numbers, plan.plans, strict=True) for _ in one.paths]
+    one, two = late
+    why = f"operation {owner[first[two]]} runs before operation {owner[first[one]]}; the order holds within each"
+    return [Note("warning", f"tour.order: contour {two} is run before {one}", why, late)]
 
 
 def changed_paths() -> JobError:
@@ -107,7 +126,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
 
     told = None if watch is ignore_stages else tell
     wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)
-    found = arrange(plan.paths, *wish, told)
+    found = arrange(plan.paths, *wish, told, choice.order)
     arm = cell if isinstance(cell, Workcell) and cell.arm is not None and plan.paths else None
     free = arm is not None and (_turns(job) or (ways and _may_choose(job)))
     # Leads and tabs change the paths that turns are chosen for: order and starts first, turns at the end.
@@ -146,7 +165,7 @@ def _order_on_arm(
     """
     from camgen.order.arm import order_by_time, order_with_turns  # noqa: PLC0415 (kinematics, fcl: only for arms)
 
-    rules = rules_of(plan.paths, tour.paths, job.operation.inside_first, job.tour.layers)
+    rules = rules_of(plan.paths, tour.paths, job.operation.inside_first, job.tour.layers, job.tour.order)
     if free:
         return order_with_turns(tour, rules, job, cell, watch, keep, prove)
     return order_by_time(tour, rules, job, cell, watch)

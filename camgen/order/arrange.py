@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec import Struct
 
+from camgen.model.errors import JobError
 from camgen.model.path import PLAIN, ToolPath, Tour
 from camgen.order.proven import FEW, improve_few, is_proven
 from camgen.order.search import (
@@ -29,8 +30,9 @@ from camgen.order.search import (
 )
 from camgen.order.solver.matrix import Rules
 from camgen.order.solver.plane import DONE, STOPPED, TIMED, Clock, Tell
-from camgen.order.starts import Starts, ends_of, reverse_each, starting_each, starts
+from camgen.order.starts import Starts, starts
 from camgen.order.tree import StartTree
+from camgen.plan.starting import ends_of, reverse_each, starting_each
 
 #: The methods and what the summary calls them.
 _METHODS = {"as-drawn": "as drawn", "nearest": "nearest neighbour", "best": "local search"}
@@ -49,6 +51,7 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     layers: Sequence[str] = (),
     seam: str = "any",
     tell: Tell | None = None,
+    order: Sequence[str] = (),
 ) -> Tour:
     """The paths in the order in which they are run, each once.
 
@@ -57,8 +60,9 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
     goes back to; without it the leftmost start is the first of "nearest". inside_first: a path is run after all the
     paths that it encloses. seconds: of a clock, from now to the end of the search, which looks at every path once at
     least; 0: a short search, counted in looks at a path, so that it is the same one on every machine. seed: of its
-    shuffles. Distances are measured in the plane, and arcs are taken to lie in it. ``parent`` keeps the index in
-    ``paths`` as given. ValueError for another method, or parents that enclose each other.
+    shuffles. order: contours that come first, before what ``layers`` says; JobError where what is around another path
+    would come before it against ``inside_first``. Distances are measured in the plane, and arcs are taken to lie in it.
+    ``parent`` keeps the index in ``paths`` as given. ValueError for another method, or parents that enclose each other.
     """
     if method not in _METHODS:
         raise ValueError(f"unknown method {method!r}")
@@ -66,7 +70,9 @@ def arrange(  # noqa: PLR0913, PLR0917 (each is a setting of its own)
         return Tour((), 0.0, _METHODS[method], 0.0)
     begun, count = time.monotonic(), len(paths)
     where = starts(paths, seam)
-    ranks = _ranks(paths, layers)
+    ranks = _ranks(paths, layers, order)
+    if inside_first and method != "as-drawn":
+        _insist_inside_first(paths, ranks, order)
     waits_for = _waits_for(paths, ranks) if inside_first else [-1] * count
     searched = method == "best" and count > 1
     told = is_bound_worth(seconds, count)
@@ -132,10 +138,29 @@ def measure_travel(paths: Sequence[ToolPath], start: tuple[float, float] | None)
     return math.fsum(np.hypot(gaps[:, 0], gaps[:, 1]).tolist())
 
 
-def _ranks(paths: Sequence[ToolPath], layers: Sequence[str]) -> list[int]:
-    """The place of each path's layer among ``layers``."""
+def _ranks(paths: Sequence[ToolPath], layers: Sequence[str], order: Sequence[str]) -> list[int]:
+    """The place of each path's first contour in ``order``; of others that of its layer among ``layers``, behind."""
     places = {name: place for place, name in reversed(list(enumerate(layers)))}
-    return [places.get(path.layer, len(layers)) for path in paths]
+    behind = [len(order) + places.get(path.layer, len(layers)) for path in paths]
+    if not order:
+        return behind
+    own = {name: place for place, name in enumerate(order)}
+    return [
+        min((own[name] for name in path.contours if name in own), default=rank)
+        for path, rank in zip(paths, behind, strict=True)
+    ]
+
+
+def _insist_inside_first(paths: Sequence[ToolPath], ranks: Sequence[int], order: Sequence[str]) -> None:
+    """JobError where ``order`` has what is around a path before it."""
+    for path, rank in zip(paths, ranks, strict=True):
+        around, steps = path.parent, 0
+        while around >= 0 and steps < len(paths):
+            if ranks[around] < rank and ranks[around] < len(order):
+                what = f"{order[ranks[around]]} would be run before path {path.id}, which lies inside it or comes first"
+                remedy = "put what is inside before it, or set operation.inside_first = false"
+                raise JobError("job", what, "tour.order", remedy)
+            around, steps = paths[around].parent, steps + 1
 
 
 def _waits_for(paths: Sequence[ToolPath], ranks: Sequence[int]) -> list[int]:
@@ -153,10 +178,14 @@ def _waits_for(paths: Sequence[ToolPath], ranks: Sequence[int]) -> list[int]:
 
 
 def rules_of(
-    paths: Sequence[ToolPath], arranged: Sequence[ToolPath], inside_first: bool, layers: Sequence[str]
+    paths: Sequence[ToolPath],
+    arranged: Sequence[ToolPath],
+    inside_first: bool,
+    layers: Sequence[str],
+    order: Sequence[str] = (),
 ) -> Rules:
     """What comes before what, by the places of ``paths`` in ``arranged``, which may be some of them."""
-    ranks = _ranks(paths, layers)
+    ranks = _ranks(paths, layers, order)
     waits_for = _waits_for(paths, ranks) if inside_first else [-1] * len(paths)
     place = {path.id: k for k, path in enumerate(arranged)}
     number = {path.id: k for k, path in enumerate(paths)}
@@ -205,10 +234,13 @@ def _nearest_neighbour(
         if not may:
             walk.tree.remove(index)
     at = where.leftmost(ready) if start is None else (walk.tree.nearest(*start), *start)
+    of_turn: dict[int, list[int]] = {}
+    for index, rank in enumerate(ranks):
+        of_turn.setdefault(rank, []).append(index)
     for turn in turns:
         if turn != turns[0]:
-            for index, count in enumerate(walk.waits):
-                if not count and ranks[index] == turn:
+            for index in of_turn[turn]:
+                if not walk.waits[index]:
                     walk.tree.add(index)
             at = (walk.tree.nearest(*at[1:], near=at[0]), *at[1:])
         at = _walk(walk, turn, at)
@@ -252,7 +284,7 @@ def _enclose(waits_for: Sequence[int]) -> list[int]:
 
 def _arrange(paths: Sequence[ToolPath], chosen: Choices) -> list[ToolPath]:
     """The chosen paths, reversed where they begin at their end, closed ones begun where they were met."""
-    loops = [i for i, path in enumerate(paths) if path.closed and len(path.position) > 1]
+    loops = [i for i, path in enumerate(paths) if path.closed and chosen.row[i]]
     turned = [i for i, path in enumerate(paths) if chosen.row[i] and not path.closed]
     begun = starting_each(
         [paths[i] for i in loops], [chosen.row[i] for i in loops], [chosen.fraction[i] for i in loops]

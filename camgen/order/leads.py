@@ -21,8 +21,8 @@ from camgen.model.part import Note, Part
 from camgen.model.path import ToolPath, join_paths
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.text import counted
-from camgen.order.starts import starting_at
 from camgen.order.stay_down import CLEARANCE_SLACK_MM
+from camgen.plan.starting import starting_at
 
 #: What is tried of the length asked for, the longest first.
 _SCALES = (1.0, 0.5, 0.25)
@@ -83,8 +83,8 @@ def _with_leads(path: ToolPath, job: Job, obstacles: Obstacles) -> tuple[ToolPat
 
 
 def _starts(path: ToolPath) -> list[ToolPath]:
-    """The path as it starts now, and a closed one started in the middle of each of its longer segments."""
-    if not path.closed:
+    """The path as it starts now, and a closed one that is not pinned there in the middle of its longer segments."""
+    if not path.closed or path.pinned:
         return [path]
     longest = np.argsort(-span_lengths(path.position, path.via[1:]), kind="stable")[:_PLACES]
     return [path, *(starting_at(path, int(k) + 1, 0.5) for k in longest)]

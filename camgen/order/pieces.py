@@ -18,7 +18,7 @@ from camgen.model.part import BoolArray, IntArray
 from camgen.model.path import ToolPath, join_paths
 from camgen.model.pose import FloatArray, frozen
 from camgen.model.tolerance import NONZERO, SAME_POINT_MM
-from camgen.order.starts import between
+from camgen.plan.starting import between
 
 #: A chord never stands for more of an arc than this, rad, however small the arc is.
 _WIDEST = math.radians(30)

@@ -19,7 +19,8 @@ from camgen.order.solver.greedy import join_greedily
 from camgen.order.solver.kernel import BOTH_WAYS, CLOSED, ONE_WAY
 from camgen.order.solver.plane import DONE, Clock, Items, Start, Tell, both_ends, discs_of, shorten
 from camgen.order.solver.speed import available
-from camgen.order.starts import SEAM, IntArray, Starts, ends_of
+from camgen.order.starts import IntArray, Starts
+from camgen.plan.starting import SEAM, ends_of
 
 __all__ = [
     "Choices",

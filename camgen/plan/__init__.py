@@ -147,9 +147,27 @@ def plan(part: Part, job: Job, cell: Cell | None = None, watch: Watch = ignore_s
     watch("planning")
     part, stock = _without_stock(part, job)
     made = _plan_steps(part, job, cell, watch) if job.operations else plan_operation(part, job, cell, watch)
+    if job.tour.seams or job.tour.order:
+        made = _by_contour(made, replace(part, contours=(*part.contours, *stock)), job)
     if not stock:
         return made
     return replace(made, part=replace(made.part, contours=(*made.part.contours, *stock)))
+
+
+def _by_contour(made: Plan, part: Part, job: Job) -> Plan:
+    """A plan with what ``tour.seams`` and ``tour.order`` say of single contours of ``part``."""
+    from camgen.plan.seams import insist_on_order, pin_seams  # noqa: PLC0415 (loads shapely, for few jobs)
+
+    insist_on_order(part, job)
+    if not job.tour.seams:
+        return made
+    plans = made.plans if isinstance(made, JobPlan) else (made,)
+    paths, notes = pin_seams([one.paths for one in plans], part, job)
+    notes = (*made.notes, *notes)
+    if not isinstance(made, JobPlan):
+        return replace(made, paths=paths[0], notes=notes)
+    plans = tuple(replace(one, paths=own) for one, own in zip(plans, paths, strict=True))
+    return replace(made, plans=plans, paths=chain_paths(plans), notes=notes)
 
 
 def _without_stock(part: Part, job: Job) -> tuple[Part, tuple[Contour, ...]]:

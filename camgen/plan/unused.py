@@ -46,6 +46,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         "page": _ALL,
         "input": ("layers", "join", "min_length", *_PROGRAMS),
         "operation": _CONTOURS,
+        "tour": ("seams", "order"),
         "tool": ("orient", *_STAND),
         "tolerance": ("corner",),
         "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
@@ -54,7 +55,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
     | {
         "operation": (*_CONTOURS, "offset", "offset_along", "last_face"),
         "process": ("clearance", "retract", "stay_down", *_REPLAYS["process"]),
-        "tour": ("layers", "seam"),
+        "tour": ("layers", "seam", "seams", "order"),
     },
     "curves in space on a machine without an arm": _CURVES
     | {
@@ -64,7 +65,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "tool": ("orient", "axis_tilt", "symmetric", "turn"),
         "process": ("retract", "stay_down", *_REPLAYS["process"]),
-        "tour": ("seam",),
+        "tour": ("seam", "seams"),
     },
     "the geometric planner": {"operation": _WAYPOINTS},
     "a replay": {
@@ -80,6 +81,7 @@ _IDLE: dict[str, dict[str, tuple[str, ...]]] = {
             *("feed", "force", "plunge", "max_feed_factor", "turn", "retract", "stay_down"),
             *("spindle", "signal", "switch", "dwell"),
         ),
+        "tour": ("seams", "order"),
     },
 }
 #: A robot program says more itself, and may name its arm.

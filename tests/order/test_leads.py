@@ -12,8 +12,8 @@ from camgen.model.job import Job, OperationTable, ProcessTable
 from camgen.model.part import Contour, Note
 from camgen.model.path import ToolPath
 from camgen.order.leads import add_leads
-from camgen.order.starts import starting_at
 from camgen.plan import plan
+from camgen.plan.starting import starting_at
 from tests.support.drawn import circle, contour, part, rectangle
 
 

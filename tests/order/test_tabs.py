@@ -21,8 +21,8 @@ from camgen.model.part import Contour
 from camgen.model.path import ToolPath, join_paths
 from camgen.model.pose import frozen
 from camgen.order.pieces import begin_at, chorded, head, lengths_along, nearest, point_at, split_at, stretch
-from camgen.order.starts import starting_at
 from camgen.order.tabs import add_tabs
+from camgen.plan.starting import starting_at
 from tests.support.cuts import Cut, cuts, swept
 from tests.support.drawn import circle, contour, part, rectangle, rounded
 

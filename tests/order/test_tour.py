@@ -19,7 +19,8 @@ from camgen.order import search, tree
 from camgen.order.arrange import arrange, measure_travel
 from camgen.order.solver import speed
 from camgen.order.solver.greedy import join_greedily
-from camgen.order.starts import SEAM, reverse_each, starting_at, starts
+from camgen.order.starts import starts
+from camgen.plan.starting import SEAM, reverse_each, starting_at
 
 XY = tuple[float, float]
 

@@ -208,7 +208,7 @@ def _begin(
     setup = replace(setup_of(arm, cell, where), clear=clear_of(where.scene))
     high = job.process.clearance
     seams = asked.seams and not asked.fixed and arm.arm is not None
-    items = [lay_out(path, high, seams) for path in asked.paths]
+    items = [lay_out(path, high, seams and not path.pinned) for path in asked.paths]
     if asked.fixed:
         items = [replace(item, reversible=False) for item in items]
     turns = np.array(angles)

@@ -96,6 +96,8 @@ def _groups(items: Items) -> list[IntArray]:
 
 def _join(items: Items, group: IntArray) -> tuple[IntArray, IntArray]:
     """The items of the group in the order of one greedy path, and the point where each is entered."""
+    if len(group) == 1:
+        return group, items.first[group]
     nodes, first = ends_apart(items)
     closed = items.kind == CLOSED
     # Nodes of the group, numbered from 0: both ends of an open item, one of a closed one.
