@@ -34,11 +34,14 @@ def pin_seams(
     """The paths of each of several operations on the flat ``part``, the closed ones begun where ``tour.seams`` says,
     and a note on each point that has no effect. JobError for what is no point, and for one that is near no closed path.
     """
-    points = _read_points(job)
+    points = read_points(job)
     places = [(k, n) for k, paths in enumerate(plans) for n, path in enumerate(paths) if path.closed]
     places = [(k, n) for k, n in places if len(plans[k][n].position) > 1]
     closed = [plans[k][n] for k, n in places]
-    chosen = choose_points(points, closed, part)
+    chosen, far = choose_points(points, closed, part)
+    if far:
+        what = f"{_tell(points[far[0]])} is farther than {NEAR_MM:g} mm from every closed path and its contour"
+        raise JobError("job", what, "tour.seams", "give a point on a closed contour that is worked on")
     given = sorted(chosen)
     begun = _begin([closed[i] for i in given], points[[chosen[i] for i in given]])
     own = [list(paths) for paths in plans]
@@ -52,24 +55,23 @@ def pin_seams(
     return [tuple(paths) for paths in own], notes
 
 
-def choose_points(points: FloatArray, closed: Sequence[ToolPath], part: Part) -> dict[int, int]:
-    """The point (K, 2) that each of the ``closed`` paths begins at, by their numbers, for those that have one.
-
-    JobError for a point that is farther than ``NEAR_MM`` from all of them.
+def choose_points(points: FloatArray, closed: Sequence[ToolPath], part: Part) -> tuple[dict[int, int], list[int]]:
+    """The point (K, 2) that each of the ``closed`` paths begins at, by their numbers, for those that have one; and the
+    points that are farther than ``NEAR_MM`` from all of them.
     """
     chosen: dict[int, tuple[float, int]] = {}
-    reached = _find_near(points, closed, part)
-    for number, near in enumerate(reached):
+    far: list[int] = []
+    for number, near in enumerate(_find_near(points, closed, part)):
         if not near:
-            what = f"{_tell(points[number])} is farther than {NEAR_MM:g} mm from every closed path and its contour"
-            raise JobError("job", what, "tour.seams", "give a point on a closed contour that is worked on")
+            far.append(number)
+            continue
         least = min(near.values())
         for path in (path for path, apart in near.items() if apart <= least + SAME_MM):
             # Of several on one contour the one on the path itself; the last of those that are as near.
-            away = float(_project(closed[path], points[number])[2])
+            away = float(project(closed[path], points[number])[2])
             if path not in chosen or away <= chosen[path][0]:
                 chosen[path] = away, number
-    return {path: number for path, (_, number) in chosen.items()}
+    return {path: number for path, (_, number) in chosen.items()}, far
 
 
 def insist_on_order(part: Part, job: Job) -> None:
@@ -84,7 +86,7 @@ def insist_on_order(part: Part, job: Job) -> None:
         named.add(name)
 
 
-def _read_points(job: Job) -> FloatArray:
+def read_points(job: Job) -> FloatArray:
     """(K, 2) mm. JobError for what is no point."""
     for point in job.tour.seams:
         if len(point) != 2:
@@ -134,12 +136,12 @@ def _pairs(points: FloatArray, segments: Segments) -> list[tuple[int, int, float
 
 def _begin(paths: Sequence[ToolPath], points: FloatArray) -> list[ToolPath]:
     """Each of the closed paths begun at its point of them that is nearest, and kept there."""
-    at = [_project(path, point) for path, point in zip(paths, points, strict=True)]
+    at = [project(path, point) for path, point in zip(paths, points, strict=True)]
     made = starting_each(paths, [segment for segment, _, _ in at], [fraction for _, fraction, _ in at])
     return [replace(path, pinned=True) for path in made]
 
 
-def _project(path: ToolPath, point: FloatArray) -> tuple[int, float, float]:
+def project(path: ToolPath, point: FloatArray) -> tuple[int, float, float]:
     """Where on ``path`` is nearest to ``point`` (2,): the segment as ``starting_at`` counts, the fraction 0..1 of it,
     and how far away, mm. At a vertex where less than ``SEAM`` would be cut off the segment.
     """

@@ -11,6 +11,7 @@ from importlib import resources
 
 import msgspec
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from camgen.check.report import clean
@@ -42,14 +43,25 @@ _SCRIPTS = (
     "host.js",
     "viewer.js",
 )
-#: Before the last one, only in pages that need them: what plays the cut, and what lays a picture under the paths.
-_CUT, _PHOTO = "stock.js", "photo.js"
+#: Before the last one, only in pages that need them: what plays the cut, what lays a picture under the paths, and what
+#: changes the order and the seams of paths.
+_CUT, _PHOTO, _EDIT = "stock.js", "photo.js", "edit.js"
 
 
-def page(view: View) -> str:
-    """The preview as HTML text. Same view, same text."""
+class Edits(Struct, frozen=True):
+    """What the workbench lets the user change, by path. seams: x, y, z (mm) where a closed path begins, None for
+    others. pinned: whether the job says so. ordered: whether it says when the path runs.
+    """
+
+    seams: tuple[tuple[float, float, float] | None, ...]
+    pinned: tuple[bool, ...]
+    ordered: tuple[bool, ...]
+
+
+def page(view: View, edits: Edits | None = None) -> str:
+    """The preview as HTML text. Same view, same text. edits: only in the workbench."""
     library, style = _asset(_LIBRARY), _asset("viewer.css")
-    needed = {_CUT: _has_cut(view), _PHOTO: view.photo is not None}
+    needed = {_CUT: _has_cut(view), _PHOTO: view.photo is not None, _EDIT: edits is not None}
     names = [*_SCRIPTS[:-1], *(name for name, is_needed in needed.items() if is_needed), _SCRIPTS[-1]]
     script = '(() => {\n"use strict";\n' + "\n".join(map(_asset, names)) + "})();\n"
     filled = {
@@ -57,7 +69,7 @@ def page(view: View) -> str:
         "policy": "default-src 'none'; img-src data: blob:; "
         f"script-src {_hash(library)} {_hash(script)}; style-src {_hash(style)}",
         "style": style,
-        "data": _data(view),
+        "data": _data(view, edits),
         "library": library,
         "script": script,
     }
@@ -75,15 +87,15 @@ def _hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
-def _data(view: View) -> str:
+def _data(view: View, edits: Edits | None) -> str:
     """The view as JSON that can stand inside a script element: nothing in it can end the element."""
-    text = msgspec.json.encode(_plain(view)).decode()
+    text = msgspec.json.encode(_plain(view, edits)).decode()
     for mark in "<>&\u2028\u2029":
         text = text.replace(mark, f"\\u{ord(mark):04x}")
     return text
 
 
-def _plain(view: View) -> dict[str, object]:
+def _plain(view: View, edits: Edits | None) -> dict[str, object]:
     """The view as plain data. Points are told from ``origin``, so that 32 bits are enough for them."""
     way, chains = view.track, view.chains
     shown = [way.position, chains.points, *([view.solid.vertices] if view.solid else [])]
@@ -104,6 +116,7 @@ def _plain(view: View) -> dict[str, object]:
         "paths": view.rows,
         **_cut(view, origin),
         **_photo(view, origin),
+        **_edits(edits, origin),
         "numbers": _numbers(view, origin),
         "notes": [
             [
@@ -151,6 +164,13 @@ def _photo(view: View, origin: FloatArray) -> dict[str, object]:
         return {}
     corners = np.column_stack([view.photo.corners, np.zeros(4)]) - origin
     return {"photo": {"address": view.photo.address, "corners": corners.tolist()}}
+
+
+def _edits(edits: Edits | None, origin: FloatArray) -> dict[str, object]:
+    if edits is None:
+        return {}
+    seams = [place and (np.array(place) - origin).tolist() for place in edits.seams]
+    return {"edits": {"seams": seams, "pinned": edits.pinned, "ordered": edits.ordered}}
 
 
 def _has_cut(view: View) -> bool:

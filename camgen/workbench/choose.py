@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
 from camgen.model.errors import JobError
-from camgen.workbench.perform import Looked
+from camgen.workbench.perform import MOVABLE, Looked
 from camgen.workbench.session import Tables, put, rows_of
 
 _SPECIAL = re.compile(r"[\[*?]")
+#: Seams that are nearer to each other than this, mm, are one.
+_SAME_MM = 0.01
 
 
 def switch_layer(tables: Tables, name: str, on: bool) -> Tables:
@@ -94,6 +97,58 @@ def left_out(tables: Tables, looked: Looked) -> list[str]:
 def order_layers(tables: Tables, names: Sequence[str]) -> Tables:
     """The job that runs its layers in this order, by ``tour.layers``."""
     return put(tables, ["tour", "layers"], list(names))
+
+
+def move_path(tables: Tables, looked: Looked, path: int, to: int) -> Tables:
+    """The job that runs the path of a number at the place of another one, by ``tour.order``: of their operation it
+    names all paths up to the one that is moved, and those that were named before. JobError where operations decide.
+    """
+    _insist_on_moves(looked, path, to)
+    runs = looked.runs
+    own = [k for k, run in enumerate(runs) if run.row == runs[path].row]
+    if runs[to].row != runs[path].row:
+        what = "is of another operation, which keeps its place in the order of the operations"
+        raise JobError("page", f"path {to + 1} {what}", remedy="move the path within its operation")
+    moved = [k for k in own if k != path]
+    moved.insert(own.index(to), path)
+    last = max([moved.index(path), *(place for place, k in enumerate(moved) if runs[k].ordered)])
+    first = _names(looked, moved[: last + 1])
+    others = _names(looked, [k for k, run in enumerate(runs) if run.ordered and run.row != runs[path].row])
+    before, named = set(_names(looked, range(own[0]))), set(first)
+    early = [name for name in others if name not in named and name in before]
+    late = [name for name in others if name not in named and name not in before]
+    return put(tables, ["tour", "order"], [*early, *first, *late])
+
+
+def move_seam(tables: Tables, looked: Looked, path: int, place: tuple[float, float] | None) -> Tables:
+    """The job that begins the closed path of a number at ``place`` (mm), by ``tour.seams``; None: where camgen likes.
+    JobError for a path that is not closed.
+    """
+    _insist_on_moves(looked, path)
+    run = looked.runs[path]
+    if run.seam is None:
+        raise JobError("page", f"path {path + 1} is not closed", remedy="it begins at one of its ends")
+    found = tables.get("tour", {}).get("seams", [])
+    seams = [[*one] for one in found] if isinstance(found, list) else []
+    held = [k for k, one in enumerate(seams) if run.point is not None and tuple(one) == run.point]
+    sharing = [other for other in looked.runs if other is not run and run.point and other.point == run.point]
+    # A point on a contour stays for the other paths along it; paths in one place have one.
+    alone = all(other.seam and math.dist(other.seam[:2], run.seam[:2]) < _SAME_MM for other in sharing)
+    at = held[0] if held and (place is None or alone) else len(seams)
+    seams[at : at + 1] = [[round(value, 3) for value in place]] if place else []
+    return put(tables, ["tour", "seams"], seams)
+
+
+def _insist_on_moves(looked: Looked, *paths: int) -> None:
+    """JobError for paths that a job has no words for."""
+    if looked.kind not in MOVABLE:
+        raise JobError("page", "only paths of drawings and pictures have an order and seams", remedy="see [tour]")
+    if not all(0 <= path < len(looked.runs) for path in paths):
+        raise JobError("page", "the picture is of an older program", remedy="wait for the new one")
+
+
+def _names(looked: Looked, paths: Sequence[int]) -> list[str]:
+    return list(dict.fromkeys(name for path in paths for name in looked.runs[path].contours))
 
 
 def _insist_on_contours(looked: Looked) -> None:

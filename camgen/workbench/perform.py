@@ -15,11 +15,11 @@ from camgen.build import Result, build, no_collector, program_files
 from camgen.model.errors import CamgenError, InputError, rename_errors
 from camgen.model.files import Source
 from camgen.model.part import Part, Raster
-from camgen.model.path import Tour
+from camgen.model.path import ToolPath, Tour
 from camgen.order.tours import JobTour
 from camgen.plan import Watch, kind_of
 from camgen.plan.propose import THICKNESS_MM, propose
-from camgen.preview.page import page
+from camgen.preview.page import Edits, page
 from camgen.preview.view import view
 from camgen.read import find_reader, read
 from camgen.read.dxf.layers import Layers
@@ -29,6 +29,8 @@ from camgen.workbench.form import find_place
 
 #: Label, text and tone of a line of the summary.
 Row = tuple[str, str, str]
+#: The kinds of parts whose paths may be run in another order and begin elsewhere.
+MOVABLE = ("drawing", "picture")
 #: The summary of a build as the command line tells it: of the result, the job file, the inputs and the programs.
 Tell = Callable[[Result, Path | None, Sequence[Path], Sequence[tuple[Path, bytes]], int], list[Row]]
 
@@ -56,10 +58,16 @@ class Layer(Struct, frozen=True):
 
 
 class Run(Struct, frozen=True):
-    """What a path works on: ids of contours, or of one edge, and the row of ``[[operations]]``, -1 without rows."""
+    """What a path works on: ids of contours, or of one edge, and the row of ``[[operations]]``, -1 without rows. seam:
+    x, y, z (mm) where a closed one begins, leads left away. point: that of ``tour.seams`` which says so. ordered:
+    whether ``tour.order`` names it.
+    """
 
     contours: tuple[str, ...]
     row: int
+    seam: tuple[float, float, float] | None = None
+    point: tuple[float, ...] | None = None
+    ordered: bool = False
 
 
 class Looked(Struct, frozen=True):
@@ -139,13 +147,14 @@ def _build(ask: Ask, files: Files, watch: Watch, tell: Tell, begun: float) -> Bu
     result = build(ask.inputs, post=ask.post, job=job, watch=watch, files=files)
     programs = tuple(program_files(result, ask.output, None))
     watch("drawing")
-    shown = page(view(result))
+    runs = find_runs(result)
+    shown = page(view(result), _edits(runs) if kind_of(result.part) in MOVABLE else None)
     return Built(
         number=ask.number,
         page=shown,
         programs=programs,
         rows=tuple(tell(result, ask.job_file if ask.text else None, ask.inputs, programs, 1)),
-        looked=_look(ask, result, files),
+        looked=_look(ask, result, files, runs),
         opened=dict(files.opened),
         picture=_stages(result),
         seconds=perf_counter() - begun,
@@ -155,22 +164,72 @@ def _build(ask: Ask, files: Files, watch: Watch, tell: Tell, begun: float) -> Bu
 # What the input has.
 
 
-def _look(ask: Ask, result: Result, files: Files) -> Looked:
+def _look(ask: Ask, result: Result, files: Files, runs: tuple[Run, ...]) -> Looked:
     kind = kind_of(result.part)
     if kind == "solid":
-        return Looked(kind, runs=tuple(Run(path.contours or (path.id,), -1) for path in result.tour.paths))
+        return Looked(kind, runs=runs)
     contours = tuple((contour.id, contour.layer) for contour in result.part.contours)
-    rows = _rows_of_paths(result.tour)
     worked = [dict[str, None]() for _ in result.job.operations]
-    for path, row in zip(result.tour.paths, rows, strict=True):
-        if row >= 0:
-            worked[row].update(dict.fromkeys(path.contours))
+    for run in runs:
+        if run.row >= 0:
+            worked[run.row].update(dict.fromkeys(run.contours))
     return Looked(
         kind=kind,
         layers=_layers(ask, result, files),
         contours=contours,
         worked=tuple(tuple(ids) for ids in worked),
-        runs=tuple(Run(path.contours, row) for path, row in zip(result.tour.paths, rows, strict=True)),
+        runs=runs,
+    )
+
+
+def find_runs(result: Result) -> tuple[Run, ...]:
+    """The paths in the order of the program."""
+    tour = result.tour
+    if kind_of(result.part) not in MOVABLE:
+        solid = result.part.solid is not None
+        return tuple(Run(path.contours or ((path.id,) if solid else ()), -1) for path in tour.paths)
+    planned = {path.id: path for path in result.planned if path.closed and len(path.position) > 1}
+    points = _find_points(result, planned)
+    named = set(result.job.tour.order)
+    return tuple(
+        Run(
+            contours=path.contours,
+            row=row,
+            seam=_find_seam(path, planned[path.id]) if path.id in planned else None,
+            point=points.get(path.id),
+            ordered=not named.isdisjoint(path.contours),
+        )
+        for path, row in zip(tour.paths, _rows_of_paths(tour), strict=True)
+    )
+
+
+def _find_points(result: Result, planned: dict[str, ToolPath]) -> dict[str, tuple[float, ...]]:
+    """The point of ``tour.seams`` of each path that has one, by its id."""
+    if not result.job.tour.seams:
+        return {}
+    from camgen.plan.seams import choose_points, read_points  # noqa: PLC0415 (shapely, only for few jobs)
+
+    chosen, _ = choose_points(read_points(result.job), list(planned.values()), result.part)
+    names = list(planned)
+    return {names[path]: tuple(result.job.tour.seams[number]) for path, number in chosen.items()}
+
+
+def _find_seam(path: ToolPath, planned: ToolPath) -> tuple[float, float, float]:
+    """Where the closed path ``planned`` begins in ``path``, which may have leads."""
+    row = 0
+    if not path.closed:
+        from camgen.plan.seams import SAME_MM, project  # noqa: PLC0415 (shapely, only for few jobs)
+
+        row = int(project(planned, path.position[0, :2])[2] > SAME_MM)
+    x, y, z = path.position[row].tolist()
+    return x, y, z
+
+
+def _edits(runs: Sequence[Run]) -> Edits:
+    return Edits(
+        tuple(run.seam for run in runs),
+        tuple(run.point is not None for run in runs),
+        tuple(run.ordered for run in runs),
     )
 
 

@@ -106,6 +106,8 @@ def _app(session: Session, tell: Tell, end: Callable[[], None], ready: Callable[
         "/post": _post,
         "/layer": _layer,
         "/order": _order,
+        "/move": _move,
+        "/seam": _seam,
         "/leave": _leave,
         "/take": _take,
     }
@@ -231,6 +233,23 @@ class _Layers(Struct, forbid_unknown_fields=True):
     layers: list[str]
 
 
+class _Move(Struct, forbid_unknown_fields=True):
+    """build: whose picture the user saw."""
+
+    build: int
+    path: int
+    to: int
+
+
+class _Seam(Struct, forbid_unknown_fields=True):
+    """x, y: mm; None: where camgen likes."""
+
+    build: int
+    path: int
+    x: float | None = None
+    y: float | None = None
+
+
 class _Names(Struct, forbid_unknown_fields=True):
     names: list[str]
     row: int = -1
@@ -267,6 +286,21 @@ async def _order(desk: Desk, request: Request) -> Response:
     return _json(_DONE)
 
 
+async def _move(desk: Desk, request: Request) -> Response:
+    asked = msgspec.json.decode(await request.body(), type=_Move)
+    tables = choose.move_path(desk.session.tables, _looked(desk, asked.build), asked.path, asked.to)
+    desk.become(steps.step(desk.session, tables))
+    return _json(_DONE)
+
+
+async def _seam(desk: Desk, request: Request) -> Response:
+    asked = msgspec.json.decode(await request.body(), type=_Seam)
+    place = None if asked.x is None or asked.y is None else (asked.x, asked.y)
+    tables = choose.move_seam(desk.session.tables, _looked(desk, asked.build), asked.path, place)
+    desk.become(steps.step(desk.session, tables))
+    return _json(_DONE)
+
+
 async def _leave(desk: Desk, request: Request) -> Response:
     asked = msgspec.json.decode(await request.body(), type=_Names)
     tables = choose.leave_out(desk.session.tables, _looked(desk), asked.names, asked.row)
@@ -280,9 +314,12 @@ async def _take(desk: Desk, request: Request) -> Response:
     return _json(_DONE)
 
 
-def _looked(desk: Desk) -> Looked:
+def _looked(desk: Desk, build: int | None = None) -> Looked:
+    """What the last good build has seen; ``build``: the one that the user saw, which has to be that."""
     if desk.built is None:
         raise JobError("page", "nothing is built yet", remedy="wait for the first program")
+    if build not in (None, desk.built.number):
+        raise JobError("page", "the picture is of an older program", remedy="wait for the new one")
     return desk.built.looked
 
 

@@ -212,6 +212,58 @@ def test_a_click_leaves_out_and_a_layer_is_switched(tab: Tab) -> None:
     assert tab.rest("s.tables.tour?.layers[0] === 'HOLES'")["failed"] is None
 
 
+def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab, folder: Path) -> None:
+    frame = tab.shown(tab.rest()["built"]["number"])
+    # Whole paths begin where camgen likes; c1, the outline, is the last of four.
+    frame.locator("#rows .row").nth(3).click()
+    ring = frame.locator(".seam")
+    box = ring.bounding_box()
+    assert box is not None
+    tab.page.mouse.move(box["x"] + 11, box["y"] + 11)
+    tab.page.mouse.down()
+    tab.page.mouse.move(box["x"] + 90, box["y"] - 60, steps=4)
+    tab.page.mouse.up()
+    state = tab.rest("s.tables.tour?.seams")
+    assert state["failed"] is None
+    (point,) = state["tables"]["tour"]["seams"]
+    frame = tab.shown(state["built"]["number"])
+    assert frame.locator(".seam.set").is_visible()
+    run = state["looked"]["runs"][3]
+    assert run["point"] == point
+    assert run["seam"][:2] == pytest.approx(point, abs=0.11)  # at a corner, or within the last digit
+    # By keys: one step of 1 mm along the path.
+    frame.locator(".seam").press("ArrowRight")
+    frame.locator(".seam").press("Enter")
+    state = tab.rest(f"s.tables.tour?.seams?.[0][0] !== {point[0]} || s.tables.tour?.seams?.[0][1] !== {point[1]}")
+    moved = state["looked"]["runs"][3]["seam"]
+    assert 0.5 < float(np.hypot(moved[0] - run["seam"][0], moved[1] - run["seam"][1])) <= 1.01
+    # The list: dragged, and by keys; the row that is chosen stays chosen, and the keyboard with it.
+    frame = tab.shown(state["built"]["number"])
+    third = frame.evaluate("camgen.data.paths[2].id")
+    frame.locator("#rows .row").nth(2).drag_to(frame.locator("#rows .row").nth(0))
+    state = tab.rest("s.tables.tour.order")
+    assert state["tables"]["tour"]["order"] == [third]
+    frame = tab.shown(state["built"]["number"])
+    assert frame.evaluate("camgen.data.paths[0].id") == third
+    frame.locator("#rows .row").nth(0).click()
+    frame.locator("#list").press("Alt+ArrowDown")
+    state = tab.rest("s.tables.tour.order?.length === 2")
+    assert state["tables"]["tour"]["order"][1] == third
+    # What cannot be: the outline before its holes. The line says it, and one step back undoes it.
+    frame = tab.shown(state["built"]["number"])
+    frame.locator("#rows .row").nth(3).drag_to(frame.locator("#rows .row").nth(0))
+    assert "c1 would be run before path" in tab.rest("s.failed")["failed"]["line"]
+    tab.page.locator("#undo").click()
+    tab.rest("!s.failed")
+    tab.page.keyboard.press("Control+s")
+    tab.rest("s.saved && s.told")
+    program = (folder / "part.ngc").read_bytes()
+    (folder / "line").mkdir()
+    assert main(["build", str(folder / "part.dxf"), "--post", "gcode", "-o", str(folder / "line"), "-q"]) == 0
+    assert (folder / "line" / "part.ngc").read_bytes() == program
+    assert tab.said == []
+
+
 def test_what_is_no_page_of_the_workbench_is_not_heard(tab: Tab) -> None:
     tab.shown(tab.rest()["built"]["number"])
     tab.page.evaluate("postMessage({ camgen: 'picked', path: 3, id: 'c1', layer: 'OUTLINE' }, location.origin)")

@@ -22,7 +22,7 @@ const viewState = () => ({
   time: player.time, part: total > 0 ? player.time / total : 0, speed: player.speed, colouring,
   layers: Object.fromEntries(Object.entries(layers).map(([name, layer]) => [name, !layer.off])),
   cards: { layers: !$("layers").hidden }, tab: tabs.open, theme: themes.chosen,
-  id: chosen.path >= 0 ? data.paths[chosen.path].id : "", side: document.body.style.getPropertyValue("--side"),
+  id: chosen.path >= 0 ? data.paths[chosen.path].id : "", side: document.body.style.getPropertyValue("--side"), focused: edits.focused?.() ?? "",
 });
 
 const isNumber = (value) => typeof value === "number" && Number.isFinite(value);
@@ -55,6 +55,7 @@ function restore(state) {
   if ($(`tab-${state.tab}`)) openTab(state.tab);
   choose(data.paths.findIndex((path) => path.id === state.id));
   paint();
+  edits.focus?.(state.focused);
 }
 
 // As a click on the path, or on the line of the part, of that id.

@@ -30,6 +30,7 @@ function rowOf(k) {
   row.firstChild.className = "k";
   row.firstChild.append(dot, String(k + 1));
   row.dataset.path = k;
+  edits.row?.(row, k);
   return row;
 }
 
@@ -77,6 +78,7 @@ function scrollTo(k) {
 
 // A path named in the list or hit in the picture; -1 for none.
 function choose(k, scroll = true) {
+  if (k !== chosen.path) edits.choose?.(k);
   chosen.path = k;
   way.material.uniforms.pick.value = k < 0 ? -9 : k;
   if (scroll && k >= 0) scrollTo(k);

@@ -2,6 +2,8 @@
 const scene = new THREE.Scene();
 // What plays the cut and what shows it: stock.js, which only pages of jobs that cut have.
 const cutting = { stock: null, shown: null, tool: null };
+// What changes the order and the seams of paths: edit.js, which only pages of the workbench have.
+const edits = {};
 const box = { low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] };
 
 function grow(points) {

@@ -200,6 +200,7 @@ function paint() {
   showMeasure();
   showNumbers();
   showPointed();
+  edits.paint?.();
 }
 
 // Frames that come one after the other tell how fast this machine is: where there is much to draw, slow ones are drawn

@@ -4,9 +4,10 @@ const home = document.getElementById("frames");
 //: ms that a page may take to say that it is ready, once it is loaded, and to say its state.
 const QUIET = 1500, STATE = 150;
 let shown = null, coming = null, wanted = 0, theme = "", answer = null, kept = load();
-let hear = () => {};
+const heard = new Map();
 
-export const onPicked = (call) => (hear = call);
+/** What a page says, "picked", "seam" or "moved", with the number of its build. */
+export const onSaid = (name, call) => heard.set(name, call);
 
 /** Shows the page of a build. */
 export function showBuild(number) {
@@ -59,7 +60,7 @@ addEventListener("message", (event) => {
   if (event.origin !== location.origin || !frame || typeof event.data?.camgen !== "string") return;
   const said = event.data;
   if (said.camgen === "ready" && frame === coming) swap(frame);
-  if (said.camgen === "picked" && frame === shown) hear(said);
+  if (frame === shown) heard.get(said.camgen)?.(said, Number(frame.getAttribute("src").split("/").pop()));
   if (said.camgen === "state" && answer?.frame === frame) {
     kept = said.state;
     answer.done(said.state);

@@ -1,6 +1,6 @@
 // Layers on and off and in their order, contours and edges that are left out, and what was clicked in the picture.
 
-import { ask, counted, draggable, make, move, set } from "./talk.js";
+import { ask, counted, draggable, make, move, same, set } from "./talk.js";
 
 const home = document.getElementById("layers");
 const card = document.getElementById("picked");
@@ -40,24 +40,51 @@ function leftOut() {
       make("button", { className: "small", onclick: () => ask("take", { names: [name] }) }, "Take in")))];
 }
 
+const BY_CAMGEN = "camgen finds the order of the paths and where closed ones begin (tour.method and tour.seam in the settings).";
+
 function orders() {
   const own = state.tables.tour ?? {};
+  const movable = ["drawing", "picture"].includes(state.looked.kind);
   const told = own.layers?.length ? `Layers run in this order: ${own.layers.join(", ")}.` : "Drag layers by their handles to run them in that order (tour.layers).";
   const reset = own.layers?.length ? make("div", { className: "bar" }, make("button", { onclick: () => set(["tour", "layers"], null) }, "Any order")) : null;
   const several = state.looked.layers.length > 1 ? make("p", { className: "hint" }, told) : "";
-  return [make("h2", {}, "Order and seams"), several, reset ?? "", make("p", { className: "hint" },
-      state.looked.kind === "solid" ? "camgen finds the order of the edges and the links between them."
-        : "Within a layer camgen finds the order and where closed contours begin: tour.method and tour.seam in the settings. A job has no place for the order or the seam of a single contour.")];
+  return [make("h2", {}, "Order and seams"), several, reset ?? "",
+    make("p", { className: "hint" }, state.looked.kind === "solid" ? "camgen finds the order of the edges and the links between them." : BY_CAMGEN),
+    ...(movable ? [...single(own.order, "order", "Drag a row of the list of paths to another place, or choose it and press Alt and an arrow key, to run it there (tour.order).",
+      (list) => `${counted(list.length, "contour")} run first: ${shorten(list)}`),
+    ...single(own.seams, "seams", "Click a closed path: the ring where it begins is dragged along it (tour.seams).",
+      (list) => `${counted(list.length, "seam")} set.`)] : [])];
 }
+
+/** What is set of single contours, and a button that gives it up. */
+function single(list, key, usual, told) {
+  if (!Array.isArray(list) || !list.length) return [make("p", { className: "hint" }, usual)];
+  return [make("p", { className: "hint" }, `${usual} ${told(list)}`),
+    make("div", { className: "bar" }, make("button", { onclick: () => set(["tour", key], null) }, key === "order" ? "No order of my own" : "No seams of my own"))];
+}
+
+const shorten = (list) => `${list.slice(0, 12).join(", ")}${list.length > 12 ? " ..." : ""}`;
 
 // What was clicked.
 
-export function pick(found) {
-  picked = found.path >= 0 || found.id ? found : null;
+export function pick(found, build) {
+  picked = found.path >= 0 || found.id ? { ...found, build, run: state.looked.runs[found.path] } : null;
   showPicked();
 }
 
+/** What was clicked, in the program that is shown now: paths may have other numbers. */
+function follow() {
+  const build = state?.built?.number;
+  if (!picked || build === undefined || picked.build === build) return;
+  picked.build = build;
+  if (picked.path < 0) return;
+  const { run } = picked;
+  picked.path = state.looked.runs.findIndex((one) => run && one.row === run.row && same(one.contours, run.contours));
+  if (picked.path < 0) picked = null;
+}
+
 function showPicked() {
+  follow();
   card.hidden = !picked || !state;
   if (card.hidden) return;
   const run = picked.path >= 0 ? state.looked.runs[picked.path] : null;
@@ -75,6 +102,7 @@ function showPicked() {
     fixed ? "" : idle || idling
       ? make("button", { onclick: () => { ask("take", { names }); close(); } }, `Take in ${told}`)
       : make("button", { onclick: () => leave(names, run?.row ?? -1) }, `Leave out ${told}`),
+    run?.point ? make("button", { onclick: () => { ask("seam", { build: picked.build, path: picked.path }); close(); } }, "Seam as camgen likes") : "",
     picked.layer && state.looked.layers.some((one) => one.name === picked.layer)
       ? make("button", { onclick: () => { ask("layer", { layer: picked.layer, on: false }); close(); } }, `Leave out layer ${picked.layer}`) : "",
     make("button", { className: "small", ariaLabel: "Close", onclick: close }, "\u2715"));

@@ -1,6 +1,6 @@
 // The shell of the workbench: it shows the state that the workbench sends, and sends what the user changes.
 
-import { onPicked, setTheme, showBuild } from "./frames.js";
+import { onSaid, setTheme, showBuild } from "./frames.js";
 import { pick, showLayers } from "./layers.js";
 import { buildSettings, fields, openUsual, reveal, showSettings } from "./settings.js";
 import { revealRow, rowFields, showSteps } from "./steps.js";
@@ -104,7 +104,9 @@ by("views").addEventListener("click", (event) => {
   view = event.target.dataset.view ?? view;
   showPictures();
 });
-onPicked(pick);
+onSaid("picked", pick);
+onSaid("seam", ({ path, x, y }, build) => ask("seam", { build, path, x, y }));
+onSaid("moved", ({ path, to }, build) => ask("move", { build, path, to }));
 
 // What is said.
 
