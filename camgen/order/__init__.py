@@ -18,7 +18,16 @@ from camgen.order.tours import ArmTour, EdgeTour, JobTour, ReplayTour
 from camgen.plan import EdgePlan, JobPlan, Plan, ReplayPlan, Watch, ignore_stages
 from camgen.robots.workcell import Workcell
 
-__all__ = ["ArmTour", "EdgeTour", "JobTour", "ReplayTour", "may_choose_ways", "order"]
+__all__ = ["ArmTour", "EdgeTour", "JobTour", "ReplayTour", "may_choose_ways", "may_end_early", "order"]
+
+
+#: What the stages end with in which who watches may raise KeyboardInterrupt: the search alone is ended.
+_ENDS = "takes the best tour so far"
+
+
+def may_end_early(stage: str) -> bool:
+    """Whether a stage that is told to who watches is a search whose best result so far can be taken."""
+    return stage.endswith(_ENDS)
 
 
 def order(plan: Plan, job: Job, cell: Cell | None = None, watch: Watch = ignore_stages, ways: bool = False) -> Tour:
@@ -122,7 +131,7 @@ def _order_paths(plan: Plan, job: Job, cell: Cell | None, watch: Watch, ways: bo
     choice, inside, operation = job.tour, job.operation.inside_first, job.operation
 
     def tell(part: float) -> None:
-        watch(f"ordering {part:.0%}, Ctrl-C takes the best tour so far")
+        watch(f"ordering {part:.0%}, Ctrl-C {_ENDS}")
 
     told = None if watch is ignore_stages else tell
     wish = (choice.method, start, inside, choice.seconds, choice.seed, choice.layers, choice.seam)

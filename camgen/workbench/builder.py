@@ -18,6 +18,7 @@ from typing import Protocol
 from msgspec import Struct
 
 from camgen.batch.pool import no_interrupt, tell_death
+from camgen.order import may_end_early
 from camgen.workbench.perform import Ask, Failed, Outcome, Tell, perform
 
 #: So long a build that is no longer wanted may go on to the end of its stage, s; what it takes at most, s.
@@ -38,6 +39,8 @@ class Stopped(Struct, frozen=True):
 
 
 Heard = Stage | Stopped | Outcome
+#: What the process is told while it builds: give it up, or end the search for a short tour and go on with the best one.
+_GIVE_UP, _END_SEARCH = "give up", "end the search"
 
 
 class Loop(Protocol):
@@ -59,6 +62,9 @@ class Builder:
         self._link: Connection | None = None
         self._busy: Ask | None = None
         self._next: Ask | None = None
+        #: The stage that runs, and the build that was asked to end.
+        self._stage = ""
+        self._ending: Ask | None = None
 
     def start(self) -> None:
         """Starts the process, before it is needed: its imports take half a second."""
@@ -80,15 +86,24 @@ class Builder:
         if self._process is None or not self._process.is_alive():
             self.start()
         assert self._link is not None
-        self._busy = ask
+        self._busy, self._stage = ask, ""
         with suppress(OSError):  # it has just died: who listens to it says so
             self._link.send(ask)
         self._loop.call_later(_LONGEST, lambda: self._kill(ask))
 
     def stop(self) -> None:
-        """Gives up what is built now, and what waits."""
+        """Ends what is built now, and what waits: a search for a short tour with the best one so far, with which the
+        build goes on; all else is given up. What was asked before is killed.
+        """
         self._next = None
-        if self._busy is not None:
+        if self._busy is None:
+            return
+        if self._ending is self._busy:
+            self._kill(self._busy)
+        elif may_end_early(self._stage):
+            self._ending = self._busy
+            self._tell_process(_END_SEARCH)
+        else:
             self._give_up(self._busy)
 
     def close(self) -> None:
@@ -102,10 +117,14 @@ class Builder:
             self._link = None
 
     def _give_up(self, ask: Ask) -> None:
-        assert self._link is not None
-        with suppress(OSError):
-            self._link.send(None)
+        self._ending = ask
+        self._tell_process(_GIVE_UP)
         self._loop.call_later(_GRACE, lambda: self._kill(ask))
+
+    def _tell_process(self, what: str) -> None:
+        assert self._link is not None
+        with suppress(OSError):  # it has just died: who listens to it says so
+            self._link.send(what)
 
     def _kill(self, ask: Ask) -> None:
         """Ends the process where it still builds ``ask``."""
@@ -143,6 +162,7 @@ class Builder:
                 self._end(Failed(busy.number, why, 1, (), {}))
         elif busy is not None and heard.number == busy.number:
             if isinstance(heard, Stage):
+                self._stage = heard.name
                 self._hear(heard)
             else:
                 self._end(heard)
@@ -158,15 +178,22 @@ def _work(link: Connection, tell: Tell) -> None:
     with suppress(EOFError, OSError):  # the workbench has ended
         while True:
             ask = link.recv()
-            if ask is not None:
+            if isinstance(ask, Ask):  # what else is said is of a build that has just ended
                 link.send(_perform(ask, link, tell))
 
 
 def _perform(ask: Ask, link: Connection, tell: Tell) -> Outcome | Stopped:
+    ending = False
+
     def watch(name: str) -> None:
-        if link.poll():
-            raise _GivenUp
-        link.send(Stage(ask.number, name))
+        nonlocal ending
+        while link.poll():
+            if link.recv() == _GIVE_UP:
+                raise _GivenUp
+            ending = True
+        link.send(Stage(ask.number, name.replace("Ctrl-C", "Cancel")))
+        if ending and may_end_early(name):
+            raise KeyboardInterrupt  # as Ctrl-C on the command line: the search alone ends, and each one after it
 
     try:
         return perform(ask, watch, tell)

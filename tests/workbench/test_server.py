@@ -7,12 +7,17 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import ezdxf
 import pytest
+from msgspec.structs import replace
 
 from camgen.cli import main
+from camgen.cli.build import rows
+from camgen.workbench.builder import Builder, Heard, Stage, Stopped
+from camgen.workbench.perform import Ask
 from tests.support.benches import Bench, open_bench
 from tests.support.waiting import LONG, wait_for
 
@@ -307,18 +312,94 @@ def test_a_file_that_changes_is_built_again(tmp_path: Path) -> None:
         assert bench.wait()["tables"] == {"process": {"feed": 14}}
 
 
-def test_a_build_that_hangs_is_given_up(tmp_path: Path) -> None:
-    shutil.copy(PARTS / "bracket.dxf", tmp_path / "part.dxf")
+def test_a_search_that_is_ended_keeps_its_best_tour(tmp_path: Path) -> None:
+    drawing = ezdxf.new("R2010", units=4)
+    for k in range(20):  # more than those that are solved at once
+        drawing.modelspace().add_circle((37.0 * k % 100, 53.0 * k % 90), 2.0)
+    drawing.saveas(tmp_path / "part.dxf")
     with open_bench(tmp_path, ["part.dxf"]) as bench:
         bench.wait()
-        bench.change("tour", "seconds", value=500)
-        bench.wait(lambda state: state["stage"] not in ("", "waiting"))
+        bench.post("change", changes=[{"path": ["tour", "seconds"], "value": 500}, TRACE])
+        searching = bench.wait(lambda state: state["stage"].endswith("takes the best tour so far"))
+        assert "Cancel" in searching["stage"]
+        assert "Ctrl-C" not in searching["stage"]
         assert bench.post("stop")[0] == 200
         state = bench.wait()
-        assert "stopped" in state["failed"]["line"]
-        assert state["built"]["number"] < state["number"]
-        bench.change("tour", "seconds", value=0)
-        assert bench.wait(lambda state: not state["stage"])["failed"] is None
+        assert state["failed"] is None
+        assert state["built"]["number"] == state["number"]
+        told = [text for label, text, _ in state["built"]["rows"] if label == "warning"]
+        assert [text for text in told if text.startswith("the search for a short tour was stopped")]
+        assert bench.post("save")[0] == 200
+        assert (tmp_path / "part.ngc").exists()
+
+
+TRACE = {"path": ["operation", "kind"], "value": "trace"}
+
+
+class _Pipe:
+    """What a process would be sent."""
+
+    def __init__(self) -> None:
+        self.sent: list[object] = []
+
+    def send(self, what: object) -> None:
+        self.sent.append(what)
+
+    def close(self) -> None:
+        pass
+
+
+class _Clock:
+    """A loop whose calls wait until they are asked for."""
+
+    def __init__(self) -> None:
+        self.later: list[Callable[[], None]] = []
+
+    def call_soon_threadsafe(self, call: Callable[[], None], /) -> None:
+        call()
+
+    def call_later(self, _seconds: float, call: Callable[[], None], /) -> None:
+        self.later.append(call)
+
+
+def building(stage: str, monkeypatch: pytest.MonkeyPatch) -> tuple[Builder, _Pipe, list[Heard], Ask]:
+    """A builder that is in a stage, without a process."""
+    heard: list[Heard] = []
+    builder = Builder(rows, heard.append, _Clock())
+    ask, pipe = Ask(1, (), "gcode", Path("part.toml"), "", Path()), _Pipe()
+    monkeypatch.setattr(builder, "start", lambda: None)
+    builder._link, builder._busy = pipe, ask  # type: ignore[assignment]
+    builder._take(None, Stage(1, stage))  # type: ignore[arg-type]
+    return builder, pipe, heard, ask
+
+
+def test_a_second_cancel_kills(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder, pipe, heard, _ = building("ordering 3%, Cancel takes the best tour so far", monkeypatch)
+    builder.stop()
+    assert pipe.sent == ["end the search"]
+    assert not [one for one in heard if isinstance(one, Stopped)]
+    builder.stop()
+    assert heard[-1] == Stopped(1)
+    assert builder._busy is None
+
+
+def test_a_stage_that_is_no_search_is_given_up_and_killed_where_it_does_not_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    builder, pipe, heard, _ = building("planning", monkeypatch)
+    clock = builder._loop
+    assert isinstance(clock, _Clock)
+    builder.stop()
+    assert pipe.sent == ["give up"]
+    for call in clock.later:
+        call()
+    assert heard[-1] == Stopped(1)
+
+
+def test_a_change_gives_up_a_search_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    builder, pipe, _, ask = building("ordering 3%, Cancel takes the best tour so far", monkeypatch)
+    builder.ask(replace(ask, number=2))
+    assert pipe.sent == ["give up"]
 
 
 def test_a_builder_that_dies_has_a_successor(tmp_path: Path) -> None:
