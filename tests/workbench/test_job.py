@@ -3,6 +3,7 @@
 import shutil
 import sys
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from camgen.cli import main
 from camgen.cli.build import rows
 from camgen.model.errors import JobError
+from camgen.model.job import Job
 from camgen.model.job_tables import row_settings, settings
 from camgen.plan import ignore_stages
 from camgen.workbench.choose import leave_out, switch_layer, take_in
@@ -35,11 +37,67 @@ def tables_of(case: Path, post: str) -> dict[str, Any]:
     return job
 
 
-#: Every case for one controller, these in turn, and the first case for all: what differs between controllers is the
-#: same code in both.
-SOME = [
-    pair for k, pair in enumerate(ALL) if pair[0] == ALL[0][0] or k % len(POSTS) == CASES.index(pair[0]) % len(POSTS)
-]
+class Called(BaseException):
+    """What ``build`` was asked for, in place of its result; goes through whatever catches errors."""
+
+    def __init__(self, inputs: Sequence[Path], **asked: object) -> None:
+        super().__init__()
+        #: Who watches, and what is read already, make no byte of the program.
+        self.asked = {key: value for key, value in asked.items() if key not in ("watch", "files")}
+        self.asked = {"name": "", "strict": False, **self.asked, "inputs": [path.resolve() for path in inputs]}
+
+
+def call(inputs: Sequence[Path], **asked: object) -> None:
+    raise Called(inputs, **asked)
+
+
+def asked_by_workbench(source: Path, job: Path | None, tables: dict[str, Any], post: str, place: Path) -> Called:
+    session = open_session([source], str(job) if job else None, [], post, place, [post])
+    asked = [Change([table, key], value) for table in ("post", "cell") for key, value in tables.get(table, {}).items()]
+    session = change(session, asked) if job else session
+    # As it would be saved, elsewhere: fixtures stay as they are.
+    saved = place / "job.toml" if job else session.job_file
+    text = session.text if session.tables or session.base else ""
+    if job:
+        saved.write_text(text)
+    with pytest.raises(Called) as called:
+        perform(Ask(1, session.inputs, post, saved, text, session.output), ignore_stages, rows)
+    return called.value
+
+
+def asked_by_line(source: Path, job: Path | None, post: str, place: Path) -> Called:
+    words = ["--job", str(place / "job.toml")] if job else []
+    with pytest.raises(Called) as called:
+        main(["build", str(source), "--post", post, *words, "-o", str(place), "-q"])
+    return called.value
+
+
+DRAWN = sorted(path for path in PARTS.iterdir() if path.suffix != ".toml")
+EVERY = [(next(part for part in parts(case) if part.exists()), case / "job.toml", post) for case, post in ALL]
+EVERY += [(part, None, post) for part in DRAWN for post in POSTS]
+
+
+def test_every_fixture_is_built_as_the_command_line_builds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same job, input, controller and name to the same ``build``, whose program is written as it is by both: that
+    the bytes are the same is then looked at for some.
+    """
+    monkeypatch.setattr("camgen.workbench.perform.build", call)
+    monkeypatch.setattr("camgen.cli.build.build", call)
+    jobs = set[int]()
+    for number, (source, job, post) in enumerate(EVERY):
+        place = tmp_path / str(number)
+        place.mkdir()
+        tables = tables_of(job.parent, post) if job else {}
+        bench, line = asked_by_workbench(source, job, tables, post, place), asked_by_line(source, job, post, place)
+        assert bench.asked == line.asked, (source.name, job, post)
+        assert isinstance(bench.asked["job"], Job)
+        jobs.add(hash(repr(bench.asked["job"])))
+    assert len(EVERY) >= len(ALL) + len(DRAWN) * len(POSTS) > 150
+    assert len(jobs) > len(CASES)
+
+
+#: Each case for one controller, these in turn.
+SOME = [pair for k, pair in enumerate(ALL) if k % len(POSTS) == CASES.index(pair[0]) % len(POSTS)]
 SOME += [pair for pair in ALL if pair[0] not in {case for case, _ in SOME}]
 
 
