@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -10,7 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 import msgspec
 from msgspec import Struct
 
-from camgen.model.job import SPEEDS, Choice, Job, OperationTable, ProcessTable, ToolRow
+from camgen.model.job import PAGE_CLEARANCE, SPEEDS, Choice, Job, OperationTable, ProcessTable, ToolRow
 
 #: The settings that name a file; cell.robot only where it ends in .urdf.
 FILES = (("image", "background"), ("camera", "file"), ("cell", "file"), ("cell", "robot"))
@@ -51,6 +52,17 @@ ROWS: dict[str, tuple[type[Struct], ...]] = {
 def settings() -> tuple[Setting, ...]:
     """All settings in the order of the job file, without those of ``[post]`` and of ``ROWS``."""
     return tuple(found for table, kind in _kinds().items() for found in _settings_of(table, kind))
+
+
+#: The settings whose defaults hang on others.
+BESIDE = (("process", "clearance"),)
+
+
+def defaults_beside(tree: Mapping[str, Any]) -> dict[tuple[str, str], object]:
+    """Of ``BESIDE`` those that have another default in a job with these tables."""
+    page = tree.get("page")
+    on_page = isinstance(page, Mapping) and page.get("size")
+    return {("process", "clearance"): PAGE_CLEARANCE} if on_page else {}
 
 
 @cache

@@ -16,7 +16,6 @@ from msgspec.structs import replace
 
 from camgen.model.errors import JobError
 from camgen.model.job import (
-    PAGE_CLEARANCE,
     SPEED_UNITS,
     Choice,
     Job,
@@ -26,7 +25,17 @@ from camgen.model.job import (
     ToolRow,
     ToolTable,
 )
-from camgen.model.job_tables import FILES, ROWS, Setting, has_speed, row_settings, settings, split_name, tables
+from camgen.model.job_tables import (
+    FILES,
+    ROWS,
+    Setting,
+    defaults_beside,
+    has_speed,
+    row_settings,
+    settings,
+    split_name,
+    tables,
+)
 from camgen.model.limits import Limits, tell
 from camgen.model.plugins import OPERATIONS, entries
 from camgen.model.text import counted, suggest
@@ -219,8 +228,8 @@ def _convert(tree: Tree, origins: Origins, source: str) -> Job:
                 raise JobError(origin, f"{key} must be finite, not {_quote_short(value)}", _place(table))
     limits = _table(Limits, tree.get("limits", {}), _Where("limits", origins, source))
     _insist_on_numbers(tree, origins, source, limits.number)
-    if tree.get("page", {}).get("size"):
-        tree["process"] = {"clearance": PAGE_CLEARANCE} | tree.get("process", {})
+    for (table, key), value in defaults_beside(tree).items():
+        tree[table] = {key: value} | tree.get(table, {})
     kinds = {name: kind for name, kind in get_type_hints(Job).items() if name not in ("post", "operation", *ROWS)}
     made = {name: _table(kind, tree.get(name, {}), _Where(name, origins, source)) for name, kind in kinds.items()}
     operation = _operation(tree.get("operation", {}), _Where("operation", origins, source))

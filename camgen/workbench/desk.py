@@ -22,6 +22,7 @@ from camgen.workbench.form import Form, form
 from camgen.workbench.job_text import keeps_comments
 from camgen.workbench.perform import Ask, Built, Failed, Looked, Proposed, Tell
 from camgen.workbench.session import Session, Tables
+from camgen.workbench.usual import Usual, usual_of
 
 #: A change is built after this pause, s, so that a slider does not start a build for each of its places.
 _PAUSE = 0.15
@@ -267,9 +268,16 @@ class Desk:
             "closing": self.closing,
             "built": built and self._tell_built(built),
             "failed": failed and {"line": failed.line, "code": failed.code, "place": failed.place},
+            "usual": self._find_usual(),
             "picture": self._number_of_picture(),
             "left_out": left_out(one.tables, self.looked),
         }
+
+    def _find_usual(self) -> Usual:
+        """What holds where the job is silent: as in the last good build, and as the job says now."""
+        built = self.built.usual if self.built else {}
+        now = usual_of(self.session.tables)
+        return {table: {**built.get(table, {}), **now.get(table, {})} for table in {**built, **now}}
 
     def _tell_built(self, built: Built) -> dict[str, Any]:
         return {

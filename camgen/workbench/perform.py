@@ -26,6 +26,7 @@ from camgen.read.dxf.layers import Layers
 from camgen.read.files import Files
 from camgen.read.job_file import load
 from camgen.workbench.form import find_place
+from camgen.workbench.usual import Usual, usual_in
 
 #: Label, text and tone of a line of the summary.
 Row = tuple[str, str, str]
@@ -87,7 +88,8 @@ class Looked(Struct, frozen=True):
 
 class Built(Struct, frozen=True):
     """A good build. page: HTML. programs: as they will be written. rows: the summary. opened: the files that were read,
-    by their identity. picture: the stages of a photo or a drawing as SVG, "" where the input is no picture.
+    by their identity. picture: the stages of a photo or a drawing as SVG, "" where the input is no picture. usual: what
+    held where the job is silent.
     """
 
     number: int
@@ -98,6 +100,7 @@ class Built(Struct, frozen=True):
     opened: dict[str, Path]
     picture: str
     seconds: float
+    usual: Usual
 
 
 class Failed(Struct, frozen=True):
@@ -158,6 +161,7 @@ def _build(ask: Ask, files: Files, watch: Watch, tell: Tell, begun: float) -> Bu
         opened=dict(files.opened),
         picture=_stages(result),
         seconds=perf_counter() - begun,
+        usual=usual_in(result),
     )
 
 

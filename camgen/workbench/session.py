@@ -13,7 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from camgen.model.errors import JobError
-from camgen.model.job_tables import FILES, ROWS, settings, split_name
+from camgen.model.job_tables import BESIDE, FILES, ROWS, settings, split_name
 from camgen.read.files import Files, identity
 from camgen.read.job_file import assignment, beside, load, value_of
 from camgen.workbench.job_text import write_job
@@ -127,8 +127,9 @@ def put(tables: Tables, path: Sequence[str | int], value: Any) -> Tables:
 
 
 def is_default(table: str, key: str, value: object) -> bool:
-    """Whether a key has this value where nobody sets it."""
-    return any(s.table == table and s.key == key and s.default == value for s in settings())
+    """Whether a key has this value where nobody sets it, whatever else the job says."""
+    known = any(s.table == table and s.key == key and s.default == value for s in settings())
+    return known and (table, key) not in BESIDE
 
 
 class Change(Struct, frozen=True):

@@ -162,6 +162,15 @@ def test_settings_are_found_by_their_words_and_by_what_was_changed(tab: Tab) -> 
     tab.page.locator("#filter").fill("")
     tab.enter("tool.diameter", "4")
     tab.rest("s.tables.tool")
+    # Defaults are those of this job: a third of the feed, and on a page another lift.
+    assert tab.field("process.plunge").get_attribute("placeholder") == "6.666667"
+    assert tab.field("process.clearance").input_value() == "20"
+    tab.enter("page.size", "A4")
+    tab.rest("s.tables.page")
+    assert tab.field("process.clearance").input_value() == "3"
+    assert "default: 3 here, else 20" in tab.page.locator('[data-path=\'["process","clearance"]\'] .usual').inner_text()
+    tab.page.locator("#undo").click()
+    tab.rest("!s.tables.page")
     tab.page.locator("#only").check()
     assert tab.page.locator("#groups .field:visible").count() == 1
 
@@ -217,6 +226,7 @@ def test_a_seam_is_dragged_along_its_path_and_a_row_to_another_place(tab: Tab, f
     # Whole paths begin where camgen likes; c1, the outline, is the last of four.
     frame.locator("#rows .row").nth(3).click()
     ring = frame.locator(".seam")
+    ring.wait_for()
     box = ring.bounding_box()
     assert box is not None
     tab.page.mouse.move(box["x"] + 11, box["y"] + 11)

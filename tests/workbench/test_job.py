@@ -15,11 +15,14 @@ from camgen.model.errors import JobError
 from camgen.model.job import Job
 from camgen.model.job_tables import row_settings, settings
 from camgen.plan import ignore_stages
+from camgen.read.files import Files
+from camgen.read.job_file import from_mapping
 from camgen.workbench.choose import leave_out, switch_layer, take_in
 from camgen.workbench.form import find_place, form
 from camgen.workbench.job_text import keeps_comments, write_job
 from camgen.workbench.perform import Ask, Built, Looked, Run, perform
 from camgen.workbench.session import Change, change, open_session, put, undo
+from camgen.workbench.usual import usual_of
 from tests.test_cases import ALL, CASES, POSTS, parts
 
 PARTS = Path(__file__).parents[2] / "fixtures" / "parts"
@@ -165,6 +168,43 @@ def test_a_field_has_unit_kind_and_bounds_of_its_setting() -> None:
 )
 def test_an_error_names_its_setting(error: JobError, place: list[str | int]) -> None:
     assert find_place(error) == place
+
+
+# Defaults that hang on the input.
+
+
+def usual(tmp_path: Path, post: str, *sets: str) -> dict[str, dict[str, object]]:
+    session = open_session([PARTS / "bracket.dxf"], None, sets, post, tmp_path, [post])
+    outcome = perform(Ask(1, session.inputs, post, tmp_path / "job.toml", session.text, tmp_path), ignore_stages, rows)
+    assert isinstance(outcome, Built), outcome
+    return outcome.usual
+
+
+def test_the_form_shows_what_holds_for_this_input(tmp_path: Path) -> None:
+    drawn = usual(tmp_path, "gcode", "tool.diameter=4", "process.feed=30", "process.plunge=2")
+    assert drawn["operation"] == {"kind": "follow"}
+    # Without what is set: a third of the feed.
+    assert drawn["process"]["plunge"] == 10.0
+    assert drawn["process"]["travel"] == 100.0
+    assert drawn["tolerance"] == {"corner": 0.01}
+    assert drawn["cell"]["home"] == [0.0, 0.0, 50.0]
+    page = usual(tmp_path, "rapid", "page.size=A4", "tool.diameter=0.8", "tool.kind=pen")
+    assert page["operation"] == {"kind": "trace"}
+    assert page["tolerance"] == {"corner": pytest.approx(0.04)}  # a twentieth of the pen
+    assert len(page["cell"]["base_from_work"]) == 6  # type: ignore[arg-type]
+    assert page["process"]["acceleration"] != drawn["process"]["acceleration"]
+
+
+def test_a_lift_that_is_typed_stays_where_its_default_is_another_one() -> None:
+    assert usual_of({"page": {"size": "A4"}}) == {"process": {"clearance": 3.0}}
+    assert usual_of({}) == usual_of({"page": {"margin": 3}}) == usual_of({"page": 5}) == {}
+    # 20 is the default elsewhere, and on a page it is not.
+    tables = put({"page": {"size": "A4"}}, ["process", "clearance"], 20.0)
+    assert tables["process"] == {"clearance": 20.0}
+    job = from_mapping(tables, Files())
+    assert job.process.clearance == 20.0
+    assert from_mapping({"page": {"size": "A4"}}, Files()).process.clearance == 3.0
+    assert put(tables, ["process", "clearance"], None) == {"page": {"size": "A4"}}
 
 
 # The job file.

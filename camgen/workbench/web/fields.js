@@ -35,14 +35,16 @@ export function field(path, setting, { inRow = false } = {}) {
   slider?.addEventListener("input", () => { input.value = slider.value; type(path, slider.value); });
   return {
     element, path, setting,
-    show(own, usual) {
-      const value = own === undefined ? usual : own;
-      const changed = inRow ? own !== undefined : own !== undefined && !same(own, setting.default);
+    show(own, usual, here) {
+      // A default that is a number elsewhere is another number here; one that is not set is shown, and stays so.
+      const other = here !== undefined && setting.default !== null && setting.kind !== "choice";
+      const value = own !== undefined ? own : other ? here : usual;
+      const changed = inRow ? own !== undefined : own !== undefined && !same(own, other ? here : setting.default);
       element.classList.toggle("changed", changed);
       // What somebody is typing stays.
-      if (document.activeElement !== input || input.value === input.dataset.known) put(input, setting, value);
+      if (document.activeElement !== input || input.value === input.dataset.known) put(input, setting, value, here);
       if (slider && document.activeElement !== slider && typeof value === "number") slider.value = value;
-      usually.textContent = tellUsual(setting, inRow ? usual : setting.default, inRow);
+      usually.textContent = tellUsual(setting, inRow ? usual : setting.default, inRow, here);
     },
     blame(line) {
       element.classList.toggle("wrong", Boolean(line));
@@ -60,15 +62,15 @@ const ENTRIES = {
   free: () => make("input", { type: "text", autocomplete: "off", spellcheck: false }),
 };
 
-function put(input, setting, value) {
-  enter(input, setting, value);
+function put(input, setting, value, here) {
+  enter(input, setting, value, here);
   input.dataset.known = input.value;
 }
 
-function enter(input, setting, value) {
+function enter(input, setting, value, here) {
   if (setting.kind === "flag") input.checked = value === true;
   else if (setting.kind === "choice") input.value = String(value);
-  else if (value === null || value === undefined) { input.value = ""; input.placeholder = "not set"; }
+  else if (value === null || value === undefined) { input.value = ""; input.placeholder = here === undefined || here === null ? "not set" : toml(here); }
   else input.value = setting.kind === "free" && typeof value !== "string" || typeof value === "object" ? toml(value) : String(value);
 }
 
@@ -90,8 +92,10 @@ function stepBy(event, path, setting, input) {
   type(path, input.value);
 }
 
-function tellUsual(setting, value, inRow) {
-  const told = value === null || value === undefined ? "not set" : value === "" ? "empty" : toml(value);
+function tellUsual(setting, value, inRow, here) {
+  const plain = value === null || value === undefined ? "not set" : value === "" ? "empty" : toml(value);
+  const told = here === undefined || here === null || same(here, value) ? plain
+    : value === null || setting.kind === "choice" ? `${plain}, here ${toml(here)}` : `${toml(here)} here, else ${plain}`;
   const allowed = setting.allowed && !setting.allowed.startsWith("one of") ? `; ${setting.allowed}` : "";
   return `${inRow ? "without it" : "default"}: ${told}${allowed}`;
 }

@@ -38,8 +38,8 @@ export function openUsual(kind) {
 
 export function showSettings(state) {
   for (const group of groups) {
-    const own = state.tables[group.table] ?? {};
-    for (const one of group.made) one.show(own[one.setting.key], one.setting.default);
+    const own = state.tables[group.table] ?? {}, usual = state.usual[group.table] ?? {};
+    for (const one of group.made) one.show(own[one.setting.key], one.setting.default, usual[one.setting.key]);
     const changed = group.made.filter((one) => own[one.setting.key] !== undefined && !same(own[one.setting.key], one.setting.default));
     group.count.textContent = changed.length ? counted(changed.length, "change") : "";
   }

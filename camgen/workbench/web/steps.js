@@ -103,8 +103,11 @@ const toolOf = (state, row) => (state.tables.tools ?? []).find((one) => row.tool
 function usual(state, over, setting, row) {
   const tool = toolOf(state, row);
   const fromTool = { feed: tool?.feed, plunge: tool?.plunge, spindle: tool?.speed }[setting.key];
-  return fromTool ?? state.tables[over === "tool" ? "" : over]?.[setting.key] ?? setting.default;
+  return fromTool ?? state.tables[over === "tool" ? "" : over]?.[setting.key] ?? (setting.default === null ? null : elsewhere(state, over, setting)) ?? setting.default;
 }
+
+/** A default that hangs on the rest of the job. */
+const elsewhere = (state, over, setting) => (setting.kind === "number" ? state.usual[over]?.[setting.key] : undefined);
 
 function menu(state, table, row, place, groups) {
   const options = groups.map((group) => make("optgroup", { label: group.over ? `[${group.over}]` : `[[${table}]]` },
