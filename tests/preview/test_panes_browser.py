@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 import camgen
+from camgen.preview.listing import Listing
 from camgen.preview.page import page
 from camgen.preview.view import view
 from tests.preview.test_page import PARTS
@@ -29,9 +31,12 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "left": camgen.build(PARTS / "bracket.dxf", post="gcode", job={"tool": {"diameter": 12.0}}),
         "long": camgen.build(waves(folder), post="gcode", job=rings),
     }
-    for name, result in results.items():
-        (folder / f"{name}.html").write_text(page(view(result)), encoding="utf-8")
-    return {name: folder / f"{name}.html" for name in results}
+    views = {name: view(result) for name, result in results.items()}
+    # A program whose text is longer than a page takes.
+    views["huge"] = replace(views["left"], listing=Listing((), views["left"].listing.lines, "left.ngc: too long"))
+    for name, shown in views.items():
+        (folder / f"{name}.html").write_text(page(shown), encoding="utf-8")
+    return {name: folder / f"{name}.html" for name in views}
 
 
 def waves(folder: Path, count: int = 6000) -> Path:
@@ -56,6 +61,18 @@ def opened(browser: Driven, files: dict[str, Path]) -> Iterator[Any]:
     for one in pages:
         assert one.said == []
         one.context.close()
+
+
+def test_a_text_that_is_too_long_costs_neither_picture_nor_notes(opened: Any) -> None:
+    one = opened("huge")
+    assert one.page.locator("#notes .note").count() > 0
+    one.page.locator("nav [data-tab=text]").click()
+    assert one.page.locator("#code").inner_text() == "left.ngc: too long"
+    # A line that a note is about is no place in it; the slider goes there.
+    one.run("camgen.toLine(20)")
+    assert one.run("camgen.player.time") > 0
+    one.page.locator("nav [data-tab=paths]").click()
+    assert one.page.locator("#rows .row").count() > 0
 
 
 # -- notes

@@ -29,7 +29,6 @@ function readListing() {
   $("code").style.setProperty("--digits", `${digits}ch`);
   $("code-rows").style.minWidth = `${Math.min(listing.longest, 2000) + digits + 3}ch`;
   $("code-rows").style.height = `${listing.rows.length * LINE_HIGH}px`;
-  if (data.listing.why) $("code").replaceChildren(make("p", data.listing.why, "empty"));
 }
 
 const codeRows = new Map();
@@ -73,6 +72,7 @@ function markLine(line, follow = true) {
 }
 
 function scrollToLine() {
+  if (!data.listing.files.length) return;
   readListing();
   const area = $("code");
   const top = (listing.rowOf[listing.line] ?? 0) * LINE_HIGH;
@@ -102,7 +102,10 @@ function showLine(line) {
 
 function setListing() {
   addTab("text", "Program");
-  if (!data.listing.files.length) $("code").replaceChildren(make("p", data.listing.why, "empty"));
+  if (!data.listing.files.length) {
+    $("code").replaceChildren(make("p", data.listing.why, "empty"));
+    return;
+  }
   $("code").addEventListener("scroll", fillListing);
   $("code-rows").addEventListener("click", (event) => {
     const line = Number(event.target.closest(".code")?.dataset.line);
@@ -110,7 +113,7 @@ function setListing() {
     if (line && getSelection().isCollapsed) toLine(line);
   });
   whenShown("text", () => {
-    if (data.listing.files.length) scrollToLine();
+    scrollToLine();
     fillListing();
   });
 }
